@@ -1,0 +1,83 @@
+"""One error tree, and the catalogue of message codes behind ``daest explain``.
+
+Every error says what happened, where (file, line, column, variable) and how to mend it. A command shows it
+as one message and ends with exit code 2; a program catches `DaestError` and reads its fields.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Place:
+    """A position in a user's file; line and column count from 1."""
+
+    file: str
+    line: int | None = None
+    column: int | None = None
+
+    def __str__(self) -> str:
+        parts = [self.file]
+        if self.line is not None:
+            parts.append(str(self.line))
+            if self.column is not None:
+                parts.append(str(self.column))
+        return ":".join(parts)
+
+
+class DaestError(Exception):
+    """Something could not be done. `code` is a key of `EXPLANATIONS`; `remedy` says what to do."""
+
+    def __init__(self, code: str, what: str, *, where: Place | str | None = None, remedy: str = "") -> None:
+        super().__init__(what)
+        self.code = code
+        self.what = what
+        self.where = where
+        self.remedy = remedy
+
+    def __str__(self) -> str:
+        lines = [f"error[{self.code}]: {self.what}"]
+        if self.where is not None:
+            lines.append(f"  --> {self.where}")
+        if self.remedy:
+            lines.append(f"  help: {self.remedy}")
+        return "\n".join(lines)
+
+    def __reduce__(self) -> tuple:
+        return _rebuild, (type(self), self.code, self.what, self.where, self.remedy)
+
+
+def _rebuild(
+    kind: type[DaestError], code: str, what: str, where: Place | str | None, remedy: str
+) -> DaestError:
+    return kind(code, what, where=where, remedy=remedy)
+
+
+class ModelError(DaestError):
+    """The Modelica source, or the model made from it, cannot be used."""
+
+
+class FmuError(DaestError):
+    """An FMU cannot be written, read or run."""
+
+
+class DataError(DaestError):
+    """A recording cannot be used."""
+
+
+class ConfigError(DaestError):
+    """`daest.toml` or an option of a command is wrong."""
+
+
+class EstimationError(DaestError):
+    """The data and the model do not allow the estimate that was asked for."""
+
+
+class NumericalError(DaestError):
+    """A computation has no reliable answer; the message names the decision that failed."""
+
+
+EXPLANATIONS: dict[str, str] = {
+    # Sorted by code. Each text: what it means, why it matters, what to do.
+}

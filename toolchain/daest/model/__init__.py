@@ -1,0 +1,1 @@
+"""Values that the toolchain passes from stage to stage. They hold data and check it; no algorithm lives here."""

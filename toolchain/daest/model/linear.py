@@ -1,0 +1,161 @@
+"""Linear values: the DAE, its standard form, its state space and its sampled model.
+
+Letters are those of Gerdin & Schön: E ξ' = J ξ + K u + B w, y = C ξ + D u + e. J is the state matrix and K the
+input matrix; an inertia is never called J here, nor a Kalman gain K. Models are affine: `offset` columns carry
+the constants (a gravity load, say), E ξ' = J ξ + K u + B w + offset.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+
+from daest.model.flat import Equation, NoiseInput, Output, Parameter, Variable
+
+Matrix = np.ndarray | sp.csr_array
+
+
+@dataclass(frozen=True)
+class LinearDAE:
+    """E ξ' = J ξ + K u + B w + offset;  y = C ξ + D u + H w + output_offset + e, at one θ and operating point.
+
+    Shapes: E, J (n, n); K (n, n_u); B (n, n_w); C (n_y, n); D (n_y, n_u); H (n_y, n_w); offset (n,);
+    output_offset (n_y,). E and J may be sparse. Rows are `equations`, columns of E and J are `unknowns`.
+    """
+
+    equations: tuple[Equation, ...]
+    unknowns: tuple[Variable, ...]
+    inputs: tuple[Variable, ...]
+    noises: tuple[NoiseInput, ...]
+    outputs: tuple[Output, ...]
+    parameters: tuple[Parameter, ...]  # with the values the matrices were computed at
+    E: Matrix
+    J: Matrix
+    K: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    H: np.ndarray
+    offset: np.ndarray
+    output_offset: np.ndarray
+    source: Literal["symbolic", "fmi-ls-dae", "directional derivatives", "finite differences"] = "symbolic"
+    is_affine: bool = True  # False: the model is nonlinear and this is its linearisation at the operating point
+
+    @property
+    def n(self) -> int:
+        return len(self.equations)
+
+
+@dataclass(frozen=True)
+class RankDecision:
+    """A rank that was decided: `rank` singular values exceed `threshold`; `gap` is the ratio of the smallest
+    kept to the largest dropped one (inf when nothing was dropped or the dropped ones are exactly zero)."""
+
+    what: str
+    singular_values: tuple[float, ...]
+    threshold: float
+    rank: int
+    gap: float
+
+
+@dataclass(frozen=True)
+class StandardForm:
+    """P E Q = diag(I, N), P J Q = diag(A, I), P K = [B1; D1]: Gerdin & Schön (5) and (21), ξ = Q z.
+
+    Sign convention of this package: E ξ' = J ξ + K u, so z1' = A z1 + B1 u and N z2' = z2 + D1 u, that is
+    z2 = -Σ N^i D1 u^(i), i = 0 … index-1. (The report writes E x' + F x = B w with F = -J; its N and D differ
+    from these by sign.) `left` is P and `right` is Q, both (n, n). `index` is the nilpotency index of N
+    (0 for an ODE: N is empty).
+    """
+
+    left: np.ndarray
+    right: np.ndarray
+    A: np.ndarray  # (n_dynamic, n_dynamic)
+    N: np.ndarray  # (n - n_dynamic, n - n_dynamic), nilpotent
+    index: int
+    decisions: tuple[RankDecision, ...]
+
+    @property
+    def n_dynamic(self) -> int:
+        return self.A.shape[0]
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """ẋ = A x + B ū + G w + b,  y = C x + D ū + H w + d + e,  ξ = X x + U ū + W w + x0.
+
+    ū = (u, v) stacks the inputs and the input derivatives `input_derivatives` [(input, order)]. Shapes: A (n, n),
+    B (n, n_ū), G (n, n_w), b (n,), C (n_y, n), D (n_y, n_ū), H (n_y, n_w), d (n_y,), X (n_ξ, n), U (n_ξ, n_ū),
+    W (n_ξ, n_w), x0 (n_ξ,).
+    """
+
+    state_names: tuple[str, ...]
+    input_names: tuple[str, ...]
+    input_derivatives: tuple[tuple[int, int], ...]
+    noise_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    unknown_names: tuple[str, ...]
+    A: np.ndarray
+    B: np.ndarray
+    G: np.ndarray
+    b: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    H: np.ndarray
+    d: np.ndarray
+    X: np.ndarray
+    U: np.ndarray
+    W: np.ndarray
+    x0: np.ndarray
+
+
+@dataclass(frozen=True)
+class StateSpaceFamily:
+    """θ -> StateSpace with exact derivatives, built once per model.
+
+    `matrices` maps theta (all parameters, n_θ) to (A, B, G, b, C, D, H, d, X, U, W, x0) as dense DMs.
+    `jacobian(names)` functions are made by `systems.state_space`; see there. `at` is the operating point of the
+    linearisation for nonlinear models (None when the model is affine).
+    """
+
+    state_names: tuple[str, ...]
+    state_units: tuple[str, ...]
+    unknowns: tuple[Variable, ...]
+    inputs: tuple[Variable, ...]
+    input_derivatives: tuple[tuple[int, int], ...]
+    noises: tuple[NoiseInput, ...]
+    outputs: tuple[Output, ...]
+    parameters: tuple[Parameter, ...]
+    matrices: ca.Function
+    is_affine: bool
+
+
+@dataclass(frozen=True)
+class DiscreteModel:
+    """x[k+1] = Φ x[k] + Γ0 ū[k] + Γ1 ū[k+1] + γ + w̃[k],  y[k] = C x[k] + D ū[k] + d + ẽ[k].
+
+    cov(w̃) = process_cov (n, n), cov(ẽ) = measurement_cov (n_y, n_y), E w̃ ẽᵀ = cross_cov (n, n_y): report (47).
+    Γ1 is zero for zero-order hold. `period` in seconds. The noise itself is estimated through w̄[k], the mean of
+    w(t) over the sample (w held over a sample is its own mean): noise_cov = cov(w̄) (n_w, n_w),
+    noise_process_cov = E w̄ w̃ᵀ (n_w, n), noise_measurement_cov = E w̄ ẽᵀ (n_w, n_y), the R12 of (52).
+    """
+
+    transition: np.ndarray  # Φ
+    input_now: np.ndarray  # Γ0
+    input_next: np.ndarray  # Γ1
+    drift: np.ndarray  # γ
+    output: np.ndarray  # C
+    feedthrough: np.ndarray  # D
+    output_offset: np.ndarray  # d
+    process_cov: np.ndarray
+    measurement_cov: np.ndarray
+    cross_cov: np.ndarray
+    noise_cov: np.ndarray
+    noise_process_cov: np.ndarray
+    noise_measurement_cov: np.ndarray
+    period: float
+    hold: Literal["zoh", "foh"]
