@@ -1,0 +1,90 @@
+"""Linear recursions x[k+1] = A x[k] + drive[k] over many samples, without a Python step per sample.
+
+The samples are cut into blocks. What the drive of a block does to the block's last state is one matrix product
+over all blocks; the states at block starts then follow the same recursion with A^length and one sample per block
+(solved by the same function); a second product fills the blocks. Only powers A^i with i up to the number of
+samples occur, so an unstable A loses nothing that the plain loop would not lose.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+SHORT = 48  # up to this many samples the plain loop is as fast as blocks
+BLOCK_COLUMNS = 32  # columns (states times samples) of a block: the product costs this many steps per number
+SHORTEST_BLOCK = 4  # samples; models with many states take wider blocks instead of shorter ones
+
+
+def linear_recursion(A: np.ndarray, drive: np.ndarray, x0: np.ndarray) -> np.ndarray:
+    """States of x[k+1] = A x[k] + drive[k] with x[0] = x0.
+
+    A (n, n); drive (..., n_steps, n); x0 (..., n). Returns states (..., n_steps + 1, n), states[..., 0, :] = x0.
+    Leading axes are independent right-hand sides of the same A and are broadcast. States that leave the range of
+    floating point become inf or NaN, as in the plain loop.
+    """
+    A = np.asarray(A, dtype=float)
+    drive = np.asarray(drive, dtype=float)
+    x0 = np.asarray(x0, dtype=float)
+    n = A.shape[0]
+    lead = np.broadcast_shapes(drive.shape[:-2], x0.shape[:-1])
+    n_steps = drive.shape[-2]
+    states = np.empty((*lead, n_steps + 1, n))
+    states[..., 0, :] = x0
+    if n and n_steps:
+        drive = np.broadcast_to(drive, (*lead, n_steps, n))
+        with np.errstate(over="ignore", invalid="ignore"):
+            _fill(A, drive.reshape(-1, n_steps, n), states.reshape(-1, n_steps + 1, n))
+    return states
+
+
+def _fill(A: np.ndarray, drive: np.ndarray, states: np.ndarray) -> None:
+    """Write states[:, 1:] of every right-hand side, given states[:, 0]; arrays (n_rhs, n_steps (+1), n)."""
+    n_rhs, n_steps, n = drive.shape
+    length = max(SHORTEST_BLOCK, BLOCK_COLUMNS // n)
+    powers = _powers(A, length) if n_steps > SHORT else None
+    if powers is None or not np.all(np.isfinite(powers)):
+        _step(A, drive, states)
+        return
+    n_blocks = n_steps // length
+    covered = n_blocks * length
+    blocks = _in_blocks(np.ascontiguousarray(drive), n_blocks, length)
+    starts = np.empty((n_rhs, n_blocks, n))
+    starts[:, 0] = states[:, 0]
+    # Last state of a block from its own drive: Σ A^(length-1-i) drive[i].
+    ends = blocks[:, :-1] @ powers[length - 1 :: -1].transpose(0, 2, 1).reshape(length * n, n)
+    _fill(powers[length], ends, starts)
+    filled = _in_blocks(states[:, 1:], n_blocks, length)
+    np.matmul(blocks, _response(powers), out=filled)
+    filled += starts @ powers[1:].transpose(2, 0, 1).reshape(n, length * n)
+    _step(A, drive[:, covered:], states[:, covered:])
+
+
+def _in_blocks(rows: np.ndarray, n_blocks: int, length: int) -> np.ndarray:
+    """View (n_rhs, n_blocks, length n) of the first samples of rows (n_rhs, n_steps, n), whose samples are adjacent."""
+    n = rows.shape[2]
+    strides = (rows.strides[0], length * n * rows.itemsize, rows.itemsize)
+    return np.lib.stride_tricks.as_strided(rows, (rows.shape[0], n_blocks, length * n), strides)
+
+
+def _powers(A: np.ndarray, length: int) -> np.ndarray:
+    """A^0 … A^length, shape (length + 1, n, n)."""
+    powers = np.empty((length + 1, *A.shape))
+    powers[0] = np.eye(A.shape[0])
+    for i in range(length):
+        powers[i + 1] = powers[i] @ A
+    return powers
+
+
+def _response(powers: np.ndarray) -> np.ndarray:
+    """Block Toeplitz matrix T with states = drive @ T inside a block of zero start, (length n, length n)."""
+    length, n = powers.shape[0] - 1, powers.shape[1]
+    response = np.zeros((length, n, length, n))
+    for i in range(length):
+        response[i, :, i:, :] = powers[: length - i].transpose(2, 0, 1)
+    return response.reshape(length * n, length * n)
+
+
+def _step(A: np.ndarray, drive: np.ndarray, states: np.ndarray) -> None:
+    """The recursion sample by sample, all right-hand sides together."""
+    for k in range(drive.shape[1]):
+        states[:, k + 1] = states[:, k] @ A.T + drive[:, k]
