@@ -80,4 +80,14 @@ class NumericalError(DaestError):
 
 EXPLANATIONS: dict[str, str] = {
     # Sorted by code. Each text: what it means, why it matters, what to do.
+    "unit-incompatible": (
+        "A recorded signal has a unit of another dimension than the model variable it is matched with, so "
+        "no conversion exists. Either the wrong column is mapped, or the unit in the header or in the model "
+        "is wrong. Units are never ignored."
+    ),
+    "unit-unknown": (
+        "A unit is written in a way that is not understood. Units follow Modelica: products with a dot, "
+        "powers as digits, one slash, brackets behind it for a product: N.m, kg.m2, W/(m2.K), rad/s2, degC, "
+        "1."
+    ),
 }

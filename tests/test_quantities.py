@@ -1,0 +1,90 @@
+"""Units: conversion factors against their definitions in SI, and refusals."""
+
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from daest.errors import DataError
+from daest.quantities import conversion, parse_unit
+
+
+@pytest.mark.parametrize(
+    ("text", "factors"),
+    [
+        ("N.m", {"N": 1, "m": 1}),
+        ("kg.m2", {"kg": 1, "m": 2}),
+        ("N.m.s/rad", {"N": 1, "m": 1, "s": 1, "rad": -1}),
+        ("W/(m2.K)", {"W": 1, "m": -2, "K": -1}),
+        ("1/s", {"s": -1}),
+        ("1", {}),
+        ("", {}),
+        ("s-1", {"s": -1}),
+        ("m/s^2", {"m": 1, "s": -2}),
+        ("m/s²", {"m": 1, "s": -2}),
+        ("J/kg/K", {"J": 1, "kg": -1, "K": -1}),
+        ("(N.m)/(rad/s)", {"N": 1, "m": 1, "rad": -1, "s": 1}),
+        ("m.m-1", {}),
+    ],
+)
+def test_modelica_unit_expressions(text, factors):
+    assert parse_unit(text) == factors
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted", "scale"),
+    [
+        ("deg", "rad", math.pi / 180),
+        ("deg/s", "rad/s", math.pi / 180),
+        ("rev/min", "rad/s", 2 * math.pi / 60),
+        ("rpm", "rad/s", 2 * math.pi / 60),
+        ("rad/s", "1/s", 1.0),
+        ("mV", "V", 1e-3),
+        ("kOhm", "Ohm", 1e3),
+        ("g.cm2", "kg.m2", 1e-7),
+        ("ms", "s", 1e-3),
+        ("h", "s", 3600.0),
+        ("%", "1", 0.01),
+        ("kW.h", "J", 3.6e6),
+        ("W/(m2.degC)", "W/(m2.K)", 1.0),
+        ("N.m", "J", 1.0),
+        ("bar", "Pa", 1e5),
+        ("l/min", "m3/s", 1e-3 / 60),
+    ],
+)
+def test_scale_is_the_definition(given, wanted, scale):
+    found = conversion(given, wanted)
+    assert found.scale == pytest.approx(scale, rel=1e-12)
+    assert found.offset == 0.0
+
+
+def test_temperatures_convert_with_offset():
+    assert conversion("degC", "K")(np.array([0.0, 20.0])) == pytest.approx([273.15, 293.15], abs=1e-9)
+    assert conversion("K", "degC")(np.array([273.15])) == pytest.approx([0.0], abs=1e-9)
+    assert conversion("degF", "degC")(np.array([32.0, 212.0])) == pytest.approx([0.0, 100.0], abs=1e-9)
+
+
+@pytest.mark.parametrize(("given", "wanted"), [("V", "A"), ("N", "N.m"), ("rad", "m"), ("Hz", "rad/s")])
+def test_units_that_do_not_fit_name_both(given, wanted):
+    with pytest.raises(DataError) as caught:
+        conversion(given, wanted)
+    assert caught.value.code == "unit-incompatible"
+    assert f"'{given}'" in caught.value.what and f"'{wanted}'" in caught.value.what
+
+
+@pytest.mark.parametrize("text", ["furlongs per", "N..m", "W/m2.K", "(N.m", "3", "wobble", "N m!"])
+def test_unknown_units_are_refused(text):
+    with pytest.raises(DataError) as caught:
+        conversion(text, "V")
+    assert caught.value.code == "unit-unknown"
+
+
+def test_equal_units_need_no_pint():
+    program = (
+        "import sys; from daest.quantities import conversion as c;"
+        "assert c('N.m', 'N.m').is_identity and c('N*m', 'm.N').is_identity; print('pint' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"

@@ -1,0 +1,207 @@
+"""Units: Modelica's unit strings, and the conversion of recorded values into the unit of the model.
+
+Modelica writes units as `N.m`, `kg.m2`, `W/(m2.K)`, `rad/s2` (Modelica specification, chapter "Unit
+Expressions"). The arithmetic of units is pint's; pint is imported only when two spellings really differ.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from daest.errors import DataError
+
+Factors = dict[str, int]  # unit symbol -> exponent
+
+_TOKEN = re.compile(r"\s*(?:(?P<symbol>[A-Za-zµμΩ°%_]+)|(?P<number>[+-]?\d+)|(?P<mark>\*\*|[./*()^·]))")
+_SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
+_SPELLINGS = {  # Modelica and loggers -> pint
+    "°": "deg",
+    "°C": "degC",
+    "°F": "degF",
+    "°K": "K",
+    "%": "percent",
+    "rev": "turn",
+    "r": "turn",
+}
+_TEMPERATURES = {"degC", "degF", "degRk", "K"}
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """`converted = scale * value + offset`; the offset is nonzero between temperature scales alone."""
+
+    scale: float = 1.0
+    offset: float = 0.0
+
+    @property
+    def is_identity(self) -> bool:
+        return self.scale == 1.0 and self.offset == 0.0
+
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        return values if self.is_identity else self.scale * values + self.offset
+
+
+def parse_unit(text: str) -> Factors:
+    """Exponent of every unit symbol in a Modelica unit expression; `1` and the empty text have none.
+
+    `^`, `**`, `*`, `·` and superscripts are read too, because column headers are written by hand. A product
+    behind a slash needs brackets (`W/(m2.K)`), as in Modelica. Raises DataError `unit-unknown` for anything else.
+    """
+    tokens = _tokens(text)
+    if not tokens:
+        return {}
+    factors, rest = _expression(tokens, text)
+    if rest:
+        raise _unreadable(text)
+    return {symbol: exponent for symbol, exponent in factors.items() if exponent}
+
+
+def conversion(given: str, wanted: str) -> Conversion:
+    """The conversion from unit `given` to unit `wanted`.
+
+    rad counts as 1, deg as π/180. A bare temperature converts with its offset (degC to K); inside a product it
+    is a difference. Hz never becomes rad/s: whether a cycle or a radian is meant cannot be known.
+    Raises DataError `unit-incompatible` or `unit-unknown`.
+    """
+    if given == wanted:
+        return Conversion()
+    source, target = parse_unit(given), parse_unit(wanted)
+    if source == target:
+        return Conversion()
+    if ("Hz" in source and "rad" in target) or ("rad" in source and "Hz" in target):
+        raise _incompatible(given, wanted, "write rev/s for turns or rad/s for angles instead of Hz")
+    if _is_temperature(source) and _is_temperature(target):
+        return _temperature_conversion(_only_symbol(source), _only_symbol(target))
+    return _proportional(source, target, given, wanted)
+
+
+def _tokens(text: str) -> list[str]:
+    text = text.strip().translate(_SUPERSCRIPTS)
+    tokens, position = [], 0
+    while position < len(text):
+        match = _TOKEN.match(text, position)
+        if match is None:
+            raise _unreadable(text)
+        tokens.append(match.group().strip())
+        position = match.end()
+    return tokens
+
+
+def _expression(tokens: list[str], text: str) -> tuple[Factors, list[str]]:
+    total, rest = _product(tokens, text)
+    while rest and rest[0] == "/":
+        divisor, after = _factor(rest[1:], text)
+        if after and after[0] in (".", "*", "·"):
+            raise _unreadable(text, "put the product behind the slash in brackets, as in W/(m2.K)")
+        total, rest = _multiply(total, divisor, -1), after
+    return total, rest
+
+
+def _product(tokens: list[str], text: str) -> tuple[Factors, list[str]]:
+    total, rest = _factor(tokens, text)
+    while rest and rest[0] in (".", "*", "·"):
+        factor, rest = _factor(rest[1:], text)
+        total = _multiply(total, factor, 1)
+    return total, rest
+
+
+def _factor(tokens: list[str], text: str) -> tuple[Factors, list[str]]:
+    if not tokens:
+        raise _unreadable(text)
+    head, rest = tokens[0], tokens[1:]
+    if head == "(":
+        inner, rest = _expression(rest, text)
+        if not rest or rest[0] != ")":
+            raise _unreadable(text)
+        return inner, rest[1:]
+    if head == "1":
+        return {}, rest
+    if not head[0].isalpha() and head[0] not in "°%_":
+        raise _unreadable(text)
+    symbol = _SPELLINGS.get(head, head.replace("Ohm", "ohm").replace("Ω", "ohm"))
+    if rest and rest[0] in ("^", "**"):
+        rest = rest[1:]
+    if rest and _is_integer(rest[0]):
+        return {symbol: int(rest[0])}, rest[1:]
+    return {symbol: 1}, rest
+
+
+def _is_integer(token: str) -> bool:
+    return token.lstrip("+-").isdigit()
+
+
+def _multiply(left: Factors, right: Factors, sign: int) -> Factors:
+    result = dict(left)
+    for symbol, exponent in right.items():
+        result[symbol] = result.get(symbol, 0) + sign * exponent
+    return result
+
+
+def _only_symbol(factors: Factors) -> str:
+    return next(iter(factors))
+
+
+def _is_temperature(factors: Factors) -> bool:
+    return len(factors) == 1 and all(s in _TEMPERATURES and e == 1 for s, e in factors.items())
+
+
+@cache
+def _registry() -> Any:
+    import pint
+
+    return pint.UnitRegistry()
+
+
+def _temperature_conversion(given: str, wanted: str) -> Conversion:
+    quantity = _registry().Quantity
+    at_zero = float(quantity(0.0, given).to(wanted).magnitude)
+    at_hundred = float(quantity(100.0, given).to(wanted).magnitude)
+    scale = (at_hundred - at_zero) / 100.0
+    # Celsius and Kelvin have the same step; the subtraction above leaves a rounding error of a few 1e-16.
+    return Conversion(1.0 if abs(scale - 1.0) < 1e-12 else scale, at_zero)
+
+
+def _proportional(source: Factors, target: Factors, given: str, wanted: str) -> Conversion:
+    import pint
+
+    ratio = _in_base_units(source, given) / _in_base_units(target, wanted)
+    try:
+        scale = float(ratio.to("dimensionless").magnitude)
+    except pint.DimensionalityError as error:
+        raise _incompatible(given, wanted) from error
+    return Conversion(1.0 if abs(scale - 1.0) < 1e-14 else scale)
+
+
+def _in_base_units(factors: Factors, text: str) -> Any:
+    import pint
+
+    registry = _registry()
+    total = registry.Quantity(1.0)
+    for symbol, exponent in factors.items():
+        name = f"delta_{symbol}" if symbol in ("degC", "degF") else symbol
+        try:
+            total = total * registry.Quantity(1.0, name).to_base_units() ** exponent
+        except (pint.UndefinedUnitError, pint.errors.DefinitionSyntaxError) as error:
+            raise _unreadable(text) from error
+    return total
+
+
+def _unreadable(text: str, remedy: str = "") -> DataError:
+    return DataError(
+        "unit-unknown",
+        f"the unit '{text}' is not understood",
+        remedy=remedy or "write it as Modelica does: N.m, kg.m2, rad/s, W/(m2.K), degC, 1",
+    )
+
+
+def _incompatible(given: str, wanted: str, remedy: str = "") -> DataError:
+    return DataError(
+        "unit-incompatible",
+        f"a value in '{given}' cannot be converted to '{wanted}'",
+        remedy=remedy or "correct the unit in the column header, or the unit in the model",
+    )
