@@ -80,6 +80,20 @@ class NumericalError(DaestError):
 
 EXPLANATIONS: dict[str, str] = {
     # Sorted by code. Each text: what it means, why it matters, what to do.
+    "input-derivative-hold": (
+        "The model needs the time derivative of an input, and the input is taken as constant between "
+        "samples (zero-order hold), which has none: it would jump at every sample. Use first-order hold."
+    ),
+    "input-derivative-order": (
+        "The index reduction needs a second or higher time derivative of an input. From samples only the "
+        "slope between two of them is known, so the model cannot be sampled. Make that derivative itself "
+        "the input of the model, or feed the input through a lag."
+    ),
+    "output-white-noise": (
+        "White noise reaches a measured output without passing a state. Sampled white noise has no finite "
+        "variance; the output would carry no information. Hold the noise over a sample, or put a lag (a "
+        "noise with a bandwidth) between the noise and the output."
+    ),
     "unit-incompatible": (
         "A recorded signal has a unit of another dimension than the model variable it is matched with, so "
         "no conversion exists. Either the wrong column is mapped, or the unit in the header or in the model "

@@ -1,9 +1,9 @@
 """Linear recursions x[k+1] = A x[k] + drive[k] over many samples, without a Python step per sample.
 
-The samples are cut into blocks. What the drive of a block does to the block's last state is one matrix product
-over all blocks; the states at block starts then follow the same recursion with A^length and one sample per block
-(solved by the same function); a second product fills the blocks. Only powers A^i with i up to the number of
-samples occur, so an unstable A loses nothing that the plain loop would not lose.
+The samples are cut into blocks. What the drive of a block does to the block's last state is one matrix
+product over all blocks; the states at block starts then follow the same recursion with A^length and one
+sample per block (solved by the same function); a second product fills the blocks. Only powers A^i with i up
+to the number of samples occur, so an unstable A loses nothing that the plain loop would not lose.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ SHORTEST_BLOCK = 4  # samples; models with many states take wider blocks instead
 def linear_recursion(A: np.ndarray, drive: np.ndarray, x0: np.ndarray) -> np.ndarray:
     """States of x[k+1] = A x[k] + drive[k] with x[0] = x0.
 
-    A (n, n); drive (..., n_steps, n); x0 (..., n). Returns states (..., n_steps + 1, n), states[..., 0, :] = x0.
-    Leading axes are independent right-hand sides of the same A and are broadcast. States that leave the range of
-    floating point become inf or NaN, as in the plain loop.
+    A (n, n); drive (..., n_steps, n); x0 (..., n). Returns states (..., n_steps + 1, n) with
+    states[..., 0, :] = x0. Leading axes are independent right-hand sides of the same A and are broadcast.
+    States that leave the range of floating point become inf or NaN, as in the plain loop.
     """
     A = np.asarray(A, dtype=float)
     drive = np.asarray(drive, dtype=float)
@@ -60,7 +60,7 @@ def _fill(A: np.ndarray, drive: np.ndarray, states: np.ndarray) -> None:
 
 
 def _in_blocks(rows: np.ndarray, n_blocks: int, length: int) -> np.ndarray:
-    """View (n_rhs, n_blocks, length n) of the first samples of rows (n_rhs, n_steps, n), whose samples are adjacent."""
+    """View (n_rhs, n_blocks, length n) of the first rows (n_rhs, n_steps, n); samples must be adjacent."""
     n = rows.shape[2]
     strides = (rows.strides[0], length * n * rows.itemsize, rows.itemsize)
     return np.lib.stride_tricks.as_strided(rows, (rows.shape[0], n_blocks, length * n), strides)
