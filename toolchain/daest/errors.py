@@ -80,6 +80,80 @@ class NumericalError(DaestError):
 
 EXPLANATIONS: dict[str, str] = {
     # Sorted by code. Each text: what it means, why it matters, what to do.
+    "data-all-missing": (
+        "An output column holds no value at all in the part of the recording that is used. Remove the "
+        "column from the mapping or choose another window."
+    ),
+    "data-duplicate-column": (
+        "Two columns of a file have the same name, so it is unknown which one is meant. Rename or remove one."
+    ),
+    "data-empty-file": (
+        "The file holds no data. A recording needs a header row with names, a column time, and at least two "
+        "rows of numbers."
+    ),
+    "data-encoding": (
+        "The file is not UTF-8 text. Save it as UTF-8; many spreadsheet programs offer this when they write "
+        "CSV."
+    ),
+    "data-infinite": "A column holds an infinite number. A missing value is an empty cell.",
+    "data-input-gap": (
+        "A value of an input is missing. Outputs may be missing, but the model must be driven at every "
+        "time, and daest does not invent an input. Fill the gap or cut it off with --from and --to."
+    ),
+    "data-missing-file": (
+        "A recording that was named on the command line or in daest.toml does not exist. Paths in "
+        "daest.toml count from the folder of that file."
+    ),
+    "data-needs-pyarrow": (
+        "Parquet files are read through pyarrow, which is an optional part of the installation: pip install "
+        "'daest[parquet]'."
+    ),
+    "data-no-header": (
+        "The first row of a CSV file must hold the names of the columns, with the unit behind the name if "
+        "it is not the unit of the model: time,u,omega [rad/s]."
+    ),
+    "data-no-output": (
+        "No column of the recording is a measured output of the model. Columns are matched by name; other "
+        "names are mapped in daest.toml under [data] outputs."
+    ),
+    "data-no-time": (
+        "A recording needs a column time or time_s in seconds (time_ms, time [ms], time_min and time_h are "
+        "converted). Its values must increase; the steps may differ."
+    ),
+    "data-ragged-row": (
+        "A row of a CSV file has another number of cells than the header. A missing value is an empty cell, "
+        "not a missing separator; text with separators needs quotes."
+    ),
+    "data-split-too-short": (
+        "The split leaves a part with fewer than two rows. Move it, or give a longer recording."
+    ),
+    "data-text": (
+        "A cell of a column that is used holds text. Numbers have a decimal point; a missing value is an "
+        "empty cell."
+    ),
+    "data-time-duplicate": (
+        "Two rows have the same time. Remove one of them; rows of two recordings belong in two files."
+    ),
+    "data-time-missing": "A row has no time. Every row needs one.",
+    "data-time-not-increasing": (
+        "The time goes back from one row to the next. Sort the rows; two recordings belong in two files."
+    ),
+    "data-too-few-rows": "The recording, or what is left of it after cutting and resampling, is too short.",
+    "data-two-time-columns": (
+        "Several columns are the time by their names (time, time_s, time_ms). Keep one and rename the others."
+    ),
+    "data-unknown-column": (
+        "A column that was named, or that an input of the model needs, does not exist in the recording. "
+        "Columns are matched with model names; other names are mapped in daest.toml under [data]."
+    ),
+    "data-unknown-format": "Recordings are read from .csv, .txt, .tsv, .mat and .parquet files.",
+    "data-unreadable-file": (
+        "A MATLAB or Parquet file is damaged or of a version that cannot be read. MATLAB 7.3 files are not "
+        "read: save with the option -v7."
+    ),
+    "data-window-empty": (
+        "Fewer than two rows lie between --from and --to. The message names the times of the recording."
+    ),
     "input-derivative-hold": (
         "The model needs the time derivative of an input, and the input is taken as constant between "
         "samples (zero-order hold), which has none: it would jump at every sample. Use first-order hold."
@@ -89,10 +163,20 @@ EXPLANATIONS: dict[str, str] = {
         "slope between two of them is known, so the model cannot be sampled. Make that derivative itself "
         "the input of the model, or feed the input through a lag."
     ),
+    "option-resample": (
+        "The period for --resample must be positive and not shorter than the sampling period of the "
+        "recording: nothing is known between the samples."
+    ),
+    "option-split": (
+        "--split is the share of the recording that is used for estimation, a number between 0 and 1."
+    ),
     "output-white-noise": (
         "White noise reaches a measured output without passing a state. Sampled white noise has no finite "
         "variance; the output would carry no information. Hold the noise over a sample, or put a lag (a "
         "noise with a bandwidth) between the noise and the output."
+    ),
+    "several-problems": (
+        "A file has several problems of different kinds; the message lists them all with their own codes."
     ),
     "unit-incompatible": (
         "A recorded signal has a unit of another dimension than the model variable it is matched with, so "

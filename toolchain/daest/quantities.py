@@ -50,7 +50,7 @@ def parse_unit(text: str) -> Factors:
     """Exponent of every unit symbol in a Modelica unit expression; `1` and the empty text have none.
 
     `^`, `**`, `*`, `·` and superscripts are read too, because column headers are written by hand. A product
-    behind a slash needs brackets (`W/(m2.K)`), as in Modelica. Raises DataError `unit-unknown` for anything else.
+    behind a slash needs brackets (`W/(m2.K)`), as in Modelica. Raises DataError `unit-unknown` otherwise.
     """
     tokens = _tokens(text)
     if not tokens:
@@ -64,7 +64,7 @@ def parse_unit(text: str) -> Factors:
 def conversion(given: str, wanted: str) -> Conversion:
     """The conversion from unit `given` to unit `wanted`.
 
-    rad counts as 1, deg as π/180. A bare temperature converts with its offset (degC to K); inside a product it
+    rad counts as 1, deg as π/180. A bare temperature converts with its offset (degC to K); in a product it
     is a difference. Hz never becomes rad/s: whether a cycle or a radian is meant cannot be known.
     Raises DataError `unit-incompatible` or `unit-unknown`.
     """

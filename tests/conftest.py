@@ -1,0 +1,15 @@
+"""Fixtures that several rooms share."""
+
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder of measured and simulated recordings beside the project; tests that need it skip without
+    it."""
+    folder = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+    if not folder.is_dir():
+        pytest.skip("the recordings beside the project are not here")
+    return folder

@@ -1,0 +1,104 @@
+"""Resampling, splitting and detrending against closed forms."""
+
+import numpy as np
+import pytest
+
+from daest.data.prepare import Preparation, detrend, resample, split_all
+from daest.errors import ConfigError, DataError
+from daest.model.experiment import Experiment
+
+
+def recording(time, u, *outputs):
+    y = np.column_stack(outputs)
+    return Experiment("run", time, u[:, None], y, ("u",), tuple(f"y{i}" for i in range(y.shape[1])))
+
+
+def test_resampled_sine_keeps_phase_and_amplitude_in_the_pass_band():
+    time = np.arange(4000) * 0.01
+    slow = np.sin(2 * np.pi * 1.0 * time)
+    result = resample(recording(time, slow, slow), 0.05)
+    assert result.period == pytest.approx(0.05)
+    # A filter of 60 dB ripples by 1e-3; a delay of one old sample would show as 0.06.
+    assert result.inputs[:, 0] == pytest.approx(np.sin(2 * np.pi * result.time), abs=2e-3)
+    assert result.outputs == pytest.approx(result.inputs)
+    assert any("resampled to 0.05 s" in note for note in result.notes)
+
+
+def test_resampling_does_not_alias():
+    time = np.arange(4000) * 0.01
+    fast = np.sin(2 * np.pi * 19.0 * time)  # would fold to 1 Hz at 0.05 s
+    result = resample(recording(time, fast, fast), 0.05)
+    assert np.abs(result.outputs).max() < 2e-3
+
+
+def test_ratio_need_not_be_an_integer():
+    time = np.arange(4000) * 0.01
+    result = resample(recording(time, np.cos(time), np.cos(time)), 0.0333)
+    assert result.period == pytest.approx(0.0333)
+    assert result.outputs[:, 0] == pytest.approx(np.cos(result.time), abs=2e-3)
+
+
+def test_uneven_times_become_even():
+    rng = np.random.default_rng(4)
+    time = np.cumsum(rng.uniform(0.004, 0.006, 4000))
+    result = resample(recording(time, np.sin(time), np.sin(time)), 0.02)
+    assert result.period == pytest.approx(0.02)
+    assert result.outputs[:, 0] == pytest.approx(np.sin(result.time), abs=2e-3)
+
+
+def test_constant_stays_exact_and_missing_samples_stay_local():
+    time = np.arange(2000) * 0.01
+    y = np.full(2000, 3.0)
+    y[1000] = np.nan
+    y[500:700] = np.nan
+    result = resample(recording(time, np.ones(2000), y), 0.05)
+    assert result.inputs == pytest.approx(np.ones_like(result.inputs), abs=1e-12)
+    gone = np.isnan(result.outputs[:, 0])
+    inside = (result.time >= 5.0) & (result.time < 6.99)
+    assert gone[inside].all()
+    far = (result.time < 4.5) | (result.time > 7.5)
+    near_single = np.abs(result.time - 10.0) < 0.06
+    assert not gone[far & ~near_single].any()
+    assert result.outputs[~gone, 0] == pytest.approx(3.0)
+
+
+def test_resampling_refuses_what_cannot_be_known():
+    time = np.arange(100) * 0.01
+    with pytest.raises(ConfigError, match="shorter than"):
+        resample(recording(time, time, time), 0.001)
+    with pytest.raises(DataError) as caught:
+        resample(recording(time, time, time), 0.2)
+    assert caught.value.code == "data-too-few-rows"
+
+
+def test_same_period_changes_nothing():
+    time = np.arange(100) * 0.01
+    given = recording(time, time, time)
+    assert resample(given, 0.01) is given
+
+
+def test_detrend():
+    time = np.arange(50) * 0.1
+    wave = np.sin(time)
+    y = wave + 3 + 2 * time
+    y[7] = np.nan
+    known = np.isfinite(y)
+    centred = detrend(recording(time, wave + 5, y), "mean")
+    assert centred.inputs.mean() == pytest.approx(0, abs=1e-12)
+    assert np.nanmean(centred.outputs) == pytest.approx(0, abs=1e-12)
+    straight = detrend(recording(time, wave, y), "linear").outputs[known, 0]
+    expected = (wave - np.polyval(np.polyfit(time[known], wave[known], 1), time))[known]
+    assert straight == pytest.approx(expected, abs=1e-12)
+
+
+def test_split_and_detrend_each_part_by_itself():
+    time = np.arange(100) * 0.1
+    given = recording(time, time, np.where(time < 5, 1.0, 9.0))
+    first, second = split_all([given], Preparation(split=0.5, detrend="mean"))
+    assert first[0].n_samples + second[0].n_samples == 100
+    assert first[0].time[-1] < second[0].time[0]
+    assert first[0].outputs == pytest.approx(0, abs=1e-12)
+    assert second[0].outputs == pytest.approx(0, abs=1e-12)
+    assert split_all([given], Preparation())[1] == []
+    with pytest.raises(DataError):
+        split_all([given], Preparation(split=0.001))

@@ -1,0 +1,260 @@
+"""What is done to a recording before it is used: resampling, detrending, splitting.
+
+The order is fixed: cut (while reading), resample, split, detrend each part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.special import i0
+
+from daest.errors import ConfigError, DataError
+from daest.model.experiment import Experiment
+
+# Time stamps this near (in periods) to a uniform grid are rounding or jitter of the clock, not information.
+GRID_TOLERANCE = 1e-3
+# The anti-alias filter, in units of the new Nyquist frequency: half gain at CUTOFF, full gain below
+# CUTOFF - TRANSITION / 2, ATTENUATION (dB) above CUTOFF + TRANSITION / 2.
+CUTOFF = 0.9
+TRANSITION = 0.4
+ATTENUATION = 60.0
+# A resampled output counts as missing if missing samples carry more than this share of the filter's weight.
+MISSING_SHARE = 0.05
+
+Detrend = Literal["none", "mean", "linear"]
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """`start`, `stop` (s) cut the recording; `period` (s) resamples it; `detrend` removes mean or trend of
+    inputs and outputs; `split` (0 to 1) is the share that is kept for estimation, the rest being
+    validation."""
+
+    start: float | None = None
+    stop: float | None = None
+    period: float | None = None
+    detrend: Detrend = "none"
+    split: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.period is not None and not (np.isfinite(self.period) and self.period > 0):
+            raise ConfigError(
+                "option-resample",
+                f"a period of {self.period} s is not positive",
+                remedy="give seconds, e.g. 0.05",
+            )
+        if self.split is not None and not 0 < self.split < 1:
+            raise ConfigError(
+                "option-split",
+                f"a split at {self.split} leaves one part empty",
+                remedy="give the share for estimation, between 0 and 1, e.g. 0.5",
+            )
+
+
+def regular_times(time: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+    """The uniform grid through `time` if no stamp is off by more than `GRID_TOLERANCE` periods, else `time`
+    itself; and a note if the stamps were not uniform already."""
+    n = time.size
+    if n < 3:
+        return time, ()
+    slope = np.polyfit(np.arange(n), time - time[0], 1)[0]
+    period = float(f"{slope:.9g}")
+    grid = time[0] + period * np.arange(n)
+    off = float(np.max(np.abs(grid - time))) / period
+    if off > GRID_TOLERANCE:
+        return time, ()
+    note = f"time stamps taken as uniform, period {period:.9g} s (off by at most {100 * off:.2g} % of it)"
+    # Below 1e-6 of a period it is the rounding of the decimals in the file, not worth a word.
+    return grid, (note,) if off > 1e-6 else ()
+
+
+def prepare(experiment: Experiment, preparation: Preparation) -> Experiment:
+    """Resampled and, unless a split follows, detrended; notes say so."""
+    if preparation.period is not None:
+        experiment = resample(experiment, preparation.period)
+    return experiment if preparation.split is not None else detrend(experiment, preparation.detrend)
+
+
+def split(experiment: Experiment, preparation: Preparation) -> tuple[Experiment, Experiment]:
+    """The first share `preparation.split` of the time for estimation and the rest for validation, each
+    detrended by itself. Raises DataError `data-split-too-short` if a part has fewer than 2 rows."""
+    assert preparation.split is not None
+    edge = experiment.time[0] + preparation.split * (experiment.time[-1] - experiment.time[0])
+    first = experiment.time <= edge
+    if first.sum() < 2 or (~first).sum() < 2:
+        raise DataError(
+            "data-split-too-short",
+            f"a split at {preparation.split} of {experiment.n_samples} rows leaves a part with fewer than 2",
+            where=experiment.name,
+            remedy="move the split, or give a longer recording",
+        )
+    parts = (_rows(experiment, first, "estimation"), _rows(experiment, ~first, "validation"))
+    return tuple(detrend(part, preparation.detrend) for part in parts)  # type: ignore[return-value]
+
+
+def split_all(
+    experiments: Sequence[Experiment], preparation: Preparation
+) -> tuple[list[Experiment], list[Experiment]]:
+    """All estimation parts and all validation parts; the second list is empty without a split."""
+    if preparation.split is None:
+        return list(experiments), []
+    pairs = [split(experiment, preparation) for experiment in experiments]
+    return [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+
+
+def detrend(experiment: Experiment, kind: Detrend) -> Experiment:
+    """Without mean (`mean`) or without the least-squares line (`linear`), inputs and outputs alike."""
+    if kind == "none":
+        return experiment
+    degree = {"mean": 0, "linear": 1}[kind]
+    return replace(
+        experiment,
+        inputs=_without_trend(experiment.time, experiment.inputs, degree),
+        outputs=_without_trend(experiment.time, experiment.outputs, degree),
+        notes=(*experiment.notes, f"{'mean' if kind == 'mean' else 'linear trend'} of all signals removed"),
+    )
+
+
+def resample(experiment: Experiment, period: float) -> Experiment:
+    """The recording at `period` seconds, behind one linear-phase low-pass filter for inputs and outputs
+    alike.
+
+    The filter is a Kaiser-windowed sinc without delay: new samples stand at old times, and because all
+    signals go through the same filter a linear model that relates them before relates them afterwards.
+    Samples nearer to an end than half the filter are dropped rather than invented. Unevenly sampled records
+    are first interpolated linearly on a grid of half their median step. Raises ConfigError `option-resample`
+    if `period` is shorter than the recording's own, DataError `data-too-few-rows` if the record is shorter
+    than the filter.
+    """
+    own = experiment.period or float(np.median(np.diff(experiment.time)))
+    if period < own * (1 - GRID_TOLERANCE):
+        raise ConfigError(
+            "option-resample",
+            f"a period of {period:.6g} s is shorter than the {own:.6g} s of '{experiment.name}'",
+            remedy="resample to a longer period; nothing can be known between the samples",
+        )
+    if experiment.period is not None and abs(period - own) <= GRID_TOLERANCE * own:
+        return experiment
+    even = experiment if experiment.period is not None else _interpolated(experiment, 0.5 * own)
+    half_width = _half_width(period)
+    first, last = even.time[0] + half_width, even.time[-1] - half_width
+    n_new = int(np.floor((last - first) / period * (1 + 1e-12))) + 1 if last >= first else 0
+    if n_new < 2:
+        raise DataError(
+            "data-too-few-rows",
+            f"resampled to {period:.6g} s, {max(n_new, 0)} rows are left: the anti-alias filter needs "
+            f"{half_width:.3g} s at either end",
+            where=experiment.name,
+            remedy="choose a shorter period or a longer recording",
+        )
+    times = _aligned(even, first, n_new, period)
+    weights = _filter_matrix(even.time, times, period, half_width)
+    note = (
+        f"resampled to {period:.6g} s behind a linear-phase low-pass filter "
+        f"(half gain at {0.5 * CUTOFF / period:.4g} Hz); {half_width:.3g} s dropped at either end"
+    )
+    return replace(
+        experiment,
+        time=times,
+        inputs=_apply(weights, even.inputs),
+        outputs=_apply(weights, even.outputs),
+        extra={name: _apply(weights, values[:, None])[:, 0] for name, values in even.extra.items()},
+        notes=(*experiment.notes, note),
+    )
+
+
+def _rows(experiment: Experiment, keep: np.ndarray, part: str) -> Experiment:
+    return replace(
+        experiment,
+        name=f"{experiment.name} ({part})",
+        time=experiment.time[keep],
+        inputs=experiment.inputs[keep],
+        outputs=experiment.outputs[keep],
+        extra={name: values[keep] for name, values in experiment.extra.items()},
+    )
+
+
+def _without_trend(time: np.ndarray, values: np.ndarray, degree: int) -> np.ndarray:
+    result = values.copy()
+    for column in result.T:
+        known = np.isfinite(column)
+        if known.sum() > degree:
+            basis = np.vander(time - time[0], degree + 1)
+            coefficients = np.linalg.lstsq(basis[known], column[known], rcond=None)[0]
+            column -= basis @ coefficients
+    return result
+
+
+def _half_width(period: float) -> float:
+    # Kaiser's formula for the length of a filter: (A - 8) / (2.285 Δω), with Δω = TRANSITION π / period.
+    return 0.5 * (ATTENUATION - 8.0) / (2.285 * TRANSITION * np.pi) * period
+
+
+def _aligned(even: Experiment, first: float, n_new: int, period: float) -> np.ndarray:
+    """New times that begin on an old one, the first at or after `first`, at most `n_new`."""
+    index = int(np.searchsorted(even.time, first - 1e-9 * period))
+    times = even.time[index] + period * np.arange(n_new)
+    limit = even.time[-1] - _half_width(period)
+    return times[times <= limit + 1e-9 * period]
+
+
+def _filter_matrix(old: np.ndarray, new: np.ndarray, period: float, half_width: float) -> sp.csr_array:
+    """Weights (n_new, n_old), rows with sum 1: the kernel of the filter at every old time within its half
+    width."""
+    low = np.searchsorted(old, new - half_width)
+    high = np.searchsorted(old, new + half_width, side="right")
+    counts = high - low
+    rows = np.repeat(np.arange(new.size), counts)
+    columns = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(low, counts)
+    lag = old[columns] - new[rows]
+    # Kaiser's β for a stop band between 50 dB and beyond.
+    beta = 0.1102 * (ATTENUATION - 8.7)
+    window = i0(beta * np.sqrt(np.clip(1.0 - (lag / half_width) ** 2, 0.0, None))) / i0(beta)
+    weights = np.sinc(CUTOFF * lag / period) * window
+    matrix = sp.csr_array((weights, (rows, columns)), shape=(new.size, old.size))
+    return sp.csr_array(sp.diags_array(1.0 / matrix.sum(axis=1)) @ matrix)
+
+
+def _apply(weights: sp.csr_array, values: np.ndarray) -> np.ndarray:
+    missing = ~np.isfinite(values)
+    result = np.asarray(weights @ _bridged(values, missing))
+    if missing.any():
+        lost = (
+            np.asarray(abs(weights) @ missing.astype(float)) / np.asarray(abs(weights).sum(axis=1))[:, None]
+        )
+        result[lost > MISSING_SHARE] = np.nan
+    return result
+
+
+def _bridged(values: np.ndarray, missing: np.ndarray) -> np.ndarray:
+    """Missing values replaced by linear interpolation, so that single gaps do not spread."""
+    result = values.copy()
+    for column, gaps in zip(result.T, missing.T, strict=True):
+        if gaps.any() and not gaps.all():
+            index = np.arange(column.size)
+            column[gaps] = np.interp(index[gaps], index[~gaps], column[~gaps])
+    result[:, missing.all(axis=0)] = 0.0
+    return result
+
+
+def _interpolated(experiment: Experiment, step: float) -> Experiment:
+    """Linear interpolation on a uniform grid; a point is missing where a neighbour that it needs is."""
+    n = int(np.floor((experiment.time[-1] - experiment.time[0]) / step)) + 1
+    grid = experiment.time[0] + step * np.arange(n)
+
+    def at_grid(values: np.ndarray) -> np.ndarray:
+        rows = [np.interp(grid, experiment.time, column) for column in values.T]
+        return np.array(rows).reshape(values.shape[1], n).T
+
+    return replace(
+        experiment,
+        time=grid,
+        inputs=at_grid(experiment.inputs),
+        outputs=at_grid(experiment.outputs),
+        extra={name: np.interp(grid, experiment.time, values) for name, values in experiment.extra.items()},
+    )

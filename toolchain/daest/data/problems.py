@@ -1,0 +1,32 @@
+"""Several problems of one file, told in one message."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from daest.errors import DaestError
+
+MOST_SHOWN = 12
+
+
+def raise_collected(problems: Sequence[DaestError], source: str) -> None:
+    """Return if there is no problem; raise the only one; or raise one error of the same class that lists all
+    of them.
+
+    The class and, if all agree, the code are those of the first problem, else the code is `several-problems`.
+    """
+    if not problems:
+        return
+    if len(problems) == 1:
+        raise problems[0]
+    first = problems[0]
+    same = all(problem.code == first.code for problem in problems)
+    lines = [f"{len(problems)} problems in {source}"]
+    lines += [_indented(problem) for problem in problems[:MOST_SHOWN]]
+    if len(problems) > MOST_SHOWN:
+        lines.append(f"  ... and {len(problems) - MOST_SHOWN} more")
+    raise type(first)(first.code if same else "several-problems", "\n".join(lines))
+
+
+def _indented(problem: DaestError) -> str:
+    return "\n".join("  " + line for line in str(problem).splitlines())

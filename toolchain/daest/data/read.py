@@ -1,0 +1,387 @@
+"""From files to experiments: columns matched with model signals by name, values in the model's units."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from daest.data.csv_file import read_csv
+from daest.data.mat_file import read_mat
+from daest.data.parquet_file import read_parquet
+from daest.data.prepare import Preparation, prepare, regular_times
+from daest.data.problems import raise_collected
+from daest.data.table import Column, Table, nearest, time_unit
+from daest.errors import DataError, Place
+from daest.model.experiment import Experiment
+from daest.quantities import conversion
+
+_READERS: dict[str, Callable[[Path], Table]] = {
+    ".csv": read_csv,
+    ".txt": read_csv,
+    ".tsv": read_csv,
+    ".mat": read_mat,
+    ".parquet": read_parquet,
+}
+_FEWEST_ROWS = 2
+_TEXTS_SHOWN = 3  # of one column; the rest is counted
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A model signal looked for in data: its model name, its unit there ("" is unknown), and the column that
+    holds it (None: the column of the same name, which an output may lack)."""
+
+    name: str
+    unit: str = ""
+    column: str | None = None
+
+
+def read_experiments(
+    paths: Sequence[Path | str],
+    inputs: Sequence[Signal],
+    outputs: Sequence[Signal],
+    preparation: Preparation | None = None,
+    *,
+    outputs_required: bool = True,
+) -> list[Experiment]:
+    """One experiment per file, with every signal of `inputs` and `outputs` in that order and in its unit.
+
+    An output that a file has no column for is all NaN there, unless a column was named for it. Raises
+    DataError with all problems of a file at once: missing columns, units that do not fit, texts, time that
+    does not increase, gaps in inputs; and `data-no-output` if `outputs_required` and a file has none of them.
+    """
+    return [
+        _read_experiment(Path(path), inputs, outputs, preparation or Preparation(), outputs_required)
+        for path in paths
+    ]
+
+
+def read_table(path: Path) -> Table:
+    """The columns of a .csv, .mat or .parquet file. Raises DataError if it is missing, unreadable or
+    empty."""
+    if not path.is_file():
+        what = "is a folder, not a file" if path.is_dir() else "does not exist"
+        raise DataError(
+            "data-missing-file",
+            f"the recording {what}",
+            where=Place(str(path)),
+            remedy=nearest(path.name, _neighbours(path))
+            or "check the path; it counts from the current folder",
+        )
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise DataError(
+            "data-unknown-format",
+            f"files of kind '{path.suffix}' are not read",
+            where=Place(str(path)),
+            remedy=f"give one of {', '.join(sorted(_READERS))}",
+        )
+    return reader(path)
+
+
+def measured_names(experiments: Sequence[Experiment]) -> tuple[str, ...]:
+    """Names of the outputs that have at least one value in at least one experiment, in the order of the
+    first."""
+    return tuple(
+        name
+        for i, name in enumerate(experiments[0].output_names)
+        if any(np.isfinite(experiment.outputs[:, i]).any() for experiment in experiments)
+    )
+
+
+def select_outputs(experiment: Experiment, names: Sequence[str]) -> Experiment:
+    """The experiment with the outputs `names` alone, in that order; the others move to `extra`."""
+    index = [experiment.output_names.index(name) for name in names]
+    dropped = {
+        name: experiment.outputs[:, i]
+        for i, name in enumerate(experiment.output_names)
+        if name not in names and np.isfinite(experiment.outputs[:, i]).any()
+    }
+    return replace(
+        experiment,
+        outputs=experiment.outputs[:, index],
+        output_names=tuple(names),
+        extra={**experiment.extra, **dropped},
+    )
+
+
+def _neighbours(path: Path) -> list[str]:
+    return [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
+
+
+def _read_experiment(
+    path: Path,
+    inputs: Sequence[Signal],
+    outputs: Sequence[Signal],
+    preparation: Preparation,
+    outputs_required: bool,
+) -> Experiment:
+    table = read_table(path)
+    time_column = _time_column(table)
+    problems = _time_problems(table, time_column)
+    matched: dict[str, Column] = {}
+    for signal in inputs:
+        _match(table, signal, "input", matched, problems)
+    for signal in outputs:
+        if signal.column is not None or table.find(signal.name) is not None:
+            _match(table, signal, "output", matched, problems)
+    if outputs_required and not any(signal.name in matched for signal in outputs) and not problems:
+        problems.append(_no_output(table, outputs))
+    raise_collected(problems, table.file)
+    return _experiment(table, time_column, matched, inputs, outputs, preparation)
+
+
+def _experiment(
+    table: Table,
+    time_column: Column,
+    matched: dict[str, Column],
+    inputs: Sequence[Signal],
+    outputs: Sequence[Signal],
+    preparation: Preparation,
+) -> Experiment:
+    problems: list[DataError] = []
+    notes: list[str] = []
+    time = conversion(time_unit(time_column) or "s", "s")(time_column.values)
+    keep = _window(table, time, preparation)
+    missing = np.full(time.shape, np.nan)
+
+    def gather(signals: Sequence[Signal]) -> np.ndarray:
+        columns = [
+            _values(table, matched[s.name], s, problems, notes) if s.name in matched else missing
+            for s in signals
+        ]
+        return np.column_stack(columns)[keep] if columns else np.empty((int(keep.sum()), 0))
+
+    u, y = gather(inputs), gather(outputs)
+    for i, signal in enumerate(inputs):
+        _check_gaps(table, matched.get(signal.name), u[:, i], np.nonzero(keep)[0], problems)
+    for i, signal in enumerate(outputs):
+        _check_output(table, matched.get(signal.name), y[:, i], notes, problems)
+    raise_collected(problems, table.file)
+    time, time_notes = regular_times(time[keep])
+    used = {id(column) for column in matched.values()} | {id(time_column)}
+    extra = {
+        column.name: column.values[keep]
+        for column in table.columns
+        if id(column) not in used and column.name and not column.texts
+    }
+    experiment = Experiment(
+        Path(table.file).stem,
+        time,
+        u,
+        y,
+        tuple(signal.name for signal in inputs),
+        tuple(signal.name for signal in outputs),
+        extra,
+        (*notes, *time_notes),
+    )
+    return prepare(experiment, preparation)
+
+
+def _time_column(table: Table) -> Column:
+    times = [column for column in table.columns if time_unit(column) is not None]
+    if len(times) == 1:
+        return times[0]
+    if times:
+        raise DataError(
+            "data-two-time-columns",
+            f"several columns are the time: {', '.join(column.header for column in times)}",
+            where=table.place(None, times[1]),
+            remedy="keep one and rename the others",
+        )
+    raise DataError(
+        "data-no-time",
+        f"there is no column 'time' or 'time_s'; the columns are {', '.join(table.names)}",
+        where=table.place(),
+        remedy=nearest("time", table.names).replace("did you mean", "rename the column of the seconds: is it")
+        or "call the column with the seconds 'time' (or 'time [ms]')",
+    )
+
+
+def _time_problems(table: Table, column: Column) -> list[DataError]:
+    problems = _text_problems(table, column)
+    unreadable = {row for row, _ in column.texts}
+    gaps = [int(row) for row in np.nonzero(~np.isfinite(column.values))[0] if int(row) not in unreadable]
+    for row in gaps[:_TEXTS_SHOWN]:
+        problems.append(
+            DataError(
+                "data-time-missing",
+                "the time of this row is missing",
+                where=table.place(row, column),
+                remedy="give every row its time",
+            )
+        )
+    if column.values.size < _FEWEST_ROWS:
+        problems.append(_too_few(table, column.values.size))
+    if not problems:
+        problems += _order_problems(table, column)
+    return problems
+
+
+def _order_problems(table: Table, column: Column) -> list[DataError]:
+    bad = np.nonzero(np.diff(column.values) <= 0)[0] + 1
+    problems = []
+    for row in bad[:_TEXTS_SHOWN]:
+        before, now = column.values[row - 1], column.values[row]
+        how = "stands still at" if now == before else f"goes back from {before:.10g} to"
+        code = "data-time-duplicate" if now == before else "data-time-not-increasing"
+        problems.append(
+            DataError(
+                code,
+                f"the time {how} {now:.10g}"
+                + (f" (and in {bad.size - 1} more rows)" if bad.size > 1 else ""),
+                where=table.place(int(row), column),
+                remedy="sort the rows, remove rows of equal time; two recordings belong in two files",
+            )
+        )
+    return problems[:1] if bad.size > _TEXTS_SHOWN else problems
+
+
+def _match(
+    table: Table, signal: Signal, kind: str, matched: dict[str, Column], problems: list[DataError]
+) -> None:
+    wanted = signal.column if signal.column is not None else signal.name
+    column = table.find(wanted)
+    if column is None:
+        problems.append(_unknown_column(table, signal, kind, wanted))
+        return
+    matched[signal.name] = column
+    problems += _text_problems(table, column)
+    if column.unit is not None and signal.unit:
+        try:
+            conversion(column.unit, signal.unit)
+        except DataError as error:
+            what = (
+                f"column '{column.header}' does not fit {kind} '{signal.name}' [{signal.unit}]: {error.what}"
+            )
+            problems.append(DataError(error.code, what, where=table.place(None, column), remedy=error.remedy))
+
+
+def _unknown_column(table: Table, signal: Signal, kind: str, wanted: str) -> DataError:
+    mapped = (
+        f" (the column named for {kind} '{signal.name}')" if wanted != signal.name else f" for that {kind}"
+    )
+    hint = nearest(wanted, table.names)
+    section = "inputs" if kind == "input" else "outputs"
+    return DataError(
+        "data-unknown-column",
+        f"there is no column '{wanted}'{mapped}; the columns are {', '.join(table.names)}",
+        where=table.place(),
+        remedy=f"{hint + ' ' if hint else ''}map it in daest.toml: [data] {section} = "
+        f'{{ "{signal.name}" = "column" }}',
+    )
+
+
+def _no_output(table: Table, outputs: Sequence[Signal]) -> DataError:
+    names = ", ".join(signal.name for signal in outputs) or "none at all"
+    return DataError(
+        "data-no-output",
+        f"no column is an output of the model (outputs: {names}; columns: {', '.join(table.names)})",
+        where=table.place(),
+        remedy='name the columns in daest.toml: [data] outputs = { "model name" = "column" }',
+    )
+
+
+def _text_problems(table: Table, column: Column) -> list[DataError]:
+    problems = []
+    for row, text in column.texts[:_TEXTS_SHOWN]:
+        more = len(column.texts) - _TEXTS_SHOWN
+        last = row == column.texts[:_TEXTS_SHOWN][-1][0] and more > 0
+        problems.append(
+            DataError(
+                "data-text",
+                f"column '{column.header}' holds the text '{text}' where a number is expected"
+                + (f" (and {more} more such cells)" if last else ""),
+                where=table.place(row, column),
+                remedy="write numbers with a decimal point; leave the cell empty if the value is missing",
+            )
+        )
+    return problems
+
+
+def _window(table: Table, time: np.ndarray, preparation: Preparation) -> np.ndarray:
+    # The ends are included although the times may come from a rounded decimal: 1e-9 of the last time.
+    slack = 1e-9 * float(np.max(np.abs(time), initial=0.0))
+    keep = np.ones(time.shape, dtype=bool)
+    if preparation.start is not None:
+        keep &= time >= preparation.start - slack
+    if preparation.stop is not None:
+        keep &= time <= preparation.stop + slack
+    if keep.sum() < _FEWEST_ROWS:
+        raise DataError(
+            "data-window-empty",
+            f"{int(keep.sum())} rows lie between --from and --to; the recording reaches from "
+            f"{time[0]:.6g} s to {time[-1]:.6g} s",
+            where=Place(table.file),
+            remedy="choose a window inside the recording",
+        )
+    return keep
+
+
+def _values(
+    table: Table, column: Column, signal: Signal, problems: list[DataError], notes: list[str]
+) -> np.ndarray:
+    infinite = np.nonzero(np.isinf(column.values))[0]
+    if infinite.size:
+        problems.append(
+            DataError(
+                "data-infinite",
+                f"column '{column.header}' is infinite in {infinite.size} row(s)",
+                where=table.place(int(infinite[0]), column),
+                remedy="leave the cell empty if the value is missing",
+            )
+        )
+    if column.unit is None or not signal.unit:
+        return column.values
+    change = conversion(column.unit, signal.unit)
+    if not change.is_identity:
+        notes.append(f"{signal.name}: column '{column.header}' converted to {signal.unit}")
+    return change(column.values)
+
+
+def _check_gaps(
+    table: Table, column: Column | None, values: np.ndarray, rows: np.ndarray, problems: list[DataError]
+) -> None:
+    if column is None:
+        return
+    gaps = np.nonzero(np.isnan(values))[0]
+    if gaps.size:
+        problems.append(
+            DataError(
+                "data-input-gap",
+                f"input column '{column.header}' lacks {gaps.size} of {values.size} values",
+                where=table.place(int(rows[gaps[0]]), column),
+                remedy="inputs must be known at every time: fill the gaps, or cut with --from and --to",
+            )
+        )
+
+
+def _check_output(
+    table: Table, column: Column | None, values: np.ndarray, notes: list[str], problems: list[DataError]
+) -> None:
+    if column is None:
+        return
+    n_missing = int(np.isnan(values).sum())
+    if n_missing == values.size:
+        problems.append(
+            DataError(
+                "data-all-missing",
+                f"output column '{column.header}' holds no value",
+                where=table.place(None, column),
+                remedy="remove the column, or choose a window with --from and --to that holds values",
+            )
+        )
+    elif n_missing:
+        notes.append(f"{column.name}: {n_missing} of {values.size} samples are missing")
+
+
+def _too_few(table: Table, n_rows: int) -> DataError:
+    return DataError(
+        "data-too-few-rows",
+        f"the recording has {n_rows} row(s) of numbers",
+        where=table.place(),
+        remedy=f"at least {_FEWEST_ROWS} are needed, and for an estimate more samples than parameters",
+    )

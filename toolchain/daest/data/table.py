@@ -1,0 +1,107 @@
+"""Table: the columns of a recording as they stand in its file, before they meet a model."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from daest.errors import DataError, Place
+
+# `x[1]` is an array element, `x[1] [V]` and `T[degC]` carry a unit: a unit stands behind a space, or is no
+# number.
+_HEADER = re.compile(r"^(?P<name>.*?)(?:\s+\[(?P<unit>[^\]]*)\]|\[(?P<tight>[^\]\d][^\]]*)\])\s*$")
+_TIME = re.compile(r"^time(?:_(?P<unit>s|ms|us|min|h))?$", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column: `values` (n_rows,), NaN where a cell is empty or no number; `texts` lists (row, cell text)
+    of the cells that are no number. `unit` is None where the header names none; `position` counts from 1."""
+
+    name: str
+    unit: str | None
+    values: np.ndarray
+    texts: tuple[tuple[int, str], ...] = ()
+    position: int = 0
+
+    @property
+    def header(self) -> str:
+        return self.name if self.unit is None else f"{self.name} [{self.unit}]"
+
+
+@dataclass(frozen=True)
+class Table:
+    """All columns of a file; `lines` (n_rows,) are line numbers for messages, None where a file has no
+    lines."""
+
+    file: str
+    columns: tuple[Column, ...]
+    lines: np.ndarray | None
+
+    def place(self, row: int | None = None, column: Column | None = None) -> Place:
+        """Where a row (counted from 0) stands; the header without one."""
+        position = column.position if column is not None and column.position else None
+        if self.lines is None:
+            return Place(self.file)
+        line = 1 if row is None else int(self.lines[row])
+        return Place(self.file, line, position)
+
+    def find(self, name: str) -> Column | None:
+        """The column called `name`, with or without its unit."""
+        for column in self.columns:
+            if name in (column.name, column.header):
+                return column
+        return None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(column.name for column in self.columns if column.name)
+
+
+def split_header(text: str) -> tuple[str, str | None]:
+    """Name and unit of a header cell, `speed [rad/s]` -> (`speed`, `rad/s`); the unit is None if there is
+    none."""
+    match = _HEADER.match(text.strip())
+    if match is None:
+        return text.strip(), None
+    unit = match["unit"] if match["unit"] is not None else match["tight"]
+    return match["name"].strip(), unit.strip()
+
+
+def time_unit(column: Column) -> str | None:
+    """Unit of a column that is the time by its name (`time`, `time_s`, `time_ms`, `time [ms]`), else None."""
+    match = _TIME.match(column.name)
+    if match is None:
+        return None
+    return column.unit or (match["unit"] or "s").lower()
+
+
+def nearest(name: str, candidates: Iterable[str]) -> str:
+    """`did you mean ...?` for a name that does not exist, or the empty text."""
+    pool = list(candidates)
+    lower = {candidate.lower(): candidate for candidate in reversed(pool)}
+    close = difflib.get_close_matches(name.lower(), list(lower), n=3, cutoff=0.6)
+    return f"did you mean {', '.join(lower[c] for c in close)}?" if close else ""
+
+
+def duplicate_columns(table: Table) -> list[DataError]:
+    """One problem for every name that two columns of the table share."""
+    seen: dict[str, Column] = {}
+    problems = []
+    for column in table.columns:
+        if column.name and column.name in seen:
+            problems.append(
+                DataError(
+                    "data-duplicate-column",
+                    f"column '{column.name}' stands twice (columns {seen[column.name].position} and "
+                    f"{column.position})",
+                    where=table.place(None, column),
+                    remedy="rename or remove one of them",
+                )
+            )
+        seen.setdefault(column.name, column)
+    return problems
