@@ -1,0 +1,141 @@
+"""FitResult: what an identification found, how sure it is, and what the data cannot tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+Method = Literal["oe", "pem"]
+Status = Literal["converged", "stalled", "iteration limit"]
+Bound = Literal["min", "max"]
+
+
+@dataclass(frozen=True)
+class NoiseChoice:
+    """What is known of one noise: `value` is the intensity ([unit]² s) of a process noise or the standard
+    deviation ([unit]) of a measurement noise, None when unknown; `estimate` None takes the model's choice."""
+
+    value: float | None = None
+    estimate: bool | None = None
+
+
+@dataclass(frozen=True)
+class IdentifyOptions:
+    """How to identify; None leaves a choice to the model or to the data.
+
+    `estimate` names the parameters to find (None: those that the model marks). `fix` gives other parameters a
+    value, `start` start values, `bounds` (min, max) in place of the model's. `process_noise` and
+    `measurement_noise` are by noise and output name. `hold` None tries foh and zoh and takes the better one.
+    `starts` searches from that many start points, seeded by `seed`. `split` in (0, 1) keeps that first part of
+    every experiment for the estimation and the rest for the validation.
+    """
+
+    method: Method | None = None
+    estimate: tuple[str, ...] | None = None
+    fix: Mapping[str, float] = field(default_factory=dict)
+    start: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
+    process_noise: Mapping[str, NoiseChoice] = field(default_factory=dict)
+    measurement_noise: Mapping[str, NoiseChoice] = field(default_factory=dict)
+    hold: Literal["foh", "zoh"] | None = None
+    starts: int = 1
+    seed: int = 0
+    max_iterations: int = 60
+    split: float | None = None
+
+
+@dataclass(frozen=True)
+class FittedParameter:
+    """One estimated parameter. `std_error` is None where the data do not determine it."""
+
+    name: str
+    value: float
+    std_error: float | None
+    initial: float
+    unit: str
+    min: float | None
+    max: float | None
+    at_bound: Bound | None
+
+
+@dataclass(frozen=True)
+class FittedNoise:
+    """Process noise: `value` is the intensity ([unit]² s). Measurement noise: the standard deviation ([unit]).
+    `std_error` is None for a noise that was given, or that the data do not determine."""
+
+    name: str
+    kind: Literal["process", "measurement"]
+    value: float
+    std_error: float | None
+    unit: str
+    estimated: bool
+    at_bound: Bound | None
+
+
+@dataclass(frozen=True)
+class FittedInitialState:
+    """State at the first sample of one experiment, in the units of the states."""
+
+    experiment: str
+    names: tuple[str, ...]
+    values: np.ndarray  # (n_states,)
+    std_errors: np.ndarray  # (n_states,), NaN where the data do not determine it
+
+
+@dataclass(frozen=True)
+class WeakDirection:
+    """Parameters that the data fix only together: multiplying each θ_i by s^weight_i changes the fit little.
+
+    `relative_std` is the standard deviation of log s; 0.5 means: anything from 0.6 to 1.6 times is as good.
+    """
+
+    combination: dict[str, float]
+    relative_std: float
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Model against data, per output: 100 (1 - |y - ŷ| / |y - mean y|), and the rms error in the output's unit."""
+
+    fit_percent: dict[str, float | None]
+    rms: dict[str, float | None]
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """The result of `identify`.
+
+    `theta` holds every parameter of the model by name, estimated or not. `simulated` and `one_step` hold
+    "estimation" and, when there are validation data, "validation". `status` "converged" is the only one that
+    means that the estimate is a (local) optimum; `message` says what happened and what to try.
+    """
+
+    status: Status
+    message: str
+    method: Method
+    parameters: tuple[FittedParameter, ...]
+    theta: dict[str, float]
+    noises: tuple[FittedNoise, ...]
+    noise_model: Literal["white", "held"]
+    initial_states: tuple[FittedInitialState, ...]
+    correlation_names: tuple[str, ...]
+    correlation: np.ndarray
+    weak_directions: tuple[WeakDirection, ...]
+    weak_threshold: float
+    log_likelihood: float
+    start_log_likelihoods: tuple[float, ...]  # reached from each start point, best first
+    simulated: dict[str, Agreement]
+    one_step: dict[str, Agreement]
+    n_samples: int
+    n_iterations: int
+    seconds: float
+    period: float | None
+    hold: Literal["foh", "zoh"]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def is_converged(self) -> bool:
+        return self.status == "converged"
