@@ -80,6 +80,26 @@ class NumericalError(DaestError):
 
 EXPLANATIONS: dict[str, str] = {
     # Sorted by code. Each text: what it means, why it matters, what to do.
+    "config-missing": (
+        "The daest.toml that was named with -p does not exist. daest init writes one from a model and a "
+        "recording."
+    ),
+    "config-syntax": (
+        "daest.toml is not valid TOML. The message names line and column; https://toml.io describes the "
+        "syntax."
+    ),
+    "config-type": (
+        "A value in daest.toml has the wrong type: a text where a number is expected, say. The message "
+        "names what belongs there."
+    ),
+    "config-unknown-key": (
+        "A key or section of daest.toml is not known; probably it is misspelt. Unknown keys are refused "
+        "because a misspelt bound would otherwise be ignored in silence."
+    ),
+    "config-value": (
+        "A value in daest.toml contradicts another: a start outside its bounds, min above max, both a split "
+        "and validation files."
+    ),
     "data-all-missing": (
         "An output column holds no value at all in the part of the recording that is used. Remove the "
         "column from the mapping or choose another window."

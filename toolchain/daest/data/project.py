@@ -1,0 +1,362 @@
+"""daest.toml: what a project says about its model, its recordings, its parameters and its noise."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from daest.data.prepare import Preparation
+from daest.data.problems import raise_collected
+from daest.data.table import nearest
+from daest.errors import ConfigError, DaestError, Place
+
+FILE_NAME = "daest.toml"
+Scale = Literal["auto", "linear", "log"]
+Hold = Literal["zoh", "foh"]
+
+
+@dataclass(frozen=True)
+class ParameterSetting:
+    """What daest.toml says about one parameter; None leaves the model's own word. `value` is the start value
+    of an estimated parameter and the value of any other, in the unit of the model."""
+
+    estimate: bool | None = None
+    value: float | None = None
+    min: float | None = None
+    max: float | None = None
+    scale: Scale | None = None
+
+
+@dataclass(frozen=True)
+class NoiseSetting:
+    """`size` is the intensity (two-sided density, unit² s) of a process noise, or the standard deviation of
+    one sample of a measurement; None leaves the model's own word."""
+
+    size: float | None = None
+    estimate: bool | None = None
+
+
+@dataclass(frozen=True)
+class Project:
+    """A daest.toml. Paths are resolved against `folder`; `inputs` and `outputs` map model names to columns.
+    `file` is None where no daest.toml exists and everything comes from the command line."""
+
+    folder: Path
+    file: Path | None = None
+    source: Path | None = None
+    class_name: str | None = None
+    libraries: tuple[Path, ...] = ()
+    estimate: tuple[Path, ...] = ()
+    validate: tuple[Path, ...] = ()
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    outputs: Mapping[str, str] = field(default_factory=dict)
+    preparation: Preparation = field(default_factory=Preparation)
+    hold: Hold | None = None
+    parameters: Mapping[str, ParameterSetting] = field(default_factory=dict)
+    process_noise: Mapping[str, NoiseSetting] = field(default_factory=dict)
+    measurement_noise: Mapping[str, NoiseSetting] = field(default_factory=dict)
+
+    @property
+    def results(self) -> Path:
+        """The folder of the results, beside daest.toml."""
+        return self.folder / "results"
+
+
+def load_project(path: Path | str | None = None) -> Project:
+    """The project of `path` (a daest.toml or its folder), by default of the current folder, where it may be
+    absent.
+
+    Raises ConfigError with all problems of the file at once: `config-missing`, `config-syntax`,
+    `config-unknown-key`, `config-type`, `config-value`.
+    """
+    file = Path(path) if path is not None else Path(FILE_NAME)
+    if file.is_dir():
+        file = file / FILE_NAME
+    if not file.is_file():
+        if path is None:
+            return Project(Path())
+        raise ConfigError(
+            "config-missing",
+            "the project file does not exist",
+            where=Place(str(file)),
+            remedy="write one with: daest init MODEL DATA",
+        )
+    text = _decoded(file)
+    return _Reader(file, text).project(_parsed(file, text))
+
+
+def _decoded(file: Path) -> str:
+    try:
+        return file.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ConfigError(
+            "config-syntax", "the file is not UTF-8 text", where=Place(str(file)), remedy="save it as UTF-8"
+        ) from error
+
+
+def _parsed(file: Path, text: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        found = re.search(r"line (\d+), column (\d+)", str(error))
+        place = Place(str(file), int(found[1]), int(found[2])) if found else Place(str(file))
+        what = re.sub(r" \(at .*\)$", "", str(error))
+        raise ConfigError(
+            "config-syntax",
+            f"not valid TOML: {what}",
+            where=place,
+            remedy="see https://toml.io for the syntax",
+        ) from error
+
+
+_PATHS = 'a list of paths, as in ["run1.csv"]'
+_NUMBER = "a number"
+_FLAG = "true or false"
+_TEXT = "a text in quotes"
+
+
+class _Reader:
+    """Reads one file and collects its problems."""
+
+    def __init__(self, file: Path, text: str) -> None:
+        self.file = file
+        self.lines = text.splitlines()
+        self.problems: list[DaestError] = []
+
+    def project(self, content: dict[str, Any]) -> Project:
+        self._known(content, "", ("model", "data", "parameters", "noise"))
+        model = self._section(content, "model", ("source", "class", "libraries"))
+        data = self._section(content, "data", _DATA_KEYS)
+        noise = self._section(content, "noise", ("process", "measurement"))
+        folder = self.file.parent
+        preparation = self._preparation(data)
+        parameters = self._settings(content, "parameters", self._parameter)
+        project = Project(
+            folder=folder,
+            file=self.file,
+            source=self._path(model, "model", "source"),
+            class_name=self._value(model, "model", "class", str, _TEXT),
+            libraries=self._paths(model, "model", "libraries"),
+            estimate=self._paths(data, "data", "estimate"),
+            validate=self._paths(data, "data", "validate"),
+            inputs=self._map(data, "inputs"),
+            outputs=self._map(data, "outputs"),
+            preparation=preparation,
+            hold=self._choice(data, "data", "hold", ("zoh", "foh")),
+            parameters=parameters,
+            process_noise=self._settings(noise, "process", self._process, "noise."),
+            measurement_noise=self._settings(noise, "measurement", self._measurement, "noise."),
+        )
+        if project.validate and preparation.split is not None:
+            self._problem(
+                "config-value", "both validate and split are given", "data", "split", "keep one of them"
+            )
+        raise_collected(self.problems, str(self.file))
+        return project
+
+    def _preparation(self, data: dict[str, Any]) -> Preparation:
+        numbers = {key: self._number(data, "data", key) for key in ("from", "to", "resample", "split")}
+        kind: Any = self._choice(data, "data", "detrend", ("none", "mean", "linear")) or "none"
+        try:
+            return Preparation(numbers["from"], numbers["to"], numbers["resample"], kind, numbers["split"])
+        except ConfigError as error:
+            key = error.code.removeprefix("option-")
+            self.problems.append(
+                ConfigError(error.code, error.what, where=self._place("data", key), remedy=error.remedy)
+            )
+            return Preparation()
+
+    def _parameter(self, section: str, name: str, entry: dict[str, Any]) -> ParameterSetting:
+        self._known(entry, f"{section}.{name}", ("estimate", "start", "value", "min", "max", "scale"))
+        place = f"{section}.{name}"
+        start, value = self._number(entry, place, "start"), self._number(entry, place, "value")
+        if start is not None and value is not None:
+            self._problem(
+                "config-value", f"'{name}' has a start and a value", place, "value", "keep one of them"
+            )
+        setting = ParameterSetting(
+            estimate=self._value(entry, place, "estimate", bool, _FLAG),
+            value=start if start is not None else value,
+            min=self._number(entry, place, "min"),
+            max=self._number(entry, place, "max"),
+            scale=self._choice(entry, place, "scale", ("auto", "linear", "log")),
+        )
+        self._check_bounds(name, place, setting)
+        return setting
+
+    def _check_bounds(self, name: str, place: str, setting: ParameterSetting) -> None:
+        low = -math.inf if setting.min is None else setting.min
+        high = math.inf if setting.max is None else setting.max
+        if low >= high:
+            self._problem(
+                "config-value", f"'{name}' has min {low:g} not below max {high:g}", place, "min", "swap them"
+            )
+        elif setting.value is not None and not low <= setting.value <= high:
+            what = f"the start {setting.value:g} of '{name}' lies outside its bounds {low:g} to {high:g}"
+            self._problem("config-value", what, place, "start", "move the start or the bound")
+
+    def _process(self, section: str, name: str, entry: dict[str, Any]) -> NoiseSetting:
+        return self._noise(section, name, entry, "intensity")
+
+    def _measurement(self, section: str, name: str, entry: dict[str, Any]) -> NoiseSetting:
+        return self._noise(section, name, entry, "std")
+
+    def _noise(self, section: str, name: str, entry: dict[str, Any], size: str) -> NoiseSetting:
+        place = f"{section}.{name}"
+        self._known(entry, place, (size, "estimate"))
+        number = self._number(entry, place, size)
+        if number is not None and number < 0:
+            self._problem(
+                "config-value", f"the {size} of '{name}' is negative", place, size, "give 0 or more"
+            )
+        return NoiseSetting(number, self._value(entry, place, "estimate", bool, _FLAG))
+
+    def _settings(self, parent: dict[str, Any], key: str, read: Any, prefix: str = "") -> dict[str, Any]:
+        table = parent.get(key, {})
+        if not isinstance(table, dict):
+            self._wrong_type(prefix.rstrip("."), key, "a section")
+            return {}
+        found = {}
+        for name, entry in _flattened(table):
+            if isinstance(entry, dict):
+                found[name] = read(f"{prefix}{key}", name, entry)
+            else:
+                self._wrong_type(f"{prefix}{key}", name, "a table, as in { value = 1.0 }")
+        return found
+
+    def _section(self, content: dict[str, Any], name: str, keys: tuple[str, ...]) -> dict[str, Any]:
+        section = content.get(name, {})
+        if not isinstance(section, dict):
+            self._wrong_type("", name, "a section")
+            return {}
+        self._known(section, name, keys)
+        return section
+
+    def _known(self, entries: dict[str, Any], section: str, keys: tuple[str, ...]) -> None:
+        for key in entries:
+            if key not in keys:
+                where = f" in [{section}]" if section else ""
+                remedy = nearest(key, keys) or f"known are {', '.join(keys)}"
+                self._problem("config-unknown-key", f"'{key}' is not known{where}", section, key, remedy)
+
+    def _value(self, entries: dict[str, Any], section: str, key: str, kind: type, wanted: str) -> Any:
+        value = entries.get(key)
+        if value is None or isinstance(value, kind):
+            return value
+        self._wrong_type(section, key, wanted)
+        return None
+
+    def _number(self, entries: dict[str, Any], section: str, key: str) -> float | None:
+        value = entries.get(key)
+        if value is None:
+            return None
+        if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
+            self._wrong_type(section, key, _NUMBER)
+            return None
+        return float(value)
+
+    def _choice(self, entries: dict[str, Any], section: str, key: str, choices: tuple[str, ...]) -> Any:
+        value = entries.get(key)
+        if value is None or value in choices:
+            return value
+        self._wrong_type(section, key, "one of " + ", ".join(f'"{choice}"' for choice in choices))
+        return None
+
+    def _path(self, entries: dict[str, Any], section: str, key: str) -> Path | None:
+        value = self._value(entries, section, key, str, _TEXT)
+        return None if value is None else self.file.parent / value
+
+    def _paths(self, entries: dict[str, Any], section: str, key: str) -> tuple[Path, ...]:
+        value = entries.get(key, [])
+        listed = [value] if isinstance(value, str) else value
+        if not isinstance(listed, list) or not all(isinstance(item, str) for item in listed):
+            self._wrong_type(section, key, _PATHS)
+            return ()
+        return tuple(self.file.parent / item for item in listed)
+
+    def _map(self, data: dict[str, Any], key: str) -> dict[str, str]:
+        table = data.get(key, {})
+        pairs = dict(_flattened_map(table)) if isinstance(table, dict) else None
+        if pairs is None or not all(isinstance(column, str) for column in pairs.values()):
+            self._wrong_type("data", key, 'model names and columns, as in { u = "voltage" }')
+            return {}
+        return pairs
+
+    def _wrong_type(self, section: str, key: str, wanted: str) -> None:
+        where = f" in [{section}]" if section else ""
+        self._problem("config-type", f"'{key}'{where} is not {wanted}", section, key, f"give {wanted}")
+
+    def _problem(self, code: str, what: str, section: str, key: str, remedy: str) -> None:
+        self.problems.append(ConfigError(code, what, where=self._place(section, key), remedy=remedy))
+
+    def _place(self, section: str, key: str) -> Place:
+        return Place(str(self.file), _line_of(self.lines, section, key))
+
+
+_DATA_KEYS = (
+    "estimate",
+    "validate",
+    "split",
+    "inputs",
+    "outputs",
+    "from",
+    "to",
+    "resample",
+    "detrend",
+    "hold",
+)
+
+
+def _flattened(table: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    """Pairs of dotted name and entry: an unquoted `spring.c = {...}` nests in TOML and means the quoted
+    name."""
+    pairs: list[tuple[str, Any]] = []
+    for key, entry in table.items():
+        if isinstance(entry, dict) and entry and all(isinstance(inner, dict) for inner in entry.values()):
+            pairs += _flattened(entry, f"{prefix}{key}.")
+        else:
+            pairs.append((f"{prefix}{key}", entry))
+    return pairs
+
+
+def _flattened_map(table: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    """The same where the entries are texts: every table is a part of a name."""
+    pairs: list[tuple[str, Any]] = []
+    for key, entry in table.items():
+        if isinstance(entry, dict):
+            pairs += _flattened_map(entry, f"{prefix}{key}.")
+        else:
+            pairs.append((f"{prefix}{key}", entry))
+    return pairs
+
+
+def _line_of(lines: list[str], section: str, key: str) -> int | None:
+    """The line where `key` of `section` is written, else the line of the section, else None.
+
+    tomllib tells no positions; this looks for the words and may miss unusual spellings, in which case the
+    message goes without a line.
+    """
+    parts = section.split(".", 1)
+    current, section_line = "", None
+    for number, line in enumerate(lines, start=1):
+        header = re.match(r"\s*\[\s*([^\]]*?)\s*\]", line)
+        if header:
+            current = header[1].replace('"', "")
+            if current in (section, key, f"{section}.{key}".strip(".")):
+                section_line = section_line or number
+            continue
+        assigned = re.match(r"\s*([^=]+?)\s*=", line)
+        name = assigned[1].replace('"', "") if assigned else ""
+        full = f"{current}.{name}".strip(".")
+        if full == f"{section}.{key}".strip(".") or (
+            full == section and re.search(rf"\b{re.escape(key)}\b", line)
+        ):
+            return number
+        if full == section and len(parts) > 1:
+            section_line = section_line or number
+    return section_line
