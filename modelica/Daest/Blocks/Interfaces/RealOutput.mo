@@ -1,0 +1,2 @@
+within Daest.Blocks.Interfaces;
+connector RealOutput = output Real "Real signal that leaves a component";

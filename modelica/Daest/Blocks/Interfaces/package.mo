@@ -1,0 +1,3 @@
+within Daest.Blocks;
+package Interfaces "Signal connectors"
+end Interfaces;

@@ -1,0 +1,3 @@
+within Daest.Blocks;
+package Math "Operations on signals"
+end Math;

@@ -1,0 +1,3 @@
+within Daest.Blocks;
+package Sources "Sources of signals"
+end Sources;

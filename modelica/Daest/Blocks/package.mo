@@ -1,0 +1,3 @@
+within Daest;
+package Blocks "Signals"
+end Blocks;

@@ -1,0 +1,3 @@
+within Daest.Electrical.Analog;
+package Basic "Passive components and electromechanical converters"
+end Basic;

@@ -1,0 +1,3 @@
+within Daest.Electrical.Analog;
+package Interfaces "Pins and partial models"
+end Interfaces;

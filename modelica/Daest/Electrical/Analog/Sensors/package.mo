@@ -1,0 +1,3 @@
+within Daest.Electrical.Analog;
+package Sensors "Ideal sensors of voltage, current and potential"
+end Sensors;

@@ -1,0 +1,3 @@
+within Daest.Electrical.Analog;
+package Sources "Voltage and current sources"
+end Sources;

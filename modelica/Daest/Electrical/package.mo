@@ -1,0 +1,3 @@
+within Daest;
+package Electrical "Electrical components"
+end Electrical;

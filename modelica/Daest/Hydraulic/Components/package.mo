@@ -1,0 +1,3 @@
+within Daest.Hydraulic;
+package Components "Storage and transport of liquid"
+end Components;

@@ -1,0 +1,5 @@
+within Daest.Hydraulic.Interfaces;
+connector Port_a "Left hydraulic port"
+  SI.Pressure p "Gauge pressure at the port";
+  flow SI.VolumeFlowRate q "Volume flow rate into the component";
+end Port_a;

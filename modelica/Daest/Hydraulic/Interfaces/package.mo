@@ -1,0 +1,3 @@
+within Daest.Hydraulic;
+package Interfaces "Hydraulic ports and partial models"
+end Interfaces;

@@ -1,0 +1,3 @@
+within Daest.Hydraulic;
+package Sensors "Ideal sensors of level, pressure and flow"
+end Sensors;

@@ -1,0 +1,3 @@
+within Daest.Hydraulic;
+package Sources "Pressure and flow sources"
+end Sources;

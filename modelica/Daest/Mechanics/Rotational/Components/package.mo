@@ -1,0 +1,3 @@
+within Daest.Mechanics.Rotational;
+package Components "Rotational components"
+end Components;

@@ -1,0 +1,3 @@
+within Daest.Mechanics.Rotational;
+package Interfaces "Flanges and partial models"
+end Interfaces;

@@ -1,0 +1,3 @@
+within Daest.Mechanics.Rotational;
+package Sensors "Ideal sensors of motion and torque"
+end Sensors;

@@ -1,0 +1,3 @@
+within Daest.Mechanics.Rotational;
+package Sources "Sources of torque and angular velocity"
+end Sources;

@@ -1,0 +1,3 @@
+within Daest.Mechanics.Translational;
+package Components "Translational components"
+end Components;

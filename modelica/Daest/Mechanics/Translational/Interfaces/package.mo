@@ -1,0 +1,3 @@
+within Daest.Mechanics.Translational;
+package Interfaces "Flanges and partial models"
+end Interfaces;

@@ -1,0 +1,3 @@
+within Daest.Mechanics.Translational;
+package Sensors "Ideal sensors of motion and force"
+end Sensors;

@@ -1,0 +1,3 @@
+within Daest.Mechanics.Translational;
+package Sources "Sources of force and velocity"
+end Sources;

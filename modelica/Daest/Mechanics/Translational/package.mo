@@ -1,0 +1,4 @@
+within Daest.Mechanics;
+package Translational "One-dimensional translational mechanics"
+  import Daest.Units.SI;
+end Translational;

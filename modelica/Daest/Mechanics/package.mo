@@ -1,0 +1,3 @@
+within Daest;
+package Mechanics "Mechanical components"
+end Mechanics;

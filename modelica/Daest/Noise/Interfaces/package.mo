@@ -1,0 +1,3 @@
+within Daest.Noise;
+package Interfaces "Partial models of noise"
+end Interfaces;

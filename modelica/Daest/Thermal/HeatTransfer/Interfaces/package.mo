@@ -1,0 +1,3 @@
+within Daest.Thermal.HeatTransfer;
+package Interfaces "Heat ports and partial models"
+end Interfaces;

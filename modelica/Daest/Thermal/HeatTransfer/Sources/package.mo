@@ -1,0 +1,3 @@
+within Daest.Thermal.HeatTransfer;
+package Sources "Temperature and heat sources"
+end Sources;

@@ -1,0 +1,3 @@
+within Daest;
+package Thermal "Thermal components"
+end Thermal;

@@ -1,0 +1,3 @@
+within Daest;
+package Units "Units of physical quantities"
+end Units;
