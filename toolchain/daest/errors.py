@@ -154,7 +154,7 @@ EXPLANATIONS: dict[str, str] = {
     "data-time-duplicate": (
         "Two rows have the same time. Remove one of them; rows of two recordings belong in two files."
     ),
-    "data-time-missing": "A row has no time. Every row needs one.",
+    "data-time-missing": "A row of the recording has no time. Every row needs one.",
     "data-time-not-increasing": (
         "The time goes back from one row to the next. Sort the rows; two recordings belong in two files."
     ),
@@ -174,6 +174,10 @@ EXPLANATIONS: dict[str, str] = {
     "data-window-empty": (
         "Fewer than two rows lie between --from and --to. The message names the times of the recording."
     ),
+    "explain-unknown-code": (
+        "daest explain knows the codes that stand in brackets behind the word error; without a code it "
+        "lists all of them."
+    ),
     "input-derivative-hold": (
         "The model needs the time derivative of an input, and the input is taken as constant between "
         "samples (zero-order hold), which has none: it would jump at every sample. Use first-order hold."
@@ -183,12 +187,28 @@ EXPLANATIONS: dict[str, str] = {
         "slope between two of them is known, so the model cannot be sampled. Make that derivative itself "
         "the input of the model, or feed the input through a lag."
     ),
+    "internal-error": (
+        "A fault of daest itself, not of your files. Set the environment variable DAEST_TRACEBACK=1 and run "
+        "the command again to see where it happened; a report with that text helps to mend it."
+    ),
+    "option-assignment": (
+        "An option of the form NAME=VALUE was written otherwise. The value is a number in the unit of the "
+        "model: --set spring.c=0.04."
+    ),
     "option-resample": (
         "The period for --resample must be positive and not shorter than the sampling period of the "
         "recording: nothing is known between the samples."
     ),
     "option-split": (
         "--split is the share of the recording that is used for estimation, a number between 0 and 1."
+    ),
+    "output-is-input": (
+        "The file named with -o is one that the command reads. Nothing of yours is overwritten; choose "
+        "another name."
+    ),
+    "output-unwritable": (
+        "The result cannot be written where it was asked for: the folder cannot be made or written, or the "
+        "disk is full."
     ),
     "output-white-noise": (
         "White noise reaches a measured output without passing a state. Sampled white noise has no finite "

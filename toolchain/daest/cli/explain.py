@@ -1,0 +1,43 @@
+"""`daest explain`: what a message means."""
+
+from __future__ import annotations
+
+import difflib
+import textwrap
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from daest.cli.options import example, format_option, output_option
+from daest.cli.output import emit
+from daest.errors import EXPLANATIONS, ConfigError
+
+
+@click.command("explain", epilog=example("daest explain data-time-not-increasing"))
+@click.argument("code", required=False)
+@format_option
+@output_option
+def command(code: str | None, form: str, output: Path | None) -> None:
+    """Explain the message CODE (the word in brackets behind "error"), or list all codes."""
+    emit({"codes": _chosen(code)}, "explain", form, output, _text)
+
+
+def _chosen(code: str | None) -> dict[str, str]:
+    if code is None:
+        return dict(sorted(EXPLANATIONS.items()))
+    if code not in EXPLANATIONS:
+        close = difflib.get_close_matches(code, EXPLANATIONS, n=3)
+        remedy = f"did you mean {', '.join(close)}?" if close else "daest explain lists all codes"
+        raise ConfigError(
+            "explain-unknown-code", f"there is no message with the code '{code}'", remedy=remedy
+        )
+    return {code: EXPLANATIONS[code]}
+
+
+def _text(document: Mapping[str, Any], width: int, color: bool) -> str:
+    return "\n".join(
+        f"{code}\n{textwrap.fill(text, width - 2, initial_indent='  ', subsequent_indent='  ')}\n"
+        for code, text in document["codes"].items()
+    )

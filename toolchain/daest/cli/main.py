@@ -1,0 +1,128 @@
+"""The command `daest`: finds the command, and turns every outcome into an exit code.
+
+0: done. 1: done, and a check that was asked for failed. 2: could not do it. 130: interrupted from the
+keyboard. Commands are imported when they are called, so that `daest --help` loads nothing numerical.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Sequence
+from typing import Any, NoReturn
+
+import click
+
+from daest import __version__
+from daest.errors import DaestError
+
+# Name -> one line of help; the module is daest.cli.NAME and holds `command`. In the order in which they are
+# used.
+COMMANDS = {
+    "init": "Write a daest.toml for a model and a recording.",
+    "demo": "Copy a shipped example into a folder and run it.",
+    "export": "Write a model as an FMU that carries its DAE.",
+    "linearize": "E, J, K, B, C, D of a model, with names, units and places.",
+    "noise": "Which equations may carry white noise, which may not, and why.",
+    "simulate": "Drive a model with recorded inputs, with noise if wanted.",
+    "identify": "Estimate parameters with their uncertainty from recordings.",
+    "filter": "States and all internal variables with their uncertainty.",
+    "compare": "How well models predict data that they have not seen.",
+    "explain": "Explain a message by its code.",
+}
+TRACEBACK_VARIABLE = "DAEST_TRACEBACK"
+
+
+class LazyGroup(click.Group):
+    """A group that knows its commands by name and imports one only to run it or to show its help."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        return importlib.import_module(f"daest.cli.{cmd_name}").command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
+            import difflib
+
+            close = difflib.get_close_matches(args[0], COMMANDS, n=1, cutoff=0.5)
+            hint = f"Did you mean '{close[0]}'?" if close else f"Known are {', '.join(COMMANDS)}."
+            ctx.fail(f"No command '{args[0]}'. {hint}")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.command(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Example: daest identify run.csv --model Servo.mo. Every command shows its own with -h.",
+)
+@click.version_option(__version__, prog_name="daest")
+def cli() -> None:
+    """From a Modelica model and a recording to parameters, states and the physics that the model lacks."""
+
+
+def main() -> NoReturn:
+    """Entry point of the command line."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command line and return its exit code. Errors stand on stderr, without traceback."""
+    warnings.showwarning = _show_warning
+    try:
+        result = cli.main(list(arguments), prog_name="daest", standalone_mode=False)
+        sys.stdout.flush()
+        return result if isinstance(result, int) else 0
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.ctx.get_help() if error.ctx else error.format_message())
+        return 0
+    except click.ClickException as error:
+        error.show()
+        return 2
+    except DaestError as error:
+        click.echo(str(error), err=True)
+        _show_traceback()
+        return 2
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("interrupted", err=True)
+        return 130
+    except BrokenPipeError:
+        leave_broken_pipe()
+        return 0
+    except Exception as error:
+        click.echo(_internal(error), err=True)
+        _show_traceback()
+        return 2
+
+
+def leave_broken_pipe() -> None:
+    """The reader of stdout has gone (`| head`): nothing more is written, and the interpreter must not
+    complain."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _internal(error: Exception) -> str:
+    what = f"{type(error).__name__}: {error}".splitlines()[0]
+    remedy = f"this is a fault of daest; the traceback is shown with {TRACEBACK_VARIABLE}=1"
+    return str(DaestError("internal-error", what, remedy=remedy))
+
+
+def _show_traceback() -> None:
+    if os.environ.get(TRACEBACK_VARIABLE, "0") not in ("", "0"):
+        click.echo(traceback.format_exc(), err=True)
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    click.echo(f"warning: {message}", err=True)

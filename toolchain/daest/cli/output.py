@@ -1,0 +1,165 @@
+"""Where results go: stdout or a file, as text or JSON; files whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+
+from daest.cli.main import leave_broken_pipe
+from daest.errors import ConfigError, Place
+
+Document = dict[str, Any]
+
+
+def to_json(document: Mapping[str, Any]) -> str:
+    """The document as JSON text: arrays as lists, NaN and infinities as null."""
+    return _written(_plain(document), "") + "\n"
+
+
+def with_schema(document: Mapping[str, Any], command: str) -> Document:
+    """The document with `schema` first."""
+    content = {key: value for key, value in document.items() if key != "schema"}
+    return {"schema": f"daest/{command}/1", **content}
+
+
+def emit(
+    document: Mapping[str, Any], command: str, form: str, output: Path | None, as_text: Callable[..., str]
+) -> None:
+    """Write the result where and how it was asked for; a file that ends in .json gets JSON.
+
+    `as_text(document, width=..., color=...)` renders the text form.
+    """
+    to_file = output is not None and str(output) != "-"
+    if form == "json" or (to_file and str(output).endswith(".json")):
+        text = to_json(with_schema(document, command))
+    elif to_file:
+        text = as_text(document, width=100, color=False)
+    else:
+        text = as_text(document, width=_terminal_width(), color=sys.stdout.isatty())
+    write_text(text, output)
+
+
+def write_text(text: str, output: Path | None) -> None:
+    """Write to a file, or to stdout where `output` is None or `-`. A reader that has gone is no error."""
+    if output is not None and str(output) != "-":
+        with whole_file(output) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+        return
+    try:
+        click.echo(text, nl=False, color=True)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        leave_broken_pipe()
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A temporary file in the folder of `path` that takes its name when the block ends well, and vanishes
+    otherwise.
+
+    Raises ConfigError `output-unwritable` where nothing can be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=".daest-", suffix=path.suffix, dir=path.parent)
+    except OSError as error:
+        raise _unwritable(path, error) from error
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        temporary.chmod(_usual_mode(path))
+        os.replace(temporary, path)
+    except OSError as error:
+        raise _unwritable(path, error) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def keep_inputs(output: Path | None, inputs: Iterable[Path | None]) -> None:
+    """Refuse to write over a file that the command reads. Raises ConfigError `output-is-input`."""
+    if output is None or str(output) == "-" or not output.exists():
+        return
+    for path in inputs:
+        if path is not None and path.exists() and output.samefile(path):
+            raise ConfigError(
+                "output-is-input",
+                "the result would overwrite a file that is read",
+                where=Place(str(output)),
+                remedy="give another name with -o",
+            )
+
+
+def note(text: str) -> None:
+    """A remark for the reader, on stderr."""
+    click.echo(f"note: {text}", err=True)
+
+
+def _usual_mode(path: Path) -> int:
+    if path.exists():
+        return path.stat().st_mode & 0o777
+    mask = os.umask(0)
+    os.umask(mask)
+    return 0o666 & ~mask
+
+
+def _unwritable(path: Path, error: OSError) -> ConfigError:
+    return ConfigError(
+        "output-unwritable",
+        f"the result cannot be written: {error.strerror or error}",
+        where=Place(str(path)),
+        remedy="choose a folder that can be written, with -o",
+    )
+
+
+def _terminal_width() -> int:
+    # 100 columns where nobody looks at a terminal (a pipe, a file, a test), so that output does not depend
+    # on it.
+    if not sys.stdout.isatty() and "COLUMNS" not in os.environ:
+        return 100
+    import shutil
+
+    return shutil.get_terminal_size().columns
+
+
+def _written(value: Any, margin: str) -> str:
+    """JSON with one entry or one matrix row a line; the standard writer would give every number its own."""
+    if isinstance(value, dict) and value:
+        inner = margin + "  "
+        pairs = (
+            f"{inner}{json.dumps(k, ensure_ascii=False)}: {_written(v, inner)}" for k, v in value.items()
+        )
+        return "{\n" + ",\n".join(pairs) + f"\n{margin}}}"
+    if isinstance(value, list) and any(isinstance(entry, list | dict) for entry in value):
+        inner = margin + "  "
+        return "[\n" + ",\n".join(inner + _written(v, inner) for v in value) + f"\n{margin}]"
+    return json.dumps(value, allow_nan=False, ensure_ascii=False)
+
+
+def _plain(value: Any) -> Any:
+    if value is None or isinstance(value, str | bool):
+        return value
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, int):
+        return value
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if hasattr(value, "tolist"):  # NumPy arrays and scalars
+        return _plain(value.tolist())
+    if hasattr(value, "toarray"):
+        return _plain(value.toarray())
+    if isinstance(value, Iterable):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, Path | os.PathLike):
+        return str(value)
+    raise TypeError(f"{type(value).__name__} has no JSON form")
