@@ -1,0 +1,81 @@
+"""Text for the terminal: rich tables and paragraphs as a string of a given width."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from rich import box
+from rich.console import Console, RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+
+def rendered(parts: Iterable[RenderableType], width: int, color: bool) -> str:
+    """The parts below each other; without colour there is no control sequence in the text."""
+    console = Console(
+        file=io.StringIO(),
+        width=width,
+        force_terminal=color,
+        color_system="standard" if color else None,
+        markup=False,
+        highlight=False,
+        emoji=False,
+        legacy_windows=False,
+    )
+    for part in parts:
+        console.print(part)
+    lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    return "\n".join(line.rstrip() for line in lines) + "\n"
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[str]], text_columns: Iterable[int] = (0,)) -> Table:
+    """A table whose columns are right-aligned except for `text_columns`."""
+    left = set(text_columns)
+    result = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    for index, name in enumerate(columns):
+        result.add_column(
+            name,
+            justify="left" if index in left else "right",
+            overflow="fold",
+            no_wrap=index not in left,
+            header_style="bold",
+        )
+    for row in rows:
+        result.add_row(*row)
+    return result
+
+
+def heading(text: str) -> Text:
+    return Text(f"\n{text}", style="bold")
+
+
+def indented(text: str) -> Padding:
+    return Padding(Text(text), (0, 0, 0, 2))
+
+
+def number(value: Any, digits: int = 4) -> str:
+    """`digits` significant digits; - for a missing value."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "-"
+    return f"{value:.{digits}g}"
+
+
+def percent(value: Any) -> str:
+    """A fit in percent with two decimals; - for a missing value."""
+    return "-" if value is None or not math.isfinite(value) else f"{value:.2f}"
+
+
+def bracketed(unit: str | None) -> str:
+    return f"[{unit}]" if unit else ""
+
+
+def listed(names: Sequence[str], most: int = 12) -> str:
+    """Names with commas; beyond `most` the rest is counted."""
+    if not names:
+        return "none"
+    shown = ", ".join(names[:most])
+    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"

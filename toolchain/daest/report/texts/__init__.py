@@ -1,0 +1,1 @@
+"""Result documents as text for the terminal, one module per command. They read the documents alone."""

@@ -1,0 +1,125 @@
+"""The fit report: parameters with their uncertainty, what the data cannot tell, and how well the model
+fits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from rich.console import RenderableType
+from rich.text import Text
+
+from daest.report.console import heading, indented, number, percent, rendered, table
+
+STRONG_CORRELATION = 0.95  # from here on a pair is listed
+
+
+def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
+    return rendered(_parts(document), width, color)
+
+
+def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+    yield Text(f"{document['status']}: {document['message']}")
+    period = document.get("period")
+    yield indented(
+        f"{document['n_samples']} samples"
+        + (f" at {number(period, 6)} s" if period else ", uneven times")
+        + f", hold {document['hold']}, log-likelihood {number(document['log_likelihood'], 8)}, "
+        f"{number(document['seconds'], 3)} s"
+    )
+    for note in document.get("notes", ()):
+        yield indented(note)
+    yield heading("Parameters")
+    yield _parameters(document["parameters"])
+    if document.get("noise"):
+        yield heading("Noise")
+        yield _noise(document["noise"])
+    for direction in document["weak_directions"]:
+        yield heading("The data cannot tell these apart")
+        yield indented(_direction(direction))
+    pairs = _strong_pairs(document["correlation"])
+    if pairs:
+        yield heading("Strong correlations")
+        yield indented(", ".join(f"{a} and {b}: {value:.3f}" for a, b, value in pairs))
+    yield heading("Fit")
+    yield _fits(document)
+
+
+def _parameters(parameters: Mapping[str, Mapping[str, Any]]) -> RenderableType:
+    return table(
+        ("name", "estimate", "std error", "%", "unit", "start", ""),
+        (
+            (
+                name,
+                number(p["value"], 6),
+                number(p["std_error"], 2),
+                _relative(p),
+                p["unit"],
+                number(p["initial"]),
+                f"at its {p['at_bound']}" if p["at_bound"] else "",
+            )
+            for name, p in parameters.items()
+        ),
+        text_columns=(0, 4, 6),
+    )
+
+
+def _relative(p: Mapping[str, Any]) -> str:
+    if p["std_error"] is None or not p["value"]:
+        return "-"
+    return number(100 * p["std_error"] / abs(p["value"]), 2)
+
+
+def _noise(noise: Any) -> RenderableType:
+    entries = noise.items() if isinstance(noise, Mapping) else ((entry["name"], entry) for entry in noise)
+    return table(
+        ("name", "kind", "size", "std error", "unit", ""),
+        (
+            (
+                name,
+                "intensity" if n["kind"] == "process" else "std",
+                number(n["value"]),
+                number(n["std_error"], 2),
+                n["unit"],
+                "" if n["estimated"] else "given",
+            )
+            for name, n in entries
+        ),
+        text_columns=(0, 1, 4, 5),
+    )
+
+
+def _direction(direction: Mapping[str, Any]) -> str:
+    product = " · ".join(f"{name}^{number(e, 3)}" for name, e in direction["combination"].items())
+    relative = direction["relative_std"]
+    size = "without limit" if relative is None else f"by a factor of 1 ± {number(relative, 2)}"
+    return f"along {product} everything may move {size}"
+
+
+def _strong_pairs(correlation: Mapping[str, Any]) -> list[tuple[str, str, float]]:
+    names, matrix = correlation["names"], correlation["matrix"]
+    return [
+        (names[i], names[j], matrix[i][j])
+        for i in range(len(names))
+        for j in range(i)
+        if matrix[i][j] is not None and abs(matrix[i][j]) >= STRONG_CORRELATION
+    ]
+
+
+def _fits(document: Mapping[str, Any]) -> RenderableType:
+    parts = list(document["fit_percent"])
+    columns = ["output"]
+    for part in parts:
+        columns += [f"{part} fit %", "rms", "one-step fit %", "rms"]
+    rows = []
+    for output in document["fit_percent"][parts[0]] if parts else ():
+        row = [output]
+        for part in parts:
+            row += [
+                percent(document["fit_percent"][part].get(output)),
+                number(document["rms"][part].get(output)),
+                percent(document["one_step"]["fit_percent"].get(part, {}).get(output)),
+                number(document["one_step"]["rms"].get(part, {}).get(output)),
+            ]
+        rows.append(row)
+    return table(columns, rows)
