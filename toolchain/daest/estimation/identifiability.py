@@ -1,0 +1,140 @@
+"""What the data tell about the unknowns: covariance, correlation, and the directions that stay open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from daest.estimation.coordinates import Coordinate
+from daest.estimation.scores import Scores
+from daest.model.fit import WeakDirection
+from daest.numerics.statistics import coloured_moment, whiteness_p_value
+
+FLAT_DIRECTION = 1e-11  # eigenvalue of the scaled information (unit diagonal) that counts as zero
+NO_INFLUENCE = 1e-12  # relative change of the likelihood's curvature: see `without_influence`
+WEAK_RELATIVE_STD = 0.1  # a direction is weak when a factor along it is uncertain by more than this
+SMALL_WEIGHT = 0.12  # of the largest weight: smaller ones are not named
+WEIGHT_STEP = 0.25  # weights are rounded to multiples of this
+WHITE_LEVEL = 0.01  # p-value below which residuals count as coloured
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Covariance (p, p) of the unknowns in their own units; NaN rows where the data do not determine one.
+
+    `is_coloured` tells that the residuals were not white and that the covariance accounts for it.
+    """
+
+    covariance: np.ndarray
+    is_coloured: bool
+
+
+def without_influence(information: np.ndarray, values_per_z: np.ndarray, n_observed: int) -> np.ndarray:
+    """Mask (p,) of unknowns whose change by one unit of z moves no prediction by a measurable part of its noise.
+
+    The information of a coordinate is the squared change of all whitened predictions per unit of z.
+    """
+    del values_per_z
+    return np.diagonal(information) <= NO_INFLUENCE * max(n_observed, 1)
+
+
+def flat_directions(information: np.ndarray) -> np.ndarray:
+    """Directions (p, m) in z with no information, by FLAT_DIRECTION; unknowns without any influence left out."""
+    scale = np.sqrt(np.diagonal(information))
+    active = scale > 0.0
+    scaled = information[np.ix_(active, active)] / np.outer(scale[active], scale[active])
+    values, vectors = np.linalg.eigh(scaled)
+    flat = np.zeros((scale.size, int(np.sum(values < FLAT_DIRECTION))))
+    flat[active] = vectors[:, values < FLAT_DIRECTION] / scale[active, None]
+    return flat
+
+
+def covariance(information: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Inverse information over the free unknowns; NaN for the others and for those inside flat directions."""
+    result = np.full(information.shape, np.nan)
+    rows = np.flatnonzero(free)
+    if not rows.size:
+        return result
+    part = information[np.ix_(rows, rows)]
+    scale = np.sqrt(np.diagonal(part))
+    values, vectors = np.linalg.eigh(part / np.outer(scale, scale))
+    kept = values > FLAT_DIRECTION
+    inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
+    lost = np.sum(vectors[:, ~kept] ** 2, axis=1) > FLAT_DIRECTION
+    inverse = inverse / np.outer(scale, scale)
+    inverse[lost] = inverse[:, lost] = np.nan
+    result[np.ix_(rows, rows)] = inverse
+    return result
+
+
+def output_error_covariance(
+    parts: list[Scores], observed: list[np.ndarray], slopes: np.ndarray, free: np.ndarray
+) -> Uncertainty:
+    """Covariance of output-error estimates in z: the inverse information, or the sandwich for coloured residuals.
+
+    Residuals of a simulation are white only if nothing but measurement noise separates model and data. Otherwise
+    cov = I⁻¹ M I⁻¹ with M the covariance of the score under the residuals' own spectrum.
+    """
+    information = sum(np.tensordot(s.slopes, s.slopes, ((1, 2), (1, 2))) for s in parts)
+    information = information * np.outer(slopes, slopes)
+    inverse = covariance(information, free)
+    lowest = min(
+        (
+            whiteness_p_value(s.residuals[:, j], seen[:, j])
+            for s, seen in zip(parts, observed, strict=True)
+            for j in range(seen.shape[1])
+        ),
+        default=1.0,
+    )
+    tests = max(1, sum(seen.shape[1] for seen in observed))
+    if lowest * tests >= WHITE_LEVEL:
+        return Uncertainty(inverse, False)
+    moment = sum(coloured_moment(s.slopes, s.residuals) for s in parts) * np.outer(slopes, slopes)
+    filled = np.nan_to_num(inverse)
+    sandwich = filled @ moment @ filled
+    sandwich[np.isnan(inverse)] = np.nan
+    return Uncertainty(sandwich, True)
+
+
+def correlation(cov: np.ndarray) -> np.ndarray:
+    """Correlation matrix; NaN where a variance is unknown."""
+    with np.errstate(all="ignore"):
+        std = np.sqrt(np.diagonal(cov))
+        return cov / np.outer(std, std)
+
+
+def weak_directions(
+    coordinates: tuple[Coordinate, ...], values: np.ndarray, information: np.ndarray, cov: np.ndarray
+) -> tuple[WeakDirection, ...]:
+    """Directions in log θ whose factor has a standard deviation above WEAK_RELATIVE_STD, weakest first.
+
+    `information` and `cov` are in the units of the unknowns. Linear unknowns near zero are measured by their scale.
+    A combination is rounded to multiples of WEIGHT_STEP of its largest weight.
+    """
+    size = np.array([
+        abs(v) if c.is_log else max(abs(v), c.scale) for c, v in zip(coordinates, values, strict=True)
+    ])
+    found = [(direction, np.inf) for direction in (flat_directions(information) / size[:, None]).T]
+    known = np.flatnonzero(np.isfinite(np.diagonal(cov)))
+    if known.size:
+        relative = cov[np.ix_(known, known)] / np.outer(size[known], size[known])
+        variances, vectors = np.linalg.eigh((relative + relative.T) / 2)
+        for variance, vector in zip(variances[::-1], vectors.T[::-1], strict=True):
+            direction = np.zeros(size.size)
+            direction[known] = vector
+            found.append((direction, float(np.sqrt(max(variance, 0.0)) * np.max(np.abs(vector)))))
+    weak = [WeakDirection(_combination(coordinates, d), std) for d, std in found if std > WEAK_RELATIVE_STD]
+    return tuple(weak)
+
+
+def _combination(coordinates: tuple[Coordinate, ...], direction: np.ndarray) -> dict[str, float]:
+    """Readable exponents: the largest is 1, small ones are dropped, the others rounded."""
+    largest = direction[np.argmax(np.abs(direction))]
+    weights = direction / largest
+    rounded = np.rint(weights / WEIGHT_STEP) * WEIGHT_STEP
+    return {
+        c.name: float(r)
+        for c, w, r in zip(coordinates, weights, rounded, strict=True)
+        if abs(w) > SMALL_WEIGHT and r != 0.0
+    }

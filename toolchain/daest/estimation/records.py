@@ -1,0 +1,129 @@
+"""Experiments made ready for prediction: signals in the order of the model, on a uniform grid where one exists."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from daest.errors import DataError
+from daest.model.experiment import Experiment
+from daest.model.linear import StateSpaceFamily
+from daest.systems.sample import stacked_inputs
+
+GRID_TOLERANCE = 1e-3  # a step counts as a multiple of the shortest one when it is that close, relative
+MAX_GRID_GROWTH = 4  # a grid that would have more than this many samples per recorded one is not used
+
+
+@dataclass(frozen=True)
+class Record:
+    """One experiment on the grid that it is predicted on.
+
+    `inputs` ū (n_samples, n_ū); `outputs` (n_samples, n_y), zero where missing; `observed` (n_samples, n_y) tells
+    where not. `period` [s] is None when no uniform grid exists. `recorded` (n_recorded,) are the grid indices of
+    the samples of the experiment: the grid may have more, between two of them, without outputs.
+    """
+
+    name: str
+    time: np.ndarray
+    inputs: np.ndarray
+    outputs: np.ndarray
+    observed: np.ndarray
+    period: float | None
+    recorded: np.ndarray
+
+    @property
+    def n_samples(self) -> int:
+        return self.time.shape[0]
+
+    @property
+    def n_observed(self) -> np.ndarray:
+        """Number of measured values per output, (n_y,)."""
+        return self.observed.sum(axis=0)
+
+    @property
+    def is_complete(self) -> bool:
+        return bool(np.all(self.observed))
+
+
+def make_record(experiment: Experiment, family: StateSpaceFamily) -> Record:
+    """Signals in the model's order. Outputs that were not recorded count as missing.
+
+    Steps that are multiples of the shortest one (dropped rows) give a uniform grid: inputs are straight lines
+    between samples, and the added grid points have no outputs. Errors (DataError): `data-input-missing`,
+    `data-input-gap`.
+    """
+    inputs = _in_order(experiment, family)
+    outputs = np.full((experiment.n_samples, len(family.outputs)), np.nan)
+    for column, output in enumerate(family.outputs):
+        if output.name in experiment.output_names:
+            outputs[:, column] = experiment.outputs[:, experiment.output_names.index(output.name)]
+    time, recorded, period = _grid(experiment)
+    if len(time) != experiment.n_samples:
+        inputs = np.column_stack([np.interp(time, experiment.time, column) for column in inputs.T])
+        filled = np.full((len(time), outputs.shape[1]), np.nan)
+        filled[recorded] = outputs
+        outputs = filled
+    observed = np.isfinite(outputs)
+    return Record(
+        name=experiment.name,
+        time=time,
+        inputs=stacked_inputs(inputs, time, family.input_derivatives),
+        outputs=np.where(observed, outputs, 0.0),
+        observed=observed,
+        period=period,
+        recorded=recorded,
+    )
+
+
+def part_of(experiment: Experiment, first: int, last: int) -> Experiment:
+    """Samples first … last - 1."""
+    rows = slice(first, last)
+    return replace(
+        experiment,
+        time=experiment.time[rows],
+        inputs=experiment.inputs[rows],
+        outputs=experiment.outputs[rows],
+        extra={name: column[rows] for name, column in experiment.extra.items()},
+    )
+
+
+def _in_order(experiment: Experiment, family: StateSpaceFamily) -> np.ndarray:
+    columns = []
+    for variable in family.inputs:
+        if variable.name not in experiment.input_names:
+            raise DataError(
+                "data-input-missing",
+                f"{experiment.name} has no signal for the input {variable.name} of the model",
+                where=experiment.name,
+                remedy=f"map a column to it ([data] inputs); the recording has: {', '.join(experiment.input_names)}",
+            )
+        columns.append(experiment.inputs[:, experiment.input_names.index(variable.name)])
+        if not np.all(np.isfinite(columns[-1])):
+            row = int(np.flatnonzero(~np.isfinite(columns[-1]))[0])
+            raise DataError(
+                "data-input-gap",
+                f"input {variable.name} of {experiment.name} has no value at {experiment.time[row]:.6g} s",
+                where=experiment.name,
+                remedy="fill the gap, or cut the recording there (--from, --to)",
+            )
+    return np.column_stack(columns) if columns else np.zeros((experiment.n_samples, 0))
+
+
+def _grid(experiment: Experiment) -> tuple[np.ndarray, np.ndarray, float | None]:
+    """Grid times, grid indices of the recorded samples, and the period of the grid (None: keep the times)."""
+    time, period = experiment.time, experiment.period
+    every = np.arange(len(time))
+    if period is not None or len(time) < 2:
+        return time, every, period
+    steps = np.diff(time)
+    shortest = float(np.min(steps))
+    total = round((time[-1] - time[0]) / shortest)
+    if total + 1 > MAX_GRID_GROWTH * len(time):
+        return time, every, None
+    unit = (time[-1] - time[0]) / total
+    position = (time - time[0]) / unit
+    index = np.rint(position).astype(int)
+    if np.any(np.abs(position - index) > GRID_TOLERANCE) or np.any(np.diff(index) < 1):
+        return time, every, None
+    return time[0] + unit * np.arange(total + 1), index, float(unit)

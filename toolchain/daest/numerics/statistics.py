@@ -1,0 +1,83 @@
+"""Tests and moments of residual sequences."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2
+
+WHITENESS_LAGS = 20
+LARGEST_ORDER = 32  # of the autoregression that describes residuals
+ORDERS = (0, 1, 2, 3, 4, 6, 8, 12, 16, 24, LARGEST_ORDER)
+
+
+def whiteness_p_value(residuals: np.ndarray, observed: np.ndarray) -> float:
+    """Ljung-Box p-value that a sequence (n_samples,) is white; missing samples (observed False) are left out.
+
+    The smallest of lags 1 … WHITENESS_LAGS enter as one chi-square sum; 1.0 for sequences too short to tell.
+    """
+    lags = min(WHITENESS_LAGS, residuals.size // 5)
+    count = int(observed.sum())
+    if lags < 1 or count < 3:
+        return 1.0
+    centred = np.where(observed, residuals, 0.0)
+    variance = float(centred @ centred) / count
+    if variance == 0.0:
+        return 1.0
+    statistic = 0.0
+    for lag in range(1, lags + 1):
+        pairs = int(np.sum(observed[lag:] & observed[:-lag]))
+        if pairs:
+            correlation = float(centred[lag:] @ centred[:-lag]) / pairs / variance
+            statistic += pairs * correlation**2 * (count + 2) / count
+    return float(chi2.sf(statistic, lags))
+
+
+def autoregression(residuals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vector autoregression r[k] = Σ A_i r[k-i] + e[k] of the order with the smallest AIC.
+
+    residuals (n_samples, n_y). Returns A (order, n_y, n_y) and cov(e) (n_y, n_y).
+    """
+    n_samples, n_y = residuals.shape
+    best: tuple[float, np.ndarray, np.ndarray] | None = None
+    for order in ORDERS:
+        rows = n_samples - LARGEST_ORDER
+        if rows < 4 * n_y * order + 10 and best is not None:
+            break
+        past = [residuals[LARGEST_ORDER - i : n_samples - i] for i in range(1, order + 1)] if rows > 0 else []
+        target = residuals[LARGEST_ORDER:] if rows > 0 else residuals
+        regressors = np.hstack(past) if past else np.zeros((target.shape[0], 0))
+        coefficients = np.linalg.lstsq(regressors, target, rcond=None)[0]
+        errors = target - regressors @ coefficients
+        cov = errors.T @ errors / target.shape[0]
+        size = np.linalg.slogdet(cov + np.eye(n_y) * np.finfo(float).tiny)[1]
+        criterion = target.shape[0] * size + 2 * n_y**2 * order
+        if best is None or criterion < best[0]:
+            best = (criterion, coefficients.reshape(-1, n_y, n_y).transpose(0, 2, 1), cov)
+    assert best is not None
+    return best[1], best[2]
+
+
+def coloured_moment(slopes: np.ndarray, residuals: np.ndarray) -> np.ndarray:
+    """cov(Σ_k slopes[:, k] · r[k]) (p, p) for a stationary coloured r with the spectrum of `residuals`.
+
+    slopes (p, n_samples, n_y), residuals (n_samples, n_y). The spectrum is that of a vector autoregression, which
+    reaches further than a kernel estimate of the same number of lags.
+    """
+    coefficients, cov = autoregression(residuals)
+    n_samples = residuals.shape[0]
+    length = 2 * int(2 ** np.ceil(np.log2(n_samples)))
+    transformed = np.fft.rfft(slopes, length, axis=1)
+    frequencies = np.arange(transformed.shape[1]) / length
+    delays = np.exp(-2j * np.pi * np.outer(frequencies, np.arange(1, len(coefficients) + 1)))
+    filters = np.eye(residuals.shape[1]) - np.tensordot(delays, coefficients, 1)
+    root = np.linalg.solve(filters, np.broadcast_to(_root(cov), filters.shape))
+    coloured = np.einsum("pfa,fab->pfb", transformed.conj(), root)
+    weights = np.full(frequencies.size, 2.0)
+    weights[0] = weights[-1] = 1.0
+    flat = (coloured * np.sqrt(weights)[:, None]).reshape(slopes.shape[0], -1)
+    return np.real(flat @ flat.conj().T) / length
+
+
+def _root(cov: np.ndarray) -> np.ndarray:
+    values, vectors = np.linalg.eigh(cov)
+    return vectors * np.sqrt(np.maximum(values, 0.0))
