@@ -178,6 +178,14 @@ EXPLANATIONS: dict[str, str] = {
         "daest explain knows the codes that stand in brackets behind the word error; without a code it "
         "lists all of them."
     ),
+    "initial-not-solved": (
+        "The nonlinear equations for the initial state were not solved from the given start values. Start "
+        "values nearer to the solution help; so does fixing the variables that are known."
+    ),
+    "initial-overdetermined": (
+        "Fixed start values and initial equations contradict each other, because constraints of the model tie "
+        "the variables together. Leave as many fixed as the model has states, and no two that are tied."
+    ),
     "input-derivative-hold": (
         "The model needs the time derivative of an input, and the input is taken as constant between "
         "samples (zero-order hold), which has none: it would jump at every sample. Use first-order hold."
@@ -190,6 +198,16 @@ EXPLANATIONS: dict[str, str] = {
     "internal-error": (
         "A fault of daest itself, not of your files. Set the environment variable DAEST_TRACEBACK=1 and run "
         "the command again to see where it happened; a report with that text helps to mend it."
+    ),
+    "noise-differentiated": (
+        "White noise has no time derivative. The constraints of the model force the equation with this noise "
+        "to be differentiated, so the noise may not enter there (Theorem 3.1 of the report in structural "
+        "form). Let it enter at a balance of forces, torques, currents or flows, or use coloured noise."
+    ),
+    "noise-intensity-missing": (
+        "A simulation with noise, or an estimate, needs the intensity of every white noise: its two-sided "
+        "spectral density, in unit squared times seconds. Write intensity = ... in the annotation or in "
+        "[noise.process] of daest.toml."
     ),
     "option-assignment": (
         "An option of the form NAME=VALUE was written otherwise. The value is a number in the unit of the "
@@ -218,6 +236,26 @@ EXPLANATIONS: dict[str, str] = {
     "several-problems": (
         "A file has several problems of different kinds; the message lists them all with their own codes."
     ),
+    "simulation-failed": (
+        "The integration stopped before the end: a nonlinear equation inside the model had no solution, or "
+        "the step size became too small. The message names the time. Inputs out of range, parameters that "
+        "make the model unstable, and states at which the choice of states is singular (a pendulum in "
+        "Cartesian coordinates passing the horizontal) are usual reasons."
+    ),
+    "simulation-input": (
+        "The inputs of a simulation do not fit the model or the time grid: a missing column, another length, "
+        "a time that does not increase."
+    ),
+    "singular-after-reduction": (
+        "Every equation can be matched to an unknown, but for the present values some equations, or their "
+        "time derivatives, say the same thing, and some unknowns stay free. Usual reasons: two rigid paths in "
+        "parallel, two grounds, a closed kinematic loop, a parameter that is zero."
+    ),
+    "structurally-singular": (
+        "Some equations compete for too few unknowns, or some unknowns occur in too few equations, so the "
+        "equations cannot determine the unknowns whatever the parameter values are. The message lists both "
+        "parts. Usual reasons: a missing or doubled connection, no ground, an input that is left out."
+    ),
     "unit-incompatible": (
         "A recorded signal has a unit of another dimension than the model variable it is matched with, so "
         "no conversion exists. Either the wrong column is mapped, or the unit in the header or in the model "
@@ -227,5 +265,11 @@ EXPLANATIONS: dict[str, str] = {
         "A unit is written in a way that is not understood. Units follow Modelica: products with a dot, "
         "powers as digits, one slash, brackets behind it for a product: N.m, kg.m2, W/(m2.K), rad/s2, degC, "
         "1."
+    ),
+    "unknown-parameter": (
+        "The name is not a parameter of the model. Names are Modelica names with dots, such as spring.c."
+    ),
+    "unknown-variable": (
+        "The name is not a variable of the model. Names are Modelica names with dots, such as disc.phi."
     ),
 }

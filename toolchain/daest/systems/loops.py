@@ -1,0 +1,244 @@
+"""Solve the blocks of a differentiated system one after the other, symbolically where that is possible."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+
+from daest.numerics.matching import block_triangular, maximum_matching, tear
+from daest.systems.dummy_derivatives import DependentEquations, dependent_rows
+
+CRAMER_LIMIT = 3  # unknowns; adjugate over determinant is valid at every regular point and short up to here
+LOOP_LIMIT = (
+    40  # unknowns of a linear loop that is still written out; larger ones are left to Newton's method
+)
+PIVOT_RATIO = (
+    1e-4  # inside a loop an equation is solved for an unknown whose coefficient is at least this share
+)
+
+
+@dataclass(frozen=True)
+class ImplicitLoop:
+    """A loop that a Newton iteration closes: 0 = residual(tears, …), one row per tear; `guess` starts it.
+
+    `row_size` is the size of the terms of every row at the sample point."""
+
+    tears: ca.SX
+    residual: ca.SX
+    guess: np.ndarray
+    row_size: np.ndarray
+
+
+@dataclass
+class Definitions:
+    """`symbols[i] = expressions[i]` in an order in which each uses earlier ones, known symbols and tears
+    only.
+
+    `loops` are those whose tears have no expression; `largest_loop` counts the tears of the largest loop of
+    all."""
+
+    symbols: list[ca.SX] = field(default_factory=list)
+    expressions: list[ca.SX] = field(default_factory=list)
+    loops: list[ImplicitLoop] = field(default_factory=list)
+    largest_loop: int = 0
+
+    def add(self, symbol: ca.SX, expression: ca.SX) -> None:
+        self.symbols.append(symbol)
+        self.expressions.append(expression)
+
+    def insert_into(self, expression: ca.SX) -> ca.SX:
+        """The expression with everything defined written out in known symbols and tears."""
+        if not self.symbols:
+            return expression
+        symbols, values = [ca.vertcat(*self.symbols)], [ca.vertcat(*self.expressions)]
+        return ca.substitute_inplace(symbols, values, [expression])[1][0]
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Square system 0 = residual(z; known, theta), its Jacobian in z and facts about the Jacobian's entries.
+
+    `sample` are values of (z, known, theta). `values` are the entries there; `entry` numbers them from 1;
+    `reach` (n_entries, n_z) tells which unknowns an entry depends on, `varying` whether it depends on more
+    than theta."""
+
+    residual: ca.SX
+    z: ca.SX
+    known: ca.SX
+    theta: ca.SX
+    sample: tuple[np.ndarray, np.ndarray, np.ndarray]
+    entries: list[Any]
+    values: sp.csr_array
+    entry: sp.csr_array
+    reach: sp.csr_array
+    varying: np.ndarray
+
+    def evaluate(self, expression: ca.SX) -> np.ndarray:
+        """Dense value at the sample point."""
+        function = ca.Function("sample", [self.z, self.known, self.theta], [expression])
+        return function(*self.sample).full()
+
+
+def equations_at(
+    residual: ca.SX, z: ca.SX, known: ca.SX, theta: ca.SX, sample: tuple[np.ndarray, np.ndarray, np.ndarray]
+) -> Equations:
+    """The system with its Jacobian differentiated and evaluated at the sample point."""
+    jacobian = ca.jacobian(residual, z)
+    rows, columns = (np.array(part, dtype=int) for part in jacobian.sparsity().get_triplet())
+    entries: list[Any] = jacobian.nonzeros()
+    stacked = ca.vertcat(ca.SX(0, 1), *entries)
+    numbers = ca.Function("entries", [z, known, theta], [stacked])(*sample).full().ravel()
+    shape = (residual.numel(), z.numel())
+    reach = _dependence(stacked, z)
+    varying = (np.diff(reach.indptr) > 0) | (np.diff(_dependence(stacked, known).indptr) > 0)
+    values = _explicit_entries(numbers, rows, columns, shape)
+    entry = _explicit_entries(np.arange(1, numbers.size + 1), rows, columns, shape)
+    return Equations(residual, z, known, theta, sample, entries, values, entry, reach, varying)
+
+
+def _dependence(expression: ca.SX, symbols: ca.SX) -> sp.csr_array:
+    rows, columns = ca.jacobian_sparsity(expression, symbols).get_triplet()
+    return _explicit_entries(
+        np.ones(len(rows)), np.array(rows, int), np.array(columns, int), (expression.numel(), symbols.numel())
+    )
+
+
+def _explicit_entries(
+    values: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]
+) -> sp.csr_array:
+    return sp.csr_array((values, (rows, columns)), shape=shape)
+
+
+def solve_blocks(equations: Equations, check: sp.csr_array) -> Definitions:
+    """Definitions of all z. `check` is the Jacobian at the point where regularity is judged.
+
+    Raises `DependentEquations` with the rows of a block that is singular there."""
+    column_of = maximum_matching(equations.entry)
+    if np.any(column_of < 0):
+        raise DependentEquations(tuple(np.flatnonzero(column_of < 0).tolist()))
+    blocks = block_triangular(equations.entry, column_of)
+    _check_regular(blocks, check, column_of)
+    pivots = np.asarray(equations.entry[np.arange(column_of.size), column_of]).ravel() - 1
+    pivot_is_free = np.asarray(equations.reach[pivots, column_of]).ravel() == 0
+    definitions = Definitions()
+    for rows, columns in blocks:
+        if rows.size == 1 and pivot_is_free[rows[0]]:
+            pivot = equations.entries[pivots[rows[0]]]
+            _solve_single(equations, int(rows[0]), int(columns[0]), pivot, definitions)
+        else:
+            _solve_loop(equations, rows, columns, definitions)
+    return definitions
+
+
+def _check_regular(
+    blocks: list[tuple[np.ndarray, np.ndarray]], check: sp.csr_array, column_of: np.ndarray
+) -> None:
+    diagonal = np.asarray(check[np.arange(column_of.size), column_of]).ravel()
+    for rows, columns in blocks:
+        if rows.size == 1:
+            dependent = np.flatnonzero(diagonal[rows] == 0)
+        else:
+            dependent = dependent_rows(check[rows][:, columns].toarray())
+        if dependent.size:
+            raise DependentEquations(tuple(rows[dependent].tolist()))
+
+
+def _solve_single(
+    equations: Equations, row: int, column: int, pivot: ca.SX, definitions: Definitions
+) -> None:
+    symbol = equations.z[column]
+    definitions.add(symbol, -ca.substitute(equations.residual[row], symbol, 0) / pivot)
+
+
+def _solve_loop(
+    equations: Equations, rows: np.ndarray, columns: np.ndarray, definitions: Definitions
+) -> None:
+    """Tear, write the causal part as definitions, close the rest by elimination or by Newton's method."""
+    inner = equations.entry[rows][:, columns]
+    is_linear = equations.reach[inner.data - 1][:, columns].nnz == 0
+    incidence = [set(inner.indices[inner.indptr[i] : inner.indptr[i + 1]].tolist()) for i in range(rows.size)]
+    tearing = tear(incidence, _solvable(equations, rows, columns), columns.size)
+    causal = Definitions()
+    for i, j in tearing.causal:
+        pivot = equations.entries[int(inner[i, j]) - 1]
+        _solve_single(equations, int(rows[i]), int(columns[j]), pivot, causal)
+    if tearing.tears:
+        tears = equations.z[columns[list(tearing.tears)].tolist()]
+        core = causal.insert_into(equations.residual[rows[list(tearing.residual_rows)].tolist()])
+        _close(equations, tears, core, is_linear, definitions)
+    definitions.symbols += causal.symbols
+    definitions.expressions += causal.expressions
+    definitions.largest_loop = max(definitions.largest_loop, len(tearing.tears))
+
+
+def _solvable(equations: Equations, rows: np.ndarray, columns: np.ndarray) -> list[set[int]]:
+    """Unknowns that a row may safely be solved for: coefficient a constant or of parameters only, and not
+    small."""
+    inner, values = equations.entry[rows][:, columns], equations.values[rows][:, columns]
+    found = []
+    for i in range(rows.size):
+        span = slice(inner.indptr[i], inner.indptr[i + 1])
+        size = np.abs(values.data[span])
+        steady = ~equations.varying[inner.data[span] - 1]
+        good = steady & (size > 0) & (size >= PIVOT_RATIO * size.max(initial=0.0))
+        found.append(set(inner.indices[span][good].tolist()))
+    return found
+
+
+def _close(
+    equations: Equations, tears: ca.SX, core: ca.SX, is_linear: bool, definitions: Definitions
+) -> None:
+    if not is_linear or tears.numel() > LOOP_LIMIT:
+        definitions.loops.append(_implicit(equations, tears, core))
+        return
+    matrix = ca.densify(ca.jacobian(core, tears))
+    right = -ca.substitute(core, tears, ca.SX.zeros(tears.numel()))
+    for symbol, expression in zip(
+        ca.vertsplit(tears), ca.vertsplit(_solve_linear(equations, matrix, right)), strict=True
+    ):
+        definitions.add(symbol, expression)
+
+
+def _implicit(equations: Equations, tears: ca.SX, core: ca.SX) -> ImplicitLoop:
+    guess = equations.evaluate(tears).ravel()
+    size = np.abs(equations.evaluate(ca.jacobian(core, tears))) @ np.maximum(np.abs(guess), 1.0)
+    return ImplicitLoop(tears, core, guess, np.where(np.isfinite(size) & (size > 0), size, 1.0))
+
+
+def _solve_linear(equations: Equations, matrix: ca.SX, right: ca.SX) -> ca.SX:
+    """Symbolic solution: Cramer's rule if small, elimination with the pivots of the sample point if the
+    matrix holds parameters only, else a symbolic QR factorisation, which needs no pivots."""
+    if matrix.shape[0] <= CRAMER_LIMIT:
+        return ca.mtimes(ca.adj(matrix), right) / ca.det(matrix)
+    if ca.depends_on(matrix, ca.vertcat(equations.z, equations.known)):
+        return ca.solve(matrix, right)
+    return _eliminate(matrix, right, equations.evaluate(matrix))
+
+
+def _eliminate(matrix: ca.SX, right: ca.SX, values: np.ndarray) -> ca.SX:
+    """Gaussian elimination of symbols; each pivot row has the largest row-scaled value, computed
+    alongside."""
+    n = right.numel()
+    symbolic = [[matrix[i, j] for j in range(n)] + [right[i]] for i in range(n)]
+    numeric = values / np.abs(values).max(axis=1, keepdims=True)
+    for k in range(n):
+        best = k + int(np.argmax(np.abs(numeric[k:, k])))
+        symbolic[k], symbolic[best] = symbolic[best], symbolic[k]
+        numeric[[k, best]] = numeric[[best, k]]
+        for i in range(k + 1, n):
+            if symbolic[i][k].is_zero():
+                continue
+            factor = symbolic[i][k] / symbolic[k][k]
+            symbolic[i][k + 1 :] = [
+                a - factor * b for a, b in zip(symbolic[i][k + 1 :], symbolic[k][k + 1 :], strict=True)
+            ]
+            numeric[i] -= numeric[i, k] / numeric[k, k] * numeric[k]
+    solution: list[ca.SX] = []
+    for i in reversed(range(n)):
+        total = symbolic[i][n] - sum(symbolic[i][j] * solution[n - 1 - j] for j in range(i + 1, n))
+        solution.append(total / symbolic[i][i])
+    return ca.vertcat(*reversed(solution))
