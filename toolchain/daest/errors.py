@@ -80,6 +80,9 @@ class NumericalError(DaestError):
 
 EXPLANATIONS: dict[str, str] = {
     # Sorted by code. Each text: what it means, why it matters, what to do.
+    "config-exists": (
+        "daest init does not overwrite a daest.toml. Remove the old one, or write another with -p FILE."
+    ),
     "config-missing": (
         "The daest.toml that was named with -p does not exist. daest init writes one from a model and a "
         "recording."
@@ -95,6 +98,10 @@ EXPLANATIONS: dict[str, str] = {
     "config-unknown-key": (
         "A key or section of daest.toml is not known; probably it is misspelt. Unknown keys are refused "
         "because a misspelt bound would otherwise be ignored in silence."
+    ),
+    "config-unknown-parameter": (
+        "[parameters] of daest.toml names a parameter that the model does not have, or that the model "
+        "computes from others. The message names the nearest ones."
     ),
     "config-value": (
         "A value in daest.toml contradicts another: a start outside its bounds, min above max, both a split "
@@ -140,6 +147,7 @@ EXPLANATIONS: dict[str, str] = {
         "A recording needs a column time or time_s in seconds (time_ms, time [ms], time_min and time_h are "
         "converted). Its values must increase; the steps may differ."
     ),
+    "data-not-given": "The command needs a recording: name the file, or write [data] estimate in daest.toml.",
     "data-ragged-row": (
         "A row of a CSV file has another number of cells than the header. A missing value is an empty cell, "
         "not a missing separator; text with separators needs quotes."
@@ -178,6 +186,39 @@ EXPLANATIONS: dict[str, str] = {
         "daest explain knows the codes that stand in brackets behind the word error; without a code it "
         "lists all of them."
     ),
+    "filter-initial-state": (
+        "The initial state of a filter does not have the size of the model's state, or gives an unknown state "
+        "(infinite variance) a covariance with another one. Give one mean and one standard deviation per state."
+    ),
+    "filter-no-stationary-gain": (
+        "The Riccati equation of the stationary filter has no reliable solution although every state is seen "
+        "and driven. Usually the noise covariances differ by too many powers of ten. Check them, or use the "
+        "time-varying filter."
+    ),
+    "filter-singular-innovation": (
+        "The model says that an output can be predicted without any error: neither the output nor the states "
+        "behind it have noise. Give every measured output a standard deviation above zero."
+    ),
+    "filter-undriven-mode": (
+        "A state that never settles by itself (a constant bias, an integrator) has no process noise. A "
+        "stationary filter would in the end ignore the measurements about it. Give it a noise intensity, or "
+        "use the time-varying filter, whose gain keeps falling as it should."
+    ),
+    "filter-uneven-samples": (
+        "A filter with one sampled model, or a stationary filter, needs equal steps between the samples, and "
+        "the record has others. Use the time-varying filter, which takes any steps, or resample the record."
+    ),
+    "filter-unknown-output": (
+        "A filter can use only outputs that the model has and the recording holds. The message names those."
+    ),
+    "filter-unobservable": (
+        "The outputs that are used do not show a combination of states that does not die out by itself, so that "
+        "its error would never become bounded. Measure another output, or tie the combination down in the model."
+    ),
+    "fmu-no-symbolic-model": (
+        "The command needs the equations as expressions. They travel in FMUs written by daest export; the "
+        "FMUs of other tools have matrices alone, which linearize and noise can use."
+    ),
     "initial-not-solved": (
         "The nonlinear equations for the initial state were not solved from the given start values. Start "
         "values nearer to the solution help; so does fixing the variables that are known."
@@ -199,6 +240,11 @@ EXPLANATIONS: dict[str, str] = {
         "A fault of daest itself, not of your files. Set the environment variable DAEST_TRACEBACK=1 and run "
         "the command again to see where it happened; a report with that text helps to mend it."
     ),
+    "model-missing": "The model file that was named on the command line or in daest.toml does not exist.",
+    "model-not-given": (
+        "The command needs a model: name a .mo or .fmu file, or write [model] source in daest.toml."
+    ),
+    "model-unknown-format": "A model is a Modelica file (.mo) or an FMU (.fmu).",
     "noise-differentiated": (
         "White noise has no time derivative. The constraints of the model force the equation with this noise "
         "to be differentiated, so the noise may not enter there (Theorem 3.1 of the report in structural "
@@ -232,6 +278,14 @@ EXPLANATIONS: dict[str, str] = {
         "White noise reaches a measured output without passing a state. Sampled white noise has no finite "
         "variance; the output would carry no information. Hold the noise over a sample, or put a lag (a "
         "noise with a bandwidth) between the noise and the output."
+    ),
+    "parameter-outside-bounds": (
+        "The value of a parameter lies outside its bounds. Bounds come from min and max in the model, or "
+        "from daest.toml, which overrides them."
+    ),
+    "results-unreadable": (
+        "A file in results/ (or one named with --at) is missing, damaged or not JSON. daest identify writes "
+        "it anew."
     ),
     "several-problems": (
         "A file has several problems of different kinds; the message lists them all with their own codes."

@@ -1,0 +1,827 @@
+"""Kalman filter of the sampled DAE, Gerdin & Schön (47) and (54): time-varying and stationary.
+
+The covariance runs through a compiled Joseph step until it is within COVARIANCE_TOLERANCE of the solution of the
+Riccati equation; from there the gain is constant and the states follow a linear recursion over whole blocks. A
+missing output or another step length starts a new transient. An unknown initial state is exact, no large prior:
+the pass runs from a proper reference start (the stationary covariance, so that the gain is constant at once) and
+carries along the sensitivity A[k] of its states to x[0]; the innovations are then a linear regression on x[0]
+(Rosenberg 1973, de Jong 1991), and its solution corrects states, covariances and likelihood at every sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from daest.errors import EstimationError
+from daest.estimation.stationary import StationaryFilter, stationary_filter, try_stationary_filter
+from daest.model.estimates import (
+    FilterKind,
+    FilterPass,
+    FlatStart,
+    GaussianSequence,
+    InitialState,
+    KalmanResult,
+    Modes,
+    Varying,
+)
+from daest.model.experiment import Experiment
+from daest.model.linear import DiscreteModel
+from daest.numerics.gaussian import CHUNK, FREE_TOLERANCE, forward_step, run, undetermined
+from daest.numerics.recursions import linear_recursion
+from daest.numerics.riccati import predictor_gain, unobservable_subspace
+
+Models = DiscreteModel | Sequence[DiscreteModel] | Mapping[float, DiscreteModel]
+
+COVARIANCE_TOLERANCE = 1e-11  # distance to the stationary covariance, in standard deviations, that ends a transient
+STEP_TOLERANCE = 1e-6  # relative difference between a step of the record and the period of its model
+LONG_RUN = 64  # samples with the same matrices that are worth a stationary phase
+SENSITIVITY_FLOOR = 1e-20  # of A, relative to the scale of a state: the initial state is forgotten
+RANK_TOLERANCE = 1e-9  # of the whitened regression on x[0], relative to its largest singular value
+WELL_CONDITIONED = 1e3  # below this condition number the normal equations of the regression are accurate
+STEADY_SHARE = 0.01  # distance of the gain to the stationary gain that counts as steady
+
+
+@dataclass(frozen=True)
+class _Start:
+    """x[0] = mean + sensitivity δ + N(0, cov); `scale` (n,) is the size of a state."""
+
+    mean: np.ndarray
+    cov: np.ndarray
+    sensitivity: np.ndarray
+    n_observable: int
+    scale: np.ndarray
+    unobservable: np.ndarray
+
+
+def kalman_filter(
+    model: Models,
+    experiment: Experiment,
+    initial: InitialState | None = None,
+    kind: FilterKind = "time-varying",
+    state_names: tuple[str, ...] | None = None,
+) -> KalmanResult:
+    """Filter a record with the sampled model (47).
+
+    `model` is one DiscreteModel for a uniform record, one per interval in order (n_samples - 1), or a mapping from
+    step length [s]. `experiment.inputs` are the columns of ū (inputs and their slopes, see `stacked_inputs`);
+    NaN outputs are missing. `initial` None is an unknown initial state (for kind "stationary": zero).
+    kind "stationary" starts with the stationary covariance, so that the gain is constant; after missing outputs it
+    takes its own transient. Errors (EstimationError): `filter-uneven-samples`, `filter-initial-state`,
+    `filter-singular-innovation`, and those of `stationary_filter` for the stationary kind.
+    """
+    models, forward, start = _pass_over(model, experiment, initial, kind, state_names)
+    return _assemble(kind, experiment.time, models, forward, _flat_start(forward), start)
+
+
+def log_likelihood(
+    model: Models, experiment: Experiment, initial: InitialState | None = None, kind: FilterKind = "time-varying"
+) -> float:
+    """`kalman_filter(...).log_likelihood` without the estimates; arguments and errors as there."""
+    _, forward, start = _pass_over(model, experiment, initial, kind, None)
+    return _log_likelihood(forward, _flat_start(forward), start)
+
+
+def _pass_over(
+    model: Models,
+    experiment: Experiment,
+    initial: InitialState | None,
+    kind: FilterKind,
+    state_names: tuple[str, ...] | None,
+) -> tuple[list[DiscreteModel], FilterPass, _Start]:
+    models, which = models_by_interval(model, experiment.time)
+    modes = modes_of(models, which, experiment.outputs)
+    known, drive = _known_parts(models, which, experiment)
+    z = np.subtract(experiment.outputs, known, out=known)
+    if not np.all(modes.present):
+        z[np.isnan(z)] = 0.0
+    start = _start(models, modes, initial, kind, state_names)
+    return models, _forward_pass(modes, z, drive, start), start
+
+
+def models_by_interval(model: Models, time: np.ndarray) -> tuple[list[DiscreteModel], np.ndarray]:
+    """Distinct models and, for every sample, which of them leads to the next one (the last repeats its
+    predecessor)."""
+    steps = np.diff(time)
+    if isinstance(model, DiscreteModel):
+        models, which = [model], np.zeros(steps.size, dtype=int)
+    elif isinstance(model, Mapping):
+        models = list(model.values())
+        lengths = np.array([m.period for m in models])
+        which = np.argmin(np.abs(steps[:, None] - lengths[None, :]), axis=1) if steps.size else np.zeros(0, int)
+    else:
+        models = list({id(m): m for m in model}.values())
+        position = {id(m): i for i, m in enumerate(models)}
+        which = np.array([position[id(m)] for m in model], dtype=int)[: steps.size]
+    if which.size != steps.size:
+        raise EstimationError(
+            "filter-uneven-samples", f"{which.size} models for {steps.size} intervals of the record"
+        )
+    periods = np.array([m.period for m in models])[which]
+    late = np.flatnonzero(np.abs(steps - periods) > STEP_TOLERANCE * periods + 1e-9 * np.abs(time[1:]))
+    if late.size:
+        k = int(late[0])
+        raise EstimationError(
+            "filter-uneven-samples",
+            f"the step from {time[k]:.9g} s to {time[k + 1]:.9g} s is {steps[k]:.9g} s long, "
+            f"the sampled model is for {periods[k]:.9g} s",
+            remedy="give one sampled model per step length",
+        )
+    return models, np.append(which, which[-1] if which.size else 0)
+
+
+def modes_of(models: list[DiscreteModel], which: np.ndarray, outputs: np.ndarray) -> Modes:
+    """One set of matrices per distinct pair of model and present outputs."""
+    present = ~np.isnan(outputs)
+    if len(models) == 1 and np.all(present):
+        first, index = np.zeros(1, dtype=np.int64), np.zeros(which.size, dtype=np.int64)
+    else:
+        code = which
+        for column in present.T:  # renumbered at every output, so that codes stay small
+            _, code = np.unique(code * 2 + column, return_inverse=True)
+        _, first, index = np.unique(code, return_index=True, return_inverse=True)
+    mask = present[first]
+    chosen = [models[i] for i in which[first]]
+    rows = mask.astype(float)
+    R = np.stack([m.measurement_cov for m in chosen]) * rows[:, :, None] * rows[:, None, :]
+    R += np.eye(mask.shape[1]) * (1.0 - rows[:, :, None])
+    return Modes(
+        transition=np.stack([m.transition for m in chosen]),
+        output=np.stack([m.output for m in chosen]) * rows[:, :, None],
+        process_cov=np.stack([m.process_cov for m in chosen]),
+        cross_cov=np.stack([m.cross_cov for m in chosen]) * rows[:, None, :],
+        measurement_cov=R,
+        noise_cov=np.stack([m.noise_cov for m in chosen]),
+        noise_process_cov=np.stack([m.noise_process_cov for m in chosen]),
+        noise_measurement_cov=np.stack([m.noise_measurement_cov for m in chosen]) * rows[:, None, :],
+        present=mask,
+        model=which[first],
+        index=index,
+    )
+
+
+def by_index(matrices: np.ndarray, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """matrices[index[k]] @ rows[k] for all k, (n_samples, m); long runs of one index are one product."""
+    if matrices.shape[0] == 1:
+        return rows @ matrices[0].T
+    result = np.empty((rows.shape[0], matrices.shape[1]))
+    edges = np.flatnonzero(np.diff(index)) + 1
+    starts, stops = np.concatenate([[0], edges]), np.concatenate([edges, [index.size]])
+    is_long = stops - starts >= LONG_RUN
+    for begin, end in zip(starts[is_long], stops[is_long], strict=True):
+        result[begin:end] = rows[begin:end] @ matrices[index[begin]].T
+    short = np.repeat(~is_long, stops - starts)
+    result[short] = np.einsum("kij,kj->ki", matrices[index[short]], rows[short])
+    return result
+
+
+def _known_parts(
+    models: list[DiscreteModel], which: np.ndarray, experiment: Experiment
+) -> tuple[np.ndarray, np.ndarray]:
+    """D ū + d (n_samples, n_y) and Γ0 ū[k] + Γ1 ū[k+1] + γ (n_samples, n); the last sample has no next one."""
+    now = experiment.inputs
+    following = np.concatenate([now[1:], now[-1:]])
+    known = by_index(np.stack([m.feedthrough for m in models]), which, now)
+    known += np.stack([m.output_offset for m in models])[which if len(models) > 1 else 0]
+    drive = by_index(np.stack([m.input_now for m in models]), which, now)
+    if any(np.any(m.input_next) for m in models):
+        drive += by_index(np.stack([m.input_next for m in models]), which, following)
+    drive += np.stack([m.drift for m in models])[which if len(models) > 1 else 0]
+    return known, drive
+
+
+# --- start -----------------------------------------------------------------------------------------------------------
+
+
+def _start(
+    models: list[DiscreteModel],
+    modes: Modes,
+    initial: InitialState | None,
+    kind: FilterKind,
+    state_names: tuple[str, ...] | None,
+) -> _Start:
+    typical = models[int(np.argmax(np.bincount(modes.model[modes.index])))]
+    n = typical.transition.shape[0]
+    observed = _with_rows(typical, modes.present.any(axis=0))
+    _, unobservable = unobservable_subspace(observed.transition, observed.output)
+    if kind == "stationary":
+        if len(models) > 1:
+            raise EstimationError(
+                "filter-uneven-samples",
+                "a stationary filter needs equal steps",
+                remedy="use the time-varying filter, or resample the record",
+            )
+        P = stationary_filter(observed, state_names).predicted_cov
+        mean = np.zeros(n) if initial is None else initial.mean
+        return _Start(mean, P, np.zeros((n, 0)), 0, np.sqrt(np.diagonal(P)), unobservable)
+    initial = InitialState.unknown(n) if initial is None else initial
+    _check_initial(initial, n)
+    unknown = initial.is_unknown
+    if not np.any(unknown):
+        scale = np.sqrt(np.diagonal(initial.cov))
+        return _Start(initial.mean, initial.cov, np.zeros((n, 0)), 0, scale, unobservable)
+    return _unknown_start(observed, initial, unobservable)
+
+
+def _unknown_start(model: DiscreteModel, initial: InitialState, unobservable: np.ndarray) -> _Start:
+    """A reference start whose covariance is the stationary one where it exists: any other gives the same result."""
+    unknown = initial.is_unknown
+    stationary = try_stationary_filter(model)
+    P = np.zeros_like(model.transition) if stationary is None else stationary.predicted_cov
+    size = np.sqrt(np.diagonal(P))
+    information = _information_scale(model)
+    scale = np.where(size > SENSITIVITY_FLOOR * information, size, information)
+    cov = np.where(unknown[:, None] | unknown[None, :], 0.0, initial.cov)
+    if np.all(unknown):
+        cov = P + np.diag(scale**2 - size**2)
+    else:
+        cov[unknown, unknown] = scale[unknown] ** 2
+    columns = np.diag(scale)[:, unknown]
+    observable, _ = unobservable_subspace(model.transition, model.output)
+    basis, n_observable = _observable_first(observable @ columns)
+    mean = np.where(unknown, 0.0, initial.mean)
+    return _Start(mean, cov, columns @ basis, n_observable, scale, unobservable)
+
+
+def _observable_first(rows: np.ndarray) -> tuple[np.ndarray, int]:
+    """Orthonormal basis of δ whose first columns are seen by `rows` (r, q) and whose other columns are not."""
+    q = rows.shape[1]
+    if rows.shape[0] == 0:
+        return np.eye(q), 0
+    rows = rows / np.linalg.norm(rows, axis=1, keepdims=True)
+    _, values, directions = np.linalg.svd(rows)
+    rank = int(np.sum(values > RANK_TOLERANCE * values[0]))
+    return (np.eye(q), q) if rank == q else (directions.T, rank)
+
+
+def _information_scale(model: DiscreteModel) -> np.ndarray:
+    """Standard deviation (n,) of each state alone from a few outputs: a size in the state's unit, 1 if unseen."""
+    noise = np.diagonal(model.measurement_cov)
+    rows = model.output / np.sqrt(np.where(noise > 0, noise, 1.0))[:, None]
+    total = np.zeros(model.transition.shape[0])
+    for _ in range(10 * total.size):
+        total += np.sum(rows**2, axis=0)
+        rows = rows @ model.transition
+    return np.where(total > 0, 1.0 / np.sqrt(np.where(total > 0, total, 1.0)), 1.0)
+
+
+def _with_rows(model: DiscreteModel, rows: np.ndarray) -> DiscreteModel:
+    """The model with the outputs `rows` (n_y,) bool only: an output that is never present observes nothing."""
+    if np.all(rows):
+        return model
+    return select_outputs(model, np.flatnonzero(rows))
+
+
+def select_outputs(model: DiscreteModel, rows: np.ndarray) -> DiscreteModel:
+    """The model with the outputs `rows` only."""
+    fields = dict(model.__dict__)
+    for name in ("output", "feedthrough", "output_offset"):
+        fields[name] = fields[name][rows]
+    for name in ("cross_cov", "noise_measurement_cov"):
+        fields[name] = fields[name][:, rows]
+    fields["measurement_cov"] = model.measurement_cov[np.ix_(rows, rows)]
+    return DiscreteModel(**fields)
+
+
+def _check_initial(initial: InitialState, n: int) -> None:
+    unknown = initial.is_unknown
+    off_diagonal = initial.cov - np.diag(np.diagonal(initial.cov)) if not np.any(unknown) else None
+    shapes = initial.mean.shape == (n,) and initial.cov.shape == (n, n)
+    if off_diagonal is None and shapes:
+        rest = np.where(np.eye(n, dtype=bool), 0.0, initial.cov)
+        shapes = not np.any(rest[unknown])
+    if not shapes:
+        raise EstimationError(
+            "filter-initial-state",
+            f"the initial state needs a mean of {n} numbers and an {n} x {n} covariance; states with infinite "
+            "variance have no covariance with others",
+        )
+
+
+# --- forward pass ----------------------------------------------------------------------------------------------------
+
+
+class _Recorder:
+    """Collects a pass: arrays by sample, and the distinct covariances in order of appearance."""
+
+    def __init__(self, n_samples: int, n: int, n_y: int) -> None:
+        self.predicted = np.empty((n_samples, n))
+        self.innovations = np.empty((n_samples, n_y))
+        self.index = np.empty(n_samples, dtype=np.int64)
+        self.cov: list[np.ndarray] = []
+        self.innovation_cov: list[np.ndarray] = []
+        self.gain: list[np.ndarray] = []
+        self.mode: list[np.ndarray] = []
+        self.sensitivity: list[np.ndarray] = []
+        self.n_distinct = 0
+        self.stationary_from: int | None = None
+
+    def distinct(self, cov: np.ndarray, S: np.ndarray, gain: np.ndarray, mode: np.ndarray) -> np.ndarray:
+        """Store arrays with a first axis and return their numbers."""
+        numbers = self.n_distinct + np.arange(cov.shape[0])
+        self.cov.append(cov)
+        self.innovation_cov.append(S)
+        self.gain.append(gain)
+        self.mode.append(mode)
+        self.n_distinct += cov.shape[0]
+        return numbers
+
+
+def _forward_pass(modes: Modes, z: np.ndarray, drive: np.ndarray, start: _Start) -> FilterPass:
+    n_samples, n_y = z.shape
+    n = start.mean.size
+    recorder = _Recorder(n_samples, n, n_y)
+    targets = _Targets(modes)
+    run_end = _run_ends(modes.index)
+    k, M, P = 0, np.column_stack([start.mean, start.sensitivity]), start.cov
+    while k < n_samples:
+        end = int(run_end[k])
+        target = targets.get(int(modes.index[k])) if end - k >= LONG_RUN else None
+        if target is not None and _is_close(P, target.predicted_cov):
+            M = _stationary_phase(recorder, modes, z, drive, k, end, M, target, start.scale)
+            P, k = target.predicted_cov, end
+        else:
+            k, M, P = _transient(recorder, modes, z, drive, k, M, P, targets, run_end)
+        if M.shape[1] > 1 and _is_forgotten(M[:, 1:], start.scale):
+            M = M[:, :1]
+    return _as_pass(recorder, modes, start)
+
+
+class _Targets:
+    """Stationary filter of each mode, computed when first asked for; None where there is none."""
+
+    def __init__(self, modes: Modes) -> None:
+        self._modes = modes
+        self._known: dict[int, StationaryFilter | None] = {}
+
+    def get(self, mode: int) -> StationaryFilter | None:
+        if mode not in self._known:
+            self._known[mode] = try_stationary_filter(_mode_model(self._modes, mode))
+        return self._known[mode]
+
+
+def _mode_model(modes: Modes, mode: int) -> DiscreteModel:
+    n, n_y = modes.transition.shape[1], modes.output.shape[1]
+    return DiscreteModel(
+        transition=modes.transition[mode],
+        input_now=np.zeros((n, 0)),
+        input_next=np.zeros((n, 0)),
+        drift=np.zeros(n),
+        output=modes.output[mode],
+        feedthrough=np.zeros((n_y, 0)),
+        output_offset=np.zeros(n_y),
+        process_cov=modes.process_cov[mode],
+        measurement_cov=modes.measurement_cov[mode],
+        cross_cov=modes.cross_cov[mode],
+        noise_cov=modes.noise_cov[mode],
+        noise_process_cov=modes.noise_process_cov[mode],
+        noise_measurement_cov=modes.noise_measurement_cov[mode],
+        period=1.0,
+        hold="zoh",
+    )
+
+
+def _run_ends(index: np.ndarray) -> np.ndarray:
+    """For every sample, the end of the run of equal modes it belongs to."""
+    edges = np.append(np.flatnonzero(np.diff(index)) + 1, index.size)
+    return edges[np.searchsorted(edges, np.arange(index.size), side="right")]
+
+
+def _is_close(P: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Whether P (..., n, n) is the target to COVARIANCE_TOLERANCE in standard deviations."""
+    size = np.sqrt(np.maximum(np.diagonal(P, axis1=-2, axis2=-1), np.diagonal(target)))
+    limit = COVARIANCE_TOLERANCE * size[..., :, None] * size[..., None, :]
+    return np.all(np.abs(P - target) <= limit, axis=(-2, -1))
+
+
+def _is_forgotten(A: np.ndarray, scale: np.ndarray) -> bool:
+    return bool(np.all(np.abs(A) <= SENSITIVITY_FLOOR * scale[:, None]))
+
+
+def _stationary_phase(
+    recorder: _Recorder,
+    modes: Modes,
+    z: np.ndarray,
+    drive: np.ndarray,
+    begin: int,
+    end: int,
+    M: np.ndarray,
+    target: StationaryFilter,
+    scale: np.ndarray,
+) -> np.ndarray:
+    """Samples begin … end - 1 with a constant gain; returns [m A] at `end`."""
+    mode = int(modes.index[begin])
+    states = linear_recursion(target.closed_loop, drive[begin:end] + z[begin:end] @ target.gain.T, M[:, 0])
+    recorder.predicted[begin:end] = states[:-1]
+    np.subtract(z[begin:end], states[:-1] @ modes.output[mode].T, out=recorder.innovations[begin:end])
+    numbers = recorder.distinct(
+        target.predicted_cov[None], target.innovation_cov[None], target.gain[None], np.array([mode])
+    )
+    recorder.index[begin:end] = numbers[0]
+    if recorder.stationary_from is None:
+        recorder.stationary_from = begin
+    A = _decay(recorder, target.closed_loop, M[:, 1:], end - begin, scale)
+    return np.column_stack([states[-1], A])
+
+
+def _decay(
+    recorder: _Recorder, closed_loop: np.ndarray, A: np.ndarray, n_steps: int, scale: np.ndarray
+) -> np.ndarray:
+    """Record F^i A for the samples of a stationary phase, until it is forgotten; returns A after it."""
+    if A.shape[1] == 0:
+        return A
+    powers = [np.eye(A.shape[0])]
+    for _ in range(CHUNK):
+        powers.append(closed_loop @ powers[-1])
+    stacked = np.stack(powers)
+    done = 0
+    while done < n_steps and not _is_forgotten(A, scale):
+        count = min(CHUNK, n_steps - done)
+        block = stacked[: count + 1] @ A
+        recorder.sensitivity.append(block[:-1])
+        A, done = block[-1], done + count
+    return A
+
+
+def _transient(
+    recorder: _Recorder,
+    modes: Modes,
+    z: np.ndarray,
+    drive: np.ndarray,
+    begin: int,
+    M: np.ndarray,
+    P: np.ndarray,
+    targets: _Targets,
+    run_end: np.ndarray,
+) -> tuple[int, np.ndarray, np.ndarray]:
+    """Up to CHUNK samples with their own covariance each; stops early where a stationary phase begins."""
+    end = min(begin + CHUNK, z.shape[0])
+    which = modes.index[begin:end]
+    data = np.hstack([_rows_of(modes)[which], z[begin:end], drive[begin:end]])
+    n, columns = M.shape
+    n_y = z.shape[1]
+    states, results = run(forward_step(n, n_y, columns), np.concatenate([M.ravel(), P.ravel()]), data)
+    if not np.all(np.isfinite(states)):
+        raise _singular(recorder, begin)
+    M_after = states[:, : n * columns].reshape(-1, n, columns)
+    P_after = states[:, n * columns :].reshape(-1, n, n)
+    count = _steps_to_stationary(P_after, begin, modes.index, targets, run_end)
+    M_before = np.concatenate([M[None], M_after[: count - 1]])
+    innovations, S, gain = np.split(results[:count], np.cumsum([n_y * columns, n_y * n_y]), axis=1)
+    done = slice(begin, begin + count)
+    recorder.predicted[done] = M_before[:, :, 0]
+    recorder.innovations[done] = innovations.reshape(-1, n_y, columns)[:, :, 0]
+    recorder.index[done] = recorder.distinct(
+        np.concatenate([P[None], P_after[: count - 1]]),
+        S.reshape(-1, n_y, n_y),
+        gain.reshape(-1, n, n_y),
+        which[:count],
+    )
+    if columns > 1:
+        recorder.sensitivity.append(M_before[:, :, 1:])
+    return begin + count, M_after[count - 1], P_after[count - 1]
+
+
+def _steps_to_stationary(
+    P_after: np.ndarray, begin: int, index: np.ndarray, targets: _Targets, run_end: np.ndarray
+) -> int:
+    """How many of the computed steps to keep: up to the first sample whose covariance is stationary."""
+    count = P_after.shape[0]
+    following = np.arange(begin + 1, min(begin + count, index.size - 1) + 1)
+    long = run_end[following] - following >= LONG_RUN
+    for mode in np.unique(index[following[long]]):
+        target = targets.get(int(mode))
+        if target is None:
+            continue
+        candidates = np.flatnonzero(long & (index[following] == mode))
+        close = candidates[_is_close(P_after[candidates], target.predicted_cov)]
+        if close.size:
+            count = min(count, int(close[0]) + 1)
+    return count
+
+
+def _rows_of(modes: Modes) -> np.ndarray:
+    """The matrices of each mode as one row, in the order that `forward_step` reads."""
+    parts = (modes.transition, modes.output, modes.process_cov, modes.cross_cov, modes.measurement_cov)
+    return np.hstack([part.reshape(part.shape[0], -1) for part in parts])
+
+
+def _singular(recorder: _Recorder, begin: int) -> EstimationError:
+    return EstimationError(
+        "filter-singular-innovation",
+        f"an output can be predicted without any error near sample {begin}: neither it nor the states have noise",
+        remedy="give every measured output a noise with a standard deviation above zero",
+    )
+
+
+def _as_pass(recorder: _Recorder, modes: Modes, start: _Start) -> FilterPass:
+    n, q = start.sensitivity.shape
+    A = np.concatenate(recorder.sensitivity) if recorder.sensitivity else np.zeros((0, n, q))
+    if q == 0:
+        A = np.zeros((0, n, 0))
+    V = modes.output[modes.index[: A.shape[0]]] @ A
+    V[:, :, start.n_observable :] = 0.0
+    return FilterPass(
+        modes=modes,
+        predicted=recorder.predicted,
+        innovations=recorder.innovations,
+        index=recorder.index,
+        cov=np.concatenate(recorder.cov),
+        innovation_cov=np.concatenate(recorder.innovation_cov),
+        gain=np.concatenate(recorder.gain),
+        mode=np.concatenate(recorder.mode),
+        sensitivity=A,
+        innovation_sensitivity=V,
+        n_observable=start.n_observable,
+        stationary_from=recorder.stationary_from,
+    )
+
+
+# --- unknown initial state -------------------------------------------------------------------------------------------
+
+
+def whitening(S: np.ndarray) -> np.ndarray:
+    """L⁻¹ of S = L Lᵀ, (..., n_y, n_y)."""
+    return np.linalg.inv(np.linalg.cholesky(S))
+
+
+def _flat_start(forward: FilterPass) -> FlatStart:
+    """Regression of the whitened innovations on δ, after every sample.
+
+    While it is ill-conditioned, by QR (square root of the information) and a singular value decomposition that
+    leaves out directions below RANK_TOLERANCE; afterwards by cumulated normal equations.
+    """
+    n_kept, _, q = forward.sensitivity.shape
+    p = forward.n_observable
+    index = forward.index[:n_kept]
+    white = whitening(forward.innovation_cov)[index]
+    rows = white @ forward.innovation_sensitivity[:, :, :p]
+    right = (white @ forward.innovations[:n_kept, :, None])[:, :, 0]
+    mean, factor, free = np.zeros((n_kept, q)), np.zeros((n_kept, q, q)), np.zeros((n_kept, q, q))
+    free[:, p:, p:] = np.eye(q - p)
+    root = np.zeros((p, p + 1))
+    for k in range(n_kept):
+        root = np.linalg.qr(np.vstack([root, np.column_stack([rows[k], right[k]])]), mode="r")[:p]
+        mean[k, :p], factor[k, :p, :p], free[k, :p, :p], condition = _solve_root(root[:, :p], root[:, p])
+        if condition <= WELL_CONDITIONED:
+            _cumulate(root, rows, right, k + 1, mean, factor, p)
+            break
+    return FlatStart(mean, factor, free)
+
+
+def _solve_root(R: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Minimum-norm solution of R δ = right, a root of (RᵀR)⁺, the undetermined directions and the condition."""
+    p = R.shape[1]
+    full = np.zeros((p, p))
+    full[: R.shape[0]] = R
+    rest = np.zeros(p)
+    rest[: right.shape[0]] = right
+    left, values, directions = np.linalg.svd(full)
+    kept = values > RANK_TOLERANCE * values[0] if p else np.zeros(0, dtype=bool)
+    inverse = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
+    factor = directions.T * inverse
+    condition = values[0] / values[-1] if p and np.all(kept) else (np.inf if p else 1.0)
+    return factor @ (left.T @ rest), factor, directions.T * ~kept, condition
+
+
+def _cumulate(
+    root: np.ndarray,
+    rows: np.ndarray,
+    right: np.ndarray,
+    begin: int,
+    mean: np.ndarray,
+    factor: np.ndarray,
+    p: int,
+) -> None:
+    """Continue the regression from its triangular root at sample begin - 1 by normal equations, in place."""
+    if p == 0 or begin >= rows.shape[0]:
+        return
+    rows, right = rows[begin:], right[begin:]
+    information = np.cumsum(np.swapaxes(rows, 1, 2) @ rows, axis=0) + root[:, :p].T @ root[:, :p]
+    vector = np.cumsum(np.einsum("kyp,ky->kp", rows, right), axis=0) + root[:, :p].T @ root[:, p]
+    inverse_root = whitening(information)
+    factor[begin:, :p, :p] = np.swapaxes(inverse_root, 1, 2)
+    mean[begin:, :p] = np.einsum("kab,kb->ka", factor[begin:, :p, :p], np.einsum("kab,kb->ka", inverse_root, vector))
+
+
+def correct(
+    mean: np.ndarray,
+    cov: np.ndarray,
+    index: np.ndarray,
+    loads: np.ndarray,
+    flat: FlatStart,
+    scale: np.ndarray,
+) -> GaussianSequence:
+    """Add the unknown start: vector = N(mean, cov) + loads δ for the first samples, in place in `mean`.
+
+    cov (n_distinct, m, m) by `index`; loads (n_kept, m, q); δ as in `flat`, whose first axis is n_kept.
+    """
+    n_kept, m, q = loads.shape
+    if n_kept == 0 or q == 0:
+        return GaussianSequence(mean, Varying(cov, index), _nothing_free(m, index.size), scale)
+    mean[:n_kept] += np.einsum("kmq,kq->km", loads, flat.mean)
+    spread = loads @ flat.factor
+    total = cov[index[:n_kept]] + spread @ np.swapaxes(spread, 1, 2)
+    free, free_index = _free_loads(loads @ flat.free, index.size)
+    numbers = np.concatenate([np.arange(n_kept), n_kept + index[n_kept:]])
+    rest = cov if n_kept < index.size else cov[:0]
+    return GaussianSequence(
+        mean, Varying(np.concatenate([total, rest]), numbers), Varying(free, free_index), scale
+    )
+
+
+def _nothing_free(m: int, n_samples: int) -> Varying:
+    return Varying(np.zeros((1, m, 0)), np.zeros(n_samples, dtype=np.int64))
+
+
+def _free_loads(free: np.ndarray, n_samples: int) -> tuple[np.ndarray, np.ndarray]:
+    """Free directions of the first samples, zero for the others; samples without any share entry 0."""
+    some = np.any(free != 0.0, axis=(1, 2))
+    index = np.zeros(n_samples, dtype=np.int64)
+    index[: free.shape[0]] = np.where(some, np.cumsum(some), 0)
+    return np.concatenate([np.zeros((1, *free.shape[1:])), free[some]]), index
+
+
+# --- results ---------------------------------------------------------------------------------------------------------
+
+
+def _assemble(
+    kind: FilterKind,
+    time: np.ndarray,
+    models: list[DiscreteModel],
+    forward: FilterPass,
+    flat: FlatStart,
+    start: _Start,
+) -> KalmanResult:
+    noise_size = np.sqrt(np.max(np.diagonal(forward.modes.noise_cov, axis1=1, axis2=2), axis=0))
+    scale = np.concatenate([start.scale, noise_size])
+    before = _one_earlier(flat)
+    predicted = correct(
+        forward.predicted.copy() if forward.sensitivity.size else forward.predicted,
+        forward.cov, forward.index, forward.sensitivity, before, start.scale,
+    )  # fmt: skip
+    innovations, innovation_cov, nis, dof = _innovations(forward, before, start.scale)
+    return KalmanResult(
+        kind=kind,
+        time=time,
+        predicted=predicted,
+        filtered=_filtered(forward, flat, scale),
+        innovations=innovations,
+        innovation_cov=innovation_cov,
+        nis=nis,
+        nis_dof=dof,
+        log_likelihood=_log_likelihood(forward, flat, start),
+        steady_sample=_steady_sample(models, forward, predicted),
+        stationary_from=forward.stationary_from,
+        unobservable=start.unobservable,
+        forward=forward,
+        flat_start=flat,
+        scale=scale,
+    )
+
+
+def _one_earlier(flat: FlatStart) -> FlatStart:
+    """What was known about δ before each sample: nothing before the first."""
+    n_kept, q = flat.mean.shape
+    if n_kept == 0:
+        return flat
+    first_free = np.eye(q)[None]
+    return FlatStart(
+        np.concatenate([np.zeros((1, q)), flat.mean[:-1]]),
+        np.concatenate([np.zeros((1, q, q)), flat.factor[:-1]]),
+        np.concatenate([first_free, flat.free[:-1]]),
+    )
+
+
+def filtered_moments(forward: FilterPass) -> tuple[np.ndarray, np.ndarray]:
+    """Gain (n + n_w, n_y) and covariance of (x[k], w̄[k]) given y up to k for known δ, by distinct entry.
+
+    The gain is [P Cᵀ; R12] S⁻¹, (53); the covariance of x is in Joseph form.
+    """
+    modes, mode = forward.modes, forward.mode
+    C, R, N_e = modes.output[mode], modes.measurement_cov[mode], modes.noise_measurement_cov[mode]
+    PC = forward.cov @ np.swapaxes(C, 1, 2)
+    n, n_w = PC.shape[1], N_e.shape[1]
+    reach = np.concatenate([PC, N_e], axis=1)
+    gain = np.swapaxes(np.linalg.solve(forward.innovation_cov, np.swapaxes(reach, 1, 2)), 1, 2)
+    gain = np.ascontiguousarray(gain)
+    K = gain[:, :n]
+    rest = np.eye(n) - K @ C
+    cov = np.empty((mode.size, n + n_w, n + n_w))
+    cov[:, :n, :n] = rest @ forward.cov @ np.swapaxes(rest, 1, 2) + K @ R @ np.swapaxes(K, 1, 2)
+    cov[:, :n, n:] = -K @ np.swapaxes(N_e, 1, 2)
+    cov[:, n:, :n] = np.swapaxes(cov[:, :n, n:], 1, 2)
+    cov[:, n:, n:] = modes.noise_cov[mode] - gain[:, n:] @ np.swapaxes(N_e, 1, 2)
+    return gain, cov
+
+
+def filtered_loads(forward: FilterPass, gain: np.ndarray) -> np.ndarray:
+    """Sensitivity (n_kept, n + n_w, q) of the filtered (x[k], w̄[k]) to δ."""
+    n_kept, n, _ = forward.sensitivity.shape
+    loads = -gain[forward.index[:n_kept]] @ forward.innovation_sensitivity
+    loads[:, :n] += forward.sensitivity
+    return loads
+
+
+def _filtered(forward: FilterPass, flat: FlatStart, scale: np.ndarray) -> GaussianSequence:
+    gain, cov = filtered_moments(forward)
+    mean = by_index(gain, forward.index, forward.innovations)
+    mean[:, : forward.predicted.shape[1]] += forward.predicted
+    return correct(mean, cov, forward.index, filtered_loads(forward, gain), flat, scale)
+
+
+def _innovations(
+    forward: FilterPass, before: FlatStart, scale: np.ndarray
+) -> tuple[np.ndarray, Varying, np.ndarray, np.ndarray]:
+    """One-step prediction errors, their covariances, νᵀ S⁻¹ ν and its degrees of freedom, sample by sample."""
+    modes = forward.modes
+    n_y = modes.present.shape[1]
+    sequence = correct(
+        forward.innovations.copy(), forward.innovation_cov, forward.index,
+        -forward.innovation_sensitivity, before, np.ones(n_y),
+    )  # fmt: skip
+    white = by_index(whitening(sequence.cov.distinct), sequence.cov.index, sequence.mean)
+    nis = np.einsum("ky,ky->k", white, white)
+    dof = modes.present.sum(axis=1)[modes.index]
+    if np.all(modes.present) and not sequence.free.distinct.shape[2]:
+        return sequence.mean, sequence.cov, nis, dof
+    hidden = ~modes.present[modes.index]
+    if sequence.free.distinct.shape[2]:
+        n_kept = forward.sensitivity.shape[0]
+        rows = modes.output[modes.index[:n_kept]]
+        seen = np.linalg.norm(sequence.free.distinct[sequence.free.index[:n_kept]], axis=-1)
+        open_ = seen > FREE_TOLERANCE * (np.abs(rows) @ scale)
+        hidden[:n_kept] |= open_
+        dof[:n_kept][np.any(open_, axis=1)] = 0
+    nis[dof == 0] = np.nan
+    sequence.mean[hidden] = np.nan
+    return sequence.mean, sequence.cov, nis, dof
+
+
+def _log_likelihood(forward: FilterPass, flat: FlatStart, start: _Start) -> float:
+    """log p(y), or log ∫ p(y | x0) dx0 over the determined unknown states (density one per unit of the state)."""
+    white = whitening(forward.innovation_cov)
+    scaled = by_index(white, forward.index, forward.innovations)
+    log_root = np.sum(np.log(np.diagonal(white, axis1=1, axis2=2)), axis=1)
+    counts = np.bincount(forward.index, minlength=white.shape[0])
+    n_present = int(counts @ forward.modes.present[forward.mode].sum(axis=1))
+    value = -0.5 * np.einsum("ky,ky", scaled, scaled) + counts @ log_root - 0.5 * n_present * np.log(2 * np.pi)
+    p = forward.n_observable
+    if p == 0 or flat.mean.shape[0] == 0:
+        return float(value)
+    return float(value) + _flat_evidence(flat, start, white, forward)
+
+
+def _flat_evidence(flat: FlatStart, start: _Start, white: np.ndarray, forward: FilterPass) -> float:
+    """log ∫ exp(δᵀ s - δᵀ Λ δ / 2) dx0 = (sᵀ Λ⁻¹ s - log |Λ| + p log 2π) / 2 + log |dx0 / dδ|."""
+    p, n_kept = forward.n_observable, flat.mean.shape[0]
+    root = white[forward.index[:n_kept]]
+    rows = (root @ forward.innovation_sensitivity[:, :, :p]).reshape(-1, p)
+    fitted = rows @ flat.mean[-1, :p]  # s = Λ δ̂, so that sᵀ Λ⁻¹ s = |rows δ̂|²
+    values = np.linalg.svd(flat.factor[-1, :p, :p], compute_uv=False)
+    if np.any(values == 0.0):
+        return float("nan")  # too few outputs: the integral diverges
+    columns = np.linalg.svd(start.sensitivity[:, :p], compute_uv=False)
+    return float(
+        0.5 * fitted @ fitted
+        + np.sum(np.log(values))
+        + 0.5 * values.size * np.log(2 * np.pi)
+        + np.sum(np.log(columns))
+    )
+
+
+def _steady_sample(
+    models: list[DiscreteModel], forward: FilterPass, predicted: GaussianSequence
+) -> int | None:
+    """First sample with all outputs whose gain is within STEADY_SHARE of the stationary gain.
+
+    The distance is the Frobenius norm with states and innovations in their stationary standard deviations.
+    """
+    full = np.flatnonzero(forward.modes.present.all(axis=1))
+    if len(models) > 1 or full.size == 0:
+        return None
+    mode = int(full[0])
+    target = try_stationary_filter(_mode_model(forward.modes, mode))
+    if target is None:
+        return None
+    matrices = (
+        forward.modes.transition[mode],
+        forward.modes.output[mode],
+        forward.modes.measurement_cov[mode],
+        forward.modes.cross_cov[mode],
+    )
+    size = np.sqrt(np.diagonal(target.predicted_cov))
+    weight = np.sqrt(np.diagonal(target.innovation_cov)) / np.where(size > 0, size, np.inf)[:, None]
+    limit = STEADY_SHARE * np.linalg.norm(target.gain * weight)
+    candidates = np.flatnonzero(forward.modes.index == mode)
+    for block in np.array_split(candidates, max(1, candidates.size // 4096)):
+        numbers, first = np.unique(predicted.cov.index[block], return_index=True)
+        gains, _ = predictor_gain(predicted.cov.distinct[numbers], *matrices)
+        near = np.linalg.norm((gains - target.gain) * weight, axis=(1, 2)) <= limit
+        free = predicted.free.distinct[predicted.free.index[block[first]]]
+        near &= ~np.any(undetermined(free, np.eye(size.size), predicted.scale), axis=-1)
+        if np.any(near):
+            return int(np.min(block[first[near]]))
+    return None

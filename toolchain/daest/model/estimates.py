@@ -1,0 +1,231 @@
+"""Estimates: what a filter or a smoother returns, from arrays by sample to named internal variables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+FilterKind = Literal["time-varying", "stationary"]
+
+
+@dataclass(frozen=True)
+class Varying:
+    """One array per sample, stored once where samples share it: sample k has `distinct[index[k]]`.
+
+    A stationary phase of a million samples is one entry of `distinct`.
+    """
+
+    distinct: np.ndarray  # (n_distinct, ...)
+    index: np.ndarray  # (n_samples,), integer
+
+    def __len__(self) -> int:
+        return self.index.shape[0]
+
+    def __getitem__(self, k: int) -> np.ndarray:
+        return self.distinct[self.index[k]]
+
+    def array(self) -> np.ndarray:
+        """All samples written out, shape (n_samples, ...)."""
+        return self.distinct[self.index]
+
+
+@dataclass(frozen=True)
+class GaussianSequence:
+    """A Gaussian vector per sample, of which some directions may still be undetermined.
+
+    mean (n_samples, n); cov Varying (n, n); `free` Varying (n, q): directions in which the data have said nothing
+    yet, zero columns where nothing is free. Along a free direction `mean` is one of infinitely many values and `cov`
+    is meaningless, so read single components through `numerics.gaussian.marginals`, which gives NaN and
+    inf there. `scale` (n,) is the size against which a free direction counts as zero.
+    """
+
+    mean: np.ndarray
+    cov: Varying
+    free: Varying
+    scale: np.ndarray
+
+
+@dataclass(frozen=True)
+class InitialState:
+    """x[0] before any measurement: mean (n,) and covariance (n, n). A state with infinite variance is unknown: flat
+    prior, its mean does not matter and its covariances with other states must be zero."""
+
+    mean: np.ndarray
+    cov: np.ndarray
+
+    @classmethod
+    def unknown(cls, n: int) -> InitialState:
+        return cls(np.zeros(n), np.diag(np.full(n, np.inf)))
+
+    @classmethod
+    def known(cls, mean: np.ndarray, std: np.ndarray | float = 0.0) -> InitialState:
+        mean = np.asarray(mean, dtype=float)
+        return cls(mean, np.diag(np.broadcast_to(np.asarray(std, dtype=float) ** 2, mean.shape)))
+
+    @property
+    def is_unknown(self) -> np.ndarray:
+        """Which states have a flat prior, (n,) bool."""
+        return np.isinf(np.diagonal(self.cov))
+
+
+@dataclass(frozen=True)
+class NisSummary:
+    """Normalised innovations squared νᵀ S⁻¹ ν, summed and divided by the number of scalar innovations: 1 is expected.
+
+    `low` and `high` bound 95 % of the values that a true model would give (chi-square with `n_innovations`
+    degrees of freedom).
+    """
+
+    mean: float
+    low: float
+    high: float
+    n_innovations: int
+
+    @property
+    def inside(self) -> bool:
+        return self.low <= self.mean <= self.high
+
+
+@dataclass(frozen=True)
+class Modes:
+    """The matrices of (47), one set per combination of model (step length) and present outputs; first axis n_modes.
+
+    Rows of missing outputs are zero in `output`, `cross_cov` and `noise_measurement_cov` and unit rows in
+    `measurement_cov`: with a zero innovation they carry no information. Fields as in DiscreteModel.
+    """
+
+    transition: np.ndarray
+    output: np.ndarray
+    process_cov: np.ndarray
+    cross_cov: np.ndarray
+    measurement_cov: np.ndarray
+    noise_cov: np.ndarray
+    noise_process_cov: np.ndarray
+    noise_measurement_cov: np.ndarray
+    present: np.ndarray  # (n_modes, n_y) bool
+    model: np.ndarray  # (n_modes,) which model
+    index: np.ndarray  # (n_samples,) mode of each sample
+
+
+@dataclass(frozen=True)
+class FilterPass:
+    """One forward pass from a reference start, with the sensitivity of everything to the unknown part δ of x[0].
+
+    x[0] = start + A[0] δ: the predicted state is m + A δ and the innovation ν - V δ. `cov`, `innovation_cov`, `gain`
+    and `mode` hold distinct values, sample k has entry `index[k]`. A and V are kept for the first n_kept samples;
+    after them they are zero to rounding.
+    """
+
+    modes: Modes
+    predicted: np.ndarray  # m, (n_samples, n)
+    innovations: np.ndarray  # ν, (n_samples, n_y), zero where a sample is missing
+    index: np.ndarray  # (n_samples,)
+    cov: np.ndarray  # P[k|k-1] for known δ, (n_distinct, n, n)
+    innovation_cov: np.ndarray  # S, (n_distinct, n_y, n_y); unit rows where an output is missing
+    gain: np.ndarray  # (Φ P Cᵀ + S12) S⁻¹, (n_distinct, n, n_y)
+    mode: np.ndarray  # (n_distinct,)
+    sensitivity: np.ndarray  # A, (n_kept, n, q)
+    innovation_sensitivity: np.ndarray  # V = C A, (n_kept, n_y, q)
+    n_observable: int  # the first columns of A; the others never reach an output
+    stationary_from: int | None  # first sample of a phase with constant gain
+
+
+@dataclass(frozen=True)
+class FlatStart:
+    """What the outputs up to and including sample k say about δ: δ ~ N(mean[k], factor[k] factor[k]ᵀ) but for the
+    directions `free[k]`, about which they say nothing. First axis n_kept."""
+
+    mean: np.ndarray  # (n_kept, q)
+    factor: np.ndarray  # (n_kept, q, q)
+    free: np.ndarray  # (n_kept, q, q), zero columns where nothing is free
+
+
+@dataclass(frozen=True)
+class KalmanResult:
+    """Time-varying or stationary filter of (47).
+
+    `predicted` is x[k] given the outputs before k; `filtered` is (x[k], w̄[k]) given the outputs up to k: the process
+    noise estimate (54) is its last n_w components. `innovations` (n_samples, n_y) are NaN where an output is missing
+    or not yet predictable; `innovation_cov` belongs to them. `nis` (n_samples,) with `nis_dof` present outputs, NaN
+    and 0 where there is none. `log_likelihood` is log p(y), and log ∫ p(y | x0) dx0 over the unknown states
+    that the outputs determine. `stationary_from` is the first sample from which a constant gain is used (None:
+    never). `unobservable` (n, r) spans the state combinations that no output ever shows.
+    """
+
+    kind: FilterKind
+    time: np.ndarray
+    predicted: GaussianSequence
+    filtered: GaussianSequence
+    innovations: np.ndarray
+    innovation_cov: Varying
+    nis: np.ndarray
+    nis_dof: np.ndarray
+    log_likelihood: float
+    steady_sample: int | None  # first sample whose gain is within 1 % of the stationary one
+    stationary_from: int | None
+    unobservable: np.ndarray
+    forward: FilterPass
+    flat_start: FlatStart
+    scale: np.ndarray  # (n + n_w,), sizes of x and w̄
+
+
+@dataclass(frozen=True)
+class SmootherResult:
+    """(x[k], w̄[k]) given all outputs of the record; the last n_w components are the process noise, which has
+    no estimate at the last sample beyond its prior unless it reaches an output directly."""
+
+    time: np.ndarray
+    smoothed: GaussianSequence
+
+
+@dataclass(frozen=True)
+class OutputComparison:
+    """A measured output that was not used, against its estimate: fit 100 (1 - ||y - ŷ|| / ||y - mean y||) in
+    percent and the root mean square error in the unit of the output. NaN when nothing can be compared."""
+
+    fit_percent: float
+    rms: float
+
+
+@dataclass(frozen=True)
+class ProcessNoiseEstimate:
+    """w̄[k], the mean of each white noise over the sample that starts at `time[k]`; arrays (n_samples, n_w)."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: np.ndarray
+    std: np.ndarray
+
+
+@dataclass(frozen=True)
+class FilterResult:
+    """Every internal variable of a model with its standard deviation, from a recording.
+
+    values and std (n_samples, n_ξ) in `units`, one column per entry of `names`; value NaN and std inf where the data
+    do not determine a variable. `measure` are the outputs that were used; `compared` holds every other
+    measured output. `steady_after` is the time in seconds until the gain is within 1 % of the stationary gain, None
+    if it never is. `messages` are sentences for the user: what was decided, and what cannot be estimated.
+    """
+
+    kind: FilterKind
+    smoothed: bool
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    time: np.ndarray
+    values: np.ndarray
+    std: np.ndarray
+    output_names: tuple[str, ...]  # the used ones, the columns of `innovations`
+    innovations: np.ndarray
+    nis: NisSummary
+    log_likelihood: float
+    measure: tuple[str, ...]
+    compared: dict[str, OutputComparison]
+    output_values: dict[str, np.ndarray]  # estimate of every measured output, noise-free
+    output_std: dict[str, np.ndarray]
+    process_noise: ProcessNoiseEstimate
+    steady_after: float | None
+    noise: Literal["white", "held"]
+    hold: Literal["zoh", "foh"]
+    messages: tuple[str, ...] = ()

@@ -1,0 +1,140 @@
+"""Gaussian steps: one step of the Kalman recursion and of its backward companion, compiled by CasADi, and marginals.
+
+A step function maps (state, data) to (next state, results), all as flat row-major vectors; `run` folds it over many
+samples without a Python step per sample.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from daest.model.estimates import GaussianSequence
+
+CHUNK = 128  # samples per compiled call
+SCALAR_SIZE = 20  # up to this many states a step is expanded into scalar operations; above, into matrix ones
+FREE_TOLERANCE = 1e-8  # a component is undetermined when it moves by more than this part of its scale
+
+
+@lru_cache(maxsize=32)
+def forward_step(n: int, n_y: int, n_columns: int) -> ca.Function:
+    """CHUNK steps of the predictor for states [m A] (n, n_columns) and covariance P.
+
+    Data per sample: Φ, C, Q, S12, R of (47), z = y - D ū - d (n_y) and the known drive (n). Results per sample: the
+    innovations [ν -V] (n_y, n_columns), S = C P Cᵀ + R and the gain (Φ P Cᵀ + S12) S⁻¹. P is updated in Joseph
+    form, [Φ - K C] P [Φ - K C]ᵀ + [I -K] [Q S12; S12ᵀ R] [I -K]ᵀ.
+    """
+    symbol = ca.SX.sym if n <= SCALAR_SIZE else ca.MX.sym
+    state = symbol("state", n * n_columns + n * n)
+    M, P = _parts(state, (n, n_columns), (n, n))
+    data = symbol("data", 2 * n * n + 2 * n * n_y + n_y * n_y + n_y + n)
+    Phi, C, Q, S12, R, z, drive = _parts(data, (n, n), (n_y, n), (n, n), (n, n_y), (n_y, n_y), (n_y, 1), (n, 1))
+    S = C @ P @ C.T + R
+    K = _solve_positive(S, (Phi @ P @ C.T + S12).T).T
+    known = ca.horzcat(z, type(state)(n_y, n_columns - 1))
+    innovations = known - C @ M
+    following = Phi @ M + K @ innovations + ca.horzcat(drive, type(state)(n, n_columns - 1))
+    closed = Phi - K @ C
+    cross = K @ S12.T
+    after = closed @ P @ closed.T + Q - cross - cross.T + K @ R @ K.T
+    after = (after + after.T) / 2
+    return _folded(state, data, _flat(following, after), _flat(innovations, S, K))
+
+
+@lru_cache(maxsize=32)
+def backward_step(n: int, n_columns: int) -> ca.Function:
+    """CHUNK steps of r ← Fᵀ r + b, N ← Fᵀ N F + W for [r] (n, n_columns) and N (n, n); data F, b, W; no results.
+
+    With b = Cᵀ S⁻¹ ν and W = Cᵀ S⁻¹ C this is the backward recursion of the Bryson-Frazier smoother.
+    """
+    symbol = ca.SX.sym if n <= SCALAR_SIZE else ca.MX.sym
+    state = symbol("state", n * n_columns + n * n)
+    r, N = _parts(state, (n, n_columns), (n, n))
+    data = symbol("data", 2 * n * n + n * n_columns)
+    F, b, W = _parts(data, (n, n), (n, n_columns), (n, n))
+    N_before = F.T @ N @ F + W
+    return _folded(state, data, _flat(F.T @ r + b, (N_before + N_before.T) / 2), type(state)(0, 1))
+
+
+def run(step: ca.Function, state: np.ndarray, data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fold `step` over the rows of `data` (n_steps, n_data): states after each (n_steps, n_state), results."""
+    n_steps = data.shape[0]
+    states = np.empty((n_steps, state.shape[0]))
+    results = np.empty((n_steps, step.size1_out(1)))
+    for start in range(0, n_steps, CHUNK):
+        stop = min(start + CHUNK, n_steps)
+        rows = np.minimum(np.arange(start, start + CHUNK), n_steps - 1)  # the last chunk repeats its last row
+        after, result = _call(step, state, np.ascontiguousarray(data[rows]))
+        states[start:stop], results[start:stop] = after[: stop - start], result[: stop - start]
+        state = states[stop - 1]
+    return states, results
+
+
+def marginals(sequence: GaussianSequence, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and standard deviation (n_samples, m) of rows @ vector, rows (m, n).
+
+    NaN and inf where a row sees a free direction by more than FREE_TOLERANCE of its own scale Σ |row| scale.
+    """
+    mean = sequence.mean @ rows.T
+    variance = np.einsum("ij,kjl,il->ki", rows, sequence.cov.distinct, rows, optimize=True)
+    std = np.sqrt(np.maximum(variance, 0.0))[sequence.cov.index]
+    open_ = undetermined(sequence.free.distinct, rows, sequence.scale)
+    if np.any(open_):
+        open_ = open_[sequence.free.index]
+        mean, std = np.where(open_, np.nan, mean), np.where(open_, np.inf, std)
+    return mean, std
+
+
+def undetermined(free: np.ndarray, rows: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Which rows (m, n) see a free direction; free (..., n, q) -> bool (..., m)."""
+    seen = np.linalg.norm(rows @ free, axis=-1)
+    return seen > FREE_TOLERANCE * (np.abs(rows) @ scale)
+
+
+def _call(step: ca.Function, state: np.ndarray, data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    after = np.empty((CHUNK, step.size1_out(0)))
+    result = np.empty((CHUNK, step.size1_out(1)))
+    state = np.ascontiguousarray(state)
+    buffer, trigger = step.buffer()
+    buffer.set_arg(0, memoryview(state))
+    buffer.set_arg(1, memoryview(data))
+    buffer.set_res(0, memoryview(after))
+    if result.size:
+        buffer.set_res(1, memoryview(result))
+    trigger()
+    return after, result
+
+
+def _folded(state: ca.SX, data: ca.SX, following: ca.SX, results: ca.SX) -> ca.Function:
+    return ca.Function("step", [state, data], [following, results]).mapaccum("steps", CHUNK)
+
+
+def _parts(vector: ca.SX, *shapes: tuple[int, int]) -> list:
+    """Row-major matrices cut from one vector, in order."""
+    sizes = np.cumsum([0] + [rows * columns for rows, columns in shapes])
+    return [
+        ca.reshape(vector[int(start) : int(stop)], columns, rows).T
+        for start, stop, (rows, columns) in zip(sizes[:-1], sizes[1:], shapes, strict=True)
+    ]
+
+
+def _flat(*matrices: ca.SX) -> ca.SX:
+    return ca.vertcat(*[ca.vec(ca.densify(matrix).T) for matrix in matrices])
+
+
+def _solve_positive(S: ca.SX, right: ca.SX) -> ca.SX:
+    """S⁻¹ right for a symmetric positive definite S by Cholesky, as straight-line code."""
+    size = S.shape[0]
+    L = [[S[0, 0]] * size for _ in range(size)]
+    for i in range(size):
+        for j in range(i + 1):
+            rest = S[i, j] - sum(L[i][k] * L[j][k] for k in range(j))
+            L[i][j] = ca.sqrt(rest) if i == j else rest / L[j][j]
+    rows = [right[i, :] for i in range(size)]
+    for i in range(size):
+        rows[i] = (rows[i] - sum(L[i][k] * rows[k] for k in range(i))) / L[i][i]
+    for i in reversed(range(size)):
+        rows[i] = (rows[i] - sum(L[k][i] * rows[k] for k in range(i + 1, size))) / L[i][i]
+    return ca.vertcat(*rows)
