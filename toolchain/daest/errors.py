@@ -240,6 +240,11 @@ EXPLANATIONS: dict[str, str] = {
         "A fault of daest itself, not of your files. Set the environment variable DAEST_TRACEBACK=1 and run "
         "the command again to see where it happened; a report with that text helps to mend it."
     ),
+    "linearization-not-finite": (
+        "A coefficient of the linear model is infinite or undefined: the equation divides by zero, or "
+        "takes the root or logarithm of a number out of range, at the operating point or with these "
+        "parameters."
+    ),
     "model-missing": "The model file that was named on the command line or in daest.toml does not exist.",
     "model-not-given": (
         "The command needs a model: name a .mo or .fmu file, or write [model] source in daest.toml."
@@ -254,6 +259,10 @@ EXPLANATIONS: dict[str, str] = {
         "A simulation with noise, or an estimate, needs the intensity of every white noise: its two-sided "
         "spectral density, in unit squared times seconds. Write intensity = ... in the annotation or in "
         "[noise.process] of daest.toml."
+    ),
+    "operating-point-unknown-name": (
+        "The operating point of --at names a variable that the model does not have. Names are those of "
+        "unknowns and inputs, or der(name) for a derivative."
     ),
     "option-assignment": (
         "An option of the form NAME=VALUE was written otherwise. The value is a number in the unit of the "
@@ -282,6 +291,15 @@ EXPLANATIONS: dict[str, str] = {
     "parameter-outside-bounds": (
         "The value of a parameter lies outside its bounds. Bounds come from min and max in the model, or "
         "from daest.toml, which overrides them."
+    ),
+    "pencil-singular": (
+        "The linear model has no unique solution: a combination of its equations vanishes, though each "
+        "unknown can be assigned to an equation. The message names that combination; one of these "
+        "equations repeats or contradicts the others, or a parameter that is zero has removed a term."
+    ),
+    "rank-not-finite": (
+        "A matrix of the linear model holds an infinite or undefined number, so its rank cannot be "
+        "decided. Check the parameter values."
     ),
     "results-unreadable": (
         "A file in results/ (or one named with --at) is missing, damaged or not JSON. daest identify writes "

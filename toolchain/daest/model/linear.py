@@ -44,6 +44,7 @@ class LinearDAE:
     output_offset: np.ndarray
     source: Literal["symbolic", "fmi-ls-dae", "directional derivatives", "finite differences"] = "symbolic"
     is_affine: bool = True  # False: the model is nonlinear and this is its linearisation at the operating point
+    notes: tuple[str, ...] = ()  # what the reader should know, such as an operating point that was assumed
 
     @property
     def n(self) -> int:

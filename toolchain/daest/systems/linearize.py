@@ -1,0 +1,203 @@
+"""Linear DAE of a flat model, E ξ' = J ξ + K u + B w + offset, with θ symbolic: report (3), (8), (19)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+
+from daest.errors import ConfigError, NumericalError
+from daest.model.flat import FlatModel
+from daest.model.linear import LinearDAE, Matrix
+
+DENSE_LIMIT = 500
+"""From this many equations on, E and J are kept sparse."""
+
+MATRIX_NAMES = ("E", "J", "K", "B", "C", "D", "H", "offset", "output_offset")
+
+
+@dataclass(frozen=True)
+class ThetaEntry:
+    """An entry of a matrix that depends on parameters; row and column count from 0."""
+
+    matrix: str
+    row: int
+    column: int
+    expression: str
+    parameters: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class OperatingPoint:
+    """Values that the model is linearised at: ξ' and ξ (n,), u (n_u,). White noise is zero there."""
+
+    derivatives: np.ndarray
+    xi: np.ndarray
+    u: np.ndarray
+    is_given: bool  # False: start values, because the caller gave none
+
+
+def linearize(
+    flat: FlatModel, theta: np.ndarray | None = None, at: Mapping[str, float] | None = None
+) -> LinearDAE:
+    """The linear DAE of `flat` at the parameters `theta` (None: the values of the model).
+
+    `at` maps unknowns, inputs and `der(name)` to the operating point; what it leaves out is at its start
+    value, or zero, and derivatives are zero. An affine model is the same everywhere, so there `at` has no
+    effect. For a nonlinear model without `at` the start values are used, and a note in the result says so.
+    """
+    values = flat.theta_values if theta is None else np.asarray(theta, dtype=float)
+    if values.shape != (len(flat.parameters),):
+        raise ValueError(f"theta has shape {values.shape}, expected {(len(flat.parameters),)}")
+    is_affine = is_affine_model(flat)
+    point = operating_point(flat, at)
+    matrices = [_array(m) for m in linear_dae_function(flat, at)(values)]
+    _check_finite(flat, matrices)
+    E, J, K, B, C, D, H, offset, output_offset = matrices
+    return LinearDAE(
+        equations=flat.equations,
+        unknowns=flat.unknowns,
+        inputs=flat.inputs,
+        noises=flat.noises,
+        outputs=flat.outputs,
+        parameters=tuple(replace(p, value=float(v)) for p, v in zip(flat.parameters, values, strict=True)),
+        E=_compact(E),
+        J=_compact(J),
+        K=K.toarray(),
+        B=B.toarray(),
+        C=C.toarray(),
+        D=D.toarray(),
+        H=H.toarray(),
+        offset=offset.toarray().ravel(),
+        output_offset=output_offset.toarray().ravel(),
+        is_affine=is_affine,
+        notes=_notes(is_affine, point),
+    )
+
+
+def linear_dae_function(flat: FlatModel, at: Mapping[str, float] | None = None) -> ca.Function:
+    """CasADi function θ -> E, J, K, B, C, D, H, offset, output_offset (sparse), with exact derivatives in θ.
+
+    `at` as in `linearize`. Output names are `MATRIX_NAMES`.
+    """
+    return ca.Function("linear_dae", [flat.theta], _matrices(flat, at), ["theta"], list(MATRIX_NAMES))
+
+
+def is_affine_model(flat: FlatModel) -> bool:
+    """True when F and h are affine in (ξ', ξ, u, w) with coefficients that do not depend on time. Exact."""
+    signals = ca.vertcat(flat.derivatives, flat.xi, flat.u, flat.w)
+    both = ca.vertcat(flat.residual, flat.output_expressions)
+    return bool(ca.is_linear(both, signals)) and not bool(ca.depends_on(both, flat.time))
+
+
+def operating_point(flat: FlatModel, at: Mapping[str, float] | None = None) -> OperatingPoint:
+    """Operating point from `at`, start values and zeros. ConfigError for a name that does not exist."""
+    is_given, at = at is not None, dict(at or {})
+    xi = [at.pop(v.name, v.start or 0.0) for v in flat.unknowns]
+    u = [at.pop(v.name, v.start or 0.0) for v in flat.inputs]
+    derivatives = [at.pop(f"der({v.name})", 0.0) for v in flat.unknowns]
+    if at:
+        raise ConfigError(
+            "operating-point-unknown-name",
+            f"The operating point names {', '.join(sorted(at))}, which the model {flat.name} does not have.",
+            remedy="Use names of unknowns and inputs as `daest linearize` lists them, or `der(name)`.",
+        )
+    return OperatingPoint(np.array(derivatives), np.array(xi), np.array(u), is_given)
+
+
+def theta_entries(flat: FlatModel, at: Mapping[str, float] | None = None) -> list[ThetaEntry]:
+    """The entries of all matrices that depend on θ, with their expression in the names of the model."""
+    names = [p.name for p in flat.parameters]
+    symbols = ca.vertcat(ca.SX(0, 1), *[ca.SX.sym(name) for name in names])
+    entries: list[ThetaEntry] = []
+    for matrix, value in zip(MATRIX_NAMES, _matrices(flat, at), strict=True):
+        named = ca.substitute(value, flat.theta, symbols)
+        for row, column in zip(*value.sparsity().get_triplet(), strict=True):
+            expression = named[row, column]
+            if ca.symvar(expression):
+                entries.append(_theta_entry(matrix, row, column, expression))
+    return entries
+
+
+def _theta_entry(matrix: str, row: int, column: int, expression: ca.SX) -> ThetaEntry:
+    parameters = tuple(sorted(symbol.name() for symbol in ca.symvar(expression)))
+    text = str(expression)
+    if text.startswith("(") and text.endswith(")") and _closes_at_end(text):
+        text = text[1:-1]
+    return ThetaEntry(matrix, row, column, text, parameters)
+
+
+def _closes_at_end(text: str) -> bool:
+    """True when the first parenthesis is closed by the last character."""
+    depth = 0
+    for position, character in enumerate(text):
+        depth += (character == "(") - (character == ")")
+        if depth == 0:
+            return position == len(text) - 1
+    return False
+
+
+def _matrices(flat: FlatModel, at: Mapping[str, float] | None) -> list[ca.SX]:
+    """E, J, K, B, C, D, H, offset, output_offset as SX in θ, at the operating point and time zero."""
+    zero = np.zeros(flat.n)
+    point = (
+        OperatingPoint(zero, zero, np.zeros(len(flat.inputs)), is_given=True)
+        if is_affine_model(flat)
+        else operating_point(flat, at)
+    )
+    F, h = flat.residual, flat.output_expressions
+    E, J, K, B = (
+        ca.jacobian(F, flat.derivatives),
+        -ca.jacobian(F, flat.xi),
+        -ca.jacobian(F, flat.u),
+        -ca.jacobian(F, flat.w),
+    )
+    C, D, H = (ca.jacobian(h, symbols) for symbols in (flat.xi, flat.u, flat.w))
+    # F(point) + E (ξ' - ξ0') - J (ξ - ξ0) - K (u - u0) - B w = 0, so the offset is what is left at ξ = u = 0.
+    offset = E @ ca.SX(point.derivatives) - J @ ca.SX(point.xi) - K @ ca.SX(point.u) - F
+    output_offset = h - C @ ca.SX(point.xi) - D @ ca.SX(point.u)
+    signals = ca.vertcat(flat.derivatives, flat.xi, flat.u, flat.w, flat.time)
+    values = ca.vertcat(point.derivatives, point.xi, point.u, np.zeros(len(flat.noises) + 1))
+    expressions = [E, J, K, B, C, D, H, offset, output_offset]
+    return [ca.sparsify(m) for m in ca.substitute(expressions, [signals], [ca.SX(values)])]
+
+
+def _array(matrix: ca.DM) -> sp.csc_array:
+    return sp.csc_array(matrix.sparse())
+
+
+def _compact(matrix: sp.csc_array) -> Matrix:
+    """Dense for small models, else compressed rows without stored zeros."""
+    if matrix.shape[0] < DENSE_LIMIT:
+        return matrix.toarray()
+    rows = sp.csr_array(matrix)
+    rows.eliminate_zeros()
+    return rows
+
+
+def _check_finite(flat: FlatModel, matrices: list[sp.csc_array]) -> None:
+    """Raise NumericalError that names the first equation with an infinite or undefined coefficient."""
+    for name, matrix in zip(MATRIX_NAMES, matrices, strict=True):
+        entries = sp.coo_array(matrix)
+        bad = entries.coords[0][~np.isfinite(entries.data)]
+        if bad.size == 0:
+            continue
+        is_output = name in ("C", "D", "H", "output_offset")
+        what = flat.outputs[bad[0]].name if is_output else flat.equations[bad[0]].text
+        raise NumericalError(
+            "linearization-not-finite",
+            f"The coefficients of `{what}` are infinite or undefined at the operating point.",
+            where=flat.outputs[bad[0]].place if is_output else flat.equations[bad[0]].place,
+            remedy="Give another operating point with --at, or check the parameter values.",
+        )
+
+
+def _notes(is_affine: bool, point: OperatingPoint) -> tuple[str, ...]:
+    if is_affine or point.is_given:
+        return ()
+    return (
+        "The model is nonlinear: these are its matrices at the start values (no operating point was given).",
+    )

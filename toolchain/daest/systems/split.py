@@ -1,0 +1,270 @@
+"""Standard form (21) of a linear DAE: structural reduction first, a dense staircase on what is left.
+
+Equations without derivatives are solved for as many unknowns (sparse, pivots on well-scaled coefficients),
+which leaves a core with as many equations as contain derivatives. The core goes through `numerics.pencils`;
+putting the eliminated unknowns back is exact: they only add a column block to N.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg as sla
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+
+from daest.errors import ModelError, NumericalError
+from daest.model.flat import Variable
+from daest.model.linear import LinearDAE, RankDecision, StandardForm
+from daest.numerics.elimination import choose_pivots
+from daest.numerics.pencils import Scaling, apply_scaling, equilibrate, split_pencil
+from daest.numerics.ranks import decide_rank, default_tolerance
+from daest.systems.pantelides import Signature, check_structure
+
+LISTED = 8
+"""Equations or unknowns that an error message lists before it says how many more there are."""
+
+NULL_VECTOR_SHARE = 0.05
+"""Equations with at least this part of the largest entry of a null vector are named."""
+
+WORST_BASIS = 1e-7
+"""Smallest ratio of the diagonal of R for which z2 is made orthonormal off the dynamic subspace."""
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """Equations without derivatives solved for the `solved` unknowns: a pencil of the size of the rest.
+
+    In the scaled pencil, with rows (core, free) and columns (rest, solved),
+    E = [[E22, E21], [0, 0]], J = [[J22, J21], [J12, J11]] and J11 regular: the core is
+    E22 - E21 J11⁻¹ J12 and J22 - J21 J11⁻¹ J12. All blocks but the core are sparse.
+    """
+
+    scaling: Scaling
+    core_rows: np.ndarray
+    free_rows: np.ndarray
+    rest: np.ndarray
+    solved: np.ndarray
+    factor: spla.SuperLU | None
+    E21: sp.csr_array
+    J21: sp.csr_array
+    J12: sp.csr_array
+    core_E: np.ndarray
+    core_J: np.ndarray
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """J11⁻¹ right, dense."""
+        return right if self.factor is None else self.factor.solve(np.ascontiguousarray(right))
+
+
+def split(dae: LinearDAE, tolerance: float | None = None) -> StandardForm:
+    """P E Q = diag(I, N), P J Q = diag(A, I), ξ = Q z: report (5) and (21), in the sign of `StandardForm`.
+
+    z1 are unknowns of the model (rows of Q that form an identity), chosen by column-pivoted QR; z2 is scaled
+    so that its norm is the distance of ξ from the subspace of z1, which makes the singular values of N
+    numbers of the model. `tolerance` goes to the rank decisions, relative to the norm of the scaled core.
+
+    Raises ModelError `structurally-singular` with the equations and unknowns concerned, and `pencil-singular`
+    with the combination of equations that vanishes.
+    """
+    _check_structure(dae)
+    try:
+        reduction = reduce_structure(dae, tolerance)
+        core = split_pencil(reduction.core_E, reduction.core_J, tolerance)
+    except NumericalError as error:
+        if error.code != "pencil-singular":
+            raise
+        raise dependent_equations(dae) from error
+    form = _expand(reduction, core, tolerance)
+    return _scale_infinite(_name_dynamic(form, dae, reduction.scaling.columns))
+
+
+def _check_structure(dae: LinearDAE) -> None:
+    """Raise ModelError when no assignment of equations to unknowns exists (Dulmage-Mendelsohn)."""
+    J, E = sp.coo_array(sp.csr_array(dae.J)), sp.coo_array(sp.csr_array(dae.E))
+    rows = np.concatenate([J.coords[0], E.coords[0]])[np.concatenate([J.data, E.data]) != 0]
+    columns = np.concatenate([J.coords[1], E.coords[1]])[np.concatenate([J.data, E.data]) != 0]
+    sigma = Signature(rows, columns, np.zeros(rows.size, dtype=int), dae.n)
+    check_structure(sigma, dae.equations, dae.unknowns, "the model")
+
+
+def dependent_equations(dae: LinearDAE) -> ModelError:
+    """The error of a singular pencil, naming the equations of the null vector of sE - J at a random s."""
+    E, J = sp.csr_array(dae.E), sp.csr_array(dae.J)
+    scaling = equilibrate(E, J)
+    E, J = apply_scaling(scaling, E, J)
+    s = np.random.default_rng(0).uniform(0.5, 2.0)  # any s that is no pole would do
+    u, _, _ = sla.svd((s * E - J).toarray())
+    weights = u[:, -1] * scaling.rows
+    weights = weights / np.max(np.abs(weights))
+    share = np.abs(u[:, -1]) / np.max(np.abs(u[:, -1]))
+    order = [int(i) for i in np.argsort(-share, kind="stable") if share[i] >= NULL_VECTOR_SHARE]
+    places = [dae.equations[i].place for i in order]
+    return ModelError(
+        "pencil-singular",
+        "\n".join(
+            [
+                "the equations do not determine the unknowns: det(sE - J) is zero for every s, because this "
+                "sum of equations vanishes (weights before the equations):",
+                *_weighted(dae, weights, order),
+            ]
+        ),
+        where=next((place for place in places if place is not None), None),
+        remedy="one of these equations repeats the others, or contradicts them: remove or correct it",
+    )
+
+
+def _weighted(dae: LinearDAE, weights: np.ndarray, order: list[int]) -> list[str]:
+    """One line `weight  text  (place)` per equation, at most `LISTED`."""
+    lines = []
+    for i in order[:LISTED]:
+        place = dae.equations[i].place
+        lines.append(f"    {weights[i]:+.3g}  {dae.equations[i].text}" + (f"  ({place})" if place else ""))
+    return lines + ([f"    … and {len(order) - LISTED} more"] if len(order) > LISTED else [])
+
+
+def reduce_structure(dae: LinearDAE, tolerance: float | None = None) -> Reduction:
+    """Solve the equations without derivatives for as many unknowns, sparse; undifferentiated ones first.
+
+    Raises NumericalError `pencil-singular` when these equations are linearly dependent.
+    """
+    E, J = sp.csr_array(dae.E), sp.csr_array(dae.J)
+    E.eliminate_zeros()
+    scaling = equilibrate(E, J)
+    E, J = apply_scaling(scaling, E, J)
+    n = dae.n
+    is_free = np.diff(E.indptr) == 0
+    has_derivative = np.diff(sp.csc_array(E).indptr) > 0
+    zero = default_tolerance(n) if tolerance is None else tolerance
+    pivots = choose_pivots(J, np.flatnonzero(is_free), has_derivative, zero)
+    if pivots.dependent_rows.size:
+        raise NumericalError(
+            "pencil-singular",
+            f"{pivots.dependent_rows.size} equations without derivatives are combinations of others.",
+        )
+    free, solved = pivots.rows, pivots.columns
+    core_rows = np.flatnonzero(~is_free)
+    rest = np.setdiff1d(np.arange(n), solved)
+    J11 = sp.csc_array(J[free][:, solved])
+    factor = spla.splu(J11) if free.size else None
+    E21, J21, J12 = E[core_rows][:, solved], J[core_rows][:, solved], J[free][:, rest]
+    dependence = factor.solve(J12.toarray()) if factor is not None else np.zeros((0, rest.size))
+    return Reduction(
+        scaling,
+        core_rows,
+        free,
+        rest,
+        solved,
+        factor,
+        E21,
+        J21,
+        J12,
+        E[core_rows][:, rest].toarray() - E21 @ dependence,
+        J[core_rows][:, rest].toarray() - J21 @ dependence,
+    )
+
+
+def _expand(reduction: Reduction, core: StandardForm, tolerance: float | None) -> StandardForm:
+    """Standard form of the whole model from the one of its core.
+
+    With core rows E = [I, 0, F; 0, N_c, G], where [F; G] = P_c E21 are the columns of the solved unknowns and
+    their rows of E are zero, the columns -F take F out, and N = [[N_c, G], [0, 0]].
+    """
+    n1, n_core, n_free = core.n_dynamic, core.left.shape[0], reduction.free_rows.size
+    coupling = core.left @ reduction.E21.toarray()
+    F, G = coupling[:n1], coupling[n1:]
+    inverse = reduction.solve(np.eye(n_free))
+    left = np.zeros((n_core + n_free, n_core + n_free))
+    left[:n_core, reduction.core_rows] = core.left
+    left[:n_core, reduction.free_rows] = -(core.left @ (reduction.J21 @ inverse))
+    left[:n1, reduction.free_rows] += core.A @ F @ inverse
+    left[n_core:, reduction.free_rows] = inverse
+    right = np.zeros_like(left)
+    right[reduction.rest, :n_core] = core.right
+    right[reduction.rest, n_core:] = -core.right[:, :n1] @ F
+    right[reduction.solved] = -reduction.solve(reduction.J12 @ right[reduction.rest])
+    right[reduction.solved, np.arange(n_core, n_core + n_free)] += 1.0
+    N = np.zeros((n_core - n1 + n_free,) * 2)
+    N[: n_core - n1, : n_core - n1] = core.N
+    N[: n_core - n1, n_core - n1 :] = G
+    size_of_G = np.abs(core.left[n1:]) @ np.abs(reduction.E21.toarray())
+    index, decisions = _index(core, G, size_of_G, tolerance)
+    scaling = reduction.scaling
+    left[:n1] *= scaling.time
+    return StandardForm(
+        left * scaling.rows,
+        scaling.columns[:, None] * right,
+        core.A * scaling.time,
+        N / scaling.time,
+        index,
+        decisions,
+    )
+
+
+def _index(
+    core: StandardForm, G: np.ndarray, size_of_G: np.ndarray, tolerance: float | None
+) -> tuple[int, tuple[RankDecision, ...]]:
+    """Nilpotency index of [[N_c, G], [0, 0]]: that of N_c, or one more if N_c^(index-1) G is not zero.
+
+    `size_of_G` (the shape of G) bounds what rounding errors of G are relative to.
+    """
+    if G.shape[1] == 0:
+        return core.index, core.decisions
+    if core.index == 0:
+        return 1, core.decisions
+    power = np.linalg.matrix_power(core.N, core.index - 1)
+    norm = float(np.linalg.norm(np.abs(power) @ size_of_G))
+    decision = decide_rank(
+        f"N^{core.index}, eliminated unknowns", sla.svdvals(power @ G), max(G.shape), norm, tolerance
+    )
+    return core.index + (1 if decision.rank else 0), (*core.decisions, decision)
+
+
+def _name_dynamic(form: StandardForm, dae: LinearDAE, scales: np.ndarray) -> StandardForm:
+    """Choose z1 among the unknowns that occur differentiated: E Q1 has full rank, so they suffice.
+
+    `scales` of the unknowns make the choice independent of units; among equals it favours what the model
+    prefers as a state, and variables of components over those of their connectors.
+    """
+    n1 = form.n_dynamic
+    if n1 == 0:
+        return form
+    candidates = np.flatnonzero(np.diff(sp.csc_array(dae.E).indptr) > 0)
+    preference = np.array([_preference(dae.unknowns[i]) for i in candidates]) / scales[candidates]
+    _, _, order = sla.qr((preference[:, None] * form.right[candidates, :n1]).T, pivoting=True)
+    rows = np.sort(candidates[order[:n1]])
+    T = form.right[rows, :n1]
+    left, right = form.left.copy(), form.right.copy()
+    left[:n1] = T @ left[:n1]
+    right[:, :n1] = sla.solve(T.T, right[:, :n1].T).T
+    right[rows, :n1] = np.eye(n1)
+    return replace(form, left=left, right=right, A=sla.solve(T.T, (T @ form.A).T).T)
+
+
+def _preference(unknown: Variable) -> float:
+    """Weight of an unknown as a state; factors of two and four, so that conditioning still decides."""
+    selected = {"never": 0.25, "avoid": 0.5, "default": 1.0, "prefer": 2.0, "always": 4.0}
+    return selected[unknown.state_select] * 0.5 ** max(unknown.name.count(".") - 1, 0)
+
+
+def _scale_infinite(form: StandardForm) -> StandardForm:
+    """Choose z2 such that |z2| is the distance of ξ from the range of Q1 (orthonormal in that quotient).
+
+    This is the form that the generalized Schur decomposition with the finite eigenvalues first leads to; N is
+    then unique up to a rotation, and its singular values belong to the model as it stands. Where units are
+    too far apart for that (`WORST_BASIS`), the form is returned as it is.
+    """
+    n1 = form.n_dynamic
+    Q1, Q2 = sla.qr(form.right[:, :n1], mode="economic")[0] if n1 else form.right[:, :0], form.right[:, n1:]
+    if Q2.shape[1] == 0:
+        return form
+    R = sla.qr(Q2 - Q1 @ (Q1.T @ Q2), mode="r")[0][: Q2.shape[1]]
+    diagonal = np.abs(np.diag(R))
+    if diagonal.min() < WORST_BASIS * diagonal.max():
+        return form
+    left, right = form.left.copy(), form.right.copy()
+    left[n1:] = R @ left[n1:]
+    right[:, n1:] = sla.solve_triangular(R, Q2.T, trans="T").T
+    N = sla.solve_triangular(R, (R @ form.N).T, trans="T").T
+    return replace(form, left=left, right=right, N=np.where(np.triu(np.ones_like(N), 1) > 0, N, 0.0))
