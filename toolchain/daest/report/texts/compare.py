@@ -16,23 +16,21 @@ def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> 
 
 def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     models = document["models"]
-    outputs = list(models[0]["fit_percent"])
-    for title, fits, errors in (
-        ("Simulation", "fit_percent", "rms"),
-        ("One-step prediction", "one_step_fit_percent", "one_step_rms"),
-    ):
-        yield heading(f"{title} of {document['data']}")
+    for title, part in (("Simulation", None), ("One-step prediction", "one_step")):
+        yield heading(f"{title} of {', '.join(document['data'])}")
         columns = ["model", "parameters"]
-        for output in outputs:
-            columns += [f"{output} fit %", "rms"]
-        yield table(columns, (_row(model, outputs, fits, errors) for model in models))
+        for output, unit in document["outputs"].items():
+            columns += [f"{output} fit %", f"rms [{unit or '1'}]"]
+        outputs = list(document["outputs"])
+        yield table(columns, (_row(model, part, outputs) for model in models))
     for model in models:
-        for remark in model.get("notes", ()):
+        for remark in model["notes"]:
             yield indented(f"{model['name']}: {remark}")
 
 
-def _row(model: Mapping[str, Any], outputs: list[str], fits: str, errors: str) -> list[str]:
+def _row(model: Mapping[str, Any], part: str | None, outputs: list[str]) -> list[str]:
+    agreement = model if part is None else model[part]
     row = [model["name"], str(model["n_parameters"])]
     for output in outputs:
-        row += [percent(model[fits].get(output)), number(model[errors].get(output))]
+        row += [percent(agreement["fit_percent"].get(output)), number(agreement["rms"].get(output))]
     return row

@@ -1,0 +1,71 @@
+"""Which column is which model signal: proposals for a new daest.toml, never used in silence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from daest.data.read import Signal
+from daest.data.table import Column, Table, time_unit
+from daest.errors import DataError
+from daest.quantities import conversion
+
+How = Literal["name", "similar name", "unit"]
+
+
+@dataclass(frozen=True)
+class Match:
+    """A proposal: `column` (its name, None where nothing fits) for `signal`, and what spoke for it."""
+
+    signal: Signal
+    column: str | None
+    how: How | None
+
+
+def match_columns(signals: Sequence[Signal], table: Table) -> list[Match]:
+    """One proposal per signal: the column of the same name, else of the same name but for case or a trailing
+    unit (`position_m`), else the only free column of a fitting unit where no other signal has that unit."""
+    free = [
+        column for column in table.columns if column.name and time_unit(column) is None and not column.texts
+    ]
+    found: dict[str, Match] = {}
+    for how in ("name", "similar name", "unit"):
+        open_signals = [signal for signal in signals if signal.name not in found]
+        for signal in open_signals:
+            fits = [column for column in free if _fits(signal, column, how, open_signals)]
+            if len(fits) == 1:
+                found[signal.name] = Match(signal, fits[0].name, how)
+                free.remove(fits[0])
+    return [found.get(signal.name, Match(signal, None, None)) for signal in signals]
+
+
+def _fits(signal: Signal, column: Column, how: How, others: Sequence[Signal]) -> bool:
+    if how == "name":
+        return signal.name in (column.name, column.header)
+    if how == "similar name":
+        names = {column.name.lower(), _stem(column.name).lower()}
+        return signal.name.lower() in names or signal.name.rsplit(".", 1)[-1].lower() in names
+    rivals = [other for other in others if other is not signal and _same_kind(other.unit, signal.unit)]
+    return not rivals and bool(signal.unit) and _same_kind(_unit(column), signal.unit)
+
+
+def _stem(name: str) -> str:
+    return name.rsplit("_", 1)[0] if "_" in name else name
+
+
+def _unit(column: Column) -> str:
+    """The unit in the header, else what stands behind the last underscore (`motor_force_N`)."""
+    if column.unit is not None:
+        return column.unit
+    return column.name.rsplit("_", 1)[1] if "_" in column.name else ""
+
+
+def _same_kind(given: str, wanted: str) -> bool:
+    if not given or not wanted:
+        return False
+    try:
+        conversion(given, wanted)
+    except DataError:
+        return False
+    return True

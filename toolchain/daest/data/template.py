@@ -1,0 +1,125 @@
+"""The text of a new daest.toml, with a comment on everything that may need a decision."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from daest.data.match import Match
+from daest.model.flat import FlatModel, Parameter
+
+_HEAD = """\
+# What daest knows beside the model. Options on the command line come before what stands here.
+# Paths count from the folder of this file; units are those of the model."""
+
+
+@dataclass(frozen=True)
+class Draft:
+    """What a new daest.toml is written from. `source` and `data` are paths relative to the file; `columns`
+    are all columns of the recording."""
+
+    flat: FlatModel
+    source: str
+    class_name: str | None
+    libraries: tuple[str, ...]
+    data: tuple[str, ...]
+    inputs: tuple[Match, ...]
+    outputs: tuple[Match, ...]
+    columns: tuple[str, ...]
+
+
+def project_text(draft: Draft) -> str:
+    """A complete daest.toml. What could not be matched stands there as a comment to be completed."""
+    sections = [_HEAD, *_model(draft), *_data(draft), *_parameters(draft.flat), *_noise(draft.flat)]
+    return "\n".join(sections) + "\n"
+
+
+def _model(draft: Draft) -> Iterator[str]:
+    yield f"\n[model]\nsource = {_text(draft.source)}"
+    if draft.class_name:
+        yield f"class = {_text(draft.class_name)}"
+    if draft.libraries:
+        yield f"libraries = {_list(draft.libraries)}"
+
+
+def _data(draft: Draft) -> Iterator[str]:
+    yield "\n[data]"
+    if draft.data:
+        yield f"estimate = {_list(draft.data)}"
+        yield 'split = 0.5  # the first half estimates, the rest validates; or: validate = ["other.csv"]'
+    else:
+        yield '# estimate = ["run.csv"]\n# split = 0.5  # or: validate = ["other.csv"]'
+    if draft.columns:
+        yield f"# columns: {', '.join(draft.columns)}"
+    yield "# from, to [s], resample [s], detrend (none, mean, linear), hold (zoh, foh)"
+    yield from _mapping("inputs", draft.inputs)
+    yield from _mapping("outputs", draft.outputs)
+
+
+def _mapping(kind: str, matches: Sequence[Match]) -> Iterator[str]:
+    if not matches:
+        return
+    yield f"\n[data.{kind}]  # model name = column"
+    for match in matches:
+        unit = f"[{match.signal.unit}]" if match.signal.unit else ""
+        if match.column is None:
+            yield f'# {_key(match.signal.name)} = "?"  {f"# {unit}" if unit else ""}'.rstrip()
+        else:
+            doubt = "" if match.how == "name" else f" matched by {match.how}: please check"
+            remark = f"{unit}{doubt}".strip()
+            yield f"{_key(match.signal.name)} = {_text(match.column)}{f'  # {remark}' if remark else ''}"
+
+
+def _parameters(flat: FlatModel) -> Iterator[str]:
+    yield "\n[parameters]  # start, min, max; scale: linear, log or auto"
+    for parameter in flat.parameters:
+        marked = "" if parameter.estimate else "# "
+        yield f"{marked}{_key(parameter.name)} = {_setting(parameter)}{_remark(parameter.unit, parameter.description)}"
+
+
+def _setting(parameter: Parameter) -> str:
+    if not parameter.estimate:
+        return f"{{ value = {parameter.value:.12g} }}"
+    parts = ["estimate = true", f"start = {parameter.value:.12g}"]
+    if parameter.min is not None:
+        parts.append(f"min = {parameter.min:.12g}")
+    if parameter.max is not None:
+        parts.append(f"max = {parameter.max:.12g}")
+    parts.append(f'scale = "{parameter.scale}"')
+    return f"{{ {', '.join(parts)} }}"
+
+
+def _noise(flat: FlatModel) -> Iterator[str]:
+    yield "\n[noise.process]  # white noise: intensity = two-sided density, unit^2 s"
+    for noise in flat.noises:
+        if noise.intensity is None:
+            yield f"# {_key(noise.name)} = {{ intensity = 1e-6, estimate = true }}{_remark(noise.unit, '')}"
+        else:
+            body = f"intensity = {noise.intensity:.12g}, estimate = {str(noise.estimate).lower()}"
+            yield f"{_key(noise.name)} = {{ {body} }}{_remark(noise.unit, noise.description)}"
+    if not flat.noises:
+        yield '# "component.flange.tau" = { intensity = 1e-6, estimate = true }'
+    yield "\n[noise.measurement]  # std of one sample"
+    for output in flat.outputs:
+        std = "" if output.noise_std is None else f"std = {output.noise_std:.12g}, "
+        estimate = f"estimate = {str(output.estimate_noise).lower()}"
+        yield f"{_key(output.name)} = {{ {std}{estimate} }}{_remark(output.unit, '')}"
+
+
+def _remark(unit: str, description: str) -> str:
+    words = " ".join(part for part in (f"[{unit}]" if unit else "", " ".join(description.split())) if part)
+    return f"  # {words}" if words else ""
+
+
+def _key(name: str) -> str:
+    return name if name.isidentifier() and name.isascii() else _text(name)
+
+
+def _text(value: str) -> str:
+    # A JSON string is a TOML basic string.
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _list(values: Sequence[str]) -> str:
+    return f"[{', '.join(_text(value) for value in values)}]"

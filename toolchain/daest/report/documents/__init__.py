@@ -1,0 +1,1 @@
+"""Result documents: the JSON content of every command, from its result value."""
