@@ -12,7 +12,7 @@ from daest.model.fit import WeakDirection
 from daest.numerics.statistics import coloured_moment, whiteness_p_value
 
 FLAT_DIRECTION = 1e-11  # eigenvalue of the scaled information (unit diagonal) that counts as zero
-NO_INFLUENCE = 1e-12  # relative change of the likelihood's curvature: see `without_influence`
+NO_INFLUENCE = 1e-16  # information per measured value that is none: a change by 1e-8 of the noise, on average
 WEAK_RELATIVE_STD = 0.1  # a direction is weak when a factor along it is uncertain by more than this
 SMALL_WEIGHT = 0.12  # of the largest weight: smaller ones are not named
 WEIGHT_STEP = 0.25  # weights are rounded to multiples of this
@@ -30,12 +30,12 @@ class Uncertainty:
     is_coloured: bool
 
 
-def without_influence(information: np.ndarray, values_per_z: np.ndarray, n_observed: int) -> np.ndarray:
+def without_influence(information: np.ndarray, n_observed: int) -> np.ndarray:
     """Mask (p,) of unknowns whose change by one unit of z moves no prediction by a measurable part of its noise.
 
-    The information of a coordinate is the squared change of all whitened predictions per unit of z.
+    The information of a coordinate is the sum of squared changes of all whitened predictions per unit of z;
+    it counts as zero up to NO_INFLUENCE per measured value.
     """
-    del values_per_z
     return np.diagonal(information) <= NO_INFLUENCE * max(n_observed, 1)
 
 

@@ -1,0 +1,113 @@
+"""What makes an identification impossible, found before the search starts."""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+
+import numpy as np
+
+from daest.errors import EstimationError
+from daest.estimation.coordinates import Coordinate, Unknowns
+from daest.estimation.identifiability import flat_directions, without_influence
+from daest.estimation.records import Record
+from daest.estimation.search import Evaluation
+from daest.model.linear import StateSpaceFamily
+
+SAME_INPUT = 1e-9  # an input is constant when it stays within this part of its size
+
+
+def known_name(name: str, known: list[str], what: str) -> int:
+    """Index of `name`; error `unknown-parameter`, `unknown-noise` or `unknown-output` with the nearest names."""
+    if name in known:
+        return known.index(name)
+    near = get_close_matches(name, known, n=3, cutoff=0.5)
+    raise EstimationError(
+        f"unknown-{what}",
+        f"the model has no {what} named {name}",
+        where=name,
+        remedy=f"did you mean {', '.join(near)}?" if near else f"it has: {', '.join(known) or 'none'}",
+    )
+
+
+def check_bounds(coordinate: Coordinate) -> None:
+    """Error `start-outside-bounds`."""
+    if coordinate.lower <= coordinate.initial <= coordinate.upper:
+        return
+    raise EstimationError(
+        "start-outside-bounds",
+        f"the start value {coordinate.initial:.6g} of {coordinate.name} lies outside its bounds "
+        f"[{coordinate.lower:.6g}, {coordinate.upper:.6g}]",
+        where=coordinate.name,
+        remedy="give another start value, or other bounds (min, max)",
+    )
+
+
+def check_records(family: StateSpaceFamily, records: tuple[Record, ...], n_unknowns: int) -> None:
+    """Errors `identify-no-data`, `identify-no-output`, `identify-too-few-samples`, `identify-constant-input`."""
+    if not records:
+        raise EstimationError(
+            "identify-no-data", "there is no recording to identify from", remedy="name a data file"
+        )
+    where = ", ".join(r.name for r in records)
+    n_observed = int(sum(r.n_observed.sum() for r in records))
+    if n_observed == 0:
+        names = ", ".join(o.name for o in family.outputs) or "none"
+        raise EstimationError(
+            "identify-no-output",
+            f"no output of the model has a single measured value; its outputs are: {names}",
+            where=where,
+            remedy="map a column to an output ([data] outputs), or check the empty cells",
+        )
+    n_states = len(family.state_names)
+    needed = n_unknowns + n_states * len(records)
+    if n_observed <= needed:
+        raise EstimationError(
+            "identify-too-few-samples",
+            f"{n_observed} measured values for {needed} unknowns ({n_unknowns} parameters and noises, "
+            f"{n_states} initial states per recording)",
+            where=where,
+            remedy="use a longer recording, or estimate fewer parameters",
+        )
+    n_inputs = len(family.inputs)
+    if n_inputs and all(_is_constant(r.inputs[:, j]) for r in records for j in range(n_inputs)):
+        names = ", ".join(v.name for v in family.inputs)
+        raise EstimationError(
+            "identify-constant-input",
+            f"the input {names} is constant: nothing excites the model",
+            where=where,
+            remedy="record with a varying input; for a free motion, use a model without that input",
+        )
+
+
+def check_start(unknowns: Unknowns, start: Evaluation | None, n_observed: int) -> None:
+    """Errors `identify-no-start`, `identify-no-influence`, `identify-unidentifiable`."""
+    if start is None or start.information is None:
+        raise EstimationError(
+            "identify-no-start",
+            "the model cannot be evaluated at the start values: its outputs are not finite",
+            remedy="check the start values (an unstable model overflows in a long simulation; then use pem)",
+        )
+    names = [c.name for c in unknowns.coordinates]
+    dead = without_influence(start.information, n_observed)
+    if np.any(dead):
+        text = ", ".join(name for name, is_dead in zip(names, dead, strict=True) if is_dead)
+        raise EstimationError(
+            "identify-no-influence",
+            f"no measured output depends on {text}",
+            where=text,
+            remedy="fix it to a known value (--fix), or measure an output that it moves",
+        )
+    flat = flat_directions(start.information)
+    if flat.shape[1]:
+        direction = np.abs(flat[:, 0])
+        involved = [n for n, w in zip(names, direction, strict=True) if w > 1e-3 * np.max(direction)]
+        raise EstimationError(
+            "identify-unidentifiable",
+            f"{', '.join(involved)} can change together without any effect on the measured outputs",
+            where=", ".join(involved),
+            remedy="fix one of them to a known value (--fix NAME=VALUE)",
+        )
+
+
+def _is_constant(signal: np.ndarray) -> bool:
+    return float(np.ptp(signal)) <= SAME_INPUT * float(np.max(np.abs(signal), initial=0.0))

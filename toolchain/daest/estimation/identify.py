@@ -1,0 +1,273 @@
+"""Identify: unknown parameters and noises of a linear DAE from recordings. Report (2), (3)-(8)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from daest.estimation import likelihood, output_error
+from daest.estimation.agreement import predicted_agreement, simulated_agreement
+from daest.estimation.arx import matched_start
+from daest.estimation.checks import check_bounds, check_records, check_start, known_name
+from daest.estimation.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.noise_start import with_noise
+from daest.estimation.output_error import Problem
+from daest.estimation.records import Record, make_record, part_of
+from daest.estimation.result import fit_result
+from daest.estimation.search import Evaluation, Found, minimise
+from daest.errors import EstimationError
+from daest.model.experiment import Experiment
+from daest.model.fit import FitResult, IdentifyOptions, Method, NoiseChoice
+from daest.model.flat import FlatModel
+from daest.model.linear import StateSpaceFamily
+from daest.systems.sample import Hold
+from daest.systems.state_space import state_space, state_space_family
+
+HOLD_ITERATIONS = 10  # of the short output-error fits that compare the holds
+HOLD_SAMPLES = 4000  # of every recording that this comparison uses
+SIMULATION_ITERATIONS = 15  # of the output-error fit that a prediction-error fit starts from
+START_SPREAD = np.log(10.0)  # further start points: up to a factor 10 off, for linear scales 3 scales off
+LINEAR_SPREAD = 3.0
+POOR_FIT = 1.0  # σ of a residual relative to its output's spread above which one more start is tried
+POOR_SHARE = 0.3
+
+
+@dataclass(frozen=True)
+class Setup:
+    """The problem before the search: output-error problem, the noises that exist, and what the user gave."""
+
+    problem: Problem
+    method: Method
+    process: dict[int, bool]  # noise index -> estimated
+    measurement: dict[int, bool]  # output index -> estimated
+    given_intensity: np.ndarray
+    given_std: np.ndarray
+    notes: tuple[str, ...]
+
+
+def identify(
+    model: FlatModel | StateSpaceFamily,
+    experiments: Sequence[Experiment],
+    options: IdentifyOptions | None = None,
+    validation: Sequence[Experiment] = (),
+) -> FitResult:
+    """Find the parameters of `model` that explain `experiments`, with their uncertainty.
+
+    "oe" minimises the simulation error (2), weighted by maximum likelihood; "pem" maximises the likelihood of
+    the one-step predictions of the Kalman filter, process and measurement noise included. Default: "pem" for a
+    model that declares process noise, else "oe". Initial states are estimated per experiment; those of validation
+    records too. Raises EstimationError (codes in `estimation.checks`) and DataError.
+    """
+    began = time.perf_counter()
+    options = options or IdentifyOptions()
+    family = model if isinstance(model, StateSpaceFamily) else state_space_family(model)
+    estimation, held_back = _divided(tuple(experiments), tuple(validation), options.split)
+    setup = _setup(family, tuple(make_record(e, family) for e in estimation), options)
+    setup = replace(setup, problem=replace(setup.problem, hold=_chosen_hold(setup, options)))
+    _check_start(setup)
+    problem, ends = _search(setup, options, estimation[0])
+    validation_records = tuple(make_record(e, family) for e in held_back)
+    simulated = {"estimation": simulated_agreement(problem, problem.records, ends[0].z)}
+    agree = predicted_agreement if setup.method == "pem" else simulated_agreement
+    one_step = {"estimation": agree(problem, problem.records, ends[0].z)}
+    if validation_records:
+        simulated["validation"] = simulated_agreement(problem, validation_records, ends[0].z)
+        one_step["validation"] = agree(problem, validation_records, ends[0].z)
+    result = fit_result(problem, setup.method, ends, setup.measurement, simulated, one_step, setup.notes)
+    initial = {c.name: c.initial for c in setup.problem.unknowns.coordinates}
+    parameters = tuple(replace(p, initial=initial[p.name]) for p in result.parameters)
+    return replace(result, parameters=parameters, seconds=time.perf_counter() - began)
+
+
+def _divided(
+    experiments: tuple[Experiment, ...], validation: tuple[Experiment, ...], split: float | None
+) -> tuple[tuple[Experiment, ...], tuple[Experiment, ...]]:
+    """Estimation and validation records; error `split-out-of-range`."""
+    if split is None:
+        return experiments, validation
+    if not 0.0 < split < 1.0:
+        raise EstimationError(
+            "split-out-of-range",
+            f"the split {split:g} leaves nothing to estimate from or nothing to validate with",
+            remedy="give a number between 0 and 1",
+        )
+    cuts = [max(1, round(split * e.n_samples)) for e in experiments]
+    first = tuple(part_of(e, 0, cut) for e, cut in zip(experiments, cuts, strict=True))
+    rest = tuple(part_of(e, cut, e.n_samples) for e, cut in zip(experiments, cuts, strict=True))
+    return first, (*rest, *validation)
+
+
+def _setup(family: StateSpaceFamily, records: tuple[Record, ...], options: IdentifyOptions) -> Setup:
+    theta, unknowns = _unknowns(family, options)
+    process, intensity = _noise_choices(
+        [n.name for n in family.noises],
+        [NoiseChoice(n.intensity, n.estimate or n.intensity is None) for n in family.noises],
+        options.process_noise,
+        "noise",
+    )
+    measurement, std = _noise_choices(
+        [o.name for o in family.outputs],
+        [NoiseChoice(o.noise_std, o.estimate_noise or o.noise_std is None) for o in family.outputs],
+        options.measurement_noise,
+        "output",
+    )
+    method: Method = options.method or ("pem" if family.noises else "oe")
+    measured = np.array([any(r.n_observed[j] for r in records) for j in range(len(family.outputs))], dtype=bool)
+    measurement = {j: choice and bool(measured[j]) for j, choice in measurement.items()}
+    std = np.where(measured, std, np.where(np.isnan(std), 1.0, std))
+    n_noises = sum(measurement.values()) + (sum(process.values()) if method == "pem" else 0)
+    check_records(family, records, len(unknowns.coordinates) + n_noises)
+    weigh = np.array([measurement[j] for j in range(len(family.outputs))], dtype=bool)
+    notes = [] if family.is_affine else ["the model is nonlinear: its linearisation was identified"]
+    notes += [f"output {o.name} has no measured value" for o, m in zip(family.outputs, measured, strict=True) if not m]
+    given = Unknowns(unknowns.coordinates, theta, np.zeros(len(family.noises)), np.where(np.isnan(std), 1.0, std))
+    has_direct_noise = bool(np.any(state_space(family, theta).H != 0.0))
+    sampled: Literal["white", "held"] = "held" if has_direct_noise else "white"
+    problem = Problem(family, records, "foh", given, weigh, sampled)
+    return Setup(problem, method, process, measurement, intensity, std, tuple(notes))
+
+
+def _unknowns(family: StateSpaceFamily, options: IdentifyOptions) -> tuple[np.ndarray, Unknowns]:
+    """All parameter values (fixed and start values put in), and the coordinates of the unknown ones."""
+    known = [p.name for p in family.parameters]
+    theta = np.array([p.value for p in family.parameters], dtype=float)
+    for name, value in {**options.start, **options.fix}.items():
+        theta[known_name(name, known, "parameter")] = value
+    for name in options.bounds:
+        known_name(name, known, "parameter")
+    names = options.estimate
+    if names is None:
+        names = tuple(p.name for p in family.parameters if p.estimate)
+    names = tuple(n for n in names if n not in options.fix)
+    indices = [known_name(n, known, "parameter") for n in names]
+    if not names:
+        raise EstimationError(
+            "identify-nothing-to-estimate",
+            "no parameter is marked as unknown",
+            remedy="mark it in the model (__Daest(estimate = true)) or name it (--estimate NAME)",
+        )
+    coordinates = []
+    for name, index in zip(names, indices, strict=True):
+        parameter = family.parameters[index]
+        bounds = options.bounds.get(name, (parameter.min, parameter.max))
+        coordinates.append(parameter_coordinate(family, name, float(theta[index]), bounds))
+        check_bounds(coordinates[-1])
+    return theta, Unknowns(tuple(coordinates), theta, np.zeros(0), np.zeros(0))
+
+
+def _noise_choices(
+    names: list[str], defaults: list[NoiseChoice], given: object, what: str
+) -> tuple[dict[int, bool], np.ndarray]:
+    """index -> estimated, and the values (NaN where unknown), of the model overruled by the options."""
+    choices = list(defaults)
+    for name, choice in dict(given).items():  # type: ignore[call-overload]
+        i = known_name(name, names, what)
+        value = defaults[i].value if choice.value is None else choice.value
+        estimate = defaults[i].estimate if choice.estimate is None else choice.estimate
+        choices[i] = NoiseChoice(value, bool(estimate) or value is None)
+    values = np.array([np.nan if c.value is None else c.value for c in choices], dtype=float)
+    return {i: bool(c.estimate) for i, c in enumerate(choices)}, values
+
+
+def _chosen_hold(setup: Setup, options: IdentifyOptions) -> Hold:
+    """The given hold, or the one with the higher likelihood after short output-error fits."""
+    family = setup.problem.family
+    if options.hold is not None:
+        return options.hold
+    if family.input_derivatives or not family.inputs:
+        return "foh"
+    short = replace(setup.problem, records=tuple(_head(r, HOLD_SAMPLES) for r in setup.problem.records))
+    unknowns = short.unknowns
+    z, values = unknowns.start, {}
+    for hold in ("foh", "zoh"):
+        objective = output_error.objective(replace(short, hold=hold))
+        found = minimise(objective, z, unknowns.lower, unknowns.upper, HOLD_ITERATIONS)
+        if found is None:
+            return "foh"
+        z, values[hold] = found.z, found.evaluation.value
+    return "zoh" if values["zoh"] < values["foh"] else "foh"
+
+
+def _head(record: Record, n_samples: int) -> Record:
+    """The first samples of a record."""
+    return replace(
+        record,
+        time=record.time[:n_samples],
+        inputs=record.inputs[:n_samples],
+        outputs=record.outputs[:n_samples],
+        observed=record.observed[:n_samples],
+        recorded=record.recorded[record.recorded < n_samples],
+    )
+
+
+def _check_start(setup: Setup) -> None:
+    problem = setup.problem
+    start: Evaluation | None = output_error.objective(problem)(problem.unknowns.start, True)
+    if start is None and setup.method == "pem":
+        noisy = _noisy(setup, problem.unknowns.start)
+        whole = likelihood.objective(noisy)(noisy.unknowns.start, True)
+        p = len(problem.unknowns.coordinates)
+        if whole is not None and whole.information is not None and whole.gradient is not None:
+            start = Evaluation(whole.value, whole.gradient[:p], whole.information[:p, :p])
+    check_start(problem.unknowns, start, int(sum(r.n_observed.sum() for r in problem.records)))
+
+
+def _noisy(setup: Setup, z: np.ndarray) -> Problem:
+    return with_noise(
+        setup.problem, setup.process, setup.measurement, setup.given_intensity, setup.given_std, z
+    )
+
+
+def _search(setup: Setup, options: IdentifyOptions, first: Experiment) -> tuple[Problem, list[Found]]:
+    """The problem that was searched, and the end of the search from every start, best first."""
+    unknowns = setup.problem.unknowns
+    pairs = [_search_from(setup, unknowns.start, options.max_iterations)]
+    starts = _further_starts(unknowns, options)
+    if options.starts > 1 or _is_poor(setup, pairs[0]):
+        matched = matched_start(setup.problem, first)
+        if matched is not None:
+            starts = [matched, *starts]
+    pairs += [_search_from(setup, z, options.max_iterations) for z in starts]
+    ended = [pair for pair in pairs if pair is not None]
+    if not ended:
+        check_start(unknowns, None, 0)
+    ended.sort(key=lambda pair: pair[1].evaluation.value)
+    return ended[0][0], [found for _, found in ended]
+
+
+def _search_from(setup: Setup, z: np.ndarray, max_iterations: int) -> tuple[Problem, Found] | None:
+    problem, unknowns = setup.problem, setup.problem.unknowns
+    iterations = max_iterations if setup.method == "oe" else SIMULATION_ITERATIONS
+    simulated = minimise(output_error.objective(problem), z, unknowns.lower, unknowns.upper, iterations)
+    if setup.method == "oe":
+        return None if simulated is None else (problem, simulated)
+    noisy = _noisy(setup, z if simulated is None else simulated.z)
+    unknowns = noisy.unknowns
+    found = minimise(
+        likelihood.objective(noisy), unknowns.start, unknowns.lower, unknowns.upper, max_iterations
+    )
+    return None if found is None else (noisy, found)
+
+
+def _further_starts(unknowns: Unknowns, options: IdentifyOptions) -> list[np.ndarray]:
+    """options.starts - 1 random points: within the bounds where both are finite, else around the start."""
+    rng = np.random.default_rng(options.seed)
+    lower, upper, start = unknowns.lower, unknowns.upper, unknowns.start
+    spread = np.array([START_SPREAD if c.is_log else LINEAR_SPREAD for c in unknowns.coordinates])
+    bounded = np.isfinite(lower) & np.isfinite(upper)
+    low = np.where(bounded, lower, np.maximum(start - spread, lower))
+    high = np.where(bounded, upper, np.minimum(start + spread, upper))
+    return [rng.uniform(low, high) for _ in range(options.starts - 1)]
+
+
+def _is_poor(setup: Setup, pair: tuple[Problem, Found] | None) -> bool:
+    """Whether the simulation leaves more than POOR_SHARE of the spread of some output unexplained."""
+    if pair is None:
+        return True
+    agreement = simulated_agreement(pair[0], pair[0].records, pair[1].z)
+    limit = 100.0 * (1.0 - POOR_SHARE)
+    return any(fit is not None and fit < limit for fit in agreement.fit_percent.values())
