@@ -80,6 +80,10 @@ class NumericalError(DaestError):
 
 EXPLANATIONS: dict[str, str] = {
     # Sorted by code. Each text: what it means, why it matters, what to do.
+    "compare-missing-output": (
+        "The models that are compared must have the outputs of the first one in common. [data] outputs in "
+        "daest.toml can declare any variable of a model as an output."
+    ),
     "config-exists": (
         "daest init does not overwrite a daest.toml. Remove the old one, or write another with -p FILE."
     ),
@@ -181,6 +185,14 @@ EXPLANATIONS: dict[str, str] = {
     ),
     "data-window-empty": (
         "Fewer than two rows lie between --from and --to. The message names the times of the recording."
+    ),
+    "example-folder-exists": (
+        "daest demo copies an example into a new folder and does not overwrite one. Remove it, or call it "
+        "elsewhere."
+    ),
+    "example-unknown": "There is no shipped example of that name; daest demo without a name lists them.",
+    "examples-missing": (
+        "The folder with the examples is neither in the installed package nor beside its sources."
     ),
     "explain-unknown-code": (
         "daest explain knows the codes that stand in brackets behind the word error; without a code it "

@@ -75,7 +75,8 @@ def _parameters(flat: FlatModel) -> Iterator[str]:
     yield "\n[parameters]  # start, min, max; scale: linear, log or auto"
     for parameter in flat.parameters:
         marked = "" if parameter.estimate else "# "
-        yield f"{marked}{_key(parameter.name)} = {_setting(parameter)}{_remark(parameter.unit, parameter.description)}"
+        remark = _remark(parameter.unit, parameter.description)
+        yield f"{marked}{_key(parameter.name)} = {_setting(parameter)}{remark}"
 
 
 def _setting(parameter: Parameter) -> str:

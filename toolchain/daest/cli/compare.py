@@ -1,0 +1,154 @@
+"""`daest compare`: models side by side on data that they have not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from daest.cli.models import load_model, model_source, with_outputs
+from daest.cli.options import (
+    class_options,
+    data_options,
+    example,
+    format_option,
+    output_option,
+    plot_option,
+    project_option,
+    seed_option,
+)
+from daest.cli.output import emit, keep_inputs, whole_file
+from daest.cli.recordings import DataOptions, unseen_data
+from daest.cli.results import find_fit, fitted
+from daest.data.project import Project, load_project
+from daest.diagnosis.compare import Candidate, compare_models
+from daest.errors import ConfigError, Place
+from daest.model.comparison import Comparison
+from daest.model.fit import IdentifyOptions
+from daest.model.flat import FlatModel
+from daest.report.documents import compare as documents
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A comparison and its document."""
+
+    comparison: Comparison
+    document: dict[str, Any]
+
+
+@click.command("compare", epilog=example("daest compare Servo.mo ServoFriction.mo --data run2.csv"))
+@click.argument("models", metavar="MODEL...", nargs=-1, type=click.Path(path_type=Path))
+@click.option(
+    "--data", "data", multiple=True, type=click.Path(path_type=Path), help="Recording (default: [data])."
+)
+@click.option("--refit", is_flag=True, help="Identify every model anew, on [data] estimate.")
+@click.option("--fail-below", type=float, metavar="PERCENT", help="Exit 1 if a model fits an output worse.")
+@class_options
+@data_options
+@project_option
+@format_option
+@output_option
+@plot_option
+@seed_option
+def command(
+    models: tuple[Path, ...],
+    data: tuple[Path, ...],
+    refit: bool,
+    fail_below: float | None,
+    class_name: str | None,
+    libraries: tuple[Path, ...],
+    start: float | None,
+    stop: float | None,
+    period: float | None,
+    detrend: Any,
+    hold: Any,
+    project_file: Path | None,
+    form: str,
+    output: Path | None,
+    plot: Path | None,
+    seed: int,
+) -> int:
+    """Error of every MODEL on recordings, in simulation and one step ahead, with the parameters of its own
+    fit."""
+    from daest.report.texts import compare as texts
+
+    project = load_project(project_file)
+    keep_inputs(output, [*models, *data])
+    options = DataOptions(start, stop, period, detrend, None, hold)
+    found = compared(project, models, data, options, class_name, libraries, refit=refit, seed=seed)
+    if plot is not None:
+        from daest.report.figures import comparison_figure, save
+
+        with whole_file(plot) as temporary:
+            save(comparison_figure(found.comparison), temporary)
+    emit(found.document, "compare", form, output, texts.text)
+    return int(fail_below is not None and _is_below(found.comparison, fail_below))
+
+
+def compared(
+    project: Project,
+    models: Sequence[Path],
+    data: Sequence[Path],
+    options: DataOptions,
+    class_name: str | None = None,
+    libraries: Sequence[Path] = (),
+    *,
+    refit: bool = False,
+    seed: int = 0,
+) -> Compared:
+    """Every model (default: that of daest.toml) on the same recordings."""
+    sources = [model_source(project, path) for path in models] or [model_source(project, None)]
+    flats = [load_model(project, source, class_name, libraries) for source in sources]
+    measured, experiments = unseen_data(flats[0], project, data, options)
+    candidates = []
+    for source, flat in zip(sources, flats, strict=True):
+        if refit:
+            candidates.append(_refitted(project, source, flat, options, seed))
+        else:
+            candidates.append(_candidate(project, source, flat, options))
+    names = [output.name for output in measured.outputs]
+    chosen = [_on(candidate, names, source) for candidate, source in zip(candidates, sources, strict=True)]
+    comparison = compare_models(chosen, experiments)
+    return Compared(comparison, documents.document(comparison))
+
+
+def _candidate(project: Project, source: Path, flat: FlatModel, options: DataOptions) -> Candidate:
+    fit = find_fit(project, source, flat.name)
+    if fit is None:
+        hold = options.hold or project.hold or "foh"
+        return Candidate(flat.name, flat, 0, hold, notes=("no fit found: the values of the model are used",))
+    path, document = fit
+    hold = options.hold or document.get("hold") or project.hold or "foh"
+    sampled = document.get("noise_model") or "white"
+    return Candidate(
+        flat.name, fitted(flat, document), len(document["parameters"]), hold, sampled, (f"fit of {path}",)
+    )
+
+
+def _refitted(project: Project, source: Path, flat: FlatModel, options: DataOptions, seed: int) -> Candidate:
+    from daest.cli.identify import identified
+
+    fit = identified(project, source, (), options, IdentifyOptions(hold=options.hold, seed=seed), flat=flat)
+    new = fitted(flat, fit.document)
+    return Candidate(flat.name, new, len(fit.result.parameters), fit.result.hold, fit.result.noise_model)
+
+
+def _on(candidate: Candidate, names: Sequence[str], source: Path) -> Candidate:
+    missing = [name for name in names if name not in {output.name for output in candidate.flat.outputs}]
+    if missing:
+        raise ConfigError(
+            "compare-missing-output",
+            f"{candidate.name} has no output {', '.join(missing)}",
+            where=Place(str(source)),
+            remedy="compare models with the same outputs; [data] outputs in daest.toml can declare them",
+        )
+    return replace(candidate, flat=with_outputs(candidate.flat, names))
+
+
+def _is_below(comparison: Comparison, limit: float) -> bool:
+    fits = [fit for trial in comparison.models for fit in trial.simulation.fit_percent.values()]
+    return any(fit is None or fit < limit for fit in fits)

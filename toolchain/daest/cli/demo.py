@@ -1,0 +1,66 @@
+"""`daest demo`: a shipped example, copied and run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from daest.cli.options import example, format_option
+from daest.cli.output import emit, note
+
+
+@click.command("demo", epilog=example("daest demo servo"))
+@click.argument("name", required=False)
+@format_option
+def command(name: str | None, form: str) -> None:
+    """Copy the example NAME into a new folder NAME, identify its parameters, compare it with its data.
+
+    Without NAME, list the examples.
+    """
+    from daest.data.examples import examples
+
+    if name is None:
+        entries = [{"name": e.name, "description": e.description} for e in examples()]
+        emit({"examples": entries}, "demo", form, None, _list_text)
+    else:
+        emit(_run(name), "demo", form, None, _run_text)
+
+
+def _run(name: str) -> dict[str, Any]:
+    from daest.cli.compare import compared
+    from daest.cli.identify import identified
+    from daest.cli.recordings import DataOptions
+    from daest.data.examples import copy_example
+    from daest.data.project import load_project
+
+    folder = Path(name)
+    copy_example(name, folder)
+    note(f"copied to {folder}; the same by hand: cd {folder}; daest identify; daest compare")
+    project = load_project(folder)
+    fit = identified(project, None, (), DataOptions())
+    return {
+        "folder": str(folder),
+        "identify": fit.document,
+        "compare": compared(project, (), (), DataOptions()).document,
+    }
+
+
+def _list_text(document: Mapping[str, Any], width: int, color: bool) -> str:
+    from daest.report.console import rendered, table
+
+    rows = [(entry["name"], entry["description"]) for entry in document["examples"]]
+    return rendered([table(("example", "what it is"), rows, text_columns=(0, 1))], width, color)
+
+
+def _run_text(document: Mapping[str, Any], width: int, color: bool) -> str:
+    from daest.report.texts import compare, identify
+
+    return "\n".join(
+        (
+            identify.text(document["identify"], width, color),
+            compare.text(document["compare"], width, color),
+        )
+    )

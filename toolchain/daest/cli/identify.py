@@ -1,0 +1,147 @@
+"""`daest identify`: parameters with their uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from daest.cli.models import load_model, model_source
+from daest.cli.options import (
+    assignments,
+    class_options,
+    data_options,
+    example,
+    format_option,
+    output_option,
+    plot_option,
+    project_option,
+    seed_option,
+    split_option,
+)
+from daest.cli.output import emit, keep_inputs, note, whole_file
+from daest.cli.recordings import DataOptions, training_data
+from daest.cli.results import fitted, save_fit
+from daest.data.project import Project, load_project
+from daest.estimation.identify import identify
+from daest.model.experiment import Experiment
+from daest.model.fit import FitResult, IdentifyOptions
+from daest.model.flat import FlatModel
+from daest.report.documents import fit as documents
+
+
+@dataclass(frozen=True)
+class Identified:
+    """A fit with its document, and what it was made from."""
+
+    result: FitResult
+    document: dict[str, Any]
+    flat: FlatModel
+    source: Path
+    estimation: list[Experiment]
+    validation: list[Experiment]
+
+
+@click.command("identify", epilog=example("daest identify run1.csv --model Servo.mo --split 0.5"))
+@click.argument("data", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--model", type=click.Path(path_type=Path), help="A .mo file or an .fmu (default: daest.toml).")
+@click.option(
+    "--method",
+    type=click.Choice(["oe", "pem"]),
+    help="Output error, or prediction error (default: pem if the model has process noise).",
+)
+@click.option(
+    "--estimate", metavar="NAME", multiple=True, help="Estimate this parameter (default: the marked ones)."
+)
+@click.option("--fix", metavar="NAME=VALUE", multiple=True, help="Hold a parameter at a value.")
+@click.option("--starts", type=click.IntRange(min=1), default=1, help="Number of start points (default: 1).")
+@class_options
+@data_options
+@split_option
+@project_option
+@format_option
+@output_option
+@plot_option
+@seed_option
+def command(
+    data: tuple[Path, ...],
+    model: Path | None,
+    method: Any,
+    estimate: tuple[str, ...],
+    fix: tuple[str, ...],
+    starts: int,
+    class_name: str | None,
+    libraries: tuple[Path, ...],
+    start: float | None,
+    stop: float | None,
+    period: float | None,
+    detrend: Any,
+    hold: Any,
+    split: float | None,
+    project_file: Path | None,
+    form: str,
+    output: Path | None,
+    plot: Path | None,
+    seed: int,
+) -> None:
+    """Estimate parameters from the recordings DATA (default: those of daest.toml).
+
+    The result is written to results/fit.json, where filter, compare and simulate find it.
+    """
+    from daest.report.texts import identify as texts
+
+    project = load_project(project_file)
+    keep_inputs(output, [*data, model])
+    options = IdentifyOptions(
+        method=method,
+        estimate=estimate or None,
+        fix=assignments(fix, "--fix"),
+        hold=hold or project.hold,
+        starts=starts,
+        seed=seed,
+    )
+    data_choice = DataOptions(start, stop, period, detrend, split, hold)
+    found = identified(project, model, data, data_choice, options, class_name, libraries)
+    if plot is not None:
+        _draw(found, plot)
+    emit(found.document, "identify", form, output, texts.text)
+
+
+def identified(
+    project: Project,
+    model: Path | None,
+    data: Sequence[Path],
+    data_options: DataOptions,
+    options: IdentifyOptions | None = None,
+    class_name: str | None = None,
+    libraries: Sequence[Path] = (),
+    flat: FlatModel | None = None,
+) -> Identified:
+    """Identify the model (default: that of daest.toml) from the recordings and keep the fit in results/."""
+    source = model_source(project, model)
+    if flat is None:
+        flat = load_model(project, source, class_name, libraries)
+    flat, estimation, validation = training_data(flat, project, data, data_options)
+    options = options or IdentifyOptions(hold=project.hold)
+    result = identify(flat, estimation, options, validation)
+    document = documents.document(result)
+    path = save_fit(project, source, flat.name, document)
+    note(f"the fit is in {path}")
+    if not result.is_converged:
+        note(f"not converged: {result.message}")
+    return Identified(result, document, flat, source, estimation, validation)
+
+
+def _draw(found: Identified, plot: Path) -> None:
+    from daest.diagnosis.compare import Candidate, compare_models
+    from daest.report.figures import comparison_figure, save
+
+    result = found.result
+    flat = fitted(found.flat, found.document)
+    candidate = Candidate(flat.name, flat, len(result.parameters), result.hold, result.noise_model)
+    comparison = compare_models([candidate], found.validation or found.estimation)
+    with whole_file(plot) as temporary:
+        save(comparison_figure(comparison), temporary)

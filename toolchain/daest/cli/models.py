@@ -1,0 +1,201 @@
+"""The model of a command: from the command line, else from daest.toml, with what daest.toml says about it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from daest.data.problems import raise_collected
+from daest.data.project import NoiseSetting, ParameterSetting, Project
+from daest.data.table import nearest
+from daest.errors import ConfigError, DaestError, FmuError, Place
+from daest.model.flat import FlatModel, NoiseInput, Output, Parameter
+
+_MODELICA = ".mo"
+_FMU = ".fmu"
+
+
+def model_source(project: Project, given: Path | None) -> Path:
+    """The model file. Raises ConfigError `model-not-given`, `model-missing` or `model-unknown-format`."""
+    source = given if given is not None else project.source
+    if source is None:
+        raise ConfigError(
+            "model-not-given",
+            "no model is given",
+            remedy='name a .mo or .fmu file, or write [model] source = "Servo.mo" in daest.toml',
+        )
+    if source.suffix not in (_MODELICA, _FMU):
+        raise ConfigError(
+            "model-unknown-format",
+            f"'{source.name}' is neither a .mo nor a .fmu file",
+            where=Place(str(source)),
+            remedy="give a Modelica file or an FMU",
+        )
+    if not source.is_file():
+        neighbours = [entry.name for entry in source.parent.glob("*.*")] if source.parent.is_dir() else []
+        raise ConfigError(
+            "model-missing",
+            "the model file does not exist",
+            where=Place(str(source)),
+            remedy=nearest(source.name, neighbours) or "check the path; it counts from the current folder",
+        )
+    return source
+
+
+def load_model(
+    project: Project,
+    given: Path | None,
+    class_name: str | None = None,
+    libraries: Sequence[Path] = (),
+    settings: Mapping[str, float] | None = None,
+) -> FlatModel:
+    """The equations of the model with daest.toml and then `settings` (parameter values) applied.
+
+    An FMU must carry its symbolic model. For a model that is not the one of daest.toml, its [parameters] and
+    [noise] apply where the names exist.
+    """
+    source = model_source(project, given)
+    own = project.source is not None and source.resolve() == project.source.resolve()
+    flat = _load(
+        source, class_name or (project.class_name if own else None), [*libraries, *project.libraries]
+    )
+    flat = configured(flat, project, strict=own)
+    if settings:
+        from daest.modelica.compile import with_values
+
+        flat = with_values(flat, dict(settings))
+    return flat
+
+
+def configured(flat: FlatModel, project: Project, *, strict: bool) -> FlatModel:
+    """The model with [data] outputs, [parameters] and [noise] of daest.toml.
+
+    Unknown names are ConfigErrors if `strict`, all of them at once, and are passed over otherwise.
+    """
+    file = str(project.file)
+    problems: list[DaestError] = []
+    flat = _with_declared(flat, project, strict)
+    flat = _with_parameters(flat, project.parameters, file, problems if strict else [])
+    flat = _with_noise(flat, project)
+    if strict:
+        raise_collected(problems, file)
+    return flat
+
+
+def with_outputs(flat: FlatModel, names: Sequence[str]) -> FlatModel:
+    """The model with the outputs `names` alone, in that order."""
+    index = [[output.name for output in flat.outputs].index(name) for name in names]
+    return replace(
+        flat,
+        outputs=tuple(flat.outputs[i] for i in index),
+        output_expressions=flat.output_expressions[index] if index else flat.output_expressions[:0],
+    )
+
+
+def _load(source: Path, class_name: str | None, libraries: Sequence[Path]) -> FlatModel:
+    if source.suffix == _MODELICA:
+        from daest.modelica.compile import compile_model
+
+        return compile_model(source, class_name, tuple(libraries))
+    from daest.fmu.load import symbolic_model
+
+    flat = symbolic_model(source)
+    if flat is None:
+        raise FmuError(
+            "fmu-no-symbolic-model",
+            "the FMU carries no symbolic model, which this command needs",
+            where=Place(str(source)),
+            remedy="use the Modelica source, or an FMU of daest export (linearize and noise read any FMU)",
+        )
+    return flat
+
+
+def _with_declared(flat: FlatModel, project: Project, strict: bool) -> FlatModel:
+    """Outputs and noise places that daest.toml names and the model source does not declare; and, where
+    [data] outputs is given, no other outputs."""
+    from daest.modelica.compile import declare
+
+    known = {v.name for v in flat.unknowns} | {y.name for y in flat.outputs}
+    wanted = [name for name in project.outputs if strict or name in known]
+    if wanted:
+        declared = {output.name for output in flat.outputs}
+        flat = declare(flat, outputs=[name for name in wanted if name not in declared])
+        flat = with_outputs(flat, wanted)
+    noises = {noise.name for noise in flat.noises}
+    places = [name for name in project.process_noise if name not in noises and (strict or name in known)]
+    return declare(flat, noise=places) if places else flat
+
+
+def _with_noise(flat: FlatModel, project: Project) -> FlatModel:
+    """Intensities and standard deviations of daest.toml; names were checked when they were declared."""
+
+    def process(noise: NoiseInput) -> NoiseInput:
+        setting = project.process_noise.get(noise.name, NoiseSetting())
+        return replace(
+            noise,
+            intensity=noise.intensity if setting.size is None else setting.size,
+            estimate=noise.estimate if setting.estimate is None else setting.estimate,
+        )
+
+    def measurement(output: Output) -> Output:
+        setting = project.measurement_noise.get(output.name, NoiseSetting())
+        return replace(
+            output,
+            noise_std=output.noise_std if setting.size is None else setting.size,
+            estimate_noise=output.estimate_noise if setting.estimate is None else setting.estimate,
+        )
+
+    return replace(
+        flat, noises=tuple(map(process, flat.noises)), outputs=tuple(map(measurement, flat.outputs))
+    )
+
+
+def _with_parameters(
+    flat: FlatModel, settings: Mapping[str, ParameterSetting], file: str, problems: list[DaestError]
+) -> FlatModel:
+    names = [parameter.name for parameter in flat.parameters]
+    for name in settings:
+        if name not in names:
+            problems.append(
+                ConfigError(
+                    "config-unknown-parameter",
+                    f"[parameters] names '{name}', which is no tunable parameter of {flat.name}",
+                    where=Place(file),
+                    remedy=nearest(name, names) or f"it has {', '.join(names)}",
+                )
+            )
+    parameters = tuple(
+        _with_setting(parameter, settings[parameter.name], file, problems)
+        if parameter.name in settings
+        else parameter
+        for parameter in flat.parameters
+    )
+    return replace(flat, parameters=parameters)
+
+
+def _with_setting(
+    parameter: Parameter, setting: ParameterSetting, file: str, problems: list[DaestError]
+) -> Parameter:
+    changed = replace(
+        parameter,
+        value=parameter.value if setting.value is None else setting.value,
+        estimate=parameter.estimate if setting.estimate is None else setting.estimate,
+        min=parameter.min if setting.min is None else setting.min,
+        max=parameter.max if setting.max is None else setting.max,
+        scale=parameter.scale if setting.scale is None else setting.scale,
+    )
+    below = changed.min is not None and changed.value < changed.min
+    above = changed.max is not None and changed.value > changed.max
+    if below or above:
+        problems.append(
+            ConfigError(
+                "parameter-outside-bounds",
+                f"'{changed.name}' = {changed.value:g} lies outside its bounds "
+                f"{'-inf' if changed.min is None else f'{changed.min:g}'} to "
+                f"{'inf' if changed.max is None else f'{changed.max:g}'}",
+                where=Place(file),
+                remedy="move the start or the bound",
+            )
+        )
+    return changed

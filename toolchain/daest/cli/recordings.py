@@ -1,0 +1,119 @@
+"""The recordings of a command: from the command line, else from daest.toml, matched with the model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from daest.cli.models import with_outputs
+from daest.cli.output import note
+from daest.data.prepare import Preparation, split_all
+from daest.data.project import Hold, Project
+from daest.data.read import Signal, measured_names, read_experiments, select_outputs
+from daest.errors import ConfigError
+from daest.model.experiment import Experiment
+from daest.model.flat import FlatModel
+
+Detrend = Literal["none", "mean", "linear"]
+
+
+@dataclass(frozen=True)
+class DataOptions:
+    """What the command line says about the data; None leaves the word to daest.toml."""
+
+    start: float | None = None
+    stop: float | None = None
+    period: float | None = None
+    detrend: Detrend | None = None
+    split: float | None = None
+    hold: Hold | None = None
+
+    def preparation(self, project: Project) -> Preparation:
+        """Options of the command line before those of daest.toml."""
+        given = project.preparation
+        return Preparation(
+            start=given.start if self.start is None else self.start,
+            stop=given.stop if self.stop is None else self.stop,
+            period=given.period if self.period is None else self.period,
+            detrend=given.detrend if self.detrend is None else self.detrend,
+            split=given.split if self.split is None else self.split,
+        )
+
+
+def training_data(
+    flat: FlatModel, project: Project, paths: Sequence[Path], options: DataOptions
+) -> tuple[FlatModel, list[Experiment], list[Experiment]]:
+    """The model with its measured outputs alone, the recordings for estimation and those for validation.
+
+    A split on the command line takes the place of [data] validate. Raises ConfigError `data-not-given`.
+    """
+    preparation = options.preparation(project)
+    estimation_paths = list(paths) or list(project.estimate)
+    _require(estimation_paths)
+    validation_paths = [] if preparation.split is not None else list(project.validate)
+    experiments = _read(flat, project, [*estimation_paths, *validation_paths], preparation)
+    flat, experiments = _measured(flat, experiments)
+    n = len(estimation_paths)
+    estimation, validation = split_all(experiments[:n], preparation)
+    return flat, estimation, validation + experiments[n:]
+
+
+def unseen_data(
+    flat: FlatModel, project: Project, paths: Sequence[Path], options: DataOptions
+) -> tuple[FlatModel, list[Experiment]]:
+    """The model with its measured outputs alone, and the recordings that it is tried on: `paths`, else
+    [data] validate, else the later part of the split, else [data] estimate."""
+    preparation = options.preparation(project)
+    chosen = list(paths) or list(project.validate) or list(project.estimate)
+    _require(chosen)
+    if not paths:
+        note(f"using {', '.join(str(path) for path in chosen)}")
+    validates = not paths and not project.validate and preparation.split is not None
+    whole = preparation if validates else replace(preparation, split=None)
+    flat, experiments = _measured(flat, _read(flat, project, chosen, whole))
+    return flat, split_all(experiments, whole)[1] if validates else experiments
+
+
+def driving_data(
+    flat: FlatModel, project: Project, paths: Sequence[Path], options: DataOptions
+) -> list[Experiment]:
+    """Recordings that drive a simulation: outputs may be missing."""
+    preparation = replace(options.preparation(project), split=None)
+    chosen = list(paths) or list(project.estimate)
+    _require(chosen)
+    return read_experiments(chosen, *_signals(flat, project), preparation, outputs_required=False)
+
+
+def _require(paths: Sequence[Path]) -> None:
+    if not paths:
+        raise ConfigError(
+            "data-not-given",
+            "no recording is given",
+            remedy='name a .csv file, or write [data] estimate = ["run.csv"] in daest.toml',
+        )
+
+
+def _read(
+    flat: FlatModel, project: Project, paths: Sequence[Path], preparation: Preparation
+) -> list[Experiment]:
+    experiments = read_experiments(paths, *_signals(flat, project), preparation)
+    for experiment in experiments:
+        for remark in experiment.notes:
+            note(f"{experiment.name}: {remark}")
+    return experiments
+
+
+def _signals(flat: FlatModel, project: Project) -> tuple[list[Signal], list[Signal]]:
+    inputs = [Signal(v.name, v.unit, project.inputs.get(v.name)) for v in flat.inputs]
+    outputs = [Signal(y.name, y.unit, project.outputs.get(y.name)) for y in flat.outputs]
+    return inputs, outputs
+
+
+def _measured(flat: FlatModel, experiments: list[Experiment]) -> tuple[FlatModel, list[Experiment]]:
+    names = measured_names(experiments)
+    unseen = [output.name for output in flat.outputs if output.name not in names]
+    if unseen:
+        note(f"not in the data, and not used: {', '.join(unseen)}")
+    return with_outputs(flat, names), [select_outputs(experiment, names) for experiment in experiments]

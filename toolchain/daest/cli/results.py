@@ -1,0 +1,94 @@
+"""The folder `results/`: what identify leaves there, and what later commands take from it."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from daest.cli.output import Document, to_json, whole_file, with_schema
+from daest.data.project import Project
+from daest.errors import ConfigError, Place
+from daest.model.flat import FlatModel
+
+LATEST = "fit.json"
+BY_MODEL = "fits"  # one fit per model, so that compare finds each one's
+
+
+def save_fit(project: Project, source: Path, name: str, document: Mapping[str, Any]) -> Path:
+    """Write the fit as results/fit.json and as the fit of this model; returns the first."""
+    marked = with_schema({**document, "model": _model_key(project, source, name)}, "identify")
+    for path in (project.results / BY_MODEL / f"{name}.json", project.results / LATEST):
+        with whole_file(path) as temporary:
+            temporary.write_text(to_json(marked), encoding="utf-8")
+    return project.results / LATEST
+
+
+def find_fit(project: Project, source: Path, name: str) -> tuple[Path, Document] | None:
+    """The fit of this very model, beside daest.toml or beside the model; None if there is none.
+
+    Raises ConfigError `results-unreadable` for a damaged file.
+    """
+    folders = dict.fromkeys([project.results, source.parent / "results"])
+    for folder in folders:
+        for path in (folder / LATEST, folder / BY_MODEL / f"{name}.json"):
+            if path.is_file():
+                document = read_document(path)
+                if _is_of(document, folder.parent, source, name):
+                    return path, document
+    return None
+
+
+def read_document(path: Path) -> Document:
+    """A JSON document. Raises ConfigError `results-unreadable`."""
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        if isinstance(document, dict):
+            return document
+        what = "not a JSON object"
+    except (OSError, ValueError) as error:
+        what = getattr(error, "strerror", None) or str(error)
+    raise ConfigError(
+        "results-unreadable",
+        f"the file cannot be read: {what}",
+        where=Place(str(path)),
+        remedy="check the path; a damaged result is written anew by daest identify",
+    )
+
+
+def fitted(flat: FlatModel, document: Mapping[str, Any]) -> FlatModel:
+    """The model with parameters, noise intensities and measurement noise of a fit, where the names exist."""
+    values = parameter_values(document)
+    noises = {
+        entry["name"]: entry["value"] for entry in document.get("noise", ()) if entry["value"] is not None
+    }
+    return replace(
+        flat,
+        parameters=tuple(replace(p, value=values.get(p.name, p.value)) for p in flat.parameters),
+        noises=tuple(replace(w, intensity=noises.get(w.name, w.intensity)) for w in flat.noises),
+        outputs=tuple(replace(y, noise_std=noises.get(y.name, y.noise_std)) for y in flat.outputs),
+    )
+
+
+def parameter_values(document: Mapping[str, Any]) -> dict[str, float]:
+    """Values by name from `parameters` of a fit, {name: {value}} or {name: number}."""
+    found = {}
+    for name, entry in document.get("parameters", {}).items():
+        value = entry.get("value") if isinstance(entry, Mapping) else entry
+        if isinstance(value, int | float):
+            found[name] = float(value)
+    return found
+
+
+def _model_key(project: Project, source: Path, name: str) -> dict[str, str]:
+    return {"name": name, "source": os.path.relpath(source.resolve(), project.folder.resolve())}
+
+
+def _is_of(document: Document, folder: Path, source: Path, name: str) -> bool:
+    key = document.get("model", {})
+    recorded = folder / key.get("source", "")
+    # A model that was moved is known by its name alone.
+    return key.get("name") == name and (not recorded.is_file() or recorded.resolve() == source.resolve())

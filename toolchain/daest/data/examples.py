@@ -1,0 +1,81 @@
+"""The examples that are shipped with daest: where they are, what they show, and copying one."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import daest
+from daest.data.project import FILE_NAME
+from daest.data.table import nearest
+from daest.errors import ConfigError, Place
+
+_DESCRIPTION = re.compile(r'^\s*model\s+\w+\s+"((?:[^"\\]|\\.)*)"', re.MULTILINE)
+_RESULTS = "results"
+
+
+@dataclass(frozen=True)
+class Example:
+    """A folder with a model, its data and a daest.toml."""
+
+    name: str
+    folder: Path
+    description: str
+
+
+def examples() -> list[Example]:
+    """All shipped examples that have a daest.toml, by name. Raises ConfigError `examples-missing`."""
+    root = _root()
+    return [
+        Example(folder.name, folder, _description(folder))
+        for folder in sorted(root.iterdir())
+        if (folder / FILE_NAME).is_file()
+    ]
+
+
+def copy_example(name: str, target: Path) -> Example:
+    """Copy the example `name` to the new folder `target`, without results of earlier runs.
+
+    Raises ConfigError `example-unknown`, or `example-folder-exists`.
+    """
+    known = {example.name: example for example in examples()}
+    if name not in known:
+        raise ConfigError(
+            "example-unknown",
+            f"there is no example '{name}'",
+            remedy=nearest(name, known) or f"there are {', '.join(known)}",
+        )
+    if target.exists():
+        raise ConfigError(
+            "example-folder-exists",
+            "the folder exists and is not overwritten",
+            where=Place(str(target)),
+            remedy="remove it, or call daest demo in another folder",
+        )
+    shutil.copytree(
+        known[name].folder, target, ignore=shutil.ignore_patterns(_RESULTS, "__pycache__", "*.fmu")
+    )
+    return known[name]
+
+
+def _root() -> Path:
+    package = Path(daest.__file__).parent
+    # Inside the installed package, else beside the sources of a checkout.
+    for root in (package / "examples", package.parents[1] / "examples"):
+        if root.is_dir():
+            return root
+    raise ConfigError(
+        "examples-missing",
+        "the examples are not part of this installation",
+        remedy="install daest again, or copy the folder examples from its source",
+    )
+
+
+def _description(folder: Path) -> str:
+    for model in sorted(folder.glob("*.mo")):
+        match = _DESCRIPTION.search(model.read_text(encoding="utf-8"))
+        if match:
+            return match[1]
+    return ""
