@@ -84,6 +84,11 @@ EXPLANATIONS: dict[str, str] = {
         "The models that are compared must have the outputs of the first one in common. [data] outputs in "
         "daest.toml can declare any variable of a model as an output."
     ),
+    "compilation-failed": (
+        "The C compiler did not accept generated code, or did not run. The message shows its own words. "
+        "Setting the environment variable CC to another compiler, or installing daest[compiler], often "
+        "helps."
+    ),
     "config-exists": (
         "daest init does not overwrite a daest.toml. Remove the old one, or write another with -p FILE."
     ),
@@ -227,9 +232,84 @@ EXPLANATIONS: dict[str, str] = {
         "The outputs that are used do not show a combination of states that does not die out by itself, so that "
         "its error would never become bounded. Measure another output, or tie the combination down in the model."
     ),
+    "fmu-array-variable": (
+        "A state, input or output of the FMU is an array, or belongs to a clock. Only scalar continuous "
+        "variables can be used; most tools have an option that exports arrays element by element."
+    ),
+    "fmu-binary-not-loaded": (
+        "The library inside the FMU could not be loaded or did not start. Often it needs another library "
+        "that is not on this machine, such as a Fortran runtime. Export the FMU again for this platform."
+    ),
+    "fmu-call-failed": (
+        "The FMU refused a call; the message holds what it said itself. Values outside the range in which "
+        "the model can be evaluated are the usual cause."
+    ),
+    "fmu-co-simulation-only": (
+        "A Co-Simulation FMU brings its own solver and does not show its equations, so nothing can be "
+        "linearised or estimated with them. Export it for Model Exchange."
+    ),
+    "fmu-code-generation": (
+        "CasADi could not write C code for the index-reduced model. The message names the operation."
+    ),
+    "fmu-dae-not-square": (
+        "The fmi-ls-dae manifest of the FMU lists another number of residuals than of unknowns, so it "
+        "describes no solvable system."
+    ),
+    "fmu-damaged": "The archive of the FMU is damaged. Export or copy it again.",
+    "fmu-empty-file": "The FMU is a file of length zero; the export or the copy was interrupted.",
+    "fmu-fmi-1": (
+        "FMI 1.0 knows no derivatives with respect to inputs and states. Export the FMU as FMI 2.0 or 3.0."
+    ),
+    "fmu-headers-missing": (
+        "The C headers of FMI are taken from the package fmpy, which is not installed completely."
+    ),
+    "fmu-inconsistent": (
+        "The modelDescription.xml of the FMU contradicts itself: a reference that names nothing, say."
+    ),
+    "fmu-missing-file": "The FMU that was named does not exist.",
+    "fmu-name-twice": (
+        "Two variables would have the same name in the FMU. Names such as _residual[1] and der(x) are taken "
+        "by the export; rename the variable of the model."
+    ),
     "fmu-no-symbolic-model": (
         "The command needs the equations as expressions. They travel in FMUs written by daest export; the "
         "FMUs of other tools have matrices alone, which linearize and noise can use."
+    ),
+    "fmu-not-an-archive": (
+        "An FMU is a zip archive, and this file is none. A download that was cut off looks like this."
+    ),
+    "fmu-not-written": "The FMU could not be written to the place that was named.",
+    "fmu-platform-unknown": (
+        "FMUs are compiled for linux64, win64, darwin64, linux-arm64, win-arm64 and darwin-arm64."
+    ),
+    "fmu-source": (
+        "The source of the matrices of an FMU is one of symbolic, fmi-ls-dae, directional derivatives and "
+        "finite differences."
+    ),
+    "fmu-too-large": (
+        "The archive would unpack to far more data than an FMU holds. Such files are made to fill a disk."
+    ),
+    "fmu-unsafe-path": (
+        "The archive holds a file that would be written outside of its own folder. Do not use it unless you "
+        "know where it comes from."
+    ),
+    "fmu-version": (
+        "The file says that it follows an FMI version that daest does not know. FMI 2.0 and 3.0 are read."
+    ),
+    "fmu-without-binary": (
+        "The FMU was compiled for other platforms only, or not at all. Export it for this platform: daest "
+        "export MODEL.mo --platform ..."
+    ),
+    "fmu-without-description": (
+        "The archive has no modelDescription.xml. Every FMU has one at its top level."
+    ),
+    "fmu-without-residuals": (
+        "The FMU does not carry its equations as residuals (layered standard fmi-ls-dae). Its directional "
+        "derivatives can be used instead."
+    ),
+    "fmu-xml": (
+        "An XML file of the FMU is not well-formed, or declares a document type. No FMU needs one, and "
+        "entities can be used to read foreign files."
     ),
     "initial-not-solved": (
         "The nonlinear equations for the initial state were not solved from the given start values. Start "
@@ -262,6 +342,10 @@ EXPLANATIONS: dict[str, str] = {
         "The command needs a model: name a .mo or .fmu file, or write [model] source in daest.toml."
     ),
     "model-unknown-format": "A model is a Modelica file (.mo) or an FMU (.fmu).",
+    "no-c-compiler": (
+        "Exporting an FMU compiles C code. Install a compiler: pip install daest[compiler] brings one "
+        "(zig), which also compiles for Windows and macOS; gcc or clang from the system work too."
+    ),
     "noise-differentiated": (
         "White noise has no time derivative. The constraints of the model force the equation with this noise "
         "to be differentiated, so the noise may not enter there (Theorem 3.1 of the report in structural "
@@ -339,6 +423,10 @@ EXPLANATIONS: dict[str, str] = {
         "Some equations compete for too few unknowns, or some unknowns occur in too few equations, so the "
         "equations cannot determine the unknowns whatever the parameter values are. The message lists both "
         "parts. Usual reasons: a missing or doubled connection, no ground, an input that is left out."
+    ),
+    "symbolic-model-damaged": (
+        "The symbolic model inside the FMU was changed or damaged after daest wrote it, so it is not used. "
+        "The binary still is: choose the source fmi-ls-dae."
     ),
     "unit-incompatible": (
         "A recorded signal has a unit of another dimension than the model variable it is matched with, so "

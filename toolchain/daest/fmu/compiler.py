@@ -1,0 +1,232 @@
+"""C compilers: find one, compile a source to a shared library, keep the result.
+
+The order is the environment variable CC, then cc, gcc, clang on the path, then the `ziglang` wheel, which
+also compiles for other platforms. Libraries are kept in a cache directory under the hash of all that decides
+them.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib.util
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from daest.errors import FmuError
+
+# Nobody waits longer for a compiler than this; zig builds its C library on the first cross-compilation.
+COMPILE_SECONDS = 600.0
+# Of a compiler's complaint, this many lines are shown.
+SHOWN_LINES = 20
+
+
+@dataclass(frozen=True)
+class Platform:
+    """A target: its FMI 3 name, the name that users know, the file ending, and what zig calls it."""
+
+    tuple_name: str
+    short_name: str
+    suffix: str
+    zig_target: str
+
+
+PLATFORMS = (
+    Platform("x86_64-linux", "linux64", ".so", "x86_64-linux-gnu.2.17"),
+    Platform("aarch64-linux", "linux-arm64", ".so", "aarch64-linux-gnu.2.17"),
+    Platform("x86_64-windows", "win64", ".dll", "x86_64-windows-gnu"),
+    Platform("aarch64-windows", "win-arm64", ".dll", "aarch64-windows-gnu"),
+    Platform("x86_64-darwin", "darwin64", ".dylib", "x86_64-macos"),
+    Platform("aarch64-darwin", "darwin-arm64", ".dylib", "aarch64-macos"),
+)
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """A command that compiles C; `identity` changes when the compiler does; `is_zig` tells that it can
+    cross-compile.
+    """
+
+    command: tuple[str, ...]
+    identity: str
+    is_zig: bool
+
+
+def native_platform() -> Platform:
+    """The platform that this process runs on; FmuError `fmu-platform-unknown` for an exotic one."""
+    machine = {"amd64": "x86_64", "x86_64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
+    processor = machine.get(platform.machine().lower(), platform.machine().lower())
+    return platform_named(f"{processor}-{platform.system().lower()}")
+
+
+def platform_named(name: str) -> Platform:
+    """The platform of a short name (`linux64`) or FMI 3 name (`x86_64-linux`)."""
+    for candidate in PLATFORMS:
+        if name in (candidate.short_name, candidate.tuple_name):
+            return candidate
+    known = ", ".join(p.short_name for p in PLATFORMS)
+    raise FmuError("fmu-platform-unknown", f"There is no platform `{name}`.", remedy=f"Choose among {known}.")
+
+
+def find_compiler(target: Platform | None = None) -> Compiler:
+    """A compiler for `target` (default: this platform).
+
+    Errors: FmuError `no-c-compiler` when there is none, or none that compiles for another platform.
+    """
+    if target is None or target == native_platform():
+        compiler = _native_compiler() or _zig()
+        remedy = (
+            "Install one: `pip install daest[compiler]`, or gcc or clang by your system's package manager."
+        )
+        what = "No C compiler was found (looked for $CC, cc, gcc, clang and the ziglang package)."
+    else:
+        compiler = _zig()
+        remedy = "Install it: `pip install daest[compiler]`."
+        what = (
+            f"Compiling for {target.short_name} on this machine needs the ziglang package, which is missing."
+        )
+    if compiler is None:
+        raise FmuError("no-c-compiler", what, remedy=remedy)
+    return compiler
+
+
+def _native_compiler() -> Compiler | None:
+    wanted = os.environ.get("CC", "").strip()
+    commands = ([shlex.split(wanted)] if wanted else []) + [["cc"], ["gcc"], ["clang"]]
+    for command in commands:
+        program = shutil.which(command[0])
+        if program:
+            return Compiler((program, *command[1:]), _identity(program, command[1:]), is_zig=False)
+    return None
+
+
+def _identity(program: str, options: list[str]) -> str:
+    """Path, size and time of the program: cheaper than asking for its version, and as telling."""
+    status = os.stat(program)
+    return " ".join([os.path.realpath(program), str(status.st_size), str(status.st_mtime_ns), *options])
+
+
+def _zig() -> Compiler | None:
+    found = importlib.util.find_spec("ziglang")
+    if found is None or found.origin is None:
+        return None
+    return Compiler((sys.executable, "-m", "ziglang", "cc"), _identity(found.origin, []), is_zig=True)
+
+
+def headers() -> Path:
+    """The folder with the FMI headers (they are shipped with fmpy, which need not be imported for that)."""
+    found = importlib.util.find_spec("fmpy")
+    if found is None or found.origin is None:
+        raise FmuError(
+            "fmi-headers-missing",
+            "The FMI headers that come with fmpy are missing.",
+            remedy="Reinstall fmpy.",
+        )
+    return Path(found.origin).parent / "c-code"
+
+
+def cache_folder() -> Path:
+    """Where compiled libraries are kept: $DAEST_CACHE, or the user's cache folder for daest."""
+    if chosen := os.environ.get("DAEST_CACHE"):
+        return Path(chosen)
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        base = str(Path.home() / "Library" / "Caches")
+    else:
+        base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "daest"
+
+
+@functools.lru_cache(maxsize=1)
+def _spare_folder() -> Path:
+    """For machines where the cache folder cannot be written: a folder of this process."""
+    return Path(tempfile.mkdtemp(prefix="daest-cache-"))
+
+
+def _writable(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except OSError:
+        return _spare_folder()
+
+
+def build_shared(
+    source: str,
+    name: str,
+    flags: tuple[str, ...] = ("-O2",),
+    *,
+    files: Mapping[str, str] | None = None,
+    target: Platform | None = None,
+) -> Path:
+    """The shared library made from the C text `source`, compiled now or before.
+
+    `name` is the stem of the file. `files` are texts that the source includes (file name -> text). The result
+    stands in the cache under a hash of source, files, flags, target and compiler; it appears there whole or
+    not at all, also when several processes build it at once.
+    Errors: FmuError `no-c-compiler`; `compilation-failed` with the compiler's words.
+    """
+    where = target or native_platform()
+    compiler = find_compiler(where)
+    texts = {f"{name}.c": source, **(files or {})}
+    key = _key(compiler, where, flags, texts)
+    folder = cache_folder() / "compiled" / key
+    library = folder / f"{name}{where.suffix}"
+    if library.is_file():
+        return library
+    folder = _writable(folder)
+    library = folder / f"{name}{where.suffix}"
+    with tempfile.TemporaryDirectory(dir=folder) as work:
+        for file_name, text in texts.items():
+            (Path(work) / file_name).write_text(text, encoding="utf-8")
+        built = _compile(compiler, where, flags, Path(work), name)
+        os.replace(built, library)
+    return library
+
+
+def _key(compiler: Compiler, target: Platform, flags: tuple[str, ...], texts: Mapping[str, str]) -> str:
+    digest = hashlib.sha256()
+    for part in (compiler.identity, target.tuple_name, str(headers()), *flags):
+        digest.update(part.encode() + b"\0")
+    for file_name in sorted(texts):
+        digest.update(file_name.encode() + b"\0" + texts[file_name].encode() + b"\0")
+    return digest.hexdigest()[:32]
+
+
+def _compile(compiler: Compiler, target: Platform, flags: tuple[str, ...], work: Path, name: str) -> Path:
+    library = work / f"{name}{target.suffix}"
+    command = [*compiler.command, *flags, "-shared", "-w"]
+    if target.suffix != ".dll":
+        command.append("-fPIC")
+    if compiler.is_zig:
+        command += ["-target", target.zig_target, "-s"]
+    command += [f"-I{headers()}", f"{name}.c", "-o", library.name]
+    if target.suffix == ".so":
+        command.append("-lm")
+    try:
+        done = subprocess.run(
+            command, cwd=work, capture_output=True, text=True, errors="replace", timeout=COMPILE_SECONDS
+        )
+    except (OSError, subprocess.TimeoutExpired) as problem:
+        raise FmuError(
+            "compilation-failed", f"The C compiler did not run: {problem}", where=command[0]
+        ) from problem
+    if done.returncode != 0 or not library.is_file():
+        words = "\n".join((done.stderr or done.stdout).splitlines()[:SHOWN_LINES])
+        raise FmuError(
+            "compilation-failed",
+            f"The C compiler refused the code of `{name}`:\n{words}",
+            where=" ".join(compiler.command),
+            remedy="Set the environment variable CC to another compiler, or `pip install daest[compiler]`.",
+        )
+    return library

@@ -1,0 +1,154 @@
+"""Modelica model -> FMU: FMI 3.0 Model Exchange, with the unreduced DAE and the symbolic model inside."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+import time
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+import daest
+from daest.errors import FmuError
+from daest.fmu import description, serialization, sources
+from daest.fmu.compiler import Platform, build_shared, native_platform, platform_named
+from daest.fmu.layout import Layout, layout
+from daest.model.explicit import ExplicitModel
+from daest.model.flat import FlatModel
+from daest.model.fmu import ExportResult
+from daest.systems.initialize import initial_point
+from daest.systems.reduce import reduce_index
+
+# -O1 compiles generated straight-line code several times faster than -O2 and runs as fast; contraction into
+# fused multiply-adds would make results differ between processors.
+FLAGS = ("-O1", "-ffp-contract=off", "-fvisibility=hidden")
+# All files of the archive carry this time, so that the same model gives the same bytes.
+_ARCHIVE_TIME = (1980, 1, 1, 0, 0, 0)
+_COMPRESSION_LEVEL = 6
+
+
+def export_fmu(
+    flat: FlatModel,
+    path: str | Path,
+    platforms: Sequence[str] | None = None,
+    explicit: ExplicitModel | None = None,
+) -> ExportResult:
+    """Write the FMU of `flat` to `path`, whole or not at all.
+
+    `platforms` are names such as `linux64`, `win64`, `darwin64` (default: this machine's). `explicit` is the
+    index-reduced form, computed when it is not given. Input derivatives that it needs become inputs `der(u)`.
+    The same model, compiler and platforms give the same bytes.
+    Errors: FmuError `no-c-compiler`, `compilation-failed`, `fmu-platform-unknown`, `fmu-name-twice`,
+    `fmu-not-written`; ModelError of the index reduction and of the initial point.
+    """
+    began = time.perf_counter()
+    targets = [platform_named(p) for p in platforms] if platforms else [native_platform()]
+    if explicit is None:
+        explicit = reduce_index(flat)
+    made = layout(explicit)
+    state_start, _ = initial_point(explicit)
+    archive = _archive(made, state_start, targets)
+    _write(Path(path), archive)
+    return ExportResult(
+        path=Path(path),
+        model_name=flat.name,
+        platforms=tuple(t.tuple_name for t in targets),
+        n_equations=flat.n,
+        structural_index=explicit.structural_index,
+        n_differentiations=explicit.n_differentiations,
+        states=explicit.state_names,
+        inputs=tuple(v.name for v in flat.inputs),
+        input_derivatives=made.input_derivative_names,
+        noises=tuple(v.name for v in flat.noises),
+        outputs=tuple(v.name for v in flat.outputs),
+        parameters=tuple(v.name for v in flat.parameters),
+        validation=validate(path),
+        seconds=time.perf_counter() - began,
+    )
+
+
+def validate(path: str | Path) -> tuple[str, ...]:
+    """The messages of fmpy's validator; none for a file that conforms to the standard."""
+    from fmpy.validation import validate_fmu
+
+    return tuple(str(problem) for problem in validate_fmu(str(path)))
+
+
+def _archive(made: Layout, state_start: np.ndarray, targets: Sequence[Platform]) -> dict[str, bytes]:
+    """Every file of the FMU: path inside the archive -> content."""
+    functions = {f.name(): f for f in sources.model_functions(made)}
+    symbolic = serialization.serialize(made.flat)
+    code = sources.model_code(list(functions.values()))
+    version = daest.__version__
+    token = _token(code, *symbolic.values(), sources.model_header(made, state_start, ""), version)
+    header = sources.model_header(made, state_start, token)
+    identifier = description.model_identifier(made.flat.name)
+    texts = {
+        "modelDescription.xml": description.model_description(made, functions, state_start, token, version),
+        "sources/buildDescription.xml": description.build_description(identifier),
+        f"sources/{sources.WRAPPER}.c": sources.wrapper_code(),
+        "sources/model.c": code,
+        "sources/model.h": header,
+        f"{description.DAE_FOLDER}/{description.MANIFEST}": description.dae_manifest(made, functions),
+        f"{serialization.FOLDER}/{description.MANIFEST}": description.symbolic_manifest(),
+        **{f"{serialization.FOLDER}/{name}": text for name, text in symbolic.items()},
+    }
+    files = {name: text.encode() for name, text in texts.items()}
+    for target in targets:
+        library = build_shared(
+            sources.wrapper_code(),
+            identifier,
+            FLAGS,
+            files={"model.c": code, "model.h": header},
+            target=target,
+        )
+        files[f"binaries/{target.tuple_name}/{identifier}{target.suffix}"] = library.read_bytes()
+    return files
+
+
+def _token(*texts: str) -> str:
+    """The instantiation token: the hash of everything that makes the model what it is."""
+    digest = hashlib.sha256()
+    for text in texts:
+        digest.update(text.encode() + b"\0")
+    return f"{{{digest.hexdigest()[:32]}}}"
+
+
+def _write(path: Path, content: Mapping[str, bytes]) -> None:
+    try:
+        handle, temporary = tempfile.mkstemp(dir=path.absolute().parent, prefix=f".{path.name}.")
+    except OSError as problem:
+        raise _not_written(path, problem) from problem
+    try:
+        with os.fdopen(handle, "wb") as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name in sorted(content, key=lambda n: (n != "modelDescription.xml", n)):
+                entry = zipfile.ZipInfo(name, _ARCHIVE_TIME)
+                entry.external_attr = 0o644 << 16
+                entry.compress_type = zipfile.ZIP_DEFLATED
+                archive.writestr(entry, content[name], compresslevel=_COMPRESSION_LEVEL)
+        _give_usual_permissions(temporary)
+        os.replace(temporary, path)
+    except OSError as problem:
+        Path(temporary).unlink(missing_ok=True)
+        raise _not_written(path, problem) from problem
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def _give_usual_permissions(name: str) -> None:
+    """Temporary files are private; the result is readable as the user's other files are."""
+    mask = os.umask(0)
+    os.umask(mask)
+    os.chmod(name, 0o666 & ~mask)
+
+
+def _not_written(path: Path, problem: OSError) -> FmuError:
+    return FmuError(
+        "fmu-not-written", f"The FMU cannot be written: {problem.strerror or problem}.", where=str(path),
+        remedy="Choose another file with -o.",
+    )  # fmt: skip

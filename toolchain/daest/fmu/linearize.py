@@ -1,0 +1,122 @@
+"""E ξ' = J ξ + K u + B w from an FMU, by the best way that it offers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from daest.errors import ConfigError, FmuError
+from daest.fmu.load import load_fmu, symbolic_model
+from daest.fmu.points import difference
+from daest.fmu.residual_form import linearize_residuals
+from daest.fmu.semi_explicit import linearize_semi_explicit
+from daest.model.flat import FlatModel
+from daest.model.fmu import FmuModel
+from daest.model.linear import LinearDAE
+
+SOURCES = ("symbolic", "fmi-ls-dae", "directional derivatives", "finite differences")
+
+
+def linearize_fmu(
+    path: str | Path,
+    theta: np.ndarray | None = None,
+    at: Mapping[str, float] | None = None,
+    source: str | None = None,
+) -> LinearDAE:
+    """The linear DAE of an FMU at the parameters `theta` (all of them, in the FMU's order; None: its start
+    values).
+
+    `at` maps unknowns, inputs and `der(name)` to the operating point; what is left out is at its start value
+    or zero. `source` is one of `SOURCES`; None takes the first that the FMU offers:
+    "symbolic" (the model inside), "fmi-ls-dae" (residuals of the binary: the same unknowns and equations),
+    "directional derivatives" or "finite differences" (x' = f, 0 = z - g over all continuous variables).
+    Directional derivatives are compared with finite differences, and not used where they are wrong; the
+    result tells. Errors: those of `load_fmu` and of the binary (`fmu-without-binary`, `fmu-call-failed`),
+    `fmu-source`.
+    """
+    model = load_fmu(path)
+    if source is not None and source not in SOURCES:
+        raise ConfigError(
+            "fmu-source", f"There is no source `{source}`.", remedy=f"Choose among {', '.join(SOURCES)}."
+        )
+    chosen = source or available_sources(model)[0]
+    if chosen == "symbolic":
+        return _symbolic(path, theta, at)
+    values = _parameter_values(model, theta)
+    if chosen == "fmi-ls-dae":
+        return linearize_residuals(model, values, at)
+    return linearize_semi_explicit(model, values, at, allow_directional=chosen == "directional derivatives")
+
+
+def available_sources(model: FmuModel) -> tuple[str, ...]:
+    """The sources that the FMU offers, best first."""
+    offers = {
+        "symbolic": model.has_symbolic_model,
+        "fmi-ls-dae": model.manifest is not None and bool(model.manifest.residuals),
+        "directional derivatives": model.provides_directional_derivatives,
+        "finite differences": True,
+    }
+    return tuple(name for name in SOURCES if offers[name])
+
+
+def cross_check_fmu(
+    path: str | Path, theta: np.ndarray | None = None, at: Mapping[str, float] | None = None
+) -> dict[str, float]:
+    """The largest relative difference between each pair of sources that can be compared, and `largest` of
+    them.
+
+    Compared are E, J, K, B, C, D, H and the offsets, entry by entry against the largest entry of the
+    equation. Empty if the FMU offers only one source, or has no binary for this platform.
+    """
+    model = load_fmu(path)
+    found: dict[str, float] = {}
+    offers = available_sources(model)
+    for first, second in (("symbolic", "fmi-ls-dae"), ("directional derivatives", "finite differences")):
+        if first in offers and second in offers:
+            try:
+                pair = [linearize_fmu(path, theta, at, name) for name in (first, second)]
+            except FmuError as problem:
+                if problem.code == "fmu-without-binary":
+                    continue
+                raise
+            if pair[0].source != pair[1].source:
+                found[f"{first} - {second}"] = matrices_apart(*pair)
+    return {**found, "largest": max(found.values())} if found else {}
+
+
+def matrices_apart(one: LinearDAE, other: LinearDAE) -> float:
+    """Largest difference between two linear DAEs in the same equations and unknowns, relative to the row."""
+    return difference(_matrices(one), _matrices(other))
+
+
+def _matrices(dae: LinearDAE) -> list[np.ndarray]:
+    """All that stands in the rows of the equations, and in those of the outputs."""
+    E, J = (m if isinstance(m, np.ndarray) else m.toarray() for m in (dae.E, dae.J))
+    return [
+        np.column_stack([E, J, dae.K, dae.B, dae.offset]),
+        np.column_stack([dae.C, dae.D, dae.H, dae.output_offset]),
+    ]
+
+
+def _symbolic(path: str | Path, theta: np.ndarray | None, at: Mapping[str, float] | None) -> LinearDAE:
+    from daest.systems.linearize import linearize
+
+    flat: FlatModel | None = symbolic_model(path)
+    if flat is None:
+        raise FmuError(
+            "fmu-no-symbolic-model",
+            "The FMU carries no symbolic model.",
+            where=str(path),
+            remedy="Use its binary: --source fmi-ls-dae.",
+        )
+    return linearize(flat, theta, at)
+
+
+def _parameter_values(model: FmuModel, theta: np.ndarray | None) -> np.ndarray:
+    values = [model.variables[vr].start or 0.0 for vr in model.parameters] if theta is None else theta
+    values = np.asarray(values, dtype=float)
+    if values.shape != (len(model.parameters),):
+        raise ValueError(f"theta has shape {values.shape}, expected {(len(model.parameters),)}")
+    return values

@@ -1,0 +1,357 @@
+"""FMU -> FmuModel: read the description of a Model Exchange FMU (FMI 2.0 and 3.0), from any tool."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from xml.parsers import expat
+
+from daest.errors import FmuError
+from daest.fmu import serialization
+from daest.fmu.archive import Archive, open_archive
+from daest.fmu.description import DAE_FOLDER, MANIFEST
+from daest.model.flat import FlatModel
+from daest.model.fmu import DaeManifest, FmuModel, FmuVariable, Residual
+
+DESCRIPTION = "modelDescription.xml"
+_LIBRARY_SUFFIXES = (".so", ".dll", ".dylib")
+# Which of several variables with one value reference gives its name to them all.
+_RANK = {"output": 0, "input": 1, "parameter": 2, "calculatedParameter": 3, "local": 4, "independent": 5}
+# Defaults of FMI where the file says nothing.
+_VARIABILITY = {"parameter": "fixed", "calculatedParameter": "fixed", "structuralParameter": "fixed"}
+
+
+def load_fmu(path: str | Path) -> FmuModel:
+    """What the FMU at `path` says about itself. Validator messages do not matter here; what is used is
+    checked.
+
+    Errors (FmuError): those of `open_archive`; `fmu-without-description`; `fmu-xml` (not well-formed, or with
+    a document type, which only attacks need); `fmu-fmi-1`; `fmu-version`; `fmu-co-simulation-only`;
+    `fmu-array-variable`; `fmu-inconsistent`.
+    """
+    with open_archive(path) as archive:
+        if DESCRIPTION not in archive.names:
+            raise FmuError(
+                "fmu-without-description",
+                f"The archive has no {DESCRIPTION}, so it is no FMU.",
+                where=str(path),
+                remedy="Export it again.",
+            )
+        root = parse_xml(archive.read(DESCRIPTION), f"{path}:{DESCRIPTION}")
+        model = _model(Path(path), root, archive)
+        manifest_name = f"{DAE_FOLDER}/{MANIFEST}"
+        if manifest_name in archive.names:
+            manifest = parse_xml(archive.read(manifest_name), f"{path}:{manifest_name}")
+            return replace(model, manifest=_manifest(manifest, root))
+        return model
+
+
+def symbolic_model(path: str | Path) -> FlatModel | None:
+    """The symbolic model that travels inside an FMU of `daest export`; None if there is none.
+
+    FmuError `symbolic-model-damaged` if it is there and cannot be trusted.
+    """
+    with open_archive(path) as archive:
+        names = {
+            name: f"{serialization.FOLDER}/{name}"
+            for name in (serialization.WORDS, serialization.EXPRESSIONS)
+        }
+        if not set(names.values()) <= set(archive.names):
+            return None
+        texts = {name: archive.text(member, serialization.LARGEST_FILE) for name, member in names.items()}
+    return serialization.deserialize(texts, str(path))
+
+
+def parse_xml(data: bytes, where: str) -> ET.Element:
+    """The root of an XML document without document type: entities could name files or grow without end."""
+
+    def refuse(*_: object) -> None:
+        raise FmuError("fmu-xml", "The XML declares a document type, which no FMU needs.", where=where)
+
+    scan = expat.ParserCreate()
+    scan.StartDoctypeDeclHandler = refuse
+    try:
+        scan.Parse(data, True)
+        return ET.fromstring(data)
+    except (expat.ExpatError, ET.ParseError, ValueError, LookupError) as problem:
+        raise FmuError(
+            "fmu-xml", f"The XML is not well-formed: {problem}.", where=where, remedy="Export the FMU again."
+        ) from problem
+
+
+# ------------------------------------------------------------------------------------------- the model
+
+
+def _model(path: Path, root: ET.Element, archive: Archive) -> FmuModel:
+    version = root.get("fmiVersion", "")
+    _check_version(path, root, version)
+    exchange = root.find("ModelExchange")
+    if exchange is None:
+        raise FmuError(
+            "fmu-co-simulation-only",
+            "The FMU is for Co-Simulation only: it integrates its equations by itself and hides them.",
+            where=str(path),
+            remedy="Export it for Model Exchange.",
+        )
+    reader = _read_fmi2 if version.startswith("2") else _read_fmi3
+    variables, rates, notes = reader(root, path)
+    merged = _merge(variables)
+    states = tuple(merged[rate].derivative_of for rate in rates)
+    identifier = exchange.get("modelIdentifier", "")
+    provides = exchange.get(
+        "providesDirectionalDerivatives", exchange.get("providesDirectionalDerivative", "false")
+    )
+    symbolic = {f"{serialization.FOLDER}/{n}" for n in (serialization.WORDS, serialization.EXPRESSIONS)}
+    return FmuModel(
+        path=path,
+        fmi_version=version,
+        model_name=root.get("modelName", ""),
+        model_identifier=identifier,
+        token=root.get("instantiationToken", root.get("guid", "")),
+        generation_tool=root.get("generationTool", ""),
+        variables=merged,
+        states=tuple(s for s in states if s is not None),
+        derivatives=rates,
+        inputs=_with_causality(merged, "input"),
+        outputs=_with_causality(merged, "output"),
+        parameters=_with_causality(merged, "parameter"),
+        platforms=_platforms(archive.names, identifier),
+        provides_directional_derivatives=provides in ("true", "1"),
+        n_event_indicators=_event_indicators(root),
+        manifest=None,
+        has_symbolic_model=symbolic <= set(archive.names),
+        notes=notes,
+    )
+
+
+def _check_version(path: Path, root: ET.Element, version: str) -> None:
+    if version.startswith("1"):
+        raise FmuError(
+            "fmu-fmi-1",
+            "The FMU is of FMI 1.0, which has no derivatives with respect to inputs and states.",
+            where=str(path),
+            remedy="Export it as FMI 2.0 or 3.0 for Model Exchange.",
+        )
+    if root.tag != "fmiModelDescription" or not version.startswith(("2.", "3.")):
+        raise FmuError(
+            "fmu-version",
+            f"FMI version `{version}` is not known.",
+            where=str(path),
+            remedy="Use FMI 2.0 or 3.0.",
+        )
+
+
+def _event_indicators(root: ET.Element) -> int:
+    return int(root.get("numberOfEventIndicators", "0")) or len(root.findall("ModelStructure/EventIndicator"))
+
+
+def _platforms(names: Iterable[str], identifier: str) -> tuple[str, ...]:
+    """Folders below binaries/ that really hold the library: some FMUs carry an empty one."""
+    found = set()
+    for name in names:
+        parts = name.split("/")
+        if (
+            len(parts) == 3
+            and parts[0] == "binaries"
+            and parts[2] in {identifier + s for s in _LIBRARY_SUFFIXES}
+        ):
+            found.add(parts[1])
+    return tuple(sorted(found))
+
+
+def _with_causality(variables: Mapping[int, FmuVariable], causality: str) -> tuple[int, ...]:
+    return tuple(vr for vr, v in variables.items() if v.causality == causality)
+
+
+def _merge(variables: Iterable[FmuVariable]) -> dict[int, FmuVariable]:
+    """One variable per value reference: the one of highest rank, with the other names as aliases."""
+    merged: dict[int, FmuVariable] = {}
+    for variable in variables:
+        other = merged.get(variable.value_reference)
+        if other is None:
+            merged[variable.value_reference] = variable
+            continue
+        first, second = sorted((other, variable), key=lambda v: _RANK.get(v.causality, len(_RANK)))
+        merged[variable.value_reference] = replace(
+            first,
+            aliases=(*first.aliases, second.name, *second.aliases),
+            derivative_of=first.derivative_of if first.derivative_of is not None else second.derivative_of,
+            start=first.start if first.start is not None else second.start,
+            unit=first.unit or second.unit,
+            nominal=first.nominal or second.nominal,
+            annotations={**second.annotations, **first.annotations},
+        )
+    return merged
+
+
+# ------------------------------------------------------------------------------------------- variables
+
+
+def _read_fmi3(root: ET.Element, path: Path) -> tuple[list[FmuVariable], tuple[int, ...], tuple[str, ...]]:
+    types = {t.get("name"): t for t in root.findall("TypeDefinitions/Float64Type")}
+    variables, skipped = [], []
+    rates = tuple(
+        _integer(e, "valueReference", path) for e in root.findall("ModelStructure/ContinuousStateDerivative")
+    )
+    for element in root.findall("ModelVariables/Float64"):
+        variable = _variable(element, element, types, path)
+        if element.find("Dimension") is not None or element.get("clocks"):
+            if variable.value_reference in rates or variable.causality in ("input", "output"):
+                raise FmuError(
+                    "fmu-array-variable",
+                    f"`{variable.name}` is an array or clocked; only scalar continuous ones can be used.",
+                    where=str(path),
+                    remedy="Export the FMU with scalar variables.",
+                )
+            skipped.append(variable.name)
+            continue
+        aliases = tuple(a.get("name", "") for a in element.findall("Alias"))
+        variables.append(replace(variable, aliases=aliases))
+    _check_rates(rates, variables, path)
+    notes = (f"Array or clocked variables are left out: {', '.join(skipped)}.",) if skipped else ()
+    return variables, rates, notes
+
+
+def _read_fmi2(root: ET.Element, path: Path) -> tuple[list[FmuVariable], tuple[int, ...], tuple[str, ...]]:
+    """FMI 2 counts variables from 1 in its structure; references are per type, and only Real ones matter."""
+    types = {t.get("name"): t.find("Real") for t in root.findall("TypeDefinitions/SimpleType")}
+    scalars = root.findall("ModelVariables/ScalarVariable")
+    by_index: dict[int, FmuVariable] = {}
+    for index, element in enumerate(scalars, start=1):
+        real = element.find("Real")
+        if real is not None:
+            by_index[index] = _variable(element, real, types, path)
+    for index, variable in by_index.items():
+        if variable.derivative_of is not None:
+            state = by_index.get(variable.derivative_of)
+            by_index[index] = replace(variable, derivative_of=state.value_reference if state else None)
+    unknowns = root.findall("ModelStructure/Derivatives/Unknown")
+    rates = tuple(
+        by_index[i].value_reference for u in unknowns if (i := _integer(u, "index", path)) in by_index
+    )
+    variables = list(by_index.values())
+    _check_rates(rates, variables, path)
+    return variables, rates, ()
+
+
+def _check_rates(rates: tuple[int, ...], variables: Iterable[FmuVariable], path: Path) -> None:
+    known = {v.value_reference for v in variables if v.derivative_of is not None}
+    missing = [vr for vr in rates if vr not in known]
+    if missing:
+        raise FmuError(
+            "fmu-inconsistent",
+            f"The state derivative with value reference {missing[0]} names no state.",
+            where=str(path),
+            remedy="Report it to the tool that wrote the FMU.",
+        )
+
+
+def _variable(
+    element: ET.Element, real: ET.Element, types: Mapping[str | None, ET.Element | None], path: Path
+) -> FmuVariable:
+    declared = types.get(real.get("declaredType"))
+
+    def attribute(key: str) -> str | None:
+        value = real.get(key)
+        return declared.get(key) if value is None and declared is not None else value
+
+    causality = element.get("causality", "local")
+    derivative = real.get("derivative")
+    return FmuVariable(
+        name=element.get("name", ""),
+        value_reference=_integer(element, "valueReference", path),
+        causality=causality,
+        variability=element.get("variability", _VARIABILITY.get(causality, "continuous")),
+        initial=element.get("initial"),
+        unit=attribute("unit") or "",
+        description=element.get("description", ""),
+        start=_number(real.get("start")),
+        min=_number(attribute("min")),
+        max=_number(attribute("max")),
+        nominal=_number(attribute("nominal")) or None,
+        derivative_of=int(derivative) if derivative and derivative.isdigit() else None,
+        annotations={a.get("type", ""): a.text or "" for a in element.findall("Annotations/Annotation")},
+    )
+
+
+def _integer(element: ET.Element, key: str, path: Path) -> int:
+    text = element.get(key, "")
+    if not text.isdigit():
+        name = element.get("name") or element.tag
+        raise FmuError(
+            "fmu-inconsistent",
+            f"`{name}` has no valid {key}.",
+            where=str(path),
+            remedy="Export the FMU again.",
+        )
+    return int(text)
+
+
+def _number(text: str | None) -> float | None:
+    """The number, or None where there is none or a list (arrays)."""
+    try:
+        return float(text) if text is not None else None
+    except ValueError:
+        return None
+
+
+# -------------------------------------------------------------------------------------------- fmi-ls-dae
+
+
+def _manifest(manifest: ET.Element, description: ET.Element) -> DaeManifest:
+    """The manifest in any of the shapes of the drafts: with and without namespace and `Formulation`
+    elements.
+    """
+    for element in manifest.iter():
+        element.tag = element.tag.rpartition("}")[2]
+    version = next((v for k, v in manifest.attrib.items() if k.endswith("fmi-ls-version")), "")
+    algebraic = tuple(
+        _references(e.get("valueReference"))[0]
+        for e in manifest.iter("AlgebraicVariable")
+        if e.get("valueReference")
+    )
+    residuals = []
+    for element in manifest.findall("ModelStructure/Residual"):
+        # Several formulations are the same equation, differentiated; the first is the equation itself.
+        formulation = element.find("Formulation")
+        chosen = formulation if formulation is not None else element
+        references = _references(chosen.get("valueReference"))
+        if references:
+            known = chosen.get("dependencies")
+            residuals.append(Residual(references[0], None if known is None else _references(known)))
+    return DaeManifest(
+        version=version,
+        enable=_enable(manifest, description),
+        algebraic=algebraic,
+        residuals=tuple(residuals),
+        derivatives=tuple(
+            r
+            for e in manifest.findall("ModelStructure/ContinuousStateDerivative")
+            for r in _references(e.get("valueReference"))
+        ),
+    )
+
+
+def _references(text: str | None) -> tuple[int, ...]:
+    return tuple(int(r) for r in re.findall(r"\d+", text or ""))
+
+
+def _enable(manifest: ET.Element, description: ET.Element) -> int | None:
+    """The value reference of the switch: an element since August 2026, before that an attribute with its
+    name.
+    """
+    for tag in ("EnableDAEParameter", "EnableDAE"):
+        element = manifest.find(tag)
+        if element is not None:
+            references = _references(element.get("valueReference"))
+            return references[0] if references else None
+    named = next((v for k, v in manifest.attrib.items() if k.endswith("enableDAEModeVariable")), None)
+    if named is None:
+        return None
+    for boolean in description.findall("ModelVariables/Boolean"):
+        if named in (boolean.get("name"), boolean.get("valueReference")):
+            return int(boolean.get("valueReference", "0"))
+    return None
