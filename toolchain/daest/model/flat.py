@@ -69,6 +69,7 @@ class NoiseInput:
     description: str = ""
     estimate: bool = False
     place: Place | None = None
+    intensity_parameter: str = ""  # name of the parameter that holds the intensity, if one does
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,7 @@ class Output:
     noise_std: float | None = None
     estimate_noise: bool = True
     place: Place | None = None
+    noise_std_parameter: str = ""  # name of the parameter that holds the standard deviation, if one does
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,432 @@
+"""The one place that knows the shape of the compiler's output: rumoca's flat form -> `FlatSource`.
+
+rumoca hands over nested dicts, one single-key dict per tree node (`{"Binary": {"op": "Add", …}}`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, Literal
+
+from daest.modelica import syntax as s
+
+_BINARY = {
+    "Add": "+",
+    "Sub": "-",
+    "Mul": "*",
+    "Div": "/",
+    "Exp": "^",
+    "AddElem": ".+",
+    "SubElem": ".-",
+    "MulElem": ".*",
+    "DivElem": "./",
+    "ExpElem": ".^",
+    "Eq": "==",
+    "Neq": "<>",
+    "Lt": "<",
+    "Le": "<=",
+    "Gt": ">",
+    "Ge": ">=",
+    "And": "and",
+    "Or": "or",
+}
+_UNARY = {"Minus": "-", "DotMinus": "-", "Plus": "+", "DotPlus": "+", "Not": "not"}
+_VARIABILITY: dict[str, Literal["constant", "parameter", "discrete", "continuous"]] = {
+    "Constant": "constant",
+    "Parameter": "parameter",
+    "Discrete": "discrete",
+}
+_CAUSALITY: dict[str, Literal["input", "output", "local"]] = {"Input": "input", "Output": "output"}
+_DISCRETE_TYPES = ("Boolean", "Integer", "String")
+
+
+def flat_source(name: str, flat: dict[str, Any], texts: dict[int, tuple[str, bytes]]) -> s.FlatSource:
+    """The flat form of model `name`; `texts` maps source numbers to file name and text."""
+    return s.FlatSource(
+        name=name,
+        description=flat.get("model_description") or "",
+        variables=tuple(_variable(v, flat) for v in flat["variables"].values()),
+        equations=tuple(_equations(flat["equations"], flat["structured_equations"])),
+        initial_equations=tuple(
+            _equations(flat["initial_equations"], flat.get("initial_structured_equations", []))
+        ),
+        functions={key: _function(value) for key, value in flat["functions"].items()},
+        records=_records(flat),
+        literals=dict(flat.get("enum_literal_ordinals", {})),
+        structural=_structural(flat),
+        refused=tuple(_refused(flat)),
+        texts=texts,
+    )
+
+
+def _key(value: Any) -> str:
+    return value if isinstance(value, str) else next(iter(value))
+
+
+def span(value: dict[str, Any] | None) -> s.Span | None:
+    return s.Span(value["source"], value["start"], value["end"]) if value else None
+
+
+def _variable(v: dict[str, Any], flat: dict[str, Any]) -> s.FlatVariable:
+    name = v["name"]
+    type_name = flat["variable_type_names"].get(name, "Real")
+    return s.FlatVariable(
+        name=name,
+        type_name=type_name,
+        variability=_VARIABILITY.get(_key(v["variability"]), "continuous"),
+        causality=_CAUSALITY.get(_key(v["causality"]), "local"),
+        is_flow=bool(v["flow"]),
+        is_final=bool(flat["variable_final_flags"].get(name)),
+        is_discrete=bool(v["is_discrete_type"]) or type_name in _DISCRETE_TYPES or _is_enumeration(v, flat),
+        is_top_level=_is_top_level(name, flat),
+        dimensions=tuple(v["dims"]),
+        start=_declared(v["start"], v),
+        fixed=tuple(v["fixed"] or ()),
+        min=_declared(v["min"], v),
+        max=_declared(v["max"], v),
+        nominal=_declared(v["nominal"], v),
+        unit=_plain_text(v["unit"]),
+        description=v["description"] or "",
+        state_select=v["state_select"].lower(),
+        binding=expression(v["binding"]) if v["binding"] else None,
+        span=span(v["source_span"]),
+    )
+
+
+def _is_top_level(name: str, flat: dict[str, Any]) -> bool:
+    outer = name.split(".")[0].split("[")[0]
+    return "." not in name or outer in flat.get("top_level_connectors", ())
+
+
+def _plain_text(value: Any) -> str:
+    return value if isinstance(value, str) else ""
+
+
+def _is_enumeration(v: dict[str, Any], flat: dict[str, Any]) -> bool:
+    effective = flat.get("effective_types", {}).get(str(v["type_id"]), {})
+    return effective.get("canonical_type") in flat.get("enumeration_types", [])
+
+
+def _declared(value: dict[str, Any] | None, v: dict[str, Any]) -> s.Node | None:
+    """The attribute, or None for the default that the compiler fills in (it carries the span of the variable)."""
+    if not value:
+        return None
+    node = expression(value)
+    filled_in = isinstance(node, s.Constant) and node.span == span(v["source_span"])
+    return None if filled_in else node
+
+
+def _records(flat: dict[str, Any]) -> dict[str, tuple[str, ...]]:
+    types = flat.get("record_types", {})
+    found = {}
+    for name, instance in flat.get("record_instances", {}).items():
+        record = types.get(str(instance["type_def_id"]))
+        if record is not None:
+            found[name] = tuple(f["name"] for f in record["fields"])
+    return found
+
+
+def _structural(flat: dict[str, Any]) -> frozenset[str]:
+    selections = flat.get("parameter_branch_selections", [])
+    return frozenset(".".join(path) for choice in selections for path in choice["references"])
+
+
+def _refused(flat: dict[str, Any]) -> Iterable[tuple[str, s.Span | None]]:
+    for chain in flat.get("when_chains", []):
+        yield "when", _first_span(chain)
+    for section in flat.get("algorithms", []):
+        yield ("when" if _contains_when(section) else "algorithm"), _first_span(section)
+    for section in flat.get("initial_algorithms", []):
+        yield "initial algorithm", _first_span(section)
+
+
+def _contains_when(section: dict[str, Any]) -> bool:
+    return any(_key(statement) == "When" for statement in section.get("statements", []))
+
+
+def _first_span(value: Any) -> s.Span | None:
+    """The first statement or equation span below `value`; spans of referenced declarations do not count."""
+    if isinstance(value, dict):
+        if isinstance(value.get("span"), dict):
+            return span(value["span"])
+        inner: Iterable[Any] = (v for k, v in value.items() if k != "component_ref")
+    elif isinstance(value, list):
+        inner = value
+    else:
+        return None
+    return next((found for found in map(_first_span, inner) if found is not None), None)
+
+
+# Equations --------------------------------------------------------------------------------------------------
+
+
+def _equations(rows: list[dict[str, Any]], families: list[dict[str, Any]]) -> Iterable[s.FlatEquation]:
+    """All equations; the inner points of a large for-loop come from the loop's template, for the compiler
+    fills in their rows with a placeholder."""
+    expanded = {family["first_equation_index"]: family for family in families if _has_placeholders(family)}
+    at = 0
+    while at < len(rows):
+        family = expanded.get(at)
+        if family is None:
+            yield _equation(rows[at], rows[at]["residual"])
+            at += 1
+        else:
+            yield from _family(family, rows[at])
+            at += _points(family) * family["equations_per_point"]
+
+
+def _has_placeholders(family: dict[str, Any]) -> bool:
+    return not family.get("interiors_materialized", True) and bool(family.get("template"))
+
+
+def _values(binder: dict[str, Any]) -> range:
+    step = binder.get("step", 1)
+    return range(binder["lower"], binder["upper"] + (1 if step > 0 else -1), step)
+
+
+def _points(family: dict[str, Any]) -> int:
+    count = 1
+    for binder in family["domain"]["binders"]:
+        count *= len(_values(binder))
+    return count
+
+
+def _family(family: dict[str, Any], row: dict[str, Any]) -> Iterable[s.FlatEquation]:
+    bodies = [_equation(row | {"span": family["span"]}, body) for body in family["template"]["body"]]
+    binders = family["domain"]["binders"]
+    points: list[tuple[tuple[str, int], ...]] = [()]
+    for binder in binders:
+        points = [(*point, (binder["display_name"], value)) for point in points for value in _values(binder)]
+    for point in points:
+        for body in bodies:
+            yield s.FlatEquation(body.left, body.right, body.kind, body.origin, body.span, point)
+
+
+def _equation(row: dict[str, Any], residual: dict[str, Any]) -> s.FlatEquation:
+    kind, origin = _origin(row["origin"], residual)
+    left, right = _sides(expression(residual), kind)
+    return s.FlatEquation(left, right, kind, origin, span(row.get("span")))
+
+
+def _sides(residual: s.Node, kind: str) -> tuple[s.Node, s.Node | None]:
+    if isinstance(residual, s.Binary) and residual.operator == "-" and kind != "flow":
+        return residual.left, residual.right
+    return residual, None
+
+
+_Kind = Literal["component", "connection", "flow", "unconnected", "binding"]
+
+
+def _origin(origin: dict[str, Any], residual: dict[str, Any]) -> tuple[_Kind, str]:
+    key = _key(origin)
+    value = origin[key]
+    if key == "Connection":
+        return "connection", f"{_parent(value['lhs'])}, {_parent(value['rhs'])}"
+    if key == "FlowSum":
+        return "flow", ", ".join(dict.fromkeys(_parent(name) for name in _names(residual)))
+    if key == "UnconnectedFlow":
+        return "unconnected", _parent(value["variable"])
+    if key == "Binding":
+        return "binding", _parent(value["variable"])
+    return "component", str(value.get("component", ""))
+
+
+def _parent(name: str) -> str:
+    """`a.flange` of `a.flange.phi`; a connector that is itself a variable (`u`) stands for itself."""
+    head, dot, _ = name.rpartition(".")
+    return head if dot else name
+
+
+def _names(node: Any) -> Iterable[str]:
+    if isinstance(node, dict):
+        if "VarRef" in node:
+            yield node["VarRef"]["name"]["name"]
+            return
+        for value in node.values():
+            yield from _names(value)
+    elif isinstance(node, list):
+        for value in node:
+            yield from _names(value)
+
+
+# Expressions ------------------------------------------------------------------------------------------------
+
+
+def expression(node: dict[str, Any]) -> s.Node:
+    """The tree of one expression. An unknown node kind is an internal error and raises KeyError."""
+    kind, value = next(iter(node.items()))
+    return _EXPRESSIONS[kind](value, span(value.get("span")))
+
+
+def _expressions(nodes: Iterable[dict[str, Any]]) -> tuple[s.Node, ...]:
+    return tuple(expression(node) for node in nodes)
+
+
+def _subscript(node: dict[str, Any]) -> s.Node:
+    kind, value = next(iter(node.items()))
+    if kind == "Index":
+        return s.Constant(value["value"], span(value.get("span")))
+    if kind == "Expr":
+        return expression(value["expr"])
+    return s.Colon(span(value.get("span")))
+
+
+def _subscripts(nodes: Iterable[dict[str, Any]]) -> tuple[s.Node, ...]:
+    return tuple(_subscript(node) for node in nodes)
+
+
+def _literal(value: dict[str, Any], at: s.Span | None) -> s.Node:
+    return s.Constant(next(iter(value["value"].values())), at)
+
+
+def _name(value: dict[str, Any], at: s.Span | None) -> s.Node:
+    return s.Name(value["name"]["name"], _subscripts(value["subscripts"]), at)
+
+
+def _binary(value: dict[str, Any], at: s.Span | None) -> s.Node:
+    return s.Binary(_BINARY[value["op"]], expression(value["lhs"]), expression(value["rhs"]), at)
+
+
+def _unary(value: dict[str, Any], at: s.Span | None) -> s.Node:
+    return s.Unary(_UNARY[value["op"]], expression(value["rhs"]), at)
+
+
+def _builtin(value: dict[str, Any], at: s.Span | None) -> s.Node:
+    name = value["function"]
+    return s.Call(name[0].lower() + name[1:], _expressions(value["args"]), builtin=True, span=at)
+
+
+def _call(value: dict[str, Any], at: s.Span | None) -> s.Call:
+    constructor = bool(value.get("is_constructor"))
+    return s.Call(value["name"]["name"], _expressions(value["args"]), constructor=constructor, span=at)
+
+
+def _conditional(value: dict[str, Any], at: s.Span | None) -> s.Node:
+    branches = tuple((expression(c), expression(v)) for c, v in value["branches"])
+    return s.Conditional(branches, expression(value["else_branch"]), at)
+
+
+def _array(value: dict[str, Any], at: s.Span | None) -> s.Node:
+    is_matrix = value.get("kind", "Array") != "Array" or bool(value.get("is_matrix"))
+    return s.Array(_expressions(value["elements"]), is_matrix, at)
+
+
+def _tuple(value: dict[str, Any], at: s.Span | None) -> s.Node:
+    return s.Tuple(tuple(None if "Empty" in e else expression(e) for e in value["elements"]), at)
+
+
+def _range(value: dict[str, Any], at: s.Span | None) -> s.Node:
+    step = expression(value["step"]) if value.get("step") else None
+    return s.Range(expression(value["start"]), step, expression(value["end"]), at)
+
+
+def _comprehension(value: dict[str, Any], at: s.Span | None) -> s.Node:
+    iterators = tuple((index["name"], expression(index["range"])) for index in value["indices"])
+    return s.Comprehension(expression(value["expr"]), iterators, at)
+
+
+def _index(value: dict[str, Any], at: s.Span | None) -> s.Node:
+    return s.Index(expression(value["base"]), _subscripts(value["subscripts"]), at)
+
+
+def _field(value: dict[str, Any], at: s.Span | None) -> s.Node:
+    return s.Field(expression(value["base"]), value["field"], at)
+
+
+_EXPRESSIONS: dict[str, Callable[[dict[str, Any], s.Span | None], s.Node]] = {
+    "Literal": _literal,
+    "VarRef": _name,
+    "Binary": _binary,
+    "Unary": _unary,
+    "BuiltinCall": _builtin,
+    "FunctionCall": _call,
+    "If": _conditional,
+    "Array": _array,
+    "Tuple": _tuple,
+    "Range": _range,
+    "ArrayComprehension": _comprehension,
+    "Index": _index,
+    "FieldAccess": _field,
+}
+
+
+# Functions --------------------------------------------------------------------------------------------------
+
+
+def _function(value: dict[str, Any]) -> s.Function:
+    return s.Function(
+        name=value["name"],
+        inputs=tuple(_function_variable(v) for v in value["inputs"]),
+        outputs=tuple(_function_variable(v) for v in value["outputs"]),
+        locals=tuple(_function_variable(v) for v in value["locals"]),
+        body=_statements(value["body"]),
+        is_external=value.get("external") is not None,
+        is_impure=value.get("pure") is False,
+    )
+
+
+def _function_variable(value: dict[str, Any]) -> s.FunctionVariable:
+    default = expression(value["default"]) if value.get("default") else None
+    return s.FunctionVariable(value["name"], value["type_name"], _subscripts(value["shape_expr"]), default)
+
+
+def _statements(nodes: Iterable[dict[str, Any]] | None) -> tuple[s.Statement, ...]:
+    return tuple(made for node in nodes or () for made in _statement(node))
+
+
+def _statement(node: dict[str, Any]) -> Iterable[s.Statement]:
+    kind, value = next(iter(node.items()))
+    if kind != "Empty":
+        yield _STATEMENTS.get(kind, _unknown_statement(kind))(value, span(value.get("span")))
+
+
+def _unknown_statement(kind: str) -> Callable[[dict[str, Any], s.Span | None], s.Statement]:
+    return lambda _value, at: s.Refused(kind.lower(), at)
+
+
+def _target(reference: dict[str, Any]) -> s.Name:
+    parts = reference["parts"]
+    subscripts = [_subscripts(part["subs"]) for part in parts]
+    name = ".".join(part["ident"] for part in parts)
+    return s.Name(name, tuple(node for group in subscripts for node in group), span(reference.get("span")))
+
+
+def _assignment(value: dict[str, Any], at: s.Span | None) -> s.Statement:
+    return s.Assign(_target(value["comp"]), expression(value["value"]), at)
+
+
+def _call_statement(value: dict[str, Any], at: s.Span | None) -> s.Statement:
+    call = s.Call(value["comp"]["name"], _expressions(value["args"]), span=at)
+    targets = tuple(_target(t) if t and t.get("parts") else None for t in value["outputs"])
+    return s.AssignCall(targets, call, at)
+
+
+def _for(value: dict[str, Any], at: s.Span | None) -> s.Statement:
+    iterators = tuple((index["ident"], expression(index["range"])) for index in value["indices"])
+    return s.For(iterators, _statements(value["equations"]), at)
+
+
+def _while(value: dict[str, Any], at: s.Span | None) -> s.Statement:
+    block = value["block"]
+    return s.While(expression(block["cond"]), _statements(block["stmts"]), at)
+
+
+def _if(value: dict[str, Any], at: s.Span | None) -> s.Statement:
+    branches = tuple((expression(b["cond"]), _statements(b["stmts"])) for b in value["cond_blocks"])
+    return s.If(branches, _statements(value.get("else_block")), at)
+
+
+def _assert(value: dict[str, Any], at: s.Span | None) -> s.Statement:
+    return s.Assert(expression(value["condition"]), expression(value["message"]), at)
+
+
+_STATEMENTS: dict[str, Callable[[dict[str, Any], s.Span | None], s.Statement]] = {
+    "Assignment": _assignment,
+    "FunctionCall": _call_statement,
+    "For": _for,
+    "While": _while,
+    "If": _if,
+    "Assert": _assert,
+    "Return": lambda _value, at: s.Jump("return", at),
+    "Break": lambda _value, at: s.Jump("break", at),
+}

@@ -1,0 +1,230 @@
+"""Changes of a FlatModel that need no compiler: parameter values, declared outputs, estimated parameters, noises."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from difflib import get_close_matches
+
+import casadi as ca
+
+from daest.errors import ModelError
+from daest.model.flat import FlatModel, NoiseInput, Output, Parameter
+from daest.modelica.places import resolve_place
+
+
+def with_values(flat: FlatModel, values: Mapping[str, float]) -> FlatModel:
+    """`flat` with new parameter values. Raises ModelError for a name that is no tunable parameter, and for a value
+    outside of its min and max."""
+    for name in values:
+        _tunable(flat, name)
+    parameters = tuple(_set(p, values[p.name]) if p.name in values else p for p in flat.parameters)
+    noises = tuple(
+        replace(noise, intensity=float(values[noise.intensity_parameter]))
+        if noise.intensity_parameter in values
+        else noise
+        for noise in flat.noises
+    )
+    outputs = tuple(
+        replace(output, noise_std=float(values[output.noise_std_parameter]))
+        if output.noise_std_parameter in values
+        else output
+        for output in flat.outputs
+    )
+    return replace(flat, parameters=parameters, noises=noises, outputs=outputs)
+
+
+def _tunable(flat: FlatModel, name: str) -> Parameter:
+    for parameter in flat.parameters:
+        if parameter.name == name:
+            return parameter
+    for derived in flat.derived_parameters:
+        if derived.name == name:
+            raise ModelError(
+                "parameter-derived",
+                f"parameter `{name}` is computed from `{derived.expression}`",
+                where=derived.place,
+                remedy="Set what it is computed from instead.",
+            )
+    known = [p.name for p in flat.parameters]
+    near = get_close_matches(name, known, 3) or [k for k in known if k.rpartition(".")[2] == name][:3]
+    hint = f"Did you mean {' or '.join(f'`{one}`' for one in near)}? " if near else ""
+    raise ModelError(
+        "parameter-unknown",
+        f"the model has no tunable parameter `{name}`",
+        where=flat.source or None,
+        remedy=f"{hint}Tunable: {', '.join(known) if known else 'none'}.",
+    )
+
+
+def _set(parameter: Parameter, value: float) -> Parameter:
+    value = float(value)
+    if not math.isfinite(value):
+        raise _outside(parameter, f"{value} is not a finite number")
+    if parameter.min is not None and value < parameter.min:
+        raise _outside(parameter, f"{value:g} is below its min = {parameter.min:g}")
+    if parameter.max is not None and value > parameter.max:
+        raise _outside(parameter, f"{value:g} is above its max = {parameter.max:g}")
+    return replace(parameter, value=value)
+
+
+def _outside(parameter: Parameter, what: str) -> ModelError:
+    return ModelError(
+        "parameter-bounds",
+        f"parameter `{parameter.name}`: {what}",
+        where=parameter.place,
+        remedy="Choose a value inside, or change min and max in the model.",
+    )
+
+
+def declare(
+    flat: FlatModel,
+    outputs: Sequence[str] | Mapping[str, str] | None = None,
+    estimate: Iterable[str] | Mapping[str, bool] | None = None,
+    noises: Mapping[str, float | None] | None = None,
+    noise_std: Mapping[str, float | None] | None = None,
+    estimate_noise: Mapping[str, bool] | None = None,
+) -> FlatModel:
+    """`flat` with what a project file says about it, in place of annotations.
+
+    `outputs` are names of unknowns or of present outputs that are to be the outputs, in this order (a mapping
+    gives each its new name: {name: unknown}). `estimate` marks parameters. `noises` maps a place (see
+    `resolve_place`) to the intensity of a white noise on its equation, or the name of a present noise to its new
+    intensity. `noise_std` maps outputs to the standard deviation of their measurement noise. `estimate_noise`
+    maps outputs and noises (by name or place) to whether their size is estimated. Raises ModelError.
+    """
+    if outputs is not None:
+        flat = _with_outputs(flat, outputs)
+    if estimate is not None:
+        flat = _with_estimated(flat, estimate)
+    if noises is not None:
+        flat = _with_noises(flat, noises)
+    if noise_std is not None:
+        flat = _with_noise_std(flat, noise_std)
+    return flat if estimate_noise is None else _with_estimated_noise(flat, estimate_noise)
+
+
+def _with_outputs(flat: FlatModel, outputs: Sequence[str] | Mapping[str, str]) -> FlatModel:
+    pairs = list(outputs.items()) if isinstance(outputs, Mapping) else [(name, name) for name in outputs]
+    made = [_output(flat, name, source) for name, source in pairs]
+    expressions = [expression for _, expression in made]
+    return replace(
+        flat,
+        outputs=tuple(output for output, _ in made),
+        output_expressions=ca.vertcat(*expressions) if expressions else ca.SX(0, 1),
+    )
+
+
+def _output(flat: FlatModel, name: str, source: str) -> tuple[Output, ca.SX]:
+    for i, output in enumerate(flat.outputs):
+        if output.name == source:
+            return replace(output, name=name), flat.output_expressions[i]
+    for i, unknown in enumerate(flat.unknowns):
+        if unknown.name == source:
+            return Output(name, unknown.unit, unknown.description, place=unknown.place), flat.xi[i]
+    known = [x.name for x in (*flat.outputs, *flat.unknowns)]
+    raise _no_such("output", source, known, flat, "An output is a variable of the model.")
+
+
+def _with_estimated(flat: FlatModel, estimate: Iterable[str] | Mapping[str, bool]) -> FlatModel:
+    marks = dict(estimate) if isinstance(estimate, Mapping) else dict.fromkeys(estimate, True)
+    for name in marks:
+        _tunable(flat, name)
+    parameters = tuple(replace(p, estimate=marks.get(p.name, p.estimate)) for p in flat.parameters)
+    return replace(flat, parameters=parameters)
+
+
+def _with_noises(flat: FlatModel, noises: Mapping[str, float | None]) -> FlatModel:
+    for place, intensity in noises.items():
+        at = _noise_index(flat, place)
+        if at is None:
+            flat = _with_noise(flat, place, intensity)
+        else:
+            changed = replace(flat.noises[at], intensity=intensity, intensity_parameter="")
+            flat = replace(flat, noises=(*flat.noises[:at], changed, *flat.noises[at + 1 :]))
+    return flat
+
+
+def _noise_index(flat: FlatModel, name: str) -> int | None:
+    return next((i for i, noise in enumerate(flat.noises) if noise.name in (name, noise_name(name))), None)
+
+
+def noise_name(place: str) -> str:
+    """The name of the noise that `declare` puts at a place."""
+    return f"noise({place})"
+
+
+def _with_noise(flat: FlatModel, place: str, intensity: float | None) -> FlatModel:
+    """A new white noise w on the right of one equation: left - right = w."""
+    found = resolve_place(flat, place)
+    if len(found) != 1:
+        listed = "\n".join(f"    {i}: {flat.equations[i].text}" for i in found)
+        raise ModelError(
+            "model-place",
+            f"`{place}` means {len(found)} equations",
+            remedy=f"Name one by its index:\n{listed}",
+        )
+    equation = flat.equations[found[0]]
+    symbol = ca.SX.sym(noise_name(place))
+    residual = ca.SX(flat.residual)
+    residual[found[0]] = residual[found[0]] - symbol
+    noise = NoiseInput(
+        noise_name(place),
+        intensity,
+        _unit(flat, place),
+        f"white noise on {equation.text}",
+        place=equation.place,
+    )
+    return replace(flat, noises=(*flat.noises, noise), w=ca.vertcat(flat.w, symbol), residual=residual)
+
+
+def _unit(flat: FlatModel, place: str) -> str:
+    """The unit of a flow variable or connector, which its equation has too; unknown for other places."""
+    for unknown in flat.unknowns:
+        if unknown.is_flow and place in (unknown.name, unknown.name.rpartition(".")[0]):
+            return unknown.unit
+    return ""
+
+
+def _with_noise_std(flat: FlatModel, noise_std: Mapping[str, float | None]) -> FlatModel:
+    known = [output.name for output in flat.outputs]
+    for name, std in noise_std.items():
+        if name not in known:
+            raise _no_such("output", name, known, flat, "Measurement noise belongs to an output.")
+        if std is not None and not std > 0:
+            raise ModelError(
+                "noise-std",
+                f"the standard deviation of `{name}` is {std:g}",
+                where=flat.source or None,
+                remedy="Give a positive number.",
+            )
+    outputs = tuple(
+        replace(output, noise_std=noise_std[output.name], noise_std_parameter="")
+        if output.name in noise_std
+        else output
+        for output in flat.outputs
+    )
+    return replace(flat, outputs=outputs)
+
+
+def _with_estimated_noise(flat: FlatModel, marks: Mapping[str, bool]) -> FlatModel:
+    known = [output.name for output in flat.outputs] + [noise.name for noise in flat.noises]
+    for name in marks:
+        if name not in known and _noise_index(flat, name) is None:
+            raise _no_such("noise", name, known, flat, "Name an output or a noise.")
+    outputs = tuple(replace(y, estimate_noise=marks.get(y.name, y.estimate_noise)) for y in flat.outputs)
+    by_noise = {_noise_index(flat, name): mark for name, mark in marks.items()}
+    noises = tuple(replace(w, estimate=by_noise.get(i, w.estimate)) for i, w in enumerate(flat.noises))
+    return replace(flat, outputs=outputs, noises=noises)
+
+
+def _no_such(kind: str, name: str, known: Sequence[str], flat: FlatModel, hint: str) -> ModelError:
+    near = get_close_matches(name, known, 3)
+    did = f"Did you mean {' or '.join(f'`{one}`' for one in near)}? " if near else ""
+    return ModelError(
+        f"{kind}-unknown",
+        f"the model has no {kind} `{name}`",
+        where=flat.source or None,
+        remedy=did + hint,
+    )

@@ -1,0 +1,449 @@
+"""The value of an expression: its syntax tree read over a scope of symbols and numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import product as cartesian
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+
+from daest.errors import ModelError, Place
+from daest.modelica import syntax as s
+from daest.modelica import values as v
+from daest.modelica.builtins import BUILTINS, REFUSED, integer, matrix_of_rows
+from daest.modelica.text import text
+from daest.modelica.values import Record, Scalar, Value
+
+_ELEMENTWISE: dict[str, v.Operation] = {
+    "+": v.add,
+    "-": v.subtract,
+    ".+": v.add,
+    ".-": v.subtract,
+    ".*": v.multiply,
+    "/": v.divide,
+    "./": v.divide,
+    ".^": v.power,
+}
+_RELATIONS: dict[str, Callable[[Scalar, Scalar], Scalar]] = {
+    "<": lambda a, b: a < b,  # type: ignore[operator]
+    "<=": lambda a, b: a <= b,  # type: ignore[operator]
+    ">": lambda a, b: a > b,  # type: ignore[operator]
+    ">=": lambda a, b: a >= b,  # type: ignore[operator]
+    "==": lambda a, b: a == b,
+    "<>": lambda a, b: a != b,
+}
+_REFUSAL_REMEDY = (
+    "Only differential-algebraic equations can be estimated: remove events, clocks and memory, or describe the "
+    "behaviour by a smooth equation (tanh(x/width) for sign(x), a first-order lag for a delay)."
+)
+
+
+class Scope(Protocol):
+    """Where names get their values."""
+
+    def lookup(self, name: str) -> Value | None:
+        """The value of a variable, parameter or literal; None if there is none of that name."""
+
+    def path(self, parts: Sequence[tuple[str, tuple[Value | None, ...]]]) -> Value | None:
+        """The value of a component path with evaluated subscripts (None stands for `:`)."""
+
+    def derivative(self, name: str) -> Value | None:
+        """der() of a variable; None if there is no variable of that name."""
+
+
+class FunctionCaller(Protocol):
+    def __call__(
+        self, name: str, arguments: Sequence[Value], constructor: bool, evaluator: Evaluator
+    ) -> tuple[Value, ...]:
+        """The results of calling a function."""
+
+
+@dataclass
+class Evaluator:
+    """Evaluates trees over `scope`. `iterators` are the loop variables in force; `at` is the place
+    that errors name when a node carries none."""
+
+    scope: Scope
+    call: FunctionCaller
+    locate: Callable[[s.Span | None], Place | None]
+    iterators: dict[str, Value] = field(default_factory=dict)
+    at: s.Span | None = None
+
+    # Entry points ---------------------------------------------------------------------------------------------
+
+    def value(self, node: s.Node) -> Value:
+        """The value of `node`. Raises ModelError with the node's place."""
+        try:
+            return _HANDLERS[type(node)](self, node)
+        except (ArithmeticError, ValueError) as problem:
+            raise ModelError(
+                "model-arithmetic",
+                f"`{text(node)}` cannot be computed: {problem}",
+                where=self.locate(getattr(node, "span", None) or self.at),
+                remedy="Check the values, sizes and indices that it is computed from.",
+            ) from None
+
+    def results(self, node: s.Node) -> tuple[Value, ...]:
+        """All results of a function call; one value for any other node."""
+        if isinstance(node, s.Call) and not node.builtin:
+            return self._function(node)
+        made = self.value(node)
+        return made if isinstance(made, tuple) else (made,)
+
+    def scalar(self, node: s.Node) -> Scalar:
+        made = self.value(node)
+        if isinstance(made, np.ndarray | Record | tuple):
+            raise self.error(
+                "model-arithmetic", f"`{text(node)}` must be a scalar", node, "Select one element."
+            )
+        return made
+
+    def sequence(self, node: s.Node) -> list[Value]:
+        """The values that a for-iterator takes."""
+        made = self.value(node)
+        if isinstance(made, np.ndarray):
+            return list(made)
+        return [i + 1 for i in range(integer(made))]
+
+    @contextmanager
+    def bound(self, names: Sequence[str], values: Sequence[Value]) -> Iterator[None]:
+        """Loop variables in force inside the block."""
+        before = self.iterators
+        self.iterators = {**before, **dict(zip(names, values, strict=True))}
+        try:
+            yield
+        finally:
+            self.iterators = before
+
+    def error(self, code: str, what: str, node: s.Node | s.Statement | None, remedy: str) -> ModelError:
+        span = getattr(node, "span", None) or self.at
+        return ModelError(code, what, where=self.locate(span), remedy=remedy)
+
+    # Names ----------------------------------------------------------------------------------------------------
+
+    def _name(self, node: s.Name) -> Value:
+        base = self.iterators.get(node.name) if node.name in self.iterators else self.scope.lookup(node.name)
+        if base is None:
+            base = self._path(node)
+            if base is not None:
+                return base
+            raise self.error(
+                "model-unknown-name",
+                f"`{node.name}` is not known here",
+                node,
+                "Declare it, or check its spelling.",
+            )
+        return self._indexed(base, node.subscripts) if node.subscripts else base
+
+    def _path(self, node: s.Node) -> Value | None:
+        parts = self._parts(node)
+        return None if parts is None else self.scope.path(parts)
+
+    def _parts(self, node: s.Node) -> list[tuple[str, tuple[Value | None, ...]]] | None:
+        """The component path behind nested names, indices and fields; None when the base is no name."""
+        match node:
+            case s.Name(name, subscripts):
+                parts = [(ident, tuple(indices)) for ident, indices in split_path(name)]
+                return _with_subscripts(parts, self._subscripts(subscripts))
+            case s.Field(base, name):
+                parts_or_none = self._parts(base)
+                return None if parts_or_none is None else [*parts_or_none, (name, ())]
+            case s.Index(base, subscripts):
+                parts_or_none = self._parts(base)
+                if parts_or_none is None:
+                    return None
+                return _with_subscripts(parts_or_none, self._subscripts(subscripts))
+        return None
+
+    def _subscripts(self, nodes: Sequence[s.Node]) -> tuple[Value | None, ...]:
+        return tuple(None if isinstance(node, s.Colon) else self.value(node) for node in nodes)
+
+    def _indexed(self, base: Value, subscripts: Sequence[s.Node]) -> Value:
+        return indexed(base, self._subscripts(subscripts))
+
+    def _index(self, node: s.Index) -> Value:
+        if not isinstance(node.base, s.Index | s.Field | s.Name):
+            return self._indexed(self.value(node.base), node.subscripts)
+        base = self._path(node)
+        if base is not None:
+            return base
+        return self._indexed(self.value(node.base), node.subscripts)
+
+    def _field(self, node: s.Field) -> Value:
+        found = self._path(node)
+        if found is None:
+            found = field_of(self.value(node.base), node.name)
+        if found is None:
+            raise self.error(
+                "model-unknown-name",
+                f"`{text(node)}` is not known here",
+                node,
+                "Declare it, or check its spelling.",
+            )
+        return found
+
+    # Operators ------------------------------------------------------------------------------------------------
+
+    def _constant(self, node: s.Constant) -> Value:
+        return node.value
+
+    def _unary(self, node: s.Unary) -> Value:
+        made = self.value(node.operand)
+        if node.operator == "not":
+            return v.mapped(_not, made)
+        return made if node.operator == "+" else v.mapped(v.negate, made)
+
+    def _binary(self, node: s.Binary) -> Value:
+        left, right = self.value(node.left), self.value(node.right)
+        operator = node.operator
+        if operator == "*":
+            return v.product(left, right)
+        if operator in ("^", ".^"):
+            return self._power(left, right, operator)
+        if operator in ("and", "or"):
+            return v.combined(_and if operator == "and" else _or, left, right)
+        if operator in _RELATIONS:
+            return v.combined(_RELATIONS[operator], left, right)
+        return v.combined(_ELEMENTWISE[operator], left, right)
+
+    def _power(self, base: Value, exponent: Value, operator: str) -> Value:
+        if isinstance(base, np.ndarray) and operator == "^":
+            return v.matrix_power(base, integer(exponent))
+        return v.combined(v.power, base, exponent)
+
+    def _conditional(self, node: s.Conditional) -> Value:
+        return self._branches(node.branches, node.otherwise)
+
+    def _branches(self, branches: tuple[tuple[s.Node, s.Node], ...], otherwise: s.Node) -> Value:
+        if not branches:
+            return self.value(otherwise)
+        condition = v.constant(self.scalar(branches[0][0]))
+        if not isinstance(condition, ca.SX):
+            return self.value(branches[0][1]) if condition else self._branches(branches[1:], otherwise)
+        # CasADi guards the branch that is not taken, in derivatives too: `if x > 0 then sqrt(x) else 0` is safe.
+        return v.choose(condition, self.value(branches[0][1]), self._branches(branches[1:], otherwise))
+
+    # Calls ----------------------------------------------------------------------------------------------------
+
+    def _call(self, node: s.Call) -> Value:
+        if not node.builtin:
+            return self._function(node)[0]
+        if node.function == "der":
+            return self._derivative(node)
+        if node.function in REFUSED:
+            raise refusal(node.function, self.locate(node.span or self.at))
+        if node.function == "homotopy":
+            return self.value(node.arguments[0])
+        return BUILTINS[node.function]([self.value(argument) for argument in node.arguments])
+
+    def _function(self, node: s.Call) -> tuple[Value, ...]:
+        last = node.function.rpartition(".")[2]
+        if last in REFUSED:
+            raise refusal(last, self.locate(node.span or self.at))
+        arguments = [self.value(argument) for argument in node.arguments]
+        before, self.at = self.at, node.span or self.at
+        try:
+            return self.call(node.function, arguments, node.constructor, self)
+        finally:
+            self.at = before
+
+    def _derivative(self, node: s.Call) -> Value:
+        argument = node.arguments[0]
+        if not isinstance(argument, s.Name | s.Index | s.Field):
+            raise self.error(
+                "model-der-expression",
+                f"der({text(argument)}) differentiates an expression",
+                node,
+                "Introduce a variable for the expression and differentiate that variable.",
+            )
+        scope = _DerivativeScope(self.scope)
+        return Evaluator(scope, self.call, self.locate, self.iterators, node.span or self.at).value(argument)
+
+    # Arrays ---------------------------------------------------------------------------------------------------
+
+    def _array(self, node: s.Array) -> Value:
+        if node.is_matrix:
+            rows = [row.elements if isinstance(row, s.Array) else (row,) for row in node.elements]
+            return matrix_of_rows([[self.value(e) for e in row] for row in rows])
+        return v.array([self.value(e) for e in node.elements])
+
+    def _tuple(self, node: s.Tuple) -> Value:
+        return tuple(0.0 if e is None else self.value(e) for e in node.elements)
+
+    def _range(self, node: s.Range) -> Value:
+        start, stop = v.constant(self.scalar(node.start)), v.constant(self.scalar(node.stop))
+        step = 1 if node.step is None else v.constant(self.scalar(node.step))
+        if any(isinstance(x, ca.SX) for x in (start, step, stop)):
+            raise ValueError("a range needs constant bounds")
+        return v.from_flat(*_range_values(start, step, stop))  # type: ignore[arg-type]
+
+    def _comprehension(self, node: s.Comprehension) -> Value:
+        return self._nested(node.element, node.iterators)
+
+    def _nested(self, element: s.Node, iterators: tuple[tuple[str, s.Node], ...]) -> Value:
+        if not iterators:
+            return self.value(element)
+        # The last iterator of {… for i in I, j in J} gives the first dimension (Specification 10.4.1.1).
+        name, over = iterators[-1]
+        made = []
+        for value in self.sequence(over):
+            with self.bound([name], [value]):
+                made.append(self._nested(element, iterators[:-1]))
+        return v.array(made)
+
+    def _colon(self, node: s.Colon) -> Value:
+        raise ValueError("`:` stands outside of a subscript")
+
+
+_HANDLERS: dict[type, Callable[[Evaluator, s.Node], Value]] = {
+    s.Constant: Evaluator._constant,  # type: ignore[dict-item]
+    s.Name: Evaluator._name,  # type: ignore[dict-item]
+    s.Unary: Evaluator._unary,  # type: ignore[dict-item]
+    s.Binary: Evaluator._binary,  # type: ignore[dict-item]
+    s.Conditional: Evaluator._conditional,  # type: ignore[dict-item]
+    s.Call: Evaluator._call,  # type: ignore[dict-item]
+    s.Array: Evaluator._array,  # type: ignore[dict-item]
+    s.Tuple: Evaluator._tuple,  # type: ignore[dict-item]
+    s.Range: Evaluator._range,  # type: ignore[dict-item]
+    s.Comprehension: Evaluator._comprehension,  # type: ignore[dict-item]
+    s.Index: Evaluator._index,  # type: ignore[dict-item]
+    s.Field: Evaluator._field,  # type: ignore[dict-item]
+    s.Colon: Evaluator._colon,  # type: ignore[dict-item]
+}
+
+
+@dataclass(frozen=True)
+class _DerivativeScope:
+    """Names stand for their time derivatives; subscripts are read by the evaluator as usual."""
+
+    scope: Scope
+
+    def lookup(self, name: str) -> Value | None:
+        return self.scope.derivative(name)
+
+    def path(self, parts: Sequence[tuple[str, tuple[Value | None, ...]]]) -> Value | None:
+        head = join_path(parts[:-1], parts[-1][0])
+        found = None if head is None else self.scope.derivative(head)
+        return None if found is None else indexed(found, parts[-1][1])
+
+    def derivative(self, name: str) -> Value | None:
+        return None
+
+
+def refusal(what: str, where: Place | None) -> ModelError:
+    """The error for an operator or construct that needs events, clocks or a memory."""
+    return ModelError("model-unsupported", f"`{what}` is not supported", where=where, remedy=_REFUSAL_REMEDY)
+
+
+def _range_values(start: float, step: float, stop: float) -> tuple[list[float], tuple[int]]:
+    if step == 0:
+        raise ValueError("a range needs a step other than zero")
+    # A Real range includes its end up to rounding: the tolerance is relative to the number of steps.
+    count = max(0, int(np.floor((stop - start) / step + 1e-9)) + 1)
+    made = [start + i * step for i in range(count)]
+    return made, (count,)
+
+
+def _not(x: Scalar) -> Scalar:
+    return ca.logic_not(x) if isinstance(x, ca.SX) else not x
+
+
+def _and(a: Scalar, b: Scalar) -> Scalar:
+    if isinstance(a, ca.SX) and isinstance(b, ca.SX):
+        return ca.logic_and(a, b)
+    if isinstance(a, ca.SX):
+        return a if b else False
+    return b if a else False
+
+
+def _or(a: Scalar, b: Scalar) -> Scalar:
+    if isinstance(a, ca.SX) and isinstance(b, ca.SX):
+        return ca.logic_or(a, b)
+    if isinstance(a, ca.SX):
+        return True if b else a
+    return True if a else b
+
+
+def indexed(base: Value, subscripts: Sequence[Value | None]) -> Value:
+    """`base[subscripts]` with Modelica's indices from 1; None is `:`. Raises ValueError outside of the array."""
+    if not subscripts:
+        return base
+    if not isinstance(base, np.ndarray):
+        raise v.ShapeError("a scalar has no elements")
+    if len(subscripts) > base.ndim:
+        raise v.ShapeError(f"{len(subscripts)} subscripts for an array of size {v.size_text(base.shape)}")
+    chosen = [_positions(subscript, size) for subscript, size in zip(subscripts, base.shape, strict=False)]
+    if all(isinstance(c, int) for c in chosen):
+        return base[tuple(chosen)]  # type: ignore[arg-type]
+    made = base
+    axis = 0
+    for positions in chosen:
+        made = made.take(positions, axis=axis)
+        axis += 0 if isinstance(positions, int) else 1
+    return made
+
+
+def _positions(subscript: Value | None, size: int) -> int | list[int]:
+    if subscript is None:
+        return list(range(size))
+    if isinstance(subscript, np.ndarray):
+        return [_position(one, size) for one in subscript]
+    return _position(subscript, size)
+
+
+def _position(subscript: Value, size: int) -> int:
+    at = integer(v.constant(subscript) if isinstance(subscript, ca.SX) else subscript)
+    if not 1 <= at <= size:
+        raise ValueError(f"index {at} is outside of 1 to {size}")
+    return at - 1
+
+
+def field_of(value: Value, name: str) -> Value | None:
+    """Field `name` of a record, or of each record of an array."""
+    if isinstance(value, Record):
+        return value.fields.get(name)
+    if isinstance(value, np.ndarray) and value.size and isinstance(value.flat[0], Record):
+        fields = [record.fields.get(name) for record in value.flat]
+        if any(f is None for f in fields):
+            return None
+        made = v.array(fields)  # type: ignore[arg-type]
+        return made.reshape(value.shape + made.shape[1:])
+    return None
+
+
+_PART = re.compile(r"('(?:[^'\\]|\\.)*'|[^.\[\]']+)(?:\[([^\]]*)\])?\.?")
+
+
+def split_path(name: str) -> list[tuple[str, list[int]]]:
+    """`a[1].b[2,3]` -> [("a", [1]), ("b", [2, 3])]."""
+    return [
+        (ident, [int(i) for i in indices.split(",")] if indices else [])
+        for ident, indices in _PART.findall(name)
+    ]
+
+
+def join_path(parts: Sequence[tuple[str, tuple[Value | None, ...]]], last: str) -> str | None:
+    """The flat name of a path whose subscripts are plain integers, else None."""
+    made = []
+    for ident, subscripts in parts:
+        if any(subscript is None or not isinstance(subscript, int) for subscript in subscripts):
+            return None
+        made.append(ident + (f"[{','.join(map(str, subscripts))}]" if subscripts else ""))
+    return ".".join([*made, last])
+
+
+def _with_subscripts(
+    parts: list[tuple[str, tuple[Value | None, ...]]], subscripts: tuple[Value | None, ...]
+) -> list[tuple[str, tuple[Value | None, ...]]]:
+    ident, before = parts[-1]
+    return [*parts[:-1], (ident, (*before, *subscripts))]
+
+
+def index_tuples(shape: Sequence[int]) -> list[tuple[int, ...]]:
+    """All index tuples of an array, row by row, from 1."""
+    return list(cartesian(*(range(1, n + 1) for n in shape)))

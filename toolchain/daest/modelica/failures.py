@@ -1,0 +1,200 @@
+"""What the compiler says when it fails, as errors with a code, a place and a remedy."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from difflib import get_close_matches
+from pathlib import Path
+
+import rumoca
+
+from daest.errors import ModelError, Place
+from daest.modelica.outline import class_heads
+from daest.modelica.tokens import Token, place_of, tokens
+
+_BALANCE = re.compile(r"unbalanced model: (\d+) equations, (\d+) unknowns")
+_TYPE = re.compile(
+    r"(type mismatch|array dimension mismatch)[^;\[]*(?:\[[^\]:]*\][^;\[]*)*\[([^\[\]]*):(\d+):(\d+)\]"
+)
+_QUOTED = re.compile(r"'([^']+)'")
+_POSITION = re.compile(r"╭─\[.*?:(\d+):(\d+)\]")
+
+
+class Unbalanced(ModelError):
+    """Equations and unknowns differ in number, by the compiler's count."""
+
+    def __init__(self, n_equations: int, n_unknowns: int, where: str) -> None:
+        super().__init__(
+            "model-unbalanced",
+            f"the model has {_count(n_equations, 'equation')} for {_count(n_unknowns, 'unknown')}",
+            where=where,
+        )
+        self.n_equations = n_equations
+        self.n_unknowns = n_unknowns
+
+
+def _count(n: int, word: str) -> str:
+    return f"{n} {word}" + ("" if n == 1 else "s")
+
+
+def internal(problem: BaseException, path: Path) -> ModelError:
+    """The compiler itself broke."""
+    said = (str(problem).splitlines() or [type(problem).__name__])[0]
+    return ModelError(
+        "model-compiler",
+        f"the Modelica compiler failed: {said}",
+        where=str(path),
+        remedy="Simplify the model until it compiles; the part taken out last is what the compiler cannot do.",
+    )
+
+
+def translated(message: str, path: Path, text: bytes, class_name: str) -> ModelError:
+    """The error behind a message of the compiler."""
+    for translate in (_syntax, _balance, _unknown, _types, _der_expression, _missing_class):
+        made = translate(message, path, text, class_name)
+        if made is not None:
+            return made
+    return ModelError(
+        "model-compile",
+        f"`{class_name}` does not compile: {_plain(message)}",
+        where=str(path),
+        remedy="Change the construct that the message names.",
+    )
+
+
+def _plain(message: str) -> str:
+    """The compiler's message without the names of its phases and without its repetition."""
+    first = message.splitlines()[0]
+    return re.sub(r"^.*?failed in \w+: ", "", re.sub(r"^\S+ could not be compiled: ", "", first))
+
+
+def _syntax(message: str, path: Path, text: bytes, class_name: str) -> ModelError | None:
+    for diagnostic in _diagnostics(path, text):
+        if diagnostic.rule != "syntax-error":
+            continue
+        shown = diagnostic.message
+        position = _POSITION.search(shown)
+        where = Place(str(path), int(position[1]), int(position[2])) if position else Place(str(path))
+        what = re.search(r"×\s*(.+)", shown)
+        expected = re.search(r"help: (expected.+?)(?:\n\s*\n|\Z)", shown, re.DOTALL)
+        remedy = (
+            " ".join(expected[1].split()) if expected else "Check the line before, too: a `;` may be missing."
+        )
+        return ModelError("model-syntax", what[1] if what else "syntax error", where=where, remedy=remedy)
+    return None
+
+
+def _diagnostics(path: Path, text: bytes) -> list[rumoca.Diagnostic]:
+    try:
+        return list(rumoca.validate_source(text.decode("utf-8"), filename=path.name))
+    except Exception:  # validation is a second opinion only; the first message stands
+        return []
+
+
+def _balance(message: str, path: Path, text: bytes, class_name: str) -> ModelError | None:
+    found = _BALANCE.search(message)
+    return Unbalanced(int(found[1]), int(found[2]), str(path)) if found else None
+
+
+def _unknown(message: str, path: Path, text: bytes, class_name: str) -> ModelError | None:
+    """A class or a component that is nowhere declared."""
+    if "unresolved type" in message:
+        code, kind, known = "model-unknown-class", "class", _class_names(text)
+        remedy = "Check its spelling, or give its library's folder by -L or MODELICAPATH."
+    elif "unresolved component" in message or "unresolved function" in message:
+        code, kind, known = "model-unknown-name", "name", _identifiers(text)
+        remedy = "Declare it, or check its spelling."
+    else:
+        return None
+    quoted = _QUOTED.search(message.partition("unresolved")[2])
+    name = quoted[1] if quoted else "?"
+    near = get_close_matches(name, [other for other in known if other != name], 2)
+    if near:
+        remedy = f"Did you mean {' or '.join(f'`{other}`' for other in near)}? {remedy}"
+    where = _first_place(path, text, lambda token: token.text == name.partition(".")[0])
+    return ModelError(code, f"{kind} `{name}` is not known", where=where or str(path), remedy=remedy)
+
+
+def _class_names(text: bytes) -> list[str]:
+    names = [head.name for head in class_heads(text)]
+    return [*names, *(name.rpartition(".")[2] for name in names)]
+
+
+def _identifiers(text: bytes) -> list[str]:
+    return sorted({token.text for token in tokens(text) if token.kind == "name"})
+
+
+def _first_place(path: Path, text: bytes, wanted: Callable[[Token], bool]) -> Place | None:
+    return next((place_of(str(path), text, token.start) for token in tokens(text) if wanted(token)), None)
+
+
+def _types(message: str, path: Path, text: bytes, class_name: str) -> ModelError | None:
+    if "failed in Typecheck" not in message:
+        return None
+    said = message.partition("failed in Typecheck: ")[2]
+    first = said.split("; ")[0]
+    position = re.search(r"\s*\[([^\[\]]*):(\d+):(\d+)\]\s*$", first)
+    where: Place | str = str(path)
+    if position:
+        file = str(path) if Path(position[1]).name == path.name else position[1]
+        where = Place(file, int(position[2]), int(position[3]))
+        first = first[: position.start()]
+    return ModelError("model-type", first, where=where, remedy="Make both sides of the same type and size.")
+
+
+def _der_expression(message: str, path: Path, text: bytes, class_name: str) -> ModelError | None:
+    if "derivative expression" not in message:
+        return None
+    where = next((place_of(str(path), text, token.start) for token in _der_of_expressions(text)), str(path))
+    return ModelError(
+        "model-der-expression",
+        "der() differentiates an expression",
+        where=where,
+        remedy="Introduce a variable for the expression and differentiate that variable.",
+    )
+
+
+def _der_of_expressions(text: bytes) -> Iterable[Token]:
+    """Every `der` whose argument holds an operator."""
+    words = list(tokens(text))
+    for i, token in enumerate(words[:-1]):
+        if token.text != "der" or words[i + 1].text != "(":
+            continue
+        for inner in words[i + 2 :]:
+            if inner.text == ")":
+                break
+            if inner.kind == "number" or inner.text in "+-*/^(":
+                yield token
+                break
+
+
+def _missing_class(message: str, path: Path, text: bytes, class_name: str) -> ModelError | None:
+    if "resolve/parse failed" not in message:
+        return None
+    return unknown_class(class_name, path, text)
+
+
+def unknown_class(name: str, path: Path, text: bytes) -> ModelError:
+    """There is no class of that name in the file, or it is none that has equations."""
+    heads = class_heads(text)
+    for head in heads:
+        if head.name == name and not head.is_model:
+            kind = "partial " + head.kind if head.is_partial else head.kind
+            return not_a_model(name, kind, place_of(str(path), text, head.start))
+    models = [head.name for head in heads if head.is_model]
+    near = get_close_matches(name, models, 1)
+    hint = f"Did you mean `{near[0]}`? " if near else ""
+    listed = f"The file has: {', '.join(models)}." if models else "The file has no model."
+    return ModelError(
+        "model-unknown-class", f"there is no model `{name}` in {path}", where=str(path), remedy=hint + listed
+    )
+
+
+def not_a_model(name: str, kind: str, where: Place | str) -> ModelError:
+    return ModelError(
+        "model-kind",
+        f"`{name}` is a {kind}, which has no equations of its own",
+        where=where,
+        remedy="Name a model that is complete: one that is neither partial nor a package, function or type.",
+    )

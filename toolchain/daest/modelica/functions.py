@@ -1,0 +1,287 @@
+"""Modelica functions by symbolic execution: an algorithm section run on numbers and SX expressions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from daest.errors import ModelError, Place
+from daest.modelica import syntax as s
+from daest.modelica import values as v
+from daest.modelica.builtins import BUILTINS, integer
+from daest.modelica.expressions import Evaluator, field_of, indexed, refusal
+from daest.modelica.text import text
+from daest.modelica.values import Record, Value
+
+# A function that calls itself deeper, or loops longer, is taken not to end.
+MAX_RECURSION = 60
+MAX_ITERATIONS = 100_000
+
+Frame = dict[str, Value | None]
+
+
+class _Unassigned:
+    """Stands in an array for an element without a value."""
+
+
+_UNASSIGNED = _Unassigned()
+
+
+@dataclass
+class FunctionLibrary:
+    """The functions of one model; calling it runs one. `constants` are names that functions may read."""
+
+    functions: Mapping[str, s.Function]
+    locate: Callable[[s.Span | None], Place | None]
+    constants: Callable[[str], Value | None]
+    depth: int = field(default=0)
+
+    def __call__(
+        self, name: str, arguments: Sequence[Value], constructor: bool, evaluator: Evaluator
+    ) -> tuple[Value, ...]:
+        """The results of function `name`. Raises ModelError naming the call where it cannot be run."""
+        function = self.functions.get(name)
+        last = name.rpartition(".")[2]
+        if function is None or function.is_external:
+            if last in BUILTINS:
+                return (BUILTINS[last](arguments),)
+            raise _not_executable(name, function, evaluator)
+        if constructor or not function.outputs:
+            return (_record(function, arguments),)
+        if self.depth >= MAX_RECURSION:
+            raise evaluator.error(
+                "model-function",
+                f"function `{name}` calls itself more than {MAX_RECURSION} times",
+                None,
+                "Write it with a for-loop, or make the recursion end on a constant condition.",
+            )
+        self.depth += 1
+        try:
+            return _Run(self, function, evaluator).results(arguments)
+        finally:
+            self.depth -= 1
+
+
+def _not_executable(name: str, function: s.Function | None, evaluator: Evaluator) -> ModelError:
+    if function is None:
+        what = f"function `{name}` is not known"
+    else:
+        what = f"function `{name}` is external (written in C or Fortran)"
+    remedy = "Write the function in Modelica, or replace the call by its formula."
+    return evaluator.error("model-function", what, None, remedy)
+
+
+def _record(function: s.Function, arguments: Sequence[Value]) -> Record:
+    names = [variable.name for variable in function.inputs]
+    return Record(dict(zip(names, arguments, strict=False)))
+
+
+class _Run:
+    """One execution of a function: its frame, and an evaluator whose scope is that frame."""
+
+    def __init__(self, library: FunctionLibrary, function: s.Function, caller: Evaluator) -> None:
+        self.library = library
+        self.function = function
+        self.frame: Frame = {}
+        self.evaluator = Evaluator(self, library, library.locate, {}, caller.at)
+        self.jump: str | None = None
+
+    # Scope ----------------------------------------------------------------------------------------------------
+
+    def lookup(self, name: str) -> Value | None:
+        if name not in self.frame:
+            return self.library.constants(name)
+        value = self.frame[name]
+        if value is None or _has_gaps(value):
+            raise self._error(f"`{name}` is used before it has a value", None)
+        return value
+
+    def path(self, parts: Sequence[tuple[str, tuple[Value | None, ...]]]) -> Value | None:
+        """A field of a local record, or an element of it."""
+        value = self.frame.get(parts[0][0])
+        if value is None:
+            return None
+        found: Value | None = indexed(value, parts[0][1])
+        for name, subscripts in parts[1:]:
+            found = None if found is None else field_of(found, name)
+            found = None if found is None else indexed(found, subscripts)
+        return found
+
+    def derivative(self, name: str) -> Value | None:
+        return None
+
+    # Execution ------------------------------------------------------------------------------------------------
+
+    def results(self, arguments: Sequence[Value]) -> tuple[Value, ...]:
+        for i, variable in enumerate(self.function.inputs):
+            if i < len(arguments):
+                self.frame[variable.name] = arguments[i]
+            else:
+                self._declare(variable)
+        for variable in (*self.function.outputs, *self.function.locals):
+            self._declare(variable)
+        self.block(self.function.body)
+        return tuple(self._result(variable.name) for variable in self.function.outputs)
+
+    def _result(self, name: str) -> Value:
+        value = self.lookup(name)
+        assert value is not None
+        return value
+
+    def _declare(self, variable: s.FunctionVariable) -> None:
+        if variable.default is not None:
+            self.frame[variable.name] = self.evaluator.value(variable.default)
+        elif variable.shape and not any(isinstance(size, s.Colon) for size in variable.shape):
+            shape = tuple(integer(self.evaluator.value(size)) for size in variable.shape)
+            made = np.empty(shape, dtype=object)
+            made.fill(_UNASSIGNED)
+            self.frame[variable.name] = made
+        else:
+            self.frame[variable.name] = None
+
+    def block(self, statements: Sequence[s.Statement]) -> None:
+        for statement in statements:
+            self.evaluator.at = statement.span or self.evaluator.at
+            self._statement(statement)
+            if self.jump is not None:
+                return
+
+    def _statement(self, statement: s.Statement) -> None:
+        match statement:
+            case s.Assign(target, value):
+                self._assign(target, self.evaluator.value(value))
+            case s.AssignCall(targets, call):
+                for target_or_none, made in zip(targets, self.evaluator.results(call), strict=False):
+                    if target_or_none is not None:
+                        self._assign(target_or_none, made)
+            case s.For(iterators, body):
+                self._for(iterators, body)
+            case s.While(condition, body):
+                self._while(condition, body)
+            case s.If(branches, otherwise):
+                self._if(branches, otherwise)
+            case s.Jump(kind):
+                self.jump = kind
+            case s.Assert():
+                return
+            case s.Refused(what):
+                raise refusal(what, self.library.locate(statement.span))
+
+    def _assign(self, target: s.Name, value: Value) -> None:
+        if not target.subscripts and target.name in self.frame:
+            self.frame[target.name] = value
+            return
+        base = self.frame.get(target.name)
+        if not isinstance(base, np.ndarray):
+            raise self._error(f"`{text(target)}` cannot be assigned", target)
+        subscripts = [
+            list(range(base.shape[i]))
+            if isinstance(node, s.Colon)
+            else _positions(self.evaluator.value(node))
+            for i, node in enumerate(target.subscripts)
+        ]
+        made = base.copy()
+        _store(made, subscripts, value)
+        self.frame[target.name] = made
+
+    def _for(self, iterators: tuple[tuple[str, s.Node], ...], body: Sequence[s.Statement]) -> None:
+        if not iterators:
+            self.block(body)
+            return
+        name, over = iterators[0]
+        for value in self.evaluator.sequence(over):
+            with self.evaluator.bound([name], [value]):
+                self._for(iterators[1:], body)
+            if self.jump is not None:
+                self.jump = None if self.jump == "break" else self.jump
+                return
+
+    def _while(self, condition: s.Node, body: Sequence[s.Statement]) -> None:
+        for _ in range(MAX_ITERATIONS):
+            going = v.constant(self.evaluator.scalar(condition))
+            if isinstance(going, ca.SX):
+                raise self._error(f"`while {text(condition)}` depends on variables or parameters", condition)
+            if not going:
+                return
+            self.block(body)
+            if self.jump is not None:
+                self.jump = None if self.jump == "break" else self.jump
+                return
+        raise self._error(f"`while {text(condition)}` does not end in {MAX_ITERATIONS} rounds", condition)
+
+    def _if(
+        self, branches: tuple[tuple[s.Node, tuple[s.Statement, ...]], ...], otherwise: Sequence[s.Statement]
+    ) -> None:
+        if not branches:
+            self.block(otherwise)
+            return
+        (condition_node, body), rest = branches[0], branches[1:]
+        condition = v.constant(self.evaluator.scalar(condition_node))
+        if not isinstance(condition, ca.SX):
+            if condition:
+                self.block(body)
+            else:
+                self._if(rest, otherwise)
+            return
+        before = dict(self.frame)
+        self.block(body)
+        yes, self.frame = self.frame, before
+        self._if(rest, otherwise)
+        if self.jump is not None:
+            raise self._error(f"`{self.jump}` depends on `{text(condition_node)}`", condition_node)
+        self.frame = _merged(condition, yes, self.frame)
+
+    def _error(self, what: str, node: s.Node | None) -> ModelError:
+        return self.evaluator.error(
+            "model-function",
+            f"function `{self.function.name}`: {what}",
+            node,
+            "Give every variable a value first, and let loops, `return` and `break` depend on constants only.",
+        )
+
+
+def _has_gaps(value: Value) -> bool:
+    return isinstance(value, np.ndarray) and any(e is _UNASSIGNED for e in value.flat)
+
+
+def _positions(value: Value) -> list[int] | int:
+    if isinstance(value, np.ndarray):
+        return [integer(one) - 1 for one in value]
+    return integer(value) - 1
+
+
+def _store(target: np.ndarray, positions: Sequence[list[int] | int], value: Value) -> None:
+    """target[positions] := value. Raises ShapeError outside of the array or when sizes differ."""
+    for chosen, size in zip(positions, target.shape, strict=False):
+        if any(not 0 <= at < size for at in (chosen if isinstance(chosen, list) else [chosen])):
+            raise v.ShapeError(f"an index is outside of an array of size {v.size_text(target.shape)}")
+    where = np.ix_(*[[p] if isinstance(p, int) else p for p in positions])
+    if isinstance(value, np.ndarray):
+        target[where] = value.reshape(target[where].shape)
+    else:
+        target[where] = v.filled(value, target[where].shape)  # type: ignore[arg-type]
+
+
+def _merged(condition: ca.SX, yes: Frame, no: Frame) -> Frame:
+    return {name: _merged_value(condition, yes[name], no[name]) for name in no}
+
+
+def _merged_value(condition: ca.SX, yes: Value | None, no: Value | None) -> Value | None:
+    """The value after an `if`; a variable that only one branch assigns has no meaning otherwise and keeps it."""
+    if yes is no or no is None:
+        return yes
+    if yes is None:
+        return no
+    if isinstance(yes, np.ndarray) and isinstance(no, np.ndarray) and yes.shape == no.shape:
+        pairs = zip(yes.flat, no.flat, strict=True)
+        return v.from_flat((_merged_element(condition, a, b) for a, b in pairs), yes.shape)
+    return v.choose(condition, yes, no)
+
+
+def _merged_element(condition: ca.SX, yes: v.Scalar, no: v.Scalar) -> v.Scalar:
+    if yes is no or no is _UNASSIGNED:
+        return yes
+    return no if yes is _UNASSIGNED else ca.if_else(condition, yes, no)

@@ -1,0 +1,89 @@
+"""The classes of a Modelica file, found without compiling it: kind, full name, partial or not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from daest.modelica.tokens import Token, tokens
+
+_KINDS = ("model", "block", "class", "package", "function", "record", "connector", "type", "operator")
+_COMPILABLE = ("model", "block", "class")
+
+
+@dataclass(frozen=True)
+class ClassHead:
+    """One class definition; `name` is its full name, `start` the byte offset of its identifier."""
+
+    kind: str
+    name: str
+    is_partial: bool
+    start: int
+    depth: int
+
+    @property
+    def is_model(self) -> bool:
+        return self.kind in _COMPILABLE and not self.is_partial
+
+
+def within(source: bytes) -> str:
+    """The package that the file says it lies within; empty when it says none."""
+    words = _head(source)
+    if not words or words[0].text != "within":
+        return ""
+    parts = []
+    for token in words[1:]:
+        if token.text == ";":
+            break
+        parts.append(token.text)
+    return "".join(parts)
+
+
+def _head(source: bytes, count: int = 64) -> list[Token]:
+    found: list[Token] = []
+    for token in tokens(source):
+        found.append(token)
+        if len(found) == count or token.text == ";":
+            break
+    return found
+
+
+def class_heads(source: bytes) -> tuple[ClassHead, ...]:
+    """All class definitions of the file, outer before inner. Broken text gives what can be made out."""
+    found: list[ClassHead] = []
+    stack = [name for name in within(source).split(".") if name]
+    base = len(stack)
+    words = list(tokens(source))
+    for i, token in enumerate(words):
+        if token.kind != "name":
+            continue
+        if token.text == "end" and _ends_class(words, i, stack, base):
+            stack.pop()
+        elif token.text in _KINDS and (head := _definition(words, i, stack, base)) is not None:
+            found.append(head)
+            if not _is_short(words, i):
+                stack.append(head.name.rpartition(".")[2])
+    return tuple(found)
+
+
+def _ends_class(words: list[Token], i: int, stack: list[str], base: int) -> bool:
+    return len(stack) > base and i + 1 < len(words) and words[i + 1].text == stack[-1]
+
+
+def _definition(words: list[Token], i: int, stack: list[str], base: int) -> ClassHead | None:
+    """The class that the keyword at `i` opens; None where the keyword stands in another role (`end model`)."""
+    at = i + 1
+    if at < len(words) and words[at].text == "extends":
+        at += 1
+    if at >= len(words) or words[at].kind != "name" or words[at].text in _KINDS:
+        return None
+    before = [token.text for token in words[max(0, i - 4) : i]]
+    if before and before[-1] in ("end", "."):
+        return None
+    name = ".".join([*stack, words[at].text])
+    return ClassHead(words[i].text, name, "partial" in before, words[at].start, len(stack) - base)
+
+
+def _is_short(words: list[Token], i: int) -> bool:
+    """`type T = Real;` and `model M = N(…)` have no `end`."""
+    at = i + (3 if i + 1 < len(words) and words[i + 1].text == "extends" else 2)
+    return at < len(words) and words[at].text == "="

@@ -1,0 +1,208 @@
+"""Parameters and constants of a flat model: which are tunable (θ), which are computed, which are fixed numbers.
+
+- A Real parameter whose binding is a number is tunable, unless it is final or decides a size or a branch.
+- A Real parameter whose binding depends on tunable ones is derived: its expression stands in the equations.
+- Everything else (constants, Integers, Booleans, enumerations, Strings) is its value.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from daest.errors import ModelError
+from daest.modelica import syntax as s
+from daest.modelica import values as v
+from daest.modelica.expressions import Evaluator
+from daest.modelica.scope import ModelScope, element_names, symbols
+from daest.modelica.text import text
+from daest.modelica.values import Scalar, Value
+
+EvaluatorFactory = Callable[[ModelScope, s.Span | None], Evaluator]
+
+
+@dataclass
+class ParameterTable:
+    """The result of sorting: per tunable element its variable, symbol and value; per derived element its
+    variable, expression text and expression."""
+
+    tunable: list[tuple[str, s.FlatVariable, ca.SX, float]] = field(default_factory=list)
+    derived: list[tuple[str, s.FlatVariable, str, ca.SX]] = field(default_factory=list)
+
+
+def is_parameter(variable: s.FlatVariable) -> bool:
+    return variable.variability in ("parameter", "constant")
+
+
+def numeric_scope(source: s.FlatSource, evaluator: EvaluatorFactory) -> ModelScope:
+    """A scope in which every parameter has its present value as a number."""
+    scope = ModelScope(tuple(x.name for x in source.variables), dict(source.literals))
+    scope.constant_names = frozenset(x.name for x in source.variables if is_parameter(x))
+    for variable in source.variables:
+        if is_parameter(variable):
+            scope.pending[variable.name] = _numeric(variable, scope, evaluator)
+    return scope
+
+
+def _numeric(variable: s.FlatVariable, scope: ModelScope, evaluator: EvaluatorFactory) -> Callable[[], Value]:
+    def make() -> Value:
+        reader = evaluator(scope, variable.span)
+        return shaped(reader.value(_given(variable, reader)), variable, reader)
+
+    return make
+
+
+def _given(variable: s.FlatVariable, evaluator: Evaluator) -> s.Node:
+    """The binding, or the start value where there is no binding (Language Specification 4.4.4, with a warning)."""
+    if variable.binding is not None:
+        return variable.binding
+    place = evaluator.locate(variable.span)
+    if variable.fixed and not all(variable.fixed):
+        raise ModelError(
+            "model-parameter-value",
+            f"parameter `{variable.name}` has fixed = false: it would be computed by initial equations",
+            where=place,
+            remedy="Give it a value; mark it with __Daest(estimate = true) if it is unknown.",
+        )
+    if variable.start is None:
+        raise ModelError(
+            "model-parameter-value",
+            f"{variable.variability} `{variable.name}` has no value",
+            where=place,
+            remedy=f"Give it one where it is declared or used: `{variable.name.rpartition('.')[2]} = …`.",
+        )
+    warnings.warn(
+        f"{place or ''}: parameter `{variable.name}` has no value; its start value is used", stacklevel=2
+    )
+    return variable.start
+
+
+def _bound(variable: s.FlatVariable) -> s.Node:
+    """The node that gives the value, once `_given` has found that there is one."""
+    node = variable.binding if variable.binding is not None else variable.start
+    assert node is not None
+    return node
+
+
+def shaped(value: Value, variable: s.FlatVariable, evaluator: Evaluator) -> Value:
+    """`value` in the declared size; a scalar stands for every element (`each`)."""
+    shape = variable.dimensions
+    if isinstance(value, np.ndarray):
+        if value.shape != shape:
+            raise evaluator.error(
+                "model-arithmetic",
+                f"`{variable.name}` has size {v.size_text(shape)}, its value {v.size_text(value.shape)}",
+                None,
+                "Make the sizes equal.",
+            )
+        return value
+    return v.filled(value, shape) if shape else value  # type: ignore[arg-type]
+
+
+def sort_parameters(
+    source: s.FlatSource, numeric: ModelScope, scope: ModelScope, evaluator: EvaluatorFactory
+) -> ParameterTable:
+    """Put every parameter and constant into `scope`, and tell the tunable and the derived ones."""
+    fixed = _fixed_numbers(source, numeric)
+    table = ParameterTable()
+    for variable in source.variables:
+        if is_parameter(variable):
+            scope.pending[variable.name] = _symbolic(variable, fixed, numeric, scope, evaluator, table)
+    for variable in source.variables:
+        if is_parameter(variable):
+            scope.lookup(variable.name)
+    order = {variable.name: i for i, variable in enumerate(source.variables)}
+    table.tunable.sort(key=lambda entry: order[entry[1].name])
+    table.derived.sort(key=lambda entry: order[entry[1].name])
+    return table
+
+
+def _fixed_numbers(source: s.FlatSource, numeric: ModelScope) -> frozenset[str]:
+    """Names of what stands in the equations as a number: see the head of this module. Real parameters that an
+    Integer or Boolean is computed from, or that sizes and branches depend on, are among them."""
+    variables = {variable.name: variable for variable in source.variables if is_parameter(variable)}
+    roots = [
+        name
+        for name, x in variables.items()
+        if x.is_discrete or x.variability == "constant" or name in source.structural
+    ]
+    found: set[str] = set()
+    while roots:
+        name = roots.pop()
+        if name in found or name not in variables:
+            continue
+        found.add(name)
+        binding = variables[name].binding
+        if binding is not None:
+            roots.extend(referenced_names(binding))
+    return frozenset(found)
+
+
+def referenced_names(node: object) -> list[str]:
+    """All names that occur in a tree."""
+    if isinstance(node, s.Name):
+        return [node.name, *(n for sub in node.subscripts for n in referenced_names(sub))]
+    if isinstance(node, tuple):
+        return [name for part in node for name in referenced_names(part)]
+    fields = getattr(type(node), "__dataclass_fields__", None)
+    if fields is None:
+        return []
+    return [name for key in fields if key != "span" for name in referenced_names(getattr(node, key))]
+
+
+def _symbolic(
+    variable: s.FlatVariable,
+    fixed: frozenset[str],
+    numeric: ModelScope,
+    scope: ModelScope,
+    evaluator: EvaluatorFactory,
+    table: ParameterTable,
+) -> Callable[[], Value]:
+    def make() -> Value:
+        reader = evaluator(scope, variable.span)
+        number = numeric.lookup(variable.name)
+        assert number is not None
+        if variable.name in fixed:
+            return number
+        value = shaped(reader.value(_bound(variable)), variable, reader)
+        names = element_names(variable.name, variable.dimensions)
+        made = [_element(name, x, variable, table) for name, x in zip(names, v.elements(value), strict=True)]
+        return v.from_flat(made, variable.dimensions) if variable.dimensions else made[0]
+
+    return make
+
+
+def _element(name: str, value: Scalar, variable: s.FlatVariable, table: ParameterTable) -> Scalar:
+    value = v.constant(value)
+    if isinstance(value, ca.SX):
+        expression = text(variable.binding) if variable.binding is not None else str(value)
+        table.derived.append((name, variable, expression, value))
+        return value
+    if variable.is_final:
+        return value
+    symbol = symbols([name], ())
+    assert isinstance(symbol, ca.SX)
+    table.tunable.append((name, variable, symbol, float(value)))
+    return symbol
+
+
+def number(
+    node: s.Node | None, element: int, scope: ModelScope, evaluator: EvaluatorFactory, span: s.Span | None
+) -> float | None:
+    """The value of an attribute (`start`, `min`, …) for the element at the flat position `element`."""
+    if node is None:
+        return None
+    made = v.elements(evaluator(scope, span).value(node))
+    value = v.constant(made[element] if len(made) > 1 else made[0])
+    if isinstance(value, ca.SX | str):
+        raise evaluator(scope, span).error(
+            "model-arithmetic",
+            f"`{text(node)}` is no number when the model is read",
+            node,
+            "Let it depend on parameters and constants only.",
+        )
+    return float(value)

@@ -1,0 +1,179 @@
+"""Values that expressions take: numbers, CasADi SX scalars, arrays of them (NumPy object arrays) and records.
+
+A constant stays a Python number, so that sizes, loop bounds and `if` conditions on constants are decided while
+the model is read. Arithmetic follows chapter 10.6 of the Modelica Language Specification.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Record:
+    """Field values of a record in the order of its declaration."""
+
+    fields: dict[str, Value]
+
+
+Scalar = float | int | bool | str | ca.SX
+Value = Scalar | np.ndarray | Record | tuple
+
+Operation = Callable[..., Scalar]
+
+
+class ShapeError(ValueError):
+    """Two arrays do not fit together; the text names their sizes."""
+
+
+def array(elements: Sequence[Value]) -> np.ndarray:
+    """The array with `elements` along a new first dimension. Raises ShapeError when their sizes differ."""
+    shapes = {e.shape if isinstance(e, np.ndarray) else () for e in elements}
+    if len(shapes) > 1:
+        raise ShapeError(f"elements of sizes {', '.join(sorted(map(size_text, shapes)))} in one array")
+    inner: tuple[int, ...] = next(iter(shapes), ())
+    made = np.empty((len(elements), *inner), dtype=object)
+    for i, element in enumerate(elements):
+        if isinstance(element, np.ndarray):
+            made[i, ...] = element
+        else:
+            made[i] = element
+    return made
+
+
+def filled(value: Scalar, shape: tuple[int, ...]) -> np.ndarray:
+    made = np.empty(shape, dtype=object)
+    for i in range(made.size):
+        made.flat[i] = value
+    return made
+
+
+def from_flat(elements: Iterable[Scalar], shape: tuple[int, ...]) -> np.ndarray:
+    made = np.empty(shape, dtype=object)
+    for i, element in enumerate(elements):
+        made.flat[i] = element
+    return made
+
+
+def size_text(shape: tuple[int, ...]) -> str:
+    return "scalar" if not shape else "[" + ", ".join(map(str, shape)) + "]"
+
+
+def is_symbolic(value: Value) -> bool:
+    return isinstance(value, ca.SX)
+
+
+def constant(value: Scalar) -> Scalar:
+    """`value` as a number where it is an SX without symbols, else unchanged."""
+    if isinstance(value, ca.SX) and value.is_constant():
+        return float(value)
+    return value
+
+
+def elements(value: Value) -> list[Scalar]:
+    """All scalars of a value: arrays row by row, records and tuples field by field."""
+    if isinstance(value, np.ndarray):
+        return [scalar for e in value.flat for scalar in (elements(e) if isinstance(e, Record) else (e,))]
+    if isinstance(value, Record):
+        return [e for field in value.fields.values() for e in elements(field)]
+    if isinstance(value, tuple):
+        return [e for part in value for e in elements(part)]
+    return [value]
+
+
+def mapped(operation: Operation, value: Value) -> Value:
+    """`operation` on a scalar, or on each element of an array."""
+    if isinstance(value, np.ndarray):
+        return from_flat((operation(e) for e in value.flat), value.shape)
+    return operation(value)
+
+
+def combined(operation: Operation, a: Value, b: Value) -> Value:
+    """`operation` element by element; a scalar goes with every element. Raises ShapeError."""
+    a_array, b_array = isinstance(a, np.ndarray), isinstance(b, np.ndarray)
+    if not a_array and not b_array:
+        return operation(a, b)
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        if a.shape != b.shape:
+            raise ShapeError(f"arrays of sizes {size_text(a.shape)} and {size_text(b.shape)}")
+        return from_flat((operation(x, y) for x, y in zip(a.flat, b.flat, strict=True)), a.shape)
+    if isinstance(a, np.ndarray):
+        return from_flat((operation(x, b) for x in a.flat), a.shape)
+    assert isinstance(b, np.ndarray)
+    return from_flat((operation(a, y) for y in b.flat), b.shape)
+
+
+def add(a: Scalar, b: Scalar) -> Scalar:
+    return a + b  # type: ignore[operator]
+
+
+def subtract(a: Scalar, b: Scalar) -> Scalar:
+    return a - b  # type: ignore[operator]
+
+
+def multiply(a: Scalar, b: Scalar) -> Scalar:
+    return a * b  # type: ignore[operator]
+
+
+def divide(a: Scalar, b: Scalar) -> Scalar:
+    return a / b  # type: ignore[operator]
+
+
+def power(a: Scalar, b: Scalar) -> Scalar:
+    """a^b; a negative number to a fractional power raises ValueError."""
+    if is_symbolic(a) or is_symbolic(b):
+        return a**b  # type: ignore[operator]
+    made = float(a) ** float(b)
+    if isinstance(made, complex):
+        raise ValueError(f"{a}^{b} is not real")
+    return made
+
+
+def negate(a: Scalar) -> Scalar:
+    return -a  # type: ignore[operator]
+
+
+def total(values: Iterable[Scalar]) -> Scalar:
+    """The sum; 0 for none."""
+    made: Scalar = 0
+    for value in values:
+        made = value if isinstance(made, int) and made == 0 else add(made, value)
+    return made
+
+
+def product(a: Value, b: Value) -> Value:
+    """The Modelica product: scalar times anything, or the matrix product of vectors and matrices."""
+    if not isinstance(a, np.ndarray) or not isinstance(b, np.ndarray):
+        return combined(multiply, a, b)
+    if a.shape[-1] != b.shape[0] or a.ndim > 2 or b.ndim > 2:
+        raise ShapeError(f"the product of arrays of sizes {size_text(a.shape)} and {size_text(b.shape)}")
+    if a.ndim == 1 and b.ndim == 1:
+        return total(multiply(x, y) for x, y in zip(a, b, strict=True))
+    rows = a if a.ndim == 2 else a[np.newaxis, :]
+    columns = b if b.ndim == 2 else b[:, np.newaxis]
+    entries = (total(multiply(x, y) for x, y in zip(r, c, strict=True)) for r in rows for c in columns.T)
+    shape = (a.shape[:1] if a.ndim == 2 else ()) + (b.shape[1:] if b.ndim == 2 else ())
+    return from_flat(entries, shape)
+
+
+def matrix_power(a: np.ndarray, exponent: int) -> np.ndarray:
+    """a^n of a square matrix, n >= 0."""
+    n = a.shape[0]
+    made: Value = from_flat((float(i == j) for i in range(n) for j in range(n)), (n, n))
+    for _ in range(exponent):
+        made = product(made, a)
+    assert isinstance(made, np.ndarray)
+    return made
+
+
+def choose(condition: ca.SX, yes: Value, no: Value) -> Value:
+    """`if condition then yes else no` for a symbolic condition, element by element."""
+    if isinstance(yes, Record) and isinstance(no, Record):
+        return Record({name: choose(condition, value, no.fields[name]) for name, value in yes.fields.items()})
+    if isinstance(yes, tuple) and isinstance(no, tuple):
+        return tuple(choose(condition, a, b) for a, b in zip(yes, no, strict=True))
+    return combined(lambda a, b: a if a is b else ca.if_else(condition, a, b), yes, no)
