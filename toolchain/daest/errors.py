@@ -203,9 +203,11 @@ EXPLANATIONS: dict[str, str] = {
         "daest explain knows the codes that stand in brackets behind the word error; without a code it "
         "lists all of them."
     ),
+    "export-to-stdout": "daest export writes a file; an FMU cannot be printed. Name it with -o model.fmu.",
     "filter-initial-state": (
-        "The initial state of a filter does not have the size of the model's state, or gives an unknown state "
-        "(infinite variance) a covariance with another one. Give one mean and one standard deviation per state."
+        "The initial state of a filter does not have the size of the model's state, or gives an unknown "
+        "state (infinite variance) a covariance with another one. Give one mean and one standard deviation "
+        "per state."
     ),
     "filter-no-stationary-gain": (
         "The Riccati equation of the stationary filter has no reliable solution although every state is seen "
@@ -228,9 +230,14 @@ EXPLANATIONS: dict[str, str] = {
     "filter-unknown-output": (
         "A filter can use only outputs that the model has and the recording holds. The message names those."
     ),
+    "filter-unknown-variable": (
+        "A variable that was asked for with --only is neither an internal variable nor an output of the model. "
+        "The message names similar ones."
+    ),
     "filter-unobservable": (
-        "The outputs that are used do not show a combination of states that does not die out by itself, so that "
-        "its error would never become bounded. Measure another output, or tie the combination down in the model."
+        "The outputs that are used do not show a combination of states that does not die out by itself, so "
+        "that its error would never become bounded. Measure another output, or tie the combination down in "
+        "the model."
     ),
     "fmu-array-variable": (
         "A state, input or output of the FMU is an array, or belongs to a clock. Only scalar continuous "

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from daest.data.problems import raise_collected
 from daest.data.project import NoiseSetting, ParameterSetting, Project
 from daest.data.table import nearest
-from daest.errors import ConfigError, DaestError, FmuError, Place
-from daest.model.flat import FlatModel, NoiseInput, Output, Parameter
+from daest.errors import ConfigError, DaestError, FmuError, ModelError, Place
+from daest.model.flat import FlatModel, Parameter
 
 _MODELICA = ".mo"
 _FMU = ".fmu"
@@ -75,9 +76,8 @@ def configured(flat: FlatModel, project: Project, *, strict: bool) -> FlatModel:
     """
     file = str(project.file)
     problems: list[DaestError] = []
-    flat = _with_declared(flat, project, strict)
-    flat = _with_parameters(flat, project.parameters, file, problems if strict else [])
-    flat = _with_noise(flat, project)
+    flat = _with_declared(flat, project, problems)
+    flat = _with_parameters(flat, project.parameters, file, problems)
     if strict:
         raise_collected(problems, file)
     return flat
@@ -111,44 +111,37 @@ def _load(source: Path, class_name: str | None, libraries: Sequence[Path]) -> Fl
     return flat
 
 
-def _with_declared(flat: FlatModel, project: Project, strict: bool) -> FlatModel:
-    """Outputs and noise places that daest.toml names and the model source does not declare; and, where
-    [data] outputs is given, no other outputs."""
+def _with_declared(flat: FlatModel, project: Project, problems: list[DaestError]) -> FlatModel:
+    """[data] outputs, which then are the only ones, and [noise], with the problems of the names added to
+    `problems`."""
     from daest.modelica.compile import declare
 
-    known = {v.name for v in flat.unknowns} | {y.name for y in flat.outputs}
-    wanted = [name for name in project.outputs if strict or name in known]
-    if wanted:
-        declared = {output.name for output in flat.outputs}
-        flat = declare(flat, outputs=[name for name in wanted if name not in declared])
-        flat = with_outputs(flat, wanted)
-    noises = {noise.name for noise in flat.noises}
-    places = [name for name in project.process_noise if name not in noises and (strict or name in known)]
-    return declare(flat, noise=places) if places else flat
+    present = {noise.name: noise.intensity for noise in flat.noises}
+    steps: list[dict[str, Any]] = [{"outputs": [name]} for name in project.outputs]
+    for name, setting in project.process_noise.items():
+        size = present.get(name) if setting.size is None else setting.size
+        steps += [{"noises": {name: size}}, *_estimated(name, setting)]
+    for name, setting in project.measurement_noise.items():
+        steps += [] if setting.size is None else [{"noise_std": {name: setting.size}}]
+        steps += _estimated(name, setting)
+    outputs = []
+    for step in steps:
+        try:
+            changed = declare(flat, **step)
+        except ModelError as error:
+            problems.append(
+                ConfigError(error.code, error.what, where=Place(str(project.file)), remedy=error.remedy)
+            )
+            continue
+        if "outputs" in step:
+            outputs += step["outputs"]
+        else:
+            flat = changed
+    return declare(flat, outputs=outputs) if outputs else flat
 
 
-def _with_noise(flat: FlatModel, project: Project) -> FlatModel:
-    """Intensities and standard deviations of daest.toml; names were checked when they were declared."""
-
-    def process(noise: NoiseInput) -> NoiseInput:
-        setting = project.process_noise.get(noise.name, NoiseSetting())
-        return replace(
-            noise,
-            intensity=noise.intensity if setting.size is None else setting.size,
-            estimate=noise.estimate if setting.estimate is None else setting.estimate,
-        )
-
-    def measurement(output: Output) -> Output:
-        setting = project.measurement_noise.get(output.name, NoiseSetting())
-        return replace(
-            output,
-            noise_std=output.noise_std if setting.size is None else setting.size,
-            estimate_noise=output.estimate_noise if setting.estimate is None else setting.estimate,
-        )
-
-    return replace(
-        flat, noises=tuple(map(process, flat.noises)), outputs=tuple(map(measurement, flat.outputs))
-    )
+def _estimated(name: str, setting: NoiseSetting) -> list[dict[str, Any]]:
+    return [] if setting.estimate is None else [{"estimate_noise": {name: setting.estimate}}]
 
 
 def _with_parameters(

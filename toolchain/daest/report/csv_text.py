@@ -1,25 +1,20 @@
-"""Signals as CSV text, with names and units in the header."""
+"""Signals as CSV text."""
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Sequence
 
 import numpy as np
 
 
-def csv_text(time: np.ndarray, names: Sequence[str], units: Sequence[str], values: np.ndarray) -> str:
-    """A CSV table, header `name [unit]`, times with 12 and values with 9 significant digits, NaN as an empty
-    cell.
-
-    `values` (n_samples, n_names).
-    """
-    header = ["time [s]", *(_header(name, unit) for name, unit in zip(names, units, strict=True))]
-    lines = [",".join(header)]
-    for t, row in zip(time.tolist(), values.tolist(), strict=True):
-        lines.append(",".join([f"{t:.12g}", *("" if v != v else f"{v:.9g}" for v in row)]))
-    return "\n".join(lines) + "\n"
-
-
-def _header(name: str, unit: str) -> str:
-    text = f"{name} [{unit}]" if unit else name
-    return f'"{text}"' if "," in text else text
+def csv_text(header: Sequence[str], rows: np.ndarray) -> str:
+    """A CSV table; `rows` (n_samples, n_columns), the first column the time with 12 significant digits, the
+    others with 9; values that are not finite are empty cells."""
+    buffer = io.StringIO()
+    csv.writer(buffer, lineterminator="\n").writerow(header)
+    for time, *values in rows.tolist():
+        cells = (f"{v:.9g}" if -np.inf < v < np.inf else "" for v in values)
+        buffer.write(",".join((f"{time:.12g}", *cells)) + "\n")
+    return buffer.getvalue()

@@ -1,0 +1,54 @@
+"""`daest export`: a model as an FMU."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from daest.cli.options import class_options, example, format_option, output_option, project_option, set_option
+from daest.cli.output import emit, keep_inputs
+
+
+@click.command("export", epilog=example("daest export Servo.mo -o servo.fmu --platform linux64,win64"))
+@click.argument("model", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--platform", "platforms", metavar="LIST", help="linux64, win64, darwin64 (default: this machine's)."
+)
+@set_option
+@class_options
+@project_option
+@format_option
+@output_option
+def command(
+    model: Path | None,
+    platforms: str | None,
+    settings: dict[str, float],
+    class_name: str | None,
+    libraries: tuple[Path, ...],
+    project_file: Path | None,
+    form: str,
+    output: Path | None,
+) -> None:
+    """Write MODEL as an FMI 3.0 Model Exchange FMU: tunable parameters, its DAE, its equations as
+    expressions.
+
+    The file is MODEL.fmu here, or the one named with -o.
+    """
+    from daest.cli.models import load_model, model_source
+    from daest.data.project import load_project
+    from daest.errors import ConfigError
+    from daest.fmu.export import export_fmu
+    from daest.report.documents import export as documents
+    from daest.report.texts import export as texts
+
+    project = load_project(project_file)
+    source = model_source(project, model)
+    target = output or Path(source.with_suffix(".fmu").name)
+    if str(target) == "-":
+        raise ConfigError("export-to-stdout", "an FMU is a file, not a text", remedy="name it: -o model.fmu")
+    keep_inputs(target, [source])
+    flat = load_model(project, source, class_name, libraries, settings)
+    chosen = [name.strip() for name in platforms.split(",") if name.strip()] if platforms else None
+    result = export_fmu(flat, target, chosen)
+    emit(documents.document(result), "export", form, None, texts.text)

@@ -1,0 +1,96 @@
+"""`daest simulate`: a model under recorded inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from daest.cli.models import load_model, model_source
+from daest.cli.options import (
+    class_options,
+    data_options,
+    example,
+    format_option,
+    output_option,
+    project_option,
+    seed_option,
+    set_option,
+)
+from daest.cli.output import emit, keep_inputs, note, write_text
+from daest.cli.recordings import DataOptions, driving_data
+from daest.cli.results import find_fit, fitted
+from daest.data.project import load_project
+from daest.model.flat import FlatModel
+from daest.model.simulation import Simulation
+from daest.report.csv_text import csv_text
+from daest.report.documents import simulate as documents
+from daest.systems.simulate import simulate
+
+
+@click.command("simulate", epilog=example("daest simulate Servo.mo --inputs run1.csv -o out.csv"))
+@click.argument("model", required=False, type=click.Path(path_type=Path))
+@click.option("--inputs", metavar="DATA", type=click.Path(path_type=Path), help="Recording with the inputs.")
+@click.option("--noise", is_flag=True, help="Add process and measurement noise with their intensities.")
+@click.option(
+    "--all", "all_variables", is_flag=True, help="Write every internal variable, not the outputs alone."
+)
+@set_option
+@class_options
+@data_options
+@project_option
+@format_option
+@output_option
+@seed_option
+def command(
+    model: Path | None,
+    inputs: Path | None,
+    noise: bool,
+    all_variables: bool,
+    settings: Mapping[str, float],
+    class_name: str | None,
+    libraries: Sequence[Path],
+    start: float | None,
+    stop: float | None,
+    period: float | None,
+    detrend: Any,
+    hold: Any,
+    project_file: Path | None,
+    form: str,
+    output: Path | None,
+    seed: int,
+) -> None:
+    """Drive MODEL (default: that of daest.toml) with the inputs of a recording and write its outputs as CSV.
+
+    Parameters are those of results/fit.json if it is a fit of this model, else those of the model.
+    """
+    project = load_project(project_file)
+    keep_inputs(output, [inputs, model])
+    source = model_source(project, model)
+    flat = load_model(project, source, class_name, libraries)
+    fit = find_fit(project, source, flat.name)
+    if fit is not None:
+        note(f"parameters of {fit[0]}")
+        flat = fitted(flat, fit[1])
+    flat = _with_settings(flat, settings)
+    options = DataOptions(start, stop, period, detrend, None, hold)
+    recording = driving_data(flat, project, [inputs] if inputs else [], options)[0]
+    chosen = hold or project.hold or (fit[1].get("hold") if fit else None) or "foh"
+    result = simulate(flat, recording, hold=chosen, noise=noise, seed=seed if noise else None)
+    _write(result, form, output, all_variables)
+
+
+def _with_settings(flat: FlatModel, settings: Mapping[str, float]) -> FlatModel:
+    from daest.modelica.compile import with_values
+
+    return with_values(flat, dict(settings)) if settings else flat
+
+
+def _write(result: Simulation, form: str, output: Path | None, all_variables: bool) -> None:
+    note(f"{result.n_samples} samples, {result.method}, hold {result.hold}")
+    if form == "json":
+        emit(documents.document(result), "simulate", form, output, lambda *_args, **_options: "")
+    else:
+        write_text(csv_text(*documents.table(result, all_variables)), output)

@@ -1,0 +1,27 @@
+"""What an export wrote, as text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from rich.console import RenderableType
+from rich.text import Text
+
+from daest.report.console import indented, listed, rendered
+
+
+def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
+    return rendered(_parts(document), width, color)
+
+
+def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+    yield Text(f"wrote {document['path']} ({', '.join(document['platforms'])})")
+    yield indented(
+        f"{document['n_equations']} equations, structural index {document['index']}, "
+        f"{len(document['states'])} states: {listed(document['states'])}"
+    )
+    for kind in ("inputs", "outputs", "noises", "parameters"):
+        yield indented(f"{kind}: {listed(document[kind])}")
+    messages = document["validation"]
+    yield indented("validator: no message" if not messages else "validator:\n" + "\n".join(messages))
