@@ -1,7 +1,9 @@
-"""Oracle: the joint Gaussian of a whole record, written out as one dense covariance and conditioned on the outputs.
+"""Oracle: the joint Gaussian of a whole record, written out as one dense covariance and conditioned on the
+outputs.
 
-Every quantity is an affine function of the base vector (x[0], g[0], …, g[N-1]) with g[k] = (w̃[k], ẽ[k], w̄[k]); nothing
-recursive is estimated here. An unknown x[0] is a regression coefficient with a flat prior (generalised least squares).
+Every quantity is an affine function of the base vector (x[0], g[0], …, g[N-1]) with g[k] = (w̃[k], ẽ[k],
+w̄[k]); nothing recursive is estimated here. An unknown x[0] is a regression coefficient with a flat prior
+(generalised least squares).
 """
 
 from __future__ import annotations
@@ -87,14 +89,17 @@ class DenseRecord:
 
     def _start(self, Y: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Generalised least squares for x[0] - mean0."""
-        O = Y[:, : self.n]  # noqa: E741
+        O = Y[:, : self.n]
         weighted = np.linalg.solve(Y @ self.cov @ Y.T, np.column_stack([O, y]))
         cov = np.linalg.inv(O.T @ weighted[:, : self.n])
         return cov @ (O.T @ weighted[:, -1]), cov
 
 
-def random_model(rng: np.random.Generator, n: int, n_y: int, n_w: int, n_u: int, period: float = 0.1) -> DiscreteModel:
-    """Correlated noises from a common factor; fewer noises than states makes the process covariance singular."""
+def random_model(
+    rng: np.random.Generator, n: int, n_y: int, n_w: int, n_u: int, period: float = 0.1
+) -> DiscreteModel:
+    """Correlated noises from a common factor; fewer noises than states makes the process covariance
+    singular."""
     Phi = rng.normal(size=(n, n))
     Phi *= rng.uniform(0.6, 1.02) / np.max(np.abs(np.linalg.eigvals(Phi)))
     W = rng.normal(size=(n_w, n_w))

@@ -231,8 +231,8 @@ EXPLANATIONS: dict[str, str] = {
         "A filter can use only outputs that the model has and the recording holds. The message names those."
     ),
     "filter-unknown-variable": (
-        "A variable that was asked for with --only is neither an internal variable nor an output of the model. "
-        "The message names similar ones."
+        "A variable that was asked for with --only is neither an internal variable nor an output of the "
+        "model. The message names similar ones."
     ),
     "filter-unobservable": (
         "The outputs that are used do not show a combination of states that does not die out by itself, so "

@@ -1,21 +1,39 @@
 """Kalman filter of the sampled DAE, Gerdin & Schön (47) and (54): time-varying and stationary.
 
-The covariance runs through a compiled Joseph step until it is within COVARIANCE_TOLERANCE of the solution of the
-Riccati equation; from there the gain is constant and the states follow a linear recursion over whole blocks. A
-missing output or another step length starts a new transient. An unknown initial state is exact, no large prior:
-the pass runs from a proper reference start (the stationary covariance, so that the gain is constant at once) and
-carries along the sensitivity A[k] of its states to x[0]; the innovations are then a linear regression on x[0]
-(Rosenberg 1973, de Jong 1991), and its solution corrects states, covariances and likelihood at every sample.
+The covariance runs through a compiled Joseph step until it is within COVARIANCE_TOLERANCE of the solution of
+the Riccati equation; from there the gain is constant and the states follow a linear recursion over whole
+blocks. A missing output or another step length starts a new transient. An unknown initial state is exact, no
+large prior: the pass runs from a proper reference start (the stationary covariance, so that the gain is
+constant at once) and carries along the sensitivity A[k] of its states to x[0]; the innovations are then a
+linear regression on x[0] (Rosenberg 1973, de Jong 1991), and its solution corrects states, covariances and
+likelihood at every sample.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from daest.errors import EstimationError
+from daest.estimation.flat_start import (
+    RANK_TOLERANCE,
+    correct,
+    flat_evidence,
+    flat_start,
+    one_earlier,
+    whitening,
+)
+from daest.estimation.modes import (
+    LONG_RUN,
+    Models,
+    by_index,
+    known_parts,
+    mode_model,
+    models_by_interval,
+    modes_of,
+    select_outputs,
+)
 from daest.estimation.stationary import StationaryFilter, stationary_filter, try_stationary_filter
 from daest.model.estimates import (
     FilterKind,
@@ -33,14 +51,9 @@ from daest.numerics.gaussian import CHUNK, FREE_TOLERANCE, forward_step, run, un
 from daest.numerics.recursions import linear_recursion
 from daest.numerics.riccati import predictor_gain, unobservable_subspace
 
-Models = DiscreteModel | Sequence[DiscreteModel] | Mapping[float, DiscreteModel]
-
-COVARIANCE_TOLERANCE = 1e-11  # distance to the stationary covariance, in standard deviations, that ends a transient
-STEP_TOLERANCE = 1e-6  # relative difference between a step of the record and the period of its model
-LONG_RUN = 64  # samples with the same matrices that are worth a stationary phase
+# Distance to the stationary covariance, in standard deviations, that ends a transient.
+COVARIANCE_TOLERANCE = 1e-11
 SENSITIVITY_FLOOR = 1e-20  # of A, relative to the scale of a state: the initial state is forgotten
-RANK_TOLERANCE = 1e-9  # of the whitened regression on x[0], relative to its largest singular value
-WELL_CONDITIONED = 1e3  # below this condition number the normal equations of the regression are accurate
 STEADY_SHARE = 0.01  # distance of the gain to the stationary gain that counts as steady
 
 
@@ -65,23 +78,27 @@ def kalman_filter(
 ) -> KalmanResult:
     """Filter a record with the sampled model (47).
 
-    `model` is one DiscreteModel for a uniform record, one per interval in order (n_samples - 1), or a mapping from
-    step length [s]. `experiment.inputs` are the columns of ū (inputs and their slopes, see `stacked_inputs`);
-    NaN outputs are missing. `initial` None is an unknown initial state (for kind "stationary": zero).
-    kind "stationary" starts with the stationary covariance, so that the gain is constant; after missing outputs it
-    takes its own transient. Errors (EstimationError): `filter-uneven-samples`, `filter-initial-state`,
-    `filter-singular-innovation`, and those of `stationary_filter` for the stationary kind.
+    `model` is one DiscreteModel for a uniform record, one per interval in order (n_samples - 1), or a mapping
+    from step length [s]. `experiment.inputs` are the columns of ū (inputs and their slopes, see
+    `stacked_inputs`); NaN outputs are missing. `initial` None is an unknown initial state (for kind
+    "stationary": zero). kind "stationary" starts with the stationary covariance, so that the gain is
+    constant; after missing outputs it takes its own transient. Errors (EstimationError):
+    `filter-uneven-samples`, `filter-initial-state`, `filter-singular-innovation`, and those of
+    `stationary_filter` for the stationary kind.
     """
     models, forward, start = _pass_over(model, experiment, initial, kind, state_names)
-    return _assemble(kind, experiment.time, models, forward, _flat_start(forward), start)
+    return _assemble(kind, experiment.time, models, forward, flat_start(forward), start)
 
 
 def log_likelihood(
-    model: Models, experiment: Experiment, initial: InitialState | None = None, kind: FilterKind = "time-varying"
+    model: Models,
+    experiment: Experiment,
+    initial: InitialState | None = None,
+    kind: FilterKind = "time-varying",
 ) -> float:
     """`kalman_filter(...).log_likelihood` without the estimates; arguments and errors as there."""
     _, forward, start = _pass_over(model, experiment, initial, kind, None)
-    return _log_likelihood(forward, _flat_start(forward), start)
+    return _log_likelihood(forward, flat_start(forward), start)
 
 
 def _pass_over(
@@ -93,106 +110,12 @@ def _pass_over(
 ) -> tuple[list[DiscreteModel], FilterPass, _Start]:
     models, which = models_by_interval(model, experiment.time)
     modes = modes_of(models, which, experiment.outputs)
-    known, drive = _known_parts(models, which, experiment)
+    known, drive = known_parts(models, which, experiment)
     z = np.subtract(experiment.outputs, known, out=known)
     if not np.all(modes.present):
         z[np.isnan(z)] = 0.0
     start = _start(models, modes, initial, kind, state_names)
     return models, _forward_pass(modes, z, drive, start), start
-
-
-def models_by_interval(model: Models, time: np.ndarray) -> tuple[list[DiscreteModel], np.ndarray]:
-    """Distinct models and, for every sample, which of them leads to the next one (the last repeats its
-    predecessor)."""
-    steps = np.diff(time)
-    if isinstance(model, DiscreteModel):
-        models, which = [model], np.zeros(steps.size, dtype=int)
-    elif isinstance(model, Mapping):
-        models = list(model.values())
-        lengths = np.array([m.period for m in models])
-        which = np.argmin(np.abs(steps[:, None] - lengths[None, :]), axis=1) if steps.size else np.zeros(0, int)
-    else:
-        models = list({id(m): m for m in model}.values())
-        position = {id(m): i for i, m in enumerate(models)}
-        which = np.array([position[id(m)] for m in model], dtype=int)[: steps.size]
-    if which.size != steps.size:
-        raise EstimationError(
-            "filter-uneven-samples", f"{which.size} models for {steps.size} intervals of the record"
-        )
-    periods = np.array([m.period for m in models])[which]
-    late = np.flatnonzero(np.abs(steps - periods) > STEP_TOLERANCE * periods + 1e-9 * np.abs(time[1:]))
-    if late.size:
-        k = int(late[0])
-        raise EstimationError(
-            "filter-uneven-samples",
-            f"the step from {time[k]:.9g} s to {time[k + 1]:.9g} s is {steps[k]:.9g} s long, "
-            f"the sampled model is for {periods[k]:.9g} s",
-            remedy="give one sampled model per step length",
-        )
-    return models, np.append(which, which[-1] if which.size else 0)
-
-
-def modes_of(models: list[DiscreteModel], which: np.ndarray, outputs: np.ndarray) -> Modes:
-    """One set of matrices per distinct pair of model and present outputs."""
-    present = ~np.isnan(outputs)
-    if len(models) == 1 and np.all(present):
-        first, index = np.zeros(1, dtype=np.int64), np.zeros(which.size, dtype=np.int64)
-    else:
-        code = which
-        for column in present.T:  # renumbered at every output, so that codes stay small
-            _, code = np.unique(code * 2 + column, return_inverse=True)
-        _, first, index = np.unique(code, return_index=True, return_inverse=True)
-    mask = present[first]
-    chosen = [models[i] for i in which[first]]
-    rows = mask.astype(float)
-    R = np.stack([m.measurement_cov for m in chosen]) * rows[:, :, None] * rows[:, None, :]
-    R += np.eye(mask.shape[1]) * (1.0 - rows[:, :, None])
-    return Modes(
-        transition=np.stack([m.transition for m in chosen]),
-        output=np.stack([m.output for m in chosen]) * rows[:, :, None],
-        process_cov=np.stack([m.process_cov for m in chosen]),
-        cross_cov=np.stack([m.cross_cov for m in chosen]) * rows[:, None, :],
-        measurement_cov=R,
-        noise_cov=np.stack([m.noise_cov for m in chosen]),
-        noise_process_cov=np.stack([m.noise_process_cov for m in chosen]),
-        noise_measurement_cov=np.stack([m.noise_measurement_cov for m in chosen]) * rows[:, None, :],
-        present=mask,
-        model=which[first],
-        index=index,
-    )
-
-
-def by_index(matrices: np.ndarray, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """matrices[index[k]] @ rows[k] for all k, (n_samples, m); long runs of one index are one product."""
-    if matrices.shape[0] == 1:
-        return rows @ matrices[0].T
-    result = np.empty((rows.shape[0], matrices.shape[1]))
-    edges = np.flatnonzero(np.diff(index)) + 1
-    starts, stops = np.concatenate([[0], edges]), np.concatenate([edges, [index.size]])
-    is_long = stops - starts >= LONG_RUN
-    for begin, end in zip(starts[is_long], stops[is_long], strict=True):
-        result[begin:end] = rows[begin:end] @ matrices[index[begin]].T
-    short = np.repeat(~is_long, stops - starts)
-    result[short] = np.einsum("kij,kj->ki", matrices[index[short]], rows[short])
-    return result
-
-
-def _known_parts(
-    models: list[DiscreteModel], which: np.ndarray, experiment: Experiment
-) -> tuple[np.ndarray, np.ndarray]:
-    """D ū + d (n_samples, n_y) and Γ0 ū[k] + Γ1 ū[k+1] + γ (n_samples, n); the last sample has no next one."""
-    now = experiment.inputs
-    following = np.concatenate([now[1:], now[-1:]])
-    known = by_index(np.stack([m.feedthrough for m in models]), which, now)
-    known += np.stack([m.output_offset for m in models])[which if len(models) > 1 else 0]
-    drive = by_index(np.stack([m.input_now for m in models]), which, now)
-    if any(np.any(m.input_next) for m in models):
-        drive += by_index(np.stack([m.input_next for m in models]), which, following)
-    drive += np.stack([m.drift for m in models])[which if len(models) > 1 else 0]
-    return known, drive
-
-
-# --- start -----------------------------------------------------------------------------------------------------------
 
 
 def _start(
@@ -204,7 +127,7 @@ def _start(
 ) -> _Start:
     typical = models[int(np.argmax(np.bincount(modes.model[modes.index])))]
     n = typical.transition.shape[0]
-    observed = _with_rows(typical, modes.present.any(axis=0))
+    observed = _with_rows(typical, np.asarray(modes.present.any(axis=0)))
     _, unobservable = unobservable_subspace(observed.transition, observed.output)
     if kind == "stationary":
         if len(models) > 1:
@@ -226,7 +149,8 @@ def _start(
 
 
 def _unknown_start(model: DiscreteModel, initial: InitialState, unobservable: np.ndarray) -> _Start:
-    """A reference start whose covariance is the stationary one where it exists: any other gives the same result."""
+    """A reference start whose covariance is the stationary one where it exists: any other gives the same
+    result."""
     unknown = initial.is_unknown
     stationary = try_stationary_filter(model)
     P = np.zeros_like(model.transition) if stationary is None else stationary.predicted_cov
@@ -246,7 +170,8 @@ def _unknown_start(model: DiscreteModel, initial: InitialState, unobservable: np
 
 
 def _observable_first(rows: np.ndarray) -> tuple[np.ndarray, int]:
-    """Orthonormal basis of δ whose first columns are seen by `rows` (r, q) and whose other columns are not."""
+    """Orthonormal basis of δ whose first columns are seen by `rows` (r, q) and whose other columns are
+    not."""
     q = rows.shape[1]
     if rows.shape[0] == 0:
         return np.eye(q), 0
@@ -257,7 +182,8 @@ def _observable_first(rows: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def _information_scale(model: DiscreteModel) -> np.ndarray:
-    """Standard deviation (n,) of each state alone from a few outputs: a size in the state's unit, 1 if unseen."""
+    """Standard deviation (n,) of each state alone from a few outputs: a size in the state's unit, 1 if
+    unseen."""
     noise = np.diagonal(model.measurement_cov)
     rows = model.output / np.sqrt(np.where(noise > 0, noise, 1.0))[:, None]
     total = np.zeros(model.transition.shape[0])
@@ -268,21 +194,11 @@ def _information_scale(model: DiscreteModel) -> np.ndarray:
 
 
 def _with_rows(model: DiscreteModel, rows: np.ndarray) -> DiscreteModel:
-    """The model with the outputs `rows` (n_y,) bool only: an output that is never present observes nothing."""
+    """The model with the outputs `rows` (n_y,) bool only: an output that is never present observes
+    nothing."""
     if np.all(rows):
         return model
     return select_outputs(model, np.flatnonzero(rows))
-
-
-def select_outputs(model: DiscreteModel, rows: np.ndarray) -> DiscreteModel:
-    """The model with the outputs `rows` only."""
-    fields = dict(model.__dict__)
-    for name in ("output", "feedthrough", "output_offset"):
-        fields[name] = fields[name][rows]
-    for name in ("cross_cov", "noise_measurement_cov"):
-        fields[name] = fields[name][:, rows]
-    fields["measurement_cov"] = model.measurement_cov[np.ix_(rows, rows)]
-    return DiscreteModel(**fields)
 
 
 def _check_initial(initial: InitialState, n: int) -> None:
@@ -295,12 +211,9 @@ def _check_initial(initial: InitialState, n: int) -> None:
     if not shapes:
         raise EstimationError(
             "filter-initial-state",
-            f"the initial state needs a mean of {n} numbers and an {n} x {n} covariance; states with infinite "
-            "variance have no covariance with others",
+            f"the initial state needs a mean of {n} numbers and an {n} x {n} covariance; states with "
+            "infinite variance have no covariance with others",
         )
-
-
-# --- forward pass ----------------------------------------------------------------------------------------------------
 
 
 class _Recorder:
@@ -333,54 +246,35 @@ def _forward_pass(modes: Modes, z: np.ndarray, drive: np.ndarray, start: _Start)
     n_samples, n_y = z.shape
     n = start.mean.size
     recorder = _Recorder(n_samples, n, n_y)
-    targets = _Targets(modes)
-    run_end = _run_ends(modes.index)
+    plan = _Plan(modes)
     k, M, P = 0, np.column_stack([start.mean, start.sensitivity]), start.cov
     while k < n_samples:
-        end = int(run_end[k])
-        target = targets.get(int(modes.index[k])) if end - k >= LONG_RUN else None
+        end = int(plan.run_end[k])
+        target = plan.target(int(modes.index[k])) if end - k >= LONG_RUN else None
         if target is not None and _is_close(P, target.predicted_cov):
             M = _stationary_phase(recorder, modes, z, drive, k, end, M, target, start.scale)
             P, k = target.predicted_cov, end
         else:
-            k, M, P = _transient(recorder, modes, z, drive, k, M, P, targets, run_end)
+            k, M, P = _transient(recorder, plan, z, drive, k, M, P)
         if M.shape[1] > 1 and _is_forgotten(M[:, 1:], start.scale):
             M = M[:, :1]
     return _as_pass(recorder, modes, start)
 
 
-class _Targets:
-    """Stationary filter of each mode, computed when first asked for; None where there is none."""
+class _Plan:
+    """What a pass needs to know ahead: rows of matrices, ends of runs, and the stationary filter of each
+    mode, computed when first asked for (None where there is none)."""
 
     def __init__(self, modes: Modes) -> None:
-        self._modes = modes
+        self.modes = modes
+        self.rows = _rows_of(modes)
+        self.run_end = _run_ends(modes.index)
         self._known: dict[int, StationaryFilter | None] = {}
 
-    def get(self, mode: int) -> StationaryFilter | None:
+    def target(self, mode: int) -> StationaryFilter | None:
         if mode not in self._known:
-            self._known[mode] = try_stationary_filter(_mode_model(self._modes, mode))
+            self._known[mode] = try_stationary_filter(mode_model(self.modes, mode))
         return self._known[mode]
-
-
-def _mode_model(modes: Modes, mode: int) -> DiscreteModel:
-    n, n_y = modes.transition.shape[1], modes.output.shape[1]
-    return DiscreteModel(
-        transition=modes.transition[mode],
-        input_now=np.zeros((n, 0)),
-        input_next=np.zeros((n, 0)),
-        drift=np.zeros(n),
-        output=modes.output[mode],
-        feedthrough=np.zeros((n_y, 0)),
-        output_offset=np.zeros(n_y),
-        process_cov=modes.process_cov[mode],
-        measurement_cov=modes.measurement_cov[mode],
-        cross_cov=modes.cross_cov[mode],
-        noise_cov=modes.noise_cov[mode],
-        noise_process_cov=modes.noise_process_cov[mode],
-        noise_measurement_cov=modes.noise_measurement_cov[mode],
-        period=1.0,
-        hold="zoh",
-    )
 
 
 def _run_ends(index: np.ndarray) -> np.ndarray:
@@ -447,19 +341,17 @@ def _decay(
 
 def _transient(
     recorder: _Recorder,
-    modes: Modes,
+    plan: _Plan,
     z: np.ndarray,
     drive: np.ndarray,
     begin: int,
     M: np.ndarray,
     P: np.ndarray,
-    targets: _Targets,
-    run_end: np.ndarray,
 ) -> tuple[int, np.ndarray, np.ndarray]:
     """Up to CHUNK samples with their own covariance each; stops early where a stationary phase begins."""
     end = min(begin + CHUNK, z.shape[0])
-    which = modes.index[begin:end]
-    data = np.hstack([_rows_of(modes)[which], z[begin:end], drive[begin:end]])
+    which = plan.modes.index[begin:end]
+    data = np.hstack([plan.rows[which], z[begin:end], drive[begin:end]])
     n, columns = M.shape
     n_y = z.shape[1]
     states, results = run(forward_step(n, n_y, columns), np.concatenate([M.ravel(), P.ravel()]), data)
@@ -467,7 +359,7 @@ def _transient(
         raise _singular(recorder, begin)
     M_after = states[:, : n * columns].reshape(-1, n, columns)
     P_after = states[:, n * columns :].reshape(-1, n, n)
-    count = _steps_to_stationary(P_after, begin, modes.index, targets, run_end)
+    count = _steps_to_stationary(P_after, begin, plan)
     M_before = np.concatenate([M[None], M_after[: count - 1]])
     innovations, S, gain = np.split(results[:count], np.cumsum([n_y * columns, n_y * n_y]), axis=1)
     done = slice(begin, begin + count)
@@ -484,15 +376,13 @@ def _transient(
     return begin + count, M_after[count - 1], P_after[count - 1]
 
 
-def _steps_to_stationary(
-    P_after: np.ndarray, begin: int, index: np.ndarray, targets: _Targets, run_end: np.ndarray
-) -> int:
+def _steps_to_stationary(P_after: np.ndarray, begin: int, plan: _Plan) -> int:
     """How many of the computed steps to keep: up to the first sample whose covariance is stationary."""
-    count = P_after.shape[0]
+    count, index = P_after.shape[0], plan.modes.index
     following = np.arange(begin + 1, min(begin + count, index.size - 1) + 1)
-    long = run_end[following] - following >= LONG_RUN
+    long = plan.run_end[following] - following >= LONG_RUN
     for mode in np.unique(index[following[long]]):
-        target = targets.get(int(mode))
+        target = plan.target(int(mode))
         if target is None:
             continue
         candidates = np.flatnonzero(long & (index[following] == mode))
@@ -511,7 +401,7 @@ def _rows_of(modes: Modes) -> np.ndarray:
 def _singular(recorder: _Recorder, begin: int) -> EstimationError:
     return EstimationError(
         "filter-singular-innovation",
-        f"an output can be predicted without any error near sample {begin}: neither it nor the states have noise",
+        f"an output can be predicted without error near sample {begin}: neither it nor the states have noise",
         remedy="give every measured output a noise with a standard deviation above zero",
     )
 
@@ -539,114 +429,6 @@ def _as_pass(recorder: _Recorder, modes: Modes, start: _Start) -> FilterPass:
     )
 
 
-# --- unknown initial state -------------------------------------------------------------------------------------------
-
-
-def whitening(S: np.ndarray) -> np.ndarray:
-    """L⁻¹ of S = L Lᵀ, (..., n_y, n_y)."""
-    return np.linalg.inv(np.linalg.cholesky(S))
-
-
-def _flat_start(forward: FilterPass) -> FlatStart:
-    """Regression of the whitened innovations on δ, after every sample.
-
-    While it is ill-conditioned, by QR (square root of the information) and a singular value decomposition that
-    leaves out directions below RANK_TOLERANCE; afterwards by cumulated normal equations.
-    """
-    n_kept, _, q = forward.sensitivity.shape
-    p = forward.n_observable
-    index = forward.index[:n_kept]
-    white = whitening(forward.innovation_cov)[index]
-    rows = white @ forward.innovation_sensitivity[:, :, :p]
-    right = (white @ forward.innovations[:n_kept, :, None])[:, :, 0]
-    mean, factor, free = np.zeros((n_kept, q)), np.zeros((n_kept, q, q)), np.zeros((n_kept, q, q))
-    free[:, p:, p:] = np.eye(q - p)
-    root = np.zeros((p, p + 1))
-    for k in range(n_kept):
-        root = np.linalg.qr(np.vstack([root, np.column_stack([rows[k], right[k]])]), mode="r")[:p]
-        mean[k, :p], factor[k, :p, :p], free[k, :p, :p], condition = _solve_root(root[:, :p], root[:, p])
-        if condition <= WELL_CONDITIONED:
-            _cumulate(root, rows, right, k + 1, mean, factor, p)
-            break
-    return FlatStart(mean, factor, free)
-
-
-def _solve_root(R: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Minimum-norm solution of R δ = right, a root of (RᵀR)⁺, the undetermined directions and the condition."""
-    p = R.shape[1]
-    full = np.zeros((p, p))
-    full[: R.shape[0]] = R
-    rest = np.zeros(p)
-    rest[: right.shape[0]] = right
-    left, values, directions = np.linalg.svd(full)
-    kept = values > RANK_TOLERANCE * values[0] if p else np.zeros(0, dtype=bool)
-    inverse = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
-    factor = directions.T * inverse
-    condition = values[0] / values[-1] if p and np.all(kept) else (np.inf if p else 1.0)
-    return factor @ (left.T @ rest), factor, directions.T * ~kept, condition
-
-
-def _cumulate(
-    root: np.ndarray,
-    rows: np.ndarray,
-    right: np.ndarray,
-    begin: int,
-    mean: np.ndarray,
-    factor: np.ndarray,
-    p: int,
-) -> None:
-    """Continue the regression from its triangular root at sample begin - 1 by normal equations, in place."""
-    if p == 0 or begin >= rows.shape[0]:
-        return
-    rows, right = rows[begin:], right[begin:]
-    information = np.cumsum(np.swapaxes(rows, 1, 2) @ rows, axis=0) + root[:, :p].T @ root[:, :p]
-    vector = np.cumsum(np.einsum("kyp,ky->kp", rows, right), axis=0) + root[:, :p].T @ root[:, p]
-    inverse_root = whitening(information)
-    factor[begin:, :p, :p] = np.swapaxes(inverse_root, 1, 2)
-    mean[begin:, :p] = np.einsum("kab,kb->ka", factor[begin:, :p, :p], np.einsum("kab,kb->ka", inverse_root, vector))
-
-
-def correct(
-    mean: np.ndarray,
-    cov: np.ndarray,
-    index: np.ndarray,
-    loads: np.ndarray,
-    flat: FlatStart,
-    scale: np.ndarray,
-) -> GaussianSequence:
-    """Add the unknown start: vector = N(mean, cov) + loads δ for the first samples, in place in `mean`.
-
-    cov (n_distinct, m, m) by `index`; loads (n_kept, m, q); δ as in `flat`, whose first axis is n_kept.
-    """
-    n_kept, m, q = loads.shape
-    if n_kept == 0 or q == 0:
-        return GaussianSequence(mean, Varying(cov, index), _nothing_free(m, index.size), scale)
-    mean[:n_kept] += np.einsum("kmq,kq->km", loads, flat.mean)
-    spread = loads @ flat.factor
-    total = cov[index[:n_kept]] + spread @ np.swapaxes(spread, 1, 2)
-    free, free_index = _free_loads(loads @ flat.free, index.size)
-    numbers = np.concatenate([np.arange(n_kept), n_kept + index[n_kept:]])
-    rest = cov if n_kept < index.size else cov[:0]
-    return GaussianSequence(
-        mean, Varying(np.concatenate([total, rest]), numbers), Varying(free, free_index), scale
-    )
-
-
-def _nothing_free(m: int, n_samples: int) -> Varying:
-    return Varying(np.zeros((1, m, 0)), np.zeros(n_samples, dtype=np.int64))
-
-
-def _free_loads(free: np.ndarray, n_samples: int) -> tuple[np.ndarray, np.ndarray]:
-    """Free directions of the first samples, zero for the others; samples without any share entry 0."""
-    some = np.any(free != 0.0, axis=(1, 2))
-    index = np.zeros(n_samples, dtype=np.int64)
-    index[: free.shape[0]] = np.where(some, np.cumsum(some), 0)
-    return np.concatenate([np.zeros((1, *free.shape[1:])), free[some]]), index
-
-
-# --- results ---------------------------------------------------------------------------------------------------------
-
-
 def _assemble(
     kind: FilterKind,
     time: np.ndarray,
@@ -657,7 +439,7 @@ def _assemble(
 ) -> KalmanResult:
     noise_size = np.sqrt(np.max(np.diagonal(forward.modes.noise_cov, axis1=1, axis2=2), axis=0))
     scale = np.concatenate([start.scale, noise_size])
-    before = _one_earlier(flat)
+    before = one_earlier(flat)
     predicted = correct(
         forward.predicted.copy() if forward.sensitivity.size else forward.predicted,
         forward.cov, forward.index, forward.sensitivity, before, start.scale,
@@ -679,19 +461,6 @@ def _assemble(
         forward=forward,
         flat_start=flat,
         scale=scale,
-    )
-
-
-def _one_earlier(flat: FlatStart) -> FlatStart:
-    """What was known about δ before each sample: nothing before the first."""
-    n_kept, q = flat.mean.shape
-    if n_kept == 0:
-        return flat
-    first_free = np.eye(q)[None]
-    return FlatStart(
-        np.concatenate([np.zeros((1, q)), flat.mean[:-1]]),
-        np.concatenate([np.zeros((1, q, q)), flat.factor[:-1]]),
-        np.concatenate([first_free, flat.free[:-1]]),
     )
 
 
@@ -735,7 +504,8 @@ def _filtered(forward: FilterPass, flat: FlatStart, scale: np.ndarray) -> Gaussi
 def _innovations(
     forward: FilterPass, before: FlatStart, scale: np.ndarray
 ) -> tuple[np.ndarray, Varying, np.ndarray, np.ndarray]:
-    """One-step prediction errors, their covariances, νᵀ S⁻¹ ν and its degrees of freedom, sample by sample."""
+    """One-step prediction errors, their covariances, νᵀ S⁻¹ ν and its degrees of freedom, sample by
+    sample."""
     modes = forward.modes
     n_y = modes.present.shape[1]
     sequence = correct(
@@ -761,35 +531,17 @@ def _innovations(
 
 
 def _log_likelihood(forward: FilterPass, flat: FlatStart, start: _Start) -> float:
-    """log p(y), or log ∫ p(y | x0) dx0 over the determined unknown states (density one per unit of the state)."""
+    """log p(y), or log ∫ p(y | x0) dx0 over the determined unknown states (density one per unit of the
+    state)."""
     white = whitening(forward.innovation_cov)
     scaled = by_index(white, forward.index, forward.innovations)
     log_root = np.sum(np.log(np.diagonal(white, axis1=1, axis2=2)), axis=1)
     counts = np.bincount(forward.index, minlength=white.shape[0])
     n_present = int(counts @ forward.modes.present[forward.mode].sum(axis=1))
-    value = -0.5 * np.einsum("ky,ky", scaled, scaled) + counts @ log_root - 0.5 * n_present * np.log(2 * np.pi)
-    p = forward.n_observable
-    if p == 0 or flat.mean.shape[0] == 0:
+    value = counts @ log_root - 0.5 * (np.einsum("ky,ky", scaled, scaled) + n_present * np.log(2 * np.pi))
+    if forward.n_observable == 0:
         return float(value)
-    return float(value) + _flat_evidence(flat, start, white, forward)
-
-
-def _flat_evidence(flat: FlatStart, start: _Start, white: np.ndarray, forward: FilterPass) -> float:
-    """log ∫ exp(δᵀ s - δᵀ Λ δ / 2) dx0 = (sᵀ Λ⁻¹ s - log |Λ| + p log 2π) / 2 + log |dx0 / dδ|."""
-    p, n_kept = forward.n_observable, flat.mean.shape[0]
-    root = white[forward.index[:n_kept]]
-    rows = (root @ forward.innovation_sensitivity[:, :, :p]).reshape(-1, p)
-    fitted = rows @ flat.mean[-1, :p]  # s = Λ δ̂, so that sᵀ Λ⁻¹ s = |rows δ̂|²
-    values = np.linalg.svd(flat.factor[-1, :p, :p], compute_uv=False)
-    if np.any(values == 0.0):
-        return float("nan")  # too few outputs: the integral diverges
-    columns = np.linalg.svd(start.sensitivity[:, :p], compute_uv=False)
-    return float(
-        0.5 * fitted @ fitted
-        + np.sum(np.log(values))
-        + 0.5 * values.size * np.log(2 * np.pi)
-        + np.sum(np.log(columns))
-    )
+    return float(value) + flat_evidence(flat, forward, start.sensitivity)
 
 
 def _steady_sample(
@@ -803,7 +555,7 @@ def _steady_sample(
     if len(models) > 1 or full.size == 0:
         return None
     mode = int(full[0])
-    target = try_stationary_filter(_mode_model(forward.modes, mode))
+    target = try_stationary_filter(mode_model(forward.modes, mode))
     if target is None:
         return None
     matrices = (

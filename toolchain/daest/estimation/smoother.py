@@ -1,12 +1,14 @@
 """Fixed-interval smoother of (47) for states and process noise: Bryson and Frazier's backward recursion.
 
-With the innovations ν, their covariances S and the closed loop F = Φ - K C of the filter, backwards from r = 0, N = 0:
+With the innovations ν, their covariances S and the closed loop F = Φ - K C of the filter, backwards from r =
+0, N = 0:
 
     r[k-1] = Cᵀ S⁻¹ ν[k] + Fᵀ r[k],    N[k-1] = Cᵀ S⁻¹ C + Fᵀ N[k] F.
 
 A vector z with covariance `reach` to ν[k] and `ahead` to the prediction error of x[k+1] has the smoothed mean
-E z + reach S⁻¹ ν + ahead r[k] and loses the covariance reach S⁻¹ reachᵀ + ahead N[k] aheadᵀ. For x: reach = P Cᵀ,
-ahead = P Fᵀ. For w̄: reach = R12, ahead = E w̄ w̃ᵀ - R12 Kᵀ. No covariance is inverted, so that Q may be singular.
+E z + reach S⁻¹ ν + ahead r[k] and loses the covariance reach S⁻¹ reachᵀ + ahead N[k] aheadᵀ. For x: reach = P
+Cᵀ, ahead = P Fᵀ. For w̄: reach = R12, ahead = E w̄ w̃ᵀ - R12 Kᵀ. No covariance is inverted, so that Q may be
+singular.
 """
 
 from __future__ import annotations
@@ -16,18 +18,21 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from daest.estimation.kalman import LONG_RUN, by_index, correct, filtered_loads, filtered_moments
+from daest.estimation.flat_start import correct
+from daest.estimation.kalman import filtered_loads, filtered_moments
+from daest.estimation.modes import LONG_RUN, by_index
 from daest.model.estimates import FilterPass, FlatStart, KalmanResult, SmootherResult
 from daest.numerics.gaussian import CHUNK, backward_step, run
 from daest.numerics.recursions import linear_recursion
 from daest.numerics.riccati import is_stable
 
-INFORMATION_TOLERANCE = 1e-12  # distance of N to its stationary value, relative, that ends a backward transient
+INFORMATION_TOLERANCE = 1e-12  # relative distance of N to its stationary value that ends a transient
 
 
 @dataclass(frozen=True)
 class _Backward:
-    """r[k-1] (n_samples, n), its sensitivity to δ (n_kept, n, q), and N[k-1] as distinct matrices with an index."""
+    """r[k-1] (n_samples, n), its sensitivity to δ (n_kept, n, q), and N[k-1] as distinct matrices with an
+    index."""
 
     r: np.ndarray
     sensitivity: np.ndarray
@@ -55,7 +60,8 @@ def _ahead(forward: FilterPass) -> np.ndarray:
     """Covariance (n + n_w, n) of (x[k], w̄[k]) with the prediction error of x[k+1], by distinct entry."""
     modes, mode = forward.modes, forward.mode
     closed = modes.transition[mode] - forward.gain @ modes.output[mode]
-    noise = modes.noise_process_cov[mode] - modes.noise_measurement_cov[mode] @ np.swapaxes(forward.gain, 1, 2)
+    fed_back = modes.noise_measurement_cov[mode] @ np.swapaxes(forward.gain, 1, 2)
+    noise = modes.noise_process_cov[mode] - fed_back
     return np.concatenate([forward.cov @ np.swapaxes(closed, 1, 2), noise], axis=1)
 
 
@@ -86,7 +92,9 @@ def _smoothed_loads(
 
 def _final(flat: FlatStart) -> FlatStart:
     """What the whole record says about δ, at every sample."""
-    return FlatStart(*(np.broadcast_to(part[-1:], part.shape) for part in (flat.mean, flat.factor, flat.free)))
+    return FlatStart(
+        *(np.broadcast_to(part[-1:], part.shape) for part in (flat.mean, flat.factor, flat.free))
+    )
 
 
 def _backward_pass(forward: FilterPass) -> _Backward:
@@ -158,7 +166,8 @@ class _Terms:
 def _chunk(
     terms: _Terms, begin: int, end: int, r: np.ndarray, N: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """r[k-1] (n_samples, n, columns) and N[k-1] (n_samples, n, n) for samples begin … end - 1, given those at end."""
+    """r[k-1] (n_samples, n, columns) and N[k-1] (n_samples, n, n) for samples begin … end - 1, given those at
+    end."""
     n, columns = r.shape
     index = terms.forward.index[begin:end]
     parts = (terms.closed[index], terms.drive(begin, end, columns), terms.information[index])

@@ -16,8 +16,8 @@ NAMED_SHARE = 0.05  # a state is named when it takes this part of the largest sh
 
 @dataclass(frozen=True)
 class StationaryFilter:
-    """x̂[k+1] = Φ x̂[k] + … + gain ν[k]: predictor gain (n, n_y), covariance of the one-step prediction (n, n),
-    covariance S of the innovations (n_y, n_y) and closed loop Φ - gain C."""
+    """x̂[k+1] = Φ x̂[k] + … + gain ν[k]: predictor gain (n, n_y), covariance of the one-step prediction (n,
+    n), covariance S of the innovations (n_y, n_y) and closed loop Φ - gain C."""
 
     gain: np.ndarray
     predicted_cov: np.ndarray
@@ -28,10 +28,10 @@ class StationaryFilter:
 def stationary_filter(model: DiscreteModel, state_names: tuple[str, ...] | None = None) -> StationaryFilter:
     """The stabilising solution of the Riccati equation of (47), with the cross covariance.
 
-    Errors (EstimationError) name the states: `filter-unobservable` when a mode that does not die out never shows in
-    the outputs; `filter-undriven-mode` when a mode on or outside the unit circle has no noise, so that a
-    constant gain would ignore the outputs about it; `filter-no-stationary-gain` when the equation has no reliable
-    solution for another reason.
+    Errors (EstimationError) name the states: `filter-unobservable` when a mode that does not die out never
+    shows in the outputs; `filter-undriven-mode` when a mode on or outside the unit circle has no noise, so
+    that a constant gain would ignore the outputs about it; `filter-no-stationary-gain` when the equation has
+    no reliable solution for another reason.
     """
     names = state_names or tuple(f"state {i + 1}" for i in range(model.transition.shape[0]))
     found = try_stationary_filter(model)
@@ -63,7 +63,8 @@ def try_stationary_filter(model: DiscreteModel) -> StationaryFilter | None:
 
 
 def unobservable_message(model: DiscreteModel, names: tuple[str, ...]) -> str:
-    """The combinations of states that the outputs do not show and that do not die out; empty when all are seen."""
+    """The combinations of states that the outputs do not show and that do not die out; empty when all are
+    seen."""
     _, hidden = unobservable_subspace(model.transition, model.output)
     _, vectors = undamped_modes(model.transition, hidden, UNDAMPED_MARGIN)
     return "; ".join(dict.fromkeys(combination_text(vector, names) for vector in vectors.T))
@@ -100,7 +101,8 @@ def _no_solution(model: DiscreteModel, names: tuple[str, ...]) -> EstimationErro
 def _undriven_modes(model: DiscreteModel) -> np.ndarray:
     """Eigenvectors (n, m) of modes with |λ| > 1 - UNDAMPED_MARGIN that the process noise cannot reach.
 
-    The noise-free part of the dual: left eigenvectors with Qᵀ w = 0; the mode itself is the right eigenvector.
+    The noise-free part of the dual: left eigenvectors with Qᵀ w = 0; the mode itself is the right
+    eigenvector.
     """
     _, unreached = unobservable_subspace(model.transition.T, model.process_cov)
     values, _ = undamped_modes(model.transition.T, unreached, UNDAMPED_MARGIN)

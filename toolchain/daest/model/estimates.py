@@ -35,10 +35,10 @@ class Varying:
 class GaussianSequence:
     """A Gaussian vector per sample, of which some directions may still be undetermined.
 
-    mean (n_samples, n); cov Varying (n, n); `free` Varying (n, q): directions in which the data have said nothing
-    yet, zero columns where nothing is free. Along a free direction `mean` is one of infinitely many values and `cov`
-    is meaningless, so read single components through `numerics.gaussian.marginals`, which gives NaN and
-    inf there. `scale` (n,) is the size against which a free direction counts as zero.
+    mean (n_samples, n); cov Varying (n, n); `free` Varying (n, q): directions in which the data have said
+    nothing yet, zero columns where nothing is free. Along a free direction `mean` is one of infinitely many
+    values and `cov` is meaningless, so read single components through `numerics.gaussian.marginals`, which
+    gives NaN and inf there. `scale` (n,) is the size against which a free direction counts as zero.
     """
 
     mean: np.ndarray
@@ -49,8 +49,8 @@ class GaussianSequence:
 
 @dataclass(frozen=True)
 class InitialState:
-    """x[0] before any measurement: mean (n,) and covariance (n, n). A state with infinite variance is unknown: flat
-    prior, its mean does not matter and its covariances with other states must be zero."""
+    """x[0] before any measurement: mean (n,) and covariance (n, n). A state with infinite variance is
+    unknown: flat prior, its mean does not matter and its covariances with other states must be zero."""
 
     mean: np.ndarray
     cov: np.ndarray
@@ -72,7 +72,8 @@ class InitialState:
 
 @dataclass(frozen=True)
 class NisSummary:
-    """Normalised innovations squared νᵀ S⁻¹ ν, summed and divided by the number of scalar innovations: 1 is expected.
+    """Normalised innovations squared νᵀ S⁻¹ ν, summed and divided by the number of scalar innovations: 1 is
+    expected.
 
     `low` and `high` bound 95 % of the values that a true model would give (chi-square with `n_innovations`
     degrees of freedom).
@@ -90,7 +91,8 @@ class NisSummary:
 
 @dataclass(frozen=True)
 class Modes:
-    """The matrices of (47), one set per combination of model (step length) and present outputs; first axis n_modes.
+    """The matrices of (47), one set per combination of model (step length) and present outputs; first axis
+    n_modes.
 
     Rows of missing outputs are zero in `output`, `cross_cov` and `noise_measurement_cov` and unit rows in
     `measurement_cov`: with a zero innovation they carry no information. Fields as in DiscreteModel.
@@ -111,11 +113,12 @@ class Modes:
 
 @dataclass(frozen=True)
 class FilterPass:
-    """One forward pass from a reference start, with the sensitivity of everything to the unknown part δ of x[0].
+    """One forward pass from a reference start, with the sensitivity of everything to the unknown part δ of
+    x[0].
 
-    x[0] = start + A[0] δ: the predicted state is m + A δ and the innovation ν - V δ. `cov`, `innovation_cov`, `gain`
-    and `mode` hold distinct values, sample k has entry `index[k]`. A and V are kept for the first n_kept samples;
-    after them they are zero to rounding.
+    x[0] = start + A[0] δ: the predicted state is m + A δ and the innovation ν - V δ. `cov`, `innovation_cov`,
+    `gain` and `mode` hold distinct values, sample k has entry `index[k]`. A and V are kept for the first
+    n_kept samples; after them they are zero to rounding.
     """
 
     modes: Modes
@@ -134,8 +137,8 @@ class FilterPass:
 
 @dataclass(frozen=True)
 class FlatStart:
-    """What the outputs up to and including sample k say about δ: δ ~ N(mean[k], factor[k] factor[k]ᵀ) but for the
-    directions `free[k]`, about which they say nothing. First axis n_kept."""
+    """What the outputs up to and including sample k say about δ: δ ~ N(mean[k], factor[k] factor[k]ᵀ) but for
+    the directions `free[k]`, about which they say nothing. First axis n_kept."""
 
     mean: np.ndarray  # (n_kept, q)
     factor: np.ndarray  # (n_kept, q, q)
@@ -146,12 +149,13 @@ class FlatStart:
 class KalmanResult:
     """Time-varying or stationary filter of (47).
 
-    `predicted` is x[k] given the outputs before k; `filtered` is (x[k], w̄[k]) given the outputs up to k: the process
-    noise estimate (54) is its last n_w components. `innovations` (n_samples, n_y) are NaN where an output is missing
-    or not yet predictable; `innovation_cov` belongs to them. `nis` (n_samples,) with `nis_dof` present outputs, NaN
-    and 0 where there is none. `log_likelihood` is log p(y), and log ∫ p(y | x0) dx0 over the unknown states
-    that the outputs determine. `stationary_from` is the first sample from which a constant gain is used (None:
-    never). `unobservable` (n, r) spans the state combinations that no output ever shows.
+    `predicted` is x[k] given the outputs before k; `filtered` is (x[k], w̄[k]) given the outputs up to k: the
+    process noise estimate (54) is its last n_w components. `innovations` (n_samples, n_y) are NaN where an
+    output is missing or not yet predictable; `innovation_cov` belongs to them. `nis` (n_samples,) with
+    `nis_dof` present outputs, NaN and 0 where there is none. `log_likelihood` is log p(y), and log ∫ p(y |
+    x0) dx0 over the unknown states that the outputs determine. `stationary_from` is the first sample from
+    which a constant gain is used (None: never). `unobservable` (n, r) spans the state combinations that no
+    output ever shows.
     """
 
     kind: FilterKind
@@ -191,7 +195,8 @@ class OutputComparison:
 
 @dataclass(frozen=True)
 class ProcessNoiseEstimate:
-    """w̄[k], the mean of each white noise over the sample that starts at `time[k]`; arrays (n_samples, n_w)."""
+    """w̄[k], the mean of each white noise over the sample that starts at `time[k]`; arrays (n_samples,
+    n_w)."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -203,10 +208,11 @@ class ProcessNoiseEstimate:
 class FilterResult:
     """Every internal variable of a model with its standard deviation, from a recording.
 
-    values and std (n_samples, n_ξ) in `units`, one column per entry of `names`; value NaN and std inf where the data
-    do not determine a variable. `measure` are the outputs that were used; `compared` holds every other
-    measured output. `steady_after` is the time in seconds until the gain is within 1 % of the stationary gain, None
-    if it never is. `messages` are sentences for the user: what was decided, and what cannot be estimated.
+    values and std (n_samples, n_ξ) in `units`, one column per entry of `names` (all unknowns of the model,
+    then the outputs that are no unknowns, without measurement noise); value NaN and std inf where the data do
+    not determine a variable. `measure` are the outputs that were used; `compared` holds every other measured
+    output. `steady_after` is the time in seconds until the gain is within 1 % of the stationary gain, None if
+    it never is. `messages` are sentences for the user: what was decided, and what cannot be estimated.
     """
 
     kind: FilterKind
@@ -222,8 +228,6 @@ class FilterResult:
     log_likelihood: float
     measure: tuple[str, ...]
     compared: dict[str, OutputComparison]
-    output_values: dict[str, np.ndarray]  # estimate of every measured output, noise-free
-    output_std: dict[str, np.ndarray]
     process_noise: ProcessNoiseEstimate
     steady_after: float | None
     noise: Literal["white", "held"]

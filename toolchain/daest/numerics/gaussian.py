@@ -1,12 +1,14 @@
-"""Gaussian steps: one step of the Kalman recursion and of its backward companion, compiled by CasADi, and marginals.
+"""Gaussian steps: one step of the Kalman recursion and of its backward companion, compiled by CasADi, and
+marginals.
 
-A step function maps (state, data) to (next state, results), all as flat row-major vectors; `run` folds it over many
-samples without a Python step per sample.
+A step function maps (state, data) to (next state, results), all as flat row-major vectors; `run` folds it
+over many samples without a Python step per sample.
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -22,15 +24,17 @@ FREE_TOLERANCE = 1e-8  # a component is undetermined when it moves by more than 
 def forward_step(n: int, n_y: int, n_columns: int) -> ca.Function:
     """CHUNK steps of the predictor for states [m A] (n, n_columns) and covariance P.
 
-    Data per sample: Φ, C, Q, S12, R of (47), z = y - D ū - d (n_y) and the known drive (n). Results per sample: the
-    innovations [ν -V] (n_y, n_columns), S = C P Cᵀ + R and the gain (Φ P Cᵀ + S12) S⁻¹. P is updated in Joseph
-    form, [Φ - K C] P [Φ - K C]ᵀ + [I -K] [Q S12; S12ᵀ R] [I -K]ᵀ.
+    Data per sample: Φ, C, Q, S12, R of (47), z = y - D ū - d (n_y) and the known drive (n). Results per
+    sample: the innovations [ν -V] (n_y, n_columns), S = C P Cᵀ + R and the gain (Φ P Cᵀ + S12) S⁻¹. P is
+    updated in Joseph form, [Φ - K C] P [Φ - K C]ᵀ + [I -K] [Q S12; S12ᵀ R] [I -K]ᵀ.
     """
-    symbol = ca.SX.sym if n <= SCALAR_SIZE else ca.MX.sym
+    symbol: Any = ca.SX.sym if n <= SCALAR_SIZE else ca.MX.sym
     state = symbol("state", n * n_columns + n * n)
     M, P = _parts(state, (n, n_columns), (n, n))
     data = symbol("data", 2 * n * n + 2 * n * n_y + n_y * n_y + n_y + n)
-    Phi, C, Q, S12, R, z, drive = _parts(data, (n, n), (n_y, n), (n, n), (n, n_y), (n_y, n_y), (n_y, 1), (n, 1))
+    Phi, C, Q, S12, R, z, drive = _parts(
+        data, (n, n), (n_y, n), (n, n), (n, n_y), (n_y, n_y), (n_y, 1), (n, 1)
+    )
     S = C @ P @ C.T + R
     K = _solve_positive(S, (Phi @ P @ C.T + S12).T).T
     known = ca.horzcat(z, type(state)(n_y, n_columns - 1))
@@ -45,11 +49,12 @@ def forward_step(n: int, n_y: int, n_columns: int) -> ca.Function:
 
 @lru_cache(maxsize=32)
 def backward_step(n: int, n_columns: int) -> ca.Function:
-    """CHUNK steps of r ← Fᵀ r + b, N ← Fᵀ N F + W for [r] (n, n_columns) and N (n, n); data F, b, W; no results.
+    """CHUNK steps of r ← Fᵀ r + b, N ← Fᵀ N F + W for [r] (n, n_columns) and N (n, n); data F, b, W; no
+    results.
 
     With b = Cᵀ S⁻¹ ν and W = Cᵀ S⁻¹ C this is the backward recursion of the Bryson-Frazier smoother.
     """
-    symbol = ca.SX.sym if n <= SCALAR_SIZE else ca.MX.sym
+    symbol: Any = ca.SX.sym if n <= SCALAR_SIZE else ca.MX.sym
     state = symbol("state", n * n_columns + n * n)
     r, N = _parts(state, (n, n_columns), (n, n))
     data = symbol("data", 2 * n * n + n * n_columns)
@@ -59,7 +64,8 @@ def backward_step(n: int, n_columns: int) -> ca.Function:
 
 
 def run(step: ca.Function, state: np.ndarray, data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fold `step` over the rows of `data` (n_steps, n_data): states after each (n_steps, n_state), results."""
+    """Fold `step` over the rows of `data` (n_steps, n_data): states after each (n_steps, n_state),
+    results."""
     n_steps = data.shape[0]
     states = np.empty((n_steps, state.shape[0]))
     results = np.empty((n_steps, step.size1_out(1)))
@@ -97,21 +103,22 @@ def _call(step: ca.Function, state: np.ndarray, data: np.ndarray) -> tuple[np.nd
     after = np.empty((CHUNK, step.size1_out(0)))
     result = np.empty((CHUNK, step.size1_out(1)))
     state = np.ascontiguousarray(state)
+    buffer: Any
     buffer, trigger = step.buffer()
-    buffer.set_arg(0, memoryview(state))
-    buffer.set_arg(1, memoryview(data))
-    buffer.set_res(0, memoryview(after))
+    buffer.set_arg(0, state.data)
+    buffer.set_arg(1, data.data)
+    buffer.set_res(0, after.data)
     if result.size:
-        buffer.set_res(1, memoryview(result))
+        buffer.set_res(1, result.data)
     trigger()
     return after, result
 
 
-def _folded(state: ca.SX, data: ca.SX, following: ca.SX, results: ca.SX) -> ca.Function:
+def _folded(state: Any, data: Any, following: Any, results: Any) -> ca.Function:
     return ca.Function("step", [state, data], [following, results]).mapaccum("steps", CHUNK)
 
 
-def _parts(vector: ca.SX, *shapes: tuple[int, int]) -> list:
+def _parts(vector: Any, *shapes: tuple[int, int]) -> list[Any]:
     """Row-major matrices cut from one vector, in order."""
     sizes = np.cumsum([0] + [rows * columns for rows, columns in shapes])
     return [
@@ -120,11 +127,11 @@ def _parts(vector: ca.SX, *shapes: tuple[int, int]) -> list:
     ]
 
 
-def _flat(*matrices: ca.SX) -> ca.SX:
+def _flat(*matrices: Any) -> Any:
     return ca.vertcat(*[ca.vec(ca.densify(matrix).T) for matrix in matrices])
 
 
-def _solve_positive(S: ca.SX, right: ca.SX) -> ca.SX:
+def _solve_positive(S: Any, right: Any) -> Any:
     """S⁻¹ right for a symmetric positive definite S by Cholesky, as straight-line code."""
     size = S.shape[0]
     L = [[S[0, 0]] * size for _ in range(size)]

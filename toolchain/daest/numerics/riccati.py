@@ -7,6 +7,7 @@ import scipy.linalg
 
 RESIDUAL_TOLERANCE = 1e-8  # of a Riccati solution, relative to the size of its terms
 STABILITY_MARGIN = 1e-12  # a closed loop with a pole beyond 1 - this does not forget its start
+DOUBLINGS = 60  # rounds; 2^60 steps of the recursion
 REFINEMENTS = 3  # Newton steps after the Schur solution
 
 
@@ -15,21 +16,19 @@ def filter_riccati(
 ) -> np.ndarray | None:
     """Stabilising P = Φ P Φᵀ + Q - K (C P Cᵀ + R) Kᵀ with K = (Φ P Cᵀ + S12)(C P Cᵀ + R)⁻¹, shape (n, n).
 
-    Schur method, then Newton steps (each a Lyapunov equation, so that P is positive semidefinite). None when there
-    is no stabilising solution to RESIDUAL_TOLERANCE: an undetectable mode, or one on the unit circle without noise.
+    Doubling from P = 0 (2^i steps of the recursion after i rounds; accurate with poles close to the unit
+    circle and any units); where it cannot be used or does not stabilise (R singular, an unstable mode without
+    noise) the Schur method with Newton steps. None when neither gives a stabilising solution to
+    RESIDUAL_TOLERANCE: there is an undetectable mode, or one on the unit circle without noise.
     """
-    n = Phi.shape[0]
-    if n == 0:
+    if Phi.shape[0] == 0:
         return np.zeros((0, 0))
-    try:
-        P = scipy.linalg.solve_discrete_are(Phi.T, C.T, Q, R, s=S12)
-        for _ in range(REFINEMENTS):
-            P = _newton(P, Phi, C, Q, R, S12)
-            if P is None:
-                return None
-        return P if _solves(P, Phi, C, Q, R, S12) else None
-    except (np.linalg.LinAlgError, ValueError):
-        return None
+    for method in (_doubling, _schur):
+        with np.errstate(over="ignore", invalid="ignore"):  # a diverging solution is dropped below
+            P = method(Phi, C, Q, R, S12)
+        if P is not None and _solves(P, Phi, C, Q, R, S12):
+            return P
+    return None
 
 
 def predictor_gain(
@@ -49,9 +48,9 @@ def is_stable(F: np.ndarray) -> bool:
 def unobservable_subspace(Phi: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Observable row space (r, n) and unobservable subspace (n, n - r) of (C, Φ), in units of the states.
 
-    A staircase on Φ - I (the same subspaces, but not nearly dependent when the sampling is fast) after diagonal
-    balancing: new directions (Φ - I)ᵀ V count while their size exceeds the rounding error of Φ, tolerance
-    100 n eps (1 + ||Φ||). The rows and columns are orthonormal after balancing only.
+    A staircase on Φ - I (the same subspaces, but not nearly dependent when the sampling is fast) after
+    diagonal balancing: new directions (Φ - I)ᵀ V count while their size exceeds the rounding error of Φ,
+    tolerance 100 n eps (1 + ||Φ||). The rows and columns are orthonormal after balancing only.
     """
     n = Phi.shape[0]
     if n == 0:
@@ -81,6 +80,49 @@ def undamped_modes(Phi: np.ndarray, subspace: np.ndarray, margin: float) -> tupl
     values, vectors = np.linalg.eig(inner)
     keep = np.abs(values) > 1.0 - margin
     return values[keep], (subspace @ vectors)[:, keep]
+
+
+def _doubling(
+    Phi: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, S12: np.ndarray
+) -> np.ndarray | None:
+    """Structure-preserving doubling (Chu, Fan, Lin & Wang 2004) for the filter equation without cross
+    covariance, to which Φ - S12 R⁻¹ C and Q - S12 R⁻¹ S12ᵀ reduce it."""
+    try:
+        root = np.linalg.inv(np.linalg.cholesky(R))
+    except np.linalg.LinAlgError:
+        return None
+    C, S12 = root @ C, S12 @ root.T
+    A, G, H = (Phi - S12 @ C).T, C.T @ C, Q - S12 @ S12.T
+    for _ in range(DOUBLINGS):
+        W = np.eye(A.shape[0]) + G @ H
+        try:
+            forward, backward = np.linalg.solve(W, A), np.linalg.solve(W.T, A.T).T
+        except np.linalg.LinAlgError:
+            return None
+        change = forward.T @ H @ A
+        G = G + backward @ G @ A.T
+        A, G, H = A @ forward, (G + G.T) / 2, H + (change + change.T) / 2
+        if not np.all(np.isfinite(H)) or not np.all(np.isfinite(A)):
+            return None
+        size = np.sqrt(np.abs(np.diagonal(H)))
+        if np.all(np.abs(change) <= np.finfo(float).eps * np.outer(size, size)):
+            return H
+    return None
+
+
+def _schur(
+    Phi: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, S12: np.ndarray
+) -> np.ndarray | None:
+    """Solution from the Schur vectors of the extended pencil; each Newton step is a Lyapunov equation."""
+    try:
+        P = scipy.linalg.solve_discrete_are(Phi.T, C.T, Q, R, s=S12)
+    except (np.linalg.LinAlgError, ValueError):
+        return None
+    for _ in range(REFINEMENTS):
+        P = _newton(P, Phi, C, Q, R, S12)
+        if P is None:
+            return None
+    return P
 
 
 def _newton(

@@ -1,0 +1,153 @@
+"""Unknown initial state: a regression of the innovations on x[0], and the correction of estimates by it.
+
+A pass from a reference start has innovations ν - V δ, where δ is the unknown part of x[0] (Rosenberg 1973, de
+Jong 1991). The regression on δ after every sample gives its mean and covariance, and the directions of δ
+about which the outputs so far say nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daest.model.estimates import FilterPass, FlatStart, GaussianSequence, Varying
+
+RANK_TOLERANCE = 1e-9  # of the whitened regression on x[0], relative to its largest singular value
+WELL_CONDITIONED = 1e3  # below this condition number the normal equations of the regression are accurate
+
+
+def whitening(S: np.ndarray) -> np.ndarray:
+    """L⁻¹ of S = L Lᵀ, (..., n_y, n_y)."""
+    return np.linalg.inv(np.linalg.cholesky(S))
+
+
+def flat_start(forward: FilterPass) -> FlatStart:
+    """Regression of the whitened innovations on δ, after every sample.
+
+    While it is ill-conditioned, by QR (square root of the information) and a singular value decomposition
+    that leaves out directions below RANK_TOLERANCE; afterwards by cumulated normal equations.
+    """
+    n_kept, _, q = forward.sensitivity.shape
+    p = forward.n_observable
+    index = forward.index[:n_kept]
+    white = whitening(forward.innovation_cov)[index]
+    rows = white @ forward.innovation_sensitivity[:, :, :p]
+    right = (white @ forward.innovations[:n_kept, :, None])[:, :, 0]
+    mean: np.ndarray = np.zeros((n_kept, q))
+    factor: np.ndarray = np.zeros((n_kept, q, q))
+    free: np.ndarray = np.zeros((n_kept, q, q))
+    free[:, p:, p:] = np.eye(q - p)
+    root: np.ndarray = np.zeros((p, p + 1))
+    for k in range(n_kept):
+        stacked = np.vstack([root, np.column_stack([rows[k], right[k]])])
+        root = np.asarray(np.linalg.qr(stacked, mode="r"))[:p]
+        mean[k, :p], factor[k, :p, :p], free[k, :p, :p], condition = _solve_root(root[:, :p], root[:, p])
+        if condition <= WELL_CONDITIONED:
+            _cumulate(root, rows, right, k + 1, mean, factor, p)
+            break
+    return FlatStart(mean, factor, free)
+
+
+def one_earlier(flat: FlatStart) -> FlatStart:
+    """What was known about δ before each sample: nothing before the first."""
+    n_kept, q = flat.mean.shape
+    if n_kept == 0:
+        return flat
+    first_free = np.eye(q)[None]
+    return FlatStart(
+        np.concatenate([np.zeros((1, q)), flat.mean[:-1]]),
+        np.concatenate([np.zeros((1, q, q)), flat.factor[:-1]]),
+        np.concatenate([first_free, flat.free[:-1]]),
+    )
+
+
+def correct(
+    mean: np.ndarray,
+    cov: np.ndarray,
+    index: np.ndarray,
+    loads: np.ndarray,
+    flat: FlatStart,
+    scale: np.ndarray,
+) -> GaussianSequence:
+    """Add the unknown start: vector = N(mean, cov) + loads δ for the first samples, in place in `mean`.
+
+    cov (n_distinct, m, m) by `index`; loads (n_kept, m, q); δ as in `flat`, whose first axis is n_kept.
+    """
+    n_kept, m, q = loads.shape
+    if n_kept == 0 or q == 0:
+        return GaussianSequence(mean, Varying(cov, index), _nothing_free(m, index.size), scale)
+    mean[:n_kept] += np.einsum("kmq,kq->km", loads, flat.mean)
+    spread = loads @ flat.factor
+    total = cov[index[:n_kept]] + spread @ np.swapaxes(spread, 1, 2)
+    free, free_index = _free_loads(loads @ flat.free, index.size)
+    numbers = np.concatenate([np.arange(n_kept), n_kept + index[n_kept:]])
+    rest = cov if n_kept < index.size else cov[:0]
+    return GaussianSequence(
+        mean, Varying(np.concatenate([total, rest]), numbers), Varying(free, free_index), scale
+    )
+
+
+def flat_evidence(flat: FlatStart, forward: FilterPass, start: np.ndarray) -> float:
+    """log ∫ exp(δᵀ s - δᵀ Λ δ / 2) dx0 over the observable δ, with x[0] = … + start δ, start (n, q).
+
+    = (sᵀ Λ⁻¹ s - log |Λ| + p log 2π) / 2 + log |dx0 / dδ|; NaN when the record does not determine δ.
+    """
+    p, n_kept = forward.n_observable, flat.mean.shape[0]
+    white = whitening(forward.innovation_cov)[forward.index[:n_kept]]
+    rows = (white @ forward.innovation_sensitivity[:, :, :p]).reshape(-1, p)
+    fitted = rows @ flat.mean[-1, :p]  # s = Λ δ̂, so that sᵀ Λ⁻¹ s = |rows δ̂|²
+    values = np.linalg.svd(flat.factor[-1, :p, :p], compute_uv=False)
+    if np.any(values == 0.0):
+        return float("nan")
+    columns = np.linalg.svd(start[:, :p], compute_uv=False)
+    log_size = np.sum(np.log(values)) + np.sum(np.log(columns))
+    return float(0.5 * (fitted @ fitted + p * np.log(2 * np.pi)) + log_size)
+
+
+def _solve_root(R: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Minimum-norm solution of R δ = right, a root of (RᵀR)⁺, the undetermined directions and the
+    condition."""
+    p = R.shape[1]
+    full = np.zeros((p, p))
+    full[: R.shape[0]] = R
+    rest = np.zeros(p)
+    rest[: right.shape[0]] = right
+    left, values, directions = np.linalg.svd(full)
+    kept = values > RANK_TOLERANCE * values[0] if p else np.zeros(0, dtype=bool)
+    inverse = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
+    factor = directions.T * inverse
+    condition = values[0] / values[-1] if p and np.all(kept) else (np.inf if p else 1.0)
+    return factor @ (left.T @ rest), factor, directions.T * ~kept, condition
+
+
+def _cumulate(
+    root: np.ndarray,
+    rows: np.ndarray,
+    right: np.ndarray,
+    begin: int,
+    mean: np.ndarray,
+    factor: np.ndarray,
+    p: int,
+) -> None:
+    """Continue the regression from its triangular root at sample begin - 1 by normal equations, in place."""
+    if p == 0 or begin >= rows.shape[0]:
+        return
+    rows, right = rows[begin:], right[begin:]
+    information = np.cumsum(np.swapaxes(rows, 1, 2) @ rows, axis=0) + root[:, :p].T @ root[:, :p]
+    vector = np.cumsum(np.einsum("kyp,ky->kp", rows, right), axis=0) + root[:, :p].T @ root[:, p]
+    inverse_root = whitening(information)
+    factor[begin:, :p, :p] = np.swapaxes(inverse_root, 1, 2)
+    mean[begin:, :p] = np.einsum(
+        "kab,kb->ka", factor[begin:, :p, :p], np.einsum("kab,kb->ka", inverse_root, vector)
+    )
+
+
+def _nothing_free(m: int, n_samples: int) -> Varying:
+    return Varying(np.zeros((1, m, 0)), np.zeros(n_samples, dtype=np.int64))
+
+
+def _free_loads(free: np.ndarray, n_samples: int) -> tuple[np.ndarray, np.ndarray]:
+    """Free directions of the first samples, zero for the others; samples without any share entry 0."""
+    some = np.any(free != 0.0, axis=(1, 2))
+    index = np.zeros(n_samples, dtype=np.int64)
+    index[: free.shape[0]] = np.where(some, np.cumsum(some), 0)
+    return np.concatenate([np.zeros((1, *free.shape[1:])), free[some]]), index

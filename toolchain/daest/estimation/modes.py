@@ -1,0 +1,141 @@
+"""The matrices that a filter meets along a record: one set per step length and pattern of present outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from daest.errors import EstimationError
+from daest.model.estimates import Modes
+from daest.model.experiment import Experiment
+from daest.model.linear import DiscreteModel
+
+Models = DiscreteModel | Sequence[DiscreteModel] | Mapping[float, DiscreteModel]
+
+STEP_TOLERANCE = 1e-6  # relative difference between a step of the record and the period of its model
+LONG_RUN = 64  # samples with the same matrices that are worth a treatment of their own
+
+
+def models_by_interval(model: Models, time: np.ndarray) -> tuple[list[DiscreteModel], np.ndarray]:
+    """Distinct models and, for every sample, which of them leads to the next one (the last repeats its
+    predecessor)."""
+    steps = np.diff(time)
+    if isinstance(model, DiscreteModel):
+        models, which = [model], np.zeros(steps.size, dtype=int)
+    elif isinstance(model, Mapping):
+        models = sorted(model.values(), key=lambda m: m.period)
+        lengths = np.array([m.period for m in models])
+        which = np.searchsorted((lengths[1:] + lengths[:-1]) / 2, steps)  # the nearest
+    else:
+        models = list({id(m): m for m in model}.values())
+        position = {id(m): i for i, m in enumerate(models)}
+        which = np.array([position[id(m)] for m in model], dtype=int)[: steps.size]
+    if which.size != steps.size:
+        raise EstimationError(
+            "filter-uneven-samples", f"{which.size} models for {steps.size} intervals of the record"
+        )
+    periods = np.array([m.period for m in models])[which]
+    late = np.flatnonzero(np.abs(steps - periods) > STEP_TOLERANCE * periods + 1e-9 * np.abs(time[1:]))
+    if late.size:
+        k = int(late[0])
+        raise EstimationError(
+            "filter-uneven-samples",
+            f"the step from {time[k]:.9g} s to {time[k + 1]:.9g} s is {steps[k]:.9g} s long, "
+            f"the sampled model is for {periods[k]:.9g} s",
+            remedy="give one sampled model per step length",
+        )
+    return models, np.append(which, which[-1] if which.size else 0)
+
+
+def modes_of(models: list[DiscreteModel], which: np.ndarray, outputs: np.ndarray) -> Modes:
+    """One set of matrices per distinct pair of model and present outputs."""
+    present = ~np.isnan(outputs)
+    if len(models) == 1 and np.all(present):
+        first, index = np.zeros(1, dtype=np.int64), np.zeros(which.size, dtype=np.int64)
+    else:
+        code = which
+        for column in present.T:  # renumbered at every output, so that codes stay small
+            _, code = np.unique(code * 2 + column, return_inverse=True)
+        _, first, index = np.unique(code, return_index=True, return_inverse=True)
+    mask = present[first]
+    chosen = [models[i] for i in which[first]]
+    rows = mask.astype(float)
+    R = np.stack([m.measurement_cov for m in chosen]) * rows[:, :, None] * rows[:, None, :]
+    R += np.eye(mask.shape[1]) * (1.0 - rows[:, :, None])
+    return Modes(
+        transition=np.stack([m.transition for m in chosen]),
+        output=np.stack([m.output for m in chosen]) * rows[:, :, None],
+        process_cov=np.stack([m.process_cov for m in chosen]),
+        cross_cov=np.stack([m.cross_cov for m in chosen]) * rows[:, None, :],
+        measurement_cov=R,
+        noise_cov=np.stack([m.noise_cov for m in chosen]),
+        noise_process_cov=np.stack([m.noise_process_cov for m in chosen]),
+        noise_measurement_cov=np.stack([m.noise_measurement_cov for m in chosen]) * rows[:, None, :],
+        present=mask,
+        model=which[first],
+        index=index,
+    )
+
+
+def by_index(matrices: np.ndarray, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """matrices[index[k]] @ rows[k] for all k, (n_samples, m); long runs of one index are one product."""
+    if matrices.shape[0] == 1:
+        return rows @ matrices[0].T
+    result = np.empty((rows.shape[0], matrices.shape[1]))
+    edges = np.flatnonzero(np.diff(index)) + 1
+    starts, stops = np.concatenate([[0], edges]), np.concatenate([edges, [index.size]])
+    is_long = stops - starts >= LONG_RUN
+    for begin, end in zip(starts[is_long], stops[is_long], strict=True):
+        result[begin:end] = rows[begin:end] @ matrices[index[begin]].T
+    short = np.repeat(~is_long, stops - starts)
+    result[short] = np.einsum("kij,kj->ki", matrices[index[short]], rows[short])
+    return result
+
+
+def known_parts(
+    models: list[DiscreteModel], which: np.ndarray, experiment: Experiment
+) -> tuple[np.ndarray, np.ndarray]:
+    """D ū + d (n_samples, n_y) and Γ0 ū[k] + Γ1 ū[k+1] + γ (n_samples, n); the last sample has no next
+    one."""
+    now = experiment.inputs
+    following = np.concatenate([now[1:], now[-1:]])
+    known = by_index(np.stack([m.feedthrough for m in models]), which, now)
+    known += np.stack([m.output_offset for m in models])[which if len(models) > 1 else 0]
+    drive = by_index(np.stack([m.input_now for m in models]), which, now)
+    if any(np.any(m.input_next) for m in models):
+        drive += by_index(np.stack([m.input_next for m in models]), which, following)
+    drive += np.stack([m.drift for m in models])[which if len(models) > 1 else 0]
+    return known, drive
+
+
+def select_outputs(model: DiscreteModel, rows: np.ndarray) -> DiscreteModel:
+    """The model with the outputs `rows` only."""
+    fields = dict(model.__dict__)
+    for name in ("output", "feedthrough", "output_offset"):
+        fields[name] = fields[name][rows]
+    for name in ("cross_cov", "noise_measurement_cov"):
+        fields[name] = fields[name][:, rows]
+    fields["measurement_cov"] = model.measurement_cov[np.ix_(rows, rows)]
+    return DiscreteModel(**fields)
+
+
+def mode_model(modes: Modes, mode: int) -> DiscreteModel:
+    n, n_y = modes.transition.shape[1], modes.output.shape[1]
+    return DiscreteModel(
+        transition=modes.transition[mode],
+        input_now=np.zeros((n, 0)),
+        input_next=np.zeros((n, 0)),
+        drift=np.zeros(n),
+        output=modes.output[mode],
+        feedthrough=np.zeros((n_y, 0)),
+        output_offset=np.zeros(n_y),
+        process_cov=modes.process_cov[mode],
+        measurement_cov=modes.measurement_cov[mode],
+        cross_cov=modes.cross_cov[mode],
+        noise_cov=modes.noise_cov[mode],
+        noise_process_cov=modes.noise_process_cov[mode],
+        noise_measurement_cov=modes.noise_measurement_cov[mode],
+        period=1.0,
+        hold="zoh",
+    )

@@ -1,0 +1,80 @@
+"""The document of `daest filter`, and its table of estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from difflib import get_close_matches
+from typing import Any
+
+import numpy as np
+
+from daest.errors import EstimationError
+from daest.model.estimates import FilterResult
+
+
+def document(result: FilterResult) -> dict[str, Any]:
+    """JSON content: the summary; the estimates themselves are in `table`. Numbers that do not exist are
+    None."""
+    nis, noise = result.nis, result.process_noise
+    return {
+        "kind": result.kind,
+        "smoothed": result.smoothed,
+        "measure": list(result.measure),
+        "hold": result.hold,
+        "noise": result.noise,
+        "n_samples": int(result.time.size),
+        "log_likelihood": _number(result.log_likelihood),
+        "nis": {
+            "mean": _number(nis.mean),
+            "low": _number(nis.low),
+            "high": _number(nis.high),
+            "inside": nis.inside,
+            "n_innovations": nis.n_innovations,
+        },
+        "compared": {
+            name: {"fit_percent": _number(c.fit_percent), "rms": _number(c.rms)}
+            for name, c in result.compared.items()
+        },
+        "process_noise": {
+            "names": list(noise.names),
+            "units": list(noise.units),
+            "rms": [_number(v) for v in np.sqrt(np.mean(noise.values**2, axis=0))],
+            "std": [_number(v) for v in np.median(noise.std, axis=0)],
+        },
+        "steady_after": result.steady_after,
+        "undetermined": [result.names[i] for i in np.flatnonzero(np.isinf(result.std[-1]))],
+        "messages": list(result.messages),
+    }
+
+
+def table(result: FilterResult, only: Sequence[str] | None = None) -> tuple[list[str], np.ndarray]:
+    """Header `time`, `name`, `name.std`, … and rows (n_samples, 1 + 2 n_names); NaN where nothing is known.
+
+    `only` selects variables by name. Error (EstimationError): `filter-unknown-variable`.
+    """
+    chosen = list(result.names) if only is None else list(only)
+    columns = [_column(result, name) for name in chosen]
+    header, rows = ["time"], np.empty((result.time.size, 1 + 2 * len(chosen)))
+    rows[:, 0] = result.time
+    for place, (name, column) in enumerate(zip(chosen, columns, strict=True)):
+        header += [name, f"{name}.std"]
+        rows[:, 1 + 2 * place] = result.values[:, column]
+        rows[:, 2 + 2 * place] = result.std[:, column]
+    rows[np.isinf(rows)] = np.nan
+    return header, rows
+
+
+def _column(result: FilterResult, name: str) -> int:
+    if name in result.names:
+        return result.names.index(name)
+    near = get_close_matches(name, result.names, 3)
+    raise EstimationError(
+        "filter-unknown-variable",
+        f"the model has no variable {name}",
+        where=name,
+        remedy=f"similar names: {', '.join(near)}" if near else "see `daest linearize` for all names",
+    )
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
