@@ -16,7 +16,8 @@ model ServoIndex3 "Servo with support flanges, accelerations and relative accele
   Daest.Electrical.Analog.Basic.Ground ground "Reference of the potentials";
   Daest.Electrical.Analog.Basic.Resistor resistor(R = R) "Winding of the motor";
   Daest.Electrical.Analog.Basic.RotationalEMF emf(k = k, useSupport = true) "Air gap of the motor";
-  Daest.Mechanics.Rotational.Components.Fixed housing "Housing of motor and gear";
+  Daest.Mechanics.Rotational.Components.Fixed motor_housing "Housing of the motor";
+  Daest.Mechanics.Rotational.Components.Fixed gear_housing "Housing of the gear";
   Daest.Mechanics.Rotational.Components.Inertia motor(J = J1) "Rotor of the motor";
   Daest.Mechanics.Rotational.Components.IdealGear gear(ratio = 30, useSupport = true) "Gear";
   Daest.Mechanics.Rotational.Sensors.TorqueSensor coupling "Torque sensor between gear and spring";
@@ -31,8 +32,8 @@ equation
   connect(emf.n, source.n);
   connect(source.n, ground.p);
   connect(emf.flange, motor.flange_a);
-  connect(emf.support, housing.flange);
-  connect(gear.support, housing.flange);
+  connect(emf.support, motor_housing.flange);
+  connect(gear.support, gear_housing.flange);
   connect(motor.flange_b, gear.flange_a);
   connect(gear.flange_b, coupling.flange_a);
   connect(coupling.flange_b, spring.flange_a);

@@ -1,0 +1,52 @@
+model Wall "A wall between a fixed and a prescribed temperature, with heating; two bodies at temperatures in degC"
+  Daest.Blocks.Interfaces.RealInput T_out(unit = "K", start = 300) "Outer temperature";
+  Daest.Blocks.Interfaces.RealInput P(unit = "W", start = 0) "Power of the heater";
+  Daest.Blocks.Interfaces.RealInput T_c(unit = "degC", start = 20) "Temperature of the warm side";
+  Daest.Blocks.Interfaces.RealOutput T(unit = "K") "Temperature of the wall";
+  Daest.Blocks.Interfaces.RealOutput T_rel(unit = "K") "Temperature from the wall to the inner side";
+  Daest.Blocks.Interfaces.RealOutput Q(unit = "W") "Heat flow from the inner side to the wall";
+  Daest.Blocks.Interfaces.RealOutput T_mid(unit = "degC") "Temperature between the warm and the cold side";
+
+  Daest.Thermal.HeatTransfer.Sources.FixedTemperature inside(T = 295) "Inner side";
+  Daest.Thermal.HeatTransfer.Sensors.HeatFlowSensor flux "Heat flow sensor";
+  Daest.Thermal.HeatTransfer.Components.ThermalResistor inner_layer(R = 0.2) "Inner layer";
+  Daest.Thermal.HeatTransfer.Components.HeatCapacitor wall(C = 50) "Wall";
+  Daest.Thermal.HeatTransfer.Components.ThermalResistor outer_layer(R = 0.4) "Outer layer";
+  Daest.Thermal.HeatTransfer.Sources.PrescribedTemperature outside "Outer side";
+  Daest.Thermal.HeatTransfer.Sources.PrescribedHeatFlow heater "Heater";
+  Daest.Thermal.HeatTransfer.Sources.FixedHeatFlow lamp(Q_flow = 10) "Lamp";
+  Daest.Noise.WhiteHeatFlow white(intensity = 1) "Noise";
+  Daest.Noise.ColouredHeatFlow coloured(std = 2, T = 5) "Noise";
+  Daest.Thermal.HeatTransfer.Sensors.TemperatureSensor thermometer "Thermometer";
+  Daest.Thermal.HeatTransfer.Sensors.RelTemperatureSensor difference "Temperature difference";
+
+  Daest.Thermal.HeatTransfer.Celsius.FixedTemperature cold(T = 4) "Cold side";
+  Daest.Thermal.HeatTransfer.Celsius.PrescribedTemperature warm "Warm side";
+  Daest.Thermal.HeatTransfer.Components.ThermalResistor cold_layer(R = 1) "Cold layer";
+  Daest.Thermal.HeatTransfer.Components.ThermalResistor warm_layer(R = 3) "Warm layer";
+  Daest.Thermal.HeatTransfer.Celsius.TemperatureSensor middle "Thermometer in the middle";
+equation
+  connect(T_out, outside.T);
+  connect(P, heater.Q_flow);
+  connect(T_c, warm.T);
+  connect(inside.port, flux.port_a);
+  connect(flux.port_b, inner_layer.port_a);
+  connect(inner_layer.port_b, wall.port);
+  connect(wall.port, outer_layer.port_a);
+  connect(outer_layer.port_b, outside.port);
+  connect(heater.port, wall.port);
+  connect(lamp.port, wall.port);
+  connect(white.port, wall.port);
+  connect(coloured.port, wall.port);
+  connect(thermometer.port, wall.port);
+  connect(difference.port_a, wall.port);
+  connect(difference.port_b, inside.port);
+  connect(thermometer.T, T);
+  connect(difference.T_rel, T_rel);
+  connect(flux.Q_flow, Q);
+  connect(cold.port, cold_layer.port_a);
+  connect(cold_layer.port_b, middle.port);
+  connect(middle.port, warm_layer.port_a);
+  connect(warm_layer.port_b, warm.port);
+  connect(middle.T, T_mid);
+end Wall;
