@@ -146,7 +146,7 @@ def _evaluate(conditions: Conditions, x: np.ndarray) -> tuple[np.ndarray, np.nda
         residual, slopes = conditions.function(x)
     except RuntimeError:
         return np.full(len(conditions.texts), np.inf), np.zeros((len(conditions.texts), x.size))
-    return residual.full().ravel(), slopes.full()
+    return residual.full().ravel(), np.nan_to_num(slopes.full())
 
 
 def _free_states(slopes: np.ndarray, wish: np.ndarray) -> np.ndarray:
@@ -213,7 +213,7 @@ def _unsolved(conditions: Conditions, residual: np.ndarray, slopes: np.ndarray, 
             "initial-overdetermined",
             "\n".join([f"the start values and initial equations contradict each other ({free}):", *lines]),
             where=where,
-            remedy="remove `fixed = true` or an initial equation where the variables are tied by a constraint",
+            remedy="remove `fixed = true` or an initial equation where a constraint ties the variables",
         )
     return ModelError(
         "initial-not-solved",

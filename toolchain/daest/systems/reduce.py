@@ -26,6 +26,7 @@ from daest.systems.pantelides import (
 )
 from daest.systems.sample_point import SamplePoint, nudged, sample_point
 
+MOST_PLACES = 256  # sizes of alias groups beyond this are not told apart
 NEWTON_STEPS = 50
 NEWTON_TOLERANCE = 1e-11  # of a loop's residual and step, both scaled to the sample point
 
@@ -132,18 +133,34 @@ def _state_rank(system: ExpandedSystem) -> np.ndarray:
     """Wish to keep der^o(ξ_j) as a state, (n_levels, n) integers, larger is stronger.
 
     Never-states come last, then derivatives that are no variable of their own; among variables the model's
-    stateSelect decides, then whether the model differentiates it, a fixed start, a start."""
+    stateSelect decides, then whether the model differentiates it, a fixed start, a start, and in how many
+    connectors it, or the variable whose derivative it is, occurs: absolute coordinates before relative
+    ones."""
     variables = system.aliases.variables
     differentiated = np.zeros(len(variables), dtype=bool)
     differentiated[system.sigma.columns[system.sigma.orders == 1]] = True
+    places = _shared_places(system)
     rank = np.zeros((len(system.z), len(variables)), dtype=int)
     for j, variable in enumerate(variables):
-        select = SELECT_RANK[variable.state_select]
-        claims = (differentiated[j], variable.fixed, variable.start is not None)
-        value = 16 * select + 8 * claims[0] + 4 * claims[1] + 2 * claims[2]
-        rank[0, j] = 0 if variable.state_select == "never" else 16 + value
-        rank[1:, j] = 1 if variable.state_select != "never" else 0
+        claims = 4 * differentiated[j] + 2 * variable.fixed + (variable.start is not None)
+        value = MOST_PLACES * (8 * SELECT_RANK[variable.state_select] + claims) + places[j]
+        is_never = variable.state_select == "never"
+        rank[0, j] = 0 if is_never else 2 + value
+        rank[1:, j] = 0 if is_never else 1
     return rank
+
+
+def _shared_places(system: ExpandedSystem) -> np.ndarray:
+    """Size of every unknown's alias group, or of the group that it is the derivative of if that is larger."""
+    size = np.bincount(system.aliases.slot, minlength=system.sigma.n)
+    sigma = system.sigma
+    n_entries = np.bincount(sigma.rows, minlength=sigma.n)
+    entries = list(zip(sigma.rows.tolist(), sigma.columns.tolist(), sigma.orders.tolist(), strict=True))
+    plain = {i: j for i, j, order in entries if order == 0}
+    for i, j, order in entries:
+        if order == 1 and n_entries[i] == 2 and i in plain:
+            size[plain[i]] = max(size[plain[i]], size[j])
+    return np.minimum(size, MOST_PLACES - 1)
 
 
 def _solve(system: ExpandedSystem, choice: StateChoice, point: SamplePoint) -> Definitions:
@@ -365,9 +382,9 @@ def _newton(
         "abstol": NEWTON_TOLERANCE,
         "abstolStep": NEWTON_TOLERANCE,
         "max_iter": NEWTON_STEPS,
-        "error_on_fail": True,
     }
-    return ca.rootfinder(name, "newton", problem, options), scale
+    # This plugin can be written out as C code. Where it does not arrive it raises an error or gives NaN.
+    return ca.rootfinder(name, "fast_newton", problem, options), scale
 
 
 def _derivative_function(

@@ -1,0 +1,407 @@
+"""Simulation of an explicit model under recorded inputs, without and with noise at the annotated places."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import casadi as ca
+import numpy as np
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
+from daest.errors import ModelError, NumericalError
+from daest.model.experiment import Experiment
+from daest.model.explicit import ExplicitModel
+from daest.model.flat import FlatModel
+from daest.model.linear import DiscreteModel, StateSpace
+from daest.model.simulation import Simulation
+from daest.numerics.exponential import covariance_integral, transition_integrals
+from daest.numerics.recursions import linear_recursion
+from daest.systems.initialize import initial_point
+from daest.systems.integrate import IntegrationError, integrate, integrator
+from daest.systems.linearize import is_affine_model
+from daest.systems.pantelides import name_equations
+from daest.systems.reduce import reduce_index
+from daest.systems.sample import sample
+from daest.systems.state_space import state_space, state_space_family
+
+Hold = Literal["zoh", "foh"]
+Recording = Experiment | tuple[np.ndarray, np.ndarray]
+
+RTOL = 1e-8  # relative local error of the adaptive integration
+SUBSTEPS = 4  # local linearisations per sample interval when a nonlinear model is simulated with noise
+EQUAL_STEPS = 1e-9  # sample intervals that differ by less than this share are treated as one length
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What a simulation needs, checked: v (n_samples, n_v) are the slopes of the interval that follows."""
+
+    explicit: ExplicitModel
+    time: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    theta: np.ndarray
+    x0: np.ndarray
+    hold: Hold
+
+    @property
+    def steps(self) -> np.ndarray:
+        return np.diff(self.time)
+
+
+def simulate(
+    model: FlatModel | ExplicitModel,
+    recording: Recording,
+    *,
+    theta: np.ndarray | None = None,
+    hold: Hold = "foh",
+    x0: np.ndarray | Mapping[str, float] | None = None,
+    noise: bool = False,
+    seed: int | None = None,
+    intensities: Mapping[str, float] | None = None,
+    rtol: float = RTOL,
+) -> Simulation:
+    """States, outputs and all internal variables at the times of `recording`.
+
+    `recording`: an Experiment whose inputs are used, or (time, inputs (n_samples, n_u)). `theta`: all
+    parameters (default: the model's values). `hold`: inputs constant or straight between samples; first
+    derivatives of inputs that the model needs are the slopes of foh. `x0`: all states, or start values of
+    variables by name, else the consistent initial point of the model.
+
+    Affine models are computed exactly by matrix exponentials; others by Radau IIA with adaptive steps at
+    `rtol`. `noise` adds white noise with its intensity (`intensities` by name win over the model's) and
+    measurement noise of the outputs' std: exactly sampled for affine models, else by local linearisation on
+    substeps (Itô). Where white noise reaches an output directly it is held over each sample, (43)-(45).
+
+    Raises ModelError `simulation-input`, `input-derivative-order`, `input-derivative-hold`,
+    `noise-intensity-missing` and what `initial_point` raises; NumericalError `simulation-failed`.
+    """
+    explicit = model if isinstance(model, ExplicitModel) else reduce_index(model)
+    task = _prepare(explicit, recording, theta, hold, x0)
+    is_affine = is_affine_model(explicit.flat)
+    rng = np.random.default_rng(seed)
+    w = np.zeros((task.time.size, len(explicit.flat.noises)))
+    intensity = _intensities(explicit.flat, intensities or {}) if noise else np.zeros(0)
+    with threadpool_limits(1):  # many small matrices: a second thread only waits
+        if np.any(intensity > 0):
+            states, w, method = (_affine_noisy if is_affine else _nonlinear_noisy)(task, intensity, rng)
+        else:
+            states, method = _affine(task) if is_affine else _nonlinear(task, rtol)
+    result = _collect(task, states, w, method)
+    if not noise:
+        return result
+    std = [0.0 if output.noise_std is None else output.noise_std for output in explicit.flat.outputs]
+    noisy = result.outputs + rng.standard_normal(result.outputs.shape) * np.array(std)
+    return replace(result, outputs=noisy, with_noise=True, seed=seed)
+
+
+def _prepare(
+    explicit: ExplicitModel,
+    recording: Recording,
+    theta: np.ndarray | None,
+    hold: Hold,
+    x0: np.ndarray | Mapping[str, float] | None,
+) -> _Task:
+    time, u = _inputs(explicit.flat, recording)
+    v = _slopes(explicit, time, u, hold)
+    values = explicit.flat.theta_values if theta is None else np.asarray(theta, dtype=float)
+    if isinstance(x0, Mapping) or x0 is None:
+        start, _ = initial_point(explicit, values, u[0], v[0], float(time[0]), given=x0)
+    else:
+        start = np.asarray(x0, dtype=float)
+    if start.shape != (explicit.n_states,):
+        raise ModelError(
+            "simulation-input", f"x0 has shape {start.shape}, the model {explicit.n_states} states"
+        )
+    return _Task(explicit, time, u, v, values, start, hold)
+
+
+def _inputs(flat: FlatModel, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
+    """time (n_samples,) and inputs (n_samples, n_u) in the model's order."""
+    names = [v.name for v in flat.inputs]
+    if isinstance(recording, Experiment):
+        missing = [name for name in names if name not in recording.input_names]
+        if missing:
+            raise ModelError(
+                "simulation-input",
+                f"the recording {recording.name} has no input {', '.join(missing)}",
+                remedy="map a column to it under [data.inputs]",
+            )
+        columns = [recording.input_names.index(name) for name in names]
+        time, u = recording.time, recording.inputs[:, columns]
+    else:
+        time, u = (np.asarray(part, dtype=float) for part in recording)
+        u = u.reshape(time.size, -1) if u.ndim == 1 else u
+    if u.shape != (time.size, len(names)):
+        raise ModelError(
+            "simulation-input", f"inputs have shape {u.shape}, expected {(time.size, len(names))}"
+        )
+    if time.size == 0 or np.any(np.diff(time) <= 0) or not np.all(np.isfinite(u)):
+        raise ModelError("simulation-input", "times must increase and inputs must be finite")
+    return time, u
+
+
+def _slopes(explicit: ExplicitModel, time: np.ndarray, u: np.ndarray, hold: Hold) -> np.ndarray:
+    """Input derivatives v (n_samples, n_v): the slope of the interval that follows, at the end the last."""
+    for derivative in explicit.input_derivatives:
+        if derivative.order > 1 or hold == "zoh":
+            raise _no_input_derivative(explicit.flat, derivative.index, derivative.order, hold)
+    sources = [d.index for d in explicit.input_derivatives]
+    if time.size < 2:
+        return np.zeros((time.size, len(sources)))
+    rates = np.diff(u[:, sources], axis=0) / np.diff(time)[:, None]
+    return np.vstack([rates, rates[-1:]])
+
+
+def _no_input_derivative(flat: FlatModel, source: int, order: int, hold: Hold) -> ModelError:
+    name = flat.inputs[source].name
+    rows = tuple(sorted(set(ca.jacobian_sparsity(flat.residual, flat.u[source]).get_triplet()[0])))
+    reason = (
+        f"the model needs the time derivative of order {order} of input {name}, because it differentiates"
+        if order > 1
+        else f"the model needs the time derivative of input {name}, which a held input ({hold}) has not, in"
+    )
+    remedy = (
+        "let the derivative itself be the input of the model, or feed the input through a lag"
+        if order > 1
+        else "use first-order hold (--hold foh)"
+    )
+    return ModelError(
+        "input-derivative-order" if order > 1 else "input-derivative-hold",
+        "\n".join([reason, *name_equations(flat.equations, rows)]),
+        where=next((flat.equations[r].place for r in rows), None),
+        remedy=remedy,
+    )
+
+
+def _intensities(flat: FlatModel, given: Mapping[str, float]) -> np.ndarray:
+    values = [given.get(n.name, n.intensity) for n in flat.noises]
+    for noise, value in zip(flat.noises, values, strict=True):
+        if value is None:
+            raise ModelError(
+                "noise-intensity-missing",
+                f"the white noise {noise.name} has no intensity",
+                where=noise.place,
+                remedy="write annotation(__Daest(noise = true, intensity = ...)), in [unit]^2 s",
+            )
+    return np.array(values, dtype=float)
+
+
+def _step_groups(steps: np.ndarray) -> list[tuple[float, np.ndarray]]:
+    """Interval lengths and the positions of the intervals that have them."""
+    if steps.size == 0:
+        return []
+    order = np.argsort(steps, kind="stable")
+    cuts = np.flatnonzero(np.diff(steps[order]) > EQUAL_STEPS * steps[order][1:]) + 1
+    return [(float(np.mean(steps[part])), part) for part in np.split(order, cuts)]
+
+
+def _affine(task: _Task) -> tuple[np.ndarray, str]:
+    models = _discrete_models(task, _state_space(task), None)
+    drives = np.empty((task.steps.size, task.x0.size))
+    for model, part in models:
+        drives[part] = _drive(model, task, part)
+    return _run(models, drives, task.x0), f"matrix exponential, {task.hold}"
+
+
+def _affine_noisy(
+    task: _Task, intensity: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, str]:
+    """States, mean noise of every interval, method. w̄ and the noise of the states are drawn jointly."""
+    ss = _state_space(task)
+    models = _discrete_models(task, ss, intensity)
+    n_w, n_x = intensity.size, task.x0.size
+    drives, w = np.empty((task.steps.size, n_x)), np.zeros((task.time.size, n_w))
+    draws = rng.standard_normal((task.time.size, n_w + n_x))
+    for model, part in models:
+        cross = model.noise_process_cov
+        joint = np.block([[model.noise_cov, cross], [cross.T, model.process_cov]])
+        noises = draws[part] @ _square_root(joint).T
+        w[part] = noises[:, :n_w]
+        drives[part] = _drive(model, task, part) + noises[:, n_w:]
+    if models:
+        last = next(model for model, part in models if task.steps.size - 1 in part)
+        w[-1] = draws[-1, :n_w] * np.sqrt(np.diag(last.noise_cov))
+    kind = "held over a sample" if _reaches_outputs(ss, intensity) else "sampled exactly"
+    return _run(models, drives, task.x0), w, f"matrix exponential, {task.hold}, white noise {kind}"
+
+
+def _state_space(task: _Task) -> StateSpace:
+    return state_space(state_space_family(task.explicit), task.theta)
+
+
+def _reaches_outputs(ss: StateSpace, intensity: np.ndarray) -> bool:
+    return bool(np.any(np.abs(ss.H) @ intensity > 0))
+
+
+def _discrete_models(
+    task: _Task, ss: StateSpace, intensity: np.ndarray | None
+) -> list[tuple[DiscreteModel, np.ndarray]]:
+    """One sampled model per interval length, with the positions of its intervals."""
+    held = intensity is not None and _reaches_outputs(ss, intensity)
+    return [
+        (sample(ss, step, task.hold, intensity, noise="held" if held else "white"), part)
+        for step, part in _step_groups(task.steps)
+    ]
+
+
+def _drive(model: DiscreteModel, task: _Task, part: np.ndarray) -> np.ndarray:
+    """Input part of the recursion for the intervals `part`, (n_part, n_states)."""
+    stacked = np.hstack([task.u, task.v])
+    return stacked[part] @ model.input_now.T + stacked[part + 1] @ model.input_next.T + model.drift
+
+
+def _run(models: list[tuple[DiscreteModel, np.ndarray]], drives: np.ndarray, x0: np.ndarray) -> np.ndarray:
+    if len(models) == 1:
+        return linear_recursion(models[0][0].transition, drives, x0)
+    states = np.empty((drives.shape[0] + 1, x0.size))
+    states[0] = x0
+    group = np.empty(drives.shape[0], dtype=int)
+    for number, (_, part) in enumerate(models):
+        group[part] = number
+    for k, number in enumerate(group):
+        states[k + 1] = models[number][0].transition @ states[k] + drives[k]
+    return states
+
+
+def _square_root(covariance: np.ndarray) -> np.ndarray:
+    """L with L Lᵀ = covariance, which may be singular; scaled to unit variances: units do not matter."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    safe = np.where(scale > 0, scale, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(safe, safe))
+    return safe[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+
+
+def _nonlinear(task: _Task, rtol: float) -> tuple[np.ndarray, str]:
+    engine = integrator(task.explicit)
+    nominal = {v.name: v.nominal for v in task.explicit.flat.unknowns}
+    scale = np.array([abs(nominal.get(name) or 1.0) for name in task.explicit.state_names])
+    try:
+        run = integrate(
+            engine, task.time, task.u, task.theta, task.x0, hold=task.hold, rtol=rtol, state_scale=scale
+        )
+    except IntegrationError as error:
+        raise _failed(error.time, error.what) from error
+    how = f"adaptive steps, rtol {rtol:g}" if engine.library is not None else "fixed steps"
+    return run.states, f"Radau IIA order 5, {how}, {task.hold}"
+
+
+def _failed(time: float, reason: str) -> NumericalError:
+    return NumericalError(
+        "simulation-failed",
+        f"the simulation stopped at t = {time:g} s: {reason}",
+        remedy="check the parameters and the inputs at that time; a model whose choice of states becomes "
+        "singular there needs other states (stateSelect)",
+    )
+
+
+def _nonlinear_noisy(
+    task: _Task, intensity: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, str]:
+    """States, mean noise of every interval, method; noise that reaches an output is held over each sample."""
+    slopes = _slope_function(task.explicit)
+    arguments = task.explicit.outputs.mx_in()
+    held = bool(ca.jacobian_sparsity(task.explicit.outputs(*arguments), arguments[3]).nnz())
+    states = np.empty((task.time.size, task.x0.size))
+    states[0] = task.x0
+    lengths = np.append(task.steps, task.steps[-1:] if task.steps.size else 1.0)
+    w = rng.standard_normal((task.time.size, intensity.size)) * np.sqrt(intensity / lengths[:, None])
+    for k in range(task.steps.size):
+        states[k + 1], mean = _noisy_interval(
+            slopes, task, k, states[k], w[k] if held else None, intensity, rng
+        )
+        w[k] = w[k] if held else mean
+        if not np.all(np.isfinite(states[k + 1])):
+            raise _failed(float(task.time[k]), "the model gives no finite derivative")
+    kind = "held over a sample" if held else "white"
+    return states, w, f"local linearisation, {SUBSTEPS} substeps, {task.hold}, noise {kind}"
+
+
+def _noisy_interval(
+    slopes: ca.Function,
+    task: _Task,
+    k: int,
+    x: np.ndarray,
+    held: np.ndarray | None,
+    intensity: np.ndarray,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray]:
+    """State at the end of interval k, and the mean of w over it, from x at its start.
+
+    Local linearisation (Jimenez & Ozaki): per substep the exact solution, mean and covariance, of the model
+    linearised at the substep's start in x and at its middle in u and t; order 2 in the drift."""
+    step = float(task.steps[k])
+    rise = task.u[k + 1] - task.u[k] if task.hold == "foh" else np.zeros(task.u.shape[1])
+    w = np.zeros(intensity.size) if held is None else held
+    total = np.zeros(intensity.size)
+    for number in range(SUBSTEPS):
+        middle = (number + 0.5) / SUBSTEPS
+        at = (task.u[k] + middle * rise, task.v[k], w, task.theta, task.time[k] + middle * step)
+        white = intensity if held is None else None
+        x, increment = _local_step(slopes, x, at, step / SUBSTEPS, white, rng)
+        total += increment
+    return x, total / step
+
+
+def _slope_function(explicit: ExplicitModel) -> ca.Function:
+    """(x, u, v, w, theta, t) -> f, ∂f/∂x, ∂f/∂w."""
+    arguments: Any = explicit.rhs.sx_in() if explicit.is_symbolic else explicit.rhs.mx_in()
+    f: Any = explicit.rhs(*arguments)
+    parts = [f, ca.jacobian(f, arguments[0]), ca.jacobian(f, arguments[3])]
+    return ca.Function("slopes", arguments, [ca.densify(part) for part in parts])
+
+
+def _local_step(
+    slopes: ca.Function,
+    x: np.ndarray,
+    at: tuple,
+    h: float,
+    intensity: np.ndarray | None,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The state after h and the integral of w over h (zero when `intensity` is None)."""
+    try:
+        f, A, G = (part.full() for part in slopes(x, *at))
+    except RuntimeError as error:
+        raise _failed(float(at[-1]), "a nonlinear equation inside the model has no solution") from error
+    if not (np.all(np.isfinite(f)) and np.all(np.isfinite(A))):
+        return np.full(x.size, np.nan), np.zeros(G.shape[1])
+    first = transition_integrals(A, h).first
+    moved = x + first @ f[:, 0]
+    if intensity is None:
+        return moved, np.zeros(G.shape[1])
+    spread = G * intensity
+    cross = (first @ spread).T  # E ∫w x̃ᵀ
+    joint = np.block([[np.diag(intensity * h), cross], [cross.T, covariance_integral(A, spread @ G.T, h)]])
+    draw = _square_root(joint) @ rng.standard_normal(joint.shape[0])
+    return moved + draw[intensity.size :], draw[: intensity.size]
+
+
+def _collect(task: _Task, states: np.ndarray, w: np.ndarray, method: str) -> Simulation:
+    explicit, flat = task.explicit, task.explicit.flat
+    columns = (states.T, task.u.T, task.v.T, w.T, task.theta, task.time[None, :])
+    try:
+        outputs, variables = (f(*columns).full().T for f in (explicit.outputs, explicit.variables))
+    except RuntimeError as error:
+        raise _failed(float(task.time[-1]), "an internal variable has no solution") from error
+    signals: list[Any] = [*flat.inputs, *flat.unknowns, *flat.noises, *flat.outputs]
+    units = {signal.name: signal.unit for signal in signals}
+    return Simulation(
+        model_name=flat.name,
+        time=task.time,
+        inputs=task.u,
+        states=states,
+        outputs=outputs.reshape(task.time.size, -1),
+        variables=variables.reshape(task.time.size, -1),
+        noises=w,
+        input_names=tuple(v.name for v in flat.inputs),
+        state_names=explicit.state_names,
+        output_names=tuple(v.name for v in flat.outputs),
+        variable_names=tuple(v.name for v in flat.unknowns),
+        noise_names=tuple(v.name for v in flat.noises),
+        units={**units, **dict(zip(explicit.state_names, explicit.state_units, strict=True))},
+        hold=task.hold,
+        method=method,
+    )
