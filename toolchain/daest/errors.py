@@ -80,6 +80,10 @@ class NumericalError(DaestError):
 
 EXPLANATIONS: dict[str, str] = {
     # Sorted by code. Each text: what it means, why it matters, what to do.
+    "at-without-values": (
+        "The file of --at must hold parameters (as results/fit.json does) or an operating point under the "
+        "key at, values by the names of unknowns and inputs."
+    ),
     "compare-missing-output": (
         "The models that are compared must have the outputs of the first one in common. [data] outputs in "
         "daest.toml can declare any variable of a model as an output."
@@ -214,6 +218,11 @@ EXPLANATIONS: dict[str, str] = {
         "and driven. Usually the noise covariances differ by too many powers of ten. Check them, or use the "
         "time-varying filter."
     ),
+    "filter-noise-unknown": (
+        "A filter weighs model against measurement by the sizes of their noises, and one of them is not "
+        "known. daest identify estimates them; daest.toml or the annotations of the model can give them."
+    ),
+    "filter-one-recording": "daest filter runs over one recording at a time; name the file.",
     "filter-singular-innovation": (
         "The model says that an output can be predicted without any error: neither the output nor the states "
         "behind it have noise. Give every measured output a standard deviation above zero."
