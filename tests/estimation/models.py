@@ -69,8 +69,8 @@ def servo(values, noise=None, outputs=("omega", "phi"), sign=1.0, estimate=("d",
     return family_from(states, ["u"], noises, outputs, parameters, rhs, measured)
 
 
-def positioning_system(mass=80.0, friction=300.0, offset=0.0):
-    """One mass with viscous friction and a constant force: M a = F - Fv v - offset, position measured."""
+def positioning_system(mass=80.0, friction=300.0, offset=0.0, noise=False):
+    """One mass with viscous friction and a constant force: M a = F + w - Fv v - offset, position measured."""
     parameters = [
         Parameter("M", mass, "kg", min=0.0, estimate=True),
         Parameter("Fv", friction, "N.s/m", min=0.0, estimate=True),
@@ -78,11 +78,15 @@ def positioning_system(mass=80.0, friction=300.0, offset=0.0):
     ]
 
     def rhs(x, u, w, theta):
-        return ca.vertcat(x[1], (u[0] - theta[1] * x[1] - theta[2]) / theta[0])
+        load = w[0] if noise else 0.0
+        return ca.vertcat(x[1], (u[0] + load - theta[1] * x[1] - theta[2]) / theta[0])
 
-    return family_from(
-        [("x", "m"), ("v", "m/s")], ["F"], [], ["position"], parameters, rhs, lambda x, u, w, theta: x[0]
-    )
+    def measured(x, u, w, theta):
+        return x[0]
+
+    noises = [("load.f", {"unit": "N"})] if noise else []
+    states = [("x", "m"), ("v", "m/s")]
+    return family_from(states, ["F"], noises, ["position"], parameters, rhs, measured)
 
 
 def read_csv(path, time, inputs, outputs, name=""):

@@ -13,7 +13,9 @@ from daest.numerics.statistics import coloured_moment, whiteness_p_value
 
 FLAT_DIRECTION = 1e-11  # eigenvalue of the scaled information (unit diagonal) that counts as zero
 NO_INFLUENCE = 1e-16  # information per measured value that is none: a change by 1e-8 of the noise, on average
-WEAK_RELATIVE_STD = 0.1  # a direction is weak when a factor along it is uncertain by more than this
+WEAK_RELATIVE_STD = 0.01  # a joint direction is weak when its common factor is uncertain by more than this
+OPEN_RELATIVE_STD = 0.5  # any direction is, also that of a single parameter, from here on
+SHARE = 0.8  # of a parameter's variance that a joint direction must explain to name the parameter
 SMALL_WEIGHT = 0.12  # of the largest weight: smaller ones are not named
 WEIGHT_STEP = 0.25  # weights are rounded to multiples of this
 WHITE_LEVEL = 0.01  # p-value below which residuals count as coloured
@@ -107,34 +109,44 @@ def correlation(cov: np.ndarray) -> np.ndarray:
 def weak_directions(
     coordinates: tuple[Coordinate, ...], values: np.ndarray, information: np.ndarray, cov: np.ndarray
 ) -> tuple[WeakDirection, ...]:
-    """Directions in log θ whose factor has a standard deviation above WEAK_RELATIVE_STD, weakest first.
+    """Directions in log θ that the data leave open, weakest first.
 
-    `information` and `cov` are in the units of the unknowns. Linear unknowns near zero are measured by their scale.
-    A combination is rounded to multiples of WEIGHT_STEP of its largest weight.
+    Two kinds: parameters that are uncertain together, while their ratios are known (one direction explains SHARE
+    of the variance of each), by more than WEAK_RELATIVE_STD; and any direction beyond OPEN_RELATIVE_STD, also
+    that of one parameter. `information` and `cov` are in the units of the unknowns. Linear unknowns near zero
+    are measured by their scale. Exponents are rounded to multiples of WEIGHT_STEP of the largest.
     """
-    size = np.array([
-        abs(v) if c.is_log else max(abs(v), c.scale) for c, v in zip(coordinates, values, strict=True)
-    ])
-    found = [(direction, np.inf) for direction in (flat_directions(information) / size[:, None]).T]
+    size = np.array(
+        [abs(v) if c.is_log else max(abs(v), c.scale) for c, v in zip(coordinates, values, strict=True)]
+    )
+    everything = np.ones(size.size, dtype=bool)
+    flat = (flat_directions(information) / size[:, None]).T
+    weak = [WeakDirection(_combination(coordinates, d, everything), float("inf")) for d in flat]
     known = np.flatnonzero(np.isfinite(np.diagonal(cov)))
-    if known.size:
-        relative = cov[np.ix_(known, known)] / np.outer(size[known], size[known])
-        variances, vectors = np.linalg.eigh((relative + relative.T) / 2)
-        for variance, vector in zip(variances[::-1], vectors.T[::-1], strict=True):
-            direction = np.zeros(size.size)
-            direction[known] = vector
-            found.append((direction, float(np.sqrt(max(variance, 0.0)) * np.max(np.abs(vector)))))
-    weak = [WeakDirection(_combination(coordinates, d), std) for d, std in found if std > WEAK_RELATIVE_STD]
+    relative = cov[np.ix_(known, known)] / np.outer(size[known], size[known])
+    variances, vectors = np.linalg.eigh((relative + relative.T) / 2)
+    for variance, vector in zip(variances[::-1], vectors.T[::-1], strict=True):
+        std = float(np.sqrt(max(variance, 0.0)) * np.max(np.abs(vector)))
+        direction, named = np.zeros(size.size), np.zeros(size.size, dtype=bool)
+        direction[known] = vector
+        named[known] = variance * vector**2 > SHARE * np.diagonal(relative)
+        together = _combination(coordinates, direction, named)
+        if len(together) > 1 and std > WEAK_RELATIVE_STD:
+            weak.append(WeakDirection(together, std))
+        elif std > OPEN_RELATIVE_STD:
+            weak.append(WeakDirection(_combination(coordinates, direction, everything), std))
     return tuple(weak)
 
 
-def _combination(coordinates: tuple[Coordinate, ...], direction: np.ndarray) -> dict[str, float]:
-    """Readable exponents: the largest is 1, small ones are dropped, the others rounded."""
+def _combination(
+    coordinates: tuple[Coordinate, ...], direction: np.ndarray, named: np.ndarray
+) -> dict[str, float]:
+    """Readable exponents of the named parameters: the largest is 1, small ones are dropped, the others rounded."""
     largest = direction[np.argmax(np.abs(direction))]
     weights = direction / largest
     rounded = np.rint(weights / WEIGHT_STEP) * WEIGHT_STEP
     return {
         c.name: float(r)
-        for c, w, r in zip(coordinates, weights, rounded, strict=True)
-        if abs(w) > SMALL_WEIGHT and r != 0.0
+        for c, w, r, is_named in zip(coordinates, weights, rounded, named, strict=True)
+        if is_named and abs(w) > SMALL_WEIGHT and r != 0.0
     }

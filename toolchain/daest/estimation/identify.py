@@ -69,7 +69,7 @@ def identify(
     setup = _setup(family, tuple(make_record(e, family) for e in estimation), options)
     setup = replace(setup, problem=replace(setup.problem, hold=_chosen_hold(setup, options)))
     _check_start(setup)
-    problem, ends = _search(setup, options, estimation[0])
+    problem, ends = _search(setup, options)
     validation_records = tuple(make_record(e, family) for e in held_back)
     simulated = {"estimation": simulated_agreement(problem, problem.records, ends[0].z)}
     agree = predicted_agreement if setup.method == "pem" else simulated_agreement
@@ -222,13 +222,13 @@ def _noisy(setup: Setup, z: np.ndarray) -> Problem:
     )
 
 
-def _search(setup: Setup, options: IdentifyOptions, first: Experiment) -> tuple[Problem, list[Found]]:
+def _search(setup: Setup, options: IdentifyOptions) -> tuple[Problem, list[Found]]:
     """The problem that was searched, and the end of the search from every start, best first."""
     unknowns = setup.problem.unknowns
     pairs = [_search_from(setup, unknowns.start, options.max_iterations)]
     starts = _further_starts(unknowns, options)
     if options.starts > 1 or _is_poor(setup, pairs[0]):
-        matched = matched_start(setup.problem, first)
+        matched = matched_start(setup.problem, options.seed)
         if matched is not None:
             starts = [matched, *starts]
     pairs += [_search_from(setup, z, options.max_iterations) for z in starts]

@@ -11,7 +11,7 @@ from daest.model.experiment import Experiment
 from daest.model.linear import StateSpaceFamily
 from daest.systems.sample import stacked_inputs
 
-GRID_TOLERANCE = 1e-3  # a step counts as a multiple of the shortest one when it is that close, relative
+GRID_TOLERANCE = 1e-3  # of a step: samples this close to a uniform grid lie on it
 MAX_GRID_GROWTH = 4  # a grid that would have more than this many samples per recorded one is not used
 
 
@@ -117,13 +117,13 @@ def _grid(experiment: Experiment) -> tuple[np.ndarray, np.ndarray, float | None]
     if period is not None or len(time) < 2:
         return time, every, period
     steps = np.diff(time)
-    shortest = float(np.min(steps))
-    total = round((time[-1] - time[0]) / shortest)
-    if total + 1 > MAX_GRID_GROWTH * len(time):
+    shortest = float(np.median(steps[steps < 1.5 * np.min(steps)]))
+    multiples = np.rint(steps / shortest)
+    index = np.concatenate([[0], np.cumsum(multiples)]).astype(int)
+    unit = (time[-1] - time[0]) / index[-1]
+    if index[-1] + 1 > MAX_GRID_GROWTH * len(time):
         return time, every, None
-    unit = (time[-1] - time[0]) / total
-    position = (time - time[0]) / unit
-    index = np.rint(position).astype(int)
-    if np.any(np.abs(position - index) > GRID_TOLERANCE) or np.any(np.diff(index) < 1):
+    # Rounded time stamps may drift from the grid by a part of a step that the signals do not notice.
+    if np.any(np.abs(time - time[0] - unit * index) > GRID_TOLERANCE * unit):
         return time, every, None
-    return time[0] + unit * np.arange(total + 1), index, float(unit)
+    return time[0] + unit * np.arange(index[-1] + 1), index, float(unit)

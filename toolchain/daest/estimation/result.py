@@ -227,12 +227,24 @@ def _message(
     if unknown:
         said.append(f"The data do not determine {', '.join(unknown)}: fix it, or measure more.")
     if weak:
-        texts = ["·".join(f"{n}^{w:g}" for n, w in d.combination.items()) for d in weak]
-        said.append(f"Known only together: {'; '.join(texts)}. Fix one parameter of each from another source.")
+        said += [_weak_text(direction) for direction in weak]
     absent = [n.name for n in noises if n.kind == "process" and n.at_bound == "min"]
     if absent:
         said.append(f"The data ask for no process noise at {', '.join(absent)}.")
     return " ".join(said)
+
+
+def _weak_text(direction: WeakDirection) -> str:
+    """One weak direction in words."""
+    names, weights = list(direction.combination), set(direction.combination.values())
+    size = "not known at all" if np.isinf(direction.relative_std) else f"± {100 * direction.relative_std:.2g} %"
+    if len(names) == 1:
+        return f"{names[0]} is hardly known ({size})."
+    listed = ", ".join(names[:-1]) + " and " + names[-1]
+    if weights == {1.0}:
+        return f"{listed} are known only up to a common factor ({size}); fix one of them from another source."
+    powers = " · ".join(f"{n}^{w:g}" for n, w in direction.combination.items())
+    return f"{listed} can move together as {powers} ({size}); fix one of them from another source."
 
 
 def _ending(best: Found) -> str:
