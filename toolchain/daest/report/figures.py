@@ -55,11 +55,12 @@ def comparison_figure(comparison: Comparison) -> Figure:
 
 def filter_figure(result: FilterResult, experiment: Experiment, names: tuple[str, ...] = ()) -> Figure:
     """Estimates of all measured outputs, or of the variables `names`, with their 95 % bands."""
-    shown = list(names) or list(result.output_values)
+    shown = list(names) or [name for name in experiment.output_names if name in result.names]
     figure, axes = _panels(len(shown), 1)
     for row, name in enumerate(shown):
         ax = axes[row][0]
-        value, std, unit = _estimate(result, name)
+        at = result.names.index(name)
+        value, std, unit = result.values[:, at], result.std[:, at], result.units[at]
         if name in experiment.output_names:
             ax.plot(experiment.time, experiment.outputs[:, experiment.output_names.index(name)], **MEASURED)
         finite = np.isfinite(std)
@@ -68,7 +69,7 @@ def filter_figure(result: FilterResult, experiment: Experiment, names: tuple[str
         ax.plot(
             result.time, value, color=LINES[0], lw=1.0, label="smoothed" if result.smoothed else "filtered"
         )
-        suffix = "" if name in result.measure or name not in result.output_values else " (not used)"
+        suffix = " (not used)" if name in result.compared else ""
         ax.set_ylabel(_label(name + suffix, unit))
         ax.legend(loc="upper right", fontsize=7)
     axes[-1][0].set_xlabel("time [s]")
@@ -119,14 +120,6 @@ def _colors() -> Any:
 
 def _label(name: str, unit: str) -> str:
     return f"{name} [{unit or '1'}]"
-
-
-def _estimate(result: FilterResult, name: str) -> tuple[np.ndarray, np.ndarray, str]:
-    if name in result.output_values:
-        units = dict(zip(result.names, result.units, strict=True))
-        return result.output_values[name], result.output_std[name], units.get(name, "")
-    column = result.names.index(name)
-    return result.values[:, column], result.std[:, column], result.units[column]
 
 
 def _spy(ax: Axes, matrix: Any, admissible: np.ndarray, *, marker: str, filled: bool) -> None:

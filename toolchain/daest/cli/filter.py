@@ -1,0 +1,155 @@
+"""`daest filter`: states and all internal variables with their uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from daest.cli.models import load_model, model_source
+from daest.cli.options import (
+    class_options,
+    data_options,
+    example,
+    format_option,
+    output_option,
+    plot_option,
+    project_option,
+)
+from daest.cli.output import emit, keep_inputs, note, whole_file, write_text
+from daest.cli.recordings import DataOptions, unseen_data
+from daest.cli.results import find_fit, fitted
+from daest.data.project import Project, load_project
+from daest.errors import ConfigError, EstimationError
+from daest.estimation.filter import run_filter
+from daest.model.experiment import Experiment
+from daest.model.flat import FlatModel
+from daest.report.csv_text import csv_text
+from daest.report.documents import filter as documents
+from daest.systems.state_space import state_space_family
+
+ESTIMATES = "estimates.csv"
+
+
+@click.command("filter", epilog=example("daest filter run2.csv --measure phi --smooth -o estimates.csv"))
+@click.argument("data", required=False, type=click.Path(path_type=Path))
+@click.option("--model", type=click.Path(path_type=Path), help="A .mo file or an .fmu (default: daest.toml).")
+@click.option(
+    "--measure",
+    metavar="OUTPUT",
+    multiple=True,
+    help="Use this output alone; the other measured ones are compared with their estimates.",
+)
+@click.option(
+    "--kind",
+    type=click.Choice(["time-varying", "stationary"]),
+    default="time-varying",
+    help="Kind of filter.",
+)
+@click.option("--smooth", is_flag=True, help="Estimate from the whole recording instead of the past.")
+@click.option("--only", metavar="NAME", multiple=True, help="Write this variable alone.")
+@class_options
+@data_options
+@project_option
+@format_option
+@output_option
+@plot_option
+def command(
+    data: Path | None,
+    model: Path | None,
+    measure: tuple[str, ...],
+    kind: Any,
+    smooth: bool,
+    only: tuple[str, ...],
+    class_name: str | None,
+    libraries: tuple[Path, ...],
+    start: float | None,
+    stop: float | None,
+    period: float | None,
+    detrend: Any,
+    hold: Any,
+    project_file: Path | None,
+    form: str,
+    output: Path | None,
+    plot: Path | None,
+) -> None:
+    """Estimate every variable of the model from the recording DATA, and write the estimates as CSV.
+
+    The table goes to results/estimates.csv or the file of -o, a summary to stdout. Parameters and noise are
+    those of results/fit.json.
+    """
+    from daest.report.texts import filter as texts
+
+    project = load_project(project_file)
+    keep_inputs(output, [data, model])
+    options = DataOptions(start, stop, period, detrend, None, hold)
+    flat, experiment, fit_hold = _prepared(project, model, class_name, libraries, data, options)
+    result = run_filter(
+        state_space_family(flat),
+        flat.theta_values,
+        experiment,
+        _known([(w.name, w.intensity) for w in flat.noises], "intensity", "process"),
+        _known([(y.name, y.noise_std) for y in flat.outputs], "std", "measurement") ** 2,
+        kind,
+        list(measure) or None,
+        smooth,
+        hold=hold or fit_hold,
+    )
+    text = csv_text(*documents.table(result, list(only) or None))
+    if output is not None and str(output) == "-":
+        write_text(text, output)
+        return
+    target = output or project.results / ESTIMATES
+    write_text(text, target)
+    note(f"the estimates are in {target}")
+    if plot is not None:
+        from daest.report.figures import filter_figure, save
+
+        with whole_file(plot) as temporary:
+            save(filter_figure(result, experiment, only), temporary)
+    emit(documents.document(result), "filter", form, None, texts.text)
+
+
+def _prepared(
+    project: Project,
+    model: Path | None,
+    class_name: str | None,
+    libraries: Sequence[Path],
+    data: Path | None,
+    options: DataOptions,
+) -> tuple[FlatModel, Experiment, Any]:
+    """The fitted model with its measured outputs, the recording, and the hold."""
+    source = model_source(project, model)
+    flat = load_model(project, source, class_name, libraries)
+    fit = find_fit(project, source, flat.name)
+    if fit is None:
+        note("no fit found: the parameters and the noise of the model are used")
+    else:
+        note(f"parameters and noise of {fit[0]}")
+        flat = fitted(flat, fit[1])
+    flat, experiments = unseen_data(flat, project, [data] if data else [], options)
+    if len(experiments) > 1:
+        names = ", ".join(experiment.name for experiment in experiments)
+        raise ConfigError(
+            "filter-one-recording",
+            f"a filter runs over one recording, and daest.toml names {len(experiments)}: {names}",
+            remedy="name one of them: daest filter run2.csv",
+        )
+    hold = project.hold or (fit[1].get("hold") if fit else None) or "foh"
+    return flat, experiments[0], hold
+
+
+def _known(sizes: Sequence[tuple[str, float | None]], what: str, section: str) -> np.ndarray:
+    """All sizes as an array. Raises EstimationError `filter-noise-unknown`."""
+    unknown = [name for name, size in sizes if size is None]
+    if unknown:
+        raise EstimationError(
+            "filter-noise-unknown",
+            f"the {section} noise of {', '.join(unknown)} has no {what}",
+            remedy="estimate it with daest identify, or give it in daest.toml: "
+            f'[noise.{section}] "{unknown[0]}" = {{ {what} = ... }}',
+        )
+    return np.array([size for _, size in sizes], dtype=float)
