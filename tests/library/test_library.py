@@ -66,6 +66,18 @@ def test_models_are_regular_and_described(file: Path) -> None:
         assert item.unit or file.stem == "Signals", f"{item.name} has no unit"
 
 
+def test_intensities_have_the_unit_of_the_noise_squared_times_time() -> None:
+    squared = {"N.m": "N2.m2.s", "N": "N2.s", "V": "V2.s", "A": "A2.s", "W": "W2.s", "m3/s": "m6/s"}
+    seen = set()
+    for file in sorted((LIBRARY / "Noise").glob("White?*.mo")):
+        text = file.read_text()
+        (intensity,) = re.findall(r'intensity\(unit = "([^"]*)"', text)
+        (noise,) = re.findall(r'Real w\(unit = "([^"]*)"', text)
+        assert intensity == squared[noise], file
+        seen.add(noise)
+    assert seen == set(squared)
+
+
 def test_package_order_lists_every_class() -> None:
     for order in LIBRARY.rglob("package.order"):
         children = {f.stem for f in order.parent.glob("*.mo")} - {"package"}
