@@ -116,7 +116,9 @@ def multisine(n_samples, period, seed, top=3.0, amplitude=6.0):
 
 
 def recording(model, u, measurement_std, seed, x0=None, name="simulated", output_names=("omega", "phi")):
-    """Experiment from a DiscreteModel by the plain loop, with its process noise and white measurement noise."""
+    """Experiment from a DiscreteModel by the plain loop, with its process noise and white measurement
+    noise.
+    """
     rng = np.random.default_rng(seed)
     n = model.transition.shape[0]
     x = np.zeros(n) if x0 is None else np.asarray(x0, dtype=float)

@@ -80,6 +80,14 @@ class NumericalError(DaestError):
 
 EXPLANATIONS: dict[str, str] = {
     # Sorted by code. Each text: what it means, why it matters, what to do.
+    "arx-needs-uniform-samples": (
+        "An ARX model relates samples at a fixed distance, and the recording has uneven sample times. "
+        "Resample it."
+    ),
+    "arx-one-input": (
+        "The transfer function from data is estimated for models with one input, as in the report. Start "
+        "values by matching take several inputs."
+    ),
     "at-without-values": (
         "The file of --at must hold parameters (as results/fit.json does) or an operating point under the "
         "key at, values by the names of unknowns and inputs."
@@ -139,6 +147,10 @@ EXPLANATIONS: dict[str, str] = {
     "data-input-gap": (
         "A value of an input is missing. Outputs may be missing, but the model must be driven at every "
         "time, and daest does not invent an input. Fill the gap or cut it off with --from and --to."
+    ),
+    "data-input-missing": (
+        "The recording has no signal for an input of the model. Map a column to it in daest.toml, [data] "
+        "inputs, or on the command line."
     ),
     "data-missing-file": (
         "A recording that was named on the command line or in daest.toml does not exist. Paths in "
@@ -327,6 +339,39 @@ EXPLANATIONS: dict[str, str] = {
         "An XML file of the FMU is not well-formed, or declares a document type. No FMU needs one, and "
         "entities can be used to read foreign files."
     ),
+    "identify-constant-input": (
+        "Every input is constant, so nothing excites the model and its parameters leave no trace in the "
+        "outputs. Record with an input that varies over the frequencies of interest."
+    ),
+    "identify-no-data": (
+        "No recording was given to identify from."
+    ),
+    "identify-no-influence": (
+        "The measured outputs do not depend on a parameter that is to be estimated (their exact derivative "
+        "is zero). Fix it to a known value, or measure an output that it moves."
+    ),
+    "identify-no-output": (
+        "No output of the model has a measured value in the recordings. Check the mapping of columns to "
+        "outputs, and empty cells."
+    ),
+    "identify-no-start": (
+        "The outputs or their likelihood are not finite at the start values, so the search has nowhere to "
+        "begin. An unstable model overflows in a long simulation; the prediction-error method (pem) handles "
+        "it. Otherwise mend the start values."
+    ),
+    "identify-nothing-to-estimate": (
+        "No parameter is marked as unknown. Mark parameters in the model by annotation(__Daest(estimate = "
+        "true)), in daest.toml, or by --estimate."
+    ),
+    "identify-too-few-samples": (
+        "There are not more measured values than unknowns (parameters, noises, and the initial states of "
+        "every recording). Use a longer recording or estimate fewer parameters."
+    ),
+    "identify-unidentifiable": (
+        "Some parameters enter the outputs only in a combination: they can change together without any "
+        "effect, whatever the data. Fix one of them to a known value, or measure something that tells them "
+        "apart."
+    ),
     "initial-not-solved": (
         "The nonlinear equations for the initial state were not solved from the given start values. Start "
         "values nearer to the solution help; so does fixing the variables that are known."
@@ -435,6 +480,14 @@ EXPLANATIONS: dict[str, str] = {
         "time derivatives, say the same thing, and some unknowns stay free. Usual reasons: two rigid paths in "
         "parallel, two grounds, a closed kinematic loop, a parameter that is zero."
     ),
+    "split-out-of-range": (
+        "The split divides every recording into a first part for the estimation and a rest for the "
+        "validation; it is the share of the first part, between 0 and 1."
+    ),
+    "start-outside-bounds": (
+        "The start value of a parameter lies outside its bounds (min, max). Change one of them; daest does "
+        "not move a start value silently."
+    ),
     "structurally-singular": (
         "Some equations compete for too few unknowns, or some unknowns occur in too few equations, so the "
         "equations cannot determine the unknowns whatever the parameter values are. The message lists both "
@@ -453,6 +506,12 @@ EXPLANATIONS: dict[str, str] = {
         "A unit is written in a way that is not understood. Units follow Modelica: products with a dot, "
         "powers as digits, one slash, brackets behind it for a product: N.m, kg.m2, W/(m2.K), rad/s2, degC, "
         "1."
+    ),
+    "unknown-noise": (
+        "The model has no noise input of that name. Names are Modelica names, with dots."
+    ),
+    "unknown-output": (
+        "The model has no output of that name. Names are Modelica names, with dots."
     ),
     "unknown-parameter": (
         "The name is not a parameter of the model. Names are Modelica names with dots, such as spring.c."

@@ -1,4 +1,6 @@
-"""Agreement of a fitted model with recordings: simulation from the best initial state, and one-step prediction."""
+"""Agreement of a fitted model with recordings: simulation from the best initial state, and one-step
+prediction.
+"""
 
 from __future__ import annotations
 

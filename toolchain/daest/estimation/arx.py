@@ -1,4 +1,6 @@
-"""ARX models, continuous-time transfer functions from data, and start values by matching them: report (9)-(11)."""
+"""ARX models, continuous-time transfer functions from data, and start values by matching them: report
+(9)-(11).
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ HIGHEST_SHARE = 0.8
 GOOD_FIT = 60.0  # percent of fit from which a transfer function of the physical order stands for the data
 REFINEMENTS = 30  # passes of the instrumental-variable refinement
 REFINED = 1e-6  # relative change of the denominator that ends it
-SLOWEST_POLE = 1e-3  # of the lowest frequency: poles of the prefilter are at least this far in the left half plane
+SLOWEST_POLE = (
+    1e-3  # of the lowest frequency: poles of the prefilter are at least this far in the left half plane
+)
 MATCH_WEIGHT = 1e4  # of the relative squared mismatch, so that the search stops at 1e-5 of it
 MATCH_STARTS = 8
 MATCH_SPREAD = np.log(10.0)
@@ -95,9 +99,10 @@ def fit_transfer_function(
 ) -> TransferEstimate:
     """Transfer function from the only input of `family` to `output`, as (9) of the report.
 
-    `orders` (poles, zeros) are those of the physical model unless given. First a fit to the frequency response of a
-    long ARX model, then the refined instrumental-variable method on prefiltered signals (Young & Jakeman), which
-    is free of the bias that measurement noise gives a short ARX model. Error `arx-one-input`.
+    `orders` (poles, zeros) are those of the physical model unless given. First a fit to the frequency
+    response of a long ARX model, then the refined instrumental-variable method on prefiltered signals
+    (Young & Jakeman), which is free of the bias that measurement noise gives a short ARX model. Error
+    `arx-one-input`.
     """
     if len(family.inputs) != 1:
         raise EstimationError(
@@ -127,8 +132,9 @@ def start_values_from_arx(
     """Values of the parameters `names` whose transfer functions come nearest to ARX models of the data.
 
     The report's way to k, (10)-(11), for any parameters: the sum over inputs, outputs and frequencies of
-    |G(iω, θ) - G_arx(iω)|², weighted by the input's power and relative to each output, is minimised from the model's
-    values and from seeded points around them. Cheap: no simulation. Other parameters keep their values.
+    |G(iω, θ) - G_arx(iω)|², weighted by the input's power and relative to each output, is minimised from
+    the model's values and from seeded points around them. Cheap: no simulation. Other parameters keep
+    their values.
     """
     known = [p.name for p in family.parameters]
     theta = np.array([p.value for p in family.parameters], dtype=float)
@@ -222,7 +228,9 @@ def _rational_fit(
         factor = (root / previous)[:, None]
         table = np.hstack([powers[:, : zeros + 1], -response[:, None] * powers[:, :poles]]) * factor
         target = response * powers[:, poles] * factor[:, 0]
-        solved = np.linalg.lstsq(np.vstack([table.real, table.imag]), np.hstack([target.real, target.imag]), rcond=None)
+        solved = np.linalg.lstsq(
+            np.vstack([table.real, table.imag]), np.hstack([target.real, target.imag]), rcond=None
+        )
         num, den = solved[0][: zeros + 1], np.concatenate([solved[0][zeros + 1 :], [1.0]])
         previous = np.maximum(np.abs(powers @ den), np.finfo(float).tiny)
     num = num * unit ** (poles - np.arange(zeros + 1))
@@ -248,7 +256,9 @@ def _refined(
         fit = _fit(y[seen], (model_y + free @ nuisance)[seen])
         if fit > best[2]:
             best = (num, den, fit)
-        y_filtered, _ = _filtered(np.where(seen, y, model_y + free @ nuisance), den, float(record.period or 0.0))
+        y_filtered, _ = _filtered(
+            np.where(seen, y, model_y + free @ nuisance), den, float(record.period or 0.0)
+        )
         instrument, _ = _filtered(model_y + free @ nuisance, den, float(record.period or 0.0))
         table = np.hstack([-y_filtered[:, 1:], u_filtered[:, poles - zeros :], free])
         instruments = np.hstack([-instrument[:, 1:], u_filtered[:, poles - zeros :], free])
@@ -264,11 +274,13 @@ def _refined(
 
 
 def _filtered(signal: np.ndarray, den: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """(s^n, …, s, 1) / den(s) of a signal with straight lines between samples, (n_samples, n + 1); and the free
-    responses of the filter with a constant, (n_samples, n + 1)."""
+    """(s^n, …, s, 1) / den(s) of a signal with straight lines between samples, (n_samples, n + 1); and
+    the free responses of the filter with a constant, (n_samples, n + 1).
+    """
     n = den.size - 1
     unit = float(np.max(np.abs(np.roots(den)))) or 1.0
-    # States s^(n-1) … 1 over den, each scaled by a power of `unit`, so that the matrix has entries of one size.
+    # States s^(n-1) … 1 over den, each scaled by a power of `unit`, so that the matrix has entries of one
+    # size.
     A = np.zeros((n, n))
     A[0] = -den[1:] / unit ** np.arange(1, n + 1)
     A[1:, :-1] += np.eye(n - 1)
@@ -316,7 +328,9 @@ def _match(family: StateSpaceFamily, record: Record, unknowns: Unknowns, seed: i
         jacobian = (slopes[:, outputs] * root).reshape(len(names), -1) * unknowns.slopes(z)[:, None]
         if not np.all(np.isfinite(jacobian)):
             return None
-        return Evaluation(value, np.real(jacobian.conj() @ error.ravel()), np.real(jacobian.conj() @ jacobian.T))
+        return Evaluation(
+            value, np.real(jacobian.conj() @ error.ravel()), np.real(jacobian.conj() @ jacobian.T)
+        )
 
     rng = np.random.default_rng(seed)
     lower, upper, start = unknowns.lower, unknowns.upper, unknowns.start
@@ -329,8 +343,9 @@ def _match(family: StateSpaceFamily, record: Record, unknowns: Unknowns, seed: i
 def _measured_response(
     family: StateSpaceFamily, record: Record, theta: np.ndarray, output: int, omega: np.ndarray
 ) -> np.ndarray:
-    """Frequency response (n_ω, n_u) that the data show: of the refined transfer function where it explains them,
-    else of the long ARX model."""
+    """Frequency response (n_ω, n_u) that the data show: of the refined transfer function where it
+    explains them, else of the long ARX model.
+    """
     ss = state_space(family, theta)
     if len(family.inputs) == 1 and not ss.input_derivatives:
         estimate = _transfer_function(family, record, output, physical_orders(ss, output))

@@ -17,7 +17,9 @@ SAME_INPUT = 1e-9  # an input is constant when it stays within this part of its 
 
 
 def known_name(name: str, known: list[str], what: str) -> int:
-    """Index of `name`; error `unknown-parameter`, `unknown-noise` or `unknown-output` with the nearest names."""
+    """Index of `name`; error `unknown-parameter`, `unknown-noise` or `unknown-output` with the nearest
+    names.
+    """
     if name in known:
         return known.index(name)
     near = get_close_matches(name, known, n=3, cutoff=0.5)
@@ -43,7 +45,9 @@ def check_bounds(coordinate: Coordinate) -> None:
 
 
 def check_records(family: StateSpaceFamily, records: tuple[Record, ...], n_unknowns: int) -> None:
-    """Errors `identify-no-data`, `identify-no-output`, `identify-too-few-samples`, `identify-constant-input`."""
+    """Errors `identify-no-data`, `identify-no-output`, `identify-too-few-samples`,
+    `identify-constant-input`.
+    """
     if not records:
         raise EstimationError(
             "identify-no-data", "there is no recording to identify from", remedy="name a data file"
@@ -81,7 +85,7 @@ def check_records(family: StateSpaceFamily, records: tuple[Record, ...], n_unkno
 
 def check_start(unknowns: Unknowns, start: Evaluation | None, n_observed: int) -> None:
     """Errors `identify-no-start`, `identify-no-influence`, `identify-unidentifiable`."""
-    if start is None or start.information is None:
+    if start is None:
         raise EstimationError(
             "identify-no-start",
             "the model cannot be evaluated at the start values: its outputs are not finite",

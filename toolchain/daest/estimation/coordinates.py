@@ -96,7 +96,9 @@ def parameter_coordinate(
     value: float,
     bounds: tuple[float | None, float | None],
 ) -> Coordinate:
-    """Coordinate of a model parameter; scale "auto" is logarithmic where min >= 0 and the start is positive."""
+    """Coordinate of a model parameter; scale "auto" is logarithmic where min >= 0 and the start is
+    positive.
+    """
     index = [p.name for p in family.parameters].index(name)
     parameter = family.parameters[index]
     lower = -np.inf if bounds[0] is None else bounds[0]

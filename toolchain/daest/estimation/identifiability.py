@@ -33,16 +33,19 @@ class Uncertainty:
 
 
 def without_influence(information: np.ndarray, n_observed: int) -> np.ndarray:
-    """Mask (p,) of unknowns whose change by one unit of z moves no prediction by a measurable part of its noise.
+    """Mask (p,) of unknowns whose change by one unit of z moves no prediction by a measurable part of its
+    noise.
 
-    The information of a coordinate is the sum of squared changes of all whitened predictions per unit of z;
-    it counts as zero up to NO_INFLUENCE per measured value.
+    The information of a coordinate is the sum of squared changes of all whitened predictions per unit of
+    z; it counts as zero up to NO_INFLUENCE per measured value.
     """
     return np.diagonal(information) <= NO_INFLUENCE * max(n_observed, 1)
 
 
 def flat_directions(information: np.ndarray) -> np.ndarray:
-    """Directions (p, m) in z with no information, by FLAT_DIRECTION; unknowns without any influence left out."""
+    """Directions (p, m) in z with no information, by FLAT_DIRECTION; unknowns without any influence left
+    out.
+    """
     scale = np.sqrt(np.diagonal(information))
     active = scale > 0.0
     scaled = information[np.ix_(active, active)] / np.outer(scale[active], scale[active])
@@ -73,10 +76,11 @@ def covariance(information: np.ndarray, free: np.ndarray) -> np.ndarray:
 def output_error_covariance(
     parts: list[Scores], observed: list[np.ndarray], slopes: np.ndarray, free: np.ndarray
 ) -> Uncertainty:
-    """Covariance of output-error estimates in z: the inverse information, or the sandwich for coloured residuals.
+    """Covariance of output-error estimates in z: the inverse information, or the sandwich for coloured
+    residuals.
 
-    Residuals of a simulation are white only if nothing but measurement noise separates model and data. Otherwise
-    cov = I⁻¹ M I⁻¹ with M the covariance of the score under the residuals' own spectrum.
+    Residuals of a simulation are white only if nothing but measurement noise separates model and data.
+    Otherwise cov = I⁻¹ M I⁻¹ with M the covariance of the score under the residuals' own spectrum.
     """
     information = sum(np.tensordot(s.slopes, s.slopes, ((1, 2), (1, 2))) for s in parts)
     information = information * np.outer(slopes, slopes)
@@ -111,10 +115,11 @@ def weak_directions(
 ) -> tuple[WeakDirection, ...]:
     """Directions in log θ that the data leave open, weakest first.
 
-    Two kinds: parameters that are uncertain together, while their ratios are known (one direction explains SHARE
-    of the variance of each), by more than WEAK_RELATIVE_STD; and any direction beyond OPEN_RELATIVE_STD, also
-    that of one parameter. `information` and `cov` are in the units of the unknowns. Linear unknowns near zero
-    are measured by their scale. Exponents are rounded to multiples of WEIGHT_STEP of the largest.
+    Two kinds: parameters that are uncertain together, while their ratios are known (one direction
+    explains SHARE of the variance of each), by more than WEAK_RELATIVE_STD; and any direction beyond
+    OPEN_RELATIVE_STD, also that of one parameter. `information` and `cov` are in the units of the
+    unknowns. Linear unknowns near zero are measured by their scale. Exponents are rounded to multiples of
+    WEIGHT_STEP of the largest.
     """
     size = np.array(
         [abs(v) if c.is_log else max(abs(v), c.scale) for c, v in zip(coordinates, values, strict=True)]
@@ -141,7 +146,9 @@ def weak_directions(
 def _combination(
     coordinates: tuple[Coordinate, ...], direction: np.ndarray, named: np.ndarray
 ) -> dict[str, float]:
-    """Readable exponents of the named parameters: the largest is 1, small ones are dropped, the others rounded."""
+    """Readable exponents of the named parameters: the largest is 1, small ones are dropped, the others
+    rounded.
+    """
     largest = direction[np.argmax(np.abs(direction))]
     weights = direction / largest
     rounded = np.rint(weights / WEIGHT_STEP) * WEIGHT_STEP

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from daest.errors import EstimationError
 from daest.estimation import likelihood, output_error
 from daest.estimation.agreement import predicted_agreement, simulated_agreement
 from daest.estimation.arx import matched_start
@@ -16,10 +17,9 @@ from daest.estimation.checks import check_bounds, check_records, check_start, kn
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
 from daest.estimation.noise_start import with_noise
 from daest.estimation.output_error import Problem
-from daest.estimation.records import Record, make_record, part_of
+from daest.estimation.records import Record, make_record, observed_counts, part_of
 from daest.estimation.result import fit_result
 from daest.estimation.search import Evaluation, Found, minimise
-from daest.errors import EstimationError
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions, Method, NoiseChoice
 from daest.model.flat import FlatModel
@@ -57,10 +57,11 @@ def identify(
 ) -> FitResult:
     """Find the parameters of `model` that explain `experiments`, with their uncertainty.
 
-    "oe" minimises the simulation error (2), weighted by maximum likelihood; "pem" maximises the likelihood of
-    the one-step predictions of the Kalman filter, process and measurement noise included. Default: "pem" for a
-    model that declares process noise, else "oe". Initial states are estimated per experiment; those of validation
-    records too. Raises EstimationError (codes in `estimation.checks`) and DataError.
+    "oe" minimises the simulation error (2), weighted by maximum likelihood; "pem" maximises the
+    likelihood of the one-step predictions of the Kalman filter, process and measurement noise included.
+    Default: "pem" for a model that declares process noise, else "oe". Initial states are estimated per
+    experiment; those of validation records too. Raises EstimationError (codes in `estimation.checks`) and
+    DataError.
     """
     began = time.perf_counter()
     options = options or IdentifyOptions()
@@ -116,15 +117,21 @@ def _setup(family: StateSpaceFamily, records: tuple[Record, ...], options: Ident
         "output",
     )
     method: Method = options.method or ("pem" if family.noises else "oe")
-    measured = np.array([any(r.n_observed[j] for r in records) for j in range(len(family.outputs))], dtype=bool)
+    measured = observed_counts(records) > 0 if records else np.zeros(len(family.outputs), dtype=bool)
     measurement = {j: choice and bool(measured[j]) for j, choice in measurement.items()}
     std = np.where(measured, std, np.where(np.isnan(std), 1.0, std))
     n_noises = sum(measurement.values()) + (sum(process.values()) if method == "pem" else 0)
     check_records(family, records, len(unknowns.coordinates) + n_noises)
     weigh = np.array([measurement[j] for j in range(len(family.outputs))], dtype=bool)
     notes = [] if family.is_affine else ["the model is nonlinear: its linearisation was identified"]
-    notes += [f"output {o.name} has no measured value" for o, m in zip(family.outputs, measured, strict=True) if not m]
-    given = Unknowns(unknowns.coordinates, theta, np.zeros(len(family.noises)), np.where(np.isnan(std), 1.0, std))
+    notes += [
+        f"output {o.name} has no measured value"
+        for o, m in zip(family.outputs, measured, strict=True)
+        if not m
+    ]
+    given = Unknowns(
+        unknowns.coordinates, theta, np.zeros(len(family.noises)), np.where(np.isnan(std), 1.0, std)
+    )
     has_direct_noise = bool(np.any(state_space(family, theta).H != 0.0))
     sampled: Literal["white", "held"] = "held" if has_direct_noise else "white"
     problem = Problem(family, records, "foh", given, weigh, sampled)
@@ -211,9 +218,9 @@ def _check_start(setup: Setup) -> None:
         noisy = _noisy(setup, problem.unknowns.start)
         whole = likelihood.objective(noisy)(noisy.unknowns.start, True)
         p = len(problem.unknowns.coordinates)
-        if whole is not None and whole.information is not None and whole.gradient is not None:
+        if whole is not None:
             start = Evaluation(whole.value, whole.gradient[:p], whole.information[:p, :p])
-    check_start(problem.unknowns, start, int(sum(r.n_observed.sum() for r in problem.records)))
+    check_start(problem.unknowns, start, int(observed_counts(problem.records).sum()))
 
 
 def _noisy(setup: Setup, z: np.ndarray) -> Problem:

@@ -1,8 +1,8 @@
 """Gaussian likelihood through the Kalman filter, with exact gradient and Fisher information.
 
 The filter of a record starts with the mean x0, which is estimated, and the stationary covariance (see
-`predictor.kalman_gains`); the value is that of the time-varying Kalman filter with the same start. x0 maximises
-the likelihood at every point of the search and is eliminated exactly.
+`predictor.kalman_gains`); the value is that of the time-varying Kalman filter with the same start. x0
+maximises the likelihood at every point of the search and is eliminated exactly.
 """
 
 from __future__ import annotations
@@ -96,9 +96,7 @@ def predict(problem: Problem, z: np.ndarray, with_slopes: bool = False) -> Predi
 def all_scores(problem: Problem, predicted: Predicted) -> list[Scores]:
     """Whitened innovations and projected slopes of every record."""
     parts = []
-    rows = zip(
-        problem.records, predicted.dynamics, predicted.found, predicted.initial_states, strict=True
-    )
+    rows = zip(problem.records, predicted.dynamics, predicted.found, predicted.initial_states, strict=True)
     for record, dyn, found, x0 in rows:
         slopes = innovation_slopes(dyn, record, found, x0)
         residuals = found.at_zero - np.tensordot(x0, found.response, 1)
@@ -118,8 +116,7 @@ def _noise_levels(problem: Problem, intensity: np.ndarray, std: np.ndarray) -> N
             dW[i, coordinate.index, coordinate.index] = 1.0
         elif coordinate.kind == "measurement":
             dR[i, coordinate.index, coordinate.index] = 2.0 * std[coordinate.index]
-    sampled = "held" if problem.sampled == "held" else "white"
-    return NoiseLevels(np.diag(intensity), dW, np.diag(std**2), dR, sampled)
+    return NoiseLevels(np.diag(intensity), dW, np.diag(std**2), dR, problem.sampled)
 
 
 def _directions(problem: Problem, theta: np.ndarray) -> dict[str, np.ndarray]:

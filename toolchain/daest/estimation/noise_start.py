@@ -1,8 +1,11 @@
-"""Start values of the noises: measurement noise from the roughness of the residuals, process noise by a scan."""
+"""Start values of the noises: measurement noise from the roughness of the residuals, process noise by a
+scan.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -12,7 +15,19 @@ from daest.estimation.output_error import SMALLEST_STD, Problem, simulate
 from daest.numerics.exponential import covariance_integral, transition_integrals
 from daest.systems.state_space import state_space
 
-SCAN_DECADES = (-8, -6, -5, -4, -3, -2, -1, 0, 1, 2, 3)  # of the intensity that would explain all of the residual
+SCAN_DECADES = (
+    -8,
+    -6,
+    -5,
+    -4,
+    -3,
+    -2,
+    -1,
+    0,
+    1,
+    2,
+    3,
+)  # of the intensity that would explain all of the residual
 LOWEST_DECADE = -10  # bound of the search: less noise than that is none
 LONGEST_GROWTH = 1000  # periods over which process noise is let grow to see what it does to the outputs
 
@@ -27,8 +42,8 @@ def with_noise(
 ) -> Problem:
     """`problem` with noise coordinates added and start values for all unknown noises.
 
-    `process` and `measurement` map the indices of noises to whether they are estimated; NaN in the given values
-    means unknown. Start values are those of the best of a scan at the parameters `z_parameters`.
+    `process` and `measurement` map the indices of noises to whether they are estimated; NaN in the given
+    values means unknown. Start values are those of the best of a scan at the parameters `z_parameters`.
     """
     theta = problem.unknowns.values(z_parameters)[0]
     residual_std, rough_std = _residual_sizes(problem, theta)
@@ -61,9 +76,10 @@ def with_noise(
     return best[1] if best else trial
 
 
-def _noise(kind: str, index: int, name: str, value: float, lower: float) -> Coordinate:
-    bounded = "process" if kind == "process" else "measurement"
-    return Coordinate(name, bounded, index, max(value, lower), True, 1.0, lower, np.inf)
+def _noise(
+    kind: Literal["process", "measurement"], index: int, name: str, value: float, lower: float
+) -> Coordinate:
+    return Coordinate(name, kind, index, max(value, lower), True, 1.0, lower, np.inf)
 
 
 def _residual_sizes(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -92,7 +108,9 @@ def _residual_sizes(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _reference_intensities(problem: Problem, theta: np.ndarray, residual_std: np.ndarray) -> np.ndarray:
-    """Intensity (n_w,) of each noise that alone would make outputs as wrong as the simulation residuals are."""
+    """Intensity (n_w,) of each noise that alone would make outputs as wrong as the simulation residuals
+    are.
+    """
     ss = state_space(problem.family, theta)
     record = max(problem.records, key=lambda r: r.n_samples)
     period = record.period or float(np.mean(np.diff(record.time)))

@@ -20,11 +20,11 @@ from daest.estimation.predictor import (
     innovation_slopes,
     innovations,
 )
-from daest.estimation.records import Record
+from daest.estimation.records import Record, observed_counts
 from daest.estimation.scores import Scores, initial_state, scores
 from daest.estimation.search import Evaluation
 from daest.model.linear import StateSpace, StateSpaceFamily
-from daest.systems.sample import Hold
+from daest.systems.sample import Hold, Noise
 from daest.systems.state_space import state_space, state_space_derivatives
 
 WEIGHT_ITERATIONS = 20
@@ -34,19 +34,23 @@ SMALLEST_STD = 1e-9  # of a residual, relative to the rms of its output: keeps n
 
 @dataclass(frozen=True)
 class Problem:
-    """What is fitted to what. `weigh` (n_y,) tells which measurement noises are found (else they are given)."""
+    """What is fitted to what. `weigh` (n_y,) tells which measurement noises are found (else they are
+    given).
+    """
 
     family: StateSpaceFamily
     records: tuple[Record, ...]
     hold: Hold
     unknowns: Unknowns
     weigh: np.ndarray
-    sampled: str = "white"  # how process noise is sampled, "white" or "held"
+    sampled: Noise = "white"  # how process noise is sampled
 
 
 @dataclass(frozen=True)
 class Simulated:
-    """Residuals of all records at one θ: innovations for x0 = 0, the initial states, and the noise std (n_y,)."""
+    """Residuals of all records at one θ: innovations for x0 = 0, the initial states, and the noise std
+    (n_y,).
+    """
 
     found: tuple[Innovations, ...]
     dynamics: tuple[Dynamics, ...]
@@ -124,9 +128,7 @@ def all_scores(problem: Problem, simulated: Simulated) -> list[Scores]:
     """Whitened residuals and projected slopes of every record."""
     weight = 1.0 / simulated.measurement_std
     parts = []
-    rows = zip(
-        problem.records, simulated.dynamics, simulated.found, simulated.initial_states, strict=True
-    )
+    rows = zip(problem.records, simulated.dynamics, simulated.found, simulated.initial_states, strict=True)
     for record, dyn, found, x0 in rows:
         slopes = innovation_slopes(dyn, record, found, x0)
         residuals = found.at_zero - np.tensordot(x0, found.response, 1)
@@ -142,7 +144,7 @@ def _weights_and_states(
     Each output of each record is compressed to a small triangle first, so that the iteration costs nothing.
     """
     triangles = [_triangles(f) for f in found]
-    counts = sum(r.n_observed for r in problem.records)
+    counts = observed_counts(problem.records)
     floor = SMALLEST_STD * _sizes(problem.records)
     weigh = problem.weigh & (counts > 0)
     std = np.where(weigh, np.maximum(_rms(triangles, counts), floor), given_std)
@@ -188,13 +190,13 @@ def _rms(triangles: list[np.ndarray], counts: np.ndarray) -> np.ndarray:
 def _sizes(records: tuple[Record, ...]) -> np.ndarray:
     """rms of every measured output over all records, 1 for an output of zeros."""
     squares = sum(np.sum(r.outputs**2, axis=0) for r in records)
-    size = np.sqrt(squares / np.maximum(sum(r.n_observed for r in records), 1))
+    size = np.sqrt(squares / np.maximum(observed_counts(records), 1))
     return np.where(size > 0.0, size, 1.0)
 
 
 def _negative_log_likelihood(problem: Problem, simulated: Simulated) -> float:
     std = simulated.measurement_std
-    counts = sum(r.n_observed for r in problem.records)
+    counts = observed_counts(problem.records)
     squares = sum(
         np.sum((f.at_zero - np.tensordot(x0, f.response, 1)) ** 2, axis=0)
         for f, x0 in zip(simulated.found, simulated.initial_states, strict=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from daest.estimation.records import Record
-from daest.model.linear import DiscreteModel, StateSpace
+from daest.model.linear import StateSpace
 from daest.numerics.innovations import (
     Gains,
     NoiseModel,
@@ -64,8 +64,9 @@ class Dynamics:
 class Innovations:
     """Residuals of a record that are linear in the initial state x0: ε = at_zero - response · x0.
 
-    `at_zero` (n_samples, n_y), `response` (n, n_samples, n_y); missing values are zero. `S` (…, n_y, n_y) with an
-    axis of samples unless constant, `S_slope` with a leading axis of p; both None without a Kalman filter.
+    `at_zero` (n_samples, n_y), `response` (n, n_samples, n_y); missing values are zero. `S` (…, n_y, n_y)
+    with an axis of samples unless constant, `S_slope` with a leading axis of p; both None without a
+    Kalman filter.
     """
 
     at_zero: np.ndarray
@@ -102,8 +103,9 @@ def dynamics(
 def kalman_gains(dyn: Dynamics, record: Record) -> tuple[Gains, Gains | None] | None:
     """Gains and their derivatives for a record; None when the covariance does not settle.
 
-    The filter starts with the stationary covariance P, around a mean that is estimated. For complete uniform
-    records it is then stationary from the first sample: nothing is approximated. Otherwise it is time-varying.
+    The filter starts with the stationary covariance P, around a mean that is estimated. For complete
+    uniform records it is then stationary from the first sample: nothing is approximated. Otherwise it is
+    time-varying.
     """
     noise = _noise_model(dyn)
     change = _noise_slope(dyn)
@@ -176,13 +178,17 @@ def _one_step(
     noise: NoiseLevels | None,
     derivatives: dict[str, np.ndarray] | None,
 ) -> Dynamics:
-    levels = (None, None, "white") if noise is None else (noise.intensity, noise.measurement_cov, noise.sampled)
-    model: DiscreteModel = sample(ss, period, hold, *levels)
     slope = None
-    if derivatives is not None:
-        intensity_slope = None if noise is None else noise.intensity_slope
-        slope = sample_derivatives(ss, derivatives, period, hold, levels[0], intensity_slope, levels[2])
-        if noise is not None:
+    if noise is None:
+        model = sample(ss, period, hold)
+        if derivatives is not None:
+            slope = sample_derivatives(ss, derivatives, period, hold)
+    else:
+        model = sample(ss, period, hold, noise.intensity, noise.measurement_cov, noise.sampled)
+        if derivatives is not None:
+            slope = sample_derivatives(
+                ss, derivatives, period, hold, noise.intensity, noise.intensity_slope, noise.sampled
+            )
             slope = _with(slope, measurement_cov=slope.measurement_cov + noise.measurement_slope)
     return Dynamics(
         Phi=model.transition,
@@ -224,7 +230,9 @@ def _combined(parts: list[Dynamics], weights: np.ndarray) -> Dynamics:
 
 
 def _interpolation(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Chebyshev nodes of every octave of step lengths that occurs, and barycentric weights (n_steps, n_nodes)."""
+    """Chebyshev nodes of every octave of step lengths that occurs, and barycentric weights (n_steps,
+    n_nodes).
+    """
     shortest = float(np.min(steps))
     octave = np.floor(np.log2(steps / shortest) + 1e-12).astype(int)
     angles = np.pi * (2 * np.arange(CHEBYSHEV_NODES) + 1) / (2 * CHEBYSHEV_NODES)
@@ -252,7 +260,11 @@ def _noise_model(dyn: Dynamics) -> NoiseModel:
 
 def _noise_slope(dyn: Dynamics) -> NoiseModel | None:
     s = dyn.slope
-    return None if s is None else NoiseModel(s.transition, s.output, s.process_cov, s.measurement_cov, s.cross_cov)
+    return (
+        None
+        if s is None
+        else NoiseModel(s.transition, s.output, s.process_cov, s.measurement_cov, s.cross_cov)
+    )
 
 
 def _no_directions(noise: NoiseModel) -> NoiseModel:
@@ -261,7 +273,9 @@ def _no_directions(noise: NoiseModel) -> NoiseModel:
 
 def _typical(noise: NoiseModel) -> NoiseModel:
     """The mean over the steps, for a start covariance."""
-    return NoiseModel(noise.Phi.mean(axis=-3), noise.C, noise.Q.mean(axis=-3), noise.R, noise.S12.mean(axis=-3))
+    return NoiseModel(
+        noise.Phi.mean(axis=-3), noise.C, noise.Q.mean(axis=-3), noise.R, noise.S12.mean(axis=-3)
+    )
 
 
 def _closed(dyn: Dynamics, K: np.ndarray | None) -> np.ndarray:

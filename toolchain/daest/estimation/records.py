@@ -1,7 +1,10 @@
-"""Experiments made ready for prediction: signals in the order of the model, on a uniform grid where one exists."""
+"""Experiments made ready for prediction: signals in the order of the model, on a uniform grid where one
+exists.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,9 +22,10 @@ MAX_GRID_GROWTH = 4  # a grid that would have more than this many samples per re
 class Record:
     """One experiment on the grid that it is predicted on.
 
-    `inputs` ū (n_samples, n_ū); `outputs` (n_samples, n_y), zero where missing; `observed` (n_samples, n_y) tells
-    where not. `period` [s] is None when no uniform grid exists. `recorded` (n_recorded,) are the grid indices of
-    the samples of the experiment: the grid may have more, between two of them, without outputs.
+    `inputs` ū (n_samples, n_ū); `outputs` (n_samples, n_y), zero where missing; `observed` (n_samples,
+    n_y) tells where not. `period` [s] is None when no uniform grid exists. `recorded` (n_recorded,) are
+    the grid indices of the samples of the experiment: the grid may have more, between two of them,
+    without outputs.
     """
 
     name: str
@@ -76,6 +80,11 @@ def make_record(experiment: Experiment, family: StateSpaceFamily) -> Record:
     )
 
 
+def observed_counts(records: Sequence[Record]) -> np.ndarray:
+    """Measured values per output over all records, (n_y,)."""
+    return np.sum([r.n_observed for r in records], axis=0)
+
+
 def part_of(experiment: Experiment, first: int, last: int) -> Experiment:
     """Samples first … last - 1."""
     rows = slice(first, last)
@@ -96,7 +105,8 @@ def _in_order(experiment: Experiment, family: StateSpaceFamily) -> np.ndarray:
                 "data-input-missing",
                 f"{experiment.name} has no signal for the input {variable.name} of the model",
                 where=experiment.name,
-                remedy=f"map a column to it ([data] inputs); the recording has: {', '.join(experiment.input_names)}",
+                remedy="map a column to it ([data] inputs); "
+                f"the recording has: {', '.join(experiment.input_names)}",
             )
         columns.append(experiment.inputs[:, experiment.input_names.index(variable.name)])
         if not np.all(np.isfinite(columns[-1])):

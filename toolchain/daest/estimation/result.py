@@ -16,6 +16,7 @@ from daest.estimation.identifiability import (
     without_influence,
 )
 from daest.estimation.output_error import Problem
+from daest.estimation.records import observed_counts
 from daest.estimation.scores import Scores
 from daest.estimation.search import Found
 from daest.model.fit import (
@@ -56,13 +57,16 @@ def fit_result(
     cov = in_z.covariance * np.outer(slopes, slopes)
     errors = _std_errors(cov)
     theta, intensity, _ = unknowns.values(best.z)
-    family, n_observed = problem.family, int(sum(r.n_observed.sum() for r in problem.records))
+    family = problem.family
     which = unknowns.of_kind("parameter")
     information = best.evaluation.information[np.ix_(which, which)] / np.outer(slopes[which], slopes[which])
     weak = weak_directions(
         tuple(coordinates[i] for i in which), values[which], information, cov[np.ix_(which, which)]
     )
-    parameters = tuple(_parameter(family.parameters[coordinates[i].index], coordinates[i], values[i], errors[i], bounds[i]) for i in which)
+    parameters = tuple(
+        _parameter(family.parameters[coordinates[i].index], coordinates[i], values[i], errors[i], bounds[i])
+        for i in which
+    )
     if in_z.is_coloured:
         notes = (*notes, "the simulation residuals are not white; the standard errors account for that")
     noises = _noises(problem, method, measurement, intensity, std, coordinates, errors, bounds)
@@ -88,7 +92,7 @@ def fit_result(
         start_log_likelihoods=tuple(-end.evaluation.value for end in ends),
         simulated=simulated,
         one_step=one_step,
-        n_samples=n_observed and sum(int(r.recorded.size) for r in problem.records),
+        n_samples=sum(int(r.recorded.size) for r in problem.records),
         n_iterations=best.iterations,
         seconds=0.0,
         period=periods.pop() if len(periods) == 1 else None,
@@ -104,7 +108,11 @@ def _scores(
     if method == "pem":
         predicted = likelihood.predict(problem, z, with_slopes=True)
         assert predicted is not None
-        return likelihood.all_scores(problem, predicted), predicted.initial_states, problem.unknowns.values(z)[2]
+        return (
+            likelihood.all_scores(problem, predicted),
+            predicted.initial_states,
+            problem.unknowns.values(z)[2],
+        )
     theta, _, std = problem.unknowns.values(z)
     simulated = output_error.simulate(problem, theta, std, with_slopes=True)
     assert simulated is not None
@@ -116,8 +124,7 @@ def _uncertainty(
 ) -> Uncertainty:
     """Covariance in z over the unknowns that are off their bounds and have an influence."""
     information = best.evaluation.information
-    assert information is not None
-    n_observed = int(sum(r.n_observed.sum() for r in problem.records))
+    n_observed = int(observed_counts(problem.records).sum())
     free = ~without_influence(information, n_observed) & np.array([b is None for b in bounds], dtype=bool)
     if method == "pem":
         return Uncertainty(covariance(information, free), False)
@@ -180,9 +187,11 @@ def _noises(
             if bound is not None:
                 error = None
             result.append(
-                FittedNoise(noise.name, "process", float(intensity[k]), error, noise.unit, i is not None, bound)
+                FittedNoise(
+                    noise.name, "process", float(intensity[k]), error, noise.unit, i is not None, bound
+                )
             )
-    counts = sum(r.n_observed for r in problem.records)
+    counts = observed_counts(problem.records)
     for j, output in enumerate(problem.family.outputs):
         if not counts[j]:
             continue
@@ -237,7 +246,9 @@ def _message(
 def _weak_text(direction: WeakDirection) -> str:
     """One weak direction in words."""
     names, weights = list(direction.combination), set(direction.combination.values())
-    size = "not known at all" if np.isinf(direction.relative_std) else f"± {100 * direction.relative_std:.2g} %"
+    size = (
+        "not known at all" if np.isinf(direction.relative_std) else f"± {100 * direction.relative_std:.2g} %"
+    )
     if len(names) == 1:
         return f"{names[0]} is hardly known ({size})."
     listed = ", ".join(names[:-1]) + " and " + names[-1]
@@ -255,4 +266,4 @@ def _ending(best: Found) -> str:
             f"No better point was found after {best.iterations} iterations, although a gain of "
             f"{best.predicted_gain:.2g} was expected: try other start values (--starts 5)."
         )
-    return f"Stopped after {best.iterations} iterations without converging: allow more, or try other start values."
+    return f"Stopped after {best.iterations} iterations without converging: allow more, or start elsewhere."

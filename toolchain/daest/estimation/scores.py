@@ -1,10 +1,13 @@
-"""Initial states and scores: what the whitened residuals of the records say about x0 and about the unknowns."""
+"""Initial states and scores: what the whitened residuals of the records say about x0 and about the
+unknowns.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+
 INITIAL_RANK = 1e-8  # a combination of initial states whose response is this small, relative, stays at zero
 
 
@@ -23,16 +26,20 @@ class Scores:
 
 
 def initial_state(responses: np.ndarray, residuals: np.ndarray) -> np.ndarray:
-    """x0 (n,) that minimises |residuals - x0 · responses|; responses (n, m), residuals (m,), both whitened.
+    """x0 (n,) that minimises |residuals - x0 · responses|; responses (n, m), residuals (m,), both
+    whitened.
 
-    Combinations with a response below INITIAL_RANK of the largest (after scaling each state) are left at zero.
+    Combinations with a response below INITIAL_RANK of the largest (after scaling each state) are left at
+    zero.
     """
     scale = _scales(responses)
     return np.linalg.lstsq((responses / scale[:, None]).T, residuals, rcond=INITIAL_RANK)[0] / scale
 
 
 def scores(residuals: np.ndarray, response: np.ndarray, slopes: np.ndarray) -> Scores:
-    """Project whitened `slopes` (p, n_samples, n_y) on what no initial state explains; `response` is whitened."""
+    """Project whitened `slopes` (p, n_samples, n_y) on what no initial state explains; `response` is
+    whitened.
+    """
     n, p = response.shape[0], slopes.shape[0]
     A, J = response.reshape(n, -1).T, slopes.reshape(p, -1).T
     scale = _scales(A.T)

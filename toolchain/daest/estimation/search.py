@@ -1,13 +1,14 @@
 """Bounded Fisher scoring with Levenberg-Marquardt damping, for likelihoods with exact gradients.
 
-A step solves (I + λ diag I) dz = -g over the coordinates that are free; a coordinate rests at its bound while the
-objective pulls it outwards. A step to a place where the objective cannot be evaluated is shortened, not fatal.
+A step solves (I + λ diag I) dz = -g over the coordinates that are free; a coordinate rests at its bound
+while the objective pulls it outwards. A step to a place where the objective cannot be evaluated is
+shortened, not fatal.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -22,11 +23,11 @@ FLAT = 1e-14  # information of a coordinate, relative to the largest, below whic
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Negative log-likelihood at one point; `gradient` (p,) and `information` (p, p) only when asked for."""
+    """Negative log-likelihood at a point; `gradient` (p,) and `information` (p, p), empty unless asked for."""
 
     value: float
-    gradient: np.ndarray | None = None
-    information: np.ndarray | None = None
+    gradient: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    information: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 Objective = Callable[[np.ndarray, bool], Evaluation | None]
@@ -91,7 +92,6 @@ def _improve(
 
 def _free(z: np.ndarray, here: Evaluation, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     """Coordinates that move: off their bounds, or pulled inwards; and with any influence at all."""
-    assert here.gradient is not None and here.information is not None
     diagonal = np.diagonal(here.information)
     held = ((z <= lower) & (here.gradient >= 0.0)) | ((z >= upper) & (here.gradient <= 0.0))
     return ~held & (diagonal > FLAT * np.max(diagonal, initial=0.0))

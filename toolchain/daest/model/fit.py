@@ -26,11 +26,11 @@ class NoiseChoice:
 class IdentifyOptions:
     """How to identify; None leaves a choice to the model or to the data.
 
-    `estimate` names the parameters to find (None: those that the model marks). `fix` gives other parameters a
-    value, `start` start values, `bounds` (min, max) in place of the model's. `process_noise` and
-    `measurement_noise` are by noise and output name. `hold` None tries foh and zoh and takes the better one.
-    `starts` searches from that many start points, seeded by `seed`. `split` in (0, 1) keeps that first part of
-    every experiment for the estimation and the rest for the validation.
+    `estimate` names the parameters to find (None: those that the model marks). `fix` gives other
+    parameters a value, `start` start values, `bounds` (min, max) in place of the model's. `process_noise`
+    and `measurement_noise` are by noise and output name. `hold` None tries foh and zoh and takes the
+    better one. `starts` searches from that many start points, seeded by `seed`. `split` in (0, 1) keeps
+    that first part of every experiment for the estimation and the rest for the validation.
     """
 
     method: Method | None = None
@@ -63,8 +63,9 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class FittedNoise:
-    """Process noise: `value` is the intensity ([unit]² s). Measurement noise: the standard deviation ([unit]).
-    `std_error` is None for a noise that was given, or that the data do not determine."""
+    """Process noise: `value` is the intensity ([unit]² s). Measurement noise: the standard deviation
+    ([unit]). `std_error` is None for a noise that was given, or that the data do not determine.
+    """
 
     name: str
     kind: Literal["process", "measurement"]
@@ -98,7 +99,9 @@ class WeakDirection:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Model against data, per output: 100 (1 - |y - ŷ| / |y - mean y|), and the rms error in the output's unit."""
+    """Model against data, per output: 100 (1 - |y - ŷ| / |y - mean y|), and the rms error in the output's
+    unit.
+    """
 
     fit_percent: dict[str, float | None]
     rms: dict[str, float | None]

@@ -1,8 +1,8 @@
 """Innovations form of (47): predictor gains, constant or sample by sample, with exact derivatives.
 
-The stationary covariance comes from the structured doubling algorithm, which still converges (linearly) when a
-mode on the unit circle has almost no noise, where the Schur method breaks down. Derivatives of the stationary
-covariance solve a discrete Lyapunov equation, by squaring (Smith).
+The stationary covariance comes from the structured doubling algorithm, which still converges (linearly)
+when a mode on the unit circle has almost no noise, where the Schur method breaks down. Derivatives of the
+stationary covariance solve a discrete Lyapunov equation, by squaring (Smith).
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 MAX_DOUBLINGS = 60
-DOUBLING_TOLERANCE = 1e-14  # change of P per doubling, relative to the standard deviations of its rows and columns
+DOUBLING_TOLERANCE = (
+    1e-14  # change of P per doubling, relative to the standard deviations of its rows and columns
+)
 FORGOTTEN = 1e-12  # size of a power of the closed loop whose square adds nothing any more
 SETTLED_TOLERANCE = 1e-13  # change per sample of a time-varying covariance below which its gain is kept
 
@@ -21,8 +23,8 @@ SETTLED_TOLERANCE = 1e-13  # change per sample of a time-varying covariance belo
 class NoiseModel:
     """Φ (n, n), C (n_y, n), Q (n, n), R (n_y, n_y), cross covariance S12 (n, n_y) of (47).
 
-    For derivatives every field has a leading axis of p directions; for models that change with time an axis of
-    samples follows it.
+    For derivatives every field has a leading axis of p directions; for models that change with time an
+    axis of samples follows it.
     """
 
     Phi: np.ndarray
@@ -34,7 +36,9 @@ class NoiseModel:
 
 @dataclass(frozen=True)
 class Gains:
-    """Predictor gain K (…, n, n_y), innovation covariance S (…, n_y, n_y), covariance P (…, n, n) of x[k|k-1]."""
+    """Predictor gain K (…, n, n_y), innovation covariance S (…, n_y, n_y), covariance P (…, n, n) of
+    x[k|k-1].
+    """
 
     K: np.ndarray
     S: np.ndarray
@@ -42,7 +46,9 @@ class Gains:
 
 
 def stationary_gains(noise: NoiseModel) -> Gains | None:
-    """P = Φ P Φᵀ + Q - K S Kᵀ reached from P = 0, with its gain; None when R is singular or P does not settle."""
+    """P = Φ P Φᵀ + Q - K S Kᵀ reached from P = 0, with its gain; None when R is singular or P does not
+    settle.
+    """
     try:
         P = _doubling(noise)
     except np.linalg.LinAlgError:
@@ -73,11 +79,12 @@ def varying_gains(
     dP0: np.ndarray,
     is_constant: bool,
 ) -> tuple[Gains, Gains]:
-    """Gains for every sample, and their derivatives, of the time-varying Kalman filter that starts with P0.
+    """Gains for every sample, and their derivatives, of the time-varying Kalman filter that starts with
+    P0.
 
-    `observed` (n_samples, n_y): a missing output gets a zero gain and a unit innovation variance, so that it adds
-    nothing to the likelihood. Φ, Q, S12 have an axis of n_samples - 1 steps unless `is_constant`; C and R are
-    constant. Returns arrays with leading axes (n_samples,) and (p, n_samples).
+    `observed` (n_samples, n_y): a missing output gets a zero gain and a unit innovation variance, so that
+    it adds nothing to the likelihood. Φ, Q, S12 have an axis of n_samples - 1 steps unless `is_constant`;
+    C and R are constant. Returns arrays with leading axes (n_samples,) and (p, n_samples).
     """
     n_samples, (p, n, _), n_y = observed.shape[0], change.Phi.shape[:1] + P0.shape, observed.shape[1]
     value = Gains(*(np.zeros((n_samples, *shape)) for shape in ((n, n_y), (n_y, n_y), (n, n))))
@@ -90,7 +97,10 @@ def varying_gains(
                     np.moveaxis(array, -3, 0)[k] = np.moveaxis(array, -3, 0)[k - 1]
             continue
         step = k if is_constant else min(k, n_samples - 2)
-        now, d_now = _at_sample(noise, observed[k], step, is_constant), _at_sample(change, observed[k], step, is_constant)
+        now, d_now = (
+            _at_sample(noise, observed[k], step, is_constant),
+            _at_sample(change, observed[k], step, is_constant),
+        )
         now.R[~observed[k], ~observed[k]] = 1.0
         K, S = _gain(now, P)
         dK, dS, following_dP = _step_derivatives(now, Gains(K, S, P), d_now, dP)

@@ -60,8 +60,8 @@ def autoregression(residuals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def coloured_moment(slopes: np.ndarray, residuals: np.ndarray) -> np.ndarray:
     """cov(Σ_k slopes[:, k] · r[k]) (p, p) for a stationary coloured r with the spectrum of `residuals`.
 
-    slopes (p, n_samples, n_y), residuals (n_samples, n_y). The spectrum is that of a vector autoregression, which
-    reaches further than a kernel estimate of the same number of lags.
+    slopes (p, n_samples, n_y), residuals (n_samples, n_y). The spectrum is that of a vector
+    autoregression, which reaches further than a kernel estimate of the same number of lags.
     """
     coefficients, cov = autoregression(residuals)
     n_samples = residuals.shape[0]
