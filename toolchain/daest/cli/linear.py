@@ -19,8 +19,8 @@ from daest.model.linear import LinearDAE
 
 @dataclass(frozen=True)
 class Linear:
-    """A linear DAE with the equations that it came from, if there are any, its operating point, and the relative
-    differences between the sources of an FMU that could be compared."""
+    """A linear DAE with the equations that it came from, if there are any, its operating point, and the
+    relative differences between the sources of an FMU that could be compared."""
 
     dae: LinearDAE
     flat: FlatModel | None
@@ -61,7 +61,8 @@ def load_linear(
 ) -> Linear:
     """The linear DAE of the model (default: that of daest.toml) at `settings` over those of the file `at`.
 
-    `route` is the source of the matrices of an FMU (see `linearize_fmu`). Raises ConfigError `parameter-unknown`.
+    `route` is the source of the matrices of an FMU (see `linearize_fmu`). Raises ConfigError
+    `parameter-unknown`.
     """
     source = model_source(project, model)
     values, point = operating_values(at)

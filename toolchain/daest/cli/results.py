@@ -60,23 +60,30 @@ def read_document(path: Path) -> Document:
 
 
 def fitted(flat: FlatModel, document: Mapping[str, Any]) -> FlatModel:
-    """The model with parameters, noise intensities and measurement noise of a fit, where the names exist."""
+    """The model with all parameters of a fit, held ones too, and its noises, where the names exist.
+
+    An output-error fit has no process noise, and then the model has none.
+    """
     values = parameter_values(document)
-    noises = {
-        entry["name"]: entry["value"] for entry in document.get("noise", ()) if entry["value"] is not None
-    }
+    noise = document.get("noise", {})
+    intensities = {name: entry["intensity"] for name, entry in noise.get("process", {}).items()}
+    stds = {name: entry["std"] for name, entry in noise.get("measurement", {}).items()}
+    without = 0.0 if document.get("method") == "oe" else None
     return replace(
         flat,
         parameters=tuple(replace(p, value=values.get(p.name, p.value)) for p in flat.parameters),
-        noises=tuple(replace(w, intensity=noises.get(w.name, w.intensity)) for w in flat.noises),
-        outputs=tuple(replace(y, noise_std=noises.get(y.name, y.noise_std)) for y in flat.outputs),
+        noises=tuple(
+            replace(w, intensity=intensities.get(w.name, w.intensity if without is None else without))
+            for w in flat.noises
+        ),
+        outputs=tuple(replace(y, noise_std=stds.get(y.name, y.noise_std)) for y in flat.outputs),
     )
 
 
 def parameter_values(document: Mapping[str, Any]) -> dict[str, float]:
-    """Values by name from `parameters` of a fit, {name: {value}} or {name: number}."""
+    """Values by name: `theta` {name: number} of a fit, and `parameters` {name: {value}} or {name: number}."""
     found = {}
-    for name, entry in document.get("parameters", {}).items():
+    for name, entry in {**document.get("theta", {}), **document.get("parameters", {})}.items():
         value = entry.get("value") if isinstance(entry, Mapping) else entry
         if isinstance(value, int | float):
             found[name] = float(value)

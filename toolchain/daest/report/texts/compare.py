@@ -6,8 +6,9 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rich.console import RenderableType
+from rich.text import Text
 
-from daest.report.console import heading, indented, number, percent, rendered, table
+from daest.report.console import indented, number, percent, rendered, table
 
 
 def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
@@ -15,22 +16,28 @@ def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> 
 
 
 def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
-    models = document["models"]
-    for title, part in (("Simulation", None), ("One-step prediction", "one_step")):
-        yield heading(f"{title} of {', '.join(document['data'])}")
-        columns = ["model", "parameters"]
-        for output, unit in document["outputs"].items():
-            columns += [f"{output} fit %", f"rms [{unit or '1'}]"]
-        outputs = list(document["outputs"])
-        yield table(columns, (_row(model, part, outputs) for model in models))
-    for model in models:
+    yield Text(f"On {', '.join(document['data'])}")
+    rows = (
+        _row(model, output, unit)
+        for output, unit in document["outputs"].items()
+        for model in document["models"]
+    )
+    columns = ("output", "model", "parameters", "simulation fit %", "rms", "one-step fit %", "rms", "unit")
+    yield table(columns, rows, text_columns=(0, 1, 7))
+    for model in document["models"]:
         for remark in model["notes"]:
             yield indented(f"{model['name']}: {remark}")
 
 
-def _row(model: Mapping[str, Any], part: str | None, outputs: list[str]) -> list[str]:
-    agreement = model if part is None else model[part]
-    row = [model["name"], str(model["n_parameters"])]
-    for output in outputs:
-        row += [percent(agreement["fit_percent"].get(output)), number(agreement["rms"].get(output))]
-    return row
+def _row(model: Mapping[str, Any], output: str, unit: str) -> tuple[str, ...]:
+    one_step = model["one_step"]
+    return (
+        output,
+        model["name"],
+        str(model["n_parameters"]),
+        percent(model["fit_percent"].get(output)),
+        number(model["rms"].get(output)),
+        percent(one_step["fit_percent"].get(output)),
+        number(one_step["rms"].get(output)),
+        unit,
+    )

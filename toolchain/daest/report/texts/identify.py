@@ -19,7 +19,7 @@ def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> 
 
 
 def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
-    yield Text(f"{document['status']}: {document['message']}")
+    yield Text(document["message"])
     period = document.get("period")
     yield indented(
         f"{document['n_samples']} samples"
@@ -31,9 +31,8 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
         yield indented(note)
     yield heading("Parameters")
     yield _parameters(document["parameters"])
-    if document.get("noise"):
-        yield heading("Noise")
-        yield _noise(document["noise"])
+    yield heading("Noise")
+    yield _noise(document["noise"])
     for direction in document["weak_directions"]:
         yield heading("The data cannot tell these apart")
         yield indented(_direction(direction))
@@ -70,20 +69,20 @@ def _relative(p: Mapping[str, Any]) -> str:
     return number(100 * p["std_error"] / abs(p["value"]), 2)
 
 
-def _noise(noise: Any) -> RenderableType:
-    entries = noise.items() if isinstance(noise, Mapping) else ((entry["name"], entry) for entry in noise)
+def _noise(noise: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> RenderableType:
     return table(
-        ("name", "kind", "size", "std error", "unit", ""),
+        ("name", "", "size", "std error", "unit", ""),
         (
             (
                 name,
-                "intensity" if n["kind"] == "process" else "std",
-                number(n["value"]),
+                quantity,
+                number(n[quantity]),
                 number(n["std_error"], 2),
                 n["unit"],
-                "" if n["estimated"] else "given",
+                f"at its {n['at_bound']}" if n["at_bound"] else "" if n["estimated"] else "given",
             )
-            for name, n in entries
+            for kind, quantity in (("process", "intensity"), ("measurement", "std"))
+            for name, n in noise[kind].items()
         ),
         text_columns=(0, 1, 4, 5),
     )
@@ -107,19 +106,20 @@ def _strong_pairs(correlation: Mapping[str, Any]) -> list[tuple[str, str, float]
 
 
 def _fits(document: Mapping[str, Any]) -> RenderableType:
-    parts = list(document["fit_percent"])
-    columns = ["output"]
-    for part in parts:
-        columns += [f"{part} fit %", "rms", "one-step fit %", "rms"]
-    rows = []
-    for output in document["fit_percent"][parts[0]] if parts else ():
-        row = [output]
-        for part in parts:
-            row += [
-                percent(document["fit_percent"][part].get(output)),
-                number(document["rms"][part].get(output)),
-                percent(document["one_step"]["fit_percent"].get(part, {}).get(output)),
-                number(document["one_step"]["rms"].get(part, {}).get(output)),
-            ]
-        rows.append(row)
-    return table(columns, rows)
+    one_step = document["one_step"]
+    return table(
+        ("data", "output", "simulation fit %", "rms", "one-step fit %", "rms"),
+        (
+            (
+                part,
+                output,
+                percent(fit),
+                number(document["rms"][part][output]),
+                percent(one_step["fit_percent"][part][output]),
+                number(one_step["rms"][part][output]),
+            )
+            for part, fits in document["fit_percent"].items()
+            for output, fit in fits.items()
+        ),
+        text_columns=(0, 1),
+    )
