@@ -37,11 +37,20 @@ _VARIABILITY: dict[str, Literal["constant", "parameter", "discrete", "continuous
     "Discrete": "discrete",
 }
 _CAUSALITY: dict[str, Literal["input", "output", "local"]] = {"Input": "input", "Output": "output"}
+_STATE_SELECT: dict[str, Literal["never", "avoid", "default", "prefer", "always"]] = {
+    "Never": "never",
+    "Avoid": "avoid",
+    "Prefer": "prefer",
+    "Always": "always",
+}
 _DISCRETE_TYPES = ("Boolean", "Integer", "String")
 
 
-def flat_source(name: str, flat: dict[str, Any], texts: dict[int, tuple[str, bytes]]) -> s.FlatSource:
-    """The flat form of model `name`; `texts` maps source numbers to file name and text."""
+def flat_source(
+    name: str, flat: dict[str, Any], texts: dict[int, tuple[str, bytes]], own: tuple[int, ...]
+) -> s.FlatSource:
+    """The flat form of model `name`; `texts` maps source numbers to file name and text, `own` is the number of the
+    user's file."""
     return s.FlatSource(
         name=name,
         description=flat.get("model_description") or "",
@@ -56,6 +65,7 @@ def flat_source(name: str, flat: dict[str, Any], texts: dict[int, tuple[str, byt
         structural=_structural(flat),
         refused=tuple(_refused(flat)),
         texts=texts,
+        own=own,
     )
 
 
@@ -87,7 +97,7 @@ def _variable(v: dict[str, Any], flat: dict[str, Any]) -> s.FlatVariable:
         nominal=_declared(v["nominal"], v),
         unit=_plain_text(v["unit"]),
         description=v["description"] or "",
-        state_select=v["state_select"].lower(),
+        state_select=_STATE_SELECT.get(v["state_select"], "default"),
         binding=expression(v["binding"]) if v["binding"] else None,
         span=span(v["source_span"]),
     )

@@ -123,7 +123,7 @@ def _output(flat: FlatModel, name: str, source: str) -> tuple[Output, ca.SX]:
     for i, unknown in enumerate(flat.unknowns):
         if unknown.name == source:
             return Output(name, unknown.unit, unknown.description, place=unknown.place), flat.xi[i]
-    known = [x.name for x in (*flat.outputs, *flat.unknowns)]
+    known = [y.name for y in flat.outputs] + [x.name for x in flat.unknowns]
     raise _no_such("output", source, known, flat, "An output is a variable of the model.")
 
 

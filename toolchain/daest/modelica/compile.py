@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
+from daest.errors import ModelError
 from daest.model.flat import FlatModel
+from daest.modelica import syntax as s
 from daest.modelica.assemble import assemble
 from daest.modelica.change import declare, with_values
-from daest.modelica.compiler import Job, compile_source, with_room
+from daest.modelica.class_choice import select_class
+from daest.modelica.compiler import Job, compile_source, modification, with_room
 from daest.modelica.library import library_roots
-from daest.modelica.select import select_class
+from daest.modelica.parameters import is_parameter
 from daest.modelica.source import read_source
 
 __all__ = ["compile_model", "declare", "with_values"]
@@ -24,12 +28,67 @@ def compile_model(
 ) -> FlatModel:
     """The equation list of a Modelica model.
 
-    `class_name` may be left out when the file holds one model that is not partial. `libraries` are folders that
-    contain libraries; MODELICAPATH and the bundled library are searched after them. `overrides` are parameter
-    values; an Integer, Boolean or structural one compiles the model again. Raises ModelError.
+    `class_name` may be left out when the file holds one model that is not partial, or one that the others are
+    parts of. `libraries` are folders that contain libraries; MODELICAPATH and the bundled library are searched
+    after them. `overrides` are parameter values; those of Integer, Boolean and structural parameters compile the
+    model again. Raises ModelError.
     """
     path = Path(path)
     text = read_source(path)
     job = Job(path, text, select_class(text, path, class_name), library_roots(libraries))
-    flat = with_room(lambda: assemble(compile_source(job), str(path)))
-    return with_values(flat, overrides) if overrides else flat
+    return with_room(lambda: _compile(job, dict(overrides or {})))
+
+
+def _compile(job: Job, overrides: dict[str, float]) -> FlatModel:
+    try:
+        source = compile_source(job)
+        flat = assemble(source, str(job.path))
+        structural = _structural(source, flat, overrides)
+        if structural:
+            job = replace(job, modification=modification(structural))
+            flat = assemble(compile_source(job), str(job.path))
+    except RecursionError:
+        raise ModelError(
+            "model-nesting",
+            "an expression or a chain of definitions nests too deeply",
+            where=str(job.path),
+            remedy="Split it over several variables.",
+        ) from None
+    return with_values(flat, {name: value for name, value in overrides.items() if name not in structural})
+
+
+def _structural(source: s.FlatSource, flat: FlatModel, overrides: Mapping[str, float]) -> dict[str, str]:
+    """Modelica text of the overrides that need another compilation: of parameters that stand in the equations as
+    numbers. Raises ModelError for one that cannot be modified."""
+    changeable = {p.name for p in flat.parameters} | {p.name for p in flat.derived_parameters}
+    variables = {x.name: x for x in source.variables if is_parameter(x)}
+    return {
+        name: _literal(variables[name], value)
+        for name, value in overrides.items()
+        if name in variables and name not in changeable
+    }
+
+
+def _literal(variable: s.FlatVariable, value: float) -> str:
+    if variable.is_final or variable.variability == "constant" or "[" in variable.name or variable.dimensions:
+        kind = (
+            "final"
+            if variable.is_final
+            else "a constant"
+            if variable.variability == "constant"
+            else "an array"
+        )
+        raise ModelError(
+            "parameter-fixed",
+            f"`{variable.name}` is {kind} and cannot be set from outside",
+            remedy="Change it in the model.",
+        )
+    if variable.type_name == "Boolean":
+        return "true" if value else "false"
+    if variable.type_name == "Integer" and not float(value).is_integer():
+        raise ModelError(
+            "parameter-fixed",
+            f"`{variable.name}` is an Integer; {value:g} is none",
+            remedy="Give a whole number.",
+        )
+    return str(int(value)) if variable.is_discrete else repr(float(value))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -25,15 +25,22 @@ _RECURSION_LIMIT = 40_000
 # A folder that does not exist: the compiler reads every .mo file beside the file that it is given.
 _ALONE = Path("/daest-single-file")
 
+# The class that is put behind a file's own to compile it with other parameter values, or to reach the flat form
+# of a model whose equations and unknowns differ in number.
+_WRAPPER = "Daest__Wrapper"
+_SPARE = "daest__spare"
+
 
 @dataclass(frozen=True)
 class Job:
-    """What to compile: the text of a file (UTF-8, no byte order mark), the class in it, and library folders."""
+    """What to compile: the text of a file (UTF-8, no byte order mark), the class in it, library folders, and the
+    modification of the class (`n = 3, motor(J = 2)`)."""
 
     path: Path
     text: bytes
     class_name: str
     roots: tuple[Path, ...]
+    modification: str = ""
 
 
 def with_room(work: Callable[[], T]) -> T:
@@ -61,45 +68,78 @@ def with_room(work: Callable[[], T]) -> T:
     return result[0]
 
 
-def compile_source(job: Job, appended: bytes = b"") -> s.FlatSource:
-    """The flat form of a job; `appended` Modelica text goes behind the file's own (its class is compiled then if
-    it is named `Daest__…`). Raises ModelError."""
+def compile_source(job: Job) -> s.FlatSource:
+    """The flat form of a job, also when its equations and unknowns differ in number. Raises ModelError."""
     check_depth(str(job.path), job.text)
-    text = job.text + appended
+    try:
+        return _compiled(job, _wrapper(job))
+    except failures.Unbalanced as problem:
+        return _padded(job, problem)
+
+
+def _padded(job: Job, problem: failures.Unbalanced) -> s.FlatSource:
+    """The flat form of an unbalanced model: compiled with spare equations or unknowns, which are dropped again."""
+    missing = problem.n_unknowns - problem.n_equations
+    body = " equation" + " 0 = time;" * missing if missing > 0 else f" Real {_SPARE}[{-missing}];"
+    source = _compiled(job, _wrapper(job, body))
+    end = len(job.text)
+    return replace(
+        source,
+        variables=tuple(x for x in source.variables if x.name != _SPARE),
+        equations=tuple(e for e in source.equations if not _is_behind(e.span, source, end)),
+    )
+
+
+def _is_behind(span: s.Span | None, source: s.FlatSource, end: int) -> bool:
+    return span is not None and span.source in source.own and span.start >= end
+
+
+def _wrapper(job: Job, body: str = "") -> bytes:
+    """The text to append, empty if the class itself can be compiled."""
+    if not body and not job.modification:
+        return b""
+    modification = f"({job.modification})" if job.modification else ""
+    return f"\nmodel {_WRAPPER} extends {job.class_name}{modification};{body} end {_WRAPPER};\n".encode()
+
+
+def modification(values: Mapping[str, str]) -> str:
+    """`{"n": "3", "a.b.n": "2"}` -> `n = 3, a(b(n = 2))`."""
+    tree: dict[str, Any] = {}
+    for name, value in values.items():
+        *path, last = name.split(".")
+        node = tree
+        for part in path:
+            node = node.setdefault(part, {})
+        node[last] = value
+    return _modification(tree)
+
+
+def _modification(tree: Mapping[str, Any]) -> str:
+    parts = (f"{k}({_modification(v)})" if isinstance(v, dict) else f"{k} = {v}" for k, v in tree.items())
+    return ", ".join(parts)
+
+
+def _compiled(job: Job, appended: bytes) -> s.FlatSource:
+    text = (job.text + appended).decode("utf-8")
     name = _compiled_name(job, appended)
     try:
-        model = _load(job, text.decode("utf-8"), name)
+        model = _load(job, text, name)
         flat = model.to_dict("flat")
         files = model.to_dict("dae")["source_map"]["files"]
     except rumoca.RumocaError as problem:
         raise failures.translated(str(problem), job.path, job.text, job.class_name) from None
-    except Exception as problem:
-        raise failures.internal(problem, job.path) from None
     except BaseException as problem:  # a panic of the compiler is no Exception
         if isinstance(problem, KeyboardInterrupt | SystemExit):
             raise
         raise failures.internal(problem, job.path) from None
-    return adapter.flat_source(job.class_name, flat, _texts(files, job))
+    return adapter.flat_source(job.class_name, flat, _texts(files, job), _own(files, job))
 
 
 def _compiled_name(job: Job, appended: bytes) -> str:
     if not appended:
         return job.class_name
     inside = within(job.text)
-    return f"{inside}.{WRAPPER}" if inside else WRAPPER
-
-
-WRAPPER = "Daest__Wrapper"
-
-
-def wrapper(
-    class_name: str, modification: str = "", equations: Sequence[str] = (), declarations: str = ""
-) -> bytes:
-    """A class that extends `class_name`, to be appended to its file."""
-    body = "".join(f" {equation};" for equation in equations)
-    section = f" equation{body}" if equations else ""
-    text = f"\nmodel {WRAPPER} extends {class_name}{modification};{declarations}{section} end {WRAPPER};\n"
-    return text.encode()
+    return f"{inside}.{_WRAPPER}" if inside else _WRAPPER
 
 
 def _load(job: Job, text: str, name: str) -> Any:
@@ -123,10 +163,16 @@ def _in_package(job: Job) -> bool:
     return bool(within(job.text)) and (job.path.resolve().parent / "package.mo").is_file()
 
 
+def _is_own(name: str, job: Job) -> bool:
+    return name in (str(_ALONE / job.path.name), str(job.path.resolve()))
+
+
+def _own(files: list[Any], job: Job) -> tuple[int, ...]:
+    return tuple(number for number, name, _ in files if _is_own(name, job))
+
+
 def _texts(files: list[Any], job: Job) -> dict[int, tuple[str, bytes]]:
-    found = {}
-    own = str(_ALONE / job.path.name)
-    for number, name, text in files:
-        is_own = name in (own, str(job.path.resolve()))
-        found[number] = (str(job.path), job.text) if is_own else (name, text.encode())
-    return found
+    return {
+        number: (str(job.path), job.text) if _is_own(name, job) else (name, text.encode())
+        for number, name, text in files
+    }

@@ -15,7 +15,7 @@ import numpy as np
 from daest.errors import ModelError, Place
 from daest.modelica import syntax as s
 from daest.modelica import values as v
-from daest.modelica.builtins import BUILTINS, REFUSED, integer, matrix_of_rows
+from daest.modelica.operators import BUILTINS, REFUSED, integer, matrix_of_rows
 from daest.modelica.text import text
 from daest.modelica.values import Record, Scalar, Value
 
@@ -43,13 +43,17 @@ _REFUSAL_REMEDY = (
 )
 
 
+PathPart = tuple[str, tuple[Value | None, ...]]  # identifier and evaluated subscripts (None: `:`)
+Path = list[PathPart]
+
+
 class Scope(Protocol):
     """Where names get their values."""
 
     def lookup(self, name: str) -> Value | None:
         """The value of a variable, parameter or literal; None if there is none of that name."""
 
-    def path(self, parts: Sequence[tuple[str, tuple[Value | None, ...]]]) -> Value | None:
+    def path(self, parts: Sequence[PathPart]) -> Value | None:
         """The value of a component path with evaluated subscripts (None stands for `:`)."""
 
     def derivative(self, name: str) -> Value | None:
@@ -144,11 +148,11 @@ class Evaluator:
         parts = self._parts(node)
         return None if parts is None else self.scope.path(parts)
 
-    def _parts(self, node: s.Node) -> list[tuple[str, tuple[Value | None, ...]]] | None:
+    def _parts(self, node: s.Node) -> Path | None:
         """The component path behind nested names, indices and fields; None when the base is no name."""
         match node:
             case s.Name(name, subscripts):
-                parts = [(ident, tuple(indices)) for ident, indices in split_path(name)]
+                parts: Path = [(ident, tuple(indices)) for ident, indices in split_path(name)]
                 return _with_subscripts(parts, self._subscripts(subscripts))
             case s.Field(base, name):
                 parts_or_none = self._parts(base)
@@ -326,7 +330,7 @@ class _DerivativeScope:
     def lookup(self, name: str) -> Value | None:
         return self.scope.derivative(name)
 
-    def path(self, parts: Sequence[tuple[str, tuple[Value | None, ...]]]) -> Value | None:
+    def path(self, parts: Sequence[PathPart]) -> Value | None:
         head = join_path(parts[:-1], parts[-1][0])
         found = None if head is None else self.scope.derivative(head)
         return None if found is None else indexed(found, parts[-1][1])
@@ -427,7 +431,7 @@ def split_path(name: str) -> list[tuple[str, list[int]]]:
     ]
 
 
-def join_path(parts: Sequence[tuple[str, tuple[Value | None, ...]]], last: str) -> str | None:
+def join_path(parts: Sequence[PathPart], last: str) -> str | None:
     """The flat name of a path whose subscripts are plain integers, else None."""
     made = []
     for ident, subscripts in parts:
@@ -437,9 +441,7 @@ def join_path(parts: Sequence[tuple[str, tuple[Value | None, ...]]], last: str) 
     return ".".join([*made, last])
 
 
-def _with_subscripts(
-    parts: list[tuple[str, tuple[Value | None, ...]]], subscripts: tuple[Value | None, ...]
-) -> list[tuple[str, tuple[Value | None, ...]]]:
+def _with_subscripts(parts: Path, subscripts: tuple[Value | None, ...]) -> Path:
     ident, before = parts[-1]
     return [*parts[:-1], (ident, (*before, *subscripts))]
 

@@ -11,8 +11,8 @@ import numpy as np
 from daest.errors import ModelError, Place
 from daest.modelica import syntax as s
 from daest.modelica import values as v
-from daest.modelica.builtins import BUILTINS, integer
 from daest.modelica.expressions import Evaluator, field_of, indexed, refusal
+from daest.modelica.operators import BUILTINS, integer
 from daest.modelica.text import text
 from daest.modelica.values import Record, Value
 
@@ -284,4 +284,4 @@ def _merged_value(condition: ca.SX, yes: Value | None, no: Value | None) -> Valu
 def _merged_element(condition: ca.SX, yes: v.Scalar, no: v.Scalar) -> v.Scalar:
     if yes is no or no is _UNASSIGNED:
         return yes
-    return no if yes is _UNASSIGNED else ca.if_else(condition, yes, no)
+    return no if yes is _UNASSIGNED else v.either(condition, yes, no)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
@@ -18,20 +18,27 @@ from daest.errors import ModelError
 from daest.modelica import syntax as s
 from daest.modelica import values as v
 from daest.modelica.expressions import Evaluator
-from daest.modelica.scope import ModelScope, element_names, symbols
+from daest.modelica.scope import Element, ModelScope, element_names
 from daest.modelica.text import text
 from daest.modelica.values import Scalar, Value
 
 EvaluatorFactory = Callable[[ModelScope, s.Span | None], Evaluator]
 
 
+@dataclass(frozen=True)
+class Derived:
+    """A computed parameter; the element's symbol is the expression that it stands for."""
+
+    element: Element
+    expression: str
+
+
 @dataclass
 class ParameterTable:
-    """The result of sorting: per tunable element its variable, symbol and value; per derived element its
-    variable, expression text and expression."""
+    """The result of sorting: tunable elements with their values, and derived ones."""
 
-    tunable: list[tuple[str, s.FlatVariable, ca.SX, float]] = field(default_factory=list)
-    derived: list[tuple[str, s.FlatVariable, str, ca.SX]] = field(default_factory=list)
+    tunable: list[tuple[Element, float]] = field(default_factory=list)
+    derived: list[Derived] = field(default_factory=list)
 
 
 def is_parameter(variable: s.FlatVariable) -> bool:
@@ -116,8 +123,8 @@ def sort_parameters(
         if is_parameter(variable):
             scope.lookup(variable.name)
     order = {variable.name: i for i, variable in enumerate(source.variables)}
-    table.tunable.sort(key=lambda entry: order[entry[1].name])
-    table.derived.sort(key=lambda entry: order[entry[1].name])
+    table.tunable.sort(key=lambda entry: order[entry[0].variable.name])
+    table.derived.sort(key=lambda entry: order[entry.element.variable.name])
     return table
 
 
@@ -170,23 +177,27 @@ def _symbolic(
             return number
         value = shaped(reader.value(_bound(variable)), variable, reader)
         names = element_names(variable.name, variable.dimensions)
-        made = [_element(name, x, variable, table) for name, x in zip(names, v.elements(value), strict=True)]
+        made = [
+            _element(Element(name, i, variable, v.symbolic(x)), table)
+            for i, (name, x) in enumerate(zip(names, v.elements(value), strict=True))
+        ]
         return v.from_flat(made, variable.dimensions) if variable.dimensions else made[0]
 
     return make
 
 
-def _element(name: str, value: Scalar, variable: s.FlatVariable, table: ParameterTable) -> Scalar:
-    value = v.constant(value)
+def _element(element: Element, table: ParameterTable) -> Scalar:
+    """Sort one scalar; `element.symbol` is its value as it was read."""
+    variable = element.variable
+    value = v.constant(element.symbol)
     if isinstance(value, ca.SX):
         expression = text(variable.binding) if variable.binding is not None else str(value)
-        table.derived.append((name, variable, expression, value))
+        table.derived.append(Derived(element, expression))
         return value
     if variable.is_final:
         return value
-    symbol = symbols([name], ())
-    assert isinstance(symbol, ca.SX)
-    table.tunable.append((name, variable, symbol, float(value)))
+    symbol = ca.SX.sym(element.name)
+    table.tunable.append((replace(element, symbol=symbol), float(value)))
     return symbol
 
 

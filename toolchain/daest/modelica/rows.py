@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -25,27 +25,28 @@ class Row:
     equation: s.FlatEquation
 
 
-def rows_of(equation: s.FlatEquation, evaluator: Evaluator) -> list[Row]:
-    """The scalar rows of an equation, arrays row by row, records field by field. Raises ModelError."""
+def rows_of(equation: s.FlatEquation, evaluator: Evaluator, substitutes: Mapping[str, s.Node]) -> list[Row]:
+    """The scalar rows of an equation, arrays row by row, records field by field. The texts show `substitutes` in
+    place of the names that they stand for. Raises ModelError."""
     evaluator.at = equation.span
-    bound = dict(equation.bound)
-    left_node = specialised(equation.left, bound)
-    right_node = s.Constant(0) if equation.right is None else specialised(equation.right, bound)
+    known = {**substitutes, **{name: s.Constant(value) for name, value in equation.bound}}
+    left_node = specialised(equation.left, known)
+    right_node = s.Constant(0) if equation.right is None else specialised(equation.right, known)
     if isinstance(left_node, s.Tuple):
         return _tuple_rows(equation, left_node, right_node, evaluator)
     left, right = evaluator.value(left_node), evaluator.value(right_node)
     residuals = _differences(left, right, evaluator)
     texts = _texts(left_node, right_node, left, right, len(residuals), lambda node: _shape(evaluator, node))
-    return [Row(ca.SX(r), t, equation) for r, t in zip(residuals, texts, strict=True)]
+    return [Row(v.symbolic(r), t, equation) for r, t in zip(residuals, texts, strict=True)]
 
 
 def _tuple_rows(equation: s.FlatEquation, left: s.Tuple, right: s.Node, evaluator: Evaluator) -> list[Row]:
     shown = f"{text(left)} = {text(right)}"
-    made = []
+    made: list[Row] = []
     for node, result in zip(left.elements, evaluator.results(right), strict=False):
         if node is not None:
             residuals = _differences(evaluator.value(node), result, evaluator)
-            made.extend(Row(ca.SX(r), shown, equation) for r in residuals)
+            made.extend(Row(v.symbolic(r), shown, equation) for r in residuals)
     return made
 
 

@@ -11,10 +11,22 @@ import numpy as np
 
 from daest.errors import ModelError
 from daest.modelica import values as v
-from daest.modelica.expressions import indexed, split_path
+from daest.modelica.expressions import PathPart, indexed, split_path
+from daest.modelica.syntax import FlatVariable
 from daest.modelica.values import Record, Value
 
-Path = Sequence[tuple[str, tuple[Value | None, ...]]]
+
+@dataclass(frozen=True)
+class Element:
+    """One scalar of a variable: its name, its position in the flattened array, its symbol."""
+
+    name: str
+    position: int
+    variable: FlatVariable
+    symbol: ca.SX
+
+
+Path = Sequence[PathPart]
 
 # A component tree: identifier -> indices of a component array ((): no array) -> subtree, or the full name of a leaf.
 Tree = dict[str, dict[tuple[int, ...], Any]]

@@ -1,4 +1,4 @@
-"""An expression under known values of for-iterators: names replaced, subscripts computed, decided branches taken."""
+"""An expression under known values of some names: names replaced, subscripts computed, decided branches taken."""
 
 from __future__ import annotations
 
@@ -19,42 +19,42 @@ _RELATIONS = {
 }
 
 
-def specialised(node: s.Node, iterators: Mapping[str, int]) -> s.Node:
-    """`x[i - 1]` with i = 3 -> `x[2]`; `if i > 1 then a else b` -> `a`. Unchanged without iterators."""
-    return _replaced(node, iterators) if iterators else node
+def specialised(node: s.Node, known: Mapping[str, s.Node]) -> s.Node:
+    """`x[i - 1]` with i = 3 -> `x[2]`; `if i > 1 then a else b` -> `a`. Unchanged if nothing is known."""
+    return _replaced(node, known) if known else node
 
 
-def _replaced(node: Any, iterators: Mapping[str, int]) -> Any:
+def _replaced(node: Any, known: Mapping[str, s.Node]) -> Any:
     if isinstance(node, tuple):
-        return tuple(_replaced(part, iterators) for part in node)
+        return tuple(_replaced(part, known) for part in node)
     if not is_dataclass(node) or isinstance(node, s.Span | s.Constant):
         return node
-    if isinstance(node, s.Name) and not node.subscripts and node.name in iterators:
-        return s.Constant(iterators[node.name], node.span)
+    if isinstance(node, s.Name) and not node.subscripts and node.name in known:
+        return known[node.name]
     if isinstance(node, s.Conditional):
-        return _decided(node, iterators)
+        return _decided(node, known)
     if isinstance(node, s.Comprehension):
-        inner = {name: _ for name, _ in iterators.items() if name not in dict(node.iterators)}
+        inner = {name: value for name, value in known.items() if name not in dict(node.iterators)}
         return _rebuilt(node, inner)
-    made = _rebuilt(node, iterators)
+    made = _rebuilt(node, known)
     return _folded(made) if isinstance(made, s.Binary) else made
 
 
-def _rebuilt(node: Any, iterators: Mapping[str, int]) -> Any:
-    return type(node)(*(_replaced(getattr(node, field.name), iterators) for field in fields(node)))
+def _rebuilt(node: Any, known: Mapping[str, s.Node]) -> Any:
+    return type(node)(*(_replaced(getattr(node, field.name), known) for field in fields(node)))
 
 
-def _decided(node: s.Conditional, iterators: Mapping[str, int]) -> s.Node:
-    open_branches = []
+def _decided(node: s.Conditional, known: Mapping[str, s.Node]) -> s.Node:
+    open_branches: list[tuple[s.Node, s.Node]] = []
     for condition, value in node.branches:
-        made = _replaced(condition, iterators)
+        made = _replaced(condition, known)
         if isinstance(made, s.Constant) and made.value is False:
             continue
         if isinstance(made, s.Constant) and made.value is True:
-            otherwise = _replaced(value, iterators)
+            otherwise = _replaced(value, known)
             return s.Conditional(tuple(open_branches), otherwise, node.span) if open_branches else otherwise
-        open_branches.append((made, _replaced(value, iterators)))
-    otherwise = _replaced(node.otherwise, iterators)
+        open_branches.append((made, _replaced(value, known)))
+    otherwise = _replaced(node.otherwise, known)
     return s.Conditional(tuple(open_branches), otherwise, node.span) if open_branches else otherwise
 
 

@@ -244,7 +244,7 @@ class FlatVariable:
     nominal: Node | None
     unit: str
     description: str
-    state_select: str
+    state_select: Literal["never", "avoid", "default", "prefer", "always"]
     binding: Node | None
     span: Span | None
 
@@ -276,3 +276,4 @@ class FlatSource:
     structural: frozenset[str]  # parameters that sizes, loops or branches were decided on
     refused: tuple[tuple[str, Span | None], ...]  # constructs of the model without a meaning here
     texts: dict[int, tuple[str, bytes]] = field(default_factory=dict)  # source number -> file name, text
+    own: tuple[int, ...] = ()  # the number of the file that was asked for

@@ -74,6 +74,11 @@ def constant(value: Scalar) -> Scalar:
     return value
 
 
+def symbolic(value: Scalar) -> ca.SX:
+    """`value` as an SX scalar."""
+    return ca.SX(value)  # type: ignore[arg-type]
+
+
 def elements(value: Value) -> list[Scalar]:
     """All scalars of a value: arrays row by row, records and tuples field by field."""
     if isinstance(value, np.ndarray):
@@ -176,4 +181,8 @@ def choose(condition: ca.SX, yes: Value, no: Value) -> Value:
         return Record({name: choose(condition, value, no.fields[name]) for name, value in yes.fields.items()})
     if isinstance(yes, tuple) and isinstance(no, tuple):
         return tuple(choose(condition, a, b) for a, b in zip(yes, no, strict=True))
-    return combined(lambda a, b: a if a is b else ca.if_else(condition, a, b), yes, no)
+    return combined(lambda a, b: either(condition, a, b), yes, no)
+
+
+def either(condition: ca.SX, yes: Scalar, no: Scalar) -> Scalar:
+    return yes if yes is no else ca.if_else(condition, yes, no)  # type: ignore[arg-type]

@@ -7,29 +7,31 @@ from pathlib import Path
 from daest.errors import ModelError
 from daest.modelica import failures
 from daest.modelica.outline import ClassHead, class_heads
-from daest.modelica.tokens import place_of
+from daest.modelica.tokens import place_of, tokens
 
 
 def select_class(text: bytes, path: Path, wanted: str | None) -> str:
     """The full name of the model to compile.
 
-    Without `wanted` it is the file's only complete model: among the outermost classes if there is one, else
-    among those inside of packages. With `wanted`, the short name of a class inside of a package is enough.
+    Without `wanted` it is the file's only complete model: among the outermost classes if there is one, else among
+    those inside of packages; of several, the only one that no other class of the file uses. With `wanted`, the short name of a class inside of a package is enough.
     Raises ModelError when there is none or more than one.
     """
     heads = class_heads(text)
     if wanted is not None:
         return _named(heads, text, path, wanted)
     models = _candidates(heads)
-    if len(models) == 1:
-        return models[0].name
+    unused = [head for head in models if not _is_used(head, text)]
+    for choice in (models, unused):
+        if len(choice) == 1:
+            return choice[0].name
     if not models:
         raise _no_model(heads, text, path)
     raise ModelError(
         "model-ambiguous",
         f"{path} holds {len(models)} models: {', '.join(head.name for head in models)}",
         where=str(path),
-        remedy=f"Name the one to use: --class {models[-1].name}.",
+        remedy=f"Name the one to use: --class {(unused or models)[-1].name}.",
     )
 
 
@@ -39,6 +41,17 @@ def _candidates(heads: tuple[ClassHead, ...]) -> list[ClassHead]:
     free = [head for head in heads if head.is_model and not _lies_in(head.name, outer_models)]
     outermost = [head for head in free if head.depth == 0]
     return outermost or free
+
+
+def _is_used(head: ClassHead, text: bytes) -> bool:
+    """Whether the class is named anywhere but where it is defined."""
+    short = head.name.rpartition(".")[2]
+    before = ""
+    for token in tokens(text):
+        if token.text == short and token.start != head.start and before != "end":
+            return True
+        before = token.text
+    return False
 
 
 def _lies_in(name: str, outer: set[str]) -> bool:

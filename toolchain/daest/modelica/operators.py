@@ -97,11 +97,11 @@ def _atan2(y: Scalar, x: Scalar) -> Scalar:
 
 
 def _smaller(a: Scalar, b: Scalar) -> Scalar:
-    return ca.fmin(a, b) if is_symbolic(a) or is_symbolic(b) else min(a, b)  # type: ignore[type-var]
+    return ca.fmin(a, b) if is_symbolic(a) or is_symbolic(b) else min(a, b)  # type: ignore
 
 
 def _larger(a: Scalar, b: Scalar) -> Scalar:
-    return ca.fmax(a, b) if is_symbolic(a) or is_symbolic(b) else max(a, b)  # type: ignore[type-var]
+    return ca.fmax(a, b) if is_symbolic(a) or is_symbolic(b) else max(a, b)  # type: ignore
 
 
 def _binary(operation: Callable[[Scalar, Scalar], Scalar]) -> Function:

@@ -1,0 +1,97 @@
+"""Models whose equations and unknowns differ in number: which ones are concerned."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+
+from daest.errors import ModelError, Place
+from daest.model.flat import Equation
+from daest.modelica.scope import Element
+from daest.numerics.matching import find_defect
+
+# How many equations and unknowns a message lists.
+_LISTED = 8
+
+
+def unbalanced(
+    equations: Sequence[Equation], unknowns: Sequence[Element], residual: ca.SX, xi: ca.SX, derivatives: ca.SX,
+    where: str,
+) -> ModelError:  # fmt: skip
+    """The error for `len(equations) != len(unknowns)`, naming the parts of the Dulmage-Mendelsohn decomposition
+    that have too few or too many equations."""
+    missing = len(unknowns) - len(equations)
+    what = f"the model has {len(equations)} equations for {len(unknowns)} unknowns"
+    under, over = _concerned(residual, xi, derivatives)
+    if missing > 0:
+        open_inputs = [unknowns[j] for j in under if unknowns[j].variable.causality == "input"]
+        if open_inputs:
+            return _open_input(open_inputs, missing, what, where)
+        names = _listed([unknowns[j].name for j in under])
+        what += f": {missing} too few. These unknowns are not all determined: {names}"
+        remedy = "Add the missing equations, connect open connectors, or declare given signals as inputs."
+        return ModelError("model-unbalanced", what, where=where, remedy=remedy)
+    listed = "\n".join(_line(equations[i]) for i in over[:_LISTED])
+    names = _listed(
+        sorted({unknowns[j].name for i in over for j in _unknowns_of(i, residual, xi, derivatives)})
+    )
+    what += f": {-missing} too many. These equations compete for {names or 'no unknown at all'}:\n{listed}"
+    place: Place | str | None = equations[over[-1]].place if over else None
+    remedy = "Remove an equation, or a binding of a variable that an equation determines as well."
+    return ModelError("model-unbalanced", what, where=place or where, remedy=remedy)
+
+
+def _open_input(inputs: Sequence[Element], missing: int, what: str, where: str) -> ModelError:
+    names = _listed([element.name for element in inputs])
+    return ModelError(
+        "model-unbalanced",
+        f"{what}: nothing gives a value to {names}",
+        where=where,
+        remedy="Connect it, bind it (`source(V = u)`), or mark a noise by __Daest(noise = true).",
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(f"`{name}`" for name in names[:_LISTED])
+    return shown + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
+
+
+def _line(equation: Equation) -> str:
+    return f"    {equation.text}    ({equation.place or equation.origin})"
+
+
+def _incidence(residual: ca.SX, xi: ca.SX, derivatives: ca.SX) -> sp.csr_array:
+    found = sp.csr_array((residual.numel(), xi.numel()))
+    for variables in (xi, derivatives):
+        pattern = ca.jacobian_sparsity(residual, variables)
+        entries = (np.ones(pattern.nnz()), (np.array(pattern.row()), np.array(pattern.get_col())))
+        found = found + sp.csr_array(sp.coo_array(entries, shape=found.shape))
+    return sp.csr_array(found)
+
+
+def _concerned(residual: ca.SX, xi: ca.SX, derivatives: ca.SX) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Unknowns of the part with too few equations, and equations of the part with too many."""
+    incidence = _incidence(residual, xi, derivatives)
+    size = max(incidence.shape)
+    square = sp.csr_array(
+        (
+            incidence.data,
+            incidence.indices,
+            np.append(incidence.indptr, [incidence.nnz] * (size - incidence.shape[0])),
+        ),
+        shape=(size, size),
+    )
+    defect = find_defect(square)
+    if defect is None:
+        return (), ()
+    under = tuple(j for j in defect.under_columns if j < xi.numel())
+    over = tuple(i for i in defect.over_rows if i < residual.numel())
+    return under, over
+
+
+def _unknowns_of(row: int, residual: ca.SX, xi: ca.SX, derivatives: ca.SX) -> list[int]:
+    incidence = _incidence(residual[row], xi, derivatives)
+    return [int(j) for j in incidence.indices]

@@ -1,0 +1,61 @@
+"""What the steps of one compilation share: the flat source, its texts, scopes and annotations."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from daest.errors import Place
+from daest.modelica import syntax as s
+from daest.modelica.annotations import NONE, Annotation, Role, annotation_of, check_keys
+from daest.modelica.expressions import Evaluator
+from daest.modelica.functions import FunctionLibrary
+from daest.modelica.parameters import is_parameter, numeric_scope
+from daest.modelica.scope import ModelScope
+from daest.modelica.source import Sources
+
+
+class Reading:
+    """A flat source being read. `numeric` has every parameter as a number, `scope` has the symbols; `annotations`
+    holds the `__Daest(...)` of each variable by name."""
+
+    def __init__(self, source: s.FlatSource) -> None:
+        self.source = source
+        self.sources = Sources(source.texts)
+        self.time = ca.SX.sym("time")
+        self.numeric = numeric_scope(source, self.evaluator)
+        names = tuple(variable.name for variable in source.variables)
+        self.scope = ModelScope(names, {**source.literals, "time": self.time})
+        self.scope.constant_names = self.numeric.constant_names
+        self.discrete = frozenset(x.name for x in source.variables if x.is_discrete and not is_parameter(x))
+        self.annotations = {x.name: self._annotation(x) for x in source.variables}
+
+    def evaluator(self, scope: ModelScope, span: s.Span | None) -> Evaluator:
+        library = FunctionLibrary(self.source.functions, self.sources.place, scope.lookup)
+        return Evaluator(scope, library, self.sources.place, at=span)
+
+    def declared_at(self, variable: s.FlatVariable) -> Place | None:
+        """The place of the variable's identifier in its declaration."""
+        identifier = variable.name.rpartition(".")[2].partition("[")[0]
+        return self.sources.declaration(variable.span, identifier)
+
+    def is_noise(self, variable: s.FlatVariable) -> bool:
+        return self.annotations[variable.name].flag("noise", False)
+
+    def _annotation(self, variable: s.FlatVariable) -> Annotation:
+        if variable.span is None or variable.span.source not in self.sources.texts:
+            return NONE
+        file, text = self.sources.texts[variable.span.source]
+        if b"__Daest" not in text:
+            return NONE
+        found = annotation_of(file, text, variable.span.end)
+        if found:
+            check_keys(found, _role(variable), variable.name)
+        return found
+
+
+def _role(variable: s.FlatVariable) -> Role:
+    if variable.variability == "parameter":
+        return "parameter"
+    if variable.causality == "input":
+        return "input"
+    return "output" if variable.causality == "output" else "variable"

@@ -1,0 +1,129 @@
+"""The variables of a model: inputs, noises and unknowns with their symbols, and variables that stand for an
+expression (bound inputs of components; Boolean, Integer and enumeration variables)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import casadi as ca
+
+from daest.errors import ModelError
+from daest.modelica import syntax as s
+from daest.modelica import values as v
+from daest.modelica.operators import integer
+from daest.modelica.parameters import is_parameter
+from daest.modelica.reading import Reading
+from daest.modelica.scope import Element, element_names, symbols
+from daest.modelica.values import Value
+
+
+@dataclass
+class Declared:
+    """Scalars by their role; `derivatives` are the symbols of der() of the unknowns. `defining` are equations that
+    define a discrete variable and so give no row; `substitutes` are the expressions of bound inputs."""
+
+    inputs: list[Element] = field(default_factory=list)
+    noises: list[Element] = field(default_factory=list)
+    unknowns: list[Element] = field(default_factory=list)
+    derivatives: list[ca.SX] = field(default_factory=list)
+    defining: list[s.FlatEquation] = field(default_factory=list)
+    substitutes: dict[str, s.Node] = field(default_factory=dict)
+
+
+# One way a discrete variable, or one element of it, is defined: the equation (None: the binding), and its right side.
+Definition = tuple[s.FlatEquation | None, s.Node]
+
+
+def declare_variables(reading: Reading) -> Declared:
+    """Symbols for all variables, put into the scope of `reading`. Raises ModelError."""
+    declared = Declared()
+    definitions = _definitions(reading, declared)
+    for variable in reading.source.variables:
+        if is_parameter(variable):
+            continue
+        if reading.is_noise(variable):
+            declared.noises += _elements(variable, reading)
+        elif variable.causality == "input" and variable.is_top_level:
+            declared.inputs += _elements(variable, reading)
+        elif variable.name in definitions:
+            reading.scope.pending[variable.name] = _Maker(reading, variable, definitions[variable.name])
+        else:
+            declared.unknowns += _elements(variable, reading)
+            declared.derivatives += _derivatives(variable, reading)
+    return declared
+
+
+def _elements(variable: s.FlatVariable, reading: Reading) -> list[Element]:
+    names = element_names(variable.name, variable.dimensions)
+    value = symbols(names, variable.dimensions)
+    reading.scope.values[variable.name] = value
+    return [
+        Element(name, i, variable, v.symbolic(symbol))
+        for i, (name, symbol) in enumerate(zip(names, v.elements(value), strict=True))
+    ]
+
+
+def _derivatives(variable: s.FlatVariable, reading: Reading) -> list[ca.SX]:
+    names = [f"der({name})" for name in element_names(variable.name, variable.dimensions)]
+    value = symbols(names, variable.dimensions)
+    reading.scope.derivatives[variable.name] = value
+    return [v.symbolic(symbol) for symbol in v.elements(value)]
+
+
+def _definitions(reading: Reading, declared: Declared) -> dict[str, list[Definition]]:
+    found: dict[str, list[Definition]] = {}
+    for variable in reading.source.variables:
+        if is_parameter(variable) or variable.binding is None:
+            continue
+        is_bound_input = variable.causality == "input" and not variable.is_top_level
+        if is_bound_input and not variable.dimensions and not reading.is_noise(variable):
+            declared.substitutes[variable.name] = variable.binding
+        if is_bound_input or variable.name in reading.discrete:
+            found[variable.name] = [(None, variable.binding)]
+    for equation in reading.source.equations:
+        left = equation.left
+        if isinstance(left, s.Name) and left.name in reading.discrete and equation.right is not None:
+            found.setdefault(left.name, []).append((equation, equation.right))
+            declared.defining.append(equation)
+    for name in sorted(reading.discrete - set(found)):
+        _check_is_input(reading, name)
+    return found
+
+
+def _check_is_input(reading: Reading, name: str) -> None:
+    variable = next(x for x in reading.source.variables if x.name == name)
+    if variable.causality == "input" and variable.is_top_level:
+        return
+    raise ModelError(
+        "model-unsupported",
+        f"{variable.type_name} variable `{name}` has no equation of the form `{name} = expression`",
+        where=reading.declared_at(variable),
+        remedy="Define it by one equation, or use a Real variable.",
+    )
+
+
+@dataclass(frozen=True)
+class _Maker:
+    """Makes the value of a defined variable when it is first used."""
+
+    reading: Reading
+    variable: s.FlatVariable
+    definitions: list[Definition]
+
+    def __call__(self) -> Value:
+        equation, node = self.definitions[0]
+        if equation is None or not isinstance(equation.left, s.Name) or not equation.left.subscripts:
+            return self._value(equation, node)
+        made = v.filled(0, self.variable.dimensions)
+        for one, right in self.definitions:
+            assert one is not None and isinstance(one.left, s.Name)
+            at = tuple(integer(self._value(one, subscript)) - 1 for subscript in one.left.subscripts)
+            made[at] = self._value(one, right)
+        return made
+
+    def _value(self, equation: s.FlatEquation | None, node: s.Node) -> Value:
+        span = self.variable.span if equation is None else equation.span
+        bound = {} if equation is None else dict(equation.bound)
+        evaluator = self.reading.evaluator(self.reading.scope, span)
+        with evaluator.bound(list(bound), list(bound.values())):
+            return evaluator.value(node)
