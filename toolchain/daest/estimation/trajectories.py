@@ -1,0 +1,167 @@
+"""Prediction errors of nonlinear models: simulated trajectories, or those of an observer with a given gain.
+
+Without a gain this is output error, report (2); with one, every sample corrects the state by gain (y - h), and
+the errors are one-step prediction errors (Ljung, System Identification, section 5.7). The covariance of the errors
+is the one that maximises the Gaussian likelihood, eliminated exactly; initial states are searched with the
+parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from daest.estimation.coordinates import Unknowns
+from daest.estimation.search import Evaluation
+from daest.model.experiment import Experiment
+from daest.systems.integrate import Correction, Hold, IntegrationError, Integrator, Trajectory, integrate
+
+SMALLEST_STD = 1e-9  # of an error, relative to the rms of its output: keeps noise-free data finite
+
+
+@dataclass(frozen=True)
+class TrajectoryProblem:
+    """What is fitted to what.
+
+    Experiments are in the model's order of inputs and outputs. Search vector: `unknowns` (parameters only), then
+    the initial states of every experiment divided by `state_scale` (n_states,). `gain` (n_states, n_y) or None.
+    `given_std` (n_y,): standard deviations that are not estimated, NaN for those that are.
+    """
+
+    model: Integrator
+    experiments: tuple[Experiment, ...]
+    hold: Hold
+    unknowns: Unknowns
+    state_scale: np.ndarray
+    given_std: np.ndarray
+    gain: np.ndarray | None = None
+
+    @property
+    def n_states(self) -> int:
+        return self.state_scale.size
+
+    def theta(self, z: np.ndarray) -> np.ndarray:
+        """All parameters of the model at z."""
+        return self.unknowns.values(z[: len(self.unknowns.coordinates)])[0]
+
+    def initial_states(self, z: np.ndarray) -> np.ndarray:
+        """(n_experiments, n_states)."""
+        start = len(self.unknowns.coordinates)
+        return z[start:].reshape(len(self.experiments), self.n_states) * self.state_scale
+
+
+@dataclass(frozen=True)
+class Errors:
+    """y - ŷ per experiment (n_samples, n_y), NaN where missing; their covariance (n_y, n_y); the trajectories."""
+
+    errors: tuple[np.ndarray, ...]
+    covariance: np.ndarray
+    trajectories: tuple[Trajectory, ...]
+    negative_log_likelihood: float
+
+
+def objective(problem: TrajectoryProblem) -> Callable[[np.ndarray, bool], Evaluation | None]:
+    """Negative log-likelihood over the search vector; None where the model cannot be integrated."""
+
+    def evaluate(z: np.ndarray, with_slopes: bool) -> Evaluation | None:
+        errors = prediction_errors(problem, z, with_slopes)
+        if errors is None or not np.isfinite(errors.negative_log_likelihood):
+            return None
+        if not with_slopes:
+            return Evaluation(errors.negative_log_likelihood)
+        residuals, slopes = whitened(problem, errors, z)
+        gradient, information = slopes @ residuals, slopes @ slopes.T
+        if not (np.all(np.isfinite(gradient)) and np.all(np.isfinite(information))):
+            return None
+        return Evaluation(errors.negative_log_likelihood, gradient, information)
+
+    return evaluate
+
+
+def prediction_errors(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = False) -> Errors | None:
+    """Run every experiment at z; None where an integration fails (the search then steps back)."""
+    theta = problem.theta(z)
+    trajectories = []
+    for experiment, x0 in zip(problem.experiments, problem.initial_states(z), strict=True):
+        correction = None if problem.gain is None else Correction(experiment.outputs, problem.gain)
+        try:
+            trajectories.append(
+                integrate(
+                    problem.model,
+                    experiment.time,
+                    experiment.inputs,
+                    theta,
+                    x0,
+                    hold=problem.hold,
+                    sensitivities=with_slopes,
+                    correction=correction,
+                    state_scale=problem.state_scale,
+                )
+            )
+        except IntegrationError:
+            return None
+    errors = tuple(e.outputs - t.outputs for e, t in zip(problem.experiments, trajectories, strict=True))
+    with np.errstate(over="ignore"):
+        covariance = _covariance(problem, errors)
+        value = _negative_log_likelihood(errors, covariance)
+    return Errors(errors, covariance, tuple(trajectories), value)
+
+
+def _covariance(problem: TrajectoryProblem, errors: tuple[np.ndarray, ...]) -> np.ndarray:
+    """Full for an observer with complete data; else diagonal, as output error assumes."""
+    table = np.concatenate(errors)
+    floor = SMALLEST_STD * _sizes(problem.experiments)
+    observed = np.isfinite(table)
+    squares = np.where(observed, table, 0.0) ** 2
+    found = np.sqrt(squares.sum(axis=0) / np.maximum(observed.sum(axis=0), 1))
+    given = problem.given_std
+    std = np.where(np.isfinite(given), given, np.maximum(found, floor))
+    if problem.gain is None or not np.all(observed) or np.any(np.isfinite(given)):
+        return np.diag(std**2)
+    return table.T @ table / table.shape[0] + np.diag(floor**2)
+
+
+def _sizes(experiments: tuple[Experiment, ...]) -> np.ndarray:
+    """rms of every measured output over all experiments, 1 for an output of zeros."""
+    table = np.concatenate([e.outputs for e in experiments])
+    squares = np.where(np.isfinite(table), table, 0.0) ** 2
+    size = np.sqrt(squares.sum(axis=0) / np.maximum(np.isfinite(table).sum(axis=0), 1))
+    return np.where(size > 0.0, size, 1.0)
+
+
+def _negative_log_likelihood(errors: tuple[np.ndarray, ...], covariance: np.ndarray) -> float:
+    table = np.concatenate(errors)
+    observed = np.isfinite(table)
+    if np.all(observed):
+        root = np.linalg.cholesky(covariance)
+        white = np.linalg.solve(root, table.T)
+        log_det = 2 * table.shape[0] * np.sum(np.log(np.diagonal(root)))
+        return float((np.sum(white**2) + log_det + table.size * np.log(2 * np.pi)) / 2)
+    variance = np.diagonal(covariance)
+    squares = np.where(observed, table, 0.0) ** 2 / variance
+    return float((squares.sum() + np.sum(observed * np.log(2 * np.pi * variance))) / 2)
+
+
+def whitened(problem: TrajectoryProblem, errors: Errors, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Whitened errors (m,) and their slopes (p, m) over the search vector, missing samples as zeros."""
+    inverse_root = np.linalg.inv(np.linalg.cholesky(errors.covariance))
+    n_parameters = len(problem.unknowns.coordinates)
+    parameter_slopes = problem.unknowns.slopes(z[:n_parameters])
+    p = z.size
+    residuals, slopes = [], []
+    for number, (error, trajectory) in enumerate(zip(errors.errors, errors.trajectories, strict=True)):
+        observed = np.isfinite(error)
+        white = np.where(observed, error, 0.0) @ inverse_root.T
+        change = np.zeros((p, *error.shape))
+        sens = trajectory.sensitivities  # (n_samples, n_y, directions)
+        change[:n_parameters] = -sens[:, :, :n_parameters].transpose(2, 0, 1) * parameter_slopes[:, None, None]
+        first = n_parameters + number * problem.n_states
+        change[first : first + problem.n_states] = (
+            -sens[:, :, n_parameters:].transpose(2, 0, 1) * problem.state_scale[:, None, None]
+        )
+        change = np.where(observed, change, 0.0) @ inverse_root.T
+        residuals.append(white.ravel())
+        slopes.append(change.reshape(p, -1))
+    return np.concatenate(residuals), np.concatenate(slopes, axis=1)

@@ -1,0 +1,336 @@
+"""Integration of an explicit model along a recording, with exact sensitivities of the computed solution.
+
+The method is Radau IIA (order 5, L-stable). With a C compiler it runs as `radau.c`, compiled together with the
+model's CasADi functions, with adaptive steps. Without one, CasADi's collocation integrator interprets the same
+method with a fixed number of steps per sample interval: slower, and less exact where the model is stiff.
+Between samples the inputs are held (zoh) or run straight (foh).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import resources
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+
+from daest.errors import FmuError, ModelError, NumericalError
+from daest.fmu.compiler import build_shared
+from daest.model.explicit import ExplicitModel
+
+Hold = Literal["zoh", "foh"]
+
+RTOL = 1e-6  # relative local error of a step; the global error of a stable model is of this size
+ATOL_OF_SCALE = 1e-2  # absolute tolerance: this part of rtol times the state's nominal value
+MAX_STEPS_PER_INTERVAL = 20_000
+INTERPRETED_STEPS = 4  # per sample interval, without a C compiler
+_FAILURES = {
+    1: "the step size became too small: the solution has a singularity or a discontinuity that is not smoothed",
+    2: "one sample interval needs too many steps",
+    3: "the model gives no finite derivative",
+    4: "there is not enough memory",
+}
+
+
+class IntegrationError(NumericalError):
+    """The integration stopped at `time`; a search steps back from such a point instead of giving up."""
+
+    def __init__(self, reason: str, time: float) -> None:
+        super().__init__(
+            "integration-failed",
+            f"The simulation stopped at t = {time:.6g} s: {reason}.",
+            remedy="Look at the parameter values and the state at that time; smooth discontinuities with a width.",
+        )
+        self.time = time
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.what, self.time)
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """states (n_samples, n) and outputs (n_samples, n_y), before the correction of a sample where a gain corrects;
+    sensitivities (n_samples, n_y, n_directions): ∂y/∂(chosen parameters, then x0)."""
+
+    states: np.ndarray
+    outputs: np.ndarray
+    sensitivities: np.ndarray
+    n_steps: int
+
+
+@dataclass(frozen=True)
+class Integrator:
+    """A model ready to be integrated: `names` are the parameters that sensitivities are computed for."""
+
+    explicit: ExplicitModel
+    names: tuple[str, ...]
+    rhs: ca.Function  # (x, ū, theta, t) -> f, ∂f/∂x
+    sens: ca.Function  # (x, ū, theta, t) -> ∂f/∂x, ∂f/∂θ_names
+    out: ca.Function  # (x, ū, theta, t) -> h, ∂h/∂x, ∂h/∂θ_names
+    library: ctypes.CDLL | None  # None: interpreted by CasADi
+
+    @property
+    def n_directions(self) -> int:
+        return len(self.names) + self.explicit.n_states
+
+
+def integrator(explicit: ExplicitModel, names: Sequence[str] = (), *, compiled: bool = True) -> Integrator:
+    """Build the functions of `explicit` once; compile them if a C compiler is found and `compiled` is set.
+
+    Raises ModelError `unknown-parameter` for a name that is no parameter of the model.
+    """
+    functions = _model_functions(explicit, tuple(names))
+    library = None
+    if compiled:
+        try:
+            library = _compile(*functions)
+        except FmuError as error:
+            if error.code != "no-c-compiler":
+                raise
+    return Integrator(explicit, tuple(names), *functions, library)
+
+
+def _model_functions(
+    explicit: ExplicitModel, names: tuple[str, ...]
+) -> tuple[ca.Function, ca.Function, ca.Function]:
+    known = [p.name for p in explicit.flat.parameters]
+    missing = [name for name in names if name not in known]
+    if missing:
+        raise ModelError("unknown-parameter", f"The model has no parameter `{missing[0]}`.")
+    kind = ca.SX if explicit.is_symbolic else ca.MX
+    n_u, n_v, n_w = (explicit.rhs.numel_in(i) for i in (1, 2, 3))
+    x, ubar, t = kind.sym("x", explicit.n_states), kind.sym("u", n_u + n_v), kind.sym("t")
+    # The chosen parameters stand apart: a library model may have hundreds of others.
+    columns = [known.index(name) for name in names]
+    theta, chosen = kind.sym("theta", len(known)), kind.sym("chosen", len(columns))
+    whole = kind(theta)
+    for position, column in enumerate(columns):
+        whole[column] = chosen[position]
+    at = (x, ubar[:n_u], ubar[n_u:], kind.zeros(n_w), whole, t)
+    f, h = explicit.rhs(*at), explicit.outputs(*at)
+    results = {
+        "daest_rhs": [f, ca.jacobian(f, x)],
+        "daest_sens": [ca.jacobian(f, x), ca.jacobian(f, chosen)],
+        "daest_out": [h, ca.jacobian(h, x), ca.jacobian(h, chosen)],
+    }
+    inner = [
+        ca.Function(f"inner_{name}", [x, ubar, chosen, theta, t], list(map(ca.densify, expressions)))
+        for name, expressions in results.items()
+    ]
+    rhs, sens, out = (
+        ca.Function(name, [x, ubar, theta, t], function.call([x, ubar, theta[columns], theta, t], True, False))
+        for name, function in zip(results, inner, strict=True)
+    )
+    return rhs, sens, out
+
+
+def _compile(rhs: ca.Function, sens: ca.Function, out: ca.Function) -> ctypes.CDLL:
+    generator = ca.CodeGenerator("model.c")
+    for function in (rhs, sens, out):
+        generator.add(function)
+    constants = [
+        ("NX", rhs.numel_in(0)),
+        ("NU", rhs.numel_in(1)),
+        ("NP", sens.numel_out(1) // max(rhs.numel_in(0), 1)),
+        ("NY", out.numel_out(0)),
+    ]
+    for prefix, function in (("RHS", rhs), ("SENS", sens), ("OUT", out)):
+        constants += [(f"{prefix}_{work.upper()}", getattr(function, f"sz_{work}")()) for work in _WORK]
+    header = "".join(f"#define {name} {value}\n" for name, value in constants)
+    driver = resources.files("daest.numerics").joinpath("radau.c").read_text()
+    return _load(generator.dump() + header + driver)
+
+
+_WORK = ("arg", "res", "iw", "w")
+
+
+@functools.lru_cache(maxsize=64)
+def _load(source: str) -> ctypes.CDLL:
+    return ctypes.CDLL(str(build_shared(source, "integrator", flags=("-O2",))))
+
+
+def interval_inputs(
+    explicit: ExplicitModel, time: np.ndarray, inputs: np.ndarray, hold: Hold
+) -> tuple[np.ndarray, np.ndarray]:
+    """ū = (u, v) at the two ends of each sample interval, each (n_samples - 1, n_ū).
+
+    inputs (n_samples, n_u). A first derivative that the model needs is the slope of a foh input.
+    Raises ModelError `input-derivative` where the hold has no such derivative.
+    """
+    start, end = inputs[:-1], inputs[:-1] if hold == "zoh" else inputs[1:]
+    slopes = (end - start) / np.diff(time)[:, None]
+    columns = []
+    for derivative in explicit.input_derivatives:
+        if derivative.order > 1 or hold == "zoh":
+            name = explicit.flat.inputs[derivative.index].name
+            raise ModelError(
+                "input-derivative",
+                f"The model needs derivative {derivative.order} of the input `{name}`, which a {hold} input "
+                "does not have.",
+                remedy="Use --hold foh for a first derivative; for a higher one let a state drive the constraint.",
+            )
+        columns.append(slopes[:, derivative.index])
+    v = np.column_stack(columns) if columns else np.empty((start.shape[0], 0))
+    return np.hstack([start, v]), np.hstack([end, v])
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Measurements (n_samples, n_y), NaN where missing, and the gain (n_states, n_y), or one per sample
+    (n_samples, n_states, n_y), that corrects the state at each sample: x += gain (y - h(x))."""
+
+    measurements: np.ndarray
+    gain: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Run:
+    """What both engines need, checked and contiguous."""
+
+    time: np.ndarray
+    u0: np.ndarray
+    u1: np.ndarray
+    u_last: np.ndarray
+    theta: np.ndarray
+    x0: np.ndarray
+    directions: int
+    rtol: float
+    atol: np.ndarray
+    correction: Correction | None
+
+    @property
+    def start_sensitivities(self) -> np.ndarray:
+        """∂x0/∂directions (n_states, n_directions): zero for parameters, then the identity."""
+        n_states = self.x0.size
+        start = np.zeros((n_states, self.directions))
+        if self.directions:
+            start[:, self.directions - n_states :] = np.eye(n_states)
+        return start
+
+
+def integrate(
+    model: Integrator,
+    time: np.ndarray,
+    inputs: np.ndarray,
+    theta: np.ndarray,
+    x0: np.ndarray,
+    *,
+    hold: Hold = "foh",
+    sensitivities: bool = False,
+    correction: Correction | None = None,
+    rtol: float = RTOL,
+    state_scale: np.ndarray | None = None,
+) -> Trajectory:
+    """States and outputs at `time` (n_samples,) from x0 (n_states,) under the recorded `inputs` (n_samples, n_u).
+
+    theta: all parameters. `correction` turns the simulation into the one-step predictor of an observer.
+    `state_scale` (n_states,): sizes that count as large for each state, for the absolute tolerance (default 1).
+    Directions of the sensitivities: `model.names`, then the initial states. Raises IntegrationError with the
+    time it stopped at.
+    """
+    u0, u1 = interval_inputs(model.explicit, time, inputs, hold)
+    scale = np.ones(x0.shape[0]) if state_scale is None else np.maximum(np.abs(state_scale), 1e-30)
+    u_last = inputs[-1:] if u1.shape[0] == 0 else np.hstack([inputs[-1:], u1[-1:, inputs.shape[1] :]])
+    arrays = [np.ascontiguousarray(a, dtype=float) for a in (time, u0, u1, u_last, theta, x0)]
+    directions = model.n_directions if sensitivities else 0
+    run = _Run(*arrays, directions, rtol, rtol * ATOL_OF_SCALE * scale, correction)
+    return _run_interpreted(model, run) if model.library is None else _run_radau(model, run)
+
+
+def _run_radau(model: Integrator, run: _Run) -> Trajectory:
+    assert model.library is not None
+    n, n_states, n_y = run.time.size, run.x0.size, model.out.numel_out(0)
+    states, outputs = np.empty((n, n_states)), np.empty((n, n_y))
+    sens = np.empty((n, n_y, run.directions))
+    info = np.zeros(2, dtype=np.int64)
+    start = np.ascontiguousarray(run.start_sensitivities)
+    y, gain, stride = None, None, 0
+    if run.correction is not None:
+        y = np.ascontiguousarray(run.correction.measurements, dtype=float)
+        gain = np.ascontiguousarray(run.correction.gain, dtype=float)
+        stride = gain[0].size if gain.ndim == 3 else 0
+    status = model.library.daest_simulate(
+        ctypes.c_long(n), *map(_pointer, (run.time, run.u0, run.u1, run.u_last, run.theta, run.x0)),
+        ctypes.c_int(run.directions), _pointer(start), _pointer(y), _pointer(gain), ctypes.c_long(stride),
+        ctypes.c_double(run.rtol), _pointer(run.atol), ctypes.c_long(MAX_STEPS_PER_INTERVAL),
+        *map(_pointer, (states, outputs, sens, info)),
+    )  # fmt: skip
+    if status:
+        raise IntegrationError(_FAILURES[status], float(run.time[min(info[1], n - 1)]))
+    return Trajectory(states, outputs, sens, int(info[0]))
+
+
+def _pointer(array: np.ndarray | None) -> ctypes.c_void_p | None:
+    return None if array is None else array.ctypes.data_as(ctypes.c_void_p)
+
+
+def _run_interpreted(model: Integrator, run: _Run) -> Trajectory:
+    """Interval by interval, so that corrections can be applied between them."""
+    step = _collocation(model)
+    n, n_states, n_y = run.time.size, run.x0.size, model.out.numel_out(0)
+    states, outputs = np.empty((n, n_states)), np.empty((n, n_y))
+    sens = np.empty((n, n_y, run.directions))
+    S, x = run.start_sensitivities, run.x0.copy()
+    n_p = len(model.names)
+    for i in range(n):
+        states[i] = x
+        u = run.u0[i] if i + 1 < n else run.u_last[0]
+        h, C, h_theta = (np.array(part) for part in model.out(x, u, run.theta, run.time[i]))
+        outputs[i] = h.ravel()
+        if run.directions:
+            sens[i] = C @ S
+            sens[i][:, :n_p] += h_theta
+        if run.correction is not None:
+            x, S = _correct(run, i, x, S, outputs[i], sens[i])
+        if i + 1 == n:
+            break
+        ends = np.concatenate([[run.time[i], run.time[i + 1]], run.u0[i], run.u1[i]])
+        try:
+            x_next, transition, drive = (np.array(part) for part in step(x, run.theta, ends))
+        except RuntimeError as error:
+            raise IntegrationError("the Newton iteration did not converge", float(run.time[i])) from error
+        if not np.all(np.isfinite(x_next)):
+            raise IntegrationError(_FAILURES[3], float(run.time[i]))
+        x = x_next.ravel()
+        S = transition @ S
+        if run.directions:
+            S[:, :n_p] += drive
+    return Trajectory(states, outputs, sens, INTERPRETED_STEPS * (n - 1))
+
+
+def _correct(
+    run: _Run, i: int, x: np.ndarray, S: np.ndarray, predicted: np.ndarray, predicted_sens: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    assert run.correction is not None
+    gain = run.correction.gain[i] if run.correction.gain.ndim == 3 else run.correction.gain
+    measured = run.correction.measurements[i]
+    there = np.isfinite(measured)
+    gain = gain[:, there]
+    return x + gain @ (measured - predicted)[there], S - gain @ predicted_sens[there]
+
+
+def _collocation(model: Integrator) -> ca.Function:
+    """(x, theta, ends) -> x after the interval, ∂x/∂x0, ∂x/∂θ_names; ends = (t0, t1, ū at t0, ū at t1)."""
+    n_states, n_u, n_theta = (model.rhs.numel_in(i) for i in range(3))
+    x, ends, theta = ca.MX.sym("x", n_states), ca.MX.sym("ends", 2 + 2 * n_u), ca.MX.sym("theta", n_theta)
+    part = ca.MX.sym("t")  # 0 … 1 over the interval
+    u = ends[2 : 2 + n_u] + part * (ends[2 + n_u :] - ends[2 : 2 + n_u])
+    span = ends[1] - ends[0]
+    rate = span * model.rhs(x, u, theta, ends[0] + part * span)[0]
+    options = {
+        "collocation_scheme": "radau",
+        "interpolation_order": 3,
+        "number_of_finite_elements": INTERPRETED_STEPS,
+        "rootfinder": "newton",
+    }
+    dae = {"x": x, "p": ca.vertcat(ends, theta), "t": part, "ode": rate}
+    flow = ca.integrator("over_interval", "collocation", dae, 0, 1, options)
+    end = flow(x0=x, p=ca.vertcat(ends, theta))["xf"]
+    known = [p.name for p in model.explicit.flat.parameters]
+    columns = [known.index(name) for name in model.names]
+    by_theta = ca.jacobian(end, theta)[:, columns] if columns else ca.MX.zeros(n_states, 0)
+    return ca.Function("interval", [x, theta, ends], [end, ca.jacobian(end, x), by_theta])
