@@ -93,7 +93,7 @@ def _symbols(names: list[str]) -> ca.SX:
     return ca.vertcat(*[ca.SX.sym(name) for name in names])
 
 
-def pendulum_tank() -> FlatModel:
+def tank() -> FlatModel:
     """A nonlinear model with an algebraic variable: q = k sqrt(h² + 0.01), der(h) = sin(t) u - q/area."""
     names = ["h[1]", "q"]
     xi, dxi = _symbols(names), _symbols(["der(h)", "der(q)"])
