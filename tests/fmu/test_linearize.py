@@ -206,15 +206,17 @@ SEMI_EXPLICIT = """<fmiModelDescription fmiVersion="3.0" modelName="m" instantia
 </fmiModelDescription>"""
 SEMI_EXPLICIT_MANIFEST = """<fmiDAEManifest><EnableDAEParameter valueReference="9"/><AlgebraicVariables>
 <AlgebraicVariable valueReference="3"/></AlgebraicVariables><ModelStructure>
-<ContinuousStateDerivative valueReference="2"/><Residual valueReference="6"/></ModelStructure></fmiDAEManifest>"""
+<ContinuousStateDerivative valueReference="2"/><Residual valueReference="6"/>
+</ModelStructure></fmiDAEManifest>"""
+
+
+# Rows: x', y, r of the fake below. Columns: x, a, u, 1.
+TABLE = {2: (-3.0, 1.0, 0.0, 7.0), 5: (1.0, 1.0, 0.0, 0.0), 6: (-2.0, 1.0, 5.0, -1.0)}
+COLUMNS = {1: 0, 3: 1, 4: 2}
 
 
 class SemiExplicitInstance:
     """x' = -3 x + a + 7, 0 = r = a - 2 x + 5 u - 1, y = x + a, as an importer sees it in DAE mode."""
-
-    # Rows: x', y, r. Columns: x, a, u, 1.
-    TABLE = {2: (-3.0, 1.0, 0.0, 7.0), 5: (1.0, 1.0, 0.0, 0.0), 6: (-2.0, 1.0, 5.0, -1.0)}
-    COLUMNS = {1: 0, 3: 1, 4: 2}
 
     def __init__(self, model):
         self.model = model
@@ -228,10 +230,10 @@ class SemiExplicitInstance:
 
     def get(self, references):
         point = np.array([self.values[1], self.values[3], self.values[4], 1.0])
-        return np.array([np.dot(self.TABLE[r], point) for r in references])
+        return np.array([np.dot(TABLE[r], point) for r in references])
 
     def directional(self, unknowns, known):
-        return np.array([self.TABLE[u][self.COLUMNS[known]] for u in unknowns])
+        return np.array([TABLE[u][COLUMNS[known]] for u in unknowns])
 
 
 def test_semi_explicit_manifest_of_another_tool(tmp_path, monkeypatch):
