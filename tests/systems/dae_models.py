@@ -149,7 +149,9 @@ def servo(with_noise: bool = False) -> FlatModel:
     _inertia(b, "rotor", "J1", 3e-6)
     _flanges(b, "gear")
     b.equation("flange_a.phi = n*flange_b.phi", b["gear.flange_a.phi"], ratio * b["gear.flange_b.phi"])
-    b.equation("0 = n*flange_a.tau + flange_b.tau", 0, ratio * b["gear.flange_a.tau"] + b["gear.flange_b.tau"])
+    b.equation(
+        "0 = n*flange_a.tau + flange_b.tau", 0, ratio * b["gear.flange_a.tau"] + b["gear.flange_b.tau"]
+    )
     for name, law in (("spring", c), ("damper", d)):
         _flanges(b, name)
         relative = b.unknown(f"{name}.phi_rel", "rad")

@@ -8,14 +8,17 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg import solve_triangular
 
-from daest.numerics.matching import block_triangular, maximum_matching, tear
+from daest.numerics.matching import Tearing, block_triangular, maximum_matching, tear
 from daest.systems.dummy_derivatives import DependentEquations, dependent_rows
+from daest.systems.symbolic_elimination import eliminate
 
 CRAMER_LIMIT = 3  # unknowns; adjugate over determinant is valid at every regular point and short up to here
-LOOP_LIMIT = (
-    40  # unknowns of a linear loop that is still written out; larger ones are left to Newton's method
-)
+# Unknowns of a linear loop that is still written out; larger ones are left to Newton's method.
+ELIMINATION_LIMIT = 200  # coefficients of parameters only: sparse elimination
+FACTOR_LIMIT = 30  # coefficients that vary: symbolic QR factors are dense
+GROWTH_LIMIT = 1e3  # errors amplified more than this cost more than three of sixteen digits
 PIVOT_RATIO = (
     1e-4  # inside a loop an equation is solved for an unknown whose coefficient is at least this share
 )
@@ -162,6 +165,10 @@ def _solve_loop(
     is_linear = equations.reach[inner.data - 1][:, columns].nnz == 0
     incidence = [set(inner.indices[inner.indptr[i] : inner.indptr[i + 1]].tolist()) for i in range(rows.size)]
     tearing = tear(incidence, _solvable(equations, rows, columns), columns.size)
+    definitions.largest_loop = max(definitions.largest_loop, len(tearing.tears))
+    if _growth(equations.values[rows][:, columns].toarray(), tearing) > GROWTH_LIMIT:
+        # Solving along the tearing order would amplify rounding errors: the loop is closed as a whole.
+        tearing = Tearing(tuple(range(columns.size)), (), tuple(range(rows.size)))
     causal = Definitions()
     for i, j in tearing.causal:
         pivot = equations.entries[int(inner[i, j]) - 1]
@@ -172,7 +179,20 @@ def _solve_loop(
         _close(equations, tears, core, is_linear, definitions)
     definitions.symbols += causal.symbols
     definitions.expressions += causal.expressions
-    definitions.largest_loop = max(definitions.largest_loop, len(tearing.tears))
+
+
+def _growth(values: np.ndarray, tearing: Tearing) -> float:
+    """Largest factor by which an error of a tear, or of an equation, reaches an unknown in the causal order,
+    units scaled out. In long chains it can grow exponentially with the length."""
+    if not tearing.causal:
+        return 1.0
+    rows, columns = (list(part) for part in zip(*tearing.causal, strict=True))
+    size = np.maximum(np.abs(values).max(axis=1), np.finfo(float).tiny)
+    scaled = values / size[:, None]
+    scaled = scaled / np.maximum(np.abs(scaled).max(axis=0), np.finfo(float).tiny)
+    right = np.hstack([scaled[np.ix_(rows, list(tearing.tears))], np.eye(len(rows))])
+    response = solve_triangular(scaled[np.ix_(rows, columns)], right, lower=True)
+    return float(np.abs(response).max(initial=0.0))
 
 
 def _solvable(equations: Equations, rows: np.ndarray, columns: np.ndarray) -> list[set[int]]:
@@ -192,15 +212,20 @@ def _solvable(equations: Equations, rows: np.ndarray, columns: np.ndarray) -> li
 def _close(
     equations: Equations, tears: ca.SX, core: ca.SX, is_linear: bool, definitions: Definitions
 ) -> None:
-    if not is_linear or tears.numel() > LOOP_LIMIT:
+    matrix = ca.jacobian(core, tears)
+    if not is_linear or _is_too_large(equations, matrix):
         definitions.loops.append(_implicit(equations, tears, core))
         return
-    matrix = ca.densify(ca.jacobian(core, tears))
     right = -ca.substitute(core, tears, ca.SX.zeros(tears.numel()))
     for symbol, expression in zip(
         ca.vertsplit(tears), ca.vertsplit(_solve_linear(equations, matrix, right)), strict=True
     ):
         definitions.add(symbol, expression)
+
+
+def _is_too_large(equations: Equations, matrix: ca.SX) -> bool:
+    steady = not ca.depends_on(matrix, ca.vertcat(equations.z, equations.known))
+    return matrix.shape[0] > (ELIMINATION_LIMIT if steady else FACTOR_LIMIT)
 
 
 def _implicit(equations: Equations, tears: ca.SX, core: ca.SX) -> ImplicitLoop:
@@ -213,32 +238,8 @@ def _solve_linear(equations: Equations, matrix: ca.SX, right: ca.SX) -> ca.SX:
     """Symbolic solution: Cramer's rule if small, elimination with the pivots of the sample point if the
     matrix holds parameters only, else a symbolic QR factorisation, which needs no pivots."""
     if matrix.shape[0] <= CRAMER_LIMIT:
-        return ca.mtimes(ca.adj(matrix), right) / ca.det(matrix)
+        dense = ca.densify(matrix)
+        return ca.mtimes(ca.adj(dense), right) / ca.det(dense)
     if ca.depends_on(matrix, ca.vertcat(equations.z, equations.known)):
         return ca.solve(matrix, right)
-    return _eliminate(matrix, right, equations.evaluate(matrix))
-
-
-def _eliminate(matrix: ca.SX, right: ca.SX, values: np.ndarray) -> ca.SX:
-    """Gaussian elimination of symbols; each pivot row has the largest row-scaled value, computed
-    alongside."""
-    n = right.numel()
-    symbolic = [[matrix[i, j] for j in range(n)] + [right[i]] for i in range(n)]
-    numeric = values / np.abs(values).max(axis=1, keepdims=True)
-    for k in range(n):
-        best = k + int(np.argmax(np.abs(numeric[k:, k])))
-        symbolic[k], symbolic[best] = symbolic[best], symbolic[k]
-        numeric[[k, best]] = numeric[[best, k]]
-        for i in range(k + 1, n):
-            if symbolic[i][k].is_zero():
-                continue
-            factor = symbolic[i][k] / symbolic[k][k]
-            symbolic[i][k + 1 :] = [
-                a - factor * b for a, b in zip(symbolic[i][k + 1 :], symbolic[k][k + 1 :], strict=True)
-            ]
-            numeric[i] -= numeric[i, k] / numeric[k, k] * numeric[k]
-    solution: list[ca.SX] = []
-    for i in reversed(range(n)):
-        total = symbolic[i][n] - sum(symbolic[i][j] * solution[n - 1 - j] for j in range(i + 1, n))
-        solution.append(total / symbolic[i][i])
-    return ca.vertcat(*reversed(solution))
+    return eliminate(matrix, right, equations.evaluate(matrix))

@@ -1,0 +1,287 @@
+"""Index reduction: the explicit model must satisfy the equations that it was made from."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from dae_models import (
+    FlatBuilder,
+    cubic_loop,
+    driven_position,
+    pendulum,
+    rc_pair,
+    resistor_ladder,
+    rigid_train,
+    servo,
+)
+
+from daest.errors import ModelError
+from daest.systems.reduce import reduce_index
+
+MODELS = {
+    "servo": lambda: servo(with_noise=True),
+    "rc_pair": rc_pair,
+    "pendulum": pendulum,
+    "driven": lambda: driven_position("force"),
+    "cubic": cubic_loop,
+    "ladder": lambda: resistor_ladder(12),
+    "train": lambda: rigid_train(30),
+}
+
+
+def random_arguments(explicit, rng):
+    x = rng.uniform(0.2, 0.7, explicit.n_states)
+    u = rng.standard_normal(len(explicit.flat.inputs))
+    v = rng.standard_normal(len(explicit.input_derivatives))
+    w = rng.standard_normal(len(explicit.flat.noises))
+    theta = explicit.flat.theta_values * rng.uniform(0.8, 1.2, len(explicit.flat.parameters))
+    return x, u, v, w, theta, 0.3
+
+
+def flat_residual(explicit, arguments):
+    """F(ξ', ξ, u, w, θ, t) at the point, and the size of its terms; every derivative that F uses must be known."""
+    flat = explicit.flat
+    x, u, v, w, theta, t = arguments
+    xi = explicit.variables(*arguments).full().ravel()
+    rates = explicit.variable_derivatives(*arguments).full().ravel()
+    used = sorted(set(ca.jacobian_sparsity(flat.residual, flat.derivatives).get_triplet()[1]))
+    assert np.all(np.isfinite(rates[used]))
+    rates[~np.isin(np.arange(flat.n), used)] = 0.0
+    symbols = [flat.derivatives, flat.xi, flat.u, flat.w, flat.theta, flat.time]
+    slopes = [ca.jacobian(flat.residual, symbol) for symbol in symbols[:4]]
+    values = [
+        value.full()
+        for value in ca.Function("F", symbols, [flat.residual, *slopes])(rates, xi, u, w, theta, t)
+    ]
+    size = 1.0 + sum(np.abs(s) @ np.abs(p) for s, p in zip(values[1:], (rates, xi, u, w), strict=True))
+    return values[0].ravel(), size
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_flat_equations_hold_at_random_states(name):
+    explicit = reduce_index(MODELS[name]())
+    rng = np.random.default_rng(7)
+    for _ in range(5):
+        residual, size = flat_residual(explicit, random_arguments(explicit, rng))
+        assert np.max(np.abs(residual) / size) < 1e-10
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_states_are_variables_and_rhs_is_their_derivative(name):
+    explicit = reduce_index(MODELS[name]())
+    arguments = random_arguments(explicit, np.random.default_rng(3))
+    names = [v.name for v in explicit.flat.unknowns]
+    positions = [names.index(state) for state in explicit.state_names]
+    xi, rates = (f(*arguments).full().ravel() for f in (explicit.variables, explicit.variable_derivatives))
+    np.testing.assert_allclose(xi[positions], arguments[0], rtol=1e-12)
+    np.testing.assert_allclose(rates[positions], explicit.rhs(*arguments).full().ravel(), rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["pendulum", "cubic"])
+def test_derivatives_through_newton_iterations_match_finite_differences(name):
+    explicit = reduce_index(MODELS[name]())
+    assert not explicit.is_symbolic
+    arguments = random_arguments(explicit, np.random.default_rng(5))
+    symbols = explicit.variables.mx_in()
+    jacobian = ca.Function("J", symbols, [ca.jacobian(explicit.variables(*symbols), symbols[0])])
+    step = 1e-6
+    for j in range(explicit.n_states):
+        shift = step * np.eye(explicit.n_states)[j]
+        high, low = (
+            explicit.variables(arguments[0] + s, *arguments[1:]).full().ravel() for s in (shift, -shift)
+        )
+        np.testing.assert_allclose(
+            jacobian(*arguments).full()[:, j], (high - low) / (2 * step), rtol=1e-6, atol=1e-7
+        )
+
+
+def test_servo_has_natural_states():
+    explicit = reduce_index(servo())
+    assert explicit.state_names == ("rotor.phi", "rotor.w", "disc.phi", "disc.w")
+    assert explicit.state_units == ("rad", "rad/s", "rad", "rad/s")
+    assert explicit.is_symbolic
+    assert explicit.structural_index == 2
+    assert explicit.input_derivatives == ()
+
+
+def test_pendulum_counts_are_those_of_the_literature():
+    explicit = reduce_index(pendulum())
+    assert (explicit.structural_index, explicit.n_differentiations) == (3, 4)
+    assert explicit.n_states == 2
+
+
+def test_states_are_chosen_by_the_start_point():
+    assert reduce_index(pendulum(0.6, -0.8)).state_names == ("x", "vx")  # fixed starts, and a good pivot
+    assert reduce_index(pendulum(1.0, 0.0)).state_names == ("y", "vy")  # x would be singular here
+    assert reduce_index(pendulum(0.0, -1.0)).state_names == ("x", "vx")
+
+
+def coupled_masses(**attributes) -> FlatBuilder:
+    """Two masses joined rigidly, the second with a lever ratio of 3; attributes of its position and speed."""
+    b = FlatBuilder("Coupled")
+    u = b.input("u")
+    for name, more in (("a", {}), ("b", attributes)):
+        b.unknown(f"{name}.s", "m", **more)
+        b.unknown(f"{name}.v", "m/s", **more)
+        b.unknown(f"{name}.f", "N")
+        b.equation(f"{name}.v", b[f"{name}.v"], b.der(f"{name}.s"))
+    b.equation("a", 2.0 * b.der("a.v"), u - b["a.f"])
+    b.equation("b", 5.0 * b.der("b.v"), b["b.f"])
+    b.equation("lever", b["a.s"], 3.0 * b["b.s"])
+    b.equation("power", b["b.f"], 3.0 * b["a.f"])
+    b.output("y", b["b.s"])
+    return b
+
+
+@pytest.mark.parametrize(
+    ("attributes", "states"),
+    [
+        ({}, ("a.s", "a.v")),
+        ({"state_select": "prefer"}, ("b.s", "b.v")),
+        ({"state_select": "never"}, ("a.s", "a.v")),
+        ({"start": 0.5}, ("b.s", "b.v")),
+        ({"start": 0.5, "state_select": "avoid"}, ("a.s", "a.v")),
+    ],
+)
+def test_state_selection_and_start_values_are_honoured(attributes, states):
+    assert reduce_index(coupled_masses(**attributes).build()).state_names == states
+
+
+def test_derivative_of_a_variable_can_be_a_state():
+    b = FlatBuilder("Oscillator")
+    b.unknown("s", "m")
+    b.unknown("f", "N")
+    b.unknown("v", "m/s", state_select="never")
+    b.equation("v = der(s)", b["v"], b.der("s"))
+    b.equation("f = -4*s", b["f"], -4 * b["s"])
+    b.equation("der(v) = f", b.der("v"), b["f"])
+    b.output("y", b["s"])
+    explicit = reduce_index(b.build())
+    poles = np.linalg.eigvals(
+        ca.Function(
+            "A",
+            explicit.rhs.sx_in(),
+            [ca.jacobian(explicit.rhs(*explicit.rhs.sx_in()), explicit.rhs.sx_in()[0])],
+        )([0, 0], [], [], [], [], 0).full()
+    )
+    np.testing.assert_allclose(sorted(poles.imag), [-2, 2], rtol=1e-12)
+
+
+def test_aliases_with_opposite_sign_and_alias_cycles():
+    b = FlatBuilder("Signs")
+    u = b.input("u")
+    for name in ("a", "b", "c", "d"):
+        b.unknown(name)
+    b.equation("a + b = 0", b["a"], -b["b"])
+    b.equation("b = c", b["b"], b["c"])
+    b.equation("c = a", b["c"], b["a"])  # closes the cycle with a = -a: everything is zero
+    b.equation("der(d) = u + a", b.der("d"), u + b["a"])
+    explicit = reduce_index(b.build())
+    values = explicit.variables([2.0], [1.0], [], [], [], 0).full().ravel()
+    np.testing.assert_array_equal(values, [0, 0, 0, 2])
+
+
+def test_linear_loop_is_solved_symbolically_and_right():
+    flat = resistor_ladder(30)
+    explicit = reduce_index(flat)
+    assert explicit.is_symbolic
+    assert 1 <= explicit.largest_loop < 10
+    theta, x = flat.theta_values, np.array([1.0, -0.5])
+    xi = explicit.variables(x, [0.4], [], [], theta, 0).full().ravel()
+    matrix = ca.Function("M", [flat.theta], [ca.jacobian(flat.residual[:30], flat.xi)])(theta).full()
+    nodes = np.linalg.solve(matrix[:, 2:], -matrix[:, :2] @ x)
+    np.testing.assert_allclose(xi[2:], nodes, rtol=1e-11)
+
+
+def test_a_thousand_equations():
+    explicit = reduce_index(rigid_train(270))
+    assert explicit.flat.n == 1080
+    assert explicit.n_states == 2 * 90
+    residual, size = flat_residual(explicit, random_arguments(explicit, np.random.default_rng(1)))
+    assert np.max(np.abs(residual) / size) < 1e-9
+
+
+def test_input_derivatives_are_named_and_used():
+    explicit = reduce_index(driven_position())
+    assert [(d.index, d.order) for d in explicit.input_derivatives] == [(0, 1), (0, 2)]
+    # f = m u'' - c (s2 - u)
+    force = explicit.outputs([0.3, 0.0], [0.5], [0.1, 7.0], [], explicit.flat.theta_values, 0).full()[0, 0]
+    assert force == pytest.approx(2.0 * 7.0 - 8.0 * (0.3 - 0.5), rel=1e-13)
+
+
+def test_derivatives_that_need_more_than_the_model_has_are_nan():
+    explicit = reduce_index(rc_pair())
+    theta = explicit.flat.theta_values
+    rates = dict(
+        zip(
+            ("v1", "v2", "i1", "i2"),
+            explicit.variable_derivatives([1.0, 0.5], [2.0], [], [0.1], theta, 0).full().ravel(),
+            strict=True,
+        )
+    )
+    assert np.isnan(rates["i1"])  # i1 = (u - v1)/R1 needs u'
+    assert rates["i2"] == pytest.approx((rates["v1"] - rates["v2"]) / 3.0, rel=1e-13)
+
+
+def test_noise_may_enter_at_the_force_but_not_at_the_position():
+    explicit = reduce_index(driven_position("force"))
+    assert len(explicit.flat.noises) == 1
+    with pytest.raises(ModelError) as caught:
+        reduce_index(driven_position("position"))
+    assert caught.value.code == "noise-differentiated"
+    assert "noise w " in caught.value.what
+    assert "s1 = u" in caught.value.what
+    assert caught.value.where.line == 1
+
+
+def test_structurally_singular_model_names_equations_and_unknowns():
+    b = FlatBuilder("Open")
+    u = b.input("u")
+    for name in ("v", "i", "p"):
+        b.unknown(name)
+    b.equation("v = 2*i", b["v"], 2 * b["i"])
+    b.equation("v = u", b["v"], u)
+    b.equation("i = 3", b["i"], 3)
+    with pytest.raises(ModelError) as caught:
+        reduce_index(b.build())
+    assert caught.value.code == "structurally-singular"
+    for expected in (
+        "v = 2*i",
+        "v = u",
+        "i = 3",
+        "Open.mo:1",
+        "3 equations for only 2 unknowns (v, i)",
+        ": p",
+    ):
+        assert expected in caught.value.what
+
+
+def test_two_rigid_paths_are_reported_as_singular_after_reduction():
+    b = FlatBuilder("Parallel")
+    u = b.input("u")
+    for name in ("s1", "s2", "v1", "v2", "f", "g", "h"):
+        b.unknown(name)
+    b.equation("der(s1) = v1", b.der("s1"), b["v1"])
+    b.equation("der(s2) = v2", b.der("s2"), b["v2"])
+    b.equation("der(v1) = u - f - g", b.der("v1"), u - b["f"] - b["g"])
+    b.equation("der(v2) = f + g", b.der("v2"), b["f"] + b["g"])
+    b.equation("s1 = 2*s2", b["s1"], 2 * b["s2"])
+    b.equation("3*s1 = 6*s2", 3 * b["s1"], 6 * b["s2"])
+    b.equation("h = f", b["h"], 2 * b["f"])
+    with pytest.raises(ModelError) as caught:
+        reduce_index(b.build())
+    assert caught.value.code in ("singular-after-reduction", "structurally-singular")
+    assert "s1 = 2*s2" in caught.value.what
+    assert "3*s1 = 6*s2" in caught.value.what
+
+
+def test_zero_parameter_that_makes_a_loop_singular_is_reported():
+    b = FlatBuilder("Loop")
+    u, g = b.input("u"), b.parameter("g", 1.0)
+    for name in ("a", "b"):
+        b.unknown(name)
+    b.equation("a + g*b = u", b["a"] + g * b["b"], u)
+    b.equation("2*a + 2*b = 1", 2 * b["a"] + 2 * b["b"], 1)
+    with pytest.raises(ModelError) as caught:
+        reduce_index(b.build())
+    assert caught.value.code == "singular-after-reduction"
+    assert "2*a + 2*b = 1" in caught.value.what
