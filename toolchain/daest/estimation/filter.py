@@ -109,7 +109,10 @@ def run_filter(
         nis=nis_summary(result),
         log_likelihood=result.log_likelihood,
         measure=measure,
-        compared={n: _comparison(_measured(experiment, n), values[:, names.index(n)]) for n in compared},
+        compared={
+            n: _comparison(_measured(experiment, n), values[:, names.index(n)], std[:, names.index(n)])
+            for n in compared
+        },
         process_noise=_process_noise(ss, all_units, estimates),
         steady_after=None if steady is None else float(experiment.time[steady] - experiment.time[0]),
         noise=noise,
@@ -230,14 +233,17 @@ def _measured(experiment: Experiment, name: str) -> np.ndarray:
     return experiment.outputs[:, experiment.output_names.index(name)]
 
 
-def _comparison(measured: np.ndarray, estimate: np.ndarray) -> OutputComparison:
-    both = np.isfinite(measured) & np.isfinite(estimate)
-    if not np.any(both):
-        return OutputComparison(np.nan, np.nan)
-    error = measured[both] - estimate[both]
-    spread = np.linalg.norm(measured[both] - np.mean(measured[both]))
-    fit = 100.0 * (1.0 - np.linalg.norm(error) / spread) if spread > 0 else np.nan
-    return OutputComparison(float(fit), float(np.sqrt(np.mean(error**2))))
+def _comparison(measured: np.ndarray, estimate: np.ndarray, std: np.ndarray) -> OutputComparison:
+    """Samples whose estimate is less certain than the spread of the signal itself say nothing and are left out."""
+    recorded = measured[np.isfinite(measured)]
+    spread = float(np.std(recorded)) if recorded.size else 0.0
+    use = np.isfinite(measured) & np.isfinite(estimate) & (std <= spread)
+    if not np.any(use):
+        return OutputComparison(np.nan, np.nan, 0)
+    error, signal = measured[use] - estimate[use], measured[use] - np.mean(measured[use])
+    size = np.linalg.norm(signal)
+    fit = 100.0 * (1.0 - np.linalg.norm(error) / size) if size > 0 else np.nan
+    return OutputComparison(float(fit), float(np.sqrt(np.mean(error**2))), int(np.sum(use)))
 
 
 def _process_noise(ss: StateSpace, units: _Units, estimates: GaussianSequence) -> ProcessNoiseEstimate:

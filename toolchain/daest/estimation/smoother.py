@@ -1,14 +1,15 @@
 """Fixed-interval smoother of (47) for states and process noise: Bryson and Frazier's backward recursion.
 
-With the innovations ν, their covariances S and the closed loop F = Φ - K C of the filter, backwards from r =
-0, N = 0:
+With the innovations ν, their covariances S and the closed loop F = Φ - K C of the filter, backwards
+from r = 0, N = 0:
 
     r[k-1] = Cᵀ S⁻¹ ν[k] + Fᵀ r[k],    N[k-1] = Cᵀ S⁻¹ C + Fᵀ N[k] F.
 
 A vector z with covariance `reach` to ν[k] and `ahead` to the prediction error of x[k+1] has the smoothed mean
 E z + reach S⁻¹ ν + ahead r[k] and loses the covariance reach S⁻¹ reachᵀ + ahead N[k] aheadᵀ. For x: reach = P
 Cᵀ, ahead = P Fᵀ. For w̄: reach = R12, ahead = E w̄ w̃ᵀ - R12 Kᵀ. No covariance is inverted, so that Q may be
-singular.
+singular. The covariances are differences: an initial variance many powers of ten above the stationary one
+costs digits in the first samples, an unknown initial state does not.
 """
 
 from __future__ import annotations

@@ -187,10 +187,13 @@ class SmootherResult:
 @dataclass(frozen=True)
 class OutputComparison:
     """A measured output that was not used, against its estimate: fit 100 (1 - ||y - ŷ|| / ||y - mean y||) in
-    percent and the root mean square error in the unit of the output. NaN when nothing can be compared."""
+    percent and the root mean square error in the unit of the output, over `n_samples` samples: those whose
+    standard deviation is below the spread of the whole signal (an unknown start is uncertain without bound).
+    NaN when nothing can be compared."""
 
     fit_percent: float
     rms: float
+    n_samples: int
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ def document(result: FilterResult) -> dict[str, Any]:
             "n_innovations": nis.n_innovations,
         },
         "compared": {
-            name: {"fit_percent": _number(c.fit_percent), "rms": _number(c.rms)}
+            name: {"fit_percent": _number(c.fit_percent), "rms": _number(c.rms), "n_samples": c.n_samples}
             for name, c in result.compared.items()
         },
         "process_noise": {
