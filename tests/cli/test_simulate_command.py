@@ -44,7 +44,7 @@ def test_noise_is_repeatable(folder, daest):
         for seed in ("3", "3", "4")
     ]
     assert np.array_equal(runs[0], runs[1]) and not np.array_equal(runs[0], runs[2])
-    # 2000 samples of the 0.02 V of the annotation: the estimate of the standard deviation is within 4 of its own.
+    # The annotation says 0.02 V; an estimate from 1800 samples is within 4 of its own standard deviations.
     assert np.std(runs[0][200:] - 1.0) == pytest.approx(0.02, rel=4 / np.sqrt(2 * 1800))
 
 

@@ -13,6 +13,8 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+NARROWEST_TEXT = 8  # characters that a column of text keeps in a narrow terminal
+
 
 def rendered(parts: Iterable[RenderableType], width: int, color: bool) -> str:
     """The parts below each other; without colour there is no control sequence in the text."""
@@ -33,18 +35,22 @@ def rendered(parts: Iterable[RenderableType], width: int, color: bool) -> str:
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[str]], text_columns: Iterable[int] = (0,)) -> Table:
-    """A table whose columns are right-aligned except for `text_columns`."""
-    left = set(text_columns)
+    """A table whose columns are right-aligned except for `text_columns`.
+
+    Where it does not fit, headers and texts wrap; numbers are never broken.
+    """
+    left, cells = set(text_columns), [tuple(row) for row in rows]
     result = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     for index, name in enumerate(columns):
+        widest = max((len(row[index]) for row in cells), default=0)
         result.add_column(
             name,
             justify="left" if index in left else "right",
             overflow="fold",
-            no_wrap=index not in left,
+            min_width=min(widest, NARROWEST_TEXT) if index in left else widest,
             header_style="bold",
         )
-    for row in rows:
+    for row in cells:
         result.add_row(*row)
     return result
 

@@ -69,6 +69,8 @@ def filter_figure(result: FilterResult, experiment: Experiment, names: tuple[str
         ax.plot(
             result.time, value, color=LINES[0], lw=1.0, label="smoothed" if result.smoothed else "filtered"
         )
+        measured = [line.get_ydata() for line in ax.get_lines()[:-1]]
+        ax.set_ylim(*_limits([value, *measured]))
         suffix = " (not used)" if name in result.compared else ""
         ax.set_ylabel(_label(name + suffix, unit))
         ax.legend(loc="upper right", fontsize=7)
@@ -120,6 +122,15 @@ def _colors() -> Any:
 
 def _label(name: str, unit: str) -> str:
     return f"{name} [{unit or '1'}]"
+
+
+def _limits(signals: list[Any]) -> tuple[float, float]:
+    """A range that shows all but the most extreme 1 % at either end, with a margin: an unknown initial state
+    makes the first estimates so wild that nothing else could be seen."""
+    quantiles = [np.nanquantile(signal, (0.01, 0.99)) for signal in signals]
+    low, high = min(q[0] for q in quantiles), max(q[1] for q in quantiles)
+    margin = 0.25 * (high - low) or 1.0
+    return float(low - margin), float(high + margin)
 
 
 def _spy(ax: Axes, matrix: Any, admissible: np.ndarray, *, marker: str, filled: bool) -> None:
