@@ -1,4 +1,4 @@
-"""Graph part of index reduction against SciPy's structural rank, brute force and the defining inequalities."""
+"""Graphs of index reduction against SciPy's structural rank, brute force and the defining inequalities."""
 
 import numpy as np
 import pytest

@@ -214,7 +214,7 @@ def pendulum(x: float = 0.6, y: float = -0.8) -> FlatModel:
 def driven_position(noise_at: str = "") -> FlatModel:
     """A mass whose position is the input, pulled by a spring to a second mass: needs u' and u''.
 
-    `noise_at`: "position" puts white noise on the position (it would be differentiated), "force" on the force."""
+    `noise_at`: "position" puts white noise on the position, which differentiates it; "force" on the force."""
     b = FlatBuilder("Driven")
     u, w = b.input("u", "m"), b.noise("w", 1e-4) if noise_at else ca.SX(0)
     mass, c = b.parameter("m", 2.0), b.parameter("c", 8.0)
@@ -244,7 +244,7 @@ def cubic_loop() -> FlatModel:
 
 
 def resistor_ladder(n: int) -> FlatModel:
-    """n nodes in a chain of resistors between two capacitors, every node also tied to every third next one: a linear
+    """n nodes in a chain of resistors between two capacitors, every node also tied to a distant one: a linear
     loop that cannot be solved node by node."""
     b = FlatBuilder("Ladder")
     u, conductance = b.input("u"), b.parameter("g", 0.7)

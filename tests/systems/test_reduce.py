@@ -38,9 +38,9 @@ def random_arguments(explicit, rng):
 
 
 def flat_residual(explicit, arguments):
-    """F(ξ', ξ, u, w, θ, t) at the point, and the size of its terms; every derivative that F uses must be known."""
+    """F at the point, and the size of its terms; every derivative that F uses must be known."""
     flat = explicit.flat
-    x, u, v, w, theta, t = arguments
+    _, u, _, w, theta, t = arguments
     xi = explicit.variables(*arguments).full().ravel()
     rates = explicit.variable_derivatives(*arguments).full().ravel()
     used = sorted(set(ca.jacobian_sparsity(flat.residual, flat.derivatives).get_triplet()[1]))

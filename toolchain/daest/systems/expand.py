@@ -69,7 +69,7 @@ def derivative_name(name: str, order: int) -> str:
 
 def _substitute_aliases(flat: FlatModel, aliases: Aliases, expression: ca.SX, z0: ca.SX, z1: ca.SX) -> ca.SX:
     slot, sign = aliases.slot.tolist(), ca.DM(aliases.sign)
-    replacements = ca.vertcat(sign * z1[slot], sign * z0[slot])
+    replacements = ca.vertcat(sign * z1[slot, 0], sign * z0[slot, 0])
     return ca.substitute(expression, ca.vertcat(flat.derivatives, flat.xi), replacements)
 
 

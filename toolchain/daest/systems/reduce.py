@@ -231,10 +231,10 @@ def _expressions(system: ExpandedSystem, choice: StateChoice, definitions: Defin
     sign, slot = ca.DM(aliases.sign), aliases.slot
     with_rate = np.flatnonzero(choice.highest[slot] >= 1)
     parts = [
-        sign * system.z[0][slot.tolist()],
+        sign * system.z[0][slot.tolist(), 0],
         _pick(system, [(j, k + 1) for j, k in choice.states]),
         system.in_unknowns(flat.output_expressions),
-        sign[with_rate.tolist()] * system.z[1][slot[with_rate].tolist()],
+        sign[with_rate.tolist(), 0] * system.z[1][slot[with_rate].tolist(), 0],
     ]
     stacked = definitions.insert_into(ca.vertcat(*parts))
     ends = np.cumsum([0, *(part.numel() for part in parts)]).tolist()
