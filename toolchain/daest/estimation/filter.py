@@ -234,7 +234,7 @@ def _measured(experiment: Experiment, name: str) -> np.ndarray:
 
 
 def _comparison(measured: np.ndarray, estimate: np.ndarray, std: np.ndarray) -> OutputComparison:
-    """Samples whose estimate is less certain than the spread of the signal itself say nothing and are left out."""
+    """Samples whose estimate is less certain than the spread of the signal say nothing and are left out."""
     recorded = measured[np.isfinite(measured)]
     spread = float(np.std(recorded)) if recorded.size else 0.0
     use = np.isfinite(measured) & np.isfinite(estimate) & (std <= spread)

@@ -29,7 +29,7 @@ def flat_start(forward: FilterPass) -> FlatStart:
     n_kept, _, q = forward.sensitivity.shape
     p = forward.n_observable
     index = forward.index[:n_kept]
-    white = whitening(forward.innovation_cov)[index]
+    white = forward.whitening[index]
     rows = white @ forward.innovation_sensitivity[:, :, :p]
     right = (white @ forward.innovations[:n_kept, :, None])[:, :, 0]
     mean: np.ndarray = np.zeros((n_kept, q))
@@ -92,7 +92,7 @@ def flat_evidence(flat: FlatStart, forward: FilterPass, start: np.ndarray) -> fl
     = (sᵀ Λ⁻¹ s - log |Λ| + p log 2π) / 2 + log |dx0 / dδ|; NaN when the record does not determine δ.
     """
     p, n_kept = forward.n_observable, flat.mean.shape[0]
-    white = whitening(forward.innovation_cov)[forward.index[:n_kept]]
+    white = forward.whitening[forward.index[:n_kept]]
     rows = (white @ forward.innovation_sensitivity[:, :, :p]).reshape(-1, p)
     fitted = rows @ flat.mean[-1, :p]  # s = Λ δ̂, so that sᵀ Λ⁻¹ s = |rows δ̂|²
     values = np.linalg.svd(flat.factor[-1, :p, :p], compute_uv=False)

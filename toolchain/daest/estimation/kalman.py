@@ -413,15 +413,22 @@ def _as_pass(recorder: _Recorder, modes: Modes, start: _Start) -> FilterPass:
         A = np.zeros((0, n, 0))
     V = modes.output[modes.index[: A.shape[0]]] @ A
     V[:, :, start.n_observable :] = 0.0
+    cov, mode = np.concatenate(recorder.cov), np.concatenate(recorder.mode)
+    S = np.concatenate(recorder.innovation_cov)
+    white = whitening(S)
+    filter_gain, filtered_cov = _filtered_moments(modes, mode, cov, white)
     return FilterPass(
         modes=modes,
         predicted=recorder.predicted,
         innovations=recorder.innovations,
         index=recorder.index,
-        cov=np.concatenate(recorder.cov),
-        innovation_cov=np.concatenate(recorder.innovation_cov),
+        cov=cov,
+        innovation_cov=S,
+        whitening=white,
         gain=np.concatenate(recorder.gain),
-        mode=np.concatenate(recorder.mode),
+        filter_gain=filter_gain,
+        filtered_cov=filtered_cov,
+        mode=mode,
         sensitivity=A,
         innovation_sensitivity=V,
         n_observable=start.n_observable,
@@ -464,41 +471,41 @@ def _assemble(
     )
 
 
-def filtered_moments(forward: FilterPass) -> tuple[np.ndarray, np.ndarray]:
+def _filtered_moments(
+    modes: Modes, mode: np.ndarray, P: np.ndarray, white: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Gain (n + n_w, n_y) and covariance of (x[k], w̄[k]) given y up to k for known δ, by distinct entry.
 
     The gain is [P Cᵀ; R12] S⁻¹, (53); the covariance of x is in Joseph form.
     """
-    modes, mode = forward.modes, forward.mode
     C, R, N_e = modes.output[mode], modes.measurement_cov[mode], modes.noise_measurement_cov[mode]
-    PC = forward.cov @ np.swapaxes(C, 1, 2)
-    n, n_w = PC.shape[1], N_e.shape[1]
-    reach = np.concatenate([PC, N_e], axis=1)
-    gain = np.swapaxes(np.linalg.solve(forward.innovation_cov, np.swapaxes(reach, 1, 2)), 1, 2)
-    gain = np.ascontiguousarray(gain)
-    K = gain[:, :n]
+    n, n_w = P.shape[1], N_e.shape[1]
+    reach = np.concatenate([P @ np.swapaxes(C, 1, 2), N_e], axis=1)
+    gain = (reach @ np.swapaxes(white, 1, 2)) @ white
+    K = np.ascontiguousarray(gain[:, :n])
     rest = np.eye(n) - K @ C
-    cov = np.empty((mode.size, n + n_w, n + n_w))
-    cov[:, :n, :n] = rest @ forward.cov @ np.swapaxes(rest, 1, 2) + K @ R @ np.swapaxes(K, 1, 2)
-    cov[:, :n, n:] = -K @ np.swapaxes(N_e, 1, 2)
-    cov[:, n:, :n] = np.swapaxes(cov[:, :n, n:], 1, 2)
-    cov[:, n:, n:] = modes.noise_cov[mode] - gain[:, n:] @ np.swapaxes(N_e, 1, 2)
+    cov: np.ndarray = np.zeros((mode.size, n + n_w, n + n_w))
+    cov[:, :n, :n] = rest @ P @ np.swapaxes(rest, 1, 2) + K @ R @ np.swapaxes(K, 1, 2)
+    cov[:, n:, n:] = modes.noise_cov[mode]
+    if np.any(N_e):
+        cov[:, :n, n:] = -K @ np.swapaxes(N_e, 1, 2)
+        cov[:, n:, :n] = np.swapaxes(cov[:, :n, n:], 1, 2)
+        cov[:, n:, n:] -= gain[:, n:] @ np.swapaxes(N_e, 1, 2)
     return gain, cov
 
 
-def filtered_loads(forward: FilterPass, gain: np.ndarray) -> np.ndarray:
+def filtered_loads(forward: FilterPass) -> np.ndarray:
     """Sensitivity (n_kept, n + n_w, q) of the filtered (x[k], w̄[k]) to δ."""
     n_kept, n, _ = forward.sensitivity.shape
-    loads = -gain[forward.index[:n_kept]] @ forward.innovation_sensitivity
+    loads = -forward.filter_gain[forward.index[:n_kept]] @ forward.innovation_sensitivity
     loads[:, :n] += forward.sensitivity
     return loads
 
 
 def _filtered(forward: FilterPass, flat: FlatStart, scale: np.ndarray) -> GaussianSequence:
-    gain, cov = filtered_moments(forward)
-    mean = by_index(gain, forward.index, forward.innovations)
+    mean = by_index(forward.filter_gain, forward.index, forward.innovations)
     mean[:, : forward.predicted.shape[1]] += forward.predicted
-    return correct(mean, cov, forward.index, filtered_loads(forward, gain), flat, scale)
+    return correct(mean, forward.filtered_cov, forward.index, filtered_loads(forward), flat, scale)
 
 
 def _innovations(
@@ -512,7 +519,9 @@ def _innovations(
         forward.innovations.copy(), forward.innovation_cov, forward.index,
         -forward.innovation_sensitivity, before, np.ones(n_y),
     )  # fmt: skip
-    white = by_index(whitening(sequence.cov.distinct), sequence.cov.index, sequence.mean)
+    is_corrected = sequence.cov.distinct is not forward.innovation_cov
+    root = whitening(sequence.cov.distinct) if is_corrected else forward.whitening
+    white = by_index(root, sequence.cov.index, sequence.mean)
     nis = np.einsum("ky,ky->k", white, white)
     dof = modes.present.sum(axis=1)[modes.index]
     if np.all(modes.present) and not sequence.free.distinct.shape[2]:
@@ -533,7 +542,7 @@ def _innovations(
 def _log_likelihood(forward: FilterPass, flat: FlatStart, start: _Start) -> float:
     """log p(y), or log ∫ p(y | x0) dx0 over the determined unknown states (density one per unit of the
     state)."""
-    white = whitening(forward.innovation_cov)
+    white = forward.whitening
     scaled = by_index(white, forward.index, forward.innovations)
     log_root = np.sum(np.log(np.diagonal(white, axis1=1, axis2=2)), axis=1)
     counts = np.bincount(forward.index, minlength=white.shape[0])

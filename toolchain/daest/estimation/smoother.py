@@ -20,7 +20,7 @@ import numpy as np
 import scipy.linalg
 
 from daest.estimation.flat_start import correct
-from daest.estimation.kalman import filtered_loads, filtered_moments
+from daest.estimation.kalman import filtered_loads
 from daest.estimation.modes import LONG_RUN, by_index
 from daest.model.estimates import FilterPass, FlatStart, KalmanResult, SmootherResult
 from daest.numerics.gaussian import CHUNK, backward_step, run
@@ -45,14 +45,15 @@ def smooth(result: KalmanResult) -> SmootherResult:
     """Mean and covariance of (x[k], w̄[k]) given the whole record, from a filter pass over it."""
     forward = result.forward
     backward = _backward_pass(forward)
-    gain, filtered_cov = filtered_moments(forward)
     ahead = _ahead(forward)
     n = forward.predicted.shape[1]
     r_after = np.concatenate([backward.r[1:], np.zeros((1, n))])
-    mean = by_index(gain, forward.index, forward.innovations) + by_index(ahead, forward.index, r_after)
+    mean = by_index(forward.filter_gain, forward.index, forward.innovations) + by_index(
+        ahead, forward.index, r_after
+    )
     mean[:, :n] += forward.predicted
-    cov, index = _smoothed_cov(forward, backward, filtered_cov, ahead)
-    loads = _smoothed_loads(forward, backward, gain, ahead)
+    cov, index = _smoothed_cov(forward, backward, ahead)
+    loads = _smoothed_loads(forward, backward, ahead)
     flat = _final(result.flat_start)
     return SmootherResult(result.time, correct(mean, cov, index, loads, flat, result.scale))
 
@@ -67,7 +68,7 @@ def _ahead(forward: FilterPass) -> np.ndarray:
 
 
 def _smoothed_cov(
-    forward: FilterPass, backward: _Backward, filtered_cov: np.ndarray, ahead: np.ndarray
+    forward: FilterPass, backward: _Backward, ahead: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Covariances for known δ: one per distinct pair of filter entry and N."""
     n = forward.predicted.shape[1]
@@ -78,13 +79,11 @@ def _smoothed_cov(
     _, first, index = np.unique(code, return_index=True, return_inverse=True)
     entry, N = forward.index[first], information[after[first]]
     loss = ahead[entry] @ N @ np.swapaxes(ahead[entry], 1, 2)
-    return filtered_cov[entry] - (loss + np.swapaxes(loss, 1, 2)) / 2, index
+    return forward.filtered_cov[entry] - (loss + np.swapaxes(loss, 1, 2)) / 2, index
 
 
-def _smoothed_loads(
-    forward: FilterPass, backward: _Backward, gain: np.ndarray, ahead: np.ndarray
-) -> np.ndarray:
-    loads = filtered_loads(forward, gain)
+def _smoothed_loads(forward: FilterPass, backward: _Backward, ahead: np.ndarray) -> np.ndarray:
+    loads = filtered_loads(forward)
     n_kept = loads.shape[0]
     if n_kept > 1:
         loads[:-1] += ahead[forward.index[: n_kept - 1]] @ backward.sensitivity[1:]
@@ -136,8 +135,9 @@ class _Terms:
         C = forward.modes.output[forward.mode]
         self.forward = forward
         self.closed = forward.modes.transition[forward.mode] - forward.gain @ C
-        self.weight = np.swapaxes(np.linalg.solve(forward.innovation_cov, C), 1, 2)
-        self.information = self.weight @ C
+        root = forward.whitening @ C
+        self.weight = np.swapaxes(root, 1, 2) @ forward.whitening
+        self.information = np.swapaxes(root, 1, 2) @ root
         self._limits: dict[int, np.ndarray | None] = {}
 
     def is_stationary(self, N: np.ndarray, entry: int) -> bool:

@@ -127,7 +127,12 @@ class FilterPass:
     index: np.ndarray  # (n_samples,)
     cov: np.ndarray  # P[k|k-1] for known δ, (n_distinct, n, n)
     innovation_cov: np.ndarray  # S, (n_distinct, n_y, n_y); unit rows where an output is missing
+    whitening: np.ndarray  # L⁻¹ of S = L Lᵀ, (n_distinct, n_y, n_y)
     gain: np.ndarray  # (Φ P Cᵀ + S12) S⁻¹, (n_distinct, n, n_y)
+    filter_gain: np.ndarray  # [P Cᵀ; R12] S⁻¹ for (x[k], w̄[k]), (n_distinct, n + n_w, n_y)
+    filtered_cov: (
+        np.ndarray
+    )  # covariance of (x[k], w̄[k]) given y up to k for known δ, (n_distinct, n + n_w, …)
     mode: np.ndarray  # (n_distinct,)
     sensitivity: np.ndarray  # A, (n_kept, n, q)
     innovation_sensitivity: np.ndarray  # V = C A, (n_kept, n_y, q)
