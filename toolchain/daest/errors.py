@@ -343,9 +343,7 @@ EXPLANATIONS: dict[str, str] = {
         "Every input is constant, so nothing excites the model and its parameters leave no trace in the "
         "outputs. Record with an input that varies over the frequencies of interest."
     ),
-    "identify-no-data": (
-        "No recording was given to identify from."
-    ),
+    "identify-no-data": ("No recording was given to identify from."),
     "identify-no-influence": (
         "The measured outputs do not depend on a parameter that is to be estimated (their exact derivative "
         "is zero). Fix it to a known value, or measure an output that it moves."
@@ -398,11 +396,102 @@ EXPLANATIONS: dict[str, str] = {
         "takes the root or logarithm of a number out of range, at the operating point or with these "
         "parameters."
     ),
+    "model-ambiguous": (
+        "A file holds several models and it is not said which one is meant, or a short name fits several "
+        "classes. Name the model with --class (or `class` in daest.toml) by its full name."
+    ),
+    "model-annotation": (
+        "A `__Daest(...)` annotation cannot be used: a key or value is unknown, or it stands behind a "
+        "declaration where it has no meaning. Parameters take estimate, scale, min, max; inputs noise, "
+        "intensity, estimate; outputs std, estimate."
+    ),
+    "model-arithmetic": (
+        "An expression cannot be computed while the model is read: a division by zero, sizes of arrays that "
+        "do not fit, an index outside of its array, a size that depends on a variable."
+    ),
+    "model-circular": (
+        "A parameter or a Boolean is computed from itself, directly or through others. The message shows "
+        "the circle; give one of them a value of its own."
+    ),
+    "model-compile": (
+        "The Modelica compiler refused the model for a reason that has no message of its own here. The "
+        "message quotes it."
+    ),
+    "model-compiler": (
+        "The Modelica compiler itself broke. The model may be right; leave out parts until it compiles to "
+        "find the construct that the compiler cannot do."
+    ),
+    "model-der-expression": (
+        "der() must be applied to a variable. Introduce a variable for the expression: `Real q = h*A;` and "
+        "`der(q)`."
+    ),
+    "model-der-input": (
+        "The derivative of an input or of a Boolean is asked for. An input is known at samples only; "
+        "introduce a variable x = u, and its derivative is formed where the model needs it."
+    ),
+    "model-empty": "The model file holds nothing but white space.",
+    "model-encoding": "A Modelica file must be UTF-8 text. Save it as UTF-8.",
+    "model-file": (
+        "What was named as a model is a folder, or cannot be read. A model is one .mo file; folders of "
+        "libraries are given by -L."
+    ),
+    "model-function": (
+        "A Modelica function cannot be executed symbolically: it is external, recurses without end, uses a "
+        "variable before it has a value, or loops on a condition that depends on variables. Write it with "
+        "assignments, if, and for-loops over constant ranges, or replace the call by its formula."
+    ),
+    "model-kind": (
+        "The class that was named is a package, function, type, connector, record or partial model. Only a "
+        "complete model has equations that can be solved."
+    ),
+    "model-library": (
+        "A folder given by -L does not exist, or the installation lacks the bundled library. -L takes the "
+        "folder that contains the library's own folder."
+    ),
     "model-missing": "The model file that was named on the command line or in daest.toml does not exist.",
+    "model-nesting": (
+        "An expression nests brackets or chains operators too deeply to be read safely. Split it over "
+        "several variables, or use arrays with sum() and for-loops."
+    ),
+    "model-none": (
+        "The file holds no complete model: only packages, partial models, functions or types, or no class "
+        "at all."
+    ),
     "model-not-given": (
         "The command needs a model: name a .mo or .fmu file, or write [model] source in daest.toml."
     ),
+    "model-parameter-value": (
+        "A parameter has neither a value nor a start value. daest does not invent one; give it where the "
+        "parameter is declared or where its component is used, or by --set."
+    ),
+    "model-place": (
+        "A place for noise or for an effect could not be found or means several equations. A place is a "
+        "flow variable, a connector with one flow variable, a variable that one equation defines, or the "
+        "index of an equation as `daest noise` lists them."
+    ),
+    "model-syntax": (
+        "The file is not valid Modelica. The message gives file, line and column, and what was expected "
+        "there; the cause is often a missing `;` before."
+    ),
+    "model-type": "Two sides of an equation, or a value and its declaration, differ in type, size or unit.",
+    "model-unbalanced": (
+        "A model needs as many equations as unknowns. The message names the unknowns that nothing "
+        "determines, or the equations that compete for the same unknowns (Dulmage-Mendelsohn "
+        "decomposition)."
+    ),
+    "model-unknown-class": (
+        "A class that is mentioned is not in the file, not beside it and not in a library folder. Check the "
+        "spelling, or give the library's folder by -L or MODELICAPATH."
+    ),
     "model-unknown-format": "A model is a Modelica file (.mo) or an FMU (.fmu).",
+    "model-unknown-name": (
+        "A name in an equation is not declared. Check its spelling and the component that it belongs to."
+    ),
+    "model-unsupported": (
+        "The model uses events, clocks, memory or an algorithm that cannot be written as equations: when, "
+        "pre, sample, reinit, delay and the like. Replace it by smooth equations: tanh(x/width) for a "
+        "switch, a first-order lag for a delay."
+    ),
     "no-c-compiler": (
         "Exporting an FMU compiles C code. Install a compiler: pip install daest[compiler] brings one "
         "(zig), which also compiles for Windows and macOS; gcc or clang from the system work too."
@@ -416,6 +505,12 @@ EXPLANATIONS: dict[str, str] = {
         "A simulation with noise, or an estimate, needs the intensity of every white noise: its two-sided "
         "spectral density, in unit squared times seconds. Write intensity = ... in the annotation or in "
         "[noise.process] of daest.toml."
+    ),
+    "noise-std": (
+        "The standard deviation of measurement noise must be a positive number, in the unit of the output."
+    ),
+    "noise-unknown": (
+        "A noise was named that is neither an output (measurement noise) nor a noise of the model."
     ),
     "operating-point-unknown-name": (
         "The operating point of --at names a variable that the model does not have. Names are those of "
@@ -436,6 +531,10 @@ EXPLANATIONS: dict[str, str] = {
         "The file named with -o is one that the command reads. Nothing of yours is overwritten; choose "
         "another name."
     ),
+    "output-unknown": (
+        "An output was named that is neither an output nor a variable of the model. The message names the "
+        "nearest ones."
+    ),
     "output-unwritable": (
         "The result cannot be written where it was asked for: the folder cannot be made or written, or the "
         "disk is full."
@@ -445,9 +544,22 @@ EXPLANATIONS: dict[str, str] = {
         "variance; the output would carry no information. Hold the noise over a sample, or put a lag (a "
         "noise with a bandwidth) between the noise and the output."
     ),
+    "parameter-bounds": "The value of a parameter lies outside of its min and max, or min lies above max.",
+    "parameter-derived": (
+        "The parameter is computed from others in the model, so that it cannot be set by itself. Set what "
+        "it is computed from."
+    ),
+    "parameter-fixed": (
+        "The parameter is final, a constant, an array or an element of a component array that decides the "
+        "structure of the model; it can be changed in the model only."
+    ),
     "parameter-outside-bounds": (
         "The value of a parameter lies outside its bounds. Bounds come from min and max in the model, or "
         "from daest.toml, which overrides them."
+    ),
+    "parameter-unknown": (
+        "The model has no tunable parameter of that name. The message names the nearest ones; Integer, "
+        "Boolean and final parameters are fixed when the model is compiled."
     ),
     "pencil-singular": (
         "The linear model has no unique solution: a combination of its equations vanishes, though each "
@@ -507,12 +619,8 @@ EXPLANATIONS: dict[str, str] = {
         "powers as digits, one slash, brackets behind it for a product: N.m, kg.m2, W/(m2.K), rad/s2, degC, "
         "1."
     ),
-    "unknown-noise": (
-        "The model has no noise input of that name. Names are Modelica names, with dots."
-    ),
-    "unknown-output": (
-        "The model has no output of that name. Names are Modelica names, with dots."
-    ),
+    "unknown-noise": ("The model has no noise input of that name. Names are Modelica names, with dots."),
+    "unknown-output": ("The model has no output of that name. Names are Modelica names, with dots."),
     "unknown-parameter": (
         "The name is not a parameter of the model. Names are Modelica names with dots, such as spring.c."
     ),

@@ -6,7 +6,7 @@ rumoca hands over nested dicts, one single-key dict per tree node (`{"Binary": {
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any, Literal
+from typing import Any, Literal, TypeGuard
 
 from daest.modelica import syntax as s
 
@@ -49,8 +49,8 @@ _DISCRETE_TYPES = ("Boolean", "Integer", "String")
 def flat_source(
     name: str, flat: dict[str, Any], texts: dict[int, tuple[str, bytes]], own: tuple[int, ...]
 ) -> s.FlatSource:
-    """The flat form of model `name`; `texts` maps source numbers to file name and text, `own` is the number of the
-    user's file."""
+    """The flat form of model `name`; `texts` maps source numbers to file name and text, `own` is the number
+    of the user's file."""
     return s.FlatSource(
         name=name,
         description=flat.get("model_description") or "",
@@ -59,6 +59,7 @@ def flat_source(
         initial_equations=tuple(
             _equations(flat["initial_equations"], flat.get("initial_structured_equations", []))
         ),
+        algorithms=tuple(_algorithm(section) for section in flat.get("algorithms", [])),
         functions={key: _function(value) for key, value in flat["functions"].items()},
         records=_records(flat),
         literals=dict(flat.get("enum_literal_ordinals", {})),
@@ -118,7 +119,8 @@ def _is_enumeration(v: dict[str, Any], flat: dict[str, Any]) -> bool:
 
 
 def _declared(value: dict[str, Any] | None, v: dict[str, Any]) -> s.Node | None:
-    """The attribute, or None for the default that the compiler fills in (it carries the span of the variable)."""
+    """The attribute, or None for the default that the compiler fills in (it carries the span of the
+    variable)."""
     if not value:
         return None
     node = expression(value)
@@ -144,14 +146,8 @@ def _structural(flat: dict[str, Any]) -> frozenset[str]:
 def _refused(flat: dict[str, Any]) -> Iterable[tuple[str, s.Span | None]]:
     for chain in flat.get("when_chains", []):
         yield "when", _first_span(chain)
-    for section in flat.get("algorithms", []):
-        yield ("when" if _contains_when(section) else "algorithm"), _first_span(section)
     for section in flat.get("initial_algorithms", []):
         yield "initial algorithm", _first_span(section)
-
-
-def _contains_when(section: dict[str, Any]) -> bool:
-    return any(_key(statement) == "When" for statement in section.get("statements", []))
 
 
 def _first_span(value: Any) -> s.Span | None:
@@ -219,9 +215,30 @@ def _equation(row: dict[str, Any], residual: dict[str, Any]) -> s.FlatEquation:
 
 
 def _sides(residual: s.Node, kind: str) -> tuple[s.Node, s.Node | None]:
-    if isinstance(residual, s.Binary) and residual.operator == "-" and kind != "flow":
+    if kind == "flow":
+        return residual, None
+    if _is_difference(residual):
         return residual.left, residual.right
+    if isinstance(residual, s.Conditional):
+        values = [value for _, value in residual.branches] + [residual.otherwise]
+        differences = [value for value in values if _is_difference(value)]
+        if len(differences) == len(values):
+            return _branch_sides(residual, [d.left for d in differences]), _branch_sides(
+                residual, [d.right for d in differences]
+            )
     return residual, None
+
+
+def _is_difference(node: s.Node) -> TypeGuard[s.Binary]:
+    return isinstance(node, s.Binary) and node.operator == "-"
+
+
+def _branch_sides(residual: s.Conditional, sides: list[s.Node]) -> s.Node:
+    """One side of an if-equation: the side itself where all branches share it, else an if-expression."""
+    if all(side == sides[0] for side in sides):
+        return sides[0]
+    conditions = [condition for condition, _ in residual.branches]
+    return s.Conditional(tuple(zip(conditions, sides[:-1], strict=True)), sides[-1], residual.span)
 
 
 _Kind = Literal["component", "connection", "flow", "unconnected", "binding"]
@@ -361,6 +378,13 @@ _EXPRESSIONS: dict[str, Callable[[dict[str, Any], s.Span | None], s.Node]] = {
 
 
 # Functions --------------------------------------------------------------------------------------------------
+
+
+def _algorithm(section: dict[str, Any]) -> s.FlatAlgorithm:
+    origin = section.get("origin") or {}
+    component: Any = next(iter(origin.values()), {}) if isinstance(origin, dict) else {}
+    name = component.get("component", "") if isinstance(component, dict) else ""
+    return s.FlatAlgorithm(_statements(section["statements"]), name, _first_span(section))
 
 
 def _function(value: dict[str, Any]) -> s.Function:

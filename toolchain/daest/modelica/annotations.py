@@ -72,7 +72,8 @@ NONE = Annotation()
 
 
 def annotation_of(file: str, source: bytes, declaration_end: int) -> Annotation:
-    """The `__Daest(...)` of the declaration whose identifier ends at byte `declaration_end`; falsy if it has none.
+    """The `__Daest(...)` of the declaration whose identifier ends at byte `declaration_end`; falsy if it has
+    none.
 
     A list `Real a, b annotation(...)` gives the annotation to b alone, as Modelica does."""
     tail = _tail(source, declaration_end)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 
 from daest.errors import Place
-from daest.model.flat import Equation, FlatModel
+from daest.model.flat import Equation, FlatModel, Variable
 from daest.modelica import syntax as s
 from daest.modelica.balance import unbalanced
 from daest.modelica.connects import ConnectClauses, used_texts
@@ -17,8 +17,9 @@ from daest.modelica.metadata import derived_of, noise_of, output_of, parameter_o
 from daest.modelica.outputs import NamedOutput, named_outputs
 from daest.modelica.parameters import ParameterTable, sort_parameters
 from daest.modelica.reading import Reading
-from daest.modelica.rows import Row, rows_of
+from daest.modelica.rows import Row, algorithm_rows, rows_of
 from daest.modelica.scope import Element
+from daest.modelica.starts import start_rows
 from daest.modelica.unknowns import Declared, declare_variables
 
 
@@ -31,6 +32,7 @@ class _Parts:
     declared: Declared
     rows: list[Row]
     initial: list[Row]
+    starts: dict[str, Row]
     xi: ca.SX
     derivatives: ca.SX
 
@@ -46,12 +48,20 @@ def assemble(source: s.FlatSource, file: str) -> FlatModel:
         reading=reading,
         parameters=parameters,
         declared=declared,
-        rows=_rows(reading, declared, (*source.equations, *_bindings(reading))),
+        rows=_all_rows(reading, declared),
         initial=_rows(reading, declared, source.initial_equations),
+        starts=start_rows(declared.unknowns, reading),
         xi=_column([element.symbol for element in declared.unknowns]),
         derivatives=_column(declared.derivatives),
     )
     return _flat_model(parts, file)
+
+
+def _all_rows(reading: Reading, declared: Declared) -> list[Row]:
+    rows = _rows(reading, declared, (*reading.source.equations, *_bindings(reading)))
+    for algorithm in reading.source.algorithms:
+        rows += algorithm_rows(algorithm, reading)
+    return rows
 
 
 def _bindings(reading: Reading) -> Iterable[s.FlatEquation]:
@@ -89,10 +99,11 @@ def _flat_model(parts: _Parts, file: str) -> FlatModel:
     named = {one.unknown: one for one in named_outputs(outputs, parts.rows, parts.xi, parts.derivatives)}
     gone = {one.row for one in named.values()}
     kept = [i for i in range(len(declared.unknowns)) if i not in named]
+    initial = [*parts.initial, *parts.starts.values()]
     kept_rows = [i for i in range(len(parts.rows)) if i not in gone]
     return FlatModel(
         name=reading.source.name,
-        unknowns=tuple(variable_of(declared.unknowns[i], reading) for i in kept),
+        unknowns=tuple(_unknown(declared.unknowns[i], parts) for i in kept),
         inputs=tuple(variable_of(element, reading) for element in declared.inputs),
         noises=tuple(noise_of(element, reading) for element in declared.noises),
         parameters=tuple(parameter_of(element, value, reading) for element, value in table.tunable),
@@ -106,8 +117,8 @@ def _flat_model(parts: _Parts, file: str) -> FlatModel:
         time=reading.time,
         residual=_column([parts.rows[i].residual for i in kept_rows]),
         output_expressions=_output_expressions(outputs, named, declared.unknowns),
-        initial_equations=tuple(_equations(parts.initial, reading)),
-        initial_residual=_initial_residual(parts.initial, named, declared.unknowns),
+        initial_equations=tuple(_equations(initial, reading)),
+        initial_residual=_initial_residual(initial, named, declared.unknowns),
         derived_parameters=tuple(
             derived_of(one.element.name, one.element.variable, one.expression, reading)
             for one in table.derived
@@ -116,6 +127,11 @@ def _flat_model(parts: _Parts, file: str) -> FlatModel:
         source=file,
         description=reading.source.description,
     )
+
+
+def _unknown(element: Element, parts: _Parts) -> Variable:
+    made = variable_of(element, parts.reading)
+    return replace(made, fixed=False) if element.name in parts.starts else made
 
 
 def _output_expressions(
@@ -141,7 +157,8 @@ def _equations(rows: Sequence[Row], reading: Reading) -> list[Equation]:
 
 
 def _source_numbers(reading: Reading) -> Iterable[int]:
-    """The user's own file, which may hold nothing but connect clauses, and all files that declare something."""
+    """The user's own file, which may hold nothing but connect clauses, and all files that declare
+    something."""
     yield from reading.source.own
     spans = [equation.span for equation in reading.source.equations]
     spans += [variable.span for variable in reading.source.variables]

@@ -18,13 +18,17 @@ _LISTED = 8
 
 
 def unbalanced(
-    equations: Sequence[Equation], unknowns: Sequence[Element], residual: ca.SX, xi: ca.SX, derivatives: ca.SX,
+    equations: Sequence[Equation],
+    unknowns: Sequence[Element],
+    residual: ca.SX,
+    xi: ca.SX,
+    derivatives: ca.SX,
     where: str,
-) -> ModelError:  # fmt: skip
-    """The error for `len(equations) != len(unknowns)`, naming the parts of the Dulmage-Mendelsohn decomposition
-    that have too few or too many equations."""
+) -> ModelError:
+    """The error for `len(equations) != len(unknowns)`, naming the parts of the Dulmage-Mendelsohn
+    decomposition that have too few or too many equations."""
     missing = len(unknowns) - len(equations)
-    what = f"the model has {len(equations)} equations for {len(unknowns)} unknowns"
+    what = f"the model has {_count(len(equations), 'equation')} for {_count(len(unknowns), 'unknown')}"
     under, over = _concerned(residual, xi, derivatives)
     if missing > 0:
         open_inputs = [unknowns[j] for j in under if unknowns[j].variable.causality == "input"]
@@ -42,6 +46,10 @@ def unbalanced(
     place: Place | str | None = equations[over[-1]].place if over else None
     remedy = "Remove an equation, or a binding of a variable that an equation determines as well."
     return ModelError("model-unbalanced", what, where=place or where, remedy=remedy)
+
+
+def _count(n: int, word: str) -> str:
+    return f"{n} {word}" + ("" if n == 1 else "s")
 
 
 def _open_input(inputs: Sequence[Element], missing: int, what: str, where: str) -> ModelError:

@@ -1,4 +1,5 @@
-"""Changes of a FlatModel that need no compiler: parameter values, declared outputs, estimated parameters, noises."""
+"""Changes of a FlatModel that need no compiler: parameter values, declared outputs, estimated parameters,
+noises."""
 
 from __future__ import annotations
 
@@ -15,8 +16,8 @@ from daest.modelica.places import resolve_place
 
 
 def with_values(flat: FlatModel, values: Mapping[str, float]) -> FlatModel:
-    """`flat` with new parameter values. Raises ModelError for a name that is no tunable parameter, and for a value
-    outside of its min and max."""
+    """`flat` with new parameter values. Raises ModelError for a name that is no tunable parameter, and for a
+    value outside of its min and max."""
     for name in values:
         _tunable(flat, name)
     parameters = tuple(_set(p, values[p.name]) if p.name in values else p for p in flat.parameters)
@@ -48,7 +49,9 @@ def _tunable(flat: FlatModel, name: str) -> Parameter:
                 remedy="Set what it is computed from instead.",
             )
     known = [p.name for p in flat.parameters]
-    near = get_close_matches(name, known, 3) or [k for k in known if k.rpartition(".")[2] == name][:3]
+    computed = [p.name for p in flat.derived_parameters]
+    same_end = [k for k in known if k.rpartition(".")[2] == name][:3]
+    near = get_close_matches(name, known + computed, 3) or same_end
     hint = f"Did you mean {' or '.join(f'`{one}`' for one in near)}? " if near else ""
     raise ModelError(
         "parameter-unknown",
@@ -90,9 +93,9 @@ def declare(
 
     `outputs` are names of unknowns or of present outputs that are to be the outputs, in this order (a mapping
     gives each its new name: {name: unknown}). `estimate` marks parameters. `noises` maps a place (see
-    `resolve_place`) to the intensity of a white noise on its equation, or the name of a present noise to its new
-    intensity. `noise_std` maps outputs to the standard deviation of their measurement noise. `estimate_noise`
-    maps outputs and noises (by name or place) to whether their size is estimated. Raises ModelError.
+    `resolve_place`) to the intensity of a white noise on its equation, or the name of a present noise to its
+    new intensity. `noise_std` maps outputs to the standard deviation of their measurement noise.
+    `estimate_noise` maps outputs and noises (by name or place) to whether their size is estimated. Raises ModelError.
     """
     if outputs is not None:
         flat = _with_outputs(flat, outputs)
@@ -124,7 +127,7 @@ def _output(flat: FlatModel, name: str, source: str) -> tuple[Output, ca.SX]:
         if unknown.name == source:
             return Output(name, unknown.unit, unknown.description, place=unknown.place), flat.xi[i]
     known = [y.name for y in flat.outputs] + [x.name for x in flat.unknowns]
-    raise _no_such("output", source, known, flat, "An output is a variable of the model.")
+    raise _no_such("output-unknown", "output", source, known, flat, "An output is a variable of the model.")
 
 
 def _with_estimated(flat: FlatModel, estimate: Iterable[str] | Mapping[str, bool]) -> FlatModel:
@@ -191,7 +194,9 @@ def _with_noise_std(flat: FlatModel, noise_std: Mapping[str, float | None]) -> F
     known = [output.name for output in flat.outputs]
     for name, std in noise_std.items():
         if name not in known:
-            raise _no_such("output", name, known, flat, "Measurement noise belongs to an output.")
+            raise _no_such(
+                "output-unknown", "output", name, known, flat, "Measurement noise belongs to an output."
+            )
         if std is not None and not std > 0:
             raise ModelError(
                 "noise-std",
@@ -212,18 +217,18 @@ def _with_estimated_noise(flat: FlatModel, marks: Mapping[str, bool]) -> FlatMod
     known = [output.name for output in flat.outputs] + [noise.name for noise in flat.noises]
     for name in marks:
         if name not in known and _noise_index(flat, name) is None:
-            raise _no_such("noise", name, known, flat, "Name an output or a noise.")
+            raise _no_such("noise-unknown", "noise", name, known, flat, "Name an output or a noise.")
     outputs = tuple(replace(y, estimate_noise=marks.get(y.name, y.estimate_noise)) for y in flat.outputs)
     by_noise = {_noise_index(flat, name): mark for name, mark in marks.items()}
     noises = tuple(replace(w, estimate=by_noise.get(i, w.estimate)) for i, w in enumerate(flat.noises))
     return replace(flat, outputs=outputs, noises=noises)
 
 
-def _no_such(kind: str, name: str, known: Sequence[str], flat: FlatModel, hint: str) -> ModelError:
+def _no_such(code: str, kind: str, name: str, known: Sequence[str], flat: FlatModel, hint: str) -> ModelError:
     near = get_close_matches(name, known, 3)
     did = f"Did you mean {' or '.join(f'`{one}`' for one in near)}? " if near else ""
     return ModelError(
-        f"{kind}-unknown",
+        code,
         f"the model has no {kind} `{name}`",
         where=flat.source or None,
         remedy=did + hint,

@@ -13,9 +13,10 @@ from daest.modelica.tokens import place_of, tokens
 def select_class(text: bytes, path: Path, wanted: str | None) -> str:
     """The full name of the model to compile.
 
-    Without `wanted` it is the file's only complete model: among the outermost classes if there is one, else among
-    those inside of packages; of several, the only one that no other class of the file uses. With `wanted`, the short name of a class inside of a package is enough.
-    Raises ModelError when there is none or more than one.
+    Without `wanted` it is the file's only complete model: among the outermost classes if there is one, else
+    among those inside of packages; of several, the only one that no other class of the file uses. With
+    `wanted`, the short name of a class inside of a package is enough. Raises ModelError when there is none
+    or more than one.
     """
     heads = class_heads(text)
     if wanted is not None:
@@ -36,7 +37,8 @@ def select_class(text: bytes, path: Path, wanted: str | None) -> str:
 
 
 def _candidates(heads: tuple[ClassHead, ...]) -> list[ClassHead]:
-    """Complete models that lie inside of packages only: a class declared in a model is a part of that model."""
+    """Complete models that lie inside of packages only: a class declared in a model is a part of that
+    model."""
     outer_models = {head.name for head in heads if head.kind != "package"}
     free = [head for head in heads if head.is_model and not _lies_in(head.name, outer_models)]
     outermost = [head for head in free if head.depth == 0]

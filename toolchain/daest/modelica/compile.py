@@ -29,9 +29,9 @@ def compile_model(
     """The equation list of a Modelica model.
 
     `class_name` may be left out when the file holds one model that is not partial, or one that the others are
-    parts of. `libraries` are folders that contain libraries; MODELICAPATH and the bundled library are searched
-    after them. `overrides` are parameter values; those of Integer, Boolean and structural parameters compile the
-    model again. Raises ModelError.
+    parts of. `libraries` are folders that contain libraries; MODELICAPATH and the bundled library are
+    searched after them. `overrides` are parameter values; those of Integer, Boolean and structural
+    parameters compile the model again. Raises ModelError.
     """
     path = Path(path)
     text = read_source(path)
@@ -58,8 +58,8 @@ def _compile(job: Job, overrides: dict[str, float]) -> FlatModel:
 
 
 def _structural(source: s.FlatSource, flat: FlatModel, overrides: Mapping[str, float]) -> dict[str, str]:
-    """Modelica text of the overrides that need another compilation: of parameters that stand in the equations as
-    numbers. Raises ModelError for one that cannot be modified."""
+    """Modelica text of the overrides that need another compilation: of parameters that stand in the
+    equations as numbers. Raises ModelError for one that cannot be modified."""
     changeable = {p.name for p in flat.parameters} | {p.name for p in flat.derived_parameters}
     variables = {x.name: x for x in source.variables if is_parameter(x)}
     return {

@@ -25,16 +25,16 @@ _RECURSION_LIMIT = 40_000
 # A folder that does not exist: the compiler reads every .mo file beside the file that it is given.
 _ALONE = Path("/daest-single-file")
 
-# The class that is put behind a file's own to compile it with other parameter values, or to reach the flat form
-# of a model whose equations and unknowns differ in number.
+# The class that is put behind a file's own to compile it with other parameter values, or to reach the flat
+# form of a model whose equations and unknowns differ in number.
 _WRAPPER = "Daest__Wrapper"
 _SPARE = "daest__spare"
 
 
 @dataclass(frozen=True)
 class Job:
-    """What to compile: the text of a file (UTF-8, no byte order mark), the class in it, library folders, and the
-    modification of the class (`n = 3, motor(J = 2)`)."""
+    """What to compile: the text of a file (UTF-8, no byte order mark), the class in it, library folders, and
+    the modification of the class (`n = 3, motor(J = 2)`)."""
 
     path: Path
     text: bytes
@@ -78,7 +78,8 @@ def compile_source(job: Job) -> s.FlatSource:
 
 
 def _padded(job: Job, problem: failures.Unbalanced) -> s.FlatSource:
-    """The flat form of an unbalanced model: compiled with spare equations or unknowns, which are dropped again."""
+    """The flat form of an unbalanced model: compiled with spare equations or unknowns, which are dropped
+    again."""
     missing = problem.n_unknowns - problem.n_equations
     body = " equation" + " 0 = time;" * missing if missing > 0 else f" Real {_SPARE}[{-missing}];"
     source = _compiled(job, _wrapper(job, body))
@@ -121,11 +122,8 @@ def _modification(tree: Mapping[str, Any]) -> str:
 
 def _compiled(job: Job, appended: bytes) -> s.FlatSource:
     text = (job.text + appended).decode("utf-8")
-    name = _compiled_name(job, appended)
     try:
-        model = _load(job, text, name)
-        flat = model.to_dict("flat")
-        files = model.to_dict("dae")["source_map"]["files"]
+        flat, files = _load(job, text, _compiled_name(job, appended))
     except rumoca.RumocaError as problem:
         raise failures.translated(str(problem), job.path, job.text, job.class_name) from None
     except BaseException as problem:  # a panic of the compiler is no Exception
@@ -142,16 +140,30 @@ def _compiled_name(job: Job, appended: bytes) -> str:
     return f"{inside}.{_WRAPPER}" if inside else _WRAPPER
 
 
-def _load(job: Job, text: str, name: str) -> Any:
-    session = rumoca.Session(roots=[str(root) for root in job.roots])
+def _load(job: Job, text: str, name: str) -> tuple[dict[str, Any], list[Any]]:
+    """The compiler's flat form and its source files. A class that is missing may stand in a file beside this
+    one; where that does not help, the first failure stands."""
     try:
-        return session.loads(text, model=name, filename=str(_file_name(job)))
+        return _session(job, text, name, _file_name(job))
     except rumoca.RumocaError as problem:
         if "unresolved type" not in str(problem) or _in_package(job):
             raise
-    # The class that is missing may stand in a file beside this one.
-    session = rumoca.Session(roots=[str(root) for root in job.roots])
-    return session.loads(text, model=name, filename=str(job.path.resolve()))
+        first = str(problem)
+    try:
+        return _session(job, text, name, job.path.resolve())
+    except rumoca.RumocaError:
+        raise rumoca.RumocaError(first) from None
+
+
+def _session(job: Job, text: str, name: str, file: Path) -> tuple[dict[str, Any], list[Any]]:
+    session: Any = rumoca.Session(roots=[str(root) for root in job.roots])
+    model: Any = None
+    try:
+        model = session.loads(text, model=name, filename=str(file))
+        return model.to_dict("flat"), model.to_dict("dae")["source_map"]["files"]
+    finally:
+        # These objects must die in the thread that made them; a traceback would keep them alive.
+        del model, session
 
 
 def _file_name(job: Job) -> Path:

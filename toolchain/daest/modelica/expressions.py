@@ -38,8 +38,8 @@ _RELATIONS: dict[str, Callable[[Scalar, Scalar], Scalar]] = {
     "<>": lambda a, b: a != b,
 }
 _REFUSAL_REMEDY = (
-    "Only differential-algebraic equations can be estimated: remove events, clocks and memory, or describe the "
-    "behaviour by a smooth equation (tanh(x/width) for sign(x), a first-order lag for a delay)."
+    "Only differential-algebraic equations can be estimated: remove events, clocks and memory, or describe "
+    "the behaviour by a smooth equation (tanh(x/width) for sign(x), a first-order lag for a delay)."
 )
 
 
@@ -78,7 +78,7 @@ class Evaluator:
     iterators: dict[str, Value] = field(default_factory=dict)
     at: s.Span | None = None
 
-    # Entry points ---------------------------------------------------------------------------------------------
+    # Entry points -------------------------------------------------------------------------------------------
 
     def value(self, node: s.Node) -> Value:
         """The value of `node`. Raises ModelError with the node's place."""
@@ -107,6 +107,20 @@ class Evaluator:
             )
         return made
 
+    def size(self, node: s.Node) -> tuple[int, ...]:
+        """The size of a node's value, () for a scalar."""
+        made = self.value(node)
+        return made.shape if isinstance(made, np.ndarray) else ()
+
+    def decided(self, condition: s.Node) -> bool | None:
+        """Whether a condition holds for the constants that it depends on; None when it depends on more."""
+        try:
+            made = self.value(condition)
+        except ModelError:
+            return None
+        made = v.constant(made) if isinstance(made, ca.SX) else made
+        return bool(made) if isinstance(made, bool | int | float) else None
+
     def sequence(self, node: s.Node) -> list[Value]:
         """The values that a for-iterator takes."""
         made = self.value(node)
@@ -128,7 +142,7 @@ class Evaluator:
         span = getattr(node, "span", None) or self.at
         return ModelError(code, what, where=self.locate(span), remedy=remedy)
 
-    # Names ----------------------------------------------------------------------------------------------------
+    # Names --------------------------------------------------------------------------------------------------
 
     def _name(self, node: s.Name) -> Value:
         base = self.iterators.get(node.name) if node.name in self.iterators else self.scope.lookup(node.name)
@@ -191,7 +205,7 @@ class Evaluator:
             )
         return found
 
-    # Operators ------------------------------------------------------------------------------------------------
+    # Operators ----------------------------------------------------------------------------------------------
 
     def _constant(self, node: s.Constant) -> Value:
         return node.value
@@ -229,10 +243,11 @@ class Evaluator:
         condition = v.constant(self.scalar(branches[0][0]))
         if not isinstance(condition, ca.SX):
             return self.value(branches[0][1]) if condition else self._branches(branches[1:], otherwise)
-        # CasADi guards the branch that is not taken, in derivatives too: `if x > 0 then sqrt(x) else 0` is safe.
+        # CasADi guards the branch that is not taken, in derivatives too: `if x > 0 then sqrt(x) else 0` is
+        # safe.
         return v.choose(condition, self.value(branches[0][1]), self._branches(branches[1:], otherwise))
 
-    # Calls ----------------------------------------------------------------------------------------------------
+    # Calls --------------------------------------------------------------------------------------------------
 
     def _call(self, node: s.Call) -> Value:
         if not node.builtin:
@@ -268,7 +283,7 @@ class Evaluator:
         scope = _DerivativeScope(self.scope)
         return Evaluator(scope, self.call, self.locate, self.iterators, node.span or self.at).value(argument)
 
-    # Arrays ---------------------------------------------------------------------------------------------------
+    # Arrays -------------------------------------------------------------------------------------------------
 
     def _array(self, node: s.Array) -> Value:
         if node.is_matrix:
@@ -374,7 +389,8 @@ def _or(a: Scalar, b: Scalar) -> Scalar:
 
 
 def indexed(base: Value, subscripts: Sequence[Value | None]) -> Value:
-    """`base[subscripts]` with Modelica's indices from 1; None is `:`. Raises ValueError outside of the array."""
+    """`base[subscripts]` with Modelica's indices from 1; None is `:`. Raises ValueError outside of the
+    array."""
     if not subscripts:
         return base
     if not isinstance(base, np.ndarray):
@@ -383,7 +399,7 @@ def indexed(base: Value, subscripts: Sequence[Value | None]) -> Value:
         raise v.ShapeError(f"{len(subscripts)} subscripts for an array of size {v.size_text(base.shape)}")
     chosen = [_positions(subscript, size) for subscript, size in zip(subscripts, base.shape, strict=False)]
     if all(isinstance(c, int) for c in chosen):
-        return base[tuple(chosen)]  # type: ignore[arg-type]
+        return base[tuple(chosen)]
     made = base
     axis = 0
     for positions in chosen:
@@ -415,7 +431,7 @@ def field_of(value: Value, name: str) -> Value | None:
         fields = [record.fields.get(name) for record in value.flat]
         if any(f is None for f in fields):
             return None
-        made = v.array(fields)  # type: ignore[arg-type]
+        made = v.array(fields)
         return made.reshape(value.shape + made.shape[1:])
     return None
 

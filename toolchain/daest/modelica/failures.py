@@ -14,9 +14,6 @@ from daest.modelica.outline import class_heads
 from daest.modelica.tokens import Token, place_of, tokens
 
 _BALANCE = re.compile(r"unbalanced model: (\d+) equations, (\d+) unknowns")
-_TYPE = re.compile(
-    r"(type mismatch|array dimension mismatch)[^;\[]*(?:\[[^\]:]*\][^;\[]*)*\[([^\[\]]*):(\d+):(\d+)\]"
-)
 _QUOTED = re.compile(r"'([^']+)'")
 _POSITION = re.compile(r"╭─\[.*?:(\d+):(\d+)\]")
 
@@ -25,17 +22,10 @@ class Unbalanced(ModelError):
     """Equations and unknowns differ in number, by the compiler's count."""
 
     def __init__(self, n_equations: int, n_unknowns: int, where: str) -> None:
-        super().__init__(
-            "model-unbalanced",
-            f"the model has {_count(n_equations, 'equation')} for {_count(n_unknowns, 'unknown')}",
-            where=where,
-        )
+        what = f"the model has {n_equations} equations for {n_unknowns} unknowns"
+        super().__init__("model-unbalanced", what, where=where)
         self.n_equations = n_equations
         self.n_unknowns = n_unknowns
-
-
-def _count(n: int, word: str) -> str:
-    return f"{n} {word}" + ("" if n == 1 else "s")
 
 
 def internal(problem: BaseException, path: Path) -> ModelError:
@@ -45,13 +35,13 @@ def internal(problem: BaseException, path: Path) -> ModelError:
         "model-compiler",
         f"the Modelica compiler failed: {said}",
         where=str(path),
-        remedy="Simplify the model until it compiles; the part taken out last is what the compiler cannot do.",
+        remedy="Simplify the model until it compiles; what was taken out last is beyond the compiler.",
     )
 
 
 def translated(message: str, path: Path, text: bytes, class_name: str) -> ModelError:
     """The error behind a message of the compiler."""
-    for translate in (_syntax, _balance, _unknown, _types, _der_expression, _missing_class):
+    for translate in (_syntax, _balance, _unknown, _types, _der_expression, _unsupported, _missing_class):
         made = translate(message, path, text, class_name)
         if made is not None:
             return made
@@ -167,6 +157,45 @@ def _der_of_expressions(text: bytes) -> Iterable[Token]:
             if inner.kind == "number" or inner.text in "+-*/^(":
                 yield token
                 break
+
+
+_FUNCTION = re.compile(r"`function [\w ]+`: `([\w.]+)` (.+)")
+
+
+def _unsupported(message: str, path: Path, text: bytes, class_name: str) -> ModelError | None:
+    """Constructs that the compiler does not take, found in the text by their keyword."""
+    function = _FUNCTION.search(message)
+    if function:
+        return _function(function[1], function[2], path, text)
+    for phrase, keyword, what in _CONSTRUCTS:
+        if phrase in message:
+            where = _first_place(path, text, lambda token: token.text == keyword)  # noqa: B023
+            return ModelError(
+                "model-unsupported",
+                f"{what} is not supported: {_plain(message)}",
+                where=where or str(path),
+                remedy="Write it as equations between continuous variables.",
+            )
+    return None
+
+
+# What the compiler's message contains, the keyword to look for, and what it is.
+_CONSTRUCTS = (
+    ("model algorithm", "algorithm", "an algorithm section with loops or calls"),
+    ("clock", "Clock", "a clocked equation"),
+    ("when", "when", "`when`"),
+)
+
+
+def _function(name: str, why: str, path: Path, text: bytes) -> ModelError:
+    short = name.rpartition(".")[2]
+    heads = [head for head in class_heads(text) if head.name.rpartition(".")[2] == short]
+    return ModelError(
+        "model-function",
+        f"function `{name}` cannot be executed: it {why}",
+        where=place_of(str(path), text, heads[0].start) if heads else str(path),
+        remedy="Assign every output; use for-loops over one constant range; no `while`, `break` or `return`.",
+    )
 
 
 def _missing_class(message: str, path: Path, text: bytes, class_name: str) -> ModelError | None:

@@ -65,6 +65,39 @@ class FunctionLibrary:
             self.depth -= 1
 
 
+def run_algorithm(
+    algorithm: s.FlatAlgorithm,
+    shapes: Mapping[str, tuple[int, ...]],
+    evaluator: Evaluator,
+    library: FunctionLibrary,
+) -> dict[str, Value]:
+    """The values that an algorithm section of a model gives to the variables that it assigns; `shapes` are
+    their sizes. Raises ModelError where one is not assigned on every way through."""
+    name = algorithm.origin or "the model"
+    run = _Run(library, s.Function(name, (), (), (), algorithm.body, False, False), evaluator)
+    targets = assigned(algorithm.body)
+    for target in targets:
+        run.declare(target, shapes.get(target, ()))
+    run.block(algorithm.body)
+    return {target: run.result(target) for target in targets}
+
+
+def assigned(body: Sequence[s.Statement]) -> list[str]:
+    """Names that statements assign, in order."""
+    found: list[str] = []
+    for statement in body:
+        match statement:
+            case s.Assign(target):
+                found.append(target.name)
+            case s.AssignCall(targets):
+                found += [target.name for target in targets if target is not None]
+            case s.For(_, inner) | s.While(_, inner):
+                found += assigned(inner)
+            case s.If(branches, otherwise):
+                found += [name for _, inner in branches for name in assigned(inner)] + assigned(otherwise)
+    return list(dict.fromkeys(found))
+
+
 def _not_executable(name: str, function: s.Function | None, evaluator: Evaluator) -> ModelError:
     if function is None:
         what = f"function `{name}` is not known"
@@ -89,7 +122,7 @@ class _Run:
         self.evaluator = Evaluator(self, library, library.locate, {}, caller.at)
         self.jump: str | None = None
 
-    # Scope ----------------------------------------------------------------------------------------------------
+    # Scope --------------------------------------------------------------------------------------------------
 
     def lookup(self, name: str) -> Value | None:
         if name not in self.frame:
@@ -113,7 +146,7 @@ class _Run:
     def derivative(self, name: str) -> Value | None:
         return None
 
-    # Execution ------------------------------------------------------------------------------------------------
+    # Execution ----------------------------------------------------------------------------------------------
 
     def results(self, arguments: Sequence[Value]) -> tuple[Value, ...]:
         for i, variable in enumerate(self.function.inputs):
@@ -124,9 +157,9 @@ class _Run:
         for variable in (*self.function.outputs, *self.function.locals):
             self._declare(variable)
         self.block(self.function.body)
-        return tuple(self._result(variable.name) for variable in self.function.outputs)
+        return tuple(self.result(variable.name) for variable in self.function.outputs)
 
-    def _result(self, name: str) -> Value:
+    def result(self, name: str) -> Value:
         value = self.lookup(name)
         assert value is not None
         return value
@@ -135,12 +168,18 @@ class _Run:
         if variable.default is not None:
             self.frame[variable.name] = self.evaluator.value(variable.default)
         elif variable.shape and not any(isinstance(size, s.Colon) for size in variable.shape):
-            shape = tuple(integer(self.evaluator.value(size)) for size in variable.shape)
-            made = np.empty(shape, dtype=object)
-            made.fill(_UNASSIGNED)
-            self.frame[variable.name] = made
+            self.declare(variable.name, tuple(integer(self.evaluator.value(size)) for size in variable.shape))
         else:
             self.frame[variable.name] = None
+
+    def declare(self, name: str, shape: tuple[int, ...]) -> None:
+        """A variable without a value."""
+        if not shape:
+            self.frame[name] = None
+            return
+        made = np.empty(shape, dtype=object)
+        made.fill(_UNASSIGNED)
+        self.frame[name] = made
 
     def block(self, statements: Sequence[s.Statement]) -> None:
         for statement in statements:
@@ -237,9 +276,9 @@ class _Run:
     def _error(self, what: str, node: s.Node | None) -> ModelError:
         return self.evaluator.error(
             "model-function",
-            f"function `{self.function.name}`: {what}",
+            f"`{self.function.name}` cannot be executed: {what}",
             node,
-            "Give every variable a value first, and let loops, `return` and `break` depend on constants only.",
+            "Give every variable a value first; let loops, `return` and `break` depend on constants only.",
         )
 
 
@@ -270,7 +309,8 @@ def _merged(condition: ca.SX, yes: Frame, no: Frame) -> Frame:
 
 
 def _merged_value(condition: ca.SX, yes: Value | None, no: Value | None) -> Value | None:
-    """The value after an `if`; a variable that only one branch assigns has no meaning otherwise and keeps it."""
+    """The value after an `if`; a variable that only one branch assigns has no meaning otherwise and keeps
+    it."""
     if yes is no or no is None:
         return yes
     if yes is None:

@@ -12,7 +12,8 @@ _PACKAGE = Path(__file__).resolve().parent.parent
 
 
 def library_root() -> Path:
-    """The folder that contains `Daest/package.mo`: inside the installed package, or `modelica/` of a checkout.
+    """The folder that contains `Daest/package.mo`: inside the installed package, or `modelica/` of a
+    checkout.
 
     Raises ModelError when the installation holds neither."""
     candidates = (_PACKAGE / "library", _PACKAGE.parent.parent / "modelica")
@@ -28,8 +29,8 @@ def library_root() -> Path:
 
 
 def library_roots(libraries: Sequence[str | Path] = ()) -> tuple[Path, ...]:
-    """Folders to search: `libraries`, then MODELICAPATH, then the bundled library. Raises ModelError for a folder
-    of `libraries` that does not exist."""
+    """Folders to search: `libraries`, then MODELICAPATH, then the bundled library. Raises ModelError for a
+    folder of `libraries` that does not exist."""
     found = [Path(folder).expanduser() for folder in libraries]
     for folder in found:
         if not folder.is_dir():

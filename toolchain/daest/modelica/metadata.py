@@ -1,4 +1,5 @@
-"""Names, units, bounds, start values and annotations of variables and parameters, as the values of `model.flat`."""
+"""Names, units, bounds, start values and annotations of variables and parameters, as the values of
+`model.flat`."""
 
 from __future__ import annotations
 
@@ -38,7 +39,8 @@ def is_fixed(element: Element) -> bool:
 
 
 def parameter_of(element: Element, value: float, reading: Reading) -> Parameter:
-    """Bounds in the annotation go before those of the declaration. Raises ModelError when the value is outside."""
+    """Bounds in the annotation go before those of the declaration. Raises ModelError when the value is
+    outside."""
     variable = element.variable
     annotation = reading.annotations[variable.name]
     low = _annotated(annotation, "min", element, reading)

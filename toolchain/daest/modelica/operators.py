@@ -240,7 +240,8 @@ def _concatenate(arguments: Sequence[Value]) -> Value:
 
 
 def matrix_of_rows(rows: Sequence[Sequence[Value]]) -> np.ndarray:
-    """`[a, b; c, d]`: scalars and vectors become columns, then rows are put side by side and below each other."""
+    """`[a, b; c, d]`: scalars and vectors become columns, then rows are put side by side and below each
+    other."""
     made = [np.concatenate([_as_matrix(value) for value in row], axis=1) for row in rows]
     return np.concatenate(made, axis=0)
 

@@ -70,7 +70,8 @@ def _ends_class(words: list[Token], i: int, stack: list[str], base: int) -> bool
 
 
 def _definition(words: list[Token], i: int, stack: list[str], base: int) -> ClassHead | None:
-    """The class that the keyword at `i` opens; None where the keyword stands in another role (`end model`)."""
+    """The class that the keyword at `i` opens; None where the keyword stands in another role (`end
+    model`)."""
     at = i + 1
     if at < len(words) and words[at].text == "extends":
         at += 1

@@ -1,4 +1,5 @@
-"""Outputs that only name an expression: y = h(ξ, u, w, θ, t) instead of an unknown with an equation (report (1b))."""
+"""Outputs that only name an expression: y = h(ξ, u, w, θ, t) instead of an unknown with an equation (report
+(1b))."""
 
 from __future__ import annotations
 
@@ -23,8 +24,9 @@ class NamedOutput:
 def named_outputs(
     candidates: Sequence[int], rows: Sequence[Row], xi: ca.SX, derivatives: ca.SX
 ) -> list[NamedOutput]:
-    """Those of the unknowns `candidates` (positions in xi) that occur, undifferentiated, in exactly one equation,
-    with coefficient ±1, and whose expression holds no derivative. Each equation gives at most one."""
+    """Those of the unknowns `candidates` (positions in xi) that occur, undifferentiated, in exactly one
+    equation, with coefficient ±1, and whose expression holds no derivative. Each equation gives at most
+    one."""
     if not candidates:
         return []
     residual = ca.vertcat(*[row.residual for row in rows])

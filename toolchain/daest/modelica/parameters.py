@@ -1,4 +1,5 @@
-"""Parameters and constants of a flat model: which are tunable (θ), which are computed, which are fixed numbers.
+"""Parameters and constants of a flat model: which are tunable (θ), which are computed, which are fixed
+numbers.
 
 - A Real parameter whose binding is a number is tunable, unless it is final or decides a size or a branch.
 - A Real parameter whose binding depends on tunable ones is derived: its expression stands in the equations.
@@ -17,7 +18,8 @@ import numpy as np
 from daest.errors import ModelError
 from daest.modelica import syntax as s
 from daest.modelica import values as v
-from daest.modelica.expressions import Evaluator
+from daest.modelica.elements import Sizes, broadcast
+from daest.modelica.expressions import Evaluator, index_tuples
 from daest.modelica.scope import Element, ModelScope, element_names
 from daest.modelica.text import text
 from daest.modelica.values import Scalar, Value
@@ -64,7 +66,8 @@ def _numeric(variable: s.FlatVariable, scope: ModelScope, evaluator: EvaluatorFa
 
 
 def _given(variable: s.FlatVariable, evaluator: Evaluator) -> s.Node:
-    """The binding, or the start value where there is no binding (Language Specification 4.4.4, with a warning)."""
+    """The binding, or the start value where there is no binding (Language Specification 4.4.4, with a
+    warning)."""
     if variable.binding is not None:
         return variable.binding
     place = evaluator.locate(variable.span)
@@ -178,7 +181,7 @@ def _symbolic(
         value = shaped(reader.value(_bound(variable)), variable, reader)
         names = element_names(variable.name, variable.dimensions)
         made = [
-            _element(Element(name, i, variable, v.symbolic(x)), table)
+            _element(Element(name, i, variable, v.symbolic(x)), table, reader.size)
             for i, (name, x) in enumerate(zip(names, v.elements(value), strict=True))
         ]
         return v.from_flat(made, variable.dimensions) if variable.dimensions else made[0]
@@ -186,13 +189,19 @@ def _symbolic(
     return make
 
 
-def _element(element: Element, table: ParameterTable) -> Scalar:
+def _expression_text(element: Element, size: Sizes) -> str:
+    variable = element.variable
+    node = _bound(variable)
+    at = index_tuples(variable.dimensions)[element.position] if variable.dimensions else ()
+    return text(broadcast(node, tuple(i - 1 for i in at), size) if at else node)
+
+
+def _element(element: Element, table: ParameterTable, size: Sizes) -> Scalar:
     """Sort one scalar; `element.symbol` is its value as it was read."""
     variable = element.variable
     value = v.constant(element.symbol)
     if isinstance(value, ca.SX):
-        expression = text(variable.binding) if variable.binding is not None else str(value)
-        table.derived.append(Derived(element, expression))
+        table.derived.append(Derived(element, _expression_text(element, size)))
         return value
     if variable.is_final:
         return value

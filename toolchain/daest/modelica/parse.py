@@ -1,4 +1,5 @@
-"""Expressions in annotation text, by precedence climbing (Modelica Language Specification 2.6 and appendix A)."""
+"""Expressions in annotation text, by precedence climbing (Modelica Language Specification 2.6 and appendix
+A)."""
 
 from __future__ import annotations
 

@@ -12,11 +12,12 @@ from daest.model.linear import LinearDAE
 
 
 def resolve_place(model: FlatModel | LinearDAE, name: str) -> list[int]:
-    """Indices of the equations that `name` means: one for most names, more where a name is ambiguous on purpose.
+    """Indices of the equations that `name` means: one for most names, more where a name is ambiguous on
+    purpose.
 
-    A name is the index of an equation; a flow variable (its flow sum, or the equation of its open connector); a
-    connector with one flow variable; or a variable that one equation defines, as `x = …`, `der(x) = …` or
-    `… = der(x)`. Raises ModelError that lists the equations which mention the name.
+    A name is the index of an equation; a flow variable (its flow sum, or the equation of its open
+    connector); a connector with one flow variable; or a variable that one equation defines, as `x = …`,
+    `der(x) = …` or `… = der(x)`. Raises ModelError that lists the equations which mention the name.
     """
     equations = model.equations
     if re.fullmatch(r"\d+", name.strip()):
@@ -88,7 +89,8 @@ def _unknown(name: str, unknowns: Sequence[Variable], equations: Sequence[Equati
     return ModelError(
         "model-place",
         f"`{name}` is no variable of the model",
-        remedy=f"{hint}A place is a flow variable, a connector, a variable that an equation defines, or an index.",
+        remedy=f"{hint}A place is a flow variable, a connector, a variable that an equation defines, "
+        "or an index.",
     )
 
 

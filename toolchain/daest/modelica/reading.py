@@ -15,8 +15,8 @@ from daest.modelica.source import Sources
 
 
 class Reading:
-    """A flat source being read. `numeric` has every parameter as a number, `scope` has the symbols; `annotations`
-    holds the `__Daest(...)` of each variable by name."""
+    """A flat source being read. `numeric` has every parameter as a number, `scope` has the symbols;
+    `annotations` holds the `__Daest(...)` of each variable by name."""
 
     def __init__(self, source: s.FlatSource) -> None:
         self.source = source
@@ -30,8 +30,10 @@ class Reading:
         self.annotations = {x.name: self._annotation(x) for x in source.variables}
 
     def evaluator(self, scope: ModelScope, span: s.Span | None) -> Evaluator:
-        library = FunctionLibrary(self.source.functions, self.sources.place, scope.lookup)
-        return Evaluator(scope, library, self.sources.place, at=span)
+        return Evaluator(scope, self.library(scope), self.sources.place, at=span)
+
+    def library(self, scope: ModelScope) -> FunctionLibrary:
+        return FunctionLibrary(self.source.functions, self.sources.place, scope.lookup)
 
     def declared_at(self, variable: s.FlatVariable) -> Place | None:
         """The place of the variable's identifier in its declaration."""

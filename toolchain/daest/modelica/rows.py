@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -10,7 +10,11 @@ import numpy as np
 
 from daest.modelica import syntax as s
 from daest.modelica import values as v
+from daest.modelica.elements import Sizes, broadcast
 from daest.modelica.expressions import Evaluator
+from daest.modelica.functions import run_algorithm
+from daest.modelica.reading import Reading
+from daest.modelica.scope import element_names
 from daest.modelica.specialise import specialised
 from daest.modelica.text import text
 from daest.modelica.values import Record, Scalar, Value
@@ -26,17 +30,18 @@ class Row:
 
 
 def rows_of(equation: s.FlatEquation, evaluator: Evaluator, substitutes: Mapping[str, s.Node]) -> list[Row]:
-    """The scalar rows of an equation, arrays row by row, records field by field. The texts show `substitutes` in
-    place of the names that they stand for. Raises ModelError."""
+    """The scalar rows of an equation, arrays row by row, records field by field. The texts show
+    `substitutes` in place of the names that they stand for. Raises ModelError."""
     evaluator.at = equation.span
     known = {**substitutes, **{name: s.Constant(value) for name, value in equation.bound}}
-    left_node = specialised(equation.left, known)
-    right_node = s.Constant(0) if equation.right is None else specialised(equation.right, known)
+    left_node = specialised(equation.left, known, evaluator.decided)
+    right = s.Constant(0) if equation.right is None else equation.right
+    right_node = specialised(right, known, evaluator.decided)
     if isinstance(left_node, s.Tuple):
         return _tuple_rows(equation, left_node, right_node, evaluator)
-    left, right = evaluator.value(left_node), evaluator.value(right_node)
-    residuals = _differences(left, right, evaluator)
-    texts = _texts(left_node, right_node, left, right, len(residuals), lambda node: _shape(evaluator, node))
+    a, b = evaluator.value(left_node), evaluator.value(right_node)
+    residuals = _differences(a, b, evaluator)
+    texts = _texts(left_node, right_node, a, b, len(residuals), _remembered(evaluator.size))
     return [Row(v.symbolic(r), t, equation) for r, t in zip(residuals, texts, strict=True)]
 
 
@@ -62,57 +67,46 @@ def _differences(left: Value, right: Value, evaluator: Evaluator) -> list[Scalar
     return [v.subtract(a[i if len(a) > 1 else 0], b[i if len(b) > 1 else 0]) for i in range(count)]
 
 
-# Texts ------------------------------------------------------------------------------------------------------
+def algorithm_rows(algorithm: s.FlatAlgorithm, reading: Reading) -> list[Row]:
+    """One row `variable - value` per scalar that an algorithm section assigns."""
+    shapes = {variable.name: variable.dimensions for variable in reading.source.variables}
+    evaluator = reading.evaluator(reading.scope, algorithm.span)
+    results = run_algorithm(algorithm, shapes, evaluator, reading.library(reading.scope))
+    made: list[Row] = []
+    for name, value in results.items():
+        names = element_names(name, shapes.get(name, ()))
+        residuals = _differences(evaluator.value(s.Name(name)), value, evaluator)
+        equation = s.FlatEquation(s.Name(name), None, "component", algorithm.origin, algorithm.span)
+        made += [
+            Row(v.symbolic(r), f"{one} = (algorithm)", equation)
+            for one, r in zip(names, residuals, strict=True)
+        ]
+    return made
 
-Sizes = Callable[[s.Node], tuple[int, ...]]
+
+# Texts ------------------------------------------------------------------------------------------------------
 
 
 def _texts(left: s.Node, right: s.Node, a: Value, b: Value, count: int, size: Sizes) -> list[str]:
     """The text of each row; `a` and `b` are the values of both sides."""
     shapes = [value.shape for value in (a, b) if isinstance(value, np.ndarray)]
-    if not shapes:
+    if not shapes or count != np.prod(shapes[0]):
         return [_joined(left, right)] * count
-    return [_joined(_broadcast(left, at, size), _broadcast(right, at, size)) for at in np.ndindex(*shapes[0])]
+    places = np.ndindex(*shapes[0])
+    return [_joined(broadcast(left, at, size), broadcast(right, at, size)) for at in places]
+
+
+def _remembered(size: Sizes) -> Sizes:
+    """`size` evaluated once per node: every row of an array equation asks for the same nodes."""
+    known: dict[int, tuple[s.Node, tuple[int, ...]]] = {}
+
+    def remembered(node: s.Node) -> tuple[int, ...]:
+        if id(node) not in known:
+            known[id(node)] = (node, size(node))  # the node is kept, so that its id stays its own
+        return known[id(node)][1]
+
+    return remembered
 
 
 def _joined(left: s.Node, right: s.Node) -> str:
     return f"{text(left)} = {text(right)}"
-
-
-def _shape(evaluator: Evaluator, node: s.Node) -> tuple[int, ...]:
-    value = evaluator.value(node)
-    return value.shape if isinstance(value, np.ndarray) else ()
-
-
-_ELEMENTWISE = ("+", "-", ".+", ".-", ".*", "./", ".^")
-_ELEMENTWISE_CALLS = ("der", "abs", "sign", "sqrt", "sin", "cos", "tan", "exp", "log", "tanh", "noEvent")
-
-
-def element(node: s.Node, at: tuple[int, ...], size: Sizes) -> s.Node:
-    """The node of element `at` (from 0) of an array expression, for its text: `{a, b}*k` at 1 -> `b*k`."""
-    match node:
-        case s.Array(elements, False) if len(elements) > at[0]:
-            return element(elements[at[0]], at[1:], size) if len(at) > 1 else elements[at[0]]
-        case s.Unary(operator, operand):
-            return s.Unary(operator, element(operand, at, size))
-        case s.Binary(operator, left, right) if operator in _ELEMENTWISE or _scales(node, size):
-            return s.Binary(operator, _broadcast(left, at, size), _broadcast(right, at, size))
-        case s.Call(function, (argument,), True) if function in _ELEMENTWISE_CALLS:
-            return s.Call(function, (element(argument, at, size),), True)
-        case s.Conditional(branches, otherwise):
-            chosen = tuple((condition, _broadcast(value, at, size)) for condition, value in branches)
-            return s.Conditional(chosen, _broadcast(otherwise, at, size))
-        case s.Constant():
-            return node
-        case s.Name(name, ()):
-            return s.Name(name, tuple(s.Constant(i + 1) for i in at))
-    return s.Index(node, tuple(s.Constant(i + 1) for i in at))
-
-
-def _scales(node: s.Binary, size: Sizes) -> bool:
-    """A product with a scalar, or a quotient, goes element by element."""
-    return node.operator in ("*", "/") and (size(node.left) == () or size(node.right) == ())
-
-
-def _broadcast(node: s.Node, at: tuple[int, ...], size: Sizes) -> s.Node:
-    return element(node, at, size) if size(node) else node

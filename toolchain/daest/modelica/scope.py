@@ -28,14 +28,16 @@ class Element:
 
 Path = Sequence[PathPart]
 
-# A component tree: identifier -> indices of a component array ((): no array) -> subtree, or the full name of a leaf.
+# A component tree: identifier -> indices of a component array ((): no array) -> subtree, or the full name of
+# a leaf.
 Tree = dict[str, dict[tuple[int, ...], Any]]
 
 
 @dataclass
 class ModelScope:
-    """`values` holds what has a value; `pending` makes the value of a name on first use (a parameter's binding, a
-    Boolean's defining equation); `derivatives` holds der() of the unknowns; `names` are all flat names."""
+    """`values` holds what has a value; `pending` makes the value of a name on first use (a parameter's
+    binding, a Boolean's defining equation); `derivatives` holds der() of the unknowns; `names` are all flat
+    names."""
 
     names: tuple[str, ...]
     values: dict[str, Value] = field(default_factory=dict)

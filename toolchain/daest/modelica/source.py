@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from daest.errors import ModelError, Place
@@ -14,10 +14,14 @@ _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 
 def read_source(path: Path) -> bytes:
-    """The text of a .mo file in UTF-8 without byte order mark. Raises ModelError when there is none to read."""
+    """The text of a .mo file in UTF-8 without byte order mark. Raises ModelError when there is none to
+    read."""
     if not path.exists():
         raise ModelError(
-            "model-file", f"there is no file {path}", where=str(path), remedy="Check the path of the model."
+            "model-missing",
+            f"there is no file {path}",
+            where=str(path),
+            remedy="Check the path of the model.",
         )
     if path.is_dir():
         raise ModelError(
@@ -60,13 +64,16 @@ class Sources:
     """Source number -> (file name, text)."""
 
     texts: Mapping[int, tuple[str, bytes]]
+    _places: dict[Span, Place] = field(default_factory=dict)
 
     def place(self, span: Span | None) -> Place | None:
         """The place where a span begins."""
         if span is None or span.source not in self.texts:
             return None
-        file, text = self.texts[span.source]
-        return place_of(file, text, span.start)
+        if span not in self._places:
+            file, text = self.texts[span.source]
+            self._places[span] = place_of(file, text, span.start)
+        return self._places[span]
 
     def declaration(self, span: Span | None, identifier: str) -> Place | None:
         """The place of the identifier at the end of a declaration's span (`Real phi` -> of `phi`)."""

@@ -22,7 +22,7 @@ class Span:
 @dataclass(frozen=True, slots=True)
 class Constant:
     value: float | int | bool | str
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,14 +31,14 @@ class Name:
 
     name: str
     subscripts: tuple[Node, ...] = ()
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Unary:
     operator: str  # "-", "+", "not"
     operand: Node
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Binary:
     operator: str  # Modelica's spelling: "+", ".*", "and", "<=" …
     left: Node
     right: Node
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class Call:
     arguments: tuple[Node, ...]
     builtin: bool = False
     constructor: bool = False
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ class Conditional:
 
     branches: tuple[tuple[Node, Node], ...]
     otherwise: Node
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ class Array:
 
     elements: tuple[Node, ...]
     is_matrix: bool = False
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,7 @@ class Tuple:
     """`(a, b)` on the left of a call with several results; None stands for an omitted result."""
 
     elements: tuple[Node | None, ...]
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,7 @@ class Range:
     start: Node
     step: Node | None
     stop: Node
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,28 +100,28 @@ class Comprehension:
 
     element: Node
     iterators: tuple[tuple[str, Node], ...]
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Index:
     base: Node
     subscripts: tuple[Node, ...]
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
     base: Node
     name: str
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Colon:
     """A whole dimension, `x[:]`."""
 
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 Node = (
@@ -145,7 +145,7 @@ Node = (
 class Assign:
     target: Name
     value: Node
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,41 +154,41 @@ class AssignCall:
 
     targets: tuple[Name | None, ...]
     call: Call
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
 class For:
     iterators: tuple[tuple[str, Node], ...]
     body: tuple[Statement, ...]
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
 class While:
     condition: Node
     body: tuple[Statement, ...]
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
 class If:
     branches: tuple[tuple[Node, tuple[Statement, ...]], ...]
     otherwise: tuple[Statement, ...]
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Jump:
     kind: Literal["return", "break"]
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Assert:
     condition: Node
     message: Node
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +196,7 @@ class Refused:
     """A statement without a meaning here (`when`, `reinit`); `what` is its name."""
 
     what: str
-    span: Span | None = None
+    span: Span | None = field(default=None, compare=False)
 
 
 Statement = Assign | AssignCall | For | While | If | Jump | Assert | Refused
@@ -204,7 +204,8 @@ Statement = Assign | AssignCall | For | While | If | Jump | Assert | Refused
 
 @dataclass(frozen=True, slots=True)
 class FunctionVariable:
-    """An input, output or local variable of a function; `shape` holds one node per dimension (Colon: unknown)."""
+    """An input, output or local variable of a function; `shape` holds one node per dimension (Colon:
+    unknown)."""
 
     name: str
     type_name: str
@@ -251,7 +252,8 @@ class FlatVariable:
 
 @dataclass(frozen=True, slots=True)
 class FlatEquation:
-    """`left = right` (right None: `left = 0`), scalar or array; `origin` is the component, or the connectors."""
+    """`left = right` (right None: `left = 0`), scalar or array; `origin` is the component, or the
+    connectors."""
 
     left: Node
     right: Node | None
@@ -259,6 +261,15 @@ class FlatEquation:
     origin: str
     span: Span | None
     bound: tuple[tuple[str, int], ...] = ()  # values of the for-iterators that occur in the nodes
+
+
+@dataclass(frozen=True, slots=True)
+class FlatAlgorithm:
+    """An algorithm section of component `origin`."""
+
+    body: tuple[Statement, ...]
+    origin: str
+    span: Span | None
 
 
 @dataclass(frozen=True)
@@ -270,6 +281,7 @@ class FlatSource:
     variables: tuple[FlatVariable, ...]
     equations: tuple[FlatEquation, ...]
     initial_equations: tuple[FlatEquation, ...]
+    algorithms: tuple[FlatAlgorithm, ...]
     functions: dict[str, Function]
     records: dict[str, tuple[str, ...]]  # component of a record type -> its fields
     literals: dict[str, int]  # enumeration literal -> ordinal

@@ -55,7 +55,8 @@ def place_of(file: str, source: bytes, offset: int) -> Place:
 
 
 def check_depth(file: str, source: bytes) -> None:
-    """Raise ModelError where brackets nest, or one expression chains operators, too deeply to be read safely."""
+    """Raise ModelError where brackets nest, or one expression chains operators, too deeply to be read
+    safely."""
     chains = [0]
     for match in _TOKEN.finditer(source):
         if match.lastgroup not in ("symbol", "name"):
@@ -73,7 +74,7 @@ def check_depth(file: str, source: bytes) -> None:
         if len(chains) > MAX_NESTING or chains[-1] > MAX_CHAIN:
             raise ModelError(
                 "model-nesting",
-                f"an expression nests more than {MAX_NESTING} brackets or chains more than {MAX_CHAIN} operators",
+                f"an expression nests over {MAX_NESTING} brackets or chains over {MAX_CHAIN} operators",
                 where=place_of(file, source, match.start()),
                 remedy="Split it over several variables, or use arrays with sum() and for-loops.",
             )

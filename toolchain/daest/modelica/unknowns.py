@@ -19,8 +19,9 @@ from daest.modelica.values import Value
 
 @dataclass
 class Declared:
-    """Scalars by their role; `derivatives` are the symbols of der() of the unknowns. `defining` are equations that
-    define a discrete variable and so give no row; `substitutes` are the expressions of bound inputs."""
+    """Scalars by their role; `derivatives` are the symbols of der() of the unknowns. `defining` are
+    equations that define a discrete variable and so give no row; `substitutes` are the expressions of bound
+    inputs."""
 
     inputs: list[Element] = field(default_factory=list)
     noises: list[Element] = field(default_factory=list)
@@ -30,7 +31,8 @@ class Declared:
     substitutes: dict[str, s.Node] = field(default_factory=dict)
 
 
-# One way a discrete variable, or one element of it, is defined: the equation (None: the binding), and its right side.
+# One way a discrete variable, or one element of it, is defined: the equation (None: the binding), and its
+# right side.
 Definition = tuple[s.FlatEquation | None, s.Node]
 
 

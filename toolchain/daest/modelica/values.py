@@ -1,7 +1,7 @@
 """Values that expressions take: numbers, CasADi SX scalars, arrays of them (NumPy object arrays) and records.
 
-A constant stays a Python number, so that sizes, loop bounds and `if` conditions on constants are decided while
-the model is read. Arithmetic follows chapter 10.6 of the Modelica Language Specification.
+A constant stays a Python number, so that sizes, loop bounds and `if` conditions on constants are decided
+while the model is read. Arithmetic follows chapter 10.6 of the Modelica Language Specification.
 """
 
 from __future__ import annotations
