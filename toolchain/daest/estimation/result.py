@@ -46,8 +46,8 @@ def fit_result(
     """FitResult of the best search (`ends[0]`); `seconds` and the initial values are left to the caller."""
     best, unknowns = ends[0], problem.unknowns
     coordinates, values = unknowns.coordinates, unknowns.natural(best.z)
-    parts, states, std = _scores(problem, method, best.z)
-    bounds = [_bound(c, z) for c, z in zip(coordinates, best.z, strict=True)]
+    parts, states, std = end_scores(problem, method, best.z)
+    bounds = [bound_of(c, z) for c, z in zip(coordinates, best.z, strict=True)]
     in_z = _uncertainty(problem, method, best, parts, bounds)
     bounds = [
         bound or _open_bound(c, variance)
@@ -77,7 +77,7 @@ def fit_result(
     periods = {r.period for r in problem.records}
     return FitResult(
         status=best.reason,
-        message=_message(best, parameters, noises, weak, len(ends), ends),
+        message=message_of(best, parameters, noises, weak, ends),
         method=method,
         parameters=parameters,
         theta={p.name: float(v) for p, v in zip(family.parameters, theta, strict=True)},
@@ -101,7 +101,7 @@ def fit_result(
     )
 
 
-def _scores(
+def end_scores(
     problem: Problem, method: Method, z: np.ndarray
 ) -> tuple[list[Scores], tuple[np.ndarray, ...], np.ndarray]:
     """Scores of all records, the initial states, and the measurement std (n_y,)."""
@@ -132,7 +132,8 @@ def _uncertainty(
     return output_error_covariance(parts, observed, problem.unknowns.slopes(best.z), free)
 
 
-def _bound(coordinate: Coordinate, z: float) -> Bound | None:
+def bound_of(coordinate: Coordinate, z: float) -> Bound | None:
+    """The bound that z rests at."""
     if z <= coordinate.searched(coordinate.lower) + AT_BOUND:
         return "min"
     if z >= coordinate.searched(coordinate.upper) - AT_BOUND:
@@ -216,19 +217,18 @@ def _initial_state(
     return FittedInitialState(name, names, x0, errors)
 
 
-def _message(
+def message_of(
     best: Found,
     parameters: tuple[FittedParameter, ...],
     noises: tuple[FittedNoise, ...],
     weak: tuple[WeakDirection, ...],
-    n_starts: int,
     ends: list[Found],
 ) -> str:
     """What happened and what to try, in sentences."""
     said = [_ending(best)]
-    if n_starts > 1:
+    if len(ends) > 1:
         same = sum(end.evaluation.value - best.evaluation.value < 1e-2 for end in ends)
-        said.append(f"{same} of {n_starts} starts reached this likelihood.")
+        said.append(f"{same} of {len(ends)} starts reached this likelihood.")
     at_bound = [f"{p.name} ({p.at_bound})" for p in parameters if p.at_bound]
     if at_bound:
         said.append(f"At a bound: {', '.join(at_bound)}; widen the bound or look for what drives it there.")

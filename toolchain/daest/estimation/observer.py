@@ -1,0 +1,109 @@
+"""A constant observer gain for a nonlinear model: the stationary Kalman gain of its average linearisation.
+
+Averaging the Jacobians along the trajectory gives a friction or a dead zone the slope that it has over the
+motion, where a linearisation at one point would give it none or an enormous one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from daest.estimation.stationary import try_stationary_filter
+from daest.model.explicit import ExplicitModel
+from daest.model.linear import DiscreteModel, StateSpace
+from daest.systems.sample import sample
+
+MOST_POINTS = 2000  # of a trajectory that the average is taken over
+
+
+@dataclass(frozen=True)
+class AverageModel:
+    """Mean Jacobians along a trajectory: A (n, n), G (n, n_w), C (n_y, n)."""
+
+    A: np.ndarray
+    G: np.ndarray
+    C: np.ndarray
+    period: float
+
+
+@dataclass(frozen=True)
+class Observer:
+    """`gain` (n, n_y) corrects the predicted state, x += gain ν; cov(ν) = innovation_cov."""
+
+    gain: np.ndarray
+    innovation_cov: np.ndarray
+
+
+def average_model(
+    explicit: ExplicitModel,
+    theta: np.ndarray,
+    time: np.ndarray,
+    states: np.ndarray,
+    ubar: np.ndarray,
+) -> AverageModel:
+    """Average linearisation over states (n_samples, n) with inputs ū (n_samples, n_ū)."""
+    chosen = np.unique(np.linspace(0, time.size - 1, min(time.size, MOST_POINTS)).astype(int))
+    jacobians = _jacobians(explicit).map(chosen.size)
+    values = jacobians(states[chosen].T, ubar[chosen].T, ca.repmat(theta, 1, chosen.size), time[chosen])
+    n, n_y = explicit.n_states, len(explicit.flat.outputs)
+    sizes = (n, explicit.rhs.numel_in(3), n)
+    A, G, C = (
+        np.array(value).reshape(rows, chosen.size, columns).mean(axis=1)
+        for value, rows, columns in zip(values, (n, n, n_y), sizes, strict=True)
+    )
+    return AverageModel(A, G, C, float(np.median(np.diff(time))))
+
+
+def _jacobians(explicit: ExplicitModel) -> ca.Function:
+    kind = ca.SX if explicit.is_symbolic else ca.MX
+    n_u, n_v, n_w, n_theta = (explicit.rhs.numel_in(i) for i in (1, 2, 3, 4))
+    x, ubar, w = kind.sym("x", explicit.n_states), kind.sym("u", n_u + n_v), kind.sym("w", n_w)
+    theta, t = kind.sym("theta", n_theta), kind.sym("t")
+    at = (x, ubar[:n_u], ubar[n_u:], w, theta, t)
+    f, h = explicit.rhs(*at), explicit.outputs(*at)
+    matrices = [ca.densify(ca.jacobian(f, x)), ca.densify(ca.jacobian(f, w)), ca.densify(ca.jacobian(h, x))]
+    with_noise = ca.Function("jacobians", [x, ubar, theta, t, w], matrices)
+    return ca.Function(
+        "at_rest", [x, ubar, theta, t], with_noise.call([x, ubar, theta, t, kind.zeros(n_w)], True, False)
+    )
+
+
+def observer(model: AverageModel, intensity: np.ndarray, measurement_std: np.ndarray) -> Observer | None:
+    """Stationary gain for noises of `intensity` (n_w,) and `measurement_std` (n_y,); None where none exists."""
+    sampled = _sampled(model, intensity, measurement_std)
+    if not np.all(np.isfinite(sampled.transition)) or not np.all(np.isfinite(sampled.process_cov)):
+        return None
+    found = try_stationary_filter(sampled)
+    if found is None:
+        return None
+    # The predictor gain is Φ times the gain that corrects the state at the sample itself.
+    gain = found.predicted_cov @ model.C.T @ np.linalg.inv(found.innovation_cov)
+    return Observer(gain, found.innovation_cov)
+
+
+def _sampled(model: AverageModel, intensity: np.ndarray, measurement_std: np.ndarray) -> DiscreteModel:
+    n, n_w, n_y = model.A.shape[0], model.G.shape[1], model.C.shape[0]
+    space = StateSpace(
+        state_names=("",) * n,
+        input_names=(),
+        input_derivatives=(),
+        noise_names=("",) * n_w,
+        output_names=("",) * n_y,
+        unknown_names=(),
+        A=model.A,
+        B=np.zeros((n, 0)),
+        G=model.G,
+        b=np.zeros(n),
+        C=model.C,
+        D=np.zeros((n_y, 0)),
+        H=np.zeros((n_y, n_w)),
+        d=np.zeros(n_y),
+        X=np.zeros((0, n)),
+        U=np.zeros((0, 0)),
+        W=np.zeros((0, n_w)),
+        x0=np.zeros(0),
+    )
+    return sample(space, model.period, "zoh", intensity, measurement_std**2)
