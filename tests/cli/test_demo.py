@@ -28,6 +28,14 @@ def test_run(tmp_path, monkeypatch, daest):
     assert (tmp_path / "servo" / "results" / "fit.json").is_file()
 
 
+def test_example_without_recording_is_copied_alone(tmp_path, monkeypatch, daest):
+    monkeypatch.chdir(tmp_path)
+    silent = next(example.name for example in examples() if not example.has_recording)
+    code, _, err = daest("demo", silent)
+    assert code == 0 and "no recording" in err
+    assert (tmp_path / silent / "daest.toml").is_file() and not (tmp_path / silent / "results").exists()
+
+
 @pytest.mark.parametrize(
     ("name", "code", "mentions"),
     [

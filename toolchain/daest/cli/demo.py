@@ -18,12 +18,15 @@ from daest.cli.output import emit, note
 def command(name: str | None, form: str) -> None:
     """Copy the example NAME into a new folder NAME, identify its parameters, compare it with its data.
 
-    Without NAME, list the examples.
+    Without NAME, list the examples. An example without a recording is copied alone.
     """
     from daest.data.examples import examples
 
     if name is None:
-        entries = [{"name": e.name, "description": e.description} for e in examples()]
+        entries = [
+            {"name": e.name, "description": e.description, "has_recording": e.has_recording}
+            for e in examples()
+        ]
         emit({"examples": entries}, "demo", form, None, _list_text)
     else:
         emit(_run(name), "demo", form, None, _run_text)
@@ -37,7 +40,9 @@ def _run(name: str) -> dict[str, Any]:
     from daest.data.project import load_project
 
     folder = Path(name)
-    copy_example(name, folder)
+    if not copy_example(name, folder).has_recording:
+        note(f"copied to {folder}; it has no recording to identify from, see its README.md")
+        return {"folder": str(folder), "identify": None, "compare": None}
     note(f"copied to {folder}; the same by hand: cd {folder}; daest identify; daest compare")
     project = load_project(folder)
     fit = identified(project, None, (), DataOptions())
@@ -51,13 +56,18 @@ def _run(name: str) -> dict[str, Any]:
 def _list_text(document: Mapping[str, Any], width: int, color: bool) -> str:
     from daest.report.console import rendered, table
 
-    rows = [(entry["name"], entry["description"]) for entry in document["examples"]]
-    return rendered([table(("example", "what it is"), rows, text_columns=(0, 1))], width, color)
+    rows = [
+        (entry["name"], "yes" if entry["has_recording"] else "no", entry["description"])
+        for entry in document["examples"]
+    ]
+    return rendered([table(("example", "recording", "what it is"), rows, (0, 1, 2))], width, color)
 
 
 def _run_text(document: Mapping[str, Any], width: int, color: bool) -> str:
     from daest.report.texts import compare, identify
 
+    if document["identify"] is None:
+        return f"copied to {document['folder']}\n"
     return "\n".join(
         (
             identify.text(document["identify"], width, color),

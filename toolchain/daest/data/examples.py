@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import daest
-from daest.data.project import FILE_NAME
+from daest.data.project import FILE_NAME, load_project
 from daest.data.table import nearest
 from daest.errors import ConfigError, Place
 
@@ -18,18 +18,19 @@ _RESULTS = "results"
 
 @dataclass(frozen=True)
 class Example:
-    """A folder with a model, its data and a daest.toml."""
+    """A folder with a model and a daest.toml; `has_recording` tells whether the data it names are there."""
 
     name: str
     folder: Path
     description: str
+    has_recording: bool
 
 
 def examples() -> list[Example]:
     """All shipped examples that have a daest.toml, by name. Raises ConfigError `examples-missing`."""
     root = _root()
     return [
-        Example(folder.name, folder, _description(folder))
+        Example(folder.name, folder, _description(folder), _has_recording(folder))
         for folder in sorted(root.iterdir())
         if (folder / FILE_NAME).is_file()
     ]
@@ -71,6 +72,11 @@ def _root() -> Path:
         "the examples are not part of this installation",
         remedy="install daest again, or copy the folder examples from its source",
     )
+
+
+def _has_recording(folder: Path) -> bool:
+    project = load_project(folder)
+    return bool(project.estimate) and all(path.is_file() for path in (*project.estimate, *project.validate))
 
 
 def _description(folder: Path) -> str:
