@@ -8,7 +8,7 @@ from pathlib import Path
 import fmu_models as models
 import numpy as np
 import pytest
-from fmu_archives import changed
+from fmu_archives import changed, member
 
 from daest.errors import ConfigError, FmuError
 from daest.fmu import residual_form, semi_explicit, serialization
@@ -16,6 +16,7 @@ from daest.fmu.compiler import build_shared
 from daest.fmu.description import DAE_FOLDER, MANIFEST
 from daest.fmu.linearize import available_sources, cross_check_fmu, linearize_fmu, matrices_apart
 from daest.fmu.load import load_fmu
+from daest.fmu.points import difference
 from daest.systems.linearize import linear_dae_function, linearize
 
 TIGHT = 1e-12
@@ -47,6 +48,25 @@ def test_parameter_derivatives_of_the_binary_equal_the_symbolic_ones(stripped):
         for k, name in enumerate(("E", "J", "K")):
             difference = (getattr(up, name) - getattr(down, name)) / (2 * step)
             assert np.allclose(difference.ravel("F"), exact[k].toarray()[:, i], atol=1e-9), name
+
+
+@pytest.mark.parametrize(
+    ("fixture", "build"), [("drive_fmu", models.geared_drive), ("tank_fmu", models.tank)]
+)
+def test_residuals_without_directional_derivatives_are_differenced(request, tmp_path, fixture, build):
+    path = request.getfixturevalue(fixture)
+    silent = member(path, "modelDescription.xml").replace('providesDirectionalDerivatives="true"', "")
+    copy = changed(path, tmp_path / "silent.fmu", replace={"modelDescription.xml": silent.encode()})
+    found, expected = linearize_fmu(copy, source="fmi-ls-dae"), linearize(build())
+    assert found.is_affine == expected.is_affine
+    assert matrices_apart(found, expected, floor=1e-6) < 1e-7
+
+
+def test_row_that_is_zero_in_truth_does_not_spoil_the_comparison():
+    exact = np.array([[3.0, 4.0], [0.0, 0.0]])
+    noisy = exact + np.array([[1e-11, 0.0], [-1e-12, 2e-12]])
+    assert difference([exact], [noisy]) == 1.0
+    assert difference([exact], [noisy], floor=1e-6) < 1e-6
 
 
 def test_new_parameter_values_reach_every_source(drive_fmu):

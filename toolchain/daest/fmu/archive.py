@@ -41,7 +41,10 @@ class Archive:
         info = self._members[name]
         if info.file_size > limit:
             raise FmuError(
-                "fmu-too-large", f"`{name}` in the FMU has {info.file_size} bytes.", where=str(self.path)
+                "fmu-too-large",
+                f"`{name}` in the FMU has {info.file_size} bytes.",
+                where=str(self.path),
+                remedy="Export it again; such a file is not expected there.",
             )
         try:
             return self._zip.read(info)

@@ -84,7 +84,12 @@ class Instance:
 
     def _failed(self, name: str, problem: Exception) -> FmuError:
         words = "; ".join(self._messages[-3:]) or str(problem)
-        return FmuError("fmu-call-failed", f"The FMU refused {name}: {words}.", where=str(self.model.path))
+        return FmuError(
+            "fmu-call-failed",
+            f"The FMU refused {name}: {words.rstrip('.')}.",
+            where=str(self.model.path),
+            remedy="Choose parameter values and an operating point at which the model can be evaluated.",
+        )
 
 
 @contextmanager

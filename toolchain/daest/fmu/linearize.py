@@ -9,7 +9,7 @@ import numpy as np
 
 from daest.errors import ConfigError, FmuError
 from daest.fmu.load import load_fmu, symbolic_model
-from daest.fmu.points import difference
+from daest.fmu.points import DIFFERENCE_FLOOR, difference
 from daest.fmu.residual_form import linearize_residuals
 from daest.fmu.semi_explicit import linearize_semi_explicit
 from daest.model.flat import FlatModel
@@ -68,7 +68,7 @@ def cross_check_fmu(
     them.
 
     Compared are E, J, K, B, C, D, H and the offsets, entry by entry against the largest entry of the
-    equation. Empty if the FMU offers only one source, or has no binary for this platform.
+    equation. Empty if the FMU offers only one source, or has no binary that runs here.
     """
     model = load_fmu(path)
     found: dict[str, float] = {}
@@ -76,19 +76,23 @@ def cross_check_fmu(
     for first, second in (("symbolic", "fmi-ls-dae"), ("directional derivatives", "finite differences")):
         if first in offers and second in offers:
             try:
-                pair = [linearize_fmu(path, theta, at, name) for name in (first, second)]
+                one, other = (linearize_fmu(path, theta, at, name) for name in (first, second))
             except FmuError as problem:
-                if problem.code == "fmu-without-binary":
+                if problem.code in ("fmu-without-binary", "fmu-binary-not-loaded"):
                     continue
                 raise
-            if pair[0].source != pair[1].source:
-                found[f"{first} - {second}"] = matrices_apart(*pair)
+            if one.source != other.source:
+                floor = DIFFERENCE_FLOOR if second == "finite differences" else 0.0
+                found[f"{first} - {second}"] = matrices_apart(one, other, floor)
     return {**found, "largest": max(found.values())} if found else {}
 
 
-def matrices_apart(one: LinearDAE, other: LinearDAE) -> float:
-    """Largest difference between two linear DAEs in the same equations and unknowns, relative to the row."""
-    return difference(_matrices(one), _matrices(other))
+def matrices_apart(one: LinearDAE, other: LinearDAE, floor: float = 0.0) -> float:
+    """Largest difference between two linear DAEs in the same equations and unknowns, relative to the row.
+
+    `floor` as in `difference`.
+    """
+    return difference(_matrices(one), _matrices(other), floor)
 
 
 def _matrices(dae: LinearDAE) -> list[np.ndarray]:

@@ -11,7 +11,15 @@ from daest.errors import FmuError
 from daest.fmu import words
 from daest.fmu.instance import Instance, open_instance
 from daest.fmu.layout import derivative_name
-from daest.fmu.points import AFFINE_TOLERANCE, central_differences, difference, point_value, probe_point
+from daest.fmu.points import (
+    AFFINE_TOLERANCE,
+    DIFFERENCE_FLOOR,
+    DIFFERENCE_NOISE,
+    central_differences,
+    difference,
+    point_value,
+    probe_point,
+)
 from daest.model.fmu import FmuModel
 from daest.model.linear import LinearDAE
 
@@ -214,10 +222,13 @@ def _matrices_if_affine(
         here, there = _matrices(instance, form, zero), _matrices(instance, form, far)
     except FmuError:
         return None  # a model that cannot be evaluated at such points is not affine
-    finite = all(np.isfinite(m).all() for m in (*here, *there))
-    if not finite or difference(here, there) > AFFINE_TOLERANCE:
+    if not all(np.isfinite(m).all() for m in (*here, *there)):
         return None
-    return here
+    if instance.model.provides_directional_derivatives:
+        is_same = difference(here, there) <= AFFINE_TOLERANCE
+    else:
+        is_same = difference(here, there, DIFFERENCE_FLOOR) <= DIFFERENCE_NOISE
+    return here if is_same else None
 
 
 def _offsets(

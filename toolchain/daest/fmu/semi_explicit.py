@@ -11,7 +11,7 @@ from daest.errors import FmuError
 from daest.fmu import words
 from daest.fmu.instance import Instance, open_instance
 from daest.fmu.layout import derivative_name
-from daest.fmu.points import STEP, difference, point_value, probe_point
+from daest.fmu.points import DIFFERENCE_FLOOR, DIFFERENCE_NOISE, STEP, difference, point_value, probe_point
 from daest.model.flat import Equation
 from daest.model.fmu import FmuModel
 from daest.model.linear import LinearDAE
@@ -19,8 +19,6 @@ from daest.model.linear import LinearDAE
 # Directional derivatives that differ from central differences by more than this, relative to their row, are
 # taken for wrong: some FMUs return zeros without an error, or forget that an output is a state.
 TRUST = 1e-4
-# A central difference of an affine model is exact up to rounding over the step; two of them agree to this.
-DIFFERENCE_NOISE = 1e-7
 # Above this number of internal variables only the outputs are kept.
 MOST_VARIABLES = 2000
 
@@ -95,7 +93,8 @@ def linearize_semi_explicit(
         _go(instance, form, x, u)
         values = _values(instance, form)
     chosen, source, notes = _choose(found, offer)
-    is_affine = far is not None and difference([found.differences], [far]) <= DIFFERENCE_NOISE
+    apart = np.inf if far is None else difference([found.differences], [far], DIFFERENCE_FLOOR)
+    is_affine = apart <= DIFFERENCE_NOISE
     return _assemble(
         model,
         form,
@@ -130,7 +129,7 @@ def _choose(found: Jacobians, offer: bool) -> tuple[np.ndarray, str, tuple[str, 
     if found.directional is None:
         refused = "The FMU declares directional derivatives and refuses them: finite differences are used."
         return found.differences, "finite differences", (refused,) if offer else ()
-    apart = difference([found.directional], [found.differences])
+    apart = difference([found.directional], [found.differences], DIFFERENCE_FLOOR)
     if not np.isfinite(apart) or apart > TRUST:
         note = (
             f"The FMU's directional derivatives are wrong (off by {apart:.1g}): finite differences are used."
