@@ -1,5 +1,7 @@
 """Index reduction: the explicit model must satisfy the equations that it was made from."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -15,6 +17,9 @@ from dae_models import (
 )
 
 from daest.errors import ModelError
+from daest.model.flat import NoiseInput
+from daest.systems.linearize import linearize
+from daest.systems.noise import noise_report
 from daest.systems.reduce import reduce_index
 
 MODELS = {
@@ -285,3 +290,20 @@ def test_zero_parameter_that_makes_a_loop_singular_is_reported():
         reduce_index(b.build())
     assert caught.value.code == "singular-after-reduction"
     assert "2*a + 2*b = 1" in caught.value.what
+
+
+def test_noise_is_refused_exactly_where_theorem_3_1_forbids_it():
+    flat = servo()
+    places = noise_report(linearize(flat)).places
+    refused = []
+    for row in range(flat.n):
+        w = ca.SX.sym("w")
+        residual = ca.SX(flat.residual)
+        residual[row] -= w
+        try:
+            reduce_index(replace(flat, noises=(NoiseInput("w", 1.0),), w=w, residual=residual))
+        except ModelError as error:
+            assert error.code == "noise-differentiated"
+            refused.append(row)
+    assert len(refused) == 10
+    assert refused == [row for row, place in enumerate(places) if not place.admissible]

@@ -167,7 +167,7 @@ def test_internal_variables_carry_the_mean_noise_of_the_interval(damping):
     result = simulate(integrated_noise(damping), (time, np.zeros((300, 0))), noise=True, seed=8)
     assert result.method.startswith("matrix exponential" if damping == 0.0 else "local linearisation")
     steps = np.diff(time)
-    # x and the mean noise are fully correlated: their joint covariance is singular, its root exact to sqrt(eps).
+    # x and the mean noise are fully correlated; the root of a singular covariance is exact to sqrt(eps).
     np.testing.assert_allclose(np.diff(result["x"]), result["a"][:-1] * steps, rtol=0, atol=1e-7)
     statistic = (result["a"][:-1] ** 2 * steps / 0.5).sum()
     assert chi2.ppf(0.001, 299) < statistic < chi2.ppf(0.999, 299)

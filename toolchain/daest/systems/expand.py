@@ -35,6 +35,10 @@ class ExpandedSystem:
         """All symbols but the unknowns: u, u', …, w, w', …, theta, time."""
         return ca.vertcat(*self.u, *self.w, self.flat.theta, self.flat.time)
 
+    def pick(self, positions: list[tuple[int, int]]) -> ca.SX:
+        """Column of the symbols of (unknown, order)."""
+        return ca.vertcat(ca.SX(0, 1), *(self.z[k][j] for j, k in positions))
+
     def in_unknowns(self, expression: ca.SX) -> ca.SX:
         """The expression of flat-model symbols (ξ', ξ) in the kept unknowns and their first derivatives."""
         return _substitute_aliases(self.flat, self.aliases, expression, self.z[0], self.z[1])

@@ -383,7 +383,8 @@ def _collect(task: _Task, states: np.ndarray, w: np.ndarray, method: str) -> Sim
     explicit, flat = task.explicit, task.explicit.flat
     columns = (states.T, task.u.T, task.v.T, w.T, task.theta, task.time[None, :])
     try:
-        outputs, variables = (f(*columns).full().T for f in (explicit.outputs, explicit.variables))
+        # Adding zero turns the -0.0 of negated aliases into 0.0.
+        outputs, variables = (f(*columns).full().T + 0.0 for f in (explicit.outputs, explicit.variables))
     except RuntimeError as error:
         raise _failed(float(task.time[-1]), "an internal variable has no solution") from error
     signals: list[Any] = [*flat.inputs, *flat.unknowns, *flat.noises, *flat.outputs]
