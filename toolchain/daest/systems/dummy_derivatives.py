@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 # A dummy derivative of low preference is taken while its pivot, relative to its equation, is at least this.
 PIVOT_CONSTANT = 1e-4  # coefficients do not change with the state: only rounding counts
-PIVOT_VARYING = 0.1  # they do: keep away from the configuration in which the pivot vanishes
+PIVOT_VARYING = 0.3  # they do: keep away from the configuration in which the pivot vanishes
 # Pivots closer than this are equal: the later variable becomes the dummy, the earlier one the state.
 PIVOT_TIE = 1e-6
 
