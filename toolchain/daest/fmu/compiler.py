@@ -126,7 +126,7 @@ def headers() -> Path:
     found = importlib.util.find_spec("fmpy")
     if found is None or found.origin is None:
         raise FmuError(
-            "fmi-headers-missing",
+            "fmu-headers-missing",
             "The FMI headers that come with fmpy are missing.",
             remedy="Reinstall fmpy.",
         )

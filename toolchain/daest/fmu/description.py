@@ -63,7 +63,9 @@ def _clean(text: str) -> str:
 
 def _annotate(element: ET.Element, kind: str, facts: dict[str, Any]) -> None:
     """Keep the facts that differ from nothing at all, as JSON in a vendor annotation."""
-    told = {key: value for key, value in facts.items() if value not in (None, "", False)}
+    told = {
+        key: value for key, value in facts.items() if value is not None and value is not False and value != ""
+    }
     if told:
         annotations = element.find("Annotations")
         if annotations is None:

@@ -8,6 +8,7 @@ import tempfile
 import time
 import zipfile
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from daest.errors import FmuError
 from daest.fmu import description, serialization, sources
 from daest.fmu.compiler import Platform, build_shared, native_platform, platform_named
 from daest.fmu.layout import Layout, layout
+from daest.fmu.portable import portable
 from daest.model.explicit import ExplicitModel
 from daest.model.flat import FlatModel
 from daest.model.fmu import ExportResult
@@ -46,9 +48,9 @@ def export_fmu(
     `fmu-not-written`; ModelError of the index reduction and of the initial point.
     """
     began = time.perf_counter()
+    flat = portable(flat)
     targets = [platform_named(p) for p in platforms] if platforms else [native_platform()]
-    if explicit is None:
-        explicit = reduce_index(flat)
+    explicit = replace(explicit or reduce_index(flat), flat=flat)
     made = layout(explicit)
     state_start, _ = initial_point(explicit)
     archive = _archive(made, state_start, targets)
