@@ -1,5 +1,7 @@
 """Comparison of models against the closed form of a first-order lag."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -80,3 +82,19 @@ def test_likelihood_without_process_noise_is_that_of_independent_errors():
     expected = -0.5 * np.sum((error / 0.05) ** 2) - 300 * np.log(0.05 * np.sqrt(2 * np.pi))
     assert trial.log_likelihood == pytest.approx(expected, rel=1e-9)
     assert trial.bic == pytest.approx(2 * np.log(300) - 2 * expected, rel=1e-9)
+
+
+def test_nonlinear_model_is_simulated_from_its_own_initial_value():
+    """T x' = -x³ without input has the solution x = 1/sqrt(1/x0² + 2 t/T)."""
+    linear = lag()
+    x = linear.xi
+    cubic = replace(linear, residual=linear.theta[0] * linear.derivatives - 0.0 * linear.u + x**3)
+    time = 0.05 * np.arange(100)
+    truth = 1.0 / np.sqrt(1.0 / START**2 + 2.0 * time / TIME_CONSTANT)
+    y = truth.copy()
+    y[10:15] = np.nan
+    trial = compare_models([Candidate("cubic", cubic, 1)], [experiment(time, 0.0 * time, y)]).models[0]
+    # The integrator works at a relative tolerance of 1e-8.
+    assert trial.simulated[0][:, 0] == pytest.approx(truth, abs=1e-5)
+    assert trial.simulation.fit_percent["y"] > 99.99
+    assert trial.one_step.fit_percent["y"] is None and any("nonlinear" in note for note in trial.notes)

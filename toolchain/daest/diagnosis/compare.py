@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from daest.diagnosis.nonlinear_trial import simulated_trial
 from daest.estimation import likelihood, output_error
 from daest.estimation.agreement import predicted_agreement, simulated_agreement
 from daest.estimation.coordinates import Unknowns
@@ -16,10 +17,13 @@ from daest.estimation.predictor import Dynamics, Innovations
 from daest.estimation.records import Record, make_record
 from daest.model.comparison import Comparison, ModelTrial
 from daest.model.experiment import Experiment
+from daest.model.fit import Agreement
 from daest.model.flat import FlatModel
+from daest.systems.linearize import is_affine_model
 from daest.systems.state_space import state_space_family
 
 Hold = Literal["zoh", "foh"]
+Sampled = Literal["white", "held"]
 
 _NOTHING = np.zeros(0)  # the search coordinates of a problem in which nothing is searched
 
@@ -33,7 +37,7 @@ class Candidate:
     flat: FlatModel
     n_parameters: int
     hold: Hold = "foh"
-    sampled: str = "white"
+    sampled: Sampled = "white"
     notes: tuple[str, ...] = ()
 
 
@@ -53,6 +57,24 @@ def compare_models(candidates: Sequence[Candidate], experiments: Sequence[Experi
 
 
 def _trial(candidate: Candidate, experiments: Sequence[Experiment]) -> ModelTrial:
+    if is_affine_model(candidate.flat):
+        return _affine_trial(candidate, experiments)
+    found = simulated_trial(candidate.flat, experiments, candidate.hold)
+    names = [output.name for output in candidate.flat.outputs]
+    return ModelTrial(
+        name=candidate.name,
+        n_parameters=candidate.n_parameters,
+        simulation=found.agreement,
+        one_step=Agreement(dict.fromkeys(names), dict.fromkeys(names)),
+        log_likelihood=np.nan,
+        bic=np.nan,
+        simulated=found.outputs,
+        predicted=tuple(np.full(outputs.shape, np.nan) for outputs in found.outputs),
+        notes=(*candidate.notes, "nonlinear: compared by simulation alone"),
+    )
+
+
+def _affine_trial(candidate: Candidate, experiments: Sequence[Experiment]) -> ModelTrial:
     problem = _problem(candidate, experiments)
     simulated = output_error.simulate(problem, problem.unknowns.theta, problem.unknowns.measurement_std)
     if simulated is not None:
@@ -62,8 +84,6 @@ def _trial(candidate: Candidate, experiments: Sequence[Experiment]) -> ModelTria
     log_likelihood = np.nan if predicted is None else -predicted.negative_log_likelihood
     n_values = sum(int(record.n_observed.sum()) for record in problem.records)
     notes = list(candidate.notes)
-    if not problem.family.is_affine:
-        notes.append("nonlinear: compared through its linearisation at the start values")
     if predicted is None:
         notes.append("no one-step prediction: the Kalman filter does not settle at these values")
     return ModelTrial(
