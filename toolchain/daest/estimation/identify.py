@@ -18,12 +18,13 @@ from daest.estimation.coordinates import Unknowns, parameter_coordinate
 from daest.estimation.noise_start import with_noise
 from daest.estimation.output_error import Problem
 from daest.estimation.records import Record, make_record, observed_counts, part_of
-from daest.estimation.result import fit_result
+from daest.estimation.result import end_scores, fit_result
 from daest.estimation.search import Evaluation, Found, minimise
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions, Method, NoiseChoice
 from daest.model.flat import FlatModel
 from daest.model.linear import StateSpaceFamily
+from daest.numerics.statistics import whiteness_p_value
 from daest.systems.sample import Hold
 from daest.systems.state_space import state_space, state_space_family
 
@@ -32,8 +33,8 @@ HOLD_SAMPLES = 4000  # of every recording that this comparison uses
 SIMULATION_ITERATIONS = 15  # of the output-error fit that a prediction-error fit starts from
 START_SPREAD = np.log(10.0)  # further start points: up to a factor 10 off, for linear scales 3 scales off
 LINEAR_SPREAD = 3.0
-POOR_FIT = 1.0  # σ of a residual relative to its output's spread above which one more start is tried
-POOR_SHARE = 0.3
+WHITE_LEVEL = 1e-3  # p-value below which residuals raise the doubt that the search ended in a local optimum
+DOUBT_STARTS = 2  # random start points that are tried then, besides the one that matches ARX models
 
 
 @dataclass(frozen=True)
@@ -233,12 +234,13 @@ def _search(setup: Setup, options: IdentifyOptions) -> tuple[Problem, list[Found
     """The problem that was searched, and the end of the search from every start, best first."""
     unknowns = setup.problem.unknowns
     pairs = [_search_from(setup, unknowns.start, options.max_iterations)]
-    starts = _further_starts(unknowns, options)
-    if options.starts > 1 or _is_poor(setup, pairs[0]):
+    is_doubtful = pairs[0] is None or not _is_white(setup.method, *pairs[0])
+    n_random = max(options.starts - 1, DOUBT_STARTS if is_doubtful else 0)
+    if n_random:
         matched = matched_start(setup.problem, options.seed)
-        if matched is not None:
-            starts = [matched, *starts]
-    pairs += [_search_from(setup, z, options.max_iterations) for z in starts]
+        starts = _random_starts(unknowns, n_random, options.seed)
+        starts += [] if matched is None else [matched]
+        pairs += [_search_from(setup, z, options.max_iterations) for z in starts]
     ended = [pair for pair in pairs if pair is not None]
     if not ended:
         check_start(unknowns, None, 0)
@@ -260,21 +262,23 @@ def _search_from(setup: Setup, z: np.ndarray, max_iterations: int) -> tuple[Prob
     return None if found is None else (noisy, found)
 
 
-def _further_starts(unknowns: Unknowns, options: IdentifyOptions) -> list[np.ndarray]:
-    """options.starts - 1 random points: within the bounds where both are finite, else around the start."""
-    rng = np.random.default_rng(options.seed)
+def _random_starts(unknowns: Unknowns, count: int, seed: int) -> list[np.ndarray]:
+    """Random points: within the bounds where both are finite, else around the start."""
+    rng = np.random.default_rng(seed)
     lower, upper, start = unknowns.lower, unknowns.upper, unknowns.start
     spread = np.array([START_SPREAD if c.is_log else LINEAR_SPREAD for c in unknowns.coordinates])
     bounded = np.isfinite(lower) & np.isfinite(upper)
     low = np.where(bounded, lower, np.maximum(start - spread, lower))
     high = np.where(bounded, upper, np.minimum(start + spread, upper))
-    return [rng.uniform(low, high) for _ in range(options.starts - 1)]
+    return [rng.uniform(low, high) for _ in range(count)]
 
 
-def _is_poor(setup: Setup, pair: tuple[Problem, Found] | None) -> bool:
-    """Whether the simulation leaves more than POOR_SHARE of the spread of some output unexplained."""
-    if pair is None:
-        return True
-    agreement = simulated_agreement(pair[0], pair[0].records, pair[1].z)
-    limit = 100.0 * (1.0 - POOR_SHARE)
-    return any(fit is not None and fit < limit for fit in agreement.fit_percent.values())
+def _is_white(method: Method, problem: Problem, found: Found) -> bool:
+    """Whether the residuals at the end of a search give no reason to look for a better optimum."""
+    parts, _, _ = end_scores(problem, method, found.z)
+    p_values = [
+        whiteness_p_value(part.residuals[:, j], record.observed[:, j])
+        for part, record in zip(parts, problem.records, strict=True)
+        for j in range(record.observed.shape[1])
+    ]
+    return min(p_values) * len(p_values) > WHITE_LEVEL

@@ -23,7 +23,7 @@ FLAT = 1e-14  # information of a coordinate, relative to the largest, below whic
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Negative log-likelihood at a point; `gradient` (p,) and `information` (p, p), empty unless asked for."""
+    """Negative log-likelihood at a point; `gradient` (p,) and `information` (p, p), empty unless asked."""
 
     value: float
     gradient: np.ndarray = field(default_factory=lambda: np.zeros(0))
