@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from dense_gaussian import DenseRecord
-from models import REPORT_START, multisine, positioning_system, recording, servo
+from hand_models import REPORT_START, multisine, positioning_system, recording, servo
 from numpy.testing import assert_allclose
 from scipy.stats import binom
 
@@ -271,7 +271,7 @@ def test_outputs_that_are_no_unknowns_are_estimated_too():
 
 
 def test_the_angle_of_the_recorded_rig_tells_its_speed(shared_data):
-    from models import read_csv
+    from hand_models import read_csv
 
     folder = shared_data / "servo_lab" / "known"
     truth = json.loads((folder / "k1_nothing_hidden.json").read_text())["parameters"]
