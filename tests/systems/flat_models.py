@@ -12,7 +12,7 @@ from daest.errors import Place
 from daest.model.flat import Equation, FlatModel, NoiseInput, Output, Parameter, Variable
 
 FUNCTIONS = {"sin": ca.sin, "cos": ca.cos, "exp": ca.exp, "sqrt": ca.sqrt, "tanh": ca.tanh}
-NAME = re.compile(r"der\(\s*([A-Za-z_][\w.]*)\s*\)|[A-Za-z_][\w.]*")
+NAME = re.compile(r"der\(\s*([A-Za-z_][\w.]*)\s*\)|(?<![\w.])[A-Za-z_][\w.]*")
 
 
 @dataclass
@@ -100,14 +100,9 @@ def _value(text: str, symbols: dict[str, ca.SX], ders: dict[str, ca.SX]) -> ca.S
         used[f"v{len(used)}"] = ders[match.group(1)] if match.group(1) else symbols[match.group(0)]
         return f"v{len(used) - 1}"
 
-    # Numbers such as 1e-3 must not be read as names.
-    parts = [NAME.sub(replace, side) for side in _guard_exponents(text).split("=")]
+    parts = [NAME.sub(replace, side) for side in text.split("=")]
     values = [eval(part, {"__builtins__": {}}, {**used, **FUNCTIONS}) for part in parts]
     return ca.SX(values[0] - values[1] if len(values) == 2 else values[0])
-
-
-def _guard_exponents(text: str) -> str:
-    return re.sub(r"(?<![\w.])(\d+\.?\d*)[eE]([+-]?\d+)", lambda m: repr(float(m.group(0))), text)
 
 
 SERVO = {"d": 5.43e-4, "c": 0.0362, "J1": 3.0e-6, "J2": 3.66e-4, "R": 4.5, "k": -0.06}
@@ -129,8 +124,8 @@ ONE_PORT_UNKNOWNS = "v i p.v p.i n.v n.i"
 def report_servo(star: bool = False, noises: dict[str, str] | None = None, **values: float) -> FlatModel:
     """The servo of the report from separate components: 54 equations, index 2 in the spring.
 
-    `star` writes three-way connections as pairs with one connector instead of as a chain. `noises` maps a
-    noise to the text of the equation that it is added to.
+    `star` writes three-way connections as pairs with the gear and the disc instead of as chains. `noises`
+    maps a noise to the text of the equation that it is added to.
     """
     return servo_draft(star, noises, **values).flat()
 
@@ -161,13 +156,30 @@ def servo_draft(star: bool = False, noises: dict[str, str] | None = None, **valu
     m.connect("phi", "tau", "emf.flange", "motor.flange_a")
     m.connect("phi", "tau", "motor.flange_b", "gear.flange_a")
     m.connect("phi", "tau", "disc.flange_b")
+    before, after = (
+        ("gear.flange_b", "spring.flange_a", "damper.flange_a"),
+        (
+            "spring.flange_b",
+            "damper.flange_b",
+            "disc.flange_a",
+        ),
+    )
+    if star:
+        before, after = (
+            ("spring.flange_a", "gear.flange_b", "damper.flange_a"),
+            (
+                "spring.flange_b",
+                "disc.flange_a",
+                "damper.flange_b",
+            ),
+        )
     chains = [
         ("v", "i", "emf.n", "source.p", "ground.p"),
-        ("phi", "tau", "gear.flange_b", "spring.flange_a", "damper.flange_a"),
-        ("phi", "tau", "spring.flange_b", "damper.flange_b", "disc.flange_a"),
+        ("phi", "tau", *before),
+        ("phi", "tau", *after),
     ]
-    for potential, flow, a, b, c in chains:
-        m.connect(potential, flow, *((b, a, c) if star else (a, b, c)))
+    for potential, flow, *connectors in chains:
+        m.connect(potential, flow, *connectors)
     m.outputs = {"omega": "motor.w/n", "phi": "disc.phi"}
     for noise, text in (noises or {}).items():
         add_noise(m, noise, text)

@@ -506,6 +506,10 @@ EXPLANATIONS: dict[str, str] = {
         "spectral density, in unit squared times seconds. Write intensity = ... in the annotation or in "
         "[noise.process] of daest.toml."
     ),
+    "noise-place-unknown": (
+        "The place named with --at is none of the model's equations (counted from 0), noises, components "
+        "or unknowns."
+    ),
     "noise-std": (
         "The standard deviation of measurement noise must be a positive number, in the unit of the output."
     ),
@@ -544,7 +548,6 @@ EXPLANATIONS: dict[str, str] = {
         "variance; the output would carry no information. Hold the noise over a sample, or put a lag (a "
         "noise with a bandwidth) between the noise and the output."
     ),
-    "parameter-bounds": "The value of a parameter lies outside of its min and max, or min lies above max.",
     "parameter-derived": (
         "The parameter is computed from others in the model, so that it cannot be set by itself. Set what "
         "it is computed from."

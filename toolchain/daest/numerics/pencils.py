@@ -14,13 +14,17 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg as sla
 import scipy.sparse as sp
+import scipy.sparse.linalg as spla
 
 from daest.errors import NumericalError
 from daest.model.linear import Matrix, RankDecision, StandardForm
 from daest.numerics.ranks import decide_rank, range_and_null
 
-EQUILIBRATION_SWEEPS = 10
-"""Sweeps of row and column scaling; each halves the logarithm of what is left to scale."""
+MAXIMUM_SWEEPS = 10
+"""Sweeps of `equilibrate`; each halves the logarithm of what is left to scale."""
+
+SCALING_ACCURACY = 1e-3
+"""Accuracy of the binary logarithms of the scales of `unit_scaling`, which are rounded to integers."""
 
 
 @dataclass(frozen=True)
@@ -97,22 +101,51 @@ def apply_scaling(scaling: Scaling, E: Matrix, J: Matrix) -> tuple[Matrix, Matri
 
 
 def equilibrate(E: Matrix, J: Matrix) -> Scaling:
-    """Scaling of rows, columns and time by powers of two that makes row and column maxima about one.
+    """Scaling by powers of two that brings the row and column maxima of (|E|, |J|) near one (D. Ruiz, 2001).
 
-    Alternating square roots of the row and column maxima of (|E|, |J|) (D. Ruiz, 2001); the time scale is the
-    ratio of the geometric means of the entries of E and J.
+    The time scale is the ratio of the geometric means of the entries of E and J. Small entries, which
+    may be rounding errors, hardly matter.
     """
     n = E.shape[0]
     (row, column, size), is_e = _entries(E, J)
     rows, columns, time = np.zeros(n), np.zeros(n), 0.0  # logarithms to base 2
-    for _ in range(EQUILIBRATION_SWEEPS):
+    for _ in range(MAXIMUM_SWEEPS):
         scaled = size + rows[row] + columns[column] + time * is_e
         rows -= 0.5 * _maxima(scaled, row, n)
         columns -= 0.5 * _maxima(scaled, column, n)
         if is_e.any() and not is_e.all():
             scaled = size + rows[row] + columns[column]
             time = float(scaled[~is_e].mean() - scaled[is_e].mean())
+    return _powers_of_two(rows, columns, time)
+
+
+def unit_scaling(E: Matrix, J: Matrix) -> Scaling:
+    """Scaling by powers of two that undoes any choice of units, for matrices without rounding errors.
+
+    Least-squares fit of all log|entry| by row + column + time (A. Curtis, J. Reid, 1972): scaling equations,
+    unknowns or time changes the scales, but not the scaled matrices (to factors of two).
+    """
+    n = E.shape[0]
+    (row, column, size), is_e = _entries(E, J)
+    if size.size == 0:
+        return Scaling(np.ones(n), np.ones(n), 1.0)
+    return _powers_of_two(*_least_squares_scales(row, column, size, is_e, n))
+
+
+def _powers_of_two(rows: np.ndarray, columns: np.ndarray, time: float) -> Scaling:
     return Scaling(np.exp2(np.round(rows)), np.exp2(np.round(columns)), float(np.exp2(np.round(time))))
+
+
+def _least_squares_scales(
+    row: np.ndarray, column: np.ndarray, size: np.ndarray, is_e: np.ndarray, n: int
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Logarithms of row, column and time scales that minimise Σ (size + row + column + time · is_e)²."""
+    entry = np.arange(size.size)
+    index = np.concatenate([row, n + column, np.full(np.count_nonzero(is_e), 2 * n)])
+    entries = np.concatenate([entry, entry, entry[is_e]])
+    design = sp.csr_array((np.ones(index.size), (entries, index)), shape=(size.size, 2 * n + 1))
+    scales = spla.lsqr(design, -size, atol=SCALING_ACCURACY, btol=SCALING_ACCURACY)[0]
+    return scales[:n], scales[n : 2 * n], float(scales[2 * n])
 
 
 def _entries(E: Matrix, J: Matrix) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:

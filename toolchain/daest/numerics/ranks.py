@@ -53,18 +53,24 @@ def _gap(values: np.ndarray, rank: int) -> float:
 
 
 def is_doubtful(decision: RankDecision) -> bool:
-    """True when no clear gap separates the kept from the dropped singular values."""
-    return decision.gap < CLEAR_GAP
+    """True when the kept singular values are not clearly above the dropped ones and the threshold."""
+    if decision.rank == 0:
+        return False
+    kept = decision.singular_values[decision.rank - 1]
+    return decision.gap < CLEAR_GAP or kept < CLEAR_GAP * decision.threshold
 
 
 def warning(decision: RankDecision) -> str:
     """A sentence on a doubtful decision, empty when it is clear."""
     if not is_doubtful(decision):
         return ""
+    kept = decision.singular_values[decision.rank - 1]
+    dropped = (
+        decision.singular_values[decision.rank] if decision.rank < len(decision.singular_values) else 0.0
+    )
     return (
-        f"{decision.what}: rank {decision.rank} is doubtful, the singular values on both sides of the "
-        f"threshold {decision.threshold:.1e} differ only by a factor of {decision.gap:.1f}; "
-        "try another tolerance."
+        f"{decision.what}: rank {decision.rank} is doubtful, since the smallest number kept is {kept:.1e}, the "
+        f"largest dropped {dropped:.1e} and the threshold {decision.threshold:.1e}."
     )
 
 

@@ -18,7 +18,7 @@ from daest.errors import ModelError, NumericalError
 from daest.model.flat import Variable
 from daest.model.linear import LinearDAE, RankDecision, StandardForm
 from daest.numerics.elimination import choose_pivots
-from daest.numerics.pencils import Scaling, apply_scaling, equilibrate, split_pencil
+from daest.numerics.pencils import Scaling, apply_scaling, split_pencil, unit_scaling
 from daest.numerics.ranks import decide_rank, default_tolerance
 from daest.systems.pantelides import Signature, check_structure
 
@@ -38,7 +38,7 @@ class Reduction:
 
     In the scaled pencil, with rows (core, free) and columns (rest, solved),
     E = [[E22, E21], [0, 0]], J = [[J22, J21], [J12, J11]] and J11 regular: the core is
-    E22 - E21 J11⁻¹ J12 and J22 - J21 J11⁻¹ J12. All blocks but the core are sparse.
+    E22 - E21 J11⁻¹ J12 and J22 - J21 J11⁻¹ J12. `inverse` is J11⁻¹, `dependence` is J11⁻¹ J12.
     """
 
     scaling: Scaling
@@ -46,16 +46,12 @@ class Reduction:
     free_rows: np.ndarray
     rest: np.ndarray
     solved: np.ndarray
-    factor: spla.SuperLU | None
+    inverse: np.ndarray
+    dependence: np.ndarray
     E21: sp.csr_array
     J21: sp.csr_array
-    J12: sp.csr_array
     core_E: np.ndarray
     core_J: np.ndarray
-
-    def solve(self, right: np.ndarray) -> np.ndarray:
-        """J11⁻¹ right, dense."""
-        return right if self.factor is None else self.factor.solve(np.ascontiguousarray(right))
 
 
 def split(dae: LinearDAE, tolerance: float | None = None) -> StandardForm:
@@ -77,7 +73,8 @@ def split(dae: LinearDAE, tolerance: float | None = None) -> StandardForm:
             raise
         raise dependent_equations(dae) from error
     form = _expand(reduction, core, tolerance)
-    return _scale_infinite(_name_dynamic(form, dae, reduction.scaling.columns))
+    form = _name_dynamic(form, dae, reduction.scaling.columns)
+    return _scale_infinite(_solve_left(form, dae, reduction.scaling.rows))
 
 
 def _check_structure(dae: LinearDAE) -> None:
@@ -92,7 +89,7 @@ def _check_structure(dae: LinearDAE) -> None:
 def dependent_equations(dae: LinearDAE) -> ModelError:
     """The error of a singular pencil, naming the equations of the null vector of sE - J at a random s."""
     E, J = sp.csr_array(dae.E), sp.csr_array(dae.J)
-    scaling = equilibrate(E, J)
+    scaling = unit_scaling(E, J)
     E, J = apply_scaling(scaling, E, J)
     s = np.random.default_rng(0).uniform(0.5, 2.0)  # any s that is no pole would do
     u, _, _ = sla.svd((s * E - J).toarray())
@@ -131,7 +128,7 @@ def reduce_structure(dae: LinearDAE, tolerance: float | None = None) -> Reductio
     """
     E, J = sp.csr_array(dae.E), sp.csr_array(dae.J)
     E.eliminate_zeros()
-    scaling = equilibrate(E, J)
+    scaling = unit_scaling(E, J)
     E, J = apply_scaling(scaling, E, J)
     n = dae.n
     is_free = np.diff(E.indptr) == 0
@@ -146,23 +143,44 @@ def reduce_structure(dae: LinearDAE, tolerance: float | None = None) -> Reductio
     free, solved = pivots.rows, pivots.columns
     core_rows = np.flatnonzero(~is_free)
     rest = np.setdiff1d(np.arange(n), solved)
-    J11 = sp.csc_array(J[free][:, solved])
-    factor = spla.splu(J11) if free.size else None
-    E21, J21, J12 = E[core_rows][:, solved], J[core_rows][:, solved], J[free][:, rest]
-    dependence = factor.solve(J12.toarray()) if factor is not None else np.zeros((0, rest.size))
+    inverse, dependence = _solve_free(J[free][:, solved], J[free][:, rest])
+    E21, J21 = E[core_rows][:, solved], J[core_rows][:, solved]
     return Reduction(
         scaling,
         core_rows,
         free,
         rest,
         solved,
-        factor,
+        inverse,
+        dependence,
         E21,
         J21,
-        J12,
-        E[core_rows][:, rest].toarray() - E21 @ dependence,
-        J[core_rows][:, rest].toarray() - J21 @ dependence,
+        _difference(E[core_rows][:, rest].toarray(), E21, dependence),
+        _difference(J[core_rows][:, rest].toarray(), J21, dependence),
     )
+
+
+def _solve_free(J11: sp.csr_array, J12: sp.csr_array) -> tuple[np.ndarray, np.ndarray]:
+    """J11⁻¹ and J11⁻¹ J12; what rounding could have made, eps |J11⁻¹| |J11| |result|, is zero.
+
+    Zeros must be exact here: a rounding error alone in a column of E would pass for a derivative.
+    """
+    if J11.shape[0] == 0:
+        return np.zeros((0, 0)), np.zeros(J12.shape)
+    inverse = spla.splu(sp.csc_array(J11)).solve(np.eye(J11.shape[0]))
+    propagation = np.abs(inverse) @ abs(J11)
+    results = []
+    for value in (inverse, inverse @ J12):
+        rounding = default_tolerance(1) * (propagation @ np.abs(value))
+        results.append(np.where(np.abs(value) > rounding, value, 0.0))
+    return results[0], results[1]
+
+
+def _difference(block: np.ndarray, factor: sp.csr_array, dependence: np.ndarray) -> np.ndarray:
+    """block - factor · dependence; entries that cancel to rounding are zero."""
+    value = block - factor @ dependence
+    size = np.abs(block) + abs(factor) @ np.abs(dependence)
+    return np.where(np.abs(value) > default_tolerance(1) * size, value, 0.0)
 
 
 def _expand(reduction: Reduction, core: StandardForm, tolerance: float | None) -> StandardForm:
@@ -174,7 +192,7 @@ def _expand(reduction: Reduction, core: StandardForm, tolerance: float | None) -
     n1, n_core, n_free = core.n_dynamic, core.left.shape[0], reduction.free_rows.size
     coupling = core.left @ reduction.E21.toarray()
     F, G = coupling[:n1], coupling[n1:]
-    inverse = reduction.solve(np.eye(n_free))
+    inverse = reduction.inverse
     left = np.zeros((n_core + n_free, n_core + n_free))
     left[:n_core, reduction.core_rows] = core.left
     left[:n_core, reduction.free_rows] = -(core.left @ (reduction.J21 @ inverse))
@@ -183,7 +201,7 @@ def _expand(reduction: Reduction, core: StandardForm, tolerance: float | None) -
     right = np.zeros_like(left)
     right[reduction.rest, :n_core] = core.right
     right[reduction.rest, n_core:] = -core.right[:, :n1] @ F
-    right[reduction.solved] = -reduction.solve(reduction.J12 @ right[reduction.rest])
+    right[reduction.solved] = -reduction.dependence @ right[reduction.rest]
     right[reduction.solved, np.arange(n_core, n_core + n_free)] += 1.0
     N = np.zeros((n_core - n1 + n_free,) * 2)
     N[: n_core - n1, : n_core - n1] = core.N
@@ -225,7 +243,8 @@ def _name_dynamic(form: StandardForm, dae: LinearDAE, scales: np.ndarray) -> Sta
     """Choose z1 among the unknowns that occur differentiated: E Q1 has full rank, so they suffice.
 
     `scales` of the unknowns make the choice independent of units; among equals it favours what the model
-    prefers as a state, and variables of components over those of their connectors.
+    prefers as a state, and variables of components over those of their connectors. Entries of Q1 that are
+    rounding errors in these scales become zero, so that unconnected states stay unconnected.
     """
     n1 = form.n_dynamic
     if n1 == 0:
@@ -234,18 +253,41 @@ def _name_dynamic(form: StandardForm, dae: LinearDAE, scales: np.ndarray) -> Sta
     preference = np.array([_preference(dae.unknowns[i]) for i in candidates]) / scales[candidates]
     _, _, order = sla.qr((preference[:, None] * form.right[candidates, :n1]).T, pivoting=True)
     rows = np.sort(candidates[order[:n1]])
-    T = form.right[rows, :n1]
-    left, right = form.left.copy(), form.right.copy()
-    left[:n1] = T @ left[:n1]
-    right[:, :n1] = sla.solve(T.T, right[:, :n1].T).T
-    right[rows, :n1] = np.eye(n1)
-    return replace(form, left=left, right=right, A=sla.solve(T.T, (T @ form.A).T).T)
+    right = form.right.copy()
+    Q1 = sla.solve(form.right[rows, :n1].T, form.right[:, :n1].T).T
+    relative = np.abs(Q1) * scales[rows]
+    Q1[relative <= default_tolerance(n1) * relative.max(axis=1, keepdims=True)] = 0.0
+    Q1[rows] = np.eye(n1)
+    right[:, :n1] = Q1
+    return replace(form, right=right)
 
 
 def _preference(unknown: Variable) -> float:
     """Weight of an unknown as a state; factors of two and four, so that conditioning still decides."""
     selected = {"never": 0.25, "avoid": 0.5, "default": 1.0, "prefer": 2.0, "always": 4.0}
     return selected[unknown.state_select] * 0.5 ** max(unknown.name.count(".") - 1, 0)
+
+
+def _solve_left(form: StandardForm, dae: LinearDAE, row_scales: np.ndarray) -> StandardForm:
+    """P = [E Q1, J Q2]⁻¹ and A = P1 J Q1, by one sparse LU of the scaled matrix.
+
+    P is unique once Q is chosen. Solving for it anew, in the units of the model, keeps its small rows and
+    its zeros, which products of orthogonal matrices blur to the size of the largest entries. What
+    rounding could have made, eps |P| |M| |P| in P and relative to the sums in A, becomes zero.
+    """
+    n1 = form.n_dynamic
+    E, J = sp.csr_array(dae.E), sp.csr_array(dae.J)
+    M = np.hstack([E @ form.right[:, :n1], J @ form.right[:, n1:]])
+    M *= row_scales[:, None]
+    column_scales = np.exp2(-np.round(np.log2(np.abs(M).max(axis=0))))
+    inverse = spla.splu(sp.csc_array(M * column_scales)).solve(np.eye(dae.n))
+    size = np.abs(inverse)
+    rounding = default_tolerance(1) * (size @ np.abs(M * column_scales) @ size)
+    inverse = np.where(size > rounding, inverse, 0.0)
+    left = column_scales[:, None] * inverse * row_scales
+    A = left[:n1] @ (J @ form.right[:, :n1])
+    size = np.abs(left[:n1]) @ (abs(J) @ np.abs(form.right[:, :n1]))
+    return replace(form, left=left, A=np.where(np.abs(A) > default_tolerance(dae.n) * size, A, 0.0))
 
 
 def _scale_infinite(form: StandardForm) -> StandardForm:

@@ -1,0 +1,59 @@
+"""NoiseReport: which equations of a linear DAE may carry white noise, and why not. Report, section 3.2."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from daest.model.flat import Equation
+from daest.model.linear import RankDecision
+
+
+@dataclass(frozen=True)
+class NoisePlace:
+    """The verdict on one white noise: on a single equation, or on a noise of the model (a column of B).
+
+    `equations` are row indices, counted from 0. `projection_norm` is |(I - M M⁺) b| / |b| of (41), for the
+    equations as they stand. Where the noise is not admissible, `differentiated` names the unknowns that would
+    contain its derivatives, up to the derivative `order`. `white_outputs` are outputs that would contain
+    the noise itself, undifferentiated: it then belongs into their measurement noise too, (47).
+    """
+
+    name: str
+    equations: tuple[int, ...]
+    admissible: bool
+    projection_norm: float
+    order: int
+    differentiated: tuple[str, ...]
+    white_outputs: tuple[str, ...]
+    advice: str
+
+
+@dataclass(frozen=True)
+class NoiseReport:
+    """Theorem 3.1 for every equation, for every noise of the model and for the places that were asked for.
+
+    `places` has one entry per entry of `equations`. `N_singular_values` are those of N in (24), zeros for the
+    dropped ones; `decisions` holds every rank decision, the one between admissible and forbidden equations
+    last. `tolerance` is the projection norm up to which an equation was called admissible, None for the
+    default decision, which does not depend on units.
+    """
+
+    equations: tuple[Equation, ...]
+    places: tuple[NoisePlace, ...]
+    annotated: tuple[NoisePlace, ...]
+    asked: tuple[NoisePlace, ...]
+    n_dynamic: int
+    index: int
+    N_singular_values: tuple[float, ...]
+    decisions: tuple[RankDecision, ...]
+    tolerance: float | None = None
+
+    @property
+    def n_forbidden(self) -> int:
+        """How many equations may not carry white noise."""
+        return sum(not place.admissible for place in self.places)
+
+    @property
+    def all_admissible(self) -> bool:
+        """True when every noise of the model and every place that was asked for is admissible."""
+        return all(place.admissible for place in (*self.annotated, *self.asked))

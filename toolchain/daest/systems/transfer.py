@@ -1,0 +1,193 @@
+"""Poles, transfer functions and state space of a linear DAE in standard form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as sla
+
+from daest.errors import ModelError
+from daest.model.linear import LinearDAE, StandardForm, StateSpace
+from daest.numerics.pencils import split_pencil
+from daest.systems.noise import NoiseGains, in_outputs, noise_gains, noise_report, verdict
+
+EXACT = 1e-10
+"""Part of the norm of a channel's scaled matrices up to which a coupling counts as zero: it must be rounding,
+as only exact pole-zero cancellations are taken out."""
+
+
+@dataclass(frozen=True)
+class TransferFunction:
+    """G(s) = num(s) / den(s) from one input to one output; coefficients with the highest power first.
+
+    Minimal: poles that this input does not reach or this output does not show are cancelled. `den` is monic;
+    `num` has a higher degree than `den` where the output contains derivatives of the input.
+    """
+
+    input: str
+    output: str
+    num: tuple[float, ...]
+    den: tuple[float, ...]
+
+    def __call__(self, s: complex) -> complex:
+        return complex(np.polyval(self.num, s) / np.polyval(self.den, s))
+
+
+def poles(form: StandardForm) -> np.ndarray:
+    """Finite eigenvalues of sE - J, sorted by real and imaginary part; complex, shape (n_dynamic,)."""
+    return np.sort_complex(_eigenvalues(form.A))
+
+
+def transfer_functions(dae: LinearDAE, form: StandardForm) -> list[TransferFunction]:
+    """One minimal transfer function per input and output, inputs outermost.
+
+    The rational part is C Q1 (sI - A)⁻¹ P1 K, reduced per channel; -C Q2 N^i P2 K are the coefficients of s^i
+    of the polynomial part, plus D.
+    """
+    n1 = form.n_dynamic
+    B1, C1 = form.left[:n1] @ dae.K, dae.C @ form.right[:, :n1]
+    gains = noise_gains(dae, form)
+    result = []
+    for j, u in enumerate(dae.inputs):
+        polynomial = [in_outputs(dae.C, gains.part(i, dae.K[:, j])) for i in range(len(gains.maps))]
+        polynomial[0] = polynomial[0] + dae.D[:, j]
+        for i, y in enumerate(dae.outputs):
+            num, den = _channel(form.A, B1[:, j], C1[i], np.array([part[i] for part in polynomial]))
+            result.append(TransferFunction(u.name, y.name, num, den))
+    return result
+
+
+def _channel(
+    A: np.ndarray, b: np.ndarray, c: np.ndarray, polynomial: np.ndarray
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """(num, den) of c (sI - A)⁻¹ b + Σ polynomial[i] s^i."""
+    A, b, c = _minimal(A, b, c)
+    den = np.poly(_eigenvalues(A)).real if len(b) else np.ones(1)
+    num = _numerator(A, b, c, float(polynomial[0]), den)
+    for i, coefficient in enumerate(polynomial[1:], start=1):
+        if coefficient != 0.0:
+            num = np.polyadd(num, np.polymul(coefficient * den, np.eye(1, i + 1)[0]))
+    return tuple(num.tolist()), tuple(den.tolist())
+
+
+def _numerator(A: np.ndarray, b: np.ndarray, c: np.ndarray, d: float, den: np.ndarray) -> np.ndarray:
+    """Numerator of c (sI - A)⁻¹ b + d from its zeros, the finite eigenvalues of the system pencil.
+
+    The gain comes from the value at a point of the mean size of poles and zeros, off the real axis.
+    """
+    n = len(b)
+    if n == 0:
+        return np.array([d])
+    E = np.diag([1.0] * n + [0.0])
+    zeros = _eigenvalues(split_pencil(E, np.block([[A, b[:, None]], [-c[None, :], np.array([[-d]])]])).A)
+    sizes = np.abs(np.concatenate([_eigenvalues(A), zeros]))
+    s = np.exp(np.log(sizes[sizes > 0]).mean() + 1j) if sizes.any() else np.exp(1j)
+    value = c @ np.linalg.solve(s * np.eye(n) - A, b) + d
+    monic = np.poly(zeros).real if zeros.size else np.ones(1)
+    return float((value * np.polyval(den, s) / np.polyval(monic, s)).real) * monic
+
+
+def _eigenvalues(A: np.ndarray) -> np.ndarray:
+    """Eigenvalues; those that are zero to rounding, relative to the norm of the balanced matrix, are zero."""
+    if A.size == 0:
+        return np.empty(0, complex)
+    values = np.linalg.eigvals(A).astype(complex)
+    rounding = 64.0 * len(A) * np.finfo(float).eps * np.linalg.norm(sla.matrix_balance(A)[0], 2)
+    return np.where(np.abs(values) <= rounding, 0.0, values)
+
+
+def _minimal(A: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The part of (A, b, c) that is reachable from b and visible in c."""
+    balanced, T = sla.matrix_balance(A) if A.size else (A, A)
+    b, c = (np.linalg.solve(T, b), c @ T) if A.size else (b, c)
+    A, b, c = _reachable(balanced, b, c)
+    A, c, b = _reachable(A.T, c, b)
+    return A.T, b, c
+
+
+def _reachable(A: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The reachable part of (A, b): Hessenberg form with b = |b| e1, cut at the first subdiagonal that is
+    zero."""
+    n = len(b)
+    if n == 0 or not np.any(b) or not np.any(c):
+        return np.empty((0, 0)), np.empty(0), np.empty(0)
+    first, _ = sla.qr(b[:, None])
+    H, Q = sla.hessenberg(first.T @ A @ first, calc_q=True)
+    Q = first @ Q
+    small = np.abs(np.diag(H, -1)) <= EXACT * np.linalg.norm(H, 2)
+    m = int(np.argmax(small)) + 1 if small.any() else n
+    return H[:m, :m], (Q.T @ b)[:m], (c @ Q)[:m]
+
+
+def state_space_from_form(dae: LinearDAE, form: StandardForm) -> StateSpace:
+    """State space (6) with ū = (u, v): v holds the input derivatives that z2 = -Σ N^i D1 u^(i) really
+    contains.
+
+    Raises ModelError `noise-differentiated` when a noise of the model would be differentiated (Theorem 3.1).
+    """
+    gains = noise_gains(dae, form)
+    _refuse_differentiated(dae, form, gains)
+    n1, n_u = form.n_dynamic, len(dae.inputs)
+    P1, Q1 = form.left[:n1], form.right[:, :n1]
+    extra = [
+        (j, i) for i in range(1, len(gains.maps)) for j in range(n_u) if np.any(gains.part(i, dae.K[:, j]))
+    ]
+    orders = [(j, 0) for j in range(n_u)] + extra
+    U = _columns(dae.n, [gains.part(i, dae.K[:, j]) for j, i in orders])
+    W = _columns(dae.n, [gains.part(0, column) for column in dae.B.T])
+    x0 = gains.part(0, dae.offset)
+    C_U, C_W = (_columns(len(dae.outputs), [in_outputs(dae.C, v) for v in M.T]) for M in (U, W))
+    unused = np.zeros((len(dae.outputs), len(extra)))
+    return StateSpace(
+        state_names=_state_names(dae, Q1),
+        input_names=tuple(u.name for u in dae.inputs),
+        input_derivatives=tuple(extra),
+        noise_names=tuple(w.name for w in dae.noises),
+        output_names=tuple(y.name for y in dae.outputs),
+        unknown_names=tuple(v.name for v in dae.unknowns),
+        A=form.A,
+        B=np.hstack([P1 @ dae.K, np.zeros((n1, len(extra)))]),
+        G=P1 @ dae.B,
+        b=P1 @ dae.offset,
+        C=dae.C @ Q1,
+        D=C_U + np.hstack([dae.D, unused]),
+        H=C_W + dae.H,
+        d=dae.C @ x0 + dae.output_offset,
+        X=Q1,
+        U=U,
+        W=W,
+        x0=x0,
+    )
+
+
+def _columns(n_rows: int, columns: list[np.ndarray]) -> np.ndarray:
+    return np.column_stack(columns) if columns else np.zeros((n_rows, 0))
+
+
+def _refuse_differentiated(dae: LinearDAE, form: StandardForm, gains: NoiseGains) -> None:
+    for noise, column in zip(dae.noises, dae.B.T, strict=True):
+        if verdict(dae, gains, column, noise.name).admissible:
+            continue
+        report = noise_report(dae, form)
+        place = next(p for p in report.annotated if p.name == noise.name)
+        raise ModelError(
+            "noise-differentiated",
+            f"the white noise {noise.name} would be differentiated in {', '.join(place.differentiated)}",
+            where=noise.place or dae.equations[place.equations[0]].place,
+            remedy=place.advice,
+        )
+
+
+def _state_names(dae: LinearDAE, Q1: np.ndarray) -> tuple[str, ...]:
+    """The differentiated unknown that a state is, or z1[i] when it is none."""
+    is_state = np.asarray(abs(dae.E).sum(axis=0)).ravel() > 0
+    names = []
+    for i, unit in enumerate(np.eye(Q1.shape[1])):
+        rows = np.flatnonzero(np.all(unit == Q1, axis=1) & is_state)
+        names.append(min((dae.unknowns[r].name for r in rows), key=_depth, default=f"z1[{i + 1}]"))
+    return tuple(names)
+
+
+def _depth(name: str) -> tuple[int, str]:
+    return name.count("."), name
