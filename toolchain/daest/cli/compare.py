@@ -119,11 +119,11 @@ def compared(
 def _candidate(project: Project, source: Path, flat: FlatModel, options: DataOptions) -> Candidate:
     fit = find_fit(project, source, flat.name)
     if fit is None:
-        hold = options.hold or project.hold or "foh"
+        hold = options.known_hold(project) or "foh"
         return Candidate(flat.name, flat, 0, hold, notes=("no fit found: the values of the model are used",))
     path, document = fit
-    hold = options.hold or document.get("hold") or project.hold or "foh"
-    sampled = document.get("noise_model") or "white"
+    hold = options.known_hold(project) or document.get("hold") or "foh"
+    sampled: Any = document.get("noise_model") or "white"
     return Candidate(
         flat.name, fitted(flat, document), len(document["parameters"]), hold, sampled, (f"fit of {path}",)
     )
@@ -132,7 +132,9 @@ def _candidate(project: Project, source: Path, flat: FlatModel, options: DataOpt
 def _refitted(project: Project, source: Path, flat: FlatModel, options: DataOptions, seed: int) -> Candidate:
     from daest.cli.identify import identified
 
-    fit = identified(project, source, (), options, IdentifyOptions(hold=options.hold, seed=seed), flat=flat)
+    fit = identified(
+        project, source, (), options, IdentifyOptions(hold=options.known_hold(project), seed=seed), flat=flat
+    )
     new = fitted(flat, fit.document)
     return Candidate(flat.name, new, len(fit.result.parameters), fit.result.hold, fit.result.noise_model)
 

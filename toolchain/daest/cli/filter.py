@@ -86,7 +86,7 @@ def command(
     project = load_project(project_file)
     keep_inputs(output, [data, model])
     options = DataOptions(start, stop, period, detrend, None, hold)
-    flat, experiment, fit_hold = _prepared(project, model, class_name, libraries, data, options)
+    flat, experiment, known_hold = _prepared(project, model, class_name, libraries, data, options)
     result = run_filter(
         state_space_family(flat),
         flat.theta_values,
@@ -96,7 +96,7 @@ def command(
         kind,
         list(measure) or None,
         smooth,
-        hold=hold or fit_hold,
+        hold=known_hold,
     )
     text = csv_text(*documents.table(result, list(only) or None))
     if output is not None and str(output) == "-":
@@ -138,7 +138,7 @@ def _prepared(
             f"a filter runs over one recording, and daest.toml names {len(experiments)}: {names}",
             remedy="name one of them: daest filter run2.csv",
         )
-    hold = project.hold or (fit[1].get("hold") if fit else None) or "foh"
+    hold = options.known_hold(project) or (fit[1].get("hold") if fit else None) or "foh"
     return flat, experiments[0], hold
 
 

@@ -95,15 +95,15 @@ def command(
 
     project = load_project(project_file)
     keep_inputs(output, [*data, model])
+    data_choice = DataOptions(start, stop, period, detrend, split, hold)
     options = IdentifyOptions(
         method=method,
         estimate=estimate or None,
         fix=assignments(fix, "--fix"),
-        hold=hold or project.hold,
+        hold=data_choice.known_hold(project),
         starts=starts,
         seed=seed,
     )
-    data_choice = DataOptions(start, stop, period, detrend, split, hold)
     found = identified(project, model, data, data_choice, options, class_name, libraries)
     if plot is not None:
         _draw(found, plot)
@@ -125,7 +125,7 @@ def identified(
     if flat is None:
         flat = load_model(project, source, class_name, libraries)
     flat, estimation, validation = training_data(flat, project, data, data_options)
-    options = options or IdentifyOptions(hold=project.hold)
+    options = options or IdentifyOptions(hold=data_options.known_hold(project))
     result = identify(flat, estimation, options, validation)
     document = documents.document(result)
     path = save_fit(project, source, flat.name, document)

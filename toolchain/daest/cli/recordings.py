@@ -41,6 +41,14 @@ class DataOptions:
             split=given.split if self.split is None else self.split,
         )
 
+    def known_hold(self, project: Project) -> Hold | None:
+        """What the inputs do between samples: the option, else straight lines after resampling (a filtered
+        input is no longer held, whatever the original was), else what daest.toml says of the recording; None
+        if unknown."""
+        if self.hold is not None:
+            return self.hold
+        return "foh" if self.preparation(project).period is not None else project.hold
+
 
 def training_data(
     flat: FlatModel, project: Project, paths: Sequence[Path], options: DataOptions
@@ -68,9 +76,10 @@ def unseen_data(
     preparation = options.preparation(project)
     chosen = list(paths) or list(project.validate) or list(project.estimate)
     _require(chosen)
-    if not paths:
-        note(f"using {', '.join(str(path) for path in chosen)}")
     validates = not paths and not project.validate and preparation.split is not None
+    if not paths:
+        part = "the validation part of " if validates else ""
+        note(f"using {part}{', '.join(str(path) for path in chosen)}")
     whole = preparation if validates else replace(preparation, split=None)
     flat, experiments = _measured(flat, _read(flat, project, chosen, whole))
     return flat, split_all(experiments, whole)[1] if validates else experiments

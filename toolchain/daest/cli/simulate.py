@@ -77,7 +77,7 @@ def command(
     flat = _with_settings(flat, settings)
     options = DataOptions(start, stop, period, detrend, None, hold)
     recording = driving_data(flat, project, [inputs] if inputs else [], options)[0]
-    chosen = hold or project.hold or (fit[1].get("hold") if fit else None) or "foh"
+    chosen = options.known_hold(project) or (fit[1].get("hold") if fit else None) or "foh"
     result = simulate(flat, recording, hold=chosen, noise=noise, seed=seed if noise else None)
     _write(result, form, output, all_variables)
 
