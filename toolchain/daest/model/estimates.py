@@ -158,9 +158,10 @@ class KalmanResult:
     process noise estimate (54) is its last n_w components. `innovations` (n_samples, n_y) are NaN where an
     output is missing or not yet predictable; `innovation_cov` belongs to them. `nis` (n_samples,) with
     `nis_dof` present outputs, NaN and 0 where there is none. `log_likelihood` is log p(y), and log ∫ p(y |
-    x0) dx0 over the unknown states that the outputs determine. `stationary_from` is the first sample from
-    which a constant gain is used (None: never). `unobservable` (n, r) spans the state combinations that no
-    output ever shows.
+    x0) dx0 over the unknown states that the outputs determine, NaN when the record is too short for them.
+    `stationary_from` is the first sample from which the gain for a known start is constant (None: never); an
+    unknown start adds a vanishing part. `unobservable` (n, r) spans the state combinations that no output
+    ever shows.
     """
 
     kind: FilterKind
