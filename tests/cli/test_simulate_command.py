@@ -63,7 +63,7 @@ def test_output_file(folder, daest):
         ([], "model-not-given", "model"),
         (["Lag.txt", "--inputs", "step.csv"], "model-unknown-format", "Lag.txt"),
         (["Lag.mo", "--inputs", "step.csv", "--set", "Tau=3"], "parameter-unknown", "Tau"),
-        (["Lag.mo", "--inputs", "step.csv", "--set", "T=-3"], "parameter-bounds", "T"),
+        (["Lag.mo", "--inputs", "step.csv", "--set", "T=-3"], "parameter-outside-bounds", "T"),
         (["Lag.mo", "--inputs", "step.csv", "--set", "T"], "option-assignment", "--set"),
         (["Lag.mo", "--inputs", "step.csv", "--from", "9"], "data-window-empty", "1.9"),
         (["Lag.mo", "--inputs", "step.csv", "-p", "no.toml"], "config-missing", "no.toml"),
