@@ -30,6 +30,16 @@ def error_of(path, inputs=(U,), outputs=(PHI,), **options):
     return caught.value
 
 
+def test_files_of_the_same_name_are_told_apart(tmp_path):
+    paths = []
+    for part in ("a", "b", "c"):
+        (tmp_path / part).mkdir()
+        name = "run.csv" if part != "c" else "other.csv"
+        paths.append(write(tmp_path / part, "time,u,phi\n0,1,2\n1,2,3\n", name))
+    names = [experiment.name for experiment in read_experiments(paths, [U], [PHI])]
+    assert names == [str(paths[0]), str(paths[1]), "other"]
+
+
 def test_values_units_and_missing_samples(tmp_path):
     path = write(tmp_path, "time [ms],u [mV],phi [deg],note\n0,1000,180,a\n10,2000,,b\n30,3000,-90,c\n")
     experiment = read(path)
@@ -111,6 +121,8 @@ BAD_FILES = [
     ("time,u,phi\n0,1,inf\n1,1,2\n", "data-infinite", ":2:3"),
     ("time,u,phi\n0,1,2\n1,1\n", "data-ragged-row", ":3"),
     ("time,u,phi\n0,1,2\n", "data-too-few-rows", "1 row"),
+    ("time,u,phi\n", "data-too-few-rows", "0 row"),
+    ("hello world\n", "data-no-time", "hello world"),
     ("time,u,phi\n0,1,\n1,1,\n", "data-all-missing", "phi"),
 ]  # fmt: skip
 

@@ -49,13 +49,20 @@ def read_experiments(
 ) -> list[Experiment]:
     """One experiment per file, with every signal of `inputs` and `outputs` in that order and in its unit.
 
+    It is named after its file, by the whole path where two files have the same name.
+
     An output that a file has no column for is all NaN there, unless a column was named for it. Raises
     DataError with all problems of a file at once: missing columns, units that do not fit, texts, time that
     does not increase, gaps in inputs; and `data-no-output` if `outputs_required` and a file has none of them.
     """
-    return [
+    experiments = [
         _read_experiment(Path(path), inputs, outputs, preparation or Preparation(), outputs_required)
         for path in paths
+    ]
+    stems = [experiment.name for experiment in experiments]
+    return [
+        replace(experiment, name=str(path)) if stems.count(experiment.name) > 1 else experiment
+        for experiment, path in zip(experiments, paths, strict=True)
     ]
 
 
