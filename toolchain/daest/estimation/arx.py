@@ -76,17 +76,18 @@ class TransferEstimate:
 
 
 def fit_long_arx(record: Record, output: int, order: int | None = None) -> LongArx:
-    """Least squares; the order is limited by the number of samples. Error `arx-needs-uniform-samples`."""
+    """Least squares; the order is limited by the number of samples. Missing outputs are bridged by straight
+    lines, which is good enough for start values. Error `arx-needs-uniform-samples`.
+    """
     _check_uniform(record)
     n_u = record.inputs.shape[1]
     order = order or max(2, min(LONG_ORDER, record.n_samples // (SAMPLES_PER_COEFFICIENT * (1 + n_u))))
-    y, u, n_samples = record.outputs[:, output], record.inputs, record.n_samples
+    y, u, n_samples = _bridged(record, output), record.inputs, record.n_samples
     columns = [y[order - i : n_samples - i] for i in range(1, order + 1)]
     for i in range(order + 1):
         columns += [u[order - i : n_samples - i, j] for j in range(n_u)]
-    rows = _complete_rows(record.observed[:, output], order)
-    table = np.column_stack([*columns, np.ones(n_samples - order)])[rows]
-    target = y[order:][rows]
+    table = np.column_stack([*columns, np.ones(n_samples - order)])
+    target = y[order:]
     scale = np.linalg.norm(table, axis=0)
     scale[scale == 0.0] = 1.0
     solved = np.linalg.lstsq(table / scale, target, rcond=None)[0] / scale
@@ -185,10 +186,10 @@ def _check_uniform(record: Record) -> None:
         )
 
 
-def _complete_rows(seen: np.ndarray, order: int) -> np.ndarray:
-    """Rows of the regression whose output and all of whose past outputs were measured."""
-    missing = np.concatenate([[0], np.cumsum(~seen)])
-    return missing[order + 1 :] == missing[: -order - 1]
+def _bridged(record: Record, output: int) -> np.ndarray:
+    """The output with straight lines over missing samples."""
+    seen = record.observed[:, output]
+    return np.interp(record.time, record.time[seen], record.outputs[seen, output])
 
 
 def _frequencies(record: Record) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,7 @@ from daest.estimation.agreement import predicted_agreement, simulated_agreement
 from daest.estimation.arx import matched_start
 from daest.estimation.checks import check_bounds, check_records, check_start, known_name
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
-from daest.estimation.noise_start import with_noise
+from daest.estimation.noise_start import better_noise, with_noise
 from daest.estimation.output_error import Problem
 from daest.estimation.records import Record, make_record, observed_counts, part_of
 from daest.estimation.result import end_scores, fit_result
@@ -33,6 +33,7 @@ HOLD_SAMPLES = 4000  # of every recording that this comparison uses
 SIMULATION_ITERATIONS = 15  # of the output-error fit that a prediction-error fit starts from
 START_SPREAD = np.log(10.0)  # further start points: up to a factor 10 off, for linear scales 3 scales off
 LINEAR_SPREAD = 3.0
+NOISE_ROUNDS = 3  # searches in a row, each after a noise had come to rest too low
 WHITE_LEVEL = 1e-3  # p-value below which residuals raise the doubt that the search ended in a local optimum
 DOUBT_STARTS = 2  # random start points that are tried then, besides the one that matches ARX models
 
@@ -256,10 +257,18 @@ def _search_from(setup: Setup, z: np.ndarray, max_iterations: int) -> tuple[Prob
         return None if simulated is None else (problem, simulated)
     noisy = _noisy(setup, z if simulated is None else simulated.z)
     unknowns = noisy.unknowns
-    found = minimise(
-        likelihood.objective(noisy), unknowns.start, unknowns.lower, unknowns.upper, max_iterations
-    )
-    return None if found is None else (noisy, found)
+    objective, z = likelihood.objective(noisy), unknowns.start
+    found, iterations = None, 0
+    for _ in range(NOISE_ROUNDS):
+        found = minimise(objective, z, unknowns.lower, unknowns.upper, max_iterations - iterations)
+        if found is None:
+            return None
+        iterations += found.iterations
+        better = better_noise(noisy, found.z, found.evaluation.value)
+        if better is None or iterations >= max_iterations:
+            break
+        z = better
+    return None if found is None else (noisy, replace(found, iterations=iterations))
 
 
 def _random_starts(unknowns: Unknowns, count: int, seed: int) -> list[np.ndarray]:

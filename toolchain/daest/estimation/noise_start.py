@@ -29,6 +29,8 @@ SCAN_DECADES = (
     3,
 )  # of the intensity that would explain all of the residual
 LOWEST_DECADE = -10  # bound of the search: less noise than that is none
+HIGHEST_DECADE = 3
+WORTHWHILE_GAIN = 1e-2  # of log-likelihood, for which a search is taken up again
 LONGEST_GROWTH = 1000  # periods over which process noise is let grow to see what it does to the outputs
 
 
@@ -74,6 +76,25 @@ def with_noise(
         if found is not None and (best is None or found.negative_log_likelihood < best[0]):
             best = (found.negative_log_likelihood, trial)
     return best[1] if best else trial
+
+
+def better_noise(problem: Problem, z: np.ndarray, value: float) -> np.ndarray | None:
+    """A point that differs from z in one noise and has a negative log-likelihood below `value`, or None.
+
+    On a logarithmic scale the likelihood is flat towards zero noise, so that a search can come to rest there
+    although more noise would be better. Every noise is tried decade by decade.
+    """
+    objective, best, better = likelihood.objective(problem), value - WORTHWHILE_GAIN, None
+    for i, coordinate in enumerate(problem.unknowns.coordinates):
+        if coordinate.kind == "parameter":
+            continue
+        for decade in range(HIGHEST_DECADE - LOWEST_DECADE + 1):
+            trial = z.copy()
+            trial[i] = coordinate.searched(coordinate.lower) + decade * np.log(10.0)
+            found = objective(trial, False)
+            if found is not None and found.value < best:
+                best, better = found.value, trial
+    return better
 
 
 def _noise(
