@@ -40,7 +40,7 @@ class _Parts:
 def assemble(source: s.FlatSource, file: str) -> FlatModel:
     """The FlatModel of a flat source. Raises ModelError with place and remedy."""
     reading = Reading(source)
-    for what, span in source.refused:
+    for what, span in (*source.refused, *_refused_statements(source)):
         raise refusal(what, reading.sources.place(span))
     parameters = sort_parameters(source, reading.numeric, reading.scope, reading.evaluator)
     declared = declare_variables(reading)
@@ -55,6 +55,13 @@ def assemble(source: s.FlatSource, file: str) -> FlatModel:
         derivatives=_column(declared.derivatives),
     )
     return _flat_model(parts, file)
+
+
+def _refused_statements(source: s.FlatSource) -> Iterable[tuple[str, s.Span | None]]:
+    for algorithm in source.algorithms:
+        for statement in algorithm.body:
+            if isinstance(statement, s.Refused):
+                yield statement.what, statement.span or algorithm.span
 
 
 def _all_rows(reading: Reading, declared: Declared) -> list[Row]:

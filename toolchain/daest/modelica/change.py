@@ -74,7 +74,7 @@ def _set(parameter: Parameter, value: float) -> Parameter:
 
 def _outside(parameter: Parameter, what: str) -> ModelError:
     return ModelError(
-        "parameter-bounds",
+        "parameter-outside-bounds",
         f"parameter `{parameter.name}`: {what}",
         where=parameter.place,
         remedy="Choose a value inside, or change min and max in the model.",
@@ -95,7 +95,8 @@ def declare(
     gives each its new name: {name: unknown}). `estimate` marks parameters. `noises` maps a place (see
     `resolve_place`) to the intensity of a white noise on its equation, or the name of a present noise to its
     new intensity. `noise_std` maps outputs to the standard deviation of their measurement noise.
-    `estimate_noise` maps outputs and noises (by name or place) to whether their size is estimated. Raises ModelError.
+    `estimate_noise` maps outputs and noises (by name or place) to whether their size is estimated.
+    Raises ModelError.
     """
     if outputs is not None:
         flat = _with_outputs(flat, outputs)

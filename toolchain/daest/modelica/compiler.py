@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -129,7 +131,7 @@ def _compiled(job: Job, appended: bytes) -> s.FlatSource:
     except BaseException as problem:  # a panic of the compiler is no Exception
         if isinstance(problem, KeyboardInterrupt | SystemExit):
             raise
-        raise failures.internal(problem, job.path) from None
+        raise failures.internal(problem, job.path, job.text) from None
     return adapter.flat_source(job.class_name, flat, _texts(files, job), _own(files, job))
 
 
@@ -155,12 +157,28 @@ def _load(job: Job, text: str, name: str) -> tuple[dict[str, Any], list[Any]]:
         raise rumoca.RumocaError(first) from None
 
 
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Native code does not write to stderr inside the block: a panic of the compiler prints its own traceback
+    there, in addition to the exception."""
+    sys.stderr.flush()
+    saved, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(saved, 2)
+        os.close(saved)
+        os.close(nowhere)
+
+
 def _session(job: Job, text: str, name: str, file: Path) -> tuple[dict[str, Any], list[Any]]:
     session: Any = rumoca.Session(roots=[str(root) for root in job.roots])
     model: Any = None
     try:
-        model = session.loads(text, model=name, filename=str(file))
-        return model.to_dict("flat"), model.to_dict("dae")["source_map"]["files"]
+        with _quiet():
+            model = session.loads(text, model=name, filename=str(file))
+            return model.to_dict("flat"), model.to_dict("dae")["source_map"]["files"]
     finally:
         # These objects must die in the thread that made them; a traceback would keep them alive.
         del model, session

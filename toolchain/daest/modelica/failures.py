@@ -14,7 +14,8 @@ from daest.modelica.outline import class_heads
 from daest.modelica.tokens import Token, place_of, tokens
 
 _BALANCE = re.compile(r"unbalanced model: (\d+) equations, (\d+) unknowns")
-_QUOTED = re.compile(r"'([^']+)'")
+_QUOTED = re.compile(r"['`]([^'`]+)['`]")
+_BYTE = re.compile(r"start: BytePos\((\d+)\)")
 _POSITION = re.compile(r"╭─\[.*?:(\d+):(\d+)\]")
 
 
@@ -28,8 +29,16 @@ class Unbalanced(ModelError):
         self.n_unknowns = n_unknowns
 
 
-def internal(problem: BaseException, path: Path) -> ModelError:
+def internal(problem: BaseException, path: Path, text: bytes) -> ModelError:
     """The compiler itself broke."""
+    if "derivative target" in str(problem):
+        start = _BYTE.search(str(problem))
+        return ModelError(
+            "model-der-input",
+            "der() differentiates an input or a discrete variable",
+            where=place_of(str(path), text, int(start[1])) if start else str(path),
+            remedy="Introduce a variable for it (`Real x = u;`) and write der(x).",
+        )
     said = (str(problem).splitlines() or [type(problem).__name__])[0]
     return ModelError(
         "model-compiler",
@@ -89,7 +98,7 @@ def _balance(message: str, path: Path, text: bytes, class_name: str) -> ModelErr
 
 def _unknown(message: str, path: Path, text: bytes, class_name: str) -> ModelError | None:
     """A class or a component that is nowhere declared."""
-    if "unresolved type" in message:
+    if "unresolved type" in message or "base class not found" in message:
         code, kind, known = "model-unknown-class", "class", _class_names(text)
         remedy = "Check its spelling, or give its library's folder by -L or MODELICAPATH."
     elif "unresolved component" in message or "unresolved function" in message:
@@ -97,7 +106,7 @@ def _unknown(message: str, path: Path, text: bytes, class_name: str) -> ModelErr
         remedy = "Declare it, or check its spelling."
     else:
         return None
-    quoted = _QUOTED.search(message.partition("unresolved")[2])
+    quoted = _QUOTED.search(re.split("unresolved|not found", message, maxsplit=1)[1])
     name = quoted[1] if quoted else "?"
     near = get_close_matches(name, [other for other in known if other != name], 2)
     if near:
@@ -181,9 +190,10 @@ def _unsupported(message: str, path: Path, text: bytes, class_name: str) -> Mode
 
 # What the compiler's message contains, the keyword to look for, and what it is.
 _CONSTRUCTS = (
+    ("`pre expression`", "pre", "`pre`"),
     ("model algorithm", "algorithm", "an algorithm section with loops or calls"),
     ("clock", "Clock", "a clocked equation"),
-    ("when", "when", "`when`"),
+    ("when-", "when", "`when`"),
 )
 
 

@@ -72,7 +72,7 @@ def _check_bounds(parameter: Parameter) -> None:
     else:
         return
     raise ModelError(
-        "parameter-bounds",
+        "parameter-outside-bounds",
         f"parameter `{parameter.name}`: {what}",
         where=parameter.place,
         remedy="Change the value or the bounds.",

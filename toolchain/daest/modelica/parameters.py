@@ -70,7 +70,7 @@ def _given(variable: s.FlatVariable, evaluator: Evaluator) -> s.Node:
     warning)."""
     if variable.binding is not None:
         return variable.binding
-    place = evaluator.locate(variable.span)
+    place = evaluator.locate(_identifier(variable))
     if variable.fixed and not all(variable.fixed):
         raise ModelError(
             "model-parameter-value",
@@ -89,6 +89,14 @@ def _given(variable: s.FlatVariable, evaluator: Evaluator) -> s.Node:
         f"{place or ''}: parameter `{variable.name}` has no value; its start value is used", stacklevel=2
     )
     return variable.start
+
+
+def _identifier(variable: s.FlatVariable) -> s.Span | None:
+    """The span of the identifier, at the end of the declaration's span (`Real p`)."""
+    if variable.span is None:
+        return None
+    length = len(variable.name.rpartition(".")[2].encode())
+    return s.Span(variable.span.source, variable.span.end - length, variable.span.end)
 
 
 def _bound(variable: s.FlatVariable) -> s.Node:

@@ -27,7 +27,7 @@ _PRECEDENCE = {
 }
 _ATOM = 9
 _LOOSE = 0  # if-expressions and ranges stand alone or in parentheses
-_SPACED = ("or", "and", "<", "<=", ">", ">=", "==", "<>", "+", "-", ".+", ".-")
+_SPACED = ("or", "and", "<", "<=", ">", ">=", "==", "<>", "+", "-", ".+", ".-", ".*", "./", ".^")
 
 
 def text(node: s.Node) -> str:

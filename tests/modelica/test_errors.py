@@ -1,0 +1,288 @@
+"""What is wrong with a model, by code, place and remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from daest.errors import EXPLANATIONS, ModelError, Place
+from daest.model.flat import FlatModel
+from daest.modelica.compile import compile_model
+
+Compile = Callable[..., FlatModel]
+
+
+def failure(run: Callable[[], object]) -> ModelError:
+    with pytest.raises(ModelError) as caught:
+        run()
+    error = caught.value
+    assert error.code in EXPLANATIONS
+    assert error.remedy
+    assert error.__cause__ is None
+    return error
+
+
+# text, class, code, line, column, words of the message, words of the remedy
+CASES = {
+    "syntax": (
+        "model M\n Real x;\nequation\n x = = 3;\nend M;",
+        "model-syntax",
+        (4, 6),
+        "unexpected `=`",
+        "expected",
+    ),
+    "semicolon": ("model M\n Real x\nequation\n x = 3;\nend M;", "model-syntax", (2, 7), "unexpected", ";"),
+    "class": (
+        "model Resistor Real x; equation x = 1; end Resistor;\nmodel M\n  Resistr r; Resistor q;\nend M;",
+        "model-unknown-class",
+        (3, 3),
+        "`Resistr`",
+        "`Resistor`",
+    ),
+    "base class": (
+        "model M extends Modelica.Icons.Example; Real x = 1; end M;",
+        "model-unknown-class",
+        (1, 17),
+        "Icons",
+        "-L",
+    ),
+    "name": (
+        "model M\n Real speed;\nequation\n speed = 3*sped;\nend M;",
+        "model-unknown-name",
+        (4, 12),
+        "`sped`",
+        "`speed`",
+    ),
+    "type": ('model M\n Real x;\nequation\n x = "a";\nend M;', "model-type", (4, 2), "String", "same type"),
+    "when": (
+        "model M\n Real x(start = 1);\nequation\n der(x) = -x;\n when x < 0.5 then\n  reinit(x, 1);\n end "
+        "when;\nend M;",
+        "model-unsupported",
+        (5, 7),
+        "`when`",
+        "smooth",
+    ),
+    "algorithm when": (
+        "model M\n Real x(start = 1); discrete Integer k;\nequation\n der(x) = -x;\nalgorithm\n when x < "
+        "0.5 then\n"
+        "  k := 1;\n end when;\nend M;",
+        "model-unsupported",
+        None,
+        "when",
+        "",
+    ),
+    "delay": (
+        "model M\n Real x, y;\nequation\n x = time;\n y = delay(x, 0.1);\nend M;",
+        "model-unsupported",
+        (5, 6),
+        "`delay`",
+        "lag",
+    ),
+    "pre": (
+        "model M\n Real x, y;\nequation\n x = time;\n y = pre(x);\nend M;",
+        "model-unsupported",
+        (5, 6),
+        "`pre`",
+        "",
+    ),
+    "initial()": (
+        "model M\n Real x;\nequation\n x = if initial() then 1 else 2;\nend M;",
+        "model-unsupported",
+        (4, 9),
+        "`initial`",
+        "",
+    ),
+    "clock": (
+        "model M\n Real x, y;\nequation\n x = time;\n y = sample(x, Clock(0.1));\nend M;",
+        "model-unsupported",
+        (5, 16),
+        "clock",
+        "",
+    ),
+    "initial algorithm": (
+        "model M\n Real x; parameter Real p(fixed = false);\ninitial algorithm\n p := 3;\nequation\n "
+        "der(x) = p;\nend M;",
+        "model-unsupported",
+        (4, 2),
+        "`initial algorithm`",
+        "",
+    ),
+    "external": (
+        'model M\n function f input Real x; output Real y; external "C" y = f(x); end f;\n'
+        " Real x;\nequation\n"
+        " x = f(time);\nend M;",
+        "model-function",
+        (5, 6),
+        "external",
+        "Write the function in Modelica",
+    ),
+    "while": (
+        "model M\n function f input Real x; output Real y; algorithm y := x; while y > 1 loop y := y/2; "
+        "end while;"
+        " end f;\n Real x;\nequation\n x = f(time);\nend M;",
+        "model-function",
+        (2, 11),
+        "`f`",
+        "while",
+    ),
+    "recursion": (
+        "model M\n function f input Real n; output Real y; algorithm if n <= 1 then y := 1; else y := "
+        "n*f(n - 1);"
+        " end if; end f;\n Real x;\nequation\n x = f(time);\nend M;",
+        "model-function",
+        (2, 87),
+        "calls itself",
+        "for-loop",
+    ),
+    "der of an expression": (
+        "model M\n Real x;\nequation\n der(2*x) = 3;\nend M;",
+        "model-der-expression",
+        (4, 2),
+        "expression",
+        "variable",
+    ),
+    "der of an input": (
+        "model M\n input Real u; Real x;\nequation\n x = der(u);\nend M;",
+        "model-der-input",
+        (4, 6),
+        "input",
+        "der(x)",
+    ),
+    "parameter without value": (
+        "model M\n parameter Real p;\n Real x = p;\nend M;",
+        "model-parameter-value",
+        (2, 17),
+        "`p`",
+        "p = ",
+    ),
+    "parameter outside": (
+        "model M\n parameter Real p(min = 2) = 1;\n Real x = p;\nend M;",
+        "parameter-outside-bounds",
+        (2, 17),
+        "below its min",
+        "",
+    ),
+    "circular": ("model M\n parameter Real p = 2*q, q = p;\n Real x = p;\nend M;", None, None, "", ""),
+    "too few": (
+        "model M\n Real x, y, z;\nequation\n x = time;\n y = 2*z;\nend M;",
+        "model-unbalanced",
+        None,
+        "2 equations for 3 unknowns: 1 too few. These unknowns are not all determined: `y`, `z`",
+        "input",
+    ),
+    "too many": (
+        "model M\n Real x, y, z;\nequation\n x = 3*y;\n x = 2*y;\n y = 3;\n z = x;\nend M;",
+        "model-unbalanced",
+        (6, 2),
+        "compete for `x`, `y`",
+        "Remove",
+    ),
+    "open input": (
+        "model M\n model A input Real u; Real x; equation der(x) = u; end A;\n A a;\nend M;",
+        "model-unbalanced",
+        None,
+        "nothing gives a value to `a.u`",
+        "Connect",
+    ),
+    "division by zero": ("model M\n parameter Real p = 1/0;\n Real x = p;\nend M;", None, None, "", ""),
+    "partial": ("partial model M\n Real x;\nend M;", "model-none", (1, 15), "partial model M", "model NAME"),
+    "comment only": ("// nothing\n", "model-none", None, "no complete model", ""),
+    "nothing": (" \n", "model-empty", None, "empty", ""),
+    "nesting": (
+        "model M Real x; equation x = " + "(" * 9000 + "1" + ")" * 9000 + "; end M;",
+        "model-nesting",
+        (1, 329),
+        "nests",
+        "Split",
+    ),
+    "chain": (
+        "model M Real x; equation x = 1" + " + time" * 9000 + "; end M;",
+        "model-nesting",
+        None,
+        "chains",
+        "Split",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_message(compiled: Compile, name: str) -> None:
+    text, code, position, words, remedy = CASES[name]
+    error = failure(lambda: compiled(text))
+    if code is not None:
+        assert error.code == code
+    assert words in error.what
+    assert remedy in error.remedy
+    if position is not None:
+        assert isinstance(error.where, Place)
+        assert (error.where.line, error.where.column) == position
+        assert error.where.file.endswith("Model.mo")
+
+
+def test_errors_name_the_line_in_a_file_with_windows_line_ends_and_mark(compiled: Compile) -> None:
+    text = "model M\r\n Real x;\r\nequation\r\n x = delay(time, 0.1);\r\nend M;\r\n"
+    error = failure(lambda: compiled(b"\xef\xbb\xbf" + text.encode()))
+    assert isinstance(error.where, Place) and (error.where.line, error.where.column) == (4, 6)
+
+
+@pytest.mark.parametrize(
+    ("class_name", "code", "words"),
+    [
+        ("P.Servo", "model-unknown-class", "P.Servoo"),
+        ("P", "model-kind", ""),
+        ("f", "model-kind", ""),
+        ("Base", "model-kind", ""),
+    ],
+)
+def test_class_that_cannot_be_compiled(compiled: Compile, class_name: str, code: str, words: str) -> None:
+    text = """package P partial model Base Real x; end Base; model Servoo extends Base; equation x = 1; end
+    Servoo;
+    function f input Real x; output Real y; algorithm y := x; end f; end P;"""
+    error = failure(lambda: compiled(text, class_name))
+    assert error.code == code
+    assert words in error.remedy
+    assert compiled(text, "Servoo").name == compiled(text).name == "P.Servoo"
+
+
+def test_several_models_are_listed(compiled: Compile) -> None:
+    text = "model A Real x = 1; end A; model B Real x = 1; end B;"
+    error = failure(lambda: compiled(text))
+    assert error.code == "model-ambiguous" and "A, B" in error.what and "--class B" in error.remedy
+    # A model that the other one uses is a part of it.
+    assert compiled("model A Real x = 1; end A; model B A a; end B;").name == "B"
+
+
+def test_files_that_are_none(tmp_path: Path) -> None:
+    assert failure(lambda: compile_model(tmp_path / "None.mo")).code == "model-missing"
+    assert failure(lambda: compile_model(tmp_path)).code == "model-file"
+    binary = tmp_path / "Latin.mo"
+    binary.write_bytes(b"model M // Dr\xfcck\nend M;")
+    error = failure(lambda: compile_model(binary))
+    assert error.code == "model-encoding"
+    assert isinstance(error.where, Place) and (error.where.line, error.where.column) == (1, 14)
+    model = tmp_path / "M.mo"
+    model.write_text("model M Real x = 1; end M;")
+    assert failure(lambda: compile_model(model, libraries=[tmp_path / "no"])).code == "model-library"
+
+
+def test_a_panic_of_the_compiler_is_one_message(
+    compiled: Compile, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Panic(BaseException):
+        """Like pyo3's PanicException, which is no Exception."""
+
+    class Broken:
+        def __init__(self, **_: object) -> None: ...
+
+        def loads(self, *_: object, **__: object) -> object:
+            raise Panic("index out of bounds\nstack backtrace: …")
+
+    monkeypatch.setattr("rumoca.Session", Broken)
+    error = failure(lambda: compiled("model M Real x = 1; end M;"))
+    assert error.code == "model-compiler"
+    assert "index out of bounds" in error.what and "backtrace" not in str(error)
+    monkeypatch.undo()
+    failure(lambda: compiled("model M input Real u; Real x; equation x = der(u); end M;"))
+    assert capfd.readouterr().err == ""
