@@ -7,14 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.special import i0
 
 from daest.errors import ConfigError, DataError
 from daest.model.experiment import Experiment
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
 
 # Time stamps this near (in periods) to a uniform grid are rounding or jitter of the clock, not information.
 GRID_TOLERANCE = 1e-3
@@ -206,6 +207,8 @@ def _aligned(even: Experiment, first: float, n_new: int, period: float) -> np.nd
 def _filter_matrix(old: np.ndarray, new: np.ndarray, period: float, half_width: float) -> sp.csr_array:
     """Weights (n_new, n_old), rows with sum 1: the kernel of the filter at every old time within its half
     width."""
+    import scipy.sparse as sp
+
     low = np.searchsorted(old, new - half_width)
     high = np.searchsorted(old, new + half_width, side="right")
     counts = high - low
@@ -214,7 +217,7 @@ def _filter_matrix(old: np.ndarray, new: np.ndarray, period: float, half_width: 
     lag = old[columns] - new[rows]
     # Kaiser's β for a stop band between 50 dB and beyond.
     beta = 0.1102 * (ATTENUATION - 8.7)
-    window = i0(beta * np.sqrt(np.clip(1.0 - (lag / half_width) ** 2, 0.0, None))) / i0(beta)
+    window = np.i0(beta * np.sqrt(np.clip(1.0 - (lag / half_width) ** 2, 0.0, None))) / np.i0(beta)
     weights = np.sinc(CUTOFF * lag / period) * window
     matrix = sp.csr_array((weights, (rows, columns)), shape=(new.size, old.size))
     return sp.csr_array(sp.diags_array(1.0 / matrix.sum(axis=1)) @ matrix)

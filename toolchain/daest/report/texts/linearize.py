@@ -10,14 +10,15 @@ from rich.text import Text
 
 from daest.report.console import heading, indented, listed, number, rendered, table
 
-MOST_ENTRIES = 20
+
+def text(
+    document: Mapping[str, Any], width: int = 100, color: bool = False, *, symbolic: bool = False
+) -> str:
+    """With `symbolic` the entries that depend on parameters, as expressions."""
+    return rendered(_parts(document, symbolic), width, color)
 
 
-def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
-    return rendered(_parts(document), width, color)
-
-
-def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+def _parts(document: Mapping[str, Any], symbolic: bool) -> Iterator[RenderableType]:
     yield Text(
         f"{document['n_equations']} equations, {document['n_dynamic']} dynamic, index {document['index']} "
         f"(source: {document['source']})"
@@ -52,7 +53,12 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
         yield heading("Transfer functions")
         for entry in document["transfer_functions"]:
             yield indented(f"{entry['input']} -> {entry['output']}:  {_ratio(entry)}")
-    if document["theta"]:
+    for decision in document["decisions"]:
+        if decision["warning"]:
+            yield indented(f"doubtful rank: {decision['warning']}")
+    if document["theta"] and not symbolic:
+        yield indented(f"{len(document['theta'])} entries depend on parameters: see them with --symbolic")
+    elif document["theta"]:
         yield heading(f"Entries that depend on parameters ({len(document['theta'])})")
         yield table(
             ("entry", "expression", "parameters"),
@@ -62,12 +68,10 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
                     e["expression"],
                     ", ".join(e["parameters"]),
                 )
-                for e in document["theta"][:MOST_ENTRIES]
+                for e in document["theta"]
             ),
             text_columns=(0, 1, 2),
         )
-        if len(document["theta"]) > MOST_ENTRIES:
-            yield indented(f"... {len(document['theta']) - MOST_ENTRIES} more; all with --format json")
 
 
 def _names(entries: Sequence[Any]) -> list[str]:

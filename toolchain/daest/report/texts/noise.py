@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import PurePath
 from typing import Any
 
 from rich.console import RenderableType
@@ -31,9 +32,9 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
                 (
                     str(e["index"]),
                     e["text"],
-                    e["place"] or e["origin"] or "",
+                    _short(e["place"]) or e["origin"],
                     number(e["projection_norm"], 3),
-                    listed(e["differentiated"], 4),
+                    listed(e["differentiated"], 3),
                 )
                 for e in forbidden
             ),
@@ -41,16 +42,12 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
         )
         for advice in dict.fromkeys(e["advice"] for e in forbidden if e["advice"]):
             yield indented(advice)
-    if document["annotated"]:
-        yield heading("Noise of the model")
-        yield table(
-            ("name", "equations", "admissible"),
-            (
-                (a["name"], ", ".join(map(str, a["equations"])), "yes" if a["admissible"] else "NO")
-                for a in document["annotated"]
-            ),
-            text_columns=(0, 1, 2),
-        )
+    for key, title in (("annotated", "Noise of the model"), ("asked", "Places that were asked for")):
+        if document[key]:
+            yield heading(title)
+            yield _noises(document[key])
+            for advice in dict.fromkeys(entry["advice"] for entry in document[key] if entry["advice"]):
+                yield indented(advice)
     yield heading("Rank decisions")
     yield table(
         ("what", "rank", "threshold", "gap"),
@@ -58,4 +55,25 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
             (d["what"], str(d["rank"]), number(d["threshold"], 2), number(d["gap"], 2) if d["gap"] else "inf")
             for d in document["decisions"]
         ),
+    )
+
+
+def _short(place: str | None) -> str:
+    """The place without its folder; the document keeps the whole of it."""
+    return PurePath(place).name if place else ""
+
+
+def _noises(entries: Sequence[Mapping[str, Any]]) -> RenderableType:
+    return table(
+        ("name", "equations", "admissible", "white outputs"),
+        (
+            (
+                entry["name"],
+                ", ".join(map(str, entry["equations"])),
+                "yes" if entry["admissible"] else "NO",
+                ", ".join(entry["white_outputs"]),
+            )
+            for entry in entries
+        ),
+        text_columns=(0, 1, 2, 3),
     )

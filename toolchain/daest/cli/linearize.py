@@ -1,0 +1,83 @@
+"""`daest linearize`: the linear DAE of a model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+
+from daest.cli.linear import Linear, load_linear
+from daest.cli.options import (
+    class_options,
+    example,
+    format_option,
+    output_option,
+    project_option,
+    set_option,
+)
+from daest.cli.output import emit, keep_inputs, note, whole_file
+from daest.data.project import load_project
+from daest.report.arrays import save_arrays
+from daest.report.documents import linearize as documents
+from daest.report.texts import linearize as texts
+from daest.systems.linearize import theta_entries
+from daest.systems.split import split
+from daest.systems.transfer import transfer_functions
+
+ARRAYS = (".npz", ".mat")
+
+
+@click.command("linearize", epilog=example("daest linearize servo.fmu --set k=0.06 -o servo.npz"))
+@click.argument("model", required=False, type=click.Path(path_type=Path))
+@set_option
+@click.option(
+    "--at",
+    metavar="FILE.json",
+    type=click.Path(path_type=Path),
+    help="Parameters of a fit, and the operating point of a nonlinear model.",
+)
+@click.option(
+    "--symbolic", is_flag=True, help="Show the expressions of the entries that depend on parameters."
+)
+@click.option("--source", "route", metavar="SOURCE", help="For an FMU: where the matrices come from.")
+@class_options
+@project_option
+@format_option
+@output_option
+def command(
+    model: Path | None,
+    settings: Mapping[str, float],
+    at: Path | None,
+    symbolic: bool,
+    route: str | None,
+    class_name: str | None,
+    libraries: Sequence[Path],
+    project_file: Path | None,
+    form: str,
+    output: Path | None,
+) -> None:
+    """E, J, K, B, C, D of MODEL (a .mo file or any FMU), with names, units and places; poles, transfer
+    functions.
+
+    With -o and a name in .npz or .mat the matrices are written as arrays.
+    """
+    project = load_project(project_file)
+    keep_inputs(output, [model, at])
+    linear = load_linear(project, model, class_name, libraries, settings, at, route)
+    document = _document(linear)
+    if output is not None and output.suffix in ARRAYS:
+        with whole_file(output) as temporary:
+            save_arrays(linear.dae, temporary)
+        note(f"the matrices are in {output}")
+        output = None
+    emit(document, "linearize", form, output, partial(texts.text, symbolic=symbolic))
+
+
+def _document(linear: Linear) -> dict[str, Any]:
+    form = split(linear.dae)
+    theta = theta_entries(linear.flat, linear.at) if linear.flat is not None else []
+    functions = transfer_functions(linear.dae, form)
+    return documents.document(linear.dae, form, functions, theta, linear.cross_check)
