@@ -124,7 +124,7 @@ def kalman_gains(dyn: Dynamics, record: Record) -> tuple[Gains, Gains | None] | 
     start_slope = stationary_gain_derivatives(typical, start, usual)
     if start_slope is None:
         return None
-    return varying_gains(noise, change, record.observed, start.P, start_slope.P, dyn.is_constant)
+    return varying_gains(noise, change, record.observed, start.P, start_slope.P)
 
 
 def innovations(dyn: Dynamics, record: Record, gains: tuple[Gains, Gains | None] | None) -> Innovations:

@@ -11,12 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from daest.numerics.gaussian import forward_step, run
+
 MAX_DOUBLINGS = 60
 DOUBLING_TOLERANCE = (
     1e-14  # change of P per doubling, relative to the standard deviations of its rows and columns
 )
 FORGOTTEN = 1e-12  # size of a power of the closed loop whose square adds nothing any more
-SETTLED_TOLERANCE = 1e-13  # change per sample of a time-varying covariance below which its gain is kept
 
 
 @dataclass(frozen=True)
@@ -72,55 +73,69 @@ def stationary_gain_derivatives(noise: NoiseModel, gains: Gains, change: NoiseMo
 
 
 def varying_gains(
-    noise: NoiseModel,
-    change: NoiseModel,
-    observed: np.ndarray,
-    P0: np.ndarray,
-    dP0: np.ndarray,
-    is_constant: bool,
+    noise: NoiseModel, change: NoiseModel, observed: np.ndarray, P0: np.ndarray, dP0: np.ndarray
 ) -> tuple[Gains, Gains]:
-    """Gains for every sample, and their derivatives, of the time-varying Kalman filter that starts with
-    P0.
+    """Gains for every sample, and their derivatives, of the time-varying Kalman filter that starts with P0.
 
-    `observed` (n_samples, n_y): a missing output gets a zero gain and a unit innovation variance, so that
-    it adds nothing to the likelihood. Φ, Q, S12 have an axis of n_samples - 1 steps unless `is_constant`;
-    C and R are constant. Returns arrays with leading axes (n_samples,) and (p, n_samples).
+    `observed` (n_samples, n_y): a missing output gets a zero gain and a unit innovation variance, so that it
+    adds nothing to the likelihood. Φ, Q, S12 are constant or have an axis of n_samples - 1 steps; C and R are
+    constant. Returns arrays with leading axes (n_samples,) and (p, n_samples).
+
+    For a given gain the change of P obeys dP[k+1] = F dP[k] Fᵀ + M[k], F = Φ - K C, since P is stationary in
+    K; only this recursion and that of P itself go sample by sample.
     """
-    n_samples, (p, n, _), n_y = observed.shape[0], change.Phi.shape[:1] + P0.shape, observed.shape[1]
-    value = Gains(*(np.zeros((n_samples, *shape)) for shape in ((n, n_y), (n_y, n_y), (n, n))))
-    slope = Gains(*(np.zeros((p, n_samples, *shape)) for shape in ((n, n_y), (n_y, n_y), (n, n))))
-    P, dP, settled = P0, dP0, False
-    for k in range(n_samples):
-        if settled and np.all(observed[k]):
-            for target in (value, slope):
-                for array in (target.K, target.S, target.P):
-                    np.moveaxis(array, -3, 0)[k] = np.moveaxis(array, -3, 0)[k - 1]
-            continue
-        step = k if is_constant else min(k, n_samples - 2)
-        now, d_now = (
-            _at_sample(noise, observed[k], step, is_constant),
-            _at_sample(change, observed[k], step, is_constant),
-        )
-        now.R[~observed[k], ~observed[k]] = 1.0
-        K, S = _gain(now, P)
-        dK, dS, following_dP = _step_derivatives(now, Gains(K, S, P), d_now, dP)
-        value.K[k], value.S[k], value.P[k] = K, S, P
-        slope.K[:, k], slope.S[:, k], slope.P[:, k] = dK, dS, dP
-        following = now.Phi @ P @ now.Phi.T + now.Q - K @ S @ K.T
-        following = (following + following.T) / 2
-        settled = is_constant and bool(np.all(observed[k])) and _is_settled(P, following, dP, following_dP)
-        P, dP = following, following_dP
-    return value, slope
+    n_samples, n = observed.shape[0], P0.shape[0]
+    value = _varying_values(noise, observed, P0)
+    now, d_now = _per_sample(noise, observed, 0), _per_sample(change, observed, 1)
+    K, P = value.K, value.P
+    closed = now.Phi - K @ now.C
+    half = (d_now.Phi - K @ d_now.C) @ P @ _t(closed) - d_now.S12 @ _t(K)
+    forcing = half + _t(half) + d_now.Q + K @ d_now.R @ _t(K)
+    dP = np.empty((n_samples, change.Phi.shape[0], n, n))
+    dP[0] = dP0
+    steps = np.ascontiguousarray(np.swapaxes(forcing, 0, 1))
+    for k in range(n_samples - 1):
+        dP[k + 1] = closed[k] @ dP[k] @ closed[k].T + steps[k]
+    dP = np.swapaxes(dP, 0, 1)
+    dPC = dP @ _t(now.C) + P @ _t(d_now.C)
+    dS = d_now.C @ P @ _t(now.C) + now.C @ dPC + d_now.R
+    dK = d_now.Phi @ P @ _t(now.C) + now.Phi @ dPC + d_now.S12 - K @ dS
+    return value, Gains(dK @ np.linalg.inv(value.S), dS, dP)
 
 
-def _at_sample(noise: NoiseModel, seen: np.ndarray, k: int, is_constant: bool) -> NoiseModel:
-    """The model of one sample, with the rows of missing outputs cleared."""
-    dynamic = (noise.Phi, noise.Q, noise.S12)
-    Phi, Q, S12 = dynamic if is_constant else tuple(array[..., k, :, :] for array in dynamic)
-    if np.all(seen):
-        return NoiseModel(Phi, noise.C, Q, noise.R, S12)
-    keep = seen.astype(float)
-    return NoiseModel(Phi, noise.C * keep[:, None], Q, noise.R * np.outer(keep, keep), S12 * keep)
+def _varying_values(noise: NoiseModel, observed: np.ndarray, P0: np.ndarray) -> Gains:
+    """P, K and S sample by sample, by the compiled step of the Kalman filter with all signals zero."""
+    n_samples, n, n_y = observed.shape[0], P0.shape[0], observed.shape[1]
+    now = _per_sample(noise, observed, 0)
+    R = now.R + (~observed)[:, :, None] * np.eye(n_y)
+    matrices = (now.Phi, now.C, now.Q, now.S12, R)
+    columns = [np.broadcast_to(m, (n_samples, *m.shape[1:])).reshape(n_samples, -1) for m in matrices]
+    data = np.hstack([*columns, np.zeros((n_samples, n_y + n))])
+    states, results = run(forward_step(n, n_y, 1), np.concatenate([np.zeros(n), P0.ravel()]), data)
+    P = np.concatenate([P0[None], states[:-1, n:].reshape(-1, n, n)])
+    S = results[:, n_y : n_y + n_y * n_y].reshape(-1, n_y, n_y)
+    return Gains(results[:, n_y + n_y * n_y :].reshape(-1, n, n_y), S, P)
+
+
+def _per_sample(noise: NoiseModel, observed: np.ndarray, lead: int) -> NoiseModel:
+    """All samples at once, rows of missing outputs cleared; `lead` axes of directions come first.
+
+    The last sample has no step: it repeats that of the sample before, and nothing depends on it.
+    """
+    keep = observed.astype(float)
+    rows = np.minimum(np.arange(observed.shape[0]), observed.shape[0] - 2)
+
+    def spread(array: np.ndarray) -> np.ndarray:
+        return array[..., None, :, :] if array.ndim == 2 + lead else array[..., rows, :, :]
+
+    pairs = keep[:, :, None] * keep[:, None, :]
+    return NoiseModel(
+        spread(noise.Phi),
+        noise.C[..., None, :, :] * keep[:, :, None],
+        spread(noise.Q),
+        noise.R[..., None, :, :] * pairs,
+        spread(noise.S12) * keep[:, None, :],
+    )
 
 
 def _gain(noise: NoiseModel, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -180,15 +195,6 @@ def _lyapunov(closed: np.ndarray, forcing: np.ndarray) -> np.ndarray | None:
         if np.max(np.abs(power), initial=0.0) < FORGOTTEN or not np.any(change):
             return X
     return None
-
-
-def _is_settled(P: np.ndarray, after: np.ndarray, dP: np.ndarray, d_after: np.ndarray) -> bool:
-    size = np.sqrt(np.maximum(np.diagonal(after), 0.0))
-    limit = SETTLED_TOLERANCE * np.outer(size, size)
-    if np.any(np.abs(after - P) > limit):
-        return False
-    scale = np.max(np.abs(d_after), axis=(1, 2), initial=0.0)[:, None, None] * SETTLED_TOLERANCE
-    return bool(np.all(np.abs(d_after - dP) <= limit + scale))
 
 
 def _t(matrix: np.ndarray) -> np.ndarray:
