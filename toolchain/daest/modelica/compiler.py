@@ -21,7 +21,7 @@ from daest.modelica.tokens import check_depth
 T = TypeVar("T")
 
 # The compiler's parser recurses in native code and the conversion of its trees in Python: both get room.
-_STACK_BYTES = 512 * 1024 * 1024
+_STACK_BYTES = 128 * 1024 * 1024
 _RECURSION_LIMIT = 40_000
 
 # A folder that does not exist: the compiler reads every .mo file beside the file that it is given.
@@ -161,8 +161,12 @@ def _load(job: Job, text: str, name: str) -> tuple[dict[str, Any], list[Any]]:
 def _quiet() -> Iterator[None]:
     """Native code does not write to stderr inside the block: a panic of the compiler prints its own traceback
     there, in addition to the exception."""
-    sys.stderr.flush()
-    saved, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        saved = os.dup(2)
+    except OSError:  # a program without a console has no stderr to keep quiet
+        yield
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 2)
         yield
