@@ -54,6 +54,7 @@ from daest.numerics.riccati import predictor_gain, unobservable_subspace
 # Distance to the stationary covariance, in standard deviations, that ends a transient.
 COVARIANCE_TOLERANCE = 1e-11
 SENSITIVITY_FLOOR = 1e-20  # of A, relative to the scale of a state: the initial state is forgotten
+GAIN_BLOCK = 4096  # samples whose gains are compared with the stationary one at a time
 STEADY_SHARE = 0.01  # distance of the gain to the stationary gain that counts as steady
 
 
@@ -111,7 +112,7 @@ def _pass_over(
     models, which = models_by_interval(model, experiment.time)
     modes = modes_of(models, which, experiment.outputs)
     known, drive = known_parts(models, which, experiment)
-    z = np.subtract(experiment.outputs, known, out=known)
+    z = experiment.outputs - known
     if not np.all(modes.present):
         z[np.isnan(z)] = 0.0
     start = _start(models, modes, initial, kind, state_names)
@@ -280,7 +281,7 @@ class _Plan:
 def _run_ends(index: np.ndarray) -> np.ndarray:
     """For every sample, the end of the run of equal modes it belongs to."""
     edges = np.append(np.flatnonzero(np.diff(index)) + 1, index.size)
-    return edges[np.searchsorted(edges, np.arange(index.size), side="right")]
+    return np.repeat(edges, np.diff(edges, prepend=0))
 
 
 def _is_close(P: np.ndarray, target: np.ndarray) -> np.ndarray:
@@ -307,7 +308,9 @@ def _stationary_phase(
 ) -> np.ndarray:
     """Samples begin … end - 1 with a constant gain; returns [m A] at `end`."""
     mode = int(modes.index[begin])
-    states = linear_recursion(target.closed_loop, drive[begin:end] + z[begin:end] @ target.gain.T, M[:, 0])
+    total = z[begin:end] @ target.gain.T
+    total += drive[begin:end]
+    states = linear_recursion(target.closed_loop, total, M[:, 0])
     recorder.predicted[begin:end] = states[:-1]
     np.subtract(z[begin:end], states[:-1] @ modes.output[mode].T, out=recorder.innovations[begin:end])
     numbers = recorder.distinct(
@@ -461,7 +464,7 @@ def _assemble(
         innovation_cov=innovation_cov,
         nis=nis,
         nis_dof=dof,
-        log_likelihood=_log_likelihood(forward, flat, start),
+        log_likelihood=_log_likelihood(forward, flat, start, None if forward.sensitivity.size else nis),
         steady_sample=_steady_sample(models, forward, predicted),
         stationary_from=forward.stationary_from,
         unobservable=start.unobservable,
@@ -539,15 +542,21 @@ def _innovations(
     return sequence.mean, sequence.cov, nis, dof
 
 
-def _log_likelihood(forward: FilterPass, flat: FlatStart, start: _Start) -> float:
+def _log_likelihood(
+    forward: FilterPass, flat: FlatStart, start: _Start, nis: np.ndarray | None = None
+) -> float:
     """log p(y), or log ∫ p(y | x0) dx0 over the determined unknown states (density one per unit of the
     state)."""
     white = forward.whitening
-    scaled = by_index(white, forward.index, forward.innovations)
+    if nis is None:
+        scaled = by_index(white, forward.index, forward.innovations)
+        squares = np.einsum("ky,ky", scaled, scaled)
+    else:
+        squares = np.nansum(nis)
     log_root = np.sum(np.log(np.diagonal(white, axis1=1, axis2=2)), axis=1)
     counts = np.bincount(forward.index, minlength=white.shape[0])
     n_present = int(counts @ forward.modes.present[forward.mode].sum(axis=1))
-    value = counts @ log_root - 0.5 * (np.einsum("ky,ky", scaled, scaled) + n_present * np.log(2 * np.pi))
+    value = counts @ log_root - 0.5 * (squares + n_present * np.log(2 * np.pi))
     if forward.n_observable == 0:
         return float(value)
     return float(value) + flat_evidence(flat, forward, start.sensitivity)
@@ -576,8 +585,9 @@ def _steady_sample(
     size = np.sqrt(np.diagonal(target.predicted_cov))
     weight = np.sqrt(np.diagonal(target.innovation_cov)) / np.where(size > 0, size, np.inf)[:, None]
     limit = STEADY_SHARE * np.linalg.norm(target.gain * weight)
-    candidates = np.flatnonzero(forward.modes.index == mode)
-    for block in np.array_split(candidates, max(1, candidates.size // 4096)):
+    index = forward.modes.index
+    for begin in range(0, index.size, GAIN_BLOCK):
+        block = begin + np.flatnonzero(index[begin : begin + GAIN_BLOCK] == mode)
         numbers, first = np.unique(predicted.cov.index[block], return_index=True)
         gains, _ = predictor_gain(predicted.cov.distinct[numbers], *matrices)
         near = np.linalg.norm((gains - target.gain) * weight, axis=(1, 2)) <= limit

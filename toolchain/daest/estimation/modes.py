@@ -35,14 +35,17 @@ def models_by_interval(model: Models, time: np.ndarray) -> tuple[list[DiscreteMo
         raise EstimationError(
             "filter-uneven-samples", f"{which.size} models for {steps.size} intervals of the record"
         )
-    periods = np.array([m.period for m in models])[which]
-    late = np.flatnonzero(np.abs(steps - periods) > STEP_TOLERANCE * periods + 1e-9 * np.abs(time[1:]))
+    one = len(models) == 1
+    periods = np.full(1, models[0].period) if one else np.array([m.period for m in models])[which]
+    deviation = np.abs(steps - periods)
+    late = np.flatnonzero(deviation > STEP_TOLERANCE * periods)
+    late = late[deviation[late] > 1e-9 * np.abs(time[1:][late])]  # times themselves are rounded
     if late.size:
         k = int(late[0])
         raise EstimationError(
             "filter-uneven-samples",
             f"the step from {time[k]:.9g} s to {time[k + 1]:.9g} s is {steps[k]:.9g} s long, "
-            f"the sampled model is for {periods[k]:.9g} s",
+            f"the sampled model is for {periods[0 if one else k]:.9g} s",
             remedy="give one sampled model per step length",
         )
     return models, np.append(which, which[-1] if which.size else 0)
@@ -99,14 +102,23 @@ def known_parts(
     """D ū + d (n_samples, n_y) and Γ0 ū[k] + Γ1 ū[k+1] + γ (n_samples, n); the last sample has no next
     one."""
     now = experiment.inputs
-    following = np.concatenate([now[1:], now[-1:]])
-    known = by_index(np.stack([m.feedthrough for m in models]), which, now)
-    known += np.stack([m.output_offset for m in models])[which if len(models) > 1 else 0]
-    drive = by_index(np.stack([m.input_now for m in models]), which, now)
+    known = _affine([m.feedthrough for m in models], [m.output_offset for m in models], which, now)
+    drive = _affine([m.input_now for m in models], [m.drift for m in models], which, now)
     if any(np.any(m.input_next) for m in models):
-        drive += by_index(np.stack([m.input_next for m in models]), which, following)
-    drive += np.stack([m.drift for m in models])[which if len(models) > 1 else 0]
+        following = np.concatenate([now[1:], now[-1:]])
+        drive = drive + by_index(np.stack([m.input_next for m in models]), which, following)
     return known, drive
+
+
+def _affine(
+    matrices: list[np.ndarray], offsets: list[np.ndarray], which: np.ndarray, rows: np.ndarray
+) -> np.ndarray:
+    """matrices[which[k]] @ rows[k] + offsets[which[k]]; one shared zero when all of them are zero."""
+    if not any(np.any(part) for part in (*matrices, *offsets)):
+        return np.broadcast_to(0.0, (rows.shape[0], offsets[0].size))
+    result = by_index(np.stack(matrices), which, rows)
+    result += offsets[0] if len(offsets) == 1 else np.stack(offsets)[which]
+    return result
 
 
 def select_outputs(model: DiscreteModel, rows: np.ndarray) -> DiscreteModel:
