@@ -108,6 +108,27 @@ def test_filter_writes_estimates_with_std(fitted, daest):
     assert code == 0 and out.splitlines()[0] == "time,x,x.std" and len(out.splitlines()) == 301
 
 
+def test_filter_needs_the_size_of_every_noise(folder, daest):
+    (folder / "Lag.mo").write_text(LAG.replace(" annotation(__Daest(std = 0.02))", ""))
+    status, _, err = daest("filter", "run1.csv", "--model", "Lag.mo")
+    assert status == 2 and "error[filter-noise-unknown]" in err and "[noise.measurement]" in err
+    assert not (folder / "results").exists()
+
+
+def test_filter_runs_over_one_recording(folder, daest):
+    (folder / "daest.toml").write_text(
+        PROJECT.replace('validate = ["run2.csv"]', 'validate = ["run1.csv", "run2.csv"]')
+    )
+    status, _, err = daest("filter")
+    assert status == 2 and "error[filter-one-recording]" in err and "run1, run2" in err
+
+
+def test_models_without_common_outputs_are_not_compared(folder, daest):
+    (folder / "Other.mo").write_text(LAG.replace("Lag", "Other").replace(" y", " z"))
+    status, _, err = daest("compare", "Lag.mo", "Other.mo", "--data", "run1.csv")
+    assert status == 2 and "error[compare-missing-output]" in err and "Other.mo" in err
+
+
 def test_filter_figure_and_text(fitted, daest):
     code, out, _ = daest("filter", "--plot", "f.pdf")
     assert code == 0 and "normalised innovations squared" in out

@@ -89,7 +89,10 @@ def _noise(noise: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> RenderableTy
 
 
 def _direction(direction: Mapping[str, Any]) -> str:
-    product = " · ".join(f"{name}^{number(e, 3)}" for name, e in direction["combination"].items())
+    product = " · ".join(
+        name if exponent == 1 else f"{name}^{number(exponent, 3)}"
+        for name, exponent in direction["combination"].items()
+    )
     relative = direction["relative_std"]
     size = "without limit" if relative is None else f"by a factor of 1 ± {number(relative, 2)}"
     return f"along {product} everything may move {size}"
