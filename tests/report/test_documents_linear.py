@@ -30,9 +30,7 @@ def flat() -> FlatModel:
     residual = [der[0] - omega, m * der[1] - (u - d * omega + w[0]), copy - (phi + w[1]), rate - der[2]]
     return FlatModel(
         name="Cart",
-        unknowns=tuple(
-            Variable(n, unit) for n, unit in zip(("phi", "omega", "copy", "rate"), "abcd", strict=True)
-        ),
+        unknowns=(Variable("phi", "a"), Variable("omega", "b"), Variable("copy"), Variable("rate")),
         inputs=(Variable("u", "N"),),
         noises=(NoiseInput("w", 1.0), NoiseInput("v", 1.0)),
         parameters=(Parameter("m", 2.0, "kg", min=0.0), Parameter("d", 0.5, estimate=True)),
@@ -65,8 +63,8 @@ def test_linearize_document(flat: FlatModel) -> None:
         )
     )
     contract = (
-        "equations unknowns inputs outputs noises units parameters E J K B C D n_equations n_dynamic index poles "
-        "transfer_functions theta source cross_check"
+        "equations unknowns inputs outputs noises units parameters E J K B C D n_equations n_dynamic index "
+        "poles transfer_functions theta source cross_check"
     )
     assert set(contract.split()) <= set(found)
     assert found["schema"] == "daest/linearize/1"

@@ -599,6 +599,11 @@ EXPLANATIONS: dict[str, str] = {
         "The split divides every recording into a first part for the estimation and a rest for the "
         "validation; it is the share of the first part, between 0 and 1."
     ),
+    "standard-form-ill-conditioned": (
+        "The model is so badly scaled that its dynamic and its algebraic part cannot be separated in double "
+        "precision: a time constant or a stiffness differs from the others by more than ten orders of "
+        "magnitude. Check the units of the parameters, or leave the very fast part out."
+    ),
     "start-outside-bounds": (
         "The start value of a parameter lies outside its bounds (min, max). Change one of them; daest does "
         "not move a start value silently."

@@ -65,12 +65,10 @@ def warning(decision: RankDecision) -> str:
     if not is_doubtful(decision):
         return ""
     kept = decision.singular_values[decision.rank - 1]
-    dropped = (
-        decision.singular_values[decision.rank] if decision.rank < len(decision.singular_values) else 0.0
-    )
+    dropped = next(iter(decision.singular_values[decision.rank :]), 0.0)
     return (
-        f"{decision.what}: rank {decision.rank} is doubtful, since the smallest number kept is {kept:.1e}, the "
-        f"largest dropped {dropped:.1e} and the threshold {decision.threshold:.1e}."
+        f"{decision.what}: rank {decision.rank} is doubtful, since the smallest number kept is {kept:.1e}, "
+        f"the largest dropped {dropped:.1e} and the threshold {decision.threshold:.1e}."
     )
 
 

@@ -48,7 +48,7 @@ class NoiseGains:
 
     def part(self, i: int, b: np.ndarray) -> np.ndarray:
         """maps[i] b (n,), rounding errors set to zero."""
-        value = self.maps[i] @ b
+        value = self._product(i, b)
         limit = (NO_NOISE if i else default_tolerance(len(b))) * self.largest[i]
         return np.where(np.abs(value) > limit * np.linalg.norm(self.rows * b) * self.columns, value, 0.0)
 
@@ -56,7 +56,12 @@ class NoiseGains:
         """Size of the first derivative of the noise in ξ, scaled; 1 is the most that one equation could
         give."""
         size = np.linalg.norm(self.rows * b) * self.largest[1] if len(self.maps) > 1 else 0.0
-        return float(np.linalg.norm(self.maps[1] @ b / self.columns) / size) if size > 0 else 0.0
+        return float(np.linalg.norm(self._product(1, b) / self.columns) / size) if size > 0 else 0.0
+
+    def _product(self, i: int, b: np.ndarray) -> np.ndarray:
+        """maps[i] b over the few equations that b acts on."""
+        used = np.flatnonzero(b)
+        return self.maps[i][:, used] @ b[used]
 
 
 def in_outputs(C: np.ndarray, unknowns: np.ndarray) -> np.ndarray:

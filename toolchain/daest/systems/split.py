@@ -28,8 +28,9 @@ LISTED = 8
 NULL_VECTOR_SHARE = 0.05
 """Equations with at least this part of the largest entry of a null vector are named."""
 
-WORST_BASIS = 1e-7
-"""Smallest ratio of the diagonal of R for which z2 is made orthonormal off the dynamic subspace."""
+WORST_BASIS = 1e6
+"""Condition up to which z2 is made orthonormal off the dynamic subspace; that many digits of P and N are
+lost."""
 
 
 @dataclass(frozen=True)
@@ -274,13 +275,22 @@ def _solve_left(form: StandardForm, dae: LinearDAE, row_scales: np.ndarray) -> S
     P is unique once Q is chosen. Solving for it anew, in the units of the model, keeps its small rows and
     its zeros, which products of orthogonal matrices blur to the size of the largest entries. What
     rounding could have made, eps |P| |M| |P| in P and relative to the sums in A, becomes zero.
+
+    Raises NumericalError `standard-form-ill-conditioned` when [E Q1, J Q2] is singular to rounding.
     """
     n1 = form.n_dynamic
     E, J = sp.csr_array(dae.E), sp.csr_array(dae.J)
     M = np.hstack([E @ form.right[:, :n1], J @ form.right[:, n1:]])
     M *= row_scales[:, None]
     column_scales = np.exp2(-np.round(np.log2(np.abs(M).max(axis=0))))
-    inverse = spla.splu(sp.csc_array(M * column_scales)).solve(np.eye(dae.n))
+    try:
+        inverse = spla.splu(sp.csc_array(M * column_scales)).solve(np.eye(dae.n))
+    except RuntimeError as error:  # the way in which SuperLU tells of a zero pivot
+        raise NumericalError(
+            "standard-form-ill-conditioned",
+            f"the {n1} finite modes that the rank decisions leave cannot be told from the algebraic part",
+            remedy="check the parameters for values that are many orders of magnitude too large or too small",
+        ) from error
     size = np.abs(inverse)
     rounding = default_tolerance(1) * (size @ np.abs(M * column_scales) @ size)
     inverse = np.where(size > rounding, inverse, 0.0)
@@ -302,11 +312,16 @@ def _scale_infinite(form: StandardForm) -> StandardForm:
     if Q2.shape[1] == 0:
         return form
     R = sla.qr(Q2 - Q1 @ (Q1.T @ Q2), mode="r")[0][: Q2.shape[1]]
-    diagonal = np.abs(np.diag(R))
-    if diagonal.min() < WORST_BASIS * diagonal.max():
+    if not np.all(np.diag(R)) or _skeel_condition(R) > WORST_BASIS:
         return form
     left, right = form.left.copy(), form.right.copy()
     left[n1:] = R @ left[n1:]
     right[:, n1:] = sla.solve_triangular(R, Q2.T, trans="T").T
     N = sla.solve_triangular(R, (R @ form.N).T, trans="T").T
     return replace(form, left=left, right=right, N=np.where(np.triu(np.ones_like(N), 1) > 0, N, 0.0))
+
+
+def _skeel_condition(R: np.ndarray) -> float:
+    """Largest row sum of |R⁻¹| |R| for a triangular R: a condition number that does not see row scaling."""
+    inverse = sla.solve_triangular(R, np.eye(len(R)))
+    return float(np.max(np.abs(inverse) @ np.abs(R).sum(axis=1)))
