@@ -115,7 +115,9 @@ def multisine(n_samples, period, seed, top=3.0, amplitude=6.0):
     return amplitude * signal / np.max(np.abs(signal))
 
 
-def recording(model, u, measurement_std, seed, x0=None, name="simulated", output_names=("omega", "phi")):
+def recording(
+    model, u, measurement_std, seed, x0=None, name="simulated", inputs=("u",), outputs=("omega", "phi")
+):
     """Experiment from a DiscreteModel by the plain loop, with its process noise and white measurement
     noise.
     """
@@ -132,4 +134,4 @@ def recording(model, u, measurement_std, seed, x0=None, name="simulated", output
     y = np.array(states) @ model.output.T + u @ model.feedthrough.T + model.output_offset
     y = y + np.asarray(measurement_std) * rng.standard_normal(y.shape)
     time = model.period * np.arange(len(u))
-    return Experiment(name, time, u, y, ("u",), tuple(output_names))
+    return Experiment(name, time, u, y, tuple(inputs), tuple(outputs))

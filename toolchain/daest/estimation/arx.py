@@ -34,7 +34,9 @@ SLOWEST_POLE = (
     1e-3  # of the lowest frequency: poles of the prefilter are at least this far in the left half plane
 )
 MATCH_WEIGHT = 1e4  # of the relative squared mismatch, so that the search stops at 1e-5 of it
-MATCH_STARTS = 8
+MATCH_STARTS = 20
+SHORT_MATCH = 8  # iterations from every start; the best MATCH_FINALISTS then go on
+MATCH_FINALISTS = 3
 MATCH_SPREAD = np.log(10.0)
 MATCH_ITERATIONS = 40
 
@@ -77,9 +79,8 @@ class TransferEstimate:
 
 def fit_long_arx(record: Record, output: int, order: int | None = None) -> LongArx:
     """Least squares; the order is limited by the number of samples. Missing outputs are bridged by straight
-    lines, which is good enough for start values. Error `arx-needs-uniform-samples`.
+    lines, which is good enough for start values. The record must have a period.
     """
-    _check_uniform(record)
     n_u = record.inputs.shape[1]
     order = order or max(2, min(LONG_ORDER, record.n_samples // (SAMPLES_PER_COEFFICIENT * (1 + n_u))))
     y, u, n_samples = _bridged(record, output), record.inputs, record.n_samples
@@ -113,6 +114,7 @@ def fit_transfer_function(
         )
     j = known_name(output, [o.name for o in family.outputs], "output")
     record = make_record(experiment, family)
+    _check_uniform(record)
     theta = np.array([p.value for p in family.parameters])
     return _transfer_function(family, record, j, orders or physical_orders(state_space(family, theta), j))
 
@@ -336,8 +338,9 @@ def _match(family: StateSpaceFamily, record: Record, unknowns: Unknowns, seed: i
     rng = np.random.default_rng(seed)
     lower, upper, start = unknowns.lower, unknowns.upper, unknowns.start
     others = start + rng.uniform(-MATCH_SPREAD, MATCH_SPREAD, (MATCH_STARTS, start.size))
-    found = [minimise(objective, z, lower, upper, MATCH_ITERATIONS) for z in (start, *others)]
-    ended = [f for f in found if f is not None]
+    short = [minimise(objective, z, lower, upper, SHORT_MATCH) for z in (start, *others)]
+    best = sorted((f for f in short if f is not None), key=lambda f: f.evaluation.value)[:MATCH_FINALISTS]
+    ended = [minimise(objective, f.z, lower, upper, MATCH_ITERATIONS) or f for f in best]
     return min(ended, key=lambda f: f.evaluation.value).z if ended else None
 
 

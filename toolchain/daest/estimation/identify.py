@@ -235,13 +235,13 @@ def _search(setup: Setup, options: IdentifyOptions) -> tuple[Problem, list[Found
     """The problem that was searched, and the end of the search from every start, best first."""
     unknowns = setup.problem.unknowns
     pairs = [_search_from(setup, unknowns.start, options.max_iterations)]
-    is_doubtful = pairs[0] is None or not _is_white(setup.method, *pairs[0])
-    n_random = max(options.starts - 1, DOUBT_STARTS if is_doubtful else 0)
-    if n_random:
+    if options.starts > 1 or _is_doubtful(setup, pairs[0]):
         matched = matched_start(setup.problem, options.seed)
-        starts = _random_starts(unknowns, n_random, options.seed)
-        starts += [] if matched is None else [matched]
-        pairs += [_search_from(setup, z, options.max_iterations) for z in starts]
+        random = _random_starts(unknowns, max(options.starts - 1, DOUBT_STARTS), options.seed)
+        for z in [*([] if matched is None else [matched]), *random]:
+            pairs.append(_search_from(setup, z, options.max_iterations))
+            if options.starts == 1 and not _is_doubtful(setup, pairs[-1]):
+                break
     ended = [pair for pair in pairs if pair is not None]
     if not ended:
         check_start(unknowns, None, 0)
@@ -264,7 +264,7 @@ def _search_from(setup: Setup, z: np.ndarray, max_iterations: int) -> tuple[Prob
         if found is None:
             return None
         iterations += found.iterations
-        better = better_noise(noisy, found.z, found.evaluation.value)
+        better = better_noise(noisy, found.z, found.evaluation)
         if better is None or iterations >= max_iterations:
             break
         z = better
@@ -282,12 +282,15 @@ def _random_starts(unknowns: Unknowns, count: int, seed: int) -> list[np.ndarray
     return [rng.uniform(low, high) for _ in range(count)]
 
 
-def _is_white(method: Method, problem: Problem, found: Found) -> bool:
-    """Whether the residuals at the end of a search give no reason to look for a better optimum."""
-    parts, _, _ = end_scores(problem, method, found.z)
+def _is_doubtful(setup: Setup, pair: tuple[Problem, Found] | None) -> bool:
+    """Whether the residuals at the end of a search are not white, so that a better optimum may exist."""
+    if pair is None:
+        return True
+    problem, found = pair
+    parts, _, _ = end_scores(problem, setup.method, found.z)
     p_values = [
         whiteness_p_value(part.residuals[:, j], record.observed[:, j])
         for part, record in zip(parts, problem.records, strict=True)
         for j in range(record.observed.shape[1])
     ]
-    return min(p_values) * len(p_values) > WHITE_LEVEL
+    return min(p_values) * len(p_values) <= WHITE_LEVEL

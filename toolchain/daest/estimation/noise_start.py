@@ -12,6 +12,7 @@ import numpy as np
 from daest.estimation import likelihood
 from daest.estimation.coordinates import Coordinate, Unknowns
 from daest.estimation.output_error import SMALLEST_STD, Problem, simulate
+from daest.estimation.search import Evaluation
 from daest.numerics.exponential import covariance_integral, transition_integrals
 from daest.systems.state_space import state_space
 
@@ -30,6 +31,7 @@ SCAN_DECADES = (
 )  # of the intensity that would explain all of the residual
 LOWEST_DECADE = -10  # bound of the search: less noise than that is none
 HIGHEST_DECADE = 3
+SETTLED_INFORMATION = 1.0  # about log(noise), above which a noise does not rest in the flat part
 WORTHWHILE_GAIN = 1e-2  # of log-likelihood, for which a search is taken up again
 LONGEST_GROWTH = 1000  # periods over which process noise is let grow to see what it does to the outputs
 
@@ -78,15 +80,15 @@ def with_noise(
     return best[1] if best else trial
 
 
-def better_noise(problem: Problem, z: np.ndarray, value: float) -> np.ndarray | None:
-    """A point that differs from z in one noise and has a negative log-likelihood below `value`, or None.
+def better_noise(problem: Problem, z: np.ndarray, here: Evaluation) -> np.ndarray | None:
+    """A point that differs from z in one noise and has a smaller value than `here`, or None.
 
     On a logarithmic scale the likelihood is flat towards zero noise, so that a search can come to rest there
-    although more noise would be better. Every noise is tried decade by decade.
+    although more noise would be better. Noises with hardly any information are tried decade by decade.
     """
-    objective, best, better = likelihood.objective(problem), value - WORTHWHILE_GAIN, None
+    objective, best, better = likelihood.objective(problem), here.value - WORTHWHILE_GAIN, None
     for i, coordinate in enumerate(problem.unknowns.coordinates):
-        if coordinate.kind == "parameter":
+        if coordinate.kind == "parameter" or here.information[i, i] > SETTLED_INFORMATION:
             continue
         for decade in range(HIGHEST_DECADE - LOWEST_DECADE + 1):
             trial = z.copy()

@@ -1,0 +1,148 @@
+"""ARX models and start values: the report's way to k, (9)-(11), on simulated data of the report's plant."""
+
+from dataclasses import replace
+
+import casadi as ca
+import hand_models as hand
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from daest.errors import EXPLANATIONS, EstimationError
+from daest.estimation.arx import (
+    fit_long_arx,
+    fit_transfer_function,
+    physical_orders,
+    start_values_from_arx,
+)
+from daest.estimation.records import make_record
+from daest.model.experiment import Experiment
+from daest.model.flat import Parameter
+from daest.systems.sample import sample
+from daest.systems.state_space import state_space
+
+# Table 1 of the report, with its sign: u > 0 turns the speed negative.
+REPORT = {"d": 5.87e-4, "c": 0.0341, "J1": 6.30e-6, "J2": 4.17e-4, "R": 4.60, "k": -0.0599, "n": 30.0}
+
+
+def theta_of(family, values):
+    return np.array([values[p.name] for p in family.parameters])
+
+
+def report_data(period=0.05, n_samples=1600, seed=3, std=(0.02, 0.01)):
+    family = hand.servo(REPORT, sign=-1.0)
+    u = hand.multisine(n_samples, period, 1, top=6.0)[:, None]
+    return hand.recording(
+        sample(state_space(family, theta_of(family, REPORT)), period), u, std, seed, x0=[1.0, 0.1, 0.0, 0.5]
+    )
+
+
+def test_orders_are_those_of_the_report():
+    family = hand.servo(REPORT, sign=-1.0)
+    ss = state_space(family, theta_of(family, REPORT))
+    # Three poles and two zeros to the speed (10); one more pole, at zero, and one zero less to the angle.
+    assert physical_orders(ss, 0) == (3, 2)
+    assert physical_orders(ss, 1) == (4, 1)
+
+
+def test_static_gain_of_the_transfer_function_gives_k():
+    family = hand.servo({**REPORT, "k": -0.2}, sign=-1.0)
+    estimate = fit_transfer_function(family, report_data(), "omega")
+    # (11): k = a0 / (-30 b0).
+    assert -1.0 / (30.0 * estimate.static_gain) == pytest.approx(-0.0599, abs=5e-4)
+    assert estimate.fit_percent > 95.0
+
+
+def test_transfer_function_has_the_physical_poles():
+    family = hand.servo(REPORT, sign=-1.0)
+    # With 0.02 rad/s of noise the resonance, almost cancelled by zeros, does not show in the speed.
+    estimate = fit_transfer_function(family, report_data(std=(1e-3, 1e-3)), "omega")
+    poles = np.sort_complex(np.roots(estimate.den))
+    expected = np.sort_complex(
+        [p for p in np.linalg.eigvals(state_space(family, theta_of(family, REPORT)).A) if abs(p) > 1e-6]
+    )
+    assert np.all(np.abs(poles - expected) < 0.02 * np.abs(expected))
+
+
+def test_start_value_of_k_is_about_minus_six_hundredths():
+    family = hand.servo({**REPORT, "k": -0.2}, sign=-1.0)
+    start = start_values_from_arx(family, report_data(), ["k"])
+    assert start == {"k": pytest.approx(-0.06, abs=5e-4)}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_all_parameters_start_near_the_truth_from_far_away(seed):
+    names = ("d", "c", "J1", "J2", "k")
+    factors = 10.0 ** np.random.default_rng(seed).choice([-1, 1], 5)
+    far = {n: REPORT[n] * f for n, f in zip(names, factors, strict=True)}
+    start = start_values_from_arx(hand.servo({**REPORT, **far}, sign=-1.0), report_data(), names)
+    assert start["k"] == pytest.approx(REPORT["k"], rel=0.02)
+    assert start["J1"] == pytest.approx(REPORT["J1"], rel=0.1)
+    # Spring, damper and disc are known only up to a common factor: their ratios.
+    assert start["c"] / start["J2"] == pytest.approx(REPORT["c"] / REPORT["J2"], rel=0.05)
+    assert start["d"] / start["J2"] == pytest.approx(REPORT["d"] / REPORT["J2"], rel=0.2)
+
+
+def test_long_arx_finds_the_response_of_a_known_filter():
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(6000)
+    a, b = np.array([1.0, -1.5, 0.7]), np.array([0.0, 1.0, 0.5])
+    y = lfilter(b, a, u) + lfilter([0.05], a, rng.standard_normal(6000)) + 3.0
+    family = hand.servo(REPORT, outputs=("omega",))
+    record = make_record(
+        Experiment("filter", 0.1 * np.arange(6000), u[:, None], y[:, None], ("u",), ("omega",)), family
+    )
+    arx = fit_long_arx(record, 0, order=4)
+    omega = np.linspace(0.1, 30.0, 50)
+    z = np.exp(-0.1j * omega)
+    expected = (z + 0.5 * z**2) / (1 - 1.5 * z + 0.7 * z**2)
+    assert np.allclose(arx.response(omega)[:, 0], expected, rtol=0.02)
+
+
+def test_gaps_do_not_spoil_the_start_values():
+    run = report_data()
+    holes = np.where(np.random.default_rng(1).random(run.outputs.shape) < 0.1, np.nan, run.outputs)
+    family = hand.servo({**REPORT, "k": -0.2}, sign=-1.0)
+    start = start_values_from_arx(family, replace(run, outputs=holes), ["k"])
+    assert start["k"] == pytest.approx(-0.0599, rel=0.03)
+
+
+def two_inputs():
+    return hand.family_from(
+        [("x", "1")], ["u", "v"], [], ["y"], [Parameter("a", 9.0, min=0.0), Parameter("g", 0.1, min=0.0)],
+        lambda x, u, w, p: ca.vertcat(-p[0] * x[0] + u[0] + p[1] * u[1]), lambda x, u, w, p: x[0],
+    )  # fmt: skip
+
+
+def test_two_inputs_are_told_apart():
+    family = two_inputs()
+    rng = np.random.default_rng(2)
+    u = rng.standard_normal((3000, 2))
+    model = sample(state_space(family, np.array([2.0, 0.7])), 0.1)
+    run = hand.recording(model, u, [0.02], 1, inputs=("u", "v"), outputs=("y",))
+    start = start_values_from_arx(family, run, ["a", "g"])
+    assert start["a"] == pytest.approx(2.0, rel=0.1)
+    assert start["g"] == pytest.approx(0.7, rel=0.1)
+
+
+def uneven(run):
+    shaken = run.time + 0.01 * np.random.default_rng(0).random(run.time.size)
+    return replace(run, time=shaken)
+
+
+REFUSALS = {
+    "arx-needs-uniform-samples": lambda: fit_transfer_function(
+        hand.servo(REPORT), uneven(report_data(n_samples=200)), "omega"
+    ),
+    "arx-one-input": lambda: fit_transfer_function(two_inputs(), report_data(n_samples=200), "y"),
+    "unknown-output": lambda: fit_transfer_function(hand.servo(REPORT), report_data(n_samples=200), "speed"),
+    "unknown-parameter": lambda: start_values_from_arx(hand.servo(REPORT), report_data(n_samples=200), ["K"]),
+}
+
+
+@pytest.mark.parametrize("code", REFUSALS)
+def test_refusals(code):
+    with pytest.raises(EstimationError) as caught:
+        REFUSALS[code]()
+    assert caught.value.code == code
+    assert code in EXPLANATIONS
