@@ -119,13 +119,29 @@ CASES = {
         "Write the function in Modelica",
     ),
     "while": (
-        "model M\n function f input Real x; output Real y; algorithm y := x; while y > 1 loop y := y/2; "
-        "end while;"
-        " end f;\n Real x;\nequation\n x = f(time);\nend M;",
+        "model M\n function f input Real x; output Real y; algorithm y := x;\n  while y > 1 loop y := y/2;"
+        " end while; end f;\n Real x;\nequation\n x = f(time);\nend M;",
         "model-function",
-        (2, 11),
-        "`f`",
-        "while",
+        (3, 9),
+        "`while y > 1` depends on variables",
+        "constants only",
+    ),
+    "return": (
+        "model M\n function f input Real x; output Real y; algorithm y := x;\n  if y > 1 then return; end if;"
+        " y := 1; end f;\n Real x;\nequation\n x = f(time);\nend M;",
+        "model-function",
+        (3, 6),
+        "`return` depends on `y > 1`",
+        "constants only",
+    ),
+    "algorithm that cannot be read": (
+        "model M\n function f input Real x; output Real y; algorithm y := x; while false loop y :=; end "
+        "while;"
+        " end f;\n Real x;\nequation\n x = f(time);\nend M;",
+        "model-syntax",
+        None,
+        "",
+        "",
     ),
     "recursion": (
         "model M\n function f input Real n; output Real y; algorithm if n <= 1 then y := 1; else y := "

@@ -116,6 +116,37 @@ FUNCTIONS = {
         "f(x) + g(y)",
         3 * X + 1 + (2 * Y + 1) + 4 * Y,
     ),
+    "while, break and return on constants": (
+        "function f input Real a; output Real b; protected Integer n = 0; algorithm b := a; while true loop"
+        " n := n + 1; b := b*a; if n >= 3 then break; end if; end while; if n == 3 then return; end if; b "
+        ":= 0;"
+        " end f;",
+        "f(x)",
+        X**4,
+    ),
+    "several iterators, array elements, a call of another function": (
+        "function g input Real a; output Real b; output Real c; algorithm b := a^2; c := 1; end g;"
+        "function f input Real a; output Real s; output Real[2] t; protected Real h; Real k; algorithm s "
+        ":= 0;"
+        " t := zeros(2); for i in 1:2, j in {1, 3} loop (h, k) := g(a); t[i] := t[i] + j*h + (if i > 1 "
+        "then k else"
+        " 0); end for; s := sum(t[i]*i for i in 1:2) + t[1:2]*{1, 10}; end f;",
+        "f(x)",
+        (4 * X**2 + 2 * (4 * X**2 + 2)) + (4 * X**2 + 10 * (4 * X**2 + 2)),
+    ),
+    "record argument of a function with while": (
+        "record R Real a; Real b; end R; function f input R q; output Real y; protected Integer i = 1;"
+        " algorithm y := q.a; while i < 3 loop y := y*q.b; i := i + 1; end while; end f;",
+        "f(R(x, y))",
+        X * Y**2,
+    ),
+    "recursion on a constant": (
+        "function f input Integer n; output Real b; algorithm if n <= 1 then b := 1; else b := n*f(n - 1); "
+        "end if;"
+        " end f;",
+        "f(5)*x",
+        120 * X,
+    ),
     "array result": (
         "function f input Real a; output Real b[2]; algorithm b[1] := a; b[2] := 2*a; end f;",
         "f(x)*{1, 10}",

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any, Literal, TypeGuard
 
+from daest.errors import ModelError
 from daest.modelica import syntax as s
 
 _BINARY = {
@@ -280,8 +281,14 @@ def _names(node: Any) -> Iterable[str]:
 
 
 def expression(node: dict[str, Any]) -> s.Node:
-    """The tree of one expression. An unknown node kind is an internal error and raises KeyError."""
+    """The tree of one expression. Raises ModelError for a kind of node that has no meaning here."""
     kind, value = next(iter(node.items()))
+    if kind not in _EXPRESSIONS:
+        raise ModelError(
+            "model-unsupported",
+            f"an expression of the kind `{kind}` is not supported",
+            remedy="Write it with operators, functions and if-expressions.",
+        )
     return _EXPRESSIONS[kind](value, span(value.get("span")))
 
 

@@ -23,7 +23,11 @@ from daest.modelica.tokens import Token, place_of, tokens
 Role = Literal["parameter", "input", "output", "variable"]
 
 KEYS: dict[Role, tuple[str, ...]] = {
-    "parameter": ("estimate", "scale", "min", "max"),
+    # The second row is read by the catalogue of effects.
+    "parameter": (
+        *("estimate", "scale", "min", "max"),
+        *("role", "null", "grid", "of", "from", "required"),
+    ),
     "input": ("noise", "intensity", "estimate"),
     "output": ("std", "estimate"),
     "variable": (),

@@ -13,10 +13,20 @@ from typing import Any, TypeVar
 
 import rumoca
 
+from daest.errors import ModelError
 from daest.modelica import adapter, failures
 from daest.modelica import syntax as s
+from daest.modelica.function_text import (
+    FunctionText,
+    called_functions,
+    find_function,
+    hidden,
+    read_function,
+    with_body,
+)
 from daest.modelica.outline import within
-from daest.modelica.tokens import check_depth
+from daest.modelica.parse import ParseError
+from daest.modelica.tokens import check_depth, place_of
 
 T = TypeVar("T")
 
@@ -73,10 +83,69 @@ def with_room(work: Callable[[], T]) -> T:
 def compile_source(job: Job) -> s.FlatSource:
     """The flat form of a job, also when its equations and unknowns differ in number. Raises ModelError."""
     check_depth(str(job.path), job.text)
+    found: list[FunctionText] = []
+    shown = job
+    while True:
+        try:
+            return _with_bodies(_balanced(shown), found, job)
+        except failures.RefusedFunction as problem:
+            function = find_function(shown.text, problem.name)
+            if function is None:
+                raise
+            found.append(function)
+            shown = replace(shown, text=hidden(shown.text, function))
+
+
+def _balanced(job: Job) -> s.FlatSource:
     try:
         return _compiled(job, _wrapper(job))
     except failures.Unbalanced as problem:
         return _padded(job, problem)
+
+
+def _with_bodies(source: s.FlatSource, found: list[FunctionText], job: Job) -> s.FlatSource:
+    """The flat source with the algorithms of functions that were hidden from the compiler, and the true
+    text."""
+    if not found:
+        return source
+    functions = dict(source.functions)
+    for text in found:
+        for name, function in source.functions.items():
+            if name.rpartition(".")[2] == text.name and function.is_external:
+                functions[name] = _parsed(text, job, source.own[0], function)
+    _add_called(functions, job, source.own[0])
+    texts = {**source.texts, **{number: (str(job.path), job.text) for number in source.own}}
+    return replace(source, functions=functions, texts=texts)
+
+
+def _add_called(functions: dict[str, s.Function], job: Job, own: int) -> None:
+    """Functions that only hidden algorithms call, read from the text."""
+    todo = [name for function in functions.values() for name in called_functions(function.body)]
+    while todo:
+        name = todo.pop()
+        short = name.rpartition(".")[2]
+        if name in functions or any(known.rpartition(".")[2] == short for known in functions):
+            continue
+        text = find_function(job.text, name)
+        if text is not None:
+            functions[text.name] = _parsed(text, job, own)
+            todo += called_functions(functions[text.name].body)
+
+
+def _parsed(text: FunctionText, job: Job, own: int, function: s.Function | None = None) -> s.Function:
+    """A function with the algorithm of the text, and with the declarations of the compiler if it has them."""
+    try:
+        if function is None:
+            return read_function(text, job.text, own)
+        return with_body(function, text, job.text, own)
+    except ParseError as problem:
+        at = problem.token.start if problem.token else text.start
+        raise ModelError(
+            "model-function",
+            f"function `{text.name}` cannot be read: {problem}",
+            where=place_of(str(job.path), job.text, at),
+            remedy="Use assignments, if, for, while, break and return, and arguments by position.",
+        ) from None
 
 
 def _padded(job: Job, problem: failures.Unbalanced) -> s.FlatSource:

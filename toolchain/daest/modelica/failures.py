@@ -19,6 +19,14 @@ _BYTE = re.compile(r"start: BytePos\((\d+)\)")
 _POSITION = re.compile(r"╭─\[.*?:(\d+):(\d+)\]")
 
 
+class RefusedFunction(ModelError):
+    """The compiler does not take the algorithm of function `name`."""
+
+    def __init__(self, name: str, what: str, where: Place | str, remedy: str) -> None:
+        super().__init__("model-function", what, where=where, remedy=remedy)
+        self.name = name
+
+
 class Unbalanced(ModelError):
     """Equations and unknowns differ in number, by the compiler's count."""
 
@@ -200,11 +208,11 @@ _CONSTRUCTS = (
 def _function(name: str, why: str, path: Path, text: bytes) -> ModelError:
     short = name.rpartition(".")[2]
     heads = [head for head in class_heads(text) if head.name.rpartition(".")[2] == short]
-    return ModelError(
-        "model-function",
+    return RefusedFunction(
+        name,
         f"function `{name}` cannot be executed: it {why}",
-        where=place_of(str(path), text, heads[0].start) if heads else str(path),
-        remedy="Assign every output; use for-loops over one constant range; no `while`, `break` or `return`.",
+        place_of(str(path), text, heads[0].start) if heads else str(path),
+        "Assign every output; use for-loops over one constant range; no `while`, `break` or `return`.",
     )
 
 

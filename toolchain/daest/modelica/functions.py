@@ -43,8 +43,8 @@ class FunctionLibrary:
         self, name: str, arguments: Sequence[Value], constructor: bool, evaluator: Evaluator
     ) -> tuple[Value, ...]:
         """The results of function `name`. Raises ModelError naming the call where it cannot be run."""
-        function = self.functions.get(name)
         last = name.rpartition(".")[2]
+        function = self.functions.get(name) or self._by_last_part(last)
         if function is None or function.is_external:
             if last in BUILTINS:
                 return (BUILTINS[last](arguments),)
@@ -63,6 +63,11 @@ class FunctionLibrary:
             return _Run(self, function, evaluator).results(arguments)
         finally:
             self.depth -= 1
+
+    def _by_last_part(self, last: str) -> s.Function | None:
+        """The only function whose name ends so: source text names a function relative to where it stands."""
+        found = [function for name, function in self.functions.items() if name.rpartition(".")[2] == last]
+        return found[0] if len(found) == 1 else None
 
 
 def run_algorithm(
@@ -126,7 +131,11 @@ class _Run:
 
     def lookup(self, name: str) -> Value | None:
         if name not in self.frame:
-            return self.library.constants(name)
+            # The compiler splits a record argument `r` into one argument per field, `r_a` for `r.a`.
+            split = name.replace(".", "_")
+            if split not in self.frame:
+                return self.library.constants(name)
+            name = split
         value = self.frame[name]
         if value is None or _has_gaps(value):
             raise self._error(f"`{name}` is used before it has a value", None)

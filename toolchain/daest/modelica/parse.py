@@ -1,15 +1,17 @@
-"""Expressions in annotation text, by precedence climbing (Modelica Language Specification 2.6 and appendix
+"""Expressions in source text, by precedence climbing (Modelica Language Specification 2.6 and appendix
 A)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from daest.modelica import syntax as s
+from daest.modelica.operators import BUILTINS, REFUSED
 from daest.modelica.tokens import Token
 
 _BINARY = {"or": 1, "and": 2, "<": 4, "<=": 4, ">": 4, ">=": 4, "==": 4, "<>": 4}
 _BINARY |= {"+": 5, "-": 5, ".+": 5, ".-": 5, "*": 6, "/": 6, ".*": 6, "./": 6, "^": 7, ".^": 7}
+_RANGE = 5  # parts of a range bind as tightly as a sum
 
 
 class ParseError(ValueError):
@@ -22,14 +24,20 @@ class ParseError(ValueError):
 
 @dataclass
 class Parser:
-    """Reads expressions from a list of tokens, from position `at` on."""
+    """Reads expressions from a list of tokens, from position `at` on. Spans carry the number `source`."""
 
     tokens: list[Token]
     at: int = 0
+    source: int | None = None
+    _indexed: list[tuple[str, int]] = field(default_factory=list)  # arrays around `end`, with the dimension
 
     @property
     def next(self) -> Token | None:
         return self.tokens[self.at] if self.at < len(self.tokens) else None
+
+    def sees(self, *texts: str) -> bool:
+        """Whether the next token is one of `texts`."""
+        return self.next is not None and self.next.text in texts
 
     def take(self, text: str | None = None) -> Token:
         """The next token, which must be `text` if given."""
@@ -41,55 +49,164 @@ class Parser:
         self.at += 1
         return token
 
-    def expression(self, loosest: int = 1) -> s.Node:
+    def span(self, first: Token) -> s.Span | None:
+        """From `first` to the token before the next one."""
+        if self.source is None:
+            return None
+        return s.Span(self.source, first.start, self.tokens[self.at - 1].end)
+
+    def expression(self) -> s.Node:
+        """An expression, a range among them."""
+        if self.sees("if"):
+            return self._conditional()
+        start = self.binary(1)
+        if not self.sees(":"):
+            return start
+        self.take()
+        second = self.binary(_RANGE)
+        if not self.sees(":"):
+            return s.Range(start, None, second)
+        self.take()
+        return s.Range(start, second, self.binary(_RANGE))
+
+    def _conditional(self) -> s.Node:
+        branches = []
+        first = self.take("if")
+        while True:
+            condition = self.expression()
+            self.take("then")
+            branches.append((condition, self.expression()))
+            if not self.sees("elseif"):
+                break
+            self.take()
+        self.take("else")
+        otherwise = self.expression()
+        return s.Conditional(tuple(branches), otherwise, self.span(first))
+
+    def binary(self, loosest: int) -> s.Node:
+        """Operands joined by operators of at least the precedence `loosest`."""
+        first = self.next
         left = self._operand()
         while (token := self.next) is not None and _BINARY.get(token.text, 0) >= loosest:
             self.take()
-            left = s.Binary(token.text, left, self.expression(_BINARY[token.text] + 1))
+            right = self.binary(_BINARY[token.text] + 1)
+            left = s.Binary(token.text, left, right, self.span(first or token))
         return left
 
     def _operand(self) -> s.Node:
         token = self.take()
         if token.text in ("-", "+"):
-            return s.Unary(token.text, self.expression(6))
+            return s.Unary(token.text, self.binary(6), self.span(token))
         if token.text == "not":
-            return s.Unary("not", self.expression(4))
+            return s.Unary("not", self.binary(4), self.span(token))
         if token.text == "(":
             inner = self.expression()
             self.take(")")
             return inner
         if token.text == "{":
-            return s.Array(self._list("}"))
+            return self._braces()
+        if token.text == "[":
+            return self._matrix()
         if token.kind == "number":
-            is_whole = token.text.isdigit()
-            return s.Constant(int(token.text) if is_whole else float(token.text))
+            return s.Constant(int(token.text) if token.text.isdigit() else float(token.text))
         if token.kind == "text":
             return s.Constant(token.text[1:-1].replace('\\"', '"').replace("\\\\", "\\"))
         if token.text in ("true", "false"):
             return s.Constant(token.text == "true")
+        if token.text == "end" and self._indexed:
+            name, dimension = self._indexed[-1]
+            return s.Call("size", (s.Name(name), s.Constant(dimension)), builtin=True)
         if token.kind == "name":
             return self._reference(token)
         raise ParseError(f"`{token.text}` cannot begin an expression", token)
 
+    def _braces(self) -> s.Node:
+        if self.sees("}"):
+            self.take()
+            return s.Array(())
+        element = self.expression()
+        if self.sees("for"):
+            made = s.Comprehension(element, self._iterators())
+            self.take("}")
+            return made
+        return s.Array((element, *self._rest("}")))
+
+    def _matrix(self) -> s.Node:
+        rows = []
+        while True:
+            row = [self.expression()]
+            while self.sees(","):
+                self.take()
+                row.append(self.expression())
+            rows.append(s.Array(tuple(row)))
+            if not self.sees(";"):
+                break
+            self.take()
+        self.take("]")
+        return s.Array(tuple(rows), is_matrix=True)
+
+    def _iterators(self) -> tuple[tuple[str, s.Node], ...]:
+        """`for i in range, j in range`."""
+        self.take("for")
+        return self.iterators()
+
+    def iterators(self) -> tuple[tuple[str, s.Node], ...]:
+        """`i in range, j in range`."""
+        found = []
+        while True:
+            name = self.take().text
+            self.take("in")
+            found.append((name, self.expression()))
+            if not self.sees(","):
+                return tuple(found)
+            self.take()
+
     def _reference(self, first: Token) -> s.Node:
         parts = [first.text]
-        while self.next is not None and self.next.text == ".":
+        while self.sees("."):
             self.take()
             parts.append(self.take().text)
         name = ".".join(parts)
-        if self.next is not None and self.next.text == "(":
+        if self.sees("("):
             self.take()
-            return s.Call(name, self._list(")"), builtin=True)
-        if self.next is not None and self.next.text == "[":
-            self.take()
-            return s.Name(name, self._list("]"))
-        return s.Name(name)
+            arguments = self._arguments()
+            return s.Call(name, arguments, name in BUILTINS or name in REFUSED, span=self.span(first))
+        subscripts = self._subscripts(name) if self.sees("[") else ()
+        return s.Name(name, subscripts, self.span(first))
 
-    def _list(self, closing: str) -> tuple[s.Node, ...]:
+    def _arguments(self) -> tuple[s.Node, ...]:
+        if self.sees(")"):
+            self.take()
+            return ()
+        element = self.expression()
+        if self.sees("for"):
+            made = s.Comprehension(element, self._iterators())
+            self.take(")")
+            return (made,)
+        return (element, *self._rest(")"))
+
+    def _subscripts(self, name: str) -> tuple[s.Node, ...]:
+        self.take("[")
         found: list[s.Node] = []
-        while self.next is not None and self.next.text != closing:
-            found.append(self.expression())
-            if self.next is not None and self.next.text == ",":
+        while True:
+            if self.sees(":"):
                 self.take()
+                found.append(s.Colon())
+            else:
+                self._indexed.append((name, len(found) + 1))
+                found.append(self.expression())
+                self._indexed.pop()
+            if not self.sees(","):
+                break
+            self.take()
+        self.take("]")
+        return tuple(found)
+
+    def _rest(self, closing: str) -> tuple[s.Node, ...]:
+        """The other elements of a list whose first one is read."""
+        found: list[s.Node] = []
+        while self.sees(","):
+            self.take()
+            found.append(self.expression())
         self.take(closing)
         return tuple(found)
