@@ -233,6 +233,25 @@ def test_a_bound_that_binds_is_flagged():
     assert "At a bound: c (max)" in result.message
 
 
+def test_a_parameter_that_the_data_drive_to_zero_is_at_its_bound():
+    # The record grows (a = -0.05), the model allows decay only.
+    family = hand.family_from(
+        [("x", "1")], ["u"], [], ["y"], [Parameter("a", 0.3, min=0.0, estimate=True)],
+        lambda x, u, w, p: ca.vertcat(-p[0] * x[0] + u[0]), lambda x, u, w, p: x[0],
+    )  # fmt: skip
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((400, 1))
+    model = sample(state_space(family, np.array([-0.05])), 0.05)
+    run = hand.recording(model, u, [0.01], 1, outputs=("y",))
+    result = identify(family, [run], IdentifyOptions(hold="foh"))
+    (a,) = result.parameters
+    assert a.value < 1e-3
+    assert a.at_bound == "min"
+    assert a.std_error is None
+    assert "At a bound: a (min)" in result.message
+    assert result.weak_directions == ()
+
+
 def test_experiments_together_tell_more_than_each():
     runs = [simulated(seed, x0=(seed, 0.1 * seed, -0.2, 0.0)) for seed in (1, 2, 3)]
     together = identify(rig(), runs, IdentifyOptions(hold="foh"))

@@ -50,9 +50,12 @@ def fit_result(
     bounds = [bound_of(c, z) for c, z in zip(coordinates, best.z, strict=True)]
     in_z = _uncertainty(problem, method, best, parts, bounds)
     bounds = [
-        bound or _open_bound(c, variance)
-        for c, bound, variance in zip(coordinates, bounds, np.diagonal(in_z.covariance), strict=True)
+        bound or _open_bound(c, z, variance)
+        for c, bound, z, variance in zip(
+            coordinates, bounds, best.z, np.diagonal(in_z.covariance), strict=True
+        )
     ]
+    in_z = _uncertainty(problem, method, best, parts, bounds)
     slopes = unknowns.slopes(best.z)
     cov = in_z.covariance * np.outer(slopes, slopes)
     errors = _std_errors(cov)
@@ -141,12 +144,13 @@ def bound_of(coordinate: Coordinate, z: float) -> Bound | None:
     return None
 
 
-def _open_bound(coordinate: Coordinate, variance_z: float) -> Bound | None:
+def _open_bound(coordinate: Coordinate, z: float, variance_z: float) -> Bound | None:
     """A logarithmic unknown whose likelihood does not fall towards zero counts as being at zero."""
     if not coordinate.is_log or (coordinate.kind == "parameter" and coordinate.lower > 0.0):
         return None
     unsure = not np.isfinite(variance_z) or variance_z > OPEN_TOWARDS_ZERO**2
-    return "min" if unsure and coordinate.kind == "process" else None
+    fell = coordinate.kind != "parameter" or z < coordinate.searched(coordinate.initial)
+    return "min" if unsure and fell else None
 
 
 def _std_errors(cov: np.ndarray) -> list[float | None]:
@@ -237,9 +241,9 @@ def message_of(
         said.append(f"The data do not determine {', '.join(unknown)}: fix it, or measure more.")
     if weak:
         said += [_weak_text(direction) for direction in weak]
-    absent = [n.name for n in noises if n.kind == "process" and n.at_bound == "min"]
+    absent = [f"{n.kind} noise at {n.name}" for n in noises if n.at_bound == "min"]
     if absent:
-        said.append(f"The data ask for no process noise at {', '.join(absent)}.")
+        said.append(f"The data ask for no {', no '.join(absent)}.")
     return " ".join(said)
 
 
