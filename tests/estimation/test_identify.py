@@ -125,6 +125,7 @@ def test_positioning_system_agrees_with_the_literature(shared_data):
     assert any("not white" in note for note in result.notes)
 
 
+@pytest.mark.slow
 def test_positioning_system_by_maximum_likelihood_finds_the_mass(shared_data):
     path = shared_data / "emps" / "train.csv"
     train = hand.read_csv(path, "time_s", {"F": "motor_force_N"}, {"position": "position_m"})
@@ -145,7 +146,7 @@ def test_standard_errors_are_honest_with_measurement_noise():
     assert abs(np.mean(values) - 5.0) < 3 * 0.71
 
 
-@pytest.mark.parametrize("intensity", [0.0, 1e-4])
+@pytest.mark.parametrize("intensity", [pytest.param(0.0, marks=pytest.mark.slow), 1e-4])
 def test_standard_errors_are_honest_with_process_noise(intensity):
     options = IdentifyOptions(method="pem", hold="foh")
     values = [
@@ -200,7 +201,7 @@ def test_given_noises_stay_as_they_are():
 
 
 @pytest.mark.parametrize("method", ["oe", "pem"])
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2, pytest.param(3, marks=pytest.mark.slow)])
 def test_start_values_off_by_ten_lead_to_the_same_optimum(seed, method):
     noise = UNKNOWN_NOISE if method == "pem" else None
     far = {

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from daest.estimation import likelihood, output_error
@@ -31,7 +33,22 @@ from daest.model.fit import (
 )
 
 AT_BOUND = 1e-6  # distance in z within which an unknown lies at its bound
+SAME_OPTIMUM = 1e-2  # difference of log-likelihoods within which two searches ended at the same place
 OPEN_TOWARDS_ZERO = 5.0  # standard deviation of log(value) above which a value may as well be zero
+
+
+@dataclass(frozen=True)
+class Judged:
+    """The best point of a search with everything that is said about it, in the units of the unknowns."""
+
+    values: np.ndarray  # (p,)
+    cov: np.ndarray  # (p, p), NaN where not determined
+    errors: list[float | None]
+    bounds: list[Bound | None]
+    parts: list[Scores]
+    initial_states: tuple[np.ndarray, ...]
+    measurement_std: np.ndarray  # (n_y,)
+    is_coloured: bool
 
 
 def fit_result(
@@ -44,38 +61,18 @@ def fit_result(
     notes: tuple[str, ...],
 ) -> FitResult:
     """FitResult of the best search (`ends[0]`); `seconds` and the initial values are left to the caller."""
-    best, unknowns = ends[0], problem.unknowns
-    coordinates, values = unknowns.coordinates, unknowns.natural(best.z)
-    parts, states, std = end_scores(problem, method, best.z)
-    bounds = [bound_of(c, z) for c, z in zip(coordinates, best.z, strict=True)]
-    in_z = _uncertainty(problem, method, best, parts, bounds)
-    bounds = [
-        bound or _open_bound(c, z, variance)
-        for c, bound, z, variance in zip(
-            coordinates, bounds, best.z, np.diagonal(in_z.covariance), strict=True
-        )
-    ]
-    in_z = _uncertainty(problem, method, best, parts, bounds)
-    slopes = unknowns.slopes(best.z)
-    cov = in_z.covariance * np.outer(slopes, slopes)
-    errors = _std_errors(cov)
-    theta, intensity, _ = unknowns.values(best.z)
-    family = problem.family
-    which = unknowns.of_kind("parameter")
-    information = best.evaluation.information[np.ix_(which, which)] / np.outer(slopes[which], slopes[which])
-    weak = weak_directions(
-        tuple(coordinates[i] for i in which), values[which], information, cov[np.ix_(which, which)]
-    )
-    parameters = tuple(
-        _parameter(family.parameters[coordinates[i].index], coordinates[i], values[i], errors[i], bounds[i])
-        for i in which
-    )
-    if in_z.is_coloured:
+    best, family = ends[0], problem.family
+    judged = _judge(problem, method, best)
+    theta, intensity, _ = problem.unknowns.values(best.z)
+    parameters = _parameters(problem, judged)
+    noises = _process_noises(problem, intensity, judged) if method == "pem" else ()
+    noises += _measurement_noises(problem, measurement, judged)
+    weak = _weak(problem, best, judged)
+    if judged.is_coloured:
         notes = (*notes, "the simulation residuals are not white; the standard errors account for that")
-    noises = _noises(problem, method, measurement, intensity, std, coordinates, errors, bounds)
     initial = tuple(
-        _initial_state(record.name, family.state_names, x0, part, cov)
-        for record, x0, part in zip(problem.records, states, parts, strict=True)
+        _initial_state(record.name, family.state_names, x0, part, judged.cov)
+        for record, x0, part in zip(problem.records, judged.initial_states, judged.parts, strict=True)
     )
     periods = {r.period for r in problem.records}
     return FitResult(
@@ -85,10 +82,10 @@ def fit_result(
         parameters=parameters,
         theta={p.name: float(v) for p, v in zip(family.parameters, theta, strict=True)},
         noises=noises,
-        noise_model="held" if problem.sampled == "held" else "white",
+        noise_model=problem.sampled,
         initial_states=initial,
-        correlation_names=tuple(c.name for c in coordinates),
-        correlation=correlation(cov),
+        correlation_names=tuple(c.name for c in problem.unknowns.coordinates),
+        correlation=correlation(judged.cov),
         weak_directions=weak,
         weak_threshold=WEAK_RELATIVE_STD,
         log_likelihood=-best.evaluation.value,
@@ -102,6 +99,33 @@ def fit_result(
         hold=problem.hold,
         notes=notes,
     )
+
+
+def _judge(problem: Problem, method: Method, best: Found) -> Judged:
+    """Bounds first: an unknown that rests at one is left out of the covariance of the others."""
+    unknowns = problem.unknowns
+    parts, states, std = end_scores(problem, method, best.z)
+    bounds = [bound_of(c, z) for c, z in zip(unknowns.coordinates, best.z, strict=True)]
+    variances = np.diagonal(_uncertainty(problem, method, best, parts, bounds).covariance)
+    bounds = [
+        bound or _open_bound(c, z, variance)
+        for c, bound, z, variance in zip(unknowns.coordinates, bounds, best.z, variances, strict=True)
+    ]
+    in_z = _uncertainty(problem, method, best, parts, bounds)
+    slopes = unknowns.slopes(best.z)
+    cov = in_z.covariance * np.outer(slopes, slopes)
+    values = unknowns.natural(best.z)
+    return Judged(values, cov, _std_errors(cov), bounds, parts, states, std, in_z.is_coloured)
+
+
+def _weak(problem: Problem, best: Found, judged: Judged) -> tuple[WeakDirection, ...]:
+    """Weak directions among the model's parameters."""
+    which = problem.unknowns.of_kind("parameter")
+    rows = np.ix_(which, which)
+    slopes = problem.unknowns.slopes(best.z)[which]
+    information = best.evaluation.information[rows] / np.outer(slopes, slopes)
+    coordinates = tuple(problem.unknowns.coordinates[i] for i in which)
+    return weak_directions(coordinates, judged.values[which], information, judged.cov[rows])
 
 
 def end_scores(
@@ -157,58 +181,54 @@ def _std_errors(cov: np.ndarray) -> list[float | None]:
     return [float(np.sqrt(v)) if np.isfinite(v) and v >= 0.0 else None for v in np.diagonal(cov)]
 
 
-def _parameter(
-    parameter: object, coordinate: Coordinate, value: float, error: float | None, bound: Bound | None
-) -> FittedParameter:
-    return FittedParameter(
-        name=coordinate.name,
-        value=float(value),
-        std_error=error,
-        initial=coordinate.initial,
-        unit=parameter.unit,  # type: ignore[attr-defined]
-        min=None if np.isinf(coordinate.lower) else coordinate.lower,
-        max=None if np.isinf(coordinate.upper) else coordinate.upper,
-        at_bound=bound,
-    )
-
-
-def _noises(
-    problem: Problem,
-    method: Method,
-    measurement: dict[int, bool],
-    intensity: np.ndarray,
-    std: np.ndarray,
-    coordinates: tuple[Coordinate, ...],
-    errors: list[float | None],
-    bounds: list[Bound | None],
-) -> tuple[FittedNoise, ...]:
-    """Process noises (pem only) and measurement noises with standard errors where they were searched."""
-    searched = {(c.kind, c.index): i for i, c in enumerate(coordinates)}
+def _parameters(problem: Problem, judged: Judged) -> tuple[FittedParameter, ...]:
     result = []
-    if method == "pem":
-        for k, noise in enumerate(problem.family.noises):
-            i = searched.get(("process", k))
-            error, bound = (None, None) if i is None else (errors[i], bounds[i])
-            if bound is not None:
-                error = None
-            result.append(
-                FittedNoise(
-                    noise.name, "process", float(intensity[k]), error, noise.unit, i is not None, bound
-                )
+    for i in problem.unknowns.of_kind("parameter"):
+        coordinate = problem.unknowns.coordinates[i]
+        result.append(
+            FittedParameter(
+                name=coordinate.name,
+                value=float(judged.values[i]),
+                std_error=judged.errors[i],
+                initial=coordinate.initial,
+                unit=problem.family.parameters[coordinate.index].unit,
+                min=None if np.isinf(coordinate.lower) else coordinate.lower,
+                max=None if np.isinf(coordinate.upper) else coordinate.upper,
+                at_bound=judged.bounds[i],
             )
+        )
+    return tuple(result)
+
+
+def _searched(problem: Problem, kind: str) -> dict[int, int]:
+    """Noise or output index -> position among the unknowns."""
+    return {problem.unknowns.coordinates[i].index: i for i in problem.unknowns.of_kind(kind)}
+
+
+def _process_noises(problem: Problem, intensity: np.ndarray, judged: Judged) -> tuple[FittedNoise, ...]:
+    searched, result = _searched(problem, "process"), []
+    for k, noise in enumerate(problem.family.noises):
+        i = searched.get(k)
+        error, bound = (None, None) if i is None else (judged.errors[i], judged.bounds[i])
+        value = float(intensity[k])
+        result.append(FittedNoise(noise.name, "process", value, error, noise.unit, i is not None, bound))
+    return tuple(result)
+
+
+def _measurement_noises(
+    problem: Problem, measurement: dict[int, bool], judged: Judged
+) -> tuple[FittedNoise, ...]:
+    """Noises of the measured outputs. One that was eliminated is a mean of n squares: std(σ) = σ / √(2 n)."""
+    searched, result = _searched(problem, "measurement"), []
     counts = observed_counts(problem.records)
-    for j, output in enumerate(problem.family.outputs):
-        if not counts[j]:
-            continue
-        i = searched.get(("measurement", j))
-        # Eliminated noises: the variance of n squares, std(σ) = σ / √(2 n).
-        error = float(std[j] / np.sqrt(2.0 * counts[j])) if measurement[j] else None
+    for j in np.flatnonzero(counts):
+        output, value, i = problem.family.outputs[j], float(judged.measurement_std[j]), searched.get(int(j))
+        estimated = measurement[int(j)]
+        error = value / float(np.sqrt(2.0 * counts[j])) if estimated else None
         bound = None
         if i is not None:
-            error, bound = errors[i], bounds[i]
-        result.append(
-            FittedNoise(output.name, "measurement", float(std[j]), error, output.unit, measurement[j], bound)
-        )
+            error, bound = judged.errors[i], judged.bounds[i]
+        result.append(FittedNoise(output.name, "measurement", value, error, output.unit, estimated, bound))
     return tuple(result)
 
 
@@ -231,7 +251,7 @@ def message_of(
     """What happened and what to try, in sentences."""
     said = [_ending(best)]
     if len(ends) > 1:
-        same = sum(end.evaluation.value - best.evaluation.value < 1e-2 for end in ends)
+        same = sum(end.evaluation.value - best.evaluation.value < SAME_OPTIMUM for end in ends)
         said.append(f"{same} of {len(ends)} starts reached this likelihood.")
     at_bound = [f"{p.name} ({p.at_bound})" for p in parameters if p.at_bound]
     if at_bound:

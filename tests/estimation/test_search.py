@@ -1,0 +1,83 @@
+"""Bounded Fisher scoring against SciPy and closed forms."""
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from daest.estimation.search import Evaluation, minimise
+
+FREE = np.full(2, np.inf)
+
+
+def squares(residuals, jacobian, fails=lambda z: False):
+    """Objective |residuals|² / 2 that has no value where `fails`."""
+
+    def objective(z, with_slopes):
+        if fails(z):
+            return None
+        r = residuals(z)
+        if not with_slopes:
+            return Evaluation(float(r @ r) / 2)
+        J = jacobian(z)
+        return Evaluation(float(r @ r) / 2, J.T @ r, J.T @ J)
+
+    return objective
+
+
+def rosenbrock(z):
+    return np.array([10.0 * (z[1] - z[0] ** 2), 1.0 - z[0]])
+
+
+def rosenbrock_slopes(z):
+    return np.array([[-20.0 * z[0], 10.0], [-1.0, 0.0]])
+
+
+@pytest.mark.parametrize("start", [(-1.2, 1.0), (3.0, -4.0), (-8.0, 60.0)])
+def test_curved_valley_is_followed_to_its_minimum(start):
+    found = minimise(squares(rosenbrock, rosenbrock_slopes), np.array(start), -FREE, FREE, 200)
+    assert found.reason == "converged"
+    # The search stops when the next step would gain less than 1e-6.
+    assert np.allclose(found.z, 1.0, atol=5e-3)
+
+
+def test_bounded_minimum_equals_scipy():
+    upper = np.array([0.5, np.inf])
+    found = minimise(squares(rosenbrock, rosenbrock_slopes), np.array([-1.2, 1.0]), -FREE, upper, 200)
+    expected = least_squares(rosenbrock, [-1.2, 1.0], bounds=(-FREE, upper), xtol=1e-12, gtol=1e-12)
+    assert found.reason == "converged"
+    assert np.allclose(found.z, expected.x, atol=1e-3)
+    assert found.z[0] == 0.5
+
+
+def test_steps_into_places_without_a_value_are_shortened():
+    # log(z) has no value at z <= 0; the full first step from 3 leads to -0.3.
+    objective = squares(
+        lambda z: np.array([np.log(z[0])]), lambda z: np.array([[1.0 / z[0]]]), lambda z: z[0] <= 0.0
+    )
+    found = minimise(objective, np.array([3.0]), -FREE[:1], FREE[:1])
+    assert found.reason == "converged"
+    assert found.z[0] == pytest.approx(1.0, abs=2e-3)
+
+
+def test_a_start_without_a_value_is_told():
+    objective = squares(rosenbrock, rosenbrock_slopes, lambda z: True)
+    assert minimise(objective, np.zeros(2), -FREE, FREE) is None
+
+
+def test_a_coordinate_without_influence_stays():
+    objective = squares(lambda z: np.array([z[0] - 2.0]), lambda z: np.array([[1.0, 0.0]]))
+    found = minimise(objective, np.array([0.0, 7.0]), -FREE, FREE)
+    assert found.reason == "converged"
+    assert found.z == pytest.approx([2.0, 7.0], abs=2e-3)
+
+
+def test_a_wrong_gradient_ends_as_stalled():
+    objective = squares(rosenbrock, lambda z: -rosenbrock_slopes(z))
+    assert minimise(objective, np.array([-1.2, 1.0]), -FREE, FREE).reason == "stalled"
+
+
+def test_few_iterations_are_told():
+    objective = squares(rosenbrock, rosenbrock_slopes)
+    found = minimise(objective, np.array([-1.2, 1.0]), -FREE, FREE, max_iterations=2)
+    assert found.reason == "iteration limit"
+    assert found.iterations == 2
