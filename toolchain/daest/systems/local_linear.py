@@ -1,0 +1,247 @@
+"""The functions that Gaussian filters of an explicit model need, built once and compiled when a compiler is found.
+
+`numerics/local_linear.c` holds the loops over samples; this module writes the model's part of that program.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from daest.errors import EstimationError, FmuError, ModelError
+from daest.fmu.compiler import build_shared
+from daest.model.explicit import ExplicitModel
+
+_WORK = ("arg", "res", "iw", "w")
+
+
+@dataclass(frozen=True)
+class LocalModel:
+    """A model ready to be filtered; `names` are the parameters that derivatives are computed for.
+
+    ū = (u, v). Matrices come out row by row, as one column. `library` None: interpreted.
+    """
+
+    explicit: ExplicitModel
+    names: tuple[str, ...]
+    flow: ca.Function  # (x, ū, dū/dt, theta, t) -> f, ∂f/∂x, ramp, ∂f/∂w
+    see: ca.Function  # (x, ū, theta, t) -> h, ∂h/∂x
+    dflow: ca.Function | None  # (…, dx, dp) -> differentials of the results of flow
+    dsee: ca.Function | None
+    hold: ca.Function | None  # (x, ū, theta, t) -> g, ∂g/∂x: invariants g = 0
+    inside: ca.Function | None  # (x, ū, theta, t) -> internal variables
+    library: ctypes.CDLL | None
+
+    @property
+    def n_states(self) -> int:
+        return self.explicit.n_states
+
+    @property
+    def n_outputs(self) -> int:
+        return len(self.explicit.flat.outputs)
+
+    @property
+    def n_noises(self) -> int:
+        return len(self.explicit.flat.noises)
+
+    @property
+    def n_inside(self) -> int:
+        return 0 if self.inside is None else self.inside.numel_out(0)
+
+
+def local_model(
+    explicit: ExplicitModel,
+    names: Sequence[str] = (),
+    *,
+    tangents: bool = False,
+    inside: bool = False,
+    invariants: ca.Function | None = None,
+    compiled: bool = True,
+) -> LocalModel:
+    """Build the functions of `explicit`.
+
+    `tangents`: with derivatives along parameters `names`, noises and initial states; `inside`: with the internal
+    variables (all unknowns, then the outputs that are no unknowns); `invariants` (x, u, v, w, theta, t) -> g (m,):
+    relations g = 0 between the states, onto which every estimate is projected.
+
+    Raises ModelError `unknown-parameter`; EstimationError `output-white-noise` where an output contains white
+    noise directly.
+    """
+    parts = _Parts.of(explicit, tuple(names))
+    _refuse_direct_noise(explicit)
+    flow, see = parts.flow(), parts.see()
+    dflow = parts.differential("daest_dflow", flow, ("x", "ubar", "slope", "theta", "t")) if tangents else None
+    dsee = parts.differential("daest_dsee", see, ("x", "ubar", "theta", "t")) if tangents else None
+    hold = None if invariants is None else parts.hold(invariants)
+    variables = parts.inside() if inside else None
+    functions = [parts.outer(f) for f in (flow, see)]
+    more = [None if f is None else parts.outer(f) for f in (dflow, dsee, hold, variables)]
+    model = LocalModel(explicit, tuple(names), functions[0], functions[1], *more, None)
+    return LocalModel(**{**model.__dict__, "library": _library(model)}) if compiled else model
+
+
+def internal_names(explicit: ExplicitModel) -> tuple[str, ...]:
+    """Names of the internal variables: all unknowns, then the outputs that are no unknowns."""
+    unknowns = tuple(v.name for v in explicit.flat.unknowns)
+    return unknowns + tuple(o.name for o in explicit.flat.outputs if o.name not in unknowns)
+
+
+def internal_function(explicit: ExplicitModel) -> ca.Function:
+    """(x, u, v, w, theta, t) -> values of `internal_names`."""
+    arguments = _arguments(explicit)
+    unknowns = {v.name for v in explicit.flat.unknowns}
+    extra = [i for i, o in enumerate(explicit.flat.outputs) if o.name not in unknowns]
+    values = ca.vertcat(explicit.variables(*arguments), explicit.outputs(*arguments)[extra])
+    return ca.Function("internal", arguments, [ca.densify(values)])
+
+
+def _arguments(explicit: ExplicitModel) -> list[Any]:
+    return explicit.rhs.sx_in() if explicit.is_symbolic else explicit.rhs.mx_in()
+
+
+def _refuse_direct_noise(explicit: ExplicitModel) -> None:
+    arguments = _arguments(explicit)
+    rows = ca.jacobian_sparsity(explicit.outputs(*arguments), arguments[3]).get_triplet()[0]
+    if rows:
+        name = explicit.flat.outputs[rows[0]].name
+        raise EstimationError(
+            "output-white-noise",
+            f"The output {name} contains white noise directly, which a filter of a nonlinear model cannot weigh.",
+            where=name,
+            remedy="Measure another variable, or pass the noise through a lag (coloured noise).",
+        )
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """Symbols of the functions; `chosen` are the parameters `names`, which stand apart from the others."""
+
+    explicit: ExplicitModel
+    columns: tuple[int, ...]
+    symbols: dict[str, Any]
+
+    @classmethod
+    def of(cls, explicit: ExplicitModel, names: tuple[str, ...]) -> _Parts:
+        known = [p.name for p in explicit.flat.parameters]
+        missing = [name for name in names if name not in known]
+        if missing:
+            raise ModelError("unknown-parameter", f"The model has no parameter `{missing[0]}`.")
+        kind = ca.SX if explicit.is_symbolic else ca.MX
+        n_u, n_v, n_w, n_theta = (explicit.rhs.numel_in(i) for i in (1, 2, 3, 4))
+        sizes = {"x": explicit.n_states, "ubar": n_u + n_v, "slope": n_u + n_v, "w": n_w, "chosen": len(names)}
+        symbols = {name: kind.sym(name, size) for name, size in {**sizes, "theta": n_theta, "t": 1}.items()}
+        return cls(explicit, tuple(known.index(name) for name in names), symbols)
+
+    def at(self) -> tuple[Any, ...]:
+        """Arguments of the functions of the explicit model, the chosen parameters in their places."""
+        s = self.symbols
+        theta = type(s["theta"])(s["theta"])
+        for position, column in enumerate(self.columns):
+            theta[column] = s["chosen"][position]
+        n_u = len(self.explicit.flat.inputs)
+        return s["x"], s["ubar"][:n_u], s["ubar"][n_u:], s["w"], theta, s["t"]
+
+    def function(self, name: str, arguments: Sequence[str], results: list[Any]) -> ca.Function:
+        """Of the named arguments and the chosen parameters, without noise."""
+        s = self.symbols
+        dense = [ca.densify(r) for r in results]
+        noisy = ca.Function(f"{name}_noisy", [*(s[a] for a in arguments), s["chosen"], s["w"]], dense)
+        given = [s[a] for a in arguments] + [s["chosen"]]
+        quiet = noisy.call([*given, type(s["w"]).zeros(s["w"].numel())], True, False)
+        return ca.Function(name, given, quiet)
+
+    def flow(self) -> ca.Function:
+        s = self.symbols
+        f = self.explicit.rhs(*self.at())
+        moving = ca.vertcat(s["ubar"], s["t"])
+        ramp = ca.jtimes(f, moving, ca.vertcat(s["slope"], 1))
+        results = [f, _matrix(f, s["x"]), ramp, _matrix(f, s["w"])]
+        return self.function("daest_flow", ("x", "ubar", "slope", "theta", "t"), results)
+
+    def see(self) -> ca.Function:
+        h = self.explicit.outputs(*self.at())
+        return self.function("daest_see", ("x", "ubar", "theta", "t"), [h, _matrix(h, self.symbols["x"])])
+
+    def hold(self, invariants: ca.Function) -> ca.Function:
+        g = invariants(*self.at())
+        return self.function("daest_hold", ("x", "ubar", "theta", "t"), [g, _matrix(g, self.symbols["x"])])
+
+    def inside(self) -> ca.Function:
+        values = internal_function(self.explicit)(*self.at())
+        return self.function("daest_inside", ("x", "ubar", "theta", "t"), [values])
+
+    def differential(self, name: str, function: ca.Function, arguments: Sequence[str]) -> ca.Function:
+        s = self.symbols
+        kind = type(s["x"])
+        dx, dp = kind.sym("dx", s["x"].numel()), kind.sym("dp", len(self.columns))
+        given = [s[a] for a in arguments] + [s["chosen"]]
+        results = function.call(given, True, False)
+        whole = ca.vertcat(*[ca.vec(r) for r in results])
+        change = ca.densify(ca.jtimes(whole, ca.vertcat(s["x"], s["chosen"]), ca.vertcat(dx, dp)))
+        ends = np.cumsum([0, *(r.numel() for r in results)]).tolist()
+        parts = [change[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        return ca.Function(name, [*given, dx, dp], parts)
+
+    def outer(self, function: ca.Function) -> ca.Function:
+        """The function of all parameters: the chosen ones are read from theta."""
+        s = self.symbols
+        n_tail = 2 if function.name() in ("daest_dflow", "daest_dsee") else 0
+        arguments = [type(s["x"]).sym(f"a{i}", function.numel_in(i)) for i in range(function.n_in())]
+        chosen = len(arguments) - 1 - n_tail
+        theta = arguments[chosen - 2]
+        outer = arguments[:chosen] + arguments[chosen + 1 :]
+        inner = arguments[:chosen] + [theta[list(self.columns)]] + arguments[chosen + 1 :]
+        return ca.Function(function.name(), outer, function.call(inner, True, False))
+
+
+def _matrix(value: Any, by: Any) -> Any:
+    """∂value/∂by row by row, as one column."""
+    return ca.vec(ca.densify(ca.jacobian(value, by).T))
+
+
+def _library(model: LocalModel) -> ctypes.CDLL | None:
+    try:
+        return _load(_source(model))
+    except FmuError as error:
+        if error.code != "no-c-compiler":
+            raise
+        return None
+
+
+def _source(model: LocalModel) -> str:
+    generator = ca.CodeGenerator("model.c")
+    functions = [f for f in (model.flow, model.see, model.dflow, model.dsee, model.hold, model.inside) if f is not None]
+    for function in functions:
+        generator.add(function)
+    sizes = {
+        "NX": model.n_states,
+        "NU": model.flow.numel_in(1),
+        "NW": model.n_noises,
+        "NY": model.n_outputs,
+        "NG": 0 if model.hold is None else model.hold.numel_out(0),
+        "NP": len(model.names),
+        "NV": model.n_inside,
+        **{f"SZ_{w.upper()}": max(getattr(f, f"sz_{w}")() for f in functions) for w in _WORK},
+    }
+    flags = [("TANGENTS", model.dflow), ("INSIDE", model.inside)]
+    header = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
+    header += "".join(f"#define {name}\n" for name, function in flags if function is not None)
+    driver = resources.files("daest.numerics").joinpath("local_linear.c").read_text(encoding="utf-8")
+    return generator.dump() + header + driver
+
+
+@functools.lru_cache(maxsize=64)
+def _load(source: str) -> ctypes.CDLL:
+    return ctypes.CDLL(str(build_shared(source, "local_linear", flags=("-O2",))))
+
+
+def pointer(array: np.ndarray | None) -> ctypes.c_void_p | None:
+    """Address of a C-contiguous array of doubles (or 64-bit integers) for the compiled code."""
+    return None if array is None else array.ctypes.data_as(ctypes.c_void_p)
