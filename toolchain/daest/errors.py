@@ -207,6 +207,54 @@ EXPLANATIONS: dict[str, str] = {
     "data-window-empty": (
         "Fewer than two rows lie between --from and --to. The message names the times of the recording."
     ),
+    "effect-ambiguous": (
+        "Several domains have an effect of that name, and the place does not tell which is meant. Write "
+        "more of its class name, such as Rotational.CoulombFriction."
+    ),
+    "effect-annotation": (
+        "The vendor annotation __Daest(effect = true, ...) of a class of the effect library is incomplete "
+        "or wrong. It needs attach and law, and a parameter of role size at whose null value the effect "
+        "vanishes. daest effects -h and the README of the library show an example."
+    ),
+    "effect-fit": (
+        "An effect fits where the model has a connector, input or output of its kind: friction on a flange, "
+        "a voltage drop in series with a pin. The message lists the places of this model where it fits; "
+        "daest effects NAME MODEL lists them too."
+    ),
+    "effect-input-used": (
+        "An effect on an input or output is written into the Modelica model by breaking the connection of "
+        "that signal. Here the signal stands in an equation or a binding, where nothing can be put in "
+        "between. Connect the input to a block or source, or compare the models without writing the "
+        "extension."
+    ),
+    "effect-name": (
+        "The extended model needs a name for the effect's component, for a new input or for the class "
+        "itself, and the one that was given is taken. Without a name daest chooses a free one."
+    ),
+    "effect-no-source": (
+        "An extended model is written in Modelica and needs the Modelica source of the model. An FMU holds "
+        "equations only."
+    ),
+    "effect-not-writable": (
+        "The effect can be attached to the equations, but Modelica has no way to write it as an extension "
+        "of the model without changing the model itself."
+    ),
+    "effect-parameter": (
+        "The effect has no parameter of that name. daest effects NAME lists its parameters with their "
+        "units."
+    ),
+    "effect-place": (
+        "The model has no place of that name. Places are connectors (disc.flange_b), components with two "
+        "ends (spring), inputs, outputs and parameters; the message lists those where the effect fits."
+    ),
+    "effect-present": (
+        "A component at that place has exactly the equations of the effect. A second one would be the same "
+        "friction, say, under another name, and the data could never tell them apart."
+    ),
+    "effect-unknown": (
+        "The effect library has no class of that name. daest effects lists all of them; -L DIR adds a "
+        "folder with classes of one's own."
+    ),
     "example-folder-exists": (
         "daest demo copies an example into a new folder and does not overwrite one. Remove it, or call it "
         "elsewhere."
@@ -408,6 +456,11 @@ EXPLANATIONS: dict[str, str] = {
     "model-arithmetic": (
         "An expression cannot be computed while the model is read: a division by zero, sizes of arrays that "
         "do not fit, an index outside of its array, a size that depends on a variable."
+    ),
+    "model-break": (
+        "A class removes a connection that it inherits, by extends Base(break connect(a, b)), but the "
+        "connection cannot be found there, or the base class stands in another file, where it cannot be "
+        "removed. Write the base class into the same file."
     ),
     "model-circular": (
         "A parameter or a Boolean is computed from itself, directly or through others. The message shows "

@@ -21,6 +21,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from daest.cache import cache_folder
 from daest.errors import FmuError
 
 # Nobody waits longer for a compiler than this; zig builds its C library on the first cross-compilation.
@@ -131,19 +132,6 @@ def headers() -> Path:
             remedy="Reinstall fmpy.",
         )
     return Path(found.origin).parent / "c-code"
-
-
-def cache_folder() -> Path:
-    """Where compiled libraries are kept: $DAEST_CACHE, or the user's cache folder for daest."""
-    if chosen := os.environ.get("DAEST_CACHE"):
-        return Path(chosen)
-    if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
-    elif sys.platform == "darwin":
-        base = str(Path.home() / "Library" / "Caches")
-    else:
-        base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base) / "daest"
 
 
 @functools.lru_cache(maxsize=1)

@@ -34,7 +34,8 @@ class Connector:
 
 
 def connectors_of(unknowns: Sequence[Variable]) -> dict[str, Connector]:
-    """All connectors among the unknowns whose variables have the names of a domain, by name, in their order."""
+    """All connectors among the unknowns whose variables have the names of a domain, by name, in their
+    order."""
     position = {unknown.name: i for i, unknown in enumerate(unknowns)}
     found: dict[str, Connector] = {}
     for i, unknown in enumerate(unknowns):

@@ -24,7 +24,9 @@ package SI "Quantities with their SI units"
   type ElectricPotential = Real(final quantity = "ElectricPotential", final unit = "V");
   type Current = Real(final quantity = "ElectricCurrent", final unit = "A");
   type Resistance = Real(final quantity = "Resistance", final unit = "Ohm");
+  type Conductance = Real(final quantity = "Conductance", final unit = "S");
   type Inductance = Real(final quantity = "Inductance", final unit = "H");
+  type MagneticFlux = Real(final quantity = "MagneticFlux", final unit = "Wb");
   type Capacitance = Real(final quantity = "Capacitance", final unit = "F", min = 0);
   type ElectricalTorqueConstant = Real(final quantity = "ElectricalTorqueConstant", final unit = "N.m/A");
   type ElectricalForceConstant = Real(final quantity = "ElectricalForceConstant", final unit = "N/A");
@@ -36,6 +38,7 @@ package SI "Quantities with their SI units"
   type TemperatureSlope = Real(final quantity = "TemperatureSlope", final unit = "K/s");
   type HeatFlowRate = Real(final quantity = "Power", final unit = "W");
   type HeatCapacity = Real(final quantity = "HeatCapacity", final unit = "J/K");
+  type ThermalConductance = Real(final quantity = "ThermalConductance", final unit = "W/K");
   type ThermalResistance = Real(final quantity = "ThermalResistance", final unit = "K/W");
 
   type Pressure = Real(final quantity = "Pressure", final unit = "Pa", nominal = 1e5);

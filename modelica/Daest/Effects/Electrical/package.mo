@@ -1,0 +1,3 @@
+within Daest.Effects;
+package Electrical "Effects in circuits"
+end Electrical;

@@ -1,0 +1,3 @@
+within Daest.Effects;
+package General "Effects that need no domain"
+end General;

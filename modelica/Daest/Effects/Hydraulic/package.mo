@@ -1,0 +1,3 @@
+within Daest.Effects;
+package Hydraulic "Effects on liquids"
+end Hydraulic;

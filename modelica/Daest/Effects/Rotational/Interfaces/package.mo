@@ -1,0 +1,3 @@
+within Daest.Effects.Rotational;
+package Interfaces "Partial models of effects"
+end Interfaces;

@@ -1,0 +1,12 @@
+within Daest.Effects.Rotational;
+model MeasuredTorque "Torque in proportion to a measured signal"
+  extends Interfaces.PartialFlange;
+  Daest.Blocks.Interfaces.RealInput u "Measured signal";
+  parameter Real k = 0.01 "Torque per unit of the signal"
+    annotation(__Daest(estimate = true, role = "size", null = 0));
+equation
+  tau = k*u;
+  annotation(
+    __Daest(effect = true, attach = "connector", inputs = {"u"}, law = "tau = k*u"),
+    Documentation(info = "A recorded signal that the model has not used so far drives the shaft."));
+end MeasuredTorque;

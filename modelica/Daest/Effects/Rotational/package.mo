@@ -1,0 +1,3 @@
+within Daest.Effects;
+package Rotational "Effects on shafts"
+end Rotational;

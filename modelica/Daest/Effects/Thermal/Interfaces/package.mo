@@ -1,0 +1,3 @@
+within Daest.Effects.Thermal;
+package Interfaces "Partial models of effects"
+end Interfaces;

@@ -1,0 +1,3 @@
+within Daest.Effects;
+package Thermal "Effects on heat"
+end Thermal;

@@ -1,0 +1,3 @@
+within Daest.Effects.Translational;
+package Interfaces "Partial models of effects"
+end Interfaces;

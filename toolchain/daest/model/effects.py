@@ -1,0 +1,109 @@
+"""Effects: physics that a model may lack, as the library describes it, and the places of a model where it
+fits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+Domain = Literal["rotational", "translational", "electrical", "thermal", "hydraulic", "signal"]
+Attachment = Literal["connector", "parallel", "series", "signal", "input", "output", "parameter"]
+ParameterRole = Literal["size", "shape", "sharpness", "given"]
+SiteKind = Literal["node", "component", "pair", "connector", "input", "output", "parameter"]
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """A parameter of an effect.
+
+    `role` is "size" (the effect vanishes where all sizes are `null`), "shape" (its form), "sharpness"
+    (rounds a kink; not estimated) or "given" (taken from the parameter `given_from` of the component that
+    the effect belongs to; `required` if the effect makes no sense without it). `grid` holds values worth
+    trying, in multiples of the largest magnitude of the effect's variable `scale_of`, or as they are where
+    that is empty. An element of an array is called `y[1]`.
+    """
+
+    name: str
+    unit: str
+    description: str
+    start: float
+    min: float | None
+    max: float | None
+    null: float | None
+    role: ParameterRole
+    grid: tuple[float, ...] = ()
+    given_from: str = ""
+    scale_of: str = ""
+    estimate: bool = False
+    required: bool = False
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A class of the effect library.
+
+    `attach` tells how it is put in: at a "connector" (against the housing, or across a component if it
+    `has_support`), "parallel" to a component, in "series" with a connector, between a "signal" and its use
+    ("input" or "output" where only one of them makes sense), or at a "parameter". `connectors` are its
+    connectors in the order from a to b; those of a signal effect are `u` and `y`. `inputs` are signals that
+    must be supplied besides. `is_dynamic`: the model changes its order or index at the null of the sizes, so
+    that no derivative with respect to them exists there. `n_states` counts the effect's own states that it
+    has besides those of the motion of its connectors.
+    """
+
+    name: str
+    class_name: str
+    domain: Domain
+    attach: Attachment
+    law: str
+    description: str
+    parameters: tuple[EffectParameter, ...]
+    connectors: tuple[str, ...]
+    is_dynamic: bool
+    n_states: int
+    has_support: bool = False
+    inputs: tuple[str, ...] = ()
+    documentation: str = ""
+    libraries: tuple[str, ...] = ()  # folders besides the bundled library that the class was read from
+
+    @property
+    def sizes(self) -> tuple[EffectParameter, ...]:
+        """The parameters that make the effect vanish."""
+        return tuple(p for p in self.parameters if p.role == "size")
+
+    @property
+    def null_values(self) -> dict[str, float]:
+        """Values of the sizes at which the effect vanishes."""
+        return {p.name: p.null or 0.0 for p in self.sizes}
+
+
+@dataclass(frozen=True)
+class Site:
+    """A place of a model where an effect can sit.
+
+    `connectors` are, by `kind`: "node" the connectors at it (those on both sides of a rigid body count as
+    one node); "component" and "pair" the two ends a and b; "connector" that connector alone. An "input",
+    "output" or "parameter" has none, its name is the variable's. `aliases` are other names for the same
+    place; `parameters` the names, seen from the component, of what its own parameters are called.
+    """
+
+    name: str
+    kind: SiteKind
+    domain: Domain
+    connectors: tuple[str, ...] = ()
+    aliases: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Placement:
+    """An effect at a site under the name of its component (empty: a free one), with the values of its
+    parameters and, for its `Effect.inputs`, the names of the model's inputs that supply them (default
+    NAME_INPUT, a new one)."""
+
+    effect: Effect
+    site: Site
+    name: str = ""
+    values: Mapping[str, float] = field(default_factory=dict)
+    inputs: Mapping[str, str] = field(default_factory=dict)

@@ -1,0 +1,516 @@
+"""Effects attached to a compiled model: equations are merged, nothing is compiled again.
+
+The result is the FlatModel that the compiler would make of the extended Modelica model: the effect's
+variables and parameters under the name of its component, its equations, and the equations of its connections.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
+
+import casadi as ca
+
+from daest.errors import ModelError
+from daest.model.effects import Effect, EffectParameter, Placement, Site
+from daest.model.flat import (
+    DerivedParameter,
+    Equation,
+    FlatModel,
+    NoiseInput,
+    Output,
+    Parameter,
+    Variable,
+)
+from daest.modelica.connectors import DOMAINS, connectors_of
+from daest.modelica.effects import EffectModel, effect_model
+from daest.modelica.sites import connection_sets, fits
+
+__all__ = ["attach", "attach_all", "component_name"]
+
+_VARIABLES = {domain: names for names, domain in DOMAINS.items()}
+
+
+def attach(
+    flat: FlatModel,
+    effect: Effect,
+    site: Site,
+    name: str | None = None,
+    values: Mapping[str, float] | None = None,
+    inputs: Mapping[str, str] | None = None,
+) -> FlatModel:
+    """`flat` with `effect` at `site` as component `name` (default: its class name in lower case, numbered if
+    taken).
+
+    `values` are the values of the effect's parameters, in place of their start values; `inputs` maps its
+    signal inputs to inputs of the model, which are made where they do not exist. Raises ModelError:
+    `effect-fit`, `effect-present`, `effect-name`, `effect-parameter`.
+    """
+    return attach_all(flat, [Placement(effect, site, name or "", values or {}, inputs or {})])
+
+
+def attach_all(flat: FlatModel, placements: Iterable[Placement | tuple[Effect, Site, str]]) -> FlatModel:
+    """`flat` with several effects; the work grows linearly with their number. See `attach`."""
+    assembly = _Assembly(flat)
+    for one in placements:
+        assembly.add(one if isinstance(one, Placement) else Placement(*one))
+    return assembly.model()
+
+
+def component_name(effect: Effect, taken: Iterable[str]) -> str:
+    """The name of the effect's component: `coulombFriction`, or `coulombFriction2` where that is taken."""
+    known = set(taken)
+    base = effect.name[0].lower() + effect.name[1:]
+    name, number = base, 1
+    while name in known:
+        number += 1
+        name = f"{base}{number}"
+    return name
+
+
+def names_of(flat: FlatModel) -> set[str]:
+    """The names of components and variables that the model declares itself."""
+    names = [x.name for x in (*flat.unknowns, *flat.inputs)] + [y.name for y in flat.outputs]
+    names += [p.name for p in flat.parameters] + [p.name for p in flat.derived_parameters]
+    own = {name.partition(".")[0] for name in (*names, *(w.name for w in flat.noises))}
+    return own | {e.origin.partition(".")[0] for e in flat.equations if e.kind == "component"}
+
+
+@dataclass
+class _Member:
+    """A component that is put in: its model, and the symbols of its variables by their local names."""
+
+    name: str
+    effect: Effect
+    model: EffectModel
+    symbols: dict[str, ca.SX] = field(default_factory=dict)
+
+    def local(self, connector: str, kind: int) -> tuple[str, ca.SX]:
+        """Full name and symbol of the potential (0) or flow (1) of one of its connectors."""
+        variable = f"{connector}.{_VARIABLES[self.effect.domain][kind]}"
+        return f"{self.name}.{variable}", self.symbols[variable]
+
+
+class _Assembly:
+    """The rows and symbols of a model that grows."""
+
+    def __init__(self, flat: FlatModel) -> None:
+        self.flat = flat
+        self.unknowns: list[Variable] = list(flat.unknowns)
+        self.xi: list[ca.SX] = ca.vertsplit(flat.xi)
+        self.derivatives: list[ca.SX] = ca.vertsplit(flat.derivatives)
+        self.inputs: list[Variable] = list(flat.inputs)
+        self.u: list[ca.SX] = ca.vertsplit(flat.u)
+        self.noises: list[NoiseInput] = list(flat.noises)
+        self.w: list[ca.SX] = ca.vertsplit(flat.w)
+        self.parameters: list[Parameter] = list(flat.parameters)
+        self.theta: list[ca.SX] = ca.vertsplit(flat.theta)
+        self.derived: list[DerivedParameter] = list(flat.derived_parameters)
+        self.derived_values: list[ca.SX] = ca.vertsplit(flat.derived_values)
+        self.outputs: list[Output] = list(flat.outputs)
+        self.results: list[ca.SX] = ca.vertsplit(flat.output_expressions)
+        self.equations: list[Equation] = list(flat.equations)
+        self.residual: list[ca.SX] = ca.vertsplit(flat.residual)
+        self.initial: list[Equation] = list(flat.initial_equations)
+        self.initial_residual: list[ca.SX] = ca.vertsplit(flat.initial_residual)
+        self._connectors = connectors_of(flat.unknowns)
+        self._symbol = {v.name: x for v, x in zip(flat.unknowns, self.xi, strict=True)}
+        self._values = {p.name: x for p, x in zip(flat.parameters, self.theta, strict=True)}
+        self._values |= {p.name: x for p, x in zip(self.derived, self.derived_values, strict=True)}
+        self._flow_rows: dict[str, int] = {}
+        for one in connection_sets(flat, self._connectors):
+            for member in one.members:
+                self._flow_rows.setdefault(member, one.row)  # the upper set of a composite's connector
+        self._potential_rows: dict[str, list[int]] | None = None
+        self._names = names_of(flat)
+        self._laws: dict[str, list[str]] = {}
+        self._note_laws(self.equations)
+
+    def model(self) -> FlatModel:
+        return replace(
+            self.flat,
+            unknowns=tuple(self.unknowns),
+            inputs=tuple(self.inputs),
+            noises=tuple(self.noises),
+            parameters=tuple(self.parameters),
+            outputs=tuple(self.outputs),
+            equations=tuple(self.equations),
+            derivatives=_column(self.derivatives),
+            xi=_column(self.xi),
+            u=_column(self.u),
+            w=_column(self.w),
+            theta=_column(self.theta),
+            residual=_column(self.residual),
+            output_expressions=_column(self.results),
+            initial_equations=tuple(self.initial),
+            initial_residual=_column(self.initial_residual),
+            derived_parameters=tuple(self.derived),
+            derived_values=_column(self.derived_values),
+        )
+
+    # --- putting in ----------------------------------------------------------------------------------------
+
+    def add(self, placement: Placement) -> None:
+        effect, site = placement.effect, placement.site
+        if not fits(effect, site):
+            raise ModelError(
+                "effect-fit",
+                f"{effect.name} does not fit at `{site.name}`, a {site.domain} {site.kind}",
+                remedy="Choose one of the sites where it fits.",
+            )
+        self._refuse_repetition(effect, site)
+        member = self._member(placement)
+        self._supply(member, placement)
+        if site.kind == "node":
+            self._join(member, effect.connectors[0], site.connectors[0])
+        elif site.kind in ("component", "pair"):
+            self._across(member, site)
+        elif site.kind == "connector":
+            self._in_series(member, site.connectors[0])
+        elif site.kind == "output":
+            self._before_output(member, site.name)
+        elif site.kind == "input":
+            self._behind_input(member, site.name)
+        else:
+            self._instead(member, site.name)
+
+    def _member(self, placement: Placement) -> _Member:
+        """The effect's variables, parameters and equations, with nothing connected yet."""
+        effect, site = placement.effect, placement.site
+        model = effect_model(effect, across=effect.attach == "connector" and site.kind == "component")
+        member = _Member(self._name(placement), effect, model)
+        xi = [ca.SX.sym(f"{member.name}.{x.name}") for x in model.unknowns]
+        derivatives = [ca.SX.sym(f"der({member.name}.{x.name})") for x in model.unknowns]
+        w = [ca.SX.sym(f"{member.name}.{x.name}") for x in model.noises]
+        theta = self._parameters(member, placement)
+        member.symbols = {x.name: symbol for x, symbol in zip(model.unknowns, xi, strict=True)}
+        residual, initial, derived = model.function(
+            _column(derivatives), _column(xi), _column(w), _column(theta), self.flat.time
+        )
+        self.unknowns += [replace(x, name=f"{member.name}.{x.name}") for x in model.unknowns]
+        self.xi += xi
+        self.derivatives += derivatives
+        self.noises += [_placed_noise(x, member.name) for x in model.noises]
+        self.w += w
+        words = _Words(member.name, [*model.unknowns, *model.parameters, *model.derived, *model.noises])
+        equations = [words.equation(e) for e in model.equations]
+        self._note_laws(equations)
+        self.equations += equations
+        self.residual += ca.vertsplit(residual)
+        self.initial += [words.equation(e) for e in model.initial_equations]
+        self.initial_residual += ca.vertsplit(initial)
+        self.derived += [words.derived(p) for p in model.derived]
+        self.derived_values += ca.vertsplit(derived)
+        return member
+
+    def _name(self, placement: Placement) -> str:
+        name = placement.name or component_name(placement.effect, self._names)
+        if name in self._names:
+            raise ModelError(
+                "effect-name",
+                f"the model has a `{name}` already",
+                where=self.flat.source or None,
+                remedy=f"Choose another name, such as {component_name(placement.effect, self._names)}.",
+            )
+        self._names.add(name)
+        return name
+
+    def _parameters(self, member: _Member, placement: Placement) -> list[ca.SX]:
+        """The symbols of the effect's parameters; those that the place gives are expressions of the
+        model's."""
+        check_values(member.effect, placement.values)
+        roles = {p.name: p for p in member.effect.parameters}
+        symbols: list[ca.SX] = []
+        for parameter in member.model.parameters:
+            full = f"{member.name}.{parameter.name}"
+            source = self._given(roles[parameter.name], placement)
+            if source:
+                value = self._values[source]
+                self.derived.append(DerivedParameter(full, source, parameter.unit, parameter.description))
+                self.derived_values.append(value)
+            else:
+                value = ca.SX.sym(full)
+                start = float(placement.values.get(parameter.name, parameter.value))
+                self.parameters.append(replace(parameter, name=full, value=start))
+                self.theta.append(value)
+            self._values[full] = value
+            symbols.append(value)
+        return symbols
+
+    def _given(self, parameter: EffectParameter, placement: Placement) -> str:
+        """The model's parameter that supplies one of role "given"; empty for one that has its own value."""
+        return given_source(parameter, placement.site) if parameter.name not in placement.values else ""
+
+    def _supply(self, member: _Member, placement: Placement) -> None:
+        """Connect the effect's signal inputs to inputs of the model, new ones where there are none."""
+        for name in member.effect.inputs:
+            wanted = placement.inputs.get(name, f"{member.name}_{name}")
+            known = [x.name for x in self.inputs]
+            if wanted not in known:
+                self._new_input(wanted, member, name)
+            symbol = self.u[[x.name for x in self.inputs].index(wanted)]
+            self._connect(wanted, symbol, f"{member.name}.{name}", member.symbols[name])
+
+    def _new_input(self, wanted: str, member: _Member, name: str) -> None:
+        if wanted in self._names:
+            raise ModelError(
+                "effect-name",
+                f"the input `{wanted}` cannot be added: the model has a `{wanted}` already",
+                remedy="Choose another name for the input.",
+            )
+        own = next(x for x in member.model.unknowns if x.name == name)
+        start = 0.0 if own.start is None else own.start
+        self.inputs.append(replace(own, name=wanted, start=start, place=None))
+        self.u.append(ca.SX.sym(wanted))
+        self._names.add(wanted)
+
+    # --- connecting ----------------------------------------------------------------------------------------
+
+    def _connect(self, left: str, left_symbol: ca.SX, right: str, right_symbol: ca.SX) -> None:
+        """left = right, as a connection writes it."""
+        origin = ", ".join(_owner(name) for name in (left, right))
+        self.equations.append(Equation(f"{left} = {right}", "connection", origin))
+        self.residual.append(left_symbol - right_symbol)
+
+    def _join(self, member: _Member, own: str, connector: str) -> None:
+        """The effect's connector `own` joins the connection set of `connector`."""
+        target, domain = self._connectors[connector], member.effect.domain
+        full = f"{connector}.{_VARIABLES[domain][0]}"
+        name, symbol = member.local(own, 0)
+        self._connect(full, self._symbol[full], name, symbol)
+        flow_name, flow = member.local(own, 1)
+        row = self._flow_rows[connector]
+        sign = self._orientation(row, target.flow)
+        old = self.equations[row]
+        left, _, right = old.text.partition(" = ")
+        text = f"{left} + {flow_name} = {right}" if right == "0" else f"{old.text} + {flow_name}"
+        origin = f"{old.origin}, {_owner(flow_name)}" if old.origin else _owner(flow_name)
+        self.equations[row] = replace(old, text=text, kind="flow", origin=origin)
+        self.residual[row] = self.residual[row] + sign * flow
+
+    def _orientation(self, row: int, flow: int) -> float:
+        """The sign in a flow sum of the flows into components, which the innermost connector tells."""
+        members = [name for name, at in self._flow_rows.items() if at == row and name in self._connectors]
+        inner = max(members, key=lambda name: name.count("."), default="")
+        symbol = self.xi[self._connectors[inner].flow] if inner else self.xi[flow]
+        slope = ca.jacobian(self.residual[row], symbol)
+        return -1.0 if slope.is_constant() and float(slope) < 0 else 1.0
+
+    def _across(self, member: _Member, site: Site) -> None:
+        a, b = site.connectors
+        if member.effect.attach == "connector":
+            self._join(member, "support", a)
+            self._join(member, member.effect.connectors[0], b)
+        else:
+            self._join(member, member.effect.connectors[0], a)
+            self._join(member, member.effect.connectors[1], b)
+
+    def _in_series(self, member: _Member, connector: str) -> None:
+        """The connections of `connector` go to the effect's first connector, its second one to
+        `connector`."""
+        domain = member.effect.domain
+        first, second = member.effect.connectors
+        row = self._flow_rows[connector]
+        self._rename(row, connector, member, first)
+        for at in self._rows_of_potential(connector, row):
+            self._rename(at, connector, member, first)
+        full, flow = (f"{connector}.{variable}" for variable in _VARIABLES[domain])
+        end, end_symbol = member.local(second, 0)
+        self._connect(end, end_symbol, full, self._symbol[full])
+        end_flow, end_flow_symbol = member.local(second, 1)
+        origin = f"{member.name}.{second}, {connector}"
+        self.equations.append(Equation(f"{end_flow} + {flow} = 0", "flow", origin))
+        self.residual.append(end_flow_symbol + self._symbol[flow])
+        self._flow_rows[connector] = len(self.equations) - 1
+        self._potentials()[connector] = [len(self.equations) - 2]
+
+    def _rename(self, row: int, connector: str, member: _Member, own: str) -> None:
+        """The row with the variables of `connector` replaced by those of the effect's connector `own`."""
+        old = self.equations[row]
+        replaced, text = self.residual[row], old.text
+        for kind, variable in enumerate(_VARIABLES[member.effect.domain]):
+            name, symbol = member.local(own, kind)
+            replaced = ca.substitute(replaced, self._symbol[f"{connector}.{variable}"], symbol)
+            text = _renamed(text, f"{connector}.{variable}", name)
+        origin = ", ".join(
+            f"{member.name}.{own}" if one == connector else one for one in old.origin.split(", ")
+        )
+        self.equations[row] = replace(old, text=text, origin=origin)
+        self.residual[row] = replaced
+
+    def _rows_of_potential(self, connector: str, flow_row: int) -> list[int]:
+        """Rows of connections of `connector` with members of its connection set."""
+        peers = set(self.equations[flow_row].origin.split(", "))
+        rows = self._potentials().get(connector, [])
+        return [at for at in rows if set(self.equations[at].origin.split(", ")) & (peers - {connector})]
+
+    def _potentials(self) -> dict[str, list[int]]:
+        if self._potential_rows is None:
+            self._potential_rows = {}
+            for i, equation in enumerate(self.equations):
+                if equation.kind == "connection":
+                    for name in equation.origin.split(", "):
+                        self._potential_rows.setdefault(name, []).append(i)
+        return self._potential_rows
+
+    # --- signals -------------------------------------------------------------------------------------------
+
+    def _behind_input(self, member: _Member, name: str) -> None:
+        """The uses of an input take the effect's output."""
+        source = self.u[[x.name for x in self.inputs].index(name)]
+        self._substitute(source, member.symbols["y"], name, f"{member.name}.y", member)
+        self._connect(name, source, f"{member.name}.u", member.symbols["u"])
+
+    def _substitute(self, old: ca.SX, new: ca.SX, name: str, shown: str, member: _Member) -> None:
+        """`new` for `old` everywhere but in the effect's own rows, `shown` for `name` in the texts."""
+        rows = [i for i, e in enumerate(self.equations) if e.origin.partition(".")[0] != member.name]
+        before = [*(self.residual[i] for i in rows), *self.results]
+        after = ca.vertsplit(ca.substitute(_column(before), old, new))
+        depends = ca.jacobian_sparsity(_column(before), old).row()
+        for at in depends:
+            if at < len(rows):
+                equation = self.equations[rows[at]]
+                origin = ", ".join(member.name if o == name else o for o in equation.origin.split(", "))
+                text = _renamed(equation.text, name, shown)
+                self.equations[rows[at]] = replace(equation, text=text, origin=origin)
+                self.residual[rows[at]] = after[at]
+        self.results = after[len(rows) :]
+
+    def _instead(self, member: _Member, name: str) -> None:
+        """The uses of a parameter take the effect's formula, of one equation `y = …` in u and time."""
+        row = next(i for i, e in enumerate(self.equations) if e.origin == member.name)
+        formula = member.symbols["y"] - self.residual[row]
+        formula = ca.substitute(formula, member.symbols["u"], self._values[name])
+        shown = _renamed(self.equations[row].text.partition(" = ")[2], f"{member.name}.u", name)
+        del self.equations[row], self.residual[row]
+        for _ in member.model.unknowns:
+            del self.unknowns[-1], self.xi[-1], self.derivatives[-1]
+        self._substitute(self._values[name], formula, name, f"({shown})", member)
+
+    def _before_output(self, member: _Member, name: str) -> None:
+        at = [y.name for y in self.outputs].index(name)
+        expression = self.results[at]
+        shown = expression.name() if expression.is_symbolic() else str(expression)
+        self._connect(shown, expression, f"{member.name}.u", member.symbols["u"])
+        self.results[at] = member.symbols["y"]
+
+    # --- the same effect twice -----------------------------------------------------------------------------
+
+    def _refuse_repetition(self, effect: Effect, site: Site) -> None:
+        """Raise ModelError where a component at the place has the equations of the effect."""
+        peers = self._peers(site)
+        if not peers:
+            return
+        variants = [effect_model(effect)] + ([effect_model(effect, True)] if effect.has_support else [])
+        laws = [frozenset(e.text for e in v.equations if e.kind == "component") for v in variants]
+        for peer in sorted(peers):
+            if frozenset(self._laws.get(peer, ())) in laws:
+                raise ModelError(
+                    "effect-present",
+                    f"the model contains {effect.name} at `{site.name}` already: `{peer}`",
+                    where=self.flat.source or None,
+                    remedy=f"Estimate the parameters of `{peer}`, or choose another place.",
+                )
+
+    def _peers(self, site: Site) -> set[str]:
+        """Components that join the place at all of its ends."""
+        if site.kind in ("input", "output", "parameter"):
+            return {_owner(e.text.partition(" = ")[2]) for e in self.equations if _reads(e, site.name)}
+        if site.kind == "connector":
+            joined = self.equations[self._flow_rows[site.connectors[0]]].origin.split(", ")
+            return {_owner(name) for name in joined} if len(joined) == 2 else set()
+        if site.kind == "node":
+            return self._joined_to(site.connectors)
+        a, b = site.connectors
+        return self._joined_to([a]) & self._joined_to([b])
+
+    def _joined_to(self, connectors: Iterable[str]) -> set[str]:
+        rows = {self._flow_rows[c] for c in connectors if c in self._flow_rows}
+        return {_owner(name) for row in rows for name in self.equations[row].origin.split(", ")}
+
+    def _note_laws(self, equations: Iterable[Equation]) -> None:
+        """Keep the equations of components as their classes write them."""
+        for equation in equations:
+            if equation.kind == "component":
+                text = equation.text.replace(f"{equation.origin}.", "")
+                self._laws.setdefault(equation.origin, []).append(text)
+
+
+def check_values(effect: Effect, values: Mapping[str, float]) -> None:
+    """Raise ModelError for a value of a parameter that the effect does not have, or outside of its bounds."""
+    known = {p.name: p for p in effect.parameters}
+    for name, value in values.items():
+        if name not in known:
+            near = get_close_matches(name, known, 2)
+            hint = f"Did you mean {' or '.join(f'`{one}`' for one in near)}? " if near else ""
+            raise ModelError(
+                "effect-parameter",
+                f"{effect.name} has no parameter `{name}`",
+                remedy=f"{hint}It has {', '.join(known)}.",
+            )
+        low, high = known[name].min, known[name].max
+        if not (low is None or value >= low) or not (high is None or value <= high):
+            raise ModelError(
+                "parameter-bounds",
+                f"parameter `{name}` of {effect.name}: {value:g} is outside of "
+                f"{'-inf' if low is None else f'{low:g}'} to {'inf' if high is None else f'{high:g}'}",
+                remedy="Choose a value inside.",
+            )
+
+
+def given_source(parameter: EffectParameter, site: Site) -> str:
+    """The parameter of the model that the site supplies for one of role "given"; empty if there is none."""
+    if parameter.role != "given" or parameter.given_from not in site.parameters:
+        return ""
+    return f"{_owner(site.connectors[0])}.{parameter.given_from}"
+
+
+class _Words:
+    """Texts of an effect's class as seen from the model: its own names get the name of the component."""
+
+    def __init__(
+        self, component: str, items: Sequence[Variable | Parameter | DerivedParameter | NoiseInput]
+    ) -> None:
+        self.component = component
+        names = sorted({re.sub(r"\[.*", "", item.name) for item in items}, key=len, reverse=True)
+        alternatives = "|".join(re.escape(name) for name in names)
+        self._own = re.compile(rf"(?<![\w.])(?:{alternatives})(?![\w.(])")
+
+    def equation(self, equation: Equation) -> Equation:
+        parts = [f"{self.component}.{o}" if o else self.component for o in equation.origin.split(", ")]
+        return replace(equation, text=self._text(equation.text), origin=", ".join(parts))
+
+    def derived(self, derived: DerivedParameter) -> DerivedParameter:
+        name, expression = f"{self.component}.{derived.name}", self._text(derived.expression)
+        return replace(derived, name=name, expression=expression)
+
+    def _text(self, text: str) -> str:
+        return self._own.sub(lambda match: f"{self.component}.{match[0]}", text)
+
+
+def _placed_noise(noise: NoiseInput, component: str) -> NoiseInput:
+    source = noise.intensity_parameter
+    return replace(
+        noise,
+        name=f"{component}.{noise.name}",
+        intensity_parameter=f"{component}.{source}" if source else "",
+    )
+
+
+def _owner(name: str) -> str:
+    """The component of a variable or connector; the name itself at top level."""
+    return name.rpartition(".")[0] or name
+
+
+def _reads(equation: Equation, name: str) -> bool:
+    return equation.kind == "connection" and equation.text.partition(" = ")[0] == name
+
+
+def _renamed(text: str, old: str, new: str) -> str:
+    return re.sub(rf"(?<![\w.]){re.escape(old)}(?![\w.])", new, text)
+
+
+def _column(parts: Sequence[ca.SX]) -> ca.SX:
+    return ca.vertcat(*parts) if parts else ca.SX(0, 1)

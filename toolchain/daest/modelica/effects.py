@@ -1,0 +1,566 @@
+"""The effect library: Modelica classes marked `__Daest(effect = true, …)`, read as a catalogue.
+
+All classes are compiled together, as components of one model, and taken apart again; the result is kept in
+the cache folder under the hash of every file of the libraries, so that it is done once per change of a
+library.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import os
+import pickle
+import re
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+
+from daest.cache import cache_folder
+from daest.errors import ModelError, Place
+from daest.model.effects import Attachment, Domain, Effect, EffectParameter, ParameterRole
+from daest.model.flat import (
+    DerivedParameter,
+    Equation,
+    FlatModel,
+    NoiseInput,
+    Parameter,
+    Variable,
+)
+from daest.modelica import syntax as s
+from daest.modelica.annotations import Annotation, annotation_of
+from daest.modelica.assemble import assemble
+from daest.modelica.compiler import Job, compile_source, with_room
+from daest.modelica.connectors import connectors_of
+from daest.modelica.library import library_roots
+from daest.modelica.outline import ClassHead, class_heads
+from daest.modelica.source import read_source
+from daest.modelica.text import text
+from daest.modelica.tokens import tokens
+
+__all__ = ["EffectModel", "effect_library", "effect_model", "find_effect"]
+
+_MARK = re.compile(rb"__Daest\s*\(\s*effect\b")
+_CATALOGUE = "Daest__Catalogue"
+_SUPPORT = "support"
+_SIGNALS: tuple[Attachment, ...] = ("signal", "input", "output", "parameter")
+_ATTACHMENTS: tuple[Attachment, ...] = ("connector", "parallel", "series", *_SIGNALS)
+_ROLES: tuple[ParameterRole, ...] = ("size", "shape", "sharpness", "given")
+_KEYS = ("effect", "attach", "law", "dynamic", "inputs")
+_DOCUMENTATION = re.compile(r'Documentation\s*\(\s*info\s*=\s*"((?:[^"\\]|\\.)*)"', re.DOTALL)
+_TAG = re.compile(r"<[^>]*>")
+
+
+@dataclass(frozen=True)
+class EffectModel:
+    """The equations of an effect with open connectors; its signals (`u`, `y`) and inputs are unknowns.
+
+    `function` maps (derivatives, xi, w, theta, time) to (residual, initial residual, derived values) in the
+    order of `equations`, `initial_equations` and `derived`.
+    """
+
+    unknowns: tuple[Variable, ...]
+    noises: tuple[NoiseInput, ...]
+    parameters: tuple[Parameter, ...]
+    derived: tuple[DerivedParameter, ...]
+    equations: tuple[Equation, ...]
+    initial_equations: tuple[Equation, ...]
+    function: ca.Function
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """An effect with its equations, and those with its support connected if it has one."""
+
+    effect: Effect
+    model: EffectModel
+    across: EffectModel | None
+
+
+@dataclass(frozen=True)
+class _Source:
+    """A marked class: its text and its annotation."""
+
+    file: str
+    text: bytes
+    head: ClassHead
+    annotation: Annotation
+    documentation: str
+
+    def entry(self, key: str) -> Any:
+        return _value(self.annotation.entries.get(key))
+
+    def error(self, key: str, what: str, remedy: str) -> ModelError:
+        where = self.annotation.places.get(key, self.annotation.place)
+        return ModelError("effect-annotation", f"`{self.head.name}`: {what}", where=where, remedy=remedy)
+
+
+_kept: dict[tuple[str, ...], tuple[str, Mapping[str, _Entry]]] = {}
+
+
+def effect_library(libraries: Sequence[str | Path] = ()) -> tuple[Effect, ...]:
+    """All effects of the bundled library and of the folders `libraries` and MODELICAPATH, sorted by domain
+    as the bundled library has them. Raises ModelError for a class that does not compile or whose annotation
+    is wrong."""
+    return tuple(entry.effect for entry in _catalogue(_names(libraries), check=True).values())
+
+
+def find_effect(name: str, libraries: Sequence[str | Path] = (), domain: str | None = None) -> Effect:
+    """The effect of that class name, full or short, of `domain` if several domains have one.
+
+    Raises ModelError `effect-unknown` with the nearest names, `effect-ambiguous` if several domains have one.
+    """
+    known = effect_library(libraries)
+    found = [e for e in known if _is_called(e, name)]
+    if domain is not None and len(found) > 1:
+        found = [e for e in found if e.domain == domain] or found
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise ModelError(
+            "effect-ambiguous",
+            f"`{name}` may be {' or '.join(e.class_name for e in found)}",
+            remedy="Give more of the name: Rotational." + name.rpartition(".")[2] + ", say.",
+        )
+    short = {e.name.lower(): e.name for e in known}
+    near = get_close_matches(name.rpartition(".")[2].lower(), short, 3)
+    hint = f"Did you mean {' or '.join(short[one] for one in near)}? " if near else ""
+    raise ModelError(
+        "effect-unknown", f"there is no effect `{name}`", remedy=hint + "daest effects lists them all."
+    )
+
+
+def _is_called(effect: Effect, name: str) -> bool:
+    return effect.class_name == name or effect.class_name.endswith("." + name)
+
+
+def effect_model(effect: Effect, across: bool = False) -> EffectModel:
+    """The equations of `effect`; `across` with its connector `support` instead of a fixed housing."""
+    entry = _catalogue(effect.libraries, check=False)[effect.class_name]
+    if across and entry.across is not None:
+        return entry.across
+    return entry.model
+
+
+def _names(libraries: Sequence[str | Path]) -> tuple[str, ...]:
+    return tuple(str(Path(folder).expanduser().resolve()) for folder in libraries)
+
+
+# Keeping ----------------------------------------------------------------------------------------------------
+
+
+def _catalogue(libraries: tuple[str, ...], check: bool) -> Mapping[str, _Entry]:
+    """The entries by class name; `check` looks whether a file has changed since they were read."""
+    if libraries in _kept and not check:
+        return _kept[libraries][1]
+    roots = library_roots(libraries)
+    files = [(root, file) for root in roots for file in sorted(root.rglob("*.mo"))]
+    key = _key(files)
+    if libraries not in _kept or _kept[libraries][0] != key:
+        _kept[libraries] = key, _stored(key, roots, [file for _, file in files], libraries)
+    return _kept[libraries][1]
+
+
+def _key(files: Iterable[tuple[Path, Path]]) -> str:
+    """Hash of everything that decides the catalogue."""
+    found = hashlib.sha256()
+    for package in ("daest", "casadi", "rumoca"):
+        found.update(f"{package} {importlib.metadata.version(package)}\n".encode())
+    found.update(Path(__file__).read_bytes())
+    for root, file in files:
+        content = file.read_bytes()
+        found.update(f"{root} {file.relative_to(root)} {len(content)}\n".encode())
+        found.update(content)
+    return found.hexdigest()
+
+
+def _stored(
+    key: str, roots: tuple[Path, ...], files: Sequence[Path], libraries: tuple[str, ...]
+) -> Mapping[str, _Entry]:
+    kept = cache_folder() / "effects" / f"{key}.pickle"
+    try:
+        entries = pickle.loads(kept.read_bytes())
+    except Exception:  # missing, cut off or of another version: it is made again
+        entries = _read(roots, files, libraries)
+        _keep(kept, entries)
+    return entries
+
+
+def _keep(file: Path, entries: Mapping[str, _Entry]) -> None:
+    """Write whole or not at all; a cache that cannot be written is no error."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=file.parent)
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(pickle.dumps(entries))
+        os.replace(name, file)
+    except OSError:
+        return
+
+
+# Reading ----------------------------------------------------------------------------------------------------
+
+
+def _read(roots: tuple[Path, ...], files: Sequence[Path], libraries: tuple[str, ...]) -> Mapping[str, _Entry]:
+    sources = [source for file in files for source in _marked(file)]
+    unique = {source.head.name: source for source in reversed(sources)}
+    ordered = [unique[name] for name in dict.fromkeys(source.head.name for source in sources)]
+    supported = _supported(ordered, roots)
+    flat = _compiled(ordered, supported, roots)
+    parts = _parts(flat)
+    entries = [_entry(i, source, parts, libraries) for i, source in enumerate(ordered)]
+    return {entry.effect.class_name: entry for entry in sorted(entries, key=_order)}
+
+
+def _order(entry: _Entry) -> tuple[int, str]:
+    domains = ("rotational", "translational", "electrical", "thermal", "hydraulic", "signal")
+    return domains.index(entry.effect.domain), entry.effect.class_name
+
+
+def _marked(file: Path) -> Iterable[_Source]:
+    if _MARK.search(file.read_bytes()) is None:
+        return
+    content = read_source(file)
+    for head in class_heads(content):
+        start = _class_annotation(content, head)
+        annotation = annotation_of(str(file), content, start) if start is not None else None
+        if start is None or not annotation or not annotation.flag("effect", False):
+            continue
+        found = _DOCUMENTATION.search(content[start:].decode())
+        source = _Source(str(file), content, head, annotation, _plain(found[1]) if found else "")
+        _check(source)
+        yield source
+
+
+def _class_annotation(content: bytes, head: ClassHead) -> int | None:
+    """Byte offset of the annotation of a class: the last one that is a statement of its own."""
+    depth, before, found = 0, ";", None
+    last = head.name.rpartition(".")[2]
+    for token in tokens(content, head.start):
+        if depth == 0 and token.text == "annotation" and before in (";", "equation", "algorithm"):
+            found = token.start
+        if depth == 0 and before == "end" and token.text == last:
+            break
+        depth += (token.text in ("(", "{", "[")) - (token.text in (")", "}", "]"))
+        before = token.text
+    return found
+
+
+def _plain(documentation: str) -> str:
+    return " ".join(_TAG.sub(" ", documentation.replace('\\"', '"')).split())
+
+
+def _check(source: _Source) -> None:
+    for key in source.annotation.entries:
+        if key not in _KEYS:
+            near = get_close_matches(key, _KEYS, 1)
+            hint = f"Did you mean `{near[0]}`? " if near else ""
+            raise source.error(
+                key, f"`{key}` has no meaning for an effect", f"{hint}Known: {', '.join(_KEYS)}."
+            )
+    if source.entry("attach") not in _ATTACHMENTS:
+        raise source.error(
+            "attach", "attach is missing or unknown", f"Write attach = one of {', '.join(_ATTACHMENTS)}."
+        )
+    if not isinstance(source.entry("law"), str):
+        raise source.error("law", "law is missing", 'Write law = "tau = -d*w", say.')
+
+
+def _value(node: s.Node | None) -> Any:
+    """What an annotation entry says: number, text, flag, or a tuple of them; None for anything else."""
+    match node:
+        case s.Constant(value):
+            return value
+        case s.Unary("-", s.Constant(value)) if not isinstance(value, str):
+            return -value
+        case s.Array(elements):
+            return tuple(_value(element) for element in elements)
+    return None
+
+
+# Compiling --------------------------------------------------------------------------------------------------
+
+
+def _signals(source: _Source) -> tuple[str, ...]:
+    """Inputs of the class that the catalogue has to supply."""
+    own = ("u",) if source.entry("attach") in _SIGNALS else ()
+    return (*own, *(source.entry("inputs") or ()))
+
+
+def _compiled(sources: Sequence[_Source], supported: Sequence[bool], roots: tuple[Path, ...]) -> FlatModel:
+    """One model with all classes as components e0, e1, … and, with support, a0, a1, …"""
+    try:
+        return _flat(_catalogue_text(sources, supported), roots)
+    except ModelError:
+        for source, has_support in zip(sources, supported, strict=True):
+            _alone(source, has_support, roots)  # raises for the class at fault
+        raise
+
+
+def _alone(source: _Source, has_support: bool, roots: tuple[Path, ...]) -> None:
+    try:
+        _flat(_catalogue_text([source], [has_support]), roots)
+    except ModelError as problem:
+        remedy = problem.remedy
+        if problem.code == "model-unbalanced":
+            remedy += ' Name its signal inputs in the annotation: inputs = {"u"}.'
+        raise ModelError(
+            problem.code,
+            f"effect `{source.head.name}`: {problem.what}",
+            where=Place(source.file) if isinstance(problem.where, str) else problem.where,
+            remedy=remedy,
+        ) from None
+
+
+def _catalogue_text(sources: Sequence[_Source], supported: Sequence[bool]) -> bytes:
+    declarations, connections = [], []
+    for i, (source, has_support) in enumerate(zip(sources, supported, strict=True)):
+        components = [f"e{i}"] + ([f"a{i}"] if has_support else [])
+        for component in components:
+            change = "(useSupport = true)" if component.startswith("a") else ""
+            declarations.append(f"  {source.head.name} {component}{change};")
+            for name in _signals(source):
+                declarations.append(f"  input Real {component}_{name};")
+                connections.append(f"  {component}.{name} = {component}_{name};")
+    lines = [f"model {_CATALOGUE}", "  import Daest.Units.SI;", *declarations, "equation", *connections]
+    return "\n".join([*lines, f"end {_CATALOGUE};"]).encode()
+
+
+def _flat(content: bytes, roots: tuple[Path, ...]) -> FlatModel:
+    job = Job(Path(f"{_CATALOGUE}.mo"), content, _CATALOGUE, roots)
+    return with_room(lambda: assemble(compile_source(job), str(job.path)))
+
+
+def _supported(sources: Sequence[_Source], roots: tuple[Path, ...]) -> list[bool]:
+    """Whether a class attached at a connector has a support for its housing (parameter `useSupport`)."""
+    flags = [False] * len(sources)
+    relevant = [i for i, source in enumerate(sources) if source.entry("attach") == "connector"]
+    if relevant:
+        flat = _compiled([sources[i] for i in relevant], [False] * len(relevant), roots)
+        names = {unknown.name for unknown in flat.unknowns}
+        for place, i in enumerate(relevant):
+            flags[i] = any(name.startswith(f"e{place}.") and name.endswith("_support") for name in names)
+    return flags
+
+
+# Taking apart -----------------------------------------------------------------------------------------------
+
+
+@dataclass
+class _Part:
+    """Positions, in the model of the catalogue, of what belongs to one component."""
+
+    unknowns: list[int]
+    noises: list[int]
+    parameters: list[int]
+    derived: list[int]
+    equations: list[int]
+    initial: list[int]
+
+
+def _parts(flat: FlatModel) -> dict[str, EffectModel]:
+    """The model of each component. Rows of unconnected connectors and of the catalogue's own signals are
+    dropped."""
+    parts: dict[str, _Part] = {}
+
+    def part(name: str) -> _Part:
+        return parts.setdefault(name.partition(".")[0], _Part([], [], [], [], [], []))
+
+    for i, unknown in enumerate(flat.unknowns):
+        part(unknown.name).unknowns.append(i)
+    for i, noise in enumerate(flat.noises):
+        part(noise.name).noises.append(i)
+    for i, parameter in enumerate(flat.parameters):
+        part(parameter.name).parameters.append(i)
+    for i, derived in enumerate(flat.derived_parameters):
+        part(derived.name).derived.append(i)
+    for i, equation in enumerate(flat.equations):
+        if equation.kind != "unconnected" and equation.origin:
+            part(equation.origin).equations.append(i)
+    for i, equation in enumerate(flat.initial_equations):
+        part(equation.origin).initial.append(i)
+    return {name: _part_model(name, one, flat) for name, one in parts.items()}
+
+
+def _part_model(name: str, part: _Part, flat: FlatModel) -> EffectModel:
+    def local(item: Any) -> Any:
+        return replace(item, name=item.name.removeprefix(f"{name}."))
+
+    def local_equation(equation: Equation) -> Equation:
+        return replace(
+            equation,
+            text=re.sub(rf"\b{name}\.", "", equation.text),
+            origin=", ".join(o.removeprefix(name).removeprefix(".") for o in equation.origin.split(", ")),
+        )
+
+    function = ca.Function(
+        "effect",
+        [
+            flat.derivatives[part.unknowns],
+            flat.xi[part.unknowns],
+            flat.w[part.noises],
+            flat.theta[part.parameters],
+            flat.time,
+        ],
+        [
+            flat.residual[part.equations],
+            flat.initial_residual[part.initial],
+            flat.derived_values[part.derived],
+        ],
+    )
+    return EffectModel(
+        unknowns=tuple(local(flat.unknowns[i]) for i in part.unknowns),
+        noises=tuple(_local_noise(flat.noises[i], name) for i in part.noises),
+        parameters=tuple(local(flat.parameters[i]) for i in part.parameters),
+        derived=tuple(_local_derived(flat.derived_parameters[i], name) for i in part.derived),
+        equations=tuple(local_equation(flat.equations[i]) for i in part.equations),
+        initial_equations=tuple(local_equation(flat.initial_equations[i]) for i in part.initial),
+        function=function,
+    )
+
+
+def _local_noise(noise: NoiseInput, component: str) -> NoiseInput:
+    prefix = f"{component}."
+    return replace(
+        noise,
+        name=noise.name.removeprefix(prefix),
+        intensity_parameter=noise.intensity_parameter.removeprefix(prefix),
+    )
+
+
+def _local_derived(derived: DerivedParameter, component: str) -> DerivedParameter:
+    return replace(
+        derived,
+        name=derived.name.removeprefix(f"{component}."),
+        expression=re.sub(rf"\b{component}\.", "", derived.expression),
+    )
+
+
+def _entry(i: int, source: _Source, parts: Mapping[str, EffectModel], libraries: tuple[str, ...]) -> _Entry:
+    model, across = parts[f"e{i}"], parts.get(f"a{i}")
+    connectors = connectors_of(model.unknowns)
+    signals = source.entry("attach") in _SIGNALS
+    _check_connectors(source, list(connectors))
+    effect = Effect(
+        name=source.head.name.rpartition(".")[2],
+        class_name=source.head.name,
+        domain="signal" if signals else _domain(connectors[name].domain for name in connectors),
+        attach=source.entry("attach"),
+        law=source.entry("law"),
+        description=_description(source),
+        parameters=tuple(_parameter(p, source) for p in model.parameters),
+        connectors=("u", "y") if signals else tuple(connectors),
+        is_dynamic=source.annotation.flag("dynamic", False),
+        n_states=_own_states(model, _signals(source)),
+        has_support=across is not None,
+        inputs=tuple(source.entry("inputs") or ()),
+        documentation=source.documentation,
+        libraries=libraries,
+    )
+    if effect.attach == "parameter" and not _is_formula(model):
+        raise source.error(
+            "attach",
+            'attach = "parameter" needs one equation `y = …`',
+            "Write it without other variables than u.",
+        )
+    if not effect.sizes:
+        raise source.error(
+            "effect", "no parameter makes the effect vanish", 'Mark one: __Daest(role = "size", null = 0).'
+        )
+    return _Entry(effect, model, across)
+
+
+def _is_formula(model: EffectModel) -> bool:
+    names = [unknown.name for unknown in model.unknowns]
+    return sorted(names) == ["u", "y"] and model.equations[0].text.startswith("y = ")
+
+
+def _domain(domains: Iterable[Domain]) -> Domain:
+    return next(iter(domains))
+
+
+def _check_connectors(source: _Source, connectors: Sequence[str]) -> None:
+    attach = source.entry("attach")
+    wanted = 0 if attach in _SIGNALS else 1 if attach == "connector" else 2
+    if len(connectors) != wanted:
+        raise source.error(
+            "attach",
+            f'attach = "{attach}" needs {wanted} connectors, it has {len(connectors)}',
+            "Physical connectors have the variables phi and tau, s and f, v and i, T and Q_flow, or p and q.",
+        )
+
+
+def _description(source: _Source) -> str:
+    after_name = source.head.start + len(source.head.name.rpartition(".")[2])
+    following = next(iter(tokens(source.text, after_name)))
+    return following.text[1:-1] if following.kind == "text" else ""
+
+
+def _parameter(parameter: Parameter, source: _Source) -> EffectParameter:
+    annotation = _annotation_of(parameter)
+    entries = {key: _value(node) for key, node in annotation.entries.items()}
+    role = entries.get("role", "shape")
+    if role not in _ROLES:
+        raise annotation.error("role", f"role of `{parameter.name}`", f"Choose one of {', '.join(_ROLES)}.")
+    null = entries.get("null", 0 if role == "size" else None)
+    grid = entries.get("grid", ())
+    if not isinstance(grid, tuple) or any(not isinstance(v, int | float) for v in grid):
+        raise annotation.error(
+            "grid", f"grid = {text(annotation.entries['grid'])} is no list of numbers", "Write {0.1, 1}."
+        )
+    return EffectParameter(
+        name=parameter.name,
+        unit=parameter.unit,
+        description=parameter.description,
+        start=parameter.value,
+        min=parameter.min,
+        max=parameter.max,
+        null=None if null is None else float(null),
+        role=role,
+        grid=tuple(float(v) for v in grid),
+        given_from=str(entries.get("from", "")),
+        scale_of=str(entries.get("of", "")),
+        estimate=parameter.estimate,
+        required=bool(entries.get("required", False)),
+    )
+
+
+def _annotation_of(parameter: Parameter) -> Annotation:
+    if parameter.place is None or parameter.place.line is None:
+        return Annotation()
+    content = read_source(Path(parameter.place.file))
+    lines = content.split(b"\n")
+    line = lines[parameter.place.line - 1].decode()
+    start = sum(len(one) + 1 for one in lines[: parameter.place.line - 1])
+    return annotation_of(
+        parameter.place.file, content, start + len(line[: (parameter.place.column or 1) - 1].encode())
+    )
+
+
+def _own_states(model: EffectModel, signals: Sequence[str]) -> int:
+    """How many variables are differentiated that the connectors, signals and their derivatives do not
+    determine."""
+    n = len(model.unknowns)
+    derivatives, xi = ca.SX.sym("d", n), ca.SX.sym("x", n)
+    w, theta = ca.SX.sym("w", len(model.noises)), ca.SX.sym("p", len(model.parameters))
+    residual = model.function(derivatives, xi, w, theta, ca.SX.sym("t"))[0]
+    pattern = ca.jacobian_sparsity(residual, ca.vertcat(xi, derivatives))
+    rows: dict[int, set[int]] = {}
+    for row, column in zip(pattern.row(), pattern.get_col(), strict=True):
+        rows.setdefault(row, set()).add(column)
+    potentials = {c.potential for c in connectors_of(model.unknowns).values()}
+    known = potentials | {i for i, unknown in enumerate(model.unknowns) if unknown.name in signals}
+    known |= {i + n for i in known}
+    while True:
+        single = [left for used in rows.values() if len(left := used - known) == 1]
+        found = {i for left in single for i in left if i < n} - known
+        if not found:
+            break
+        known |= found | {i + n for i in found}
+    differentiated = {column - n for used in rows.values() for column in used if column >= n}
+    return len({i for i in differentiated if i not in known})

@@ -1,0 +1,395 @@
+"""Where in a model an effect can sit: found from names, flow flags and equations of the FlatModel alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from itertools import combinations
+
+import casadi as ca
+import numpy as np
+
+from daest.errors import ModelError
+from daest.model.effects import Domain, Effect, Site
+from daest.model.flat import FlatModel
+from daest.modelica.connectors import Connector, connectors_of
+
+# Rows of a component are linearised at a random point; a combination of rows is found with this relative
+# residual.
+_TOLERANCE = 1e-9
+_SEED = 20040101
+# Exchange between bodies that no component joins is plausible in these domains (air, radiation, leaks).
+_PAIRED: tuple[Domain, ...] = ("thermal", "hydraulic")
+_SIGNAL_KINDS = ("input", "output", "parameter")
+
+
+@dataclass(frozen=True)
+class ConnectionSet:
+    """Connectors that one flow sum joins: `row` is its equation, `members` the connectors in its order."""
+
+    row: int
+    members: tuple[str, ...]
+
+
+def sites(flat: FlatModel) -> tuple[Site, ...]:
+    """All places of the model: nodes, two-terminal components, pairs of thermal and hydraulic nodes,
+    connectors where something can be put in series, inputs, outputs and tunable parameters."""
+    net = Network(flat)
+    nodes = net.nodes()
+    return (
+        *nodes,
+        *net.components(),
+        *_pairs(net),
+        *net.cuts(),
+        *(Site(x.name, "input", "signal") for x in flat.inputs),
+        *(Site(y.name, "output", "signal") for y in flat.outputs),
+        *(Site(name, "parameter", "signal") for name in _used_parameters(flat)),
+    )
+
+
+def _used_parameters(flat: FlatModel) -> list[str]:
+    """Tunable parameters that the equations depend on (intensities of noises do not count)."""
+    pattern = ca.jacobian_sparsity(ca.vertcat(flat.residual, flat.output_expressions), flat.theta)
+    return [flat.parameters[i].name for i in sorted(set(pattern.get_col()))]
+
+
+def fits(effect: Effect, site: Site) -> bool:
+    """Whether the effect can be attached at the site."""
+    if site.kind in _SIGNAL_KINDS:
+        signals = ("signal", site.kind) if site.kind != "parameter" else ("parameter",)
+        return effect.attach in signals
+    if effect.domain != site.domain:
+        return False
+    if site.kind == "node":
+        return effect.attach == "connector"
+    if site.kind == "connector":
+        return effect.attach == "series"
+    if effect.attach == "connector":
+        return effect.has_support and site.kind == "component"
+    return effect.attach == "parallel" and all(
+        not p.required or p.given_from in site.parameters for p in effect.parameters
+    )
+
+
+def find_site(flat: FlatModel, name: str, effect: Effect | None = None) -> Site:
+    """The place called `name` (a site, one of its aliases, or two connectors `a, b`), where `effect` fits if
+    it is given: a component means its first connector to an effect in series.
+
+    Raises ModelError `effect-place` for an unknown place with the nearest names, `effect-fit` for one where
+    the effect does not fit, with the places where it does.
+    """
+    known = sites(flat)
+    wanted = ", ".join(part.strip() for part in name.split(","))
+    found = [site for site in known if wanted in (site.name, *site.aliases)]
+    found += _pair_named(flat, wanted)
+    if effect is not None and effect.attach == "series":
+        found += _first_connector(found, known)
+    if not found:
+        raise _unknown(name, known, effect)
+    if effect is None:
+        return found[0]
+    fitting = [site for site in found if fits(effect, site)]
+    if not fitting:
+        raise _unfit(effect, found[0], known)
+    return fitting[0]
+
+
+def _first_connector(found: Sequence[Site], known: Sequence[Site]) -> list[Site]:
+    ends = {site.connectors[0] for site in found if site.kind == "component"}
+    return [s for s in known if s.kind == "connector" and ends & {s.name, *s.aliases}]
+
+
+def _pair_named(flat: FlatModel, name: str) -> list[Site]:
+    """The pair of nodes that `a, b` names, whether or not it is listed among the sites."""
+    ends = name.split(", ")
+    connectors = connectors_of(flat.unknowns)
+    if len(ends) != 2 or any(end not in connectors for end in ends):
+        return []
+    a, b = (connectors[end] for end in ends)
+    return [Site(name, "pair", a.domain, (a.name, b.name))] if a.domain == b.domain else []
+
+
+def _unknown(name: str, known: Sequence[Site], effect: Effect | None) -> ModelError:
+    usable = [site for site in known if effect is None or fits(effect, site)]
+    names = [n for site in usable for n in (site.name, *site.aliases)]
+    near = get_close_matches(name, names, 3)
+    hint = f"Did you mean {' or '.join(f'`{one}`' for one in near)}? " if near else ""
+    where = f"{effect.name} fits at" if effect is not None else "Places are"
+    return ModelError(
+        "effect-place",
+        f"the model has no place `{name}`",
+        remedy=f"{hint}{where}: {_listed(usable)}.",
+    )
+
+
+def _unfit(effect: Effect, site: Site, known: Sequence[Site]) -> ModelError:
+    usable = [one for one in known if fits(effect, one)]
+    what = f"a {site.domain} {site.kind}" if site.kind not in _SIGNAL_KINDS else f"an {site.kind}"
+    why = ""
+    if effect.attach == "parallel" and site.domain == effect.domain and site.kind == "component":
+        missing = [
+            p.given_from for p in effect.parameters if p.required and p.given_from not in site.parameters
+        ]
+        why = f" which has no parameter {' or '.join(missing)}" if missing else ""
+    remedy = f"It fits at: {_listed(usable)}." if usable else "It fits nowhere in this model."
+    return ModelError(
+        "effect-fit",
+        f"{effect.name} ({effect.domain}, {_wanted(effect)}) does not fit at `{site.name}`, {what}{why}",
+        remedy=remedy,
+    )
+
+
+def _wanted(effect: Effect) -> str:
+    return {
+        "connector": "at a connector",
+        "parallel": "in parallel to a component",
+        "series": "in series with a connector",
+        "signal": "at an input or output",
+        "input": "at an input",
+        "output": "at an output",
+        "parameter": "at a parameter",
+    }[effect.attach]
+
+
+def _listed(usable: Sequence[Site], most: int = 12) -> str:
+    names = [f"`{site.name}`" for site in usable[:most]]
+    more = f" and {len(usable) - most} more" if len(usable) > most else ""
+    return ", ".join(names) + more
+
+
+class Network:
+    """The connection sets of a model and what its components do between their connectors."""
+
+    def __init__(self, flat: FlatModel) -> None:
+        self.flat = flat
+        self.connectors = connectors_of(flat.unknowns)
+        self.sets = connection_sets(flat, self.connectors)
+        self._owner: dict[str, list[int]] = {}
+        for i, one in enumerate(self.sets):
+            for member in one.members:
+                self._owner.setdefault(member, []).append(i)
+        self._components: dict[str, list[Connector]] = {}
+        for connector in self.connectors.values():
+            self._components.setdefault(connector.component, []).append(connector)
+        self._rows = _rows_by_component(flat)
+        self._jacobian = _jacobian_function(flat)
+        self._groups = self._joined()
+
+    def node_of(self, connector: str) -> int:
+        """A number that the connectors of one node share; -1 for a connector in no connection set."""
+        return self._groups.get(connector, -1)
+
+    def nodes(self) -> list[Site]:
+        """One site per node: connection sets, those on both sides of a composite's connector or of a rigid
+        body being one. Nodes that a component holds at a constant potential (ground) are left out: no flow
+        moves them."""
+        return [self._node(names) for names in self._members().values() if not self.is_held(names)]
+
+    def all_nodes(self) -> list[Site]:
+        """The nodes with those at a constant potential."""
+        return [self._node(names) for names in self._members().values()]
+
+    def _members(self) -> dict[int, list[str]]:
+        members: dict[int, list[str]] = {}
+        for name, group in self._groups.items():
+            members.setdefault(group, []).append(name)
+        return members
+
+    def _node(self, names: Sequence[str]) -> Site:
+        """Named after a connector of a component that stores something, as a body does, else after its
+        first."""
+        stores = sorted(filter(self._stores, names), key=lambda name: self._is_alone(name))
+        first = stores[0] if stores else names[0]
+        others = tuple(name for name in names if name != first)
+        components = dict.fromkeys(self.connectors[n].component for n in stores)
+        aliases = (*others, *(c for c in components if c))
+        return Site(first, "node", self.connectors[first].domain, tuple(names), aliases)
+
+    def components(self) -> list[Site]:
+        """Components (and parts of them) where what flows in at one connector flows out at the other."""
+        found: list[Site] = []
+        for component, members in self._components.items():
+            pairs = [
+                (a, b)
+                for a, b in combinations(members, 2)
+                if a.domain == b.domain and self._carries(component, a, b)
+            ]
+            for a, b in pairs:
+                name = component if len(pairs) == 1 else f"{a.name}, {b.name}"
+                aliases = (f"{a.name}, {b.name}",) if len(pairs) == 1 else ()
+                own = self._parameters(component)
+                found.append(Site(name, "component", a.domain, (a.name, b.name), aliases, own))
+        return found
+
+    def _parameters(self, component: str) -> tuple[str, ...]:
+        names = [p.name for p in self.flat.parameters] + [p.name for p in self.flat.derived_parameters]
+        return tuple(n.rpartition(".")[2] for n in names if n.rpartition(".")[0] == component)
+
+    def cuts(self) -> list[Site]:
+        """Connectors that carry a flow; the only two of a connection set are one place."""
+        found: list[Site] = []
+        for one in self.sets:
+            inside = [m for m in one.members if not self._is_outside(m, one)]
+            carrying = [m for m in inside if not self._is_idle(m)]
+            if len(carrying) == 2:
+                found.append(self._cut(carrying[0], (carrying[1],)))
+            elif len(carrying) > 2:
+                found += [self._cut(member, ()) for member in carrying]
+        return found
+
+    def _cut(self, name: str, aliases: tuple[str, ...]) -> Site:
+        return Site(name, "connector", self.connectors[name].domain, (name,), aliases)
+
+    # --- structure of the connections ----------------------------------------------------------------------
+
+    def _is_outside(self, connector: str, one: ConnectionSet) -> bool:
+        """Whether the connector is that of the composite whose parts the set joins."""
+        component = self.connectors[connector].component
+        others = [self.connectors[m].component for m in one.members if m != connector]
+        return any(_lies_in(other, component) for other in others)
+
+    def _joined(self) -> dict[str, int]:
+        groups = list(range(len(self.sets)))
+
+        def root(i: int) -> int:
+            while groups[i] != i:
+                i = groups[i]
+            return i
+
+        for owners in self._owner.values():
+            for other in owners[1:]:
+                groups[root(other)] = root(owners[0])
+        for component in self._components:
+            ends = [self._owner[end][0] for end in self._rigid_ends(component) if end in self._owner]
+            for end in ends[1:]:
+                groups[root(end)] = root(ends[0])
+        return {name: root(owners[0]) for name, owners in self._owner.items()}
+
+    # --- what a component does -----------------------------------------------------------------------------
+
+    def _rigid_ends(self, component: str) -> list[str]:
+        """Connectors of a component that move as one body: equal potentials up to a constant, and flows that
+        act on it alike."""
+        members = self._components[component]
+        for a, b in combinations(members, 2):
+            if a.domain == b.domain and self._is_rigid(component, a, b):
+                return [a.name, b.name]
+        return []
+
+    def _is_rigid(self, component: str, a: Connector, b: Connector) -> bool:
+        matrix = self._matrix(component)
+        alike = np.array_equal(matrix[:, a.flow], matrix[:, b.flow])
+        return alike and _in_row_space(matrix, {a.potential: 1.0, b.potential: -1.0})
+
+    def _carries(self, component: str, a: Connector, b: Connector) -> bool:
+        """Whether a.flow + b.flow = 0, and nothing holds the potentials together."""
+        matrix = self._matrix(component)
+        if self._is_idle(a.name):
+            return False
+        return _in_row_space(matrix, {a.flow: 1.0, b.flow: 1.0}) and not _in_row_space(
+            matrix, {a.potential: 1.0, b.potential: -1.0}
+        )
+
+    def _is_idle(self, connector: str) -> bool:
+        """Whether the component lets nothing flow there, as a sensor, or drives a flow that nothing
+        changes."""
+        one = self.connectors[connector]
+        return _in_row_space(self._matrix(one.component), {one.flow: 1.0})
+
+    def is_held(self, node: Iterable[str]) -> bool:
+        """Whether a component of the node holds its potential constant."""
+        return any(
+            _in_row_space(self._matrix(one.component), {one.potential: 1.0})
+            for one in (self.connectors[name] for name in node)
+        )
+
+    def _stores(self, connector: str) -> bool:
+        """Whether the component is a body: it has derivatives, takes a flow, and moves as one."""
+        component = self.connectors[connector].component
+        if not self._matrix(component)[:, self.flat.n :].any() or self._is_idle(connector):
+            return False
+        return self._is_alone(connector) or connector in self._rigid_ends(component)
+
+    def _is_alone(self, connector: str) -> bool:
+        return len(self._components[self.connectors[connector].component]) == 1
+
+    def _matrix(self, component: str) -> np.ndarray:
+        """The component's rows of [∂F/∂ξ, ∂F/∂ξ'] at a random point."""
+        return self._jacobian(tuple(self._rows.get(component, ())))
+
+
+def _lies_in(component: str, outer: str) -> bool:
+    return component != outer and (not outer or component.startswith(outer + "."))
+
+
+def connection_sets(flat: FlatModel, connectors: dict[str, Connector]) -> list[ConnectionSet]:
+    """The flow sums of the model, also those of one unconnected connector."""
+    rows = [i for i, e in enumerate(flat.equations) if e.kind in ("flow", "unconnected")]
+    if not rows:
+        return []
+    by_flow = {c.flow: name for name, c in connectors.items()}
+    pattern = ca.jacobian_sparsity(flat.residual[rows], flat.xi)
+    members: dict[int, list[str]] = {}
+    for row, column in zip(pattern.row(), pattern.get_col(), strict=True):
+        if column in by_flow:
+            members.setdefault(row, []).append(by_flow[column])
+    return [ConnectionSet(rows[i], _in_order(flat, rows[i], members[i])) for i in sorted(members)]
+
+
+def _in_order(flat: FlatModel, row: int, members: Sequence[str]) -> tuple[str, ...]:
+    origin = flat.equations[row].origin.split(", ")
+    return tuple(sorted(members, key=lambda m: (origin.index(m) if m in origin else len(origin), m)))
+
+
+def _rows_by_component(flat: FlatModel) -> dict[str, list[int]]:
+    """Rows of each component, with those of the components inside of it."""
+    found: dict[str, list[int]] = {}
+    for i, equation in enumerate(flat.equations):
+        if equation.kind not in ("component", "binding"):
+            continue
+        path = equation.origin.split(".") if equation.origin else []
+        for end in range(1, len(path) + 1):
+            found.setdefault(".".join(path[:end]), []).append(i)
+    return found
+
+
+def _jacobian_function(flat: FlatModel) -> Callable[[tuple[int, ...]], np.ndarray]:
+    """Rows -> dense [∂F/∂ξ, ∂F/∂ξ'] at one random point near the start values, kept per component."""
+    everything = ca.vertcat(flat.xi, flat.derivatives)
+    others = [flat.u, flat.w, flat.theta, flat.time]
+    evaluate = ca.Function("jacobian", [everything, *others], [ca.jacobian(flat.residual, everything)])
+    rng = np.random.default_rng(_SEED)
+    point = [rng.uniform(0.5, 1.5, x.numel()) for x in (everything, flat.u, flat.w)]
+    matrix = np.array(evaluate(*point, flat.theta_values, 0.7).full())
+    matrix[~np.isfinite(matrix)] = 0.0
+    return lambda rows: matrix[list(rows), :]
+
+
+def _in_row_space(matrix: np.ndarray, target: dict[int, float]) -> bool:
+    """Whether a combination of the rows is `target` (column -> value) and zero elsewhere."""
+    used = np.flatnonzero(np.any(matrix != 0, axis=0))
+    if any(column not in used for column in target):
+        return False
+    wanted = np.zeros(matrix.shape[1])
+    for column, value in target.items():
+        wanted[column] = value
+    rows = matrix[:, used]
+    scale = np.abs(rows).max(axis=1, keepdims=True)
+    rows = rows / np.where(scale > 0, scale, 1.0)
+    solution, *_ = np.linalg.lstsq(rows.T, wanted[used], rcond=None)
+    return bool(np.linalg.norm(rows.T @ solution - wanted[used]) < _TOLERANCE * np.linalg.norm(wanted[used]))
+
+
+def _pairs(net: Network) -> list[Site]:
+    """Pairs of nodes of a domain where bodies exchange something without being in touch, that no component
+    joins."""
+    joined = {frozenset(net.node_of(c) for c in site.connectors) for site in net.components()}
+    nodes = [node for node in net.all_nodes() if node.domain in _PAIRED]
+    held = {node.name for node in nodes if net.is_held(node.connectors)}
+    found: list[Site] = []
+    for a, b in combinations(nodes, 2):
+        ends = frozenset((net.node_of(a.name), net.node_of(b.name)))
+        if a.domain == b.domain and ends not in joined and not {a.name, b.name} <= held:
+            found.append(Site(f"{a.name}, {b.name}", "pair", a.domain, (a.name, b.name)))
+    return found
