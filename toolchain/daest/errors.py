@@ -435,6 +435,11 @@ EXPLANATIONS: dict[str, str] = {
         "slope between two of them is known, so the model cannot be sampled. Make that derivative itself "
         "the input of the model, or feed the input through a lag."
     ),
+    "integration-failed": (
+        "The simulation or filter of a nonlinear model stopped on the way: its step became too small, or the "
+        "model gave no finite value. A search steps back from such parameter values. At values that you "
+        "chose, look at the state at the named time, and smooth discontinuities with a width."
+    ),
     "internal-error": (
         "A fault of daest itself, not of your files. Set the environment variable DAEST_TRACEBACK=1 and run "
         "the command again to see where it happened; a report with that text helps to mend it."
@@ -616,6 +621,11 @@ EXPLANATIONS: dict[str, str] = {
     "parameter-unknown": (
         "The model has no tunable parameter of that name. The message names the nearest ones; Integer, "
         "Boolean and final parameters are fixed when the model is compiled."
+    ),
+    "particle-collapse": (
+        "Not one particle of a particle filter comes near the measurement, so that nothing is left to weigh. "
+        "The initial state or the noises are too narrow for the record, or the model cannot follow it. Use "
+        "more particles, larger noises, a wider initial state, or the ukf."
     ),
     "pencil-singular": (
         "The linear model has no unique solution: a combination of its equations vanishes, though each "

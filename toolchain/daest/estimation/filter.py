@@ -82,7 +82,7 @@ def run_filter(
     has NaN and inf in the result and is named in its messages.
     """
     ss, all_units = _at(model, theta)
-    measure = _used_outputs(ss, experiment, measure)
+    measure = used_outputs(ss.output_names, experiment, measure)
     rows = [ss.output_names.index(name) for name in measure]
     intensity = _square(process_intensity, len(ss.noise_names))
     noise = noise_rule(ss, intensity, rows)
@@ -110,7 +110,7 @@ def run_filter(
         log_likelihood=result.log_likelihood,
         measure=measure,
         compared={
-            n: _comparison(_measured(experiment, n), values[:, names.index(n)], std[:, names.index(n)])
+            n: comparison(_measured(experiment, n), values[:, names.index(n)], std[:, names.index(n)])
             for n in compared
         },
         process_noise=_process_noise(ss, all_units, estimates),
@@ -167,12 +167,15 @@ def _at(model: StateSpace | StateSpaceFamily, theta: np.ndarray | None) -> tuple
     return state_space(model, values), _Units(*(tuple(v.unit for v in part) for part in parts))
 
 
-def _used_outputs(ss: StateSpace, experiment: Experiment, measure: Sequence[str] | None) -> tuple[str, ...]:
-    recorded = [name for name in experiment.output_names if name in ss.output_names]
+def used_outputs(
+    output_names: Sequence[str], experiment: Experiment, measure: Sequence[str] | None
+) -> tuple[str, ...]:
+    """The outputs of a model to use: those named, or all that were recorded. Raises `filter-unknown-output`."""
+    recorded = [name for name in experiment.output_names if name in output_names]
     chosen = recorded if measure is None else list(dict.fromkeys(measure))
     for name in chosen:
         if name not in recorded:
-            missing = "was not recorded" if name in ss.output_names else "is no output of the model"
+            missing = "was not recorded" if name in output_names else "is no output of the model"
             raise EstimationError(
                 "filter-unknown-output",
                 f"{name} {missing}",
@@ -183,7 +186,7 @@ def _used_outputs(ss: StateSpace, experiment: Experiment, measure: Sequence[str]
         raise EstimationError(
             "filter-unknown-output",
             "no recorded column is an output of the model",
-            remedy=f"outputs of the model: {', '.join(ss.output_names) or 'none'}",
+            remedy=f"outputs of the model: {', '.join(output_names) or 'none'}",
         )
     return tuple(chosen)
 
@@ -233,7 +236,7 @@ def _measured(experiment: Experiment, name: str) -> np.ndarray:
     return experiment.outputs[:, experiment.output_names.index(name)]
 
 
-def _comparison(measured: np.ndarray, estimate: np.ndarray, std: np.ndarray) -> OutputComparison:
+def comparison(measured: np.ndarray, estimate: np.ndarray, std: np.ndarray) -> OutputComparison:
     """Samples whose estimate is less certain than the spread of the signal say nothing and are left out."""
     recorded = measured[np.isfinite(measured)]
     spread = float(np.std(recorded)) if recorded.size else 0.0

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 FilterKind = Literal["time-varying", "stationary"]
+NonlinearKind = Literal["ekf", "ukf", "particle"]
 
 
 @dataclass(frozen=True)
@@ -221,10 +222,11 @@ class FilterResult:
     then the outputs that are no unknowns, without measurement noise); value NaN and std inf where the data do
     not determine a variable. `measure` are the outputs that were used; `compared` holds every other measured
     output. `steady_after` is the time in seconds until the gain is within 1 % of the stationary gain, None if
-    it never is. `messages` are sentences for the user: what was decided, and what cannot be estimated.
+    it never is. `effective_sample_size` (n_samples,): of a particle filter. `messages` are sentences for the
+    user: what was decided, and what cannot be estimated.
     """
 
-    kind: FilterKind
+    kind: FilterKind | NonlinearKind
     smoothed: bool
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -242,3 +244,4 @@ class FilterResult:
     noise: Literal["white", "held"]
     hold: Literal["zoh", "foh"]
     messages: tuple[str, ...] = ()
+    effective_sample_size: np.ndarray | None = None

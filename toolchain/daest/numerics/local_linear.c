@@ -9,7 +9,8 @@
  *   daest_flow   (x, u, u', theta, t)         -> f (n), A (n x n), ramp (n), G (n x n_w)
  *   daest_see    (x, u, theta, t)             -> h (n_y), C (n_y x n)
  *   daest_dflow, daest_dsee: the same arguments, dx (n) and dp (n_p) -> the differentials   (#ifdef TANGENTS)
- *   daest_hold   (x, u, theta, t)             -> g (n_g), dg/dx (n_g x n), invariants g = 0  (NG > 0)
+ *   daest_hold   (x, u, theta, t)             -> g (n_g), dg/dx (n_g x n), invariants g = 0  (NG > 0; with
+ *                project.c before this text)
  *   daest_inside (x, u, theta, t)             -> internal variables (n_v)                    (#ifdef INSIDE)
  * Compile-time constants: NX, NU, NW, NY, NG, NP, NV, and the largest work sizes SZ_ARG, SZ_RES, SZ_IW, SZ_W.
  */
@@ -18,7 +19,8 @@
 #include <string.h>
 
 enum { DONE = 0, NOT_FINITE = 3, NO_MEMORY = 4, SINGULAR_INNOVATION = 5 };
-enum { ORDER = 10, MOST_DOUBLINGS = 60, PROJECTIONS = 8 };
+static const double PROJECTED = 1e-13; /* step onto the invariants, relative to the scale, that ends the search */
+enum { ORDER = 10, MOST_DOUBLINGS = 60 };
 static const double RADIUS = 0.25; /* |A| s stays below: the first term left out is below 1e-14 */
 static const double LOG_2PI = 1.8378770664093454836;
 
@@ -406,55 +408,22 @@ static int substeps_of(const Interval *s) {
 /* Pull x onto the invariants g = 0 by Gauss-Newton steps, smallest in the sizes of the states; P (or null) is
  * projected along. */
 #if NG > 0
-static int project(Model *m, double *x, double *P, const double *u, double t) {
-  double g[NG], R[NG * NX], S[NG * NG], K[NX * NG];
-  for (int step = 0; step < PROJECTIONS; ++step) {
-    if (call_at(daest_hold, m, x, u, t, 0, 0, g, R)) return NOT_FINITE;
-    for (int i = 0; i < NG; ++i)
-      for (int j = 0; j < NG; ++j) {
-        double sum = 0.0;
-        for (int k = 0; k < NX; ++k) sum += R[i * NX + k] * m->scale[k] * m->scale[k] * R[j * NX + k];
-        S[i * NG + j] = sum;
-      }
-    /* Solve S y = R W by Cholesky, K = W R' S^-1. */
-    for (int i = 0; i < NG; ++i)
-      for (int j = 0; j <= i; ++j) {
-        double rest = S[i * NG + j];
-        for (int k = 0; k < j; ++k) rest -= S[i * NG + k] * S[j * NG + k];
-        if (i == j && !(rest > 1e-24 * S[i * NG + i])) return NOT_FINITE;
-        S[i * NG + j] = i == j ? sqrt(rest) : rest / S[j * NG + j];
-      }
-    for (int k = 0; k < NX; ++k) {
-      double *row = K + k * NG;
-      for (int i = 0; i < NG; ++i) {
-        double rest = R[i * NX + k] * m->scale[k] * m->scale[k];
-        for (int j = 0; j < i; ++j) rest -= S[i * NG + j] * row[j];
-        row[i] = rest / S[i * NG + i];
-      }
-      for (int i = NG - 1; i >= 0; --i) {
-        double rest = row[i];
-        for (int j = i + 1; j < NG; ++j) rest -= S[j * NG + i] * row[j];
-        row[i] = rest / S[i * NG + i];
-      }
+static int project(Model *m, double *x, double *P, double *transition, const double *u, double t) {
+  double g[NG], R[NG * NX], K[NX * NG], T[XX], half[XX], moved = 1.0;
+  for (int step = 0; step < PROJECTIONS && moved > PROJECTED; ++step)
+    if (call_at(daest_hold, m, x, u, t, 0, 0, g, R) || !projection_step(x, g, R, m->scale, K, &moved))
+      return NOT_FINITE;
+  for (int i = 0; i < NX; ++i)
+    for (int j = 0; j < NX; ++j) {
+      double sum = i == j;
+      for (int k = 0; k < NG; ++k) sum -= K[i * NG + k] * R[k * NX + j];
+      T[i * NX + j] = sum;
     }
-    double moved = 0.0;
-    for (int k = 0; k < NX; ++k) {
-      double shift = 0.0;
-      for (int i = 0; i < NG; ++i) shift += K[k * NG + i] * g[i];
-      x[k] -= shift;
-      moved = fmax(moved, fabs(shift) / m->scale[k]);
-    }
-    if (!isfinite(moved)) return NOT_FINITE;
-    if (moved < 1e-13) break;
+  if (transition) {
+    multiply(T, transition, half);
+    memcpy(transition, half, sizeof half);
   }
   if (P) {
-    double T[XX], half[XX];
-    for (int i = 0; i < NX; ++i)
-      for (int j = 0; j < NX; ++j) {
-        double sum = i == j;
-        for (int k = 0; k < NG; ++k) sum -= K[i * NG + k] * R[k * NX + j];
-        T[i * NX + j] = sum;
-      }
     multiply(T, P, half);
     memset(P, 0, sizeof(double) * XX);
     add_outer(half, T, P);
@@ -512,7 +481,7 @@ static int advance(Substep *work, Model *m, const Interval *s, double *x, double
     }
   }
 #if NG > 0
-  return project(m, x, P, s->u1, s->t + s->dt);
+  return project(m, x, P, transition, s->u1, s->t + s->dt);
 #else
   return all_finite(x, NX) ? DONE : NOT_FINITE;
 #endif
@@ -632,7 +601,7 @@ int daest_ekf(long n, const double *time, const double *u0, const double *u1, co
                     innovations ? innovations + i * NY : 0, variances ? variances + i * NY : 0,
                     sight ? sight + i * NY * NX : 0, &along);
 #if NG > 0
-    if (!status) status = project(&m, x, P, u0 + i * NU, time[i]);
+    if (!status) status = project(&m, x, P, 0, u0 + i * NU, time[i]);
 #endif
     if (filtered) memcpy(filtered + i * NX, x, sizeof(double) * NX);
     if (filtered_cov) memcpy(filtered_cov + i * XX, P, sizeof(double) * XX);
@@ -780,7 +749,7 @@ static int unscented_advance(Substep *work, Model *m, const Weights *w, const In
   symmetric(P);
   memcpy(x, mean, sizeof mean);
 #if NG > 0
-  return project(m, x, P, s->u1, s->t + s->dt);
+  return project(m, x, P, 0, s->u1, s->t + s->dt);
 #else
   return all_finite(x, NX) ? DONE : NOT_FINITE;
 #endif
@@ -804,7 +773,7 @@ int daest_ukf(long n, const double *time, const double *u0, const double *u1, co
     status = unscented_update(&m, &w, x, P, u0 + i * NU, time[i], y + i * NY, innovations + i * NY,
                               S + i * NY * NY, log_density + i, nis + i);
 #if NG > 0
-    if (!status) status = project(&m, x, P, u0 + i * NU, time[i]);
+    if (!status) status = project(&m, x, P, 0, u0 + i * NU, time[i]);
 #endif
     memcpy(filtered + i * NX, x, sizeof(double) * NX);
     memcpy(filtered_cov + i * XX, P, sizeof(double) * XX);

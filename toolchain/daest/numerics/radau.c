@@ -13,7 +13,9 @@
  *   daest_rhs   (x, u, theta, t) -> f (n), df/dx (n x n)
  *   daest_sens  (x, u, theta, t) -> df/dx (n x n), df/dtheta_e (n x p), p chosen parameters
  *   daest_out   (x, u, theta, t) -> h (n_y), dh/dx (n_y x n), dh/dtheta_e (n_y x p)
- * Compile-time constants: NX, NU, NP, NY and the work sizes RHS_*, SENS_*, OUT_* of the functions.
+ *   daest_hold  (x, u, theta, t) -> g (n_g), dg/dx (n_g x n, row-major), dg/dtheta_e (n_g x p, row-major):
+ *               invariants g = 0 onto which every sample is pulled back (NG > 0; with project.c before this text)
+ * Compile-time constants: NX, NU, NP, NY, NG and the work sizes RHS_*, SENS_*, OUT_*, HOLD_* of the functions.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -342,9 +344,33 @@ static void measure(Work *k, Model *m, const double *u, double t, const double *
   k->last_h = 0; /* the old collocation polynomial ends where the state was before the correction */
 }
 
+#if NG > 0
+/* Until a step is below a thousandth of the absolute tolerance. */
+static int project(Work *k, Model *m, const double *u, double t, const double *atol, double *S, int directions) {
+  double g[NG], R[NG * NX], by_p[NG * NP + 1], K[NX * NG], moved = 1.0;
+  for (int step = 0; step < PROJECTIONS && moved > 1e-3; ++step)
+    if (call(daest_hold, m, k->x, u, t, g, R, by_p) || !projection_step(k->x, g, R, atol, K, &moved))
+      return NOT_FINITE;
+  for (int d = 0; d < directions; ++d) {
+    double along[NG];
+    for (int i = 0; i < NG; ++i) {
+      along[i] = d < NP ? by_p[i * NP + d] : 0.0;
+      for (int q = 0; q < NX; ++q) along[i] += R[i * NX + q] * S[q * directions + d];
+    }
+    for (int q = 0; q < NX; ++q)
+      for (int i = 0; i < NG; ++i) S[q * directions + d] -= K[q * NG + i] * along[i];
+  }
+  return DONE;
+}
+#endif
+
 static int allocate(Work **k, Model *m, double **S, int directions) {
   casadi_int iw = RHS_IW > SENS_IW ? RHS_IW : SENS_IW, w = RHS_W > SENS_W ? RHS_W : SENS_W;
   casadi_int arg = RHS_ARG > SENS_ARG ? RHS_ARG : SENS_ARG, res = RHS_RES > SENS_RES ? RHS_RES : SENS_RES;
+  iw = iw > HOLD_IW ? iw : HOLD_IW;
+  w = w > HOLD_W ? w : HOLD_W;
+  arg = arg > HOLD_ARG ? arg : HOLD_ARG;
+  res = res > HOLD_RES ? res : HOLD_RES;
   m->iw = malloc(sizeof(casadi_int) * ((iw > OUT_IW ? iw : OUT_IW) + 1));
   m->w = malloc(sizeof(double) * ((w > OUT_W ? w : OUT_W) + 1));
   m->arg = malloc(sizeof(double *) * ((arg > OUT_ARG ? arg : OUT_ARG) + 4));
@@ -379,7 +405,7 @@ static void release(Work *k, Model *m, double *S) {
 int daest_simulate(long n, const double *time, const double *u0, const double *u1, const double *u_last,
                    const double *theta, const double *x0, int directions, const double *S0, const double *y,
                    const double *gain, long gain_stride, double rtol, const double *atol,
-                   long max_steps_per_interval, double *states, double *predicted, double *sens, long *info) {
+                   long max_steps_per_interval, long max_steps, double *states, double *predicted, double *sens, long *info) {
   Model m;
   Work *k = 0;
   double *S = 0;
@@ -406,6 +432,10 @@ int daest_simulate(long n, const double *time, const double *u0, const double *u
       long steps = 0;
       status = advance(k, &m, &s, &h, S, directions, rtol, atol, max_steps_per_interval, &steps);
       info[0] += steps;
+      if (status == DONE && info[0] > max_steps) status = TOO_MANY_STEPS;
+#if NG > 0
+      if (status == DONE) status = project(k, &m, s.u1, s.t1, atol, S, directions);
+#endif
     }
   }
   release(k, &m, S);

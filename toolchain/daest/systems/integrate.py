@@ -26,11 +26,13 @@ Hold = Literal["zoh", "foh"]
 
 RTOL = 1e-6  # relative local error of a step; the global error of a stable model is of this size
 ATOL_OF_SCALE = 1e-2  # absolute tolerance: this part of rtol times the state's nominal value
-MAX_STEPS_PER_INTERVAL = 20_000
+MAX_STEPS_PER_INTERVAL = 2_000
+MEAN_STEPS_PER_INTERVAL = 50  # over a whole record: an unstable trajectory is given up early
+PROJECTIONS, PROJECTED = 8, 1e-3  # steps onto invariants; the step, in absolute tolerances, that ends them
 INTERPRETED_STEPS = 4  # per sample interval, without a C compiler
 _FAILURES = {
     1: "the step size became too small: the solution has a singularity or a discontinuity that is not smoothed",
-    2: "one sample interval needs too many steps",
+    2: "the solution is too stiff or too unstable to be followed",
     3: "the model gives no finite derivative",
     4: "there is not enough memory",
 }
@@ -72,31 +74,39 @@ class Integrator:
     sens: ca.Function  # (x, ū, theta, t) -> ∂f/∂x, ∂f/∂θ_names
     out: ca.Function  # (x, ū, theta, t) -> h, ∂h/∂x, ∂h/∂θ_names
     library: ctypes.CDLL | None  # None: interpreted by CasADi
+    hold: ca.Function | None = None  # (x, ū, theta, t) -> g, ∂g/∂x, ∂g/∂θ_names by rows: invariants g = 0
 
     @property
     def n_directions(self) -> int:
         return len(self.names) + self.explicit.n_states
 
 
-def integrator(explicit: ExplicitModel, names: Sequence[str] = (), *, compiled: bool = True) -> Integrator:
+def integrator(
+    explicit: ExplicitModel,
+    names: Sequence[str] = (),
+    *,
+    invariants: ca.Function | None = None,
+    compiled: bool = True,
+) -> Integrator:
     """Build the functions of `explicit` once; compile them if a C compiler is found and `compiled` is set.
 
-    Raises ModelError `unknown-parameter` for a name that is no parameter of the model.
+    `invariants` (x, u, v, w, theta, t) -> g (m,): relations g = 0 between the states (`systems.redundant`), onto
+    which every sample is projected. Raises ModelError `unknown-parameter` for a name that is no parameter.
     """
-    functions = _model_functions(explicit, tuple(names))
+    *functions, hold = _model_functions(explicit, tuple(names), invariants)
     library = None
     if compiled:
         try:
-            library = _compile(*functions)
+            library = _compile(*functions, hold)
         except FmuError as error:
             if error.code != "no-c-compiler":
                 raise
-    return Integrator(explicit, tuple(names), *functions, library)
+    return Integrator(explicit, tuple(names), *functions, library, hold)
 
 
 def _model_functions(
-    explicit: ExplicitModel, names: tuple[str, ...]
-) -> tuple[ca.Function, ca.Function, ca.Function]:
+    explicit: ExplicitModel, names: tuple[str, ...], invariants: ca.Function | None
+) -> tuple[ca.Function, ca.Function, ca.Function, ca.Function | None]:
     known = [p.name for p in explicit.flat.parameters]
     missing = [name for name in names if name not in known]
     if missing:
@@ -117,32 +127,38 @@ def _model_functions(
         "daest_sens": [ca.jacobian(f, x), ca.jacobian(f, chosen)],
         "daest_out": [h, ca.jacobian(h, x), ca.jacobian(h, chosen)],
     }
+    if invariants is not None:
+        g = invariants(*at)
+        results["daest_hold"] = [g, ca.jacobian(g, x).T, ca.jacobian(g, chosen).T]
     inner = [
         ca.Function(f"inner_{name}", [x, ubar, chosen, theta, t], list(map(ca.densify, expressions)))
         for name, expressions in results.items()
     ]
-    rhs, sens, out = (
+    rhs, sens, out, *hold = (
         ca.Function(name, [x, ubar, theta, t], function.call([x, ubar, theta[columns], theta, t], True, False))
         for name, function in zip(results, inner, strict=True)
     )
-    return rhs, sens, out
+    return rhs, sens, out, hold[0] if hold else None
 
 
-def _compile(rhs: ca.Function, sens: ca.Function, out: ca.Function) -> ctypes.CDLL:
+def _compile(rhs: ca.Function, sens: ca.Function, out: ca.Function, hold: ca.Function | None) -> ctypes.CDLL:
     generator = ca.CodeGenerator("model.c")
-    for function in (rhs, sens, out):
+    for function in (rhs, sens, out) if hold is None else (rhs, sens, out, hold):
         generator.add(function)
     constants = [
         ("NX", rhs.numel_in(0)),
         ("NU", rhs.numel_in(1)),
         ("NP", sens.numel_out(1) // max(rhs.numel_in(0), 1)),
         ("NY", out.numel_out(0)),
+        ("NG", 0 if hold is None else hold.numel_out(0)),
     ]
-    for prefix, function in (("RHS", rhs), ("SENS", sens), ("OUT", out)):
-        constants += [(f"{prefix}_{work.upper()}", getattr(function, f"sz_{work}")()) for work in _WORK]
+    for prefix, function in (("RHS", rhs), ("SENS", sens), ("OUT", out), ("HOLD", hold)):
+        sizes = [0 if function is None else getattr(function, f"sz_{work}")() for work in _WORK]
+        constants += [(f"{prefix}_{w.upper()}", size) for w, size in zip(_WORK, sizes, strict=True)]
     header = "".join(f"#define {name} {value}\n" for name, value in constants)
-    driver = resources.files("daest.numerics").joinpath("radau.c").read_text()
-    return _load(generator.dump() + header + driver)
+    names = ("radau.c",) if hold is None else ("project.c", "radau.c")
+    drivers = [resources.files("daest.numerics").joinpath(name).read_text(encoding="utf-8") for name in names]
+    return _load(generator.dump() + header + "".join(drivers))
 
 
 _WORK = ("arg", "res", "iw", "w")
@@ -159,7 +175,7 @@ def interval_inputs(
     """ū = (u, v) at the two ends of each sample interval, each (n_samples - 1, n_ū).
 
     inputs (n_samples, n_u). A first derivative that the model needs is the slope of a foh input.
-    Raises ModelError `input-derivative` where the hold has no such derivative.
+    Raises ModelError `input-derivative-order` or `input-derivative-hold` where the hold has no such derivative.
     """
     start, end = inputs[:-1], inputs[:-1] if hold == "zoh" else inputs[1:]
     slopes = (end - start) / np.diff(time)[:, None]
@@ -168,10 +184,12 @@ def interval_inputs(
         if derivative.order > 1 or hold == "zoh":
             name = explicit.flat.inputs[derivative.index].name
             raise ModelError(
-                "input-derivative",
-                f"The model needs derivative {derivative.order} of the input `{name}`, which a {hold} input "
-                "does not have.",
-                remedy="Use --hold foh for a first derivative; for a higher one let a state drive the constraint.",
+                "input-derivative-order" if derivative.order > 1 else "input-derivative-hold",
+                f"the model needs the time derivative of order {derivative.order} of the input {name}, which a "
+                f"sampled input ({hold}) does not have",
+                where=name,
+                remedy="use first-order hold (--hold foh) for a first derivative; feed the input through a lag, or "
+                "let the derivative itself be the input, for a higher one",
             )
         columns.append(slopes[:, derivative.index])
     v = np.column_stack(columns) if columns else np.empty((start.shape[0], 0))
@@ -257,6 +275,7 @@ def _run_radau(model: Integrator, run: _Run) -> Trajectory:
         ctypes.c_long(n), *map(_pointer, (run.time, run.u0, run.u1, run.u_last, run.theta, run.x0)),
         ctypes.c_int(run.directions), _pointer(start), _pointer(y), _pointer(gain), ctypes.c_long(stride),
         ctypes.c_double(run.rtol), _pointer(run.atol), ctypes.c_long(MAX_STEPS_PER_INTERVAL),
+        ctypes.c_long(MAX_STEPS_PER_INTERVAL + MEAN_STEPS_PER_INTERVAL * n),
         *map(_pointer, (states, outputs, sens, info)),
     )  # fmt: skip
     if status:
@@ -299,7 +318,29 @@ def _run_interpreted(model: Integrator, run: _Run) -> Trajectory:
         S = transition @ S
         if run.directions:
             S[:, :n_p] += drive
+        if model.hold is not None:
+            x, S = _projected(model, run, i, x, S)
     return Trajectory(states, outputs, sens, INTERPRETED_STEPS * (n - 1))
+
+
+def _projected(
+    model: Integrator, run: _Run, i: int, x: np.ndarray, S: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """State and sensitivities after interval i on the invariants, by shortest steps in the sizes of the states."""
+    assert model.hold is not None
+    weight = run.atol**2
+    for _ in range(PROJECTIONS):
+        g, R, by_p = (np.array(part) for part in model.hold(x, run.u1[i], run.theta, run.time[i + 1]))
+        R = R.T
+        gain = np.linalg.solve(R * weight @ R.T, R * weight).T
+        step = gain @ g.ravel()
+        x = x - step
+        if np.all(np.abs(step) < PROJECTED * run.atol):
+            break
+    change = R @ S
+    if run.directions:
+        change[:, : len(model.names)] += by_p.T
+    return x, S - gain @ change
 
 
 def _correct(

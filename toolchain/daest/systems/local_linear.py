@@ -233,8 +233,12 @@ def _source(model: LocalModel) -> str:
     flags = [("TANGENTS", model.dflow), ("INSIDE", model.inside)]
     header = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
     header += "".join(f"#define {name}\n" for name, function in flags if function is not None)
-    driver = resources.files("daest.numerics").joinpath("local_linear.c").read_text(encoding="utf-8")
-    return generator.dump() + header + driver
+    texts = ["project.c"] if model.hold is not None else []
+    drivers = [
+        resources.files("daest.numerics").joinpath(name).read_text(encoding="utf-8")
+        for name in (*texts, "local_linear.c")
+    ]
+    return generator.dump() + header + "".join(drivers)
 
 
 @functools.lru_cache(maxsize=64)

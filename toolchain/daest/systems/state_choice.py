@@ -96,6 +96,17 @@ def _leading_jacobian(system: ExpandedSystem) -> LeadingJacobian:
     return LeadingJacobian(function, rows, columns, n, is_varying)
 
 
+def depends_on_place(system: ExpandedSystem, choice: StateChoice) -> bool:
+    """Whether the constraints are solved for the dummy derivatives with coefficients that vary with the state, so
+    that the choice may become singular on the way."""
+    leading = _leading_jacobian(system)
+    constrained = system.counts.equations[leading.rows] >= 1
+    solved = np.flatnonzero(constrained & (choice.dummies[leading.columns] >= 1))
+    coefficients = leading.entries(ca.vertcat(*system.z), system.others)[solved.tolist()]
+    moving = ca.vertcat(*system.z, *system.u, *system.w, system.flat.time)
+    return bool(solved.size) and ca.depends_on(coefficients, moving)
+
+
 def _state_rank(system: ExpandedSystem) -> np.ndarray:
     """Wish to keep der^o(ξ_j) as a state, (n_levels, n) integers, larger is stronger.
 
