@@ -25,7 +25,7 @@ from daest.model.flat import (
     Variable,
 )
 from daest.modelica.connectors import DOMAINS, connectors_of
-from daest.modelica.effects import EffectModel, effect_model
+from daest.modelica.effects import OWN, EffectModel, effect_model
 from daest.modelica.sites import connection_sets, fits
 
 __all__ = ["attach", "attach_all", "component_name"]
@@ -51,9 +51,15 @@ def attach(
     return attach_all(flat, [Placement(effect, site, name or "", values or {}, inputs or {})])
 
 
-def attach_all(flat: FlatModel, placements: Iterable[Placement | tuple[Effect, Site, str]]) -> FlatModel:
-    """`flat` with several effects; the work grows linearly with their number. See `attach`."""
-    assembly = _Assembly(flat)
+def attach_all(
+    flat: FlatModel,
+    placements: Iterable[Placement | tuple[Effect, Site, str]],
+    *,
+    allow_repeated: bool = False,
+) -> FlatModel:
+    """`flat` with several effects; the work grows linearly with their number. See `attach`. `allow_repeated`: an
+    effect may sit several times at the same place (in different shapes, say)."""
+    assembly = _Assembly(flat, allow_repeated)
     for one in placements:
         assembly.add(one if isinstance(one, Placement) else Placement(*one))
     return assembly.model()
@@ -96,8 +102,9 @@ class _Member:
 class _Assembly:
     """The rows and symbols of a model that grows."""
 
-    def __init__(self, flat: FlatModel) -> None:
+    def __init__(self, flat: FlatModel, allow_repeated: bool = False) -> None:
         self.flat = flat
+        self.allow_repeated = allow_repeated
         self.unknowns: list[Variable] = list(flat.unknowns)
         self.xi: list[ca.SX] = ca.vertsplit(flat.xi)
         self.derivatives: list[ca.SX] = ca.vertsplit(flat.derivatives)
@@ -160,7 +167,8 @@ class _Assembly:
                 f"{effect.name} does not fit at `{site.name}`, a {site.domain} {site.kind}",
                 remedy="Choose one of the sites where it fits.",
             )
-        self._refuse_repetition(effect, site)
+        if not self.allow_repeated:
+            self._refuse_repetition(effect, site)
         member = self._member(placement)
         self._supply(member, placement)
         if site.kind == "node":
@@ -194,14 +202,13 @@ class _Assembly:
         self.derivatives += derivatives
         self.noises += [_placed_noise(x, member.name) for x in model.noises]
         self.w += w
-        words = _Words(member.name, [*model.unknowns, *model.parameters, *model.derived, *model.noises])
-        equations = [words.equation(e) for e in model.equations]
+        equations = [_placed(e, member.name) for e in model.equations]
         self._note_laws(equations)
         self.equations += equations
         self.residual += ca.vertsplit(residual)
-        self.initial += [words.equation(e) for e in model.initial_equations]
+        self.initial += [_placed(e, member.name) for e in model.initial_equations]
         self.initial_residual += ca.vertsplit(initial)
-        self.derived += [words.derived(p) for p in model.derived]
+        self.derived += [_placed_derived(p, member.name) for p in model.derived]
         self.derived_values += ca.vertsplit(derived)
         return member
 
@@ -434,7 +441,7 @@ class _Assembly:
         """Keep the equations of components as their classes write them."""
         for equation in equations:
             if equation.kind == "component":
-                text = equation.text.replace(f"{equation.origin}.", "")
+                text = equation.text.replace(f"{equation.origin}.", OWN)
                 self._laws.setdefault(equation.origin, []).append(text)
 
 
@@ -467,27 +474,14 @@ def given_source(parameter: EffectParameter, site: Site) -> str:
     return f"{_owner(site.connectors[0])}.{parameter.given_from}"
 
 
-class _Words:
-    """Texts of an effect's class as seen from the model: its own names get the name of the component."""
+def _placed(equation: Equation, component: str) -> Equation:
+    parts = [f"{component}.{o}" if o else component for o in equation.origin.split(", ")]
+    return replace(equation, text=equation.text.replace(OWN, f"{component}."), origin=", ".join(parts))
 
-    def __init__(
-        self, component: str, items: Sequence[Variable | Parameter | DerivedParameter | NoiseInput]
-    ) -> None:
-        self.component = component
-        names = sorted({re.sub(r"\[.*", "", item.name) for item in items}, key=len, reverse=True)
-        alternatives = "|".join(re.escape(name) for name in names)
-        self._own = re.compile(rf"(?<![\w.])(?:{alternatives})(?![\w.(])")
 
-    def equation(self, equation: Equation) -> Equation:
-        parts = [f"{self.component}.{o}" if o else self.component for o in equation.origin.split(", ")]
-        return replace(equation, text=self._text(equation.text), origin=", ".join(parts))
-
-    def derived(self, derived: DerivedParameter) -> DerivedParameter:
-        name, expression = f"{self.component}.{derived.name}", self._text(derived.expression)
-        return replace(derived, name=name, expression=expression)
-
-    def _text(self, text: str) -> str:
-        return self._own.sub(lambda match: f"{self.component}.{match[0]}", text)
+def _placed_derived(derived: DerivedParameter, component: str) -> DerivedParameter:
+    expression = derived.expression.replace(OWN, f"{component}.")
+    return replace(derived, name=f"{component}.{derived.name}", expression=expression)
 
 
 def _placed_noise(noise: NoiseInput, component: str) -> NoiseInput:

@@ -10,6 +10,7 @@ from daest.errors import ModelError
 from daest.model.flat import FlatModel
 from daest.modelica import syntax as s
 from daest.modelica.assemble import assemble
+from daest.modelica.breaks import without_broken
 from daest.modelica.change import declare, with_values
 from daest.modelica.class_choice import select_class
 from daest.modelica.compiler import Job, compile_source, modification, with_room
@@ -17,7 +18,7 @@ from daest.modelica.library import library_roots
 from daest.modelica.parameters import is_parameter
 from daest.modelica.source import read_source
 
-__all__ = ["compile_model", "declare", "with_values"]
+__all__ = ["compile_model", "compile_text", "declare", "with_values"]
 
 
 def compile_model(
@@ -34,8 +35,19 @@ def compile_model(
     parameters compile the model again. Raises ModelError.
     """
     path = Path(path)
-    text = read_source(path)
-    job = Job(path, text, select_class(text, path, class_name), library_roots(libraries))
+    return compile_text(read_source(path), path, class_name, libraries, overrides)
+
+
+def compile_text(
+    text: bytes,
+    path: Path,
+    class_name: str | None = None,
+    libraries: Sequence[str | Path] = (),
+    overrides: Mapping[str, float] | None = None,
+) -> FlatModel:
+    """As `compile_model`, of a text that stands, or is going to stand, in file `path`."""
+    name = select_class(text, path, class_name)
+    job = Job(path, without_broken(text, path, name), name, library_roots(libraries))
     return with_room(lambda: _compile(job, dict(overrides or {})))
 
 

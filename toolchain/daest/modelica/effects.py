@@ -35,6 +35,7 @@ from daest.model.flat import (
 from daest.modelica import syntax as s
 from daest.modelica.annotations import Annotation, annotation_of
 from daest.modelica.assemble import assemble
+from daest.modelica.class_text import class_tokens
 from daest.modelica.compiler import Job, compile_source, with_room
 from daest.modelica.connectors import connectors_of
 from daest.modelica.library import library_roots
@@ -44,6 +45,9 @@ from daest.modelica.text import text
 from daest.modelica.tokens import tokens
 
 __all__ = ["EffectModel", "effect_library", "effect_model", "find_effect"]
+
+# What stands in the texts of an effect's equations for the name of its component and a dot.
+OWN = "@."
 
 _MARK = re.compile(rb"__Daest\s*\(\s*effect\b")
 _CATALOGUE = "Daest__Catalogue"
@@ -61,7 +65,8 @@ class EffectModel:
     """The equations of an effect with open connectors; its signals (`u`, `y`) and inputs are unknowns.
 
     `function` maps (derivatives, xi, w, theta, time) to (residual, initial residual, derived values) in the
-    order of `equations`, `initial_equations` and `derived`.
+    order of `equations`, `initial_equations` and `derived`. In their texts `OWN` stands before the effect's
+    own names.
     """
 
     unknowns: tuple[Variable, ...]
@@ -239,14 +244,10 @@ def _marked(file: Path) -> Iterable[_Source]:
 
 def _class_annotation(content: bytes, head: ClassHead) -> int | None:
     """Byte offset of the annotation of a class: the last one that is a statement of its own."""
-    depth, before, found = 0, ";", None
-    last = head.name.rpartition(".")[2]
-    for token in tokens(content, head.start):
-        if depth == 0 and token.text == "annotation" and before in (";", "equation", "algorithm"):
+    before, found = ";", None
+    for token in class_tokens(content, head):
+        if token.text == "annotation" and before in (";", "equation", "algorithm"):
             found = token.start
-        if depth == 0 and before == "end" and token.text == last:
-            break
-        depth += (token.text in ("(", "{", "[")) - (token.text in (")", "}", "]"))
         before = token.text
     return found
 
@@ -394,7 +395,7 @@ def _part_model(name: str, part: _Part, flat: FlatModel) -> EffectModel:
     def local_equation(equation: Equation) -> Equation:
         return replace(
             equation,
-            text=re.sub(rf"\b{name}\.", "", equation.text),
+            text=_marked_text(equation.text, name),
             origin=", ".join(o.removeprefix(name).removeprefix(".") for o in equation.origin.split(", ")),
         )
 
@@ -424,6 +425,10 @@ def _part_model(name: str, part: _Part, flat: FlatModel) -> EffectModel:
     )
 
 
+def _marked_text(text: str, component: str) -> str:
+    return re.sub(rf"(?<![\w.]){component}\.", OWN, text)
+
+
 def _local_noise(noise: NoiseInput, component: str) -> NoiseInput:
     prefix = f"{component}."
     return replace(
@@ -437,7 +442,7 @@ def _local_derived(derived: DerivedParameter, component: str) -> DerivedParamete
     return replace(
         derived,
         name=derived.name.removeprefix(f"{component}."),
-        expression=re.sub(rf"\b{component}\.", "", derived.expression),
+        expression=_marked_text(derived.expression, component),
     )
 
 
@@ -477,7 +482,7 @@ def _entry(i: int, source: _Source, parts: Mapping[str, EffectModel], libraries:
 
 def _is_formula(model: EffectModel) -> bool:
     names = [unknown.name for unknown in model.unknowns]
-    return sorted(names) == ["u", "y"] and model.equations[0].text.startswith("y = ")
+    return sorted(names) == ["u", "y"] and model.equations[0].text.startswith(f"{OWN}y = ")
 
 
 def _domain(domains: Iterable[Domain]) -> Domain:

@@ -1,0 +1,142 @@
+"""The text of one class of a file: its tokens, what it extends, its connect clauses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from daest.modelica.outline import ClassHead, class_heads
+from daest.modelica.tokens import Token, tokens
+
+_OPEN, _CLOSE = ("(", "[", "{"), (")", "]", "}")
+
+
+@dataclass(frozen=True)
+class Extends:
+    """An extends clause: the name of the base as written, and the connections that it removes."""
+
+    base: str
+    broken: tuple[frozenset[str], ...]
+    start: int
+
+
+@dataclass(frozen=True)
+class ConnectClause:
+    """`connect(left, right)` from byte `start` to behind its semicolon; the names without white space."""
+
+    left: str
+    right: str
+    start: int
+    end: int
+
+    @property
+    def pair(self) -> frozenset[str]:
+        return frozenset((self.left, self.right))
+
+
+def class_tokens(source: bytes, head: ClassHead) -> list[Token]:
+    """The tokens of a class from its name to its `end`, without those of classes inside of it."""
+    inner = [h.start for h in class_heads(source) if h.name.startswith(head.name + ".")]
+    found: list[Token] = []
+    last = head.name.rpartition(".")[2]
+    skipped = ""  # the class inside that is being passed over
+    for token in tokens(source, head.start):
+        before = found[-1].text if found else ""
+        if not skipped and token.start in inner:
+            skipped = token.text
+        if not skipped and before == "end" and token.text == last:
+            return found[:-1]
+        if skipped and before == "end" and token.text == skipped:
+            skipped = ""
+            found[-1:] = []
+        elif skipped:
+            if token.text == "end":
+                found.append(token)
+            elif found and found[-1].text == "end":
+                found.pop()
+        else:
+            found.append(token)
+    return found
+
+
+def extends_clauses(words: Sequence[Token]) -> list[Extends]:
+    """The extends clauses among the tokens of a class; that behind its name included."""
+    found: list[Extends] = []
+    for i, depth in _depths(words):
+        if depth == 0 and words[i].text == "extends" and i + 1 < len(words):
+            end = i + 1
+            while end < len(words) and (words[end].kind == "name" or words[end].text == "."):
+                end += 1
+            base = "".join(token.text for token in words[i + 1 : end])
+            found.append(Extends(base, _broken(words, end), words[i].start))
+    return found
+
+
+def _broken(words: Sequence[Token], at: int) -> tuple[frozenset[str], ...]:
+    """The `break connect(a, b)` of the modification that begins at token `at`."""
+    if at >= len(words) or words[at].text != "(":
+        return ()
+    found: list[frozenset[str]] = []
+    end = _closing(words, at)
+    for i in range(at, end):
+        if words[i].text == "break" and words[i + 1].text == "connect":
+            found.append(frozenset(_arguments(words, i + 2)))
+    return tuple(found)
+
+
+def connect_clauses(words: Sequence[Token]) -> list[ConnectClause]:
+    """The connect clauses among the tokens of a class (those to be broken do not count)."""
+    found: list[ConnectClause] = []
+    for i, depth in _depths(words):
+        if depth == 0 and words[i].text == "connect" and i + 1 < len(words) and words[i + 1].text == "(":
+            arguments = _arguments(words, i + 1)
+            end = _closing(words, i + 1)
+            while end < len(words) and words[end].text != ";":
+                end = _closing(words, end) if words[end].text in _OPEN else end + 1
+            if len(arguments) == 2 and end < len(words):
+                found.append(ConnectClause(arguments[0], arguments[1], words[i].start, words[end].end))
+    return found
+
+
+def find_base(heads: Sequence[ClassHead], derived: ClassHead, base: str) -> ClassHead | None:
+    """The class of the file that `base` means where `derived` extends it: looked up from the inside
+    outwards."""
+    scope = derived.name.split(".")[:-1]
+    by_name = {head.name: head for head in heads}
+    for end in range(len(scope), -1, -1):
+        found = by_name.get(".".join([*scope[:end], base]))
+        if found is not None:
+            return found
+    return None
+
+
+def _depths(words: Sequence[Token]) -> Iterator[tuple[int, int]]:
+    """Index and bracket depth of every token."""
+    depth = 0
+    for i, token in enumerate(words):
+        depth -= token.text in _CLOSE
+        yield i, depth
+        depth += token.text in _OPEN
+
+
+def _closing(words: Sequence[Token], at: int) -> int:
+    """Index behind the bracket that closes the one at `at`."""
+    depth = 0
+    for i in range(at, len(words)):
+        depth += (words[i].text in _OPEN) - (words[i].text in _CLOSE)
+        if depth == 0:
+            return i + 1
+    return len(words)
+
+
+def _arguments(words: Sequence[Token], at: int) -> list[str]:
+    """The arguments, as text without white space, of the call whose bracket opens at `at`."""
+    arguments = [""]
+    depth = 0
+    for token in words[at + 1 : _closing(words, at) - 1]:
+        depth += (token.text in _OPEN) - (token.text in _CLOSE)
+        if token.text == "," and depth == 0:
+            arguments.append("")
+        else:
+            arguments[-1] += token.text
+    return arguments

@@ -1,0 +1,368 @@
+"""The extended model as Modelica text: `extends`, a component of the effect, and its connections."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import casadi as ca
+
+from daest.errors import ModelError
+from daest.model.effects import Effect, Placement, Site
+from daest.model.flat import FlatModel, Output
+from daest.modelica.attach import attach, component_name, given_source, names_of
+from daest.modelica.class_choice import select_class
+from daest.modelica.class_text import (
+    ConnectClause,
+    class_tokens,
+    connect_clauses,
+    extends_clauses,
+    find_base,
+)
+from daest.modelica.compile import compile_text
+from daest.modelica.compiler import modification
+from daest.modelica.effects import effect_model
+from daest.modelica.outline import ClassHead, class_heads, within
+from daest.modelica.source import read_source
+from daest.modelica.text import number_text
+from daest.modelica.tokens import Token, tokens
+
+__all__ = ["Extension", "extend_model"]
+
+_MARGIN = 110
+_INPUT = "Daest.Blocks.Interfaces.RealInput"
+
+
+@dataclass(frozen=True)
+class Extension:
+    """What `extend_model` makes: the text of a file that holds the original classes and, last, the extended
+    one.
+
+    `flat` is that text compiled, `added` the text of the new class alone, `component` the effect's name in
+    it.
+    """
+
+    text: str
+    class_name: str
+    added: str
+    component: str
+    flat: FlatModel
+
+
+@dataclass
+class _Draft:
+    """Parts of the new class."""
+
+    changes: list[str] = field(default_factory=list)  # in the modification of the extends clause
+    declarations: list[str] = field(default_factory=list)
+    equations: list[str] = field(default_factory=list)
+
+    def connect(self, left: str, right: str) -> None:
+        self.equations.append(f"connect({left}, {right});")
+
+    def replace(self, clause: ConnectClause) -> None:
+        self.changes.append(f"break connect({clause.left}, {clause.right})")
+
+
+@dataclass(frozen=True)
+class _Original:
+    """The model that is extended: its source, and what it compiles to."""
+
+    path: Path
+    source: bytes
+    head: ClassHead
+    flat: FlatModel
+
+    def clauses(self) -> list[ConnectClause]:
+        """Connect clauses of the class and of the classes of the file that it extends."""
+        return self._clauses(self.head)
+
+    def _clauses(self, head: ClassHead) -> list[ConnectClause]:
+        words, heads = class_tokens(self.source, head), class_heads(self.source)
+        found = connect_clauses(words)
+        gone = {pair for clause in extends_clauses(words) for pair in clause.broken}
+        for clause in extends_clauses(words):
+            base = find_base(heads, head, clause.base)
+            if base is not None and base.name != head.name:
+                found += [one for one in self._clauses(base) if one.pair not in gone]
+        return found
+
+    def refusal(self, what: str, remedy: str, code: str = "effect-not-writable") -> ModelError:
+        return ModelError(code, what, where=str(self.path), remedy=remedy)
+
+
+def extend_model(
+    path: str | Path,
+    class_name: str | None,
+    effect: Effect,
+    site: Site,
+    name: str | None = None,
+    values: Mapping[str, float] | None = None,
+    new_name: str | None = None,
+    *,
+    inputs: Mapping[str, str] | None = None,
+    parameters: Mapping[str, float] | None = None,
+    libraries: Sequence[str | Path] = (),
+    target: str | Path | None = None,
+) -> Extension:
+    """The model with `effect` at `site`, as Modelica that extends it and compiles.
+
+    `name`, `values` and `inputs` are as in `attach`; `parameters` are new values of the model's own
+    parameters; `new_name` is the name of the new class (default: MODEL_EFFECT, numbered if taken); `target`
+    is the file that the text is meant for. The equations are those of `attach`. Raises ModelError as
+    `attach` does, and `effect-input-used` or `effect-not-writable` where Modelica cannot express it.
+    """
+    path = Path(path)
+    source = read_source(path)
+    chosen = select_class(source, path, class_name)
+    head = next(h for h in class_heads(source) if h.name == chosen)
+    flat = compile_text(source, path, chosen, libraries)
+    original = _Original(path, source, head, flat)
+    attach(flat, effect, site, name, values, inputs)  # for its checks
+    component = name or component_name(effect, names_of(flat))
+    placement = Placement(effect, site, component, values or {}, inputs or {})
+    draft = _Draft()
+    if parameters:
+        draft.changes.append(modification({k: number_text(float(v)) for k, v in parameters.items()}))
+    draft.declarations.append(_declaration(placement))
+    _supply(draft, placement, flat)
+    _connect(draft, placement, original)
+    own_name = _class_name(original, effect, new_name)
+    added = _class_text(own_name, original, placement, draft)
+    text = added if within(source) else _together(source, added)
+    compiled = compile_text(text.encode(), Path(target or path), own_name, _roots(original, libraries))
+    return Extension(text, own_name, added, component, compiled)
+
+
+def _together(source: bytes, added: str) -> str:
+    return source.decode().replace("\r\n", "\n").rstrip() + "\n\n" + added
+
+
+def _roots(original: _Original, libraries: Sequence[str | Path]) -> tuple[str | Path, ...]:
+    """A file of a package in a folder is not copied: its library is needed."""
+    depth = len(within(original.source).split(".")) if within(original.source) else 0
+    return (original.path.resolve().parents[depth], *libraries) if depth else tuple(libraries)
+
+
+# The class --------------------------------------------------------------------------------------------------
+
+
+def _class_name(original: _Original, effect: Effect, wanted: str | None) -> str:
+    taken = {h.name for h in class_heads(original.source)} | names_of(original.flat)
+    if wanted is not None:
+        if wanted in taken or not _is_identifier(wanted):
+            what = "is taken" if wanted in taken else "is no name of a class"
+            raise original.refusal(
+                f"the name `{wanted}` {what}", "Choose another name for the extended model.", "effect-name"
+            )
+        return wanted
+    base = f"{original.head.name.rpartition('.')[2]}_{effect.name}"
+    name, number = base, 1
+    while name in taken:
+        number += 1
+        name = f"{base}{number}"
+    return name
+
+
+def _is_identifier(name: str) -> bool:
+    words = list(tokens(name.encode()))
+    return len(words) == 1 and words[0].kind == "name"
+
+
+def _class_text(name: str, original: _Original, placement: Placement, draft: _Draft) -> str:
+    about = f"{original.head.name.rpartition('.')[2]} with {placement.effect.name} at {placement.site.name}"
+    lines = [f'model {name} "{about}"']
+    lines += _extends(original.head.name, draft.changes)
+    lines += [f"  {line}" for declaration in draft.declarations for line in declaration.split("\n")]
+    lines += ["equation", *(f"  {equation}" for equation in draft.equations), f"end {name};", ""]
+    return "\n".join(lines)
+
+
+def _extends(base: str, changes: Sequence[str]) -> list[str]:
+    line = f"  extends {base}({', '.join(changes)});" if changes else f"  extends {base};"
+    if len(line) <= _MARGIN:
+        return [line]
+    return [f"  extends {base}(", *(f"    {change}," for change in changes[:-1]), f"    {changes[-1]});"]
+
+
+def _declaration(placement: Placement) -> str:
+    """`Daest.Effects.Rotational.CoulombFriction coulombFriction(tau_c = 0.006) "Dry friction: …";`"""
+    effect, site = placement.effect, placement.site
+    changes = ["useSupport = true"] if _is_across(placement) else []
+    for parameter in effect.parameters:
+        source = given_source(parameter, site)
+        if source and parameter.name not in placement.values:
+            changes.append(f"{parameter.name} = {source}")
+    changes += _assignments(placement)
+    modified = f"({', '.join(changes)})" if changes else ""
+    head = f"{effect.class_name} {placement.name}{modified}"
+    about = f'"{_quoted(effect.description)}";'
+    return f"{head} {about}" if len(head) + len(about) < _MARGIN - 3 else f"{head}\n  {about}"
+
+
+def _is_across(placement: Placement) -> bool:
+    return placement.effect.attach == "connector" and placement.site.kind == "component"
+
+
+def _assignments(placement: Placement) -> list[str]:
+    """`tau_c = 0.006`; the elements of an array in one list, those without a value at their start."""
+    arrays: dict[str, list[str]] = {}
+    found: list[str] = []
+    for parameter in placement.effect.parameters:
+        array, _, index = parameter.name.partition("[")
+        value = placement.values.get(parameter.name)
+        if index:
+            start = parameter.start if value is None else value
+            arrays.setdefault(array, []).append(number_text(float(start)))
+        elif value is not None:
+            found.append(f"{parameter.name} = {number_text(float(value))}")
+    changed = {name.partition("[")[0] for name in placement.values if "[" in name}
+    return found + [f"{name} = {{{', '.join(arrays[name])}}}" for name in arrays if name in changed]
+
+
+def _quoted(text: str) -> str:
+    return text.replace("\\", "\\\\").replace('"', '\\"')
+
+
+# Connections ------------------------------------------------------------------------------------------------
+
+
+def _supply(draft: _Draft, placement: Placement, flat: FlatModel) -> None:
+    """Inputs of the new model for the effect's signals, where the model has none of that name."""
+    known = {x.name for x in flat.inputs}
+    signals = {x.name: x for x in effect_model(placement.effect).unknowns}
+    for name in placement.effect.inputs:
+        wanted = placement.inputs.get(name, f"{placement.name}_{name}")
+        if wanted not in known:
+            signal = signals[name]
+            unit = f'unit = "{signal.unit}", ' if signal.unit else ""
+            about = _quoted(signal.description)
+            draft.declarations.append(f'{_INPUT} {wanted}({unit}start = 0) "{about}";')
+        draft.connect(wanted, f"{placement.name}.{name}")
+
+
+def _connect(draft: _Draft, placement: Placement, original: _Original) -> None:
+    effect, site, name = placement.effect, placement.site, placement.name
+    if site.kind == "node":
+        draft.connect(f"{name}.{effect.connectors[0]}", _reachable(original, (site.name, *site.connectors)))
+    elif site.kind in ("component", "pair"):
+        first, second = ("support", effect.connectors[0]) if _is_across(placement) else effect.connectors
+        a, b = (_reachable(original, (end,)) for end in site.connectors)
+        draft.connect(f"{name}.{first}", a)
+        draft.connect(f"{name}.{second}", b)
+    elif site.kind == "connector":
+        _in_series(draft, placement, original)
+    elif site.kind == "input":
+        _behind_input(draft, placement, original)
+    elif site.kind == "output":
+        _before_output(draft, placement, original)
+    else:
+        raise original.refusal(
+            f"{effect.name} at `{site.name}` cannot be written: a parameter does not change with time",
+            "Declare it in the model as a variable.",
+        )
+
+
+def _reachable(original: _Original, connectors: Iterable[str]) -> str:
+    """The first of the connectors that a connect clause of the model may name: its own, or one of a
+    component."""
+    names = list(connectors)
+    for name in names:
+        if name.count(".") <= 1:
+            return name
+    raise original.refusal(
+        f"`{names[0]}` lies inside of a component and has no connection to the outside",
+        "Choose a connector of the model's own components, or give the component a connector.",
+    )
+
+
+def _in_series(draft: _Draft, placement: Placement, original: _Original) -> None:
+    first, second = placement.effect.connectors
+    for connector in (placement.site.name, *placement.site.aliases):
+        clauses = [c for c in original.clauses() if connector in c.pair]
+        if clauses:
+            break
+    else:
+        raise original.refusal(
+            f"no connect clause of {original.path.name} names `{placement.site.name}`",
+            "Put the effect where the model itself makes the connection, or into the component that does.",
+        )
+    for clause in clauses:
+        draft.replace(clause)
+        other = clause.right if clause.left == connector else clause.left
+        draft.connect(other, f"{placement.name}.{first}")
+    draft.connect(f"{placement.name}.{second}", connector)
+
+
+def _behind_input(draft: _Draft, placement: Placement, original: _Original) -> None:
+    name, flat = placement.site.name, original.flat
+    clauses = [c for c in original.clauses() if name in c.pair]
+    symbol = flat.u[[x.name for x in flat.inputs].index(name)]
+    used = set(ca.jacobian_sparsity(flat.residual, symbol).row())
+    equations = [flat.equations[i] for i in sorted(used) if flat.equations[i].kind != "connection"]
+    if equations or not clauses or ca.depends_on(flat.output_expressions, symbol):
+        shown = f": {equations[0].text}" if equations else ""
+        raise original.refusal(
+            f"the input `{name}` is used in an equation{shown}",
+            f"Connect it to a block (connect({name}, block.u)) and use the block's output.",
+            "effect-input-used",
+        )
+    draft.connect(name, f"{placement.name}.u")
+    for clause in clauses:
+        draft.replace(clause)
+        draft.connect(f"{placement.name}.y", clause.right if clause.left == name else clause.left)
+
+
+def _before_output(draft: _Draft, placement: Placement, original: _Original) -> None:
+    name = placement.site.name
+    clauses = [c for c in original.clauses() if name in c.pair]
+    output = next(y for y in original.flat.outputs if y.name == name)
+    bound = "" if clauses else _binding(output, original)
+    if not clauses and not bound:
+        raise original.refusal(
+            f"the output `{name}` is given by an equation",
+            f"Write it as a binding (output Real {name} = …) or as a connection.",
+            "effect-input-used",
+        )
+    if bound:
+        draft.changes.append(f"{name} = {placement.name}.y")
+        draft.equations.append(f"{placement.name}.u = {bound};")
+        return
+    for clause in clauses:
+        draft.replace(clause)
+        draft.connect(clause.left if clause.right == name else clause.right, f"{placement.name}.u")
+    draft.connect(f"{placement.name}.y", name)
+
+
+def _binding(output: Output, original: _Original) -> str:
+    """The text of `expr` in `output Real y(…) = expr "…";`, empty where there is none."""
+    place = output.place
+    if place is None or place.line is None or place.file != str(original.path):
+        return ""
+    lines = original.source.split(b"\n")
+    before = len(lines[place.line - 1].decode()[: (place.column or 1) - 1].encode())
+    start = sum(len(line) + 1 for line in lines[: place.line - 1]) + before
+    return _bound_text(original.source, list(_declared(original.source, start)))
+
+
+def _declared(source: bytes, start: int) -> Iterable[Token]:
+    """Tokens behind an identifier and its modification, up to the end of the declaration."""
+    depth = 0
+    for i, token in enumerate(tokens(source, start)):
+        depth += (token.text in "([{") - (token.text in ")]}")
+        if depth == 0 and token.text in (";", ","):
+            return
+        if i > 0:
+            yield token
+
+
+def _bound_text(source: bytes, words: Sequence[Token]) -> str:
+    depth, begin = 0, None
+    for token in words:
+        if depth == 0 and begin is not None and (token.kind == "text" or token.text == "annotation"):
+            return source[begin : token.start].decode().strip()
+        if depth == 0 and begin is None and token.text == "=":
+            begin = token.end
+        depth += (token.text in "([{") - (token.text in ")]}")
+    return source[begin : words[-1].end].decode().strip() if begin is not None else ""
