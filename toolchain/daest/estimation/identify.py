@@ -17,7 +17,7 @@ from daest.estimation.checks import check_bounds, check_records, check_start, kn
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
 from daest.estimation.noise_start import better_noise, with_noise
 from daest.estimation.output_error import Problem
-from daest.estimation.records import Record, make_record, observed_counts, part_of
+from daest.estimation.records import Record, in_model_order, make_record, observed_counts, part_of
 from daest.estimation.result import end_scores, fit_result
 from daest.estimation.search import Evaluation, Found, minimise
 from daest.model.experiment import Experiment
@@ -25,6 +25,7 @@ from daest.model.fit import FitResult, IdentifyOptions, Method, NoiseChoice
 from daest.model.flat import FlatModel
 from daest.model.linear import StateSpaceFamily
 from daest.numerics.statistics import whiteness_p_value
+from daest.systems.reduce import reduce_index
 from daest.systems.sample import Hold
 from daest.systems.state_space import state_space, state_space_family
 
@@ -70,6 +71,8 @@ def identify(
     family = model if isinstance(model, StateSpaceFamily) else state_space_family(model)
     estimation, held_back = _divided(tuple(experiments), tuple(validation), options.split)
     setup = _setup(family, tuple(make_record(e, family) for e in estimation), options)
+    if isinstance(model, FlatModel) and not family.is_affine:
+        return _identified_nonlinear(model, family, setup, estimation, held_back, options)
     setup = replace(setup, problem=replace(setup.problem, hold=_chosen_hold(setup, options)))
     _check_start(setup)
     problem, ends = _search(setup, options)
@@ -84,6 +87,30 @@ def identify(
     initial = {c.name: c.initial for c in setup.problem.unknowns.coordinates}
     parameters = tuple(replace(p, initial=initial[p.name]) for p in result.parameters)
     return replace(result, parameters=parameters, seconds=time.perf_counter() - began)
+
+
+def _identified_nonlinear(
+    flat: FlatModel,
+    family: StateSpaceFamily,
+    setup: Setup,
+    estimation: tuple[Experiment, ...],
+    validation: tuple[Experiment, ...],
+    options: IdentifyOptions,
+) -> FitResult:
+    n_w, n_y = len(family.noises), len(family.outputs)
+    estimated = np.array([setup.process[i] for i in range(n_w)], dtype=bool)
+    searched = np.array([setup.measurement[j] for j in range(n_y)], dtype=bool)
+    return identify_nonlinear(
+        reduce_index(flat),
+        setup.problem.unknowns,
+        [in_model_order(e, family) for e in estimation],
+        setup.method,
+        setup.given_intensity,
+        estimated,
+        np.where(searched, np.nan, setup.given_std),
+        options,
+        [in_model_order(e, family) for e in validation],
+    )
 
 
 def _divided(

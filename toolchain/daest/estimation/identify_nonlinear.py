@@ -8,7 +8,7 @@ every gain gives a valid predictor, so that the likelihoods of different noise l
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,6 +65,17 @@ class NonlinearSetup:
 
 
 @dataclass(frozen=True)
+class WarmStart:
+    """Where a prediction-error search starts when a similar model has been fitted before: noise levels and the
+    initial state of every experiment by state name. `noise_evaluations` limits the search over noise levels."""
+
+    intensity: np.ndarray  # (n_w,)
+    measurement_std: np.ndarray  # (n_y,)
+    initial_states: tuple[Mapping[str, float], ...]
+    noise_evaluations: int = 30
+
+
+@dataclass(frozen=True)
 class Ending:
     """Where one search ended: the problem with its gain, and the noise levels behind the gain."""
 
@@ -83,6 +94,7 @@ def identify_nonlinear(
     given_std: np.ndarray,
     options: IdentifyOptions,
     validation: Sequence[Experiment] = (),
+    warm: WarmStart | None = None,
 ) -> FitResult:
     """Fit `unknowns` (parameters) of a nonlinear model; experiments are in the model's order of signals.
 
@@ -94,11 +106,16 @@ def identify_nonlinear(
     problem = TrajectoryProblem(
         model, tuple(experiments), options.hold or "zoh", unknowns, np.ones(explicit.n_states), given_std
     )
-    problem, z = _started(problem)
-    problem, z = _with_hold(problem, z, options)
-    _check(problem, z)
     setup = NonlinearSetup(problem, method, intensity, estimate_intensity, ())
-    ends = _search(setup, z, options)
+    if warm is None:
+        problem, z = _started(problem)
+        problem, z = _with_hold(problem, z, options)
+        _check(problem, z)
+        setup = replace(setup, problem=problem)
+        ends = _search(setup, z, options)
+    else:
+        ends = [_search_on(setup, warm, options)]
+        problem = ends[0].problem
     best = ends[0]
     simulated = {"estimation": _agreement(best, problem.experiments, with_gain=False)}
     one_step = {"estimation": _agreement(best, problem.experiments, with_gain=True)}
@@ -115,12 +132,7 @@ def _started(problem: TrajectoryProblem) -> tuple[TrajectoryProblem, np.ndarray]
     theta = problem.theta(unknowns.start)
     x0 = [initial_point(explicit, theta, e.inputs[0])[0] for e in problem.experiments]
     z = np.concatenate([unknowns.start, *x0])
-    errors = prediction_errors(problem, z)
-    if errors is not None:
-        size = np.max([np.max(np.abs(t.states), axis=0) for t in errors.trajectories], axis=0)
-        scale = np.where(np.isfinite(size) & (size > 0.0), size, 1.0)
-        problem = replace(problem, state_scale=scale)
-        z = np.concatenate([unknowns.start, *(x / scale for x in x0)])
+    problem, z = _scaled(problem, z)
     return problem, _fit_initial_states(problem, z)
 
 
@@ -175,11 +187,7 @@ def _with_hold(
 def _check(problem: TrajectoryProblem, z: np.ndarray) -> None:
     start = trajectories.objective(problem)(z, True)
     if start is None:
-        raise EstimationError(
-            "identify-no-start",
-            "the model cannot be integrated at the start values",
-            remedy="check the start values of parameters and states; smooth discontinuities with a width",
-        )
+        raise _no_start()
     assert start.information is not None
     n = len(problem.unknowns.coordinates)
     names = problem.unknowns.parameter_names()
@@ -204,6 +212,14 @@ def _check(problem: TrajectoryProblem, z: np.ndarray) -> None:
             where=", ".join(involved),
             remedy="fix one of them to a known value (--fix NAME=VALUE)",
         )
+
+
+def _no_start() -> EstimationError:
+    return EstimationError(
+        "identify-no-start",
+        "the model cannot be integrated at the start values",
+        remedy="check the start values of parameters and states; smooth discontinuities with a width",
+    )
 
 
 def _search(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions) -> list[Ending]:
@@ -239,19 +255,67 @@ def _search_from(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions)
     return Ending(problem, found, intensity)
 
 
+def _search_on(setup: NonlinearSetup, warm: WarmStart, options: IdentifyOptions) -> Ending:
+    """Prediction-error search from the noise levels and initial states of a similar model."""
+    problem = setup.problem
+    names = problem.model.explicit.state_names
+    x0 = [np.array([state.get(name, 0.0) for name in names]) for state in warm.initial_states]
+    z = np.concatenate([problem.unknowns.start, *x0])
+    problem, z = _scaled(problem, z)
+    problem = replace(problem, gain=_first_gain(problem, z, warm))
+    levels = (warm.intensity, warm.measurement_std)
+    lower, upper = _limits(problem)
+    found: Found | None = None
+    for with_noise in (False, True):
+        if with_noise:
+            assert found is not None
+            around = replace(setup, problem=problem)
+            problem, intensity = _with_gain(around, found.z, warm.intensity, levels, warm.noise_evaluations)
+            levels = (intensity, levels[1])
+            z = found.z
+        again = minimise(trajectories.objective(problem), z, lower, upper, options.max_iterations)
+        found = again or found
+        if found is None:
+            raise _no_start()
+    return Ending(problem, found, levels[0])
+
+
+def _scaled(problem: TrajectoryProblem, z: np.ndarray) -> tuple[TrajectoryProblem, np.ndarray]:
+    """The problem with state scales read off a simulation, and z (given for scales of one) in these scales."""
+    n = len(problem.unknowns.coordinates)
+    errors = prediction_errors(problem, z)
+    if errors is None:
+        return problem, z
+    size = np.max([np.max(np.abs(t.states), axis=0) for t in errors.trajectories], axis=0)
+    scale = np.where(np.isfinite(size) & (size > 0.0), size, 1.0)
+    x0 = z[n:].reshape(-1, scale.size) / scale
+    return replace(problem, state_scale=scale), np.concatenate([z[:n], x0.ravel()])
+
+
+def _first_gain(problem: TrajectoryProblem, z: np.ndarray, warm: WarmStart) -> np.ndarray | None:
+    found = observer(_average(problem, z), warm.intensity, warm.measurement_std)
+    return None if found is None else found.gain
+
+
 def _with_gain(
-    setup: NonlinearSetup, z: np.ndarray, intensity: np.ndarray
+    setup: NonlinearSetup,
+    z: np.ndarray,
+    intensity: np.ndarray,
+    around: tuple[np.ndarray, np.ndarray] | None = None,
+    evaluations: int = NOISE_EVALUATIONS,
 ) -> tuple[TrajectoryProblem, np.ndarray]:
     """The problem with the gain of the most likely noise levels at the parameters z.
 
     Only the ratios of process to measurement noise matter for the gain, so the standard deviation of the first
-    output is left out of the search and follows from the innovations.
+    output is left out of the search and follows from the innovations. `around` are (intensity, std) to start from.
     """
     problem = setup.problem
     average = _average(problem, z)
-    rough = _rough_std(problem, z)
-    unit = _unit_intensity(average, rough)
-    start = np.where(np.isnan(intensity), unit, intensity)
+    if around is None:
+        rough = _rough_std(problem, z)
+        start = np.where(np.isnan(intensity), _unit_intensity(average, rough), intensity)
+    else:
+        start, rough = around
     searched = np.flatnonzero(setup.estimate_intensity)
 
     def levels(logs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -271,7 +335,7 @@ def _with_gain(
     best = np.zeros(n)
     if n:
         simplex = np.vstack([np.zeros(n), NOISE_SPREAD * np.eye(n) * -1.0])
-        options = {"maxfev": NOISE_EVALUATIONS, "initial_simplex": simplex, "xatol": 0.05, "fatol": 0.1}
+        options = {"maxfev": evaluations, "initial_simplex": simplex, "xatol": 0.05, "fatol": 0.1}
         best = minimize(value, best, method="Nelder-Mead", options=options).x
     q, std = levels(best)
     found = observer(average, q, std)
@@ -313,7 +377,7 @@ def _unit_intensity(average: AverageModel, std: np.ndarray) -> np.ndarray:
     two_steps = np.abs(average.C @ average.A @ average.G) * average.period**1.5
     reach = np.maximum(step, two_steps) / std[:, None]
     largest = reach.max(axis=0, initial=0.0)
-    return np.where(largest > 0.0, 1.0 / np.maximum(largest, 1e-300) ** 2, 1.0)
+    return 1.0 / np.where(largest > 0.0, largest, 1.0) ** 2
 
 
 def _agreement(end: Ending, experiments: tuple[Experiment, ...], *, with_gain: bool) -> Agreement:

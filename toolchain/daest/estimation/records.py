@@ -57,11 +57,8 @@ def make_record(experiment: Experiment, family: StateSpaceFamily) -> Record:
     between samples, and the added grid points have no outputs. Errors (DataError): `data-input-missing`,
     `data-input-gap`.
     """
-    inputs = _in_order(experiment, family)
-    outputs = np.full((experiment.n_samples, len(family.outputs)), np.nan)
-    for column, output in enumerate(family.outputs):
-        if output.name in experiment.output_names:
-            outputs[:, column] = experiment.outputs[:, experiment.output_names.index(output.name)]
+    ordered = in_model_order(experiment, family)
+    inputs, outputs = ordered.inputs, ordered.outputs
     time, recorded, period = _grid(experiment)
     if len(time) != experiment.n_samples:
         inputs = np.column_stack([np.interp(time, experiment.time, column) for column in inputs.T])
@@ -83,6 +80,25 @@ def make_record(experiment: Experiment, family: StateSpaceFamily) -> Record:
 def observed_counts(records: Sequence[Record]) -> np.ndarray:
     """Measured values per output over all records, (n_y,)."""
     return np.sum([r.n_observed for r in records], axis=0)
+
+
+def in_model_order(experiment: Experiment, family: StateSpaceFamily) -> Experiment:
+    """The experiment with inputs and outputs in the order of the model; outputs not recorded are NaN.
+
+    Errors (DataError): `data-input-missing`, `data-input-gap`.
+    """
+    inputs = _in_order(experiment, family)
+    outputs = np.full((experiment.n_samples, len(family.outputs)), np.nan)
+    for column, output in enumerate(family.outputs):
+        if output.name in experiment.output_names:
+            outputs[:, column] = experiment.outputs[:, experiment.output_names.index(output.name)]
+    return replace(
+        experiment,
+        inputs=inputs,
+        outputs=outputs,
+        input_names=tuple(v.name for v in family.inputs),
+        output_names=tuple(o.name for o in family.outputs),
+    )
 
 
 def part_of(experiment: Experiment, first: int, last: int) -> Experiment:

@@ -1,0 +1,125 @@
+"""Candidates: every effect of the library at every place where it fits, with the shapes worth trying."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from daest.errors import DaestError
+from daest.model.diagnosis import Candidate
+from daest.model.effects import Effect, EffectParameter, Placement, Site
+from daest.model.explicit import ExplicitModel
+from daest.model.flat import FlatModel
+from daest.modelica.attach import attach_all
+from daest.modelica.sites import fits
+from daest.systems.reduce import reduce_index
+
+MOST_SHAPES = 12  # of one effect at one place
+MOST_POINTS = 400  # of a trajectory that a range is taken from
+LEARNED = "Learned"  # curves describe what no effect explains; they are no hypothesis themselves
+NO_SITES = ("parameter",)  # a drifting parameter is looked for by name, not everywhere
+
+
+def pairs(
+    effects: Sequence[Effect], places: Sequence[Site], columns: Sequence[str] = ()
+) -> tuple[Candidate, ...]:
+    """Effects at sites, shapes not yet chosen. Effects that need a measured signal are tried with every one of
+    `columns`, the recorded signals that the model does not use."""
+    found = []
+    for effect in effects:
+        if effect.name.startswith(LEARNED):
+            continue
+        for site in places:
+            if site.kind in NO_SITES or not fits(effect, site):
+                continue
+            supplies = [{effect.inputs[0]: c} for c in columns] if effect.inputs else [{}]
+            found += [Candidate(effect, site, f"effect_{len(found) + i + 1}", {}, s) for i, s in enumerate(supplies)]
+    return tuple(found)
+
+
+def with_shapes(
+    flat: FlatModel, candidates: Sequence[Candidate], time: np.ndarray, states: Mapping[str, np.ndarray], inputs: np.ndarray
+) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...]]:
+    """One candidate per shape, with sharpness and shapes in multiples of what the variables reach along the
+    trajectory `states` (by name, each (n_samples,)); and those that cannot be attached, with the reason."""
+    usable, refused, explicit = attachable(flat, candidates)
+    ranges = _ranges(explicit, time, states, inputs)
+    result: list[Candidate] = []
+    for candidate in usable:
+        for number, values in enumerate(_shapes(candidate, ranges)):
+            name = f"{candidate.name}_{number + 1}"
+            result.append(replace(candidate, name=name, shape=values))
+    return tuple(result), refused
+
+
+def attachable(
+    flat: FlatModel, candidates: Sequence[Candidate]
+) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...], ExplicitModel]:
+    """The candidates that leave a model that can be solved, the others with the reason, and that model."""
+    try:
+        return tuple(candidates), (), reduce_index(attached(flat, candidates))
+    except DaestError:
+        pass
+    kept, refused = [], []
+    for candidate in candidates:
+        try:
+            reduce_index(attached(flat, [candidate]))
+            kept.append(candidate)
+        except DaestError as error:
+            refused.append((candidate.label, error.what))
+    return tuple(kept), tuple(refused), reduce_index(attached(flat, kept))
+
+
+def attached(flat: FlatModel, candidates: Sequence[Candidate]) -> FlatModel:
+    """`flat` with all candidates at size zero."""
+    return attach_all(flat, [placement(c) for c in candidates], allow_repeated=True)
+
+
+def placement(candidate: Candidate, sizes: Mapping[str, float] | None = None) -> Placement:
+    """The candidate with the given sizes, by default the ones at which it vanishes."""
+    effect = candidate.effect
+    values = {**effect.null_values, **candidate.shape, **(sizes or {})}
+    return Placement(effect, candidate.site, candidate.name, values, candidate.inputs)
+
+
+def _ranges(
+    explicit: ExplicitModel, time: np.ndarray, states: Mapping[str, np.ndarray], inputs: np.ndarray
+) -> dict[str, float]:
+    """Largest magnitude of every internal variable along the trajectory."""
+    chosen = np.unique(np.linspace(0, time.size - 1, min(time.size, MOST_POINTS)).astype(int))
+    x = np.array([states[name][chosen] if name in states else np.zeros(chosen.size) for name in explicit.state_names])
+    u = np.zeros((explicit.rhs.numel_in(1), chosen.size))
+    u[: inputs.shape[1]] = inputs[chosen].T
+    v, w = (np.zeros((explicit.rhs.numel_in(i), chosen.size)) for i in (2, 3))
+    theta = np.tile(explicit.flat.theta_values[:, None], (1, chosen.size))
+    values = explicit.variables.map(chosen.size)(x, u, v, w, theta, time[chosen])
+    largest = np.max(np.abs(np.array(values)), axis=1, initial=0.0)
+    names = [v.name for v in explicit.flat.unknowns]
+    found = dict(zip(names, largest.tolist(), strict=True))
+    found |= {v.name: float(np.max(np.abs(row))) for v, row in zip(explicit.flat.inputs, u, strict=True)}
+    return found
+
+
+def _shapes(candidate: Candidate, ranges: Mapping[str, float]) -> list[dict[str, float]]:
+    """Values of shape and sharpness parameters to try."""
+    axes = []
+    for parameter in candidate.effect.parameters:
+        if parameter.role not in ("shape", "sharpness") or not parameter.grid:
+            continue
+        values = parameter.grid if parameter.role == "shape" else parameter.grid[:1]
+        scale = _scale(candidate, parameter, ranges)
+        axes.append([(parameter.name, scale * value) for value in values if scale > 0.0] or [(parameter.name, parameter.start)])
+    combinations = [dict(choice) for choice in product(*axes)]
+    step = -(-len(combinations) // MOST_SHAPES)
+    return combinations[::step]
+
+
+def _scale(candidate: Candidate, parameter: EffectParameter, ranges: Mapping[str, float]) -> float:
+    """The largest magnitude of the effect's variable that the grid is relative to; 1 where it is absolute."""
+    if not parameter.scale_of:
+        return 1.0
+    own = f"{candidate.name}.{parameter.scale_of}"
+    return ranges.get(own, ranges.get(candidate.site.name, 0.0))

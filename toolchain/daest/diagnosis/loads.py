@@ -1,0 +1,152 @@
+"""Unknown external loads: where one may act, and the model with coloured loads attached.
+
+A load enters a flow balance (torques, forces, currents, heat flows, volume flows at a node), which is where the
+noise subspace of Theorem 3.1 admits white noise, and there it passes through a first-order filter besides, so
+that a slow external load is as well described as a fast one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from daest.errors import DaestError
+from daest.model.effects import Site
+from daest.model.linear import StateSpace
+from daest.model.flat import Equation, FlatModel, NoiseInput, Parameter, Variable
+from daest.modelica.places import resolve_place
+from daest.systems.state_space import state_space, state_space_family
+
+COLLINEAR = 1e-3  # sine of the angle below which the outputs see two places alike
+UNSEEN = 1e-9  # of the largest effect on the outputs: a load that does less is not seen
+SLOWEST = 1e-9  # of the fastest rate of the model: slower modes count as integrators
+BEYOND = 3.0  # factor by which the compared frequencies reach beyond the model's own rates
+N_FREQUENCIES = 9
+
+
+@dataclass(frozen=True)
+class LoadPlace:
+    """Equation `row` of the model, where a load may act; `names` are the nodes that act on the outputs alike."""
+
+    row: int
+    names: tuple[str, ...]
+    unit: str
+
+
+def load_places(flat: FlatModel, nodes: Sequence[Site]) -> tuple[LoadPlace, ...]:
+    """The nodes where a load is admissible and reaches the outputs, grouped by what the outputs see of it."""
+    rows: dict[int, str] = {}
+    for node in nodes:
+        for row in resolve_place(flat, node.connectors[0]):
+            rows.setdefault(row, node.name)
+    spaces = {row: space for row in rows if (space := _driven_by(flat, row)) is not None}
+    if not spaces:
+        return ()
+    table = np.array([_response(space) for space in spaces.values()])
+    # Every output counts alike at every frequency, whatever its unit.
+    largest = np.max(np.abs(table), axis=0)
+    table = table / np.where(largest > 0.0, largest, 1.0)
+    seen = np.linalg.norm(table, axis=1) > UNSEEN * np.max(np.linalg.norm(table, axis=1), initial=0.0)
+    groups: list[tuple[np.ndarray, list[int]]] = []
+    for row, response, is_seen in zip(spaces, table, seen, strict=True):
+        if not is_seen:
+            continue
+        for direction, members in groups:
+            if _sine(direction, response) < COLLINEAR:
+                members.append(row)
+                break
+        else:
+            groups.append((response, [row]))
+    return tuple(
+        LoadPlace(members[0], tuple(rows[m] for m in members), _flow_unit(flat, members[0]))
+        for _, members in groups
+    )
+
+
+def _driven_by(flat: FlatModel, row: int) -> StateSpace | None:
+    """State space with white noise in equation `row` alone; None where it is not admissible."""
+    w = ca.SX.sym("load")
+    residual = ca.SX(flat.residual)
+    residual[row] -= w
+    silent = ca.substitute(residual, flat.w, ca.SX.zeros(flat.w.numel()))
+    loaded = replace(flat, noises=(NoiseInput("load", intensity=1.0),), w=w, residual=silent)
+    try:
+        space = state_space(state_space_family(loaded), loaded.theta_values)
+    except DaestError:
+        return None
+    return None if np.any(space.H) else space
+
+
+def _response(space: StateSpace) -> np.ndarray:
+    """C (iω - A)⁻¹ G at frequencies around the model's own, real and imaginary parts of all outputs."""
+    rates = np.abs(np.linalg.eigvals(space.A)) if space.A.size else np.zeros(0)
+    rates = rates[rates > SLOWEST * np.max(rates, initial=0.0)]
+    low, high = (rates.min(), rates.max()) if rates.size else (1.0, 1.0)
+    eye = np.eye(space.A.shape[0])
+    parts = [
+        space.C @ np.linalg.solve(1j * omega * eye - space.A, space.G[:, 0])
+        for omega in np.geomspace(low / BEYOND, high * BEYOND, N_FREQUENCIES)
+    ]
+    whole = np.concatenate(parts)
+    return np.concatenate([whole.real, whole.imag])
+
+
+def _sine(a: np.ndarray, b: np.ndarray) -> float:
+    size = np.linalg.norm(a) * np.linalg.norm(b)
+    cosine = abs(a @ b) / size if size > 0.0 else 1.0
+    return float(np.sqrt(max(0.0, 1.0 - cosine**2)))
+
+
+def _flow_unit(flat: FlatModel, row: int) -> str:
+    text = flat.equations[row].text
+    for variable in flat.unknowns:
+        if variable.is_flow and variable.name in text:
+            return variable.unit
+    return ""
+
+
+def with_loads(flat: FlatModel, places: Sequence[LoadPlace], time_constants: Sequence[float]) -> FlatModel:
+    """`flat` with load_i, der(load_i) + load_i/T_i = w_i, subtracted in the equation of each place.
+
+    The white noise w_i is called `load_i.w`, the parameter T_i `load_i.T`. Noises of the model stay.
+    """
+    n = len(places)
+    d, rate = ca.SX.sym("load", n), ca.SX.sym("load_rate", n)
+    w, T = ca.SX.sym("load_w", n), ca.SX.sym("load_T", n)
+    residual = ca.SX(flat.residual)
+    for i, place in enumerate(places):
+        residual[place.row] -= d[i]
+    names = [f"load_{i + 1}" for i in range(n)]
+    return replace(
+        flat,
+        unknowns=(
+            *flat.unknowns,
+            *(
+                Variable(name, p.unit, "unexplained load", start=0.0, fixed=False)
+                for name, p in zip(names, places, strict=True)
+            ),
+        ),
+        noises=(
+            *flat.noises,
+            *(NoiseInput(f"{name}.w", None, estimate=True) for name in names),
+        ),
+        parameters=(
+            *flat.parameters,
+            *(
+                Parameter(f"{name}.T", float(value), "s", "time constant of the load", min=0.0)
+                for name, value in zip(names, time_constants, strict=True)
+            ),
+        ),
+        equations=(
+            *flat.equations,
+            *(Equation(f"der({name}) + {name}/{name}.T = {name}.w", "component", name) for name in names),
+        ),
+        derivatives=ca.vertcat(flat.derivatives, rate),
+        xi=ca.vertcat(flat.xi, d),
+        w=ca.vertcat(flat.w, w),
+        theta=ca.vertcat(flat.theta, T),
+        residual=ca.vertcat(residual, rate + d / T - w),
+    )

@@ -1,0 +1,172 @@
+"""The null hypothesis: the model as it is, fitted by maximum likelihood with measurement noise and coloured
+loads at the places where the model admits them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from daest.diagnosis.loads import LoadPlace, load_places, with_loads
+from daest.errors import EstimationError
+from daest.estimation.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.identify import identify
+from daest.estimation.identify_nonlinear import WarmStart, identify_nonlinear
+from daest.model.diagnosis import Load
+from daest.model.effects import Site
+from daest.model.experiment import Experiment
+from daest.model.explicit import ExplicitModel
+from daest.model.fit import FitResult, IdentifyOptions
+from daest.model.flat import FlatModel
+from daest.systems.reduce import reduce_index
+from daest.systems.sample import Hold
+
+SHORTEST_LOAD = 2.0  # sampling periods: a faster load is white noise
+LONGEST_LOAD = 0.25  # of the record: a slower one is a constant
+FIRST_LOAD = 20.0  # sampling periods, start of the search
+
+
+@dataclass(frozen=True)
+class Null:
+    """`flat` is the model with the loads attached and all values at the estimate; `fit` the fit of that model;
+    `plain` the model without loads at the same values."""
+
+    plain: FlatModel
+    flat: FlatModel
+    explicit: ExplicitModel
+    fit: FitResult
+    loads: tuple[Load, ...]
+    places: tuple[LoadPlace, ...]
+    experiments: tuple[Experiment, ...]
+    hold: Hold
+
+    @property
+    def estimated(self) -> tuple[str, ...]:
+        """The physical parameters that are estimated."""
+        return tuple(p.name for p in self.fit.parameters if not p.name.startswith("load_"))
+
+    @property
+    def intensity(self) -> np.ndarray:
+        """Of all white noises of `flat`, (n_w,)."""
+        found = {n.name: n.value for n in self.fit.noises if n.kind == "process"}
+        return np.array([found.get(w.name, 0.0) for w in self.flat.noises])
+
+    @property
+    def measurement_std(self) -> np.ndarray:
+        found = {n.name: n.value for n in self.fit.noises if n.kind == "measurement"}
+        return np.array([found.get(o.name, 1.0) for o in self.flat.outputs])
+
+    @property
+    def initial_states(self) -> tuple[dict[str, float], ...]:
+        """Of every experiment, by state name."""
+        return tuple(
+            {name: float(x) for name, x in zip(s.names, s.values, strict=True)}
+            for s in self.fit.initial_states
+        )
+
+    @property
+    def theta(self) -> np.ndarray:
+        return self.flat.theta_values
+
+
+def fit_null(
+    flat: FlatModel, nodes: Sequence[Site], experiments: Sequence[Experiment], hold: Hold | None
+) -> Null:
+    """Fit the null to the experiments. The parameters that `flat` marks are estimated.
+
+    A load that buys no likelihood has size 0 in the end. Raises what `identify` raises, and EstimationError
+    `diagnose-no-place` when no load would show in the outputs.
+    """
+    places = load_places(flat, nodes)
+    if not places:
+        raise EstimationError(
+            "diagnose-no-place",
+            "no force, torque, current or flow that acted on the model would show in its outputs",
+            remedy="measure an output that the model moves; `daest noise` shows where a load is admissible",
+        )
+    time = experiments[0].time
+    period = float(np.median(np.diff(time)))
+    duration = float(sum(e.time[-1] - e.time[0] for e in experiments))
+    start = [FIRST_LOAD * period] * len(places)
+    loaded = with_loads(flat, places, start)
+    bounds = {f"load_{i + 1}.T": (SHORTEST_LOAD * period, LONGEST_LOAD * duration) for i in range(len(places))}
+    names = (*(p.name for p in flat.parameters if p.estimate), *bounds)
+    options = IdentifyOptions(method="pem", estimate=names, bounds=bounds, hold=hold)
+    fit = identify(loaded, experiments, options)
+    return _at_estimate(flat, loaded, fit, places, tuple(experiments))
+
+
+def _at_estimate(
+    flat: FlatModel,
+    loaded: FlatModel,
+    fit: FitResult,
+    places: tuple[LoadPlace, ...],
+    experiments: tuple[Experiment, ...],
+) -> Null:
+    valued, plain = _with_theta(loaded, fit.theta), _with_theta(flat, fit.theta)
+    return Null(
+        plain=plain,
+        flat=valued,
+        explicit=reduce_index(valued),
+        fit=fit,
+        loads=loads_of(fit, places),
+        places=places,
+        experiments=experiments,
+        hold=fit.hold,
+    )
+
+
+def loads_of(fit: FitResult, places: Sequence[LoadPlace]) -> tuple[Load, ...]:
+    """Size and time constant of every load in a fit."""
+    intensity = {n.name: n.value for n in fit.noises if n.kind == "process"}
+    result = []
+    for i, place in enumerate(places):
+        name = f"load_{i + 1}"
+        T = fit.theta[f"{name}.T"]
+        size = float(np.sqrt(intensity.get(f"{name}.w", 0.0) * T / 2.0))
+        result.append(Load(name, place.names[0], place.names, T, size, place.unit))
+    return tuple(result)
+
+
+def _with_theta(flat: FlatModel, theta: dict[str, float]) -> FlatModel:
+    return replace(
+        flat, parameters=tuple(replace(p, value=theta.get(p.name, p.value)) for p in flat.parameters)
+    )
+
+
+def refit(
+    flat: FlatModel,
+    explicit: ExplicitModel,
+    names: Sequence[str],
+    null: Null,
+    *,
+    validation: Sequence[Experiment] = (),
+    max_iterations: int = 40,
+) -> FitResult:
+    """Fit a model that contains the null's loads, starting from the values in `flat`, noise from the null's."""
+    known = [p.name for p in flat.parameters]
+    coordinates = tuple(
+        parameter_coordinate(
+            flat, name, flat.parameters[known.index(name)].value,
+            (flat.parameters[known.index(name)].min, flat.parameters[known.index(name)].max),
+        )
+        for name in names
+    )  # fmt: skip
+    n_w = len(flat.noises)
+    unknowns = Unknowns(coordinates, flat.theta_values, np.zeros(n_w), np.ones(len(flat.outputs)))
+    levels = dict(zip((w.name for w in null.flat.noises), null.intensity, strict=True))
+    intensity = np.array([levels.get(w.name, 0.0) for w in flat.noises])
+    options = IdentifyOptions(hold=null.hold, max_iterations=max_iterations)
+    return identify_nonlinear(
+        explicit,
+        unknowns,
+        null.experiments,
+        "pem",
+        intensity,
+        np.array([w.name in levels for w in flat.noises], dtype=bool),
+        np.full(len(flat.outputs), np.nan),
+        options,
+        validation,
+        WarmStart(intensity, null.measurement_std, null.initial_states),
+    )

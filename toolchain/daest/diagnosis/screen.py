@@ -1,0 +1,349 @@
+"""Screen: the score of every candidate effect on the whitened innovations of the null, in one pass.
+
+All candidates are attached to the null model at once with size zero. The derivative of the model with respect to a
+size, evaluated on filtered variables, drives the error dynamics of the null's observer: that is the response of
+the innovations to the effect. What refitted parameters and initial states would do is projected out. Scores are
+jointly normal with known correlation when nothing is missing, which prices the search exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+from scipy.special import ndtri_exp
+from scipy.stats import chi2, norm
+
+from daest.diagnosis.candidates import attachable, with_shapes
+from daest.diagnosis.null import Null
+from daest.errors import EstimationError
+from daest.estimation.observer import AverageModel, average_model, observer
+from daest.model.diagnosis import Candidate, Screen, Screened
+from daest.model.experiment import Experiment
+from daest.model.explicit import ExplicitModel
+from daest.numerics.exponential import transition_integrals
+from daest.numerics.recursions import linear_recursion
+from daest.numerics.statistics import autoregression
+from daest.systems.integrate import (
+    Correction,
+    Integrator,
+    Trajectory,
+    integrate,
+    integrator,
+    interval_inputs,
+)
+
+ABSORBED = 0.02  # part of a response that no refitted parameter explains, below which parameters do it all
+RANK = 1e-7  # singular values of the scaled nuisance directions below this are no direction
+DRAWS = 20_000  # of the largest score under the null
+POWER = 0.9  # at which the smallest detectable size is stated
+RTOL = 1e-5
+
+
+@dataclass(frozen=True)
+class Observed:
+    """The null's observer run over one experiment: filtered states (n_samples, n) by `state_names`, whitened
+    innovations (n_samples, n_y) and their slopes (k, n_samples, n_y) over parameters and initial states."""
+
+    filtered: np.ndarray
+    whitened: np.ndarray
+    slopes: np.ndarray
+
+
+@dataclass(frozen=True)
+class NullObserver:
+    """The null's observer, with what the innovations of all experiments are made of."""
+
+    state_names: tuple[str, ...]
+    average: AverageModel
+    gain: np.ndarray  # (n, n_y), zero where no gain exists or nothing drives the states
+    root: np.ndarray  # inverse root of the innovation covariance (n_y, n_y)
+    observed: tuple[Observed, ...]
+
+    @property
+    def whitened(self) -> np.ndarray:
+        return np.concatenate([o.whitened.ravel() for o in self.observed])
+
+
+def run_null(null: Null) -> NullObserver:
+    """Run the observer of the null over its experiments."""
+    model = integrator(null.explicit, null.estimated)
+    names = null.explicit.state_names
+    starts = [np.array([state.get(name, 0.0) for name in names]) for state in null.initial_states]
+    longest = int(np.argmax([e.n_samples for e in null.experiments]))
+    average = _average(null, model, starts[longest], null.experiments[longest])
+    found = observer(average, null.intensity, null.measurement_std)
+    gain = np.zeros((len(names), len(null.flat.outputs))) if found is None else found.gain
+    runs = [_run(null, model, e, x0, gain) for e, x0 in zip(null.experiments, starts, strict=True)]
+    errors = [e.outputs - r.outputs for e, r in zip(null.experiments, runs, strict=True)]
+    table = np.concatenate(errors)
+    table = table[np.all(np.isfinite(table), axis=1)]
+    root = np.linalg.inv(np.linalg.cholesky(table.T @ table / table.shape[0]))
+    observed = tuple(
+        Observed(
+            filtered=run.states + np.where(np.isfinite(error), error, 0.0) @ gain.T,
+            whitened=np.where(np.isfinite(error), error, 0.0) @ root.T,
+            slopes=np.where(np.isfinite(error), run.sensitivities.transpose(2, 0, 1), 0.0) @ root.T,
+        )
+        for run, error in zip(runs, errors, strict=True)
+    )
+    return NullObserver(names, average, gain, root, observed)
+
+
+def _average(null: Null, model: Integrator, x0: np.ndarray, experiment: Experiment) -> AverageModel:
+    free = integrate(model, experiment.time, experiment.inputs, null.theta, x0, hold=null.hold, rtol=RTOL)
+    ubar = _ubar(null, experiment)
+    return average_model(model.explicit, null.theta, experiment.time, free.states, ubar)
+
+
+def _ubar(null: Null, experiment: Experiment) -> np.ndarray:
+    u0, _ = interval_inputs(null.explicit, experiment.time, experiment.inputs, null.hold)
+    return np.vstack([u0, u0[-1:]])
+
+
+def _run(null: Null, model: Integrator, experiment: Experiment, x0: np.ndarray, gain: np.ndarray) -> Trajectory:
+    return integrate(
+        model,
+        experiment.time,
+        experiment.inputs,
+        null.theta,
+        x0,
+        hold=null.hold,
+        sensitivities=True,
+        correction=Correction(experiment.outputs, gain),
+        rtol=RTOL,
+    )
+
+
+def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed: int = 0) -> Screen:
+    """Scores of all candidates at their best shapes, best first. Candidates that change the order of the model, or
+    that cannot be attached, are listed as skipped with the reason.
+
+    Raises EstimationError `diagnose-no-candidate`.
+    """
+    static = [c for c in candidates if not c.effect.is_dynamic and not c.effect.n_states]
+    skipped = [(c.label, "has states of its own: refitted, not screened") for c in candidates if c not in static]
+    first, filtered = null.experiments[0], run.observed[0].filtered
+    states = dict(zip(run.state_names, filtered.T, strict=True))
+    shaped, refused = with_shapes(null.flat, static, first.time, states, first.inputs)
+    if not shaped:
+        raise EstimationError(
+            "diagnose-no-candidate",
+            "no effect of the library fits any place of this model",
+            remedy="name effects and places (--effect, --at), or see `daest effects`",
+        )
+    usable, refused_shapes, explicit = attachable(null.flat, shaped)
+    responses, columns = _responses(null, run, explicit, usable)
+    nuisance = _nuisance(run, len(null.estimated))
+    return _scored(usable, columns, run.whitened, nuisance, responses, (*skipped, *refused, *refused_shapes), seed)
+
+
+def _nuisance(run: NullObserver, n_parameters: int) -> np.ndarray:
+    """Slopes over the parameters (common to all experiments) and over each experiment's initial state."""
+    parameters = np.concatenate([o.slopes[:n_parameters].reshape(n_parameters, -1) for o in run.observed], axis=1)
+    parts, total, first = [parameters], parameters.shape[1], 0
+    for one in run.observed:
+        own = one.slopes[n_parameters:].reshape(one.slopes.shape[0] - n_parameters, -1)
+        table = np.zeros((own.shape[0], total))
+        table[:, first : first + own.shape[1]] = own
+        parts.append(table)
+        first += own.shape[1]
+    return np.vstack(parts)
+
+
+def size_names(candidate: Candidate) -> tuple[str, ...]:
+    """The model's names of the parameters that make the effect vanish."""
+    return tuple(f"{candidate.name}.{p.name}" for p in candidate.effect.sizes)
+
+
+def _responses(
+    null: Null, run: NullObserver, explicit: ExplicitModel, candidates: Sequence[Candidate]
+) -> tuple[np.ndarray, list[slice]]:
+    """Responses (k, m) of the whitened innovations to each size, and the rows of each candidate."""
+    names = [name for c in candidates for name in size_names(c)]
+    ends = np.cumsum([0, *(len(c.effect.sizes) for c in candidates)])
+    rows = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    drives = _drive_function(explicit, names)
+    average = run.average
+    order = [explicit.state_names.index(name) for name in run.state_names]
+    eye = np.eye(average.A.shape[0])
+    flow = transition_integrals(average.A, average.period)
+    closed = flow.transition @ (eye - run.gain @ average.C)
+    parts = []
+    for experiment, observed in zip(null.experiments, run.observed, strict=True):
+        g, direct = _drives(null, explicit, drives, experiment, observed.filtered, order)
+        drive = g @ flow.first.T - (direct @ run.gain.T) @ flow.transition.T
+        states = linear_recursion(closed, drive[:, :-1], np.zeros(eye.shape[0]))
+        change = states @ average.C.T + direct
+        change = np.where(np.isfinite(experiment.outputs), change, 0.0)
+        parts.append((change @ run.root.T).reshape(len(names), -1))
+    return np.concatenate(parts, axis=1), rows
+
+
+def _drive_function(explicit: ExplicitModel, names: Sequence[str]) -> ca.Function:
+    """(x, u, v, theta, t) -> ∂f/∂sizes (n, k), ∂h/∂sizes (n_y, k)."""
+    known = {p.name: i for i, p in enumerate(explicit.flat.parameters)}
+    sizes = [known[name] for name in names]
+    n_x, n_u, n_v, n_w, n_theta = (explicit.rhs.numel_in(i) for i in range(5))
+    x, u, v = ca.SX.sym("x", n_x), ca.SX.sym("u", n_u), ca.SX.sym("v", n_v)
+    theta, t = ca.SX.sym("theta", n_theta), ca.SX.sym("t")
+    chosen = ca.SX.sym("sizes", len(sizes))
+    whole = ca.SX(theta)
+    whole[sizes] = chosen
+    f = explicit.rhs(x, u, v, ca.SX.zeros(n_w), whole, t)
+    h = explicit.outputs(x, u, v, ca.SX.zeros(n_w), whole, t)
+    parts = [ca.densify(ca.jacobian(f, chosen)), ca.densify(ca.jacobian(h, chosen))]
+    at_null = ca.Function("drives", [x, u, v, theta, t, chosen], parts)
+    return ca.Function("drives", [x, u, v, theta, t], at_null.call([x, u, v, theta, t, theta[sizes]], True, False))
+
+
+def _drives(
+    null: Null,
+    explicit: ExplicitModel,
+    drives: ca.Function,
+    experiment: Experiment,
+    filtered: np.ndarray,
+    order: Sequence[int],
+) -> tuple[np.ndarray, np.ndarray]:
+    """∂f/∂sizes (k, n_samples, n) in the null's order of states, and ∂h/∂sizes (k, n_samples, n_y)."""
+    n_samples = experiment.n_samples
+    x = np.zeros((explicit.n_states, n_samples))
+    x[order] = filtered.T
+    n_u = explicit.rhs.numel_in(1)
+    u = np.zeros((n_u, n_samples))
+    ubar = _ubar(null, experiment)
+    own = len(experiment.input_names)
+    u[:own] = ubar[:, :own].T
+    for i, variable in enumerate(explicit.flat.inputs[own:]):
+        u[own + i] = np.nan_to_num(experiment.extra[variable.name])
+    v = np.zeros((explicit.rhs.numel_in(2), n_samples))
+    v[: ubar.shape[1] - own] = ubar[:, own:].T
+    theta = np.tile(explicit.flat.theta_values[:, None], (1, n_samples))
+    g, direct = drives.map(n_samples)(x, u, v, theta, experiment.time)
+    k = drives.numel_out(0) // explicit.n_states
+    g = np.array(g).reshape(explicit.n_states, n_samples, k).transpose(2, 1, 0)[:, :, list(order)]
+    direct = np.array(direct).reshape(-1, n_samples, k).transpose(2, 1, 0)
+    return np.nan_to_num(g), np.nan_to_num(direct)
+
+
+def _scored(
+    candidates: Sequence[Candidate],
+    rows: Sequence[slice],
+    white: np.ndarray,
+    nuisance: np.ndarray,
+    responses: np.ndarray,
+    skipped: tuple[tuple[str, str], ...],
+    seed: int,
+) -> Screen:
+    rest, share = _projected(responses, nuisance)
+    norms = np.linalg.norm(rest, axis=1)
+    seen = (share >= ABSORBED) & (norms > 0.0)
+    unit = np.where(seen[:, None], rest / np.where(norms > 0.0, norms, 1.0)[:, None], 0.0)
+    spread = _score_spread(unit, white)
+    z = np.where(seen, unit @ white / spread, 0.0)
+    correlation = unit @ unit.T
+    tests = [_Test(c, r, correlation, seen) for c, r in zip(candidates, rows, strict=True)]
+    scores = np.array([float(test.score(z[None])[0]) for test in tests])
+    largest = _largest(tests, correlation, seed)
+    level = float(np.quantile(largest, 0.95))
+    entries = []
+    for test, score in zip(tests, scores, strict=True):
+        own = norms[test.rows]
+        size = test.estimate(z) * spread[test.rows] / np.where(own > 0.0, own, 1.0)
+        null_values = np.array(list(test.candidate.effect.null_values.values()))
+        detectable = (level + norm.ppf(POWER)) * np.min(spread[test.rows] / np.where(own > 0.0, own, np.inf))
+        entries.append(
+            Screened(
+                candidate=test.candidate,
+                score=float(score),
+                sizes=tuple((null_values + size).tolist()),
+                p_value=_p_value(float(score), largest) if test.is_seen else 1.0,
+                absorbed=not test.is_seen,
+                detectable=float(detectable) if detectable > 0.0 else np.inf,
+            )
+        )
+    order = np.argsort([-e.score for e in entries])
+    leading = [r.start for r in rows]
+    between = correlation[np.ix_(leading, leading)][np.ix_(order, order)]
+    found = tuple(entries[i] for i in order)
+    p_value = min((e.p_value for e in found), default=1.0)
+    return Screen(found, between, p_value, len(candidates), skipped)
+
+
+class _Test:
+    """The score test of one candidate: its rows, and the sign that physics allows its size."""
+
+    def __init__(self, candidate: Candidate, rows: slice, correlation: np.ndarray, seen: np.ndarray) -> None:
+        self.candidate = candidate
+        self.rows = rows
+        self.is_seen = bool(np.any(seen[rows]))
+        sizes = candidate.effect.sizes
+        self.is_one_sided = len(sizes) == 1 and sizes[0].min is not None and sizes[0].min >= (sizes[0].null or 0.0)
+        block = correlation[rows, rows]
+        self._inverse = np.linalg.pinv(block, hermitian=True) if self.is_seen else np.zeros_like(block)
+        self._degrees = max(int(np.sum(seen[rows])), 1)
+
+    def score(self, z: np.ndarray) -> np.ndarray:
+        """Standard-normal equivalent (≥ 0) of draws z (n_draws, k)."""
+        own = z[:, self.rows]
+        if self._degrees == 1:
+            value = own[:, 0] if own.shape[1] == 1 else np.max(np.abs(own), axis=1)
+            return np.maximum(value, 0.0) if self.is_one_sided else np.abs(value)
+        statistic = np.einsum("di,ij,dj->d", own, self._inverse, own)
+        log_tail = chi2.logsf(statistic, self._degrees)
+        return np.where(
+            np.isfinite(log_tail), np.maximum(-ndtri_exp(np.minimum(log_tail - np.log(2.0), -0.7)), 0.0), np.sqrt(statistic)
+        )
+
+    def estimate(self, z: np.ndarray) -> np.ndarray:
+        """One-step estimate of the sizes in standard errors of each alone."""
+        return self._inverse @ z[self.rows]
+
+
+def _projected(responses: np.ndarray, nuisance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Responses with what the nuisance directions explain removed, and the share that is left of each."""
+    scale = np.linalg.norm(nuisance, axis=1)
+    used = nuisance[scale > 0.0] / scale[scale > 0.0, None]
+    values, vectors = np.linalg.eigh(used @ used.T)
+    kept = values > RANK**2 * values.max(initial=0.0)
+    basis = (vectors[:, kept] / np.sqrt(values[kept])).T @ used
+    rest = responses - (responses @ basis.T) @ basis
+    size = np.linalg.norm(responses, axis=1)
+    return rest, np.linalg.norm(rest, axis=1) / np.where(size > 0.0, size, 1.0)
+
+
+def _score_spread(unit: np.ndarray, white: np.ndarray) -> np.ndarray:
+    """Standard deviation of each score under the innovations' own spectrum (1 where they are white)."""
+    coefficients, cov = autoregression(white[:, None])
+    if coefficients.shape[0] == 0:
+        return np.full(unit.shape[0], np.sqrt(cov[0, 0]))
+    length = 2 * int(2 ** np.ceil(np.log2(white.size)))
+    frequencies = np.arange(length // 2 + 1) / length
+    delays = np.exp(-2j * np.pi * np.outer(frequencies, np.arange(1, coefficients.shape[0] + 1)))
+    density = cov[0, 0] / np.abs(1.0 - delays @ coefficients[:, 0, 0]) ** 2
+    weights = np.full(frequencies.size, 2.0)
+    weights[0] = weights[-1] = 1.0
+    spread = [np.abs(np.fft.rfft(row, length)) ** 2 @ (weights * density) / length for row in unit]
+    return np.sqrt(np.maximum(spread, 1e-12))
+
+
+def _largest(tests: Sequence[_Test], correlation: np.ndarray, seed: int) -> np.ndarray:
+    """Draws of the largest score under the null, sorted."""
+    values, vectors = np.linalg.eigh(correlation)
+    kept = values > 1e-10 * values.max(initial=0.0)
+    root = vectors[:, kept] * np.sqrt(values[kept])
+    draws = np.random.default_rng(seed).standard_normal((DRAWS, root.shape[1])) @ root.T
+    scores = [test.score(draws) for test in tests if test.is_seen]
+    return np.sort(np.max(scores, axis=0)) if scores else np.zeros(1)
+
+
+def _p_value(score: float, largest: np.ndarray) -> float:
+    """Corrected p-value; beyond the draws, Bonferroni's bound with the effective number of candidates."""
+    above = largest.size - int(np.searchsorted(largest, score))
+    if above >= 20:
+        return above / largest.size
+    median = float(np.median(largest))
+    effective = np.log(0.5) / np.log1p(-2 * norm.sf(median)) if median > 0.0 else 1.0
+    return float(min(1.0, effective * 2 * norm.sf(score)))

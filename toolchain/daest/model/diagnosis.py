@@ -1,0 +1,136 @@
+"""Values of a diagnosis: the null model, candidates, what the screen and the proof found, the verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from daest.model.effects import Effect, Site
+from daest.model.fit import Agreement, FitResult
+from daest.model.flat import FlatModel
+
+VerdictName = Literal[
+    "nothing missing",
+    "parameters off",
+    "supported",
+    "cannot tell",
+    "unknown effect",
+    "external disturbance",
+]
+CandidateVerdict = Literal["supported", "not separable", "rejected"]
+
+
+@dataclass(frozen=True)
+class Load:
+    """A coloured external load at a place of the model: d' = -d/T + w, entering the flow balance of a node.
+
+    `places` are the nodes that the sensors cannot tell apart from this one; `size` is the standard deviation
+    of d that the data ask for, in `unit`.
+    """
+
+    name: str
+    place: str
+    places: tuple[str, ...]
+    time_constant: float
+    size: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect at a site as component `name`, with its shape and sharpness values, and the recorded signals that
+    supply its inputs."""
+
+    effect: Effect
+    site: Site
+    name: str
+    shape: dict[str, float] = field(default_factory=dict)
+    inputs: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        signal = f" ({', '.join(self.inputs.values())})" if self.inputs else ""
+        return f"{self.effect.name}{signal} at {self.site.name}"
+
+
+@dataclass(frozen=True)
+class Screened:
+    """Score of one candidate. `score` is as large as a standard normal variable when nothing is missing; `sizes` are
+    the one-step estimates of the effect's sizes; `absorbed` tells that the refitted parameters do all that the effect could do;
+    `detectable` is the smallest size that would have been seen (at the level of the search, power 0.9)."""
+
+    candidate: Candidate
+    score: float
+    sizes: tuple[float, ...]
+    p_value: float  # corrected for the search over all candidates
+    absorbed: bool
+    detectable: float
+
+
+@dataclass(frozen=True)
+class Screen:
+    """All candidates, highest score first, with the correlations (n, n) of their scores in that order."""
+
+    entries: tuple[Screened, ...]
+    correlation: np.ndarray
+    p_value: float
+    n_screened: int
+    skipped: tuple[tuple[str, str], ...]  # candidates that could not be tried, with the reason
+
+
+@dataclass(frozen=True)
+class Proof:
+    """A candidate built into the model and refitted. `explained` is the share of the load's size that vanished."""
+
+    candidate: Candidate
+    flat: FlatModel
+    fit: FitResult
+    delta_log_likelihood: float
+    delta_bic: float
+    explained: float
+    equivalent: tuple[str, ...]  # places where the sensors would not see a difference
+    not_separable_from: tuple[str, ...]
+    verdict: CandidateVerdict
+    reason: str
+
+
+@dataclass(frozen=True)
+class DisturbanceCurve:
+    """What the unexplained load does against the variable that explains it best: w ± std at x."""
+
+    place: str
+    variable: str
+    unit: str
+    variable_unit: str
+    x: np.ndarray
+    w: np.ndarray
+    std: np.ndarray
+    explained: float  # share of the load's variance that the curve explains, cross-validated
+
+
+@dataclass(frozen=True)
+class PlaceGain:
+    """How much log-likelihood a load at a place buys, and the places that these sensors cannot separate from it."""
+
+    group: tuple[str, ...]
+    log_likelihood_gain: float
+    size: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The result of `diagnose`."""
+
+    verdict: VerdictName
+    message: str
+    baseline: FitResult
+    proofs: tuple[Proof, ...]
+    screen: Screen
+    places: tuple[PlaceGain, ...]
+    disturbance: DisturbanceCurve | None
+    validation: Agreement | None
+    next_experiment: str
+    seconds: float
