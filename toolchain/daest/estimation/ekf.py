@@ -46,7 +46,8 @@ class EkfRun:
     innovations, variances (n_samples, n_y): of each output given the ones before it in the sample, NaN where
     missing; sight (n_samples, n_y, n): ∂h/∂x at the prediction; transition (n_samples, n, n):
     ∂x̂(k+1|k)/∂x̂(k|k), at the last sample the identity; noise (n_samples, n, n_w): covariance of the state at
-    the end of the interval with the mean of the noise over it.
+    the end of the interval with the mean of the noise over it; turn (n_samples, n, n): projection of the filtered
+    estimate onto invariants of the model, the identity where there are none.
     """
 
     predicted: np.ndarray
@@ -58,6 +59,7 @@ class EkfRun:
     sight: np.ndarray
     transition: np.ndarray
     noise: np.ndarray
+    turn: np.ndarray
     log_likelihood: float
 
 
@@ -90,7 +92,7 @@ def run_ekf(
 ) -> EkfRun:
     """Filter a recording; errors as `ekf_likelihood`."""
     (samples, n_y), n, n_w = data.outputs.shape, model.n_states, model.n_noises
-    shapes = [(n,), (n, n), (n,), (n, n), (n_y,), (n_y,), (n_y, n), (n, n), (n, n_w)]
+    shapes = [(n,), (n, n), (n,), (n, n), (n_y,), (n_y,), (n_y, n), (n, n), (n, n_w), (n, n)]
     details = [np.empty((samples, *shape)) for shape in shapes]
     white, log_variance, nothing = np.empty((samples, n_y)), np.empty((samples, n_y)), np.empty((samples, 0, n_y))
     call = Task.of(model, data, theta, noise, start, longest)
@@ -130,7 +132,7 @@ def _compiled_ekf(
         *map(pointer, (white, log_variance)),
         ctypes.c_int(d),
         *map(pointer, (*along, dwhite, dlog)),
-        *map(pointer, details or [None] * 9),
+        *map(pointer, details or [None] * 10),
         pointer(info),
     )
     raise_failure(status, model, data, int(info[0]))

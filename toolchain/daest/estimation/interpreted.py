@@ -34,6 +34,7 @@ def ekf(
     data, model = task.data, task.model
     along = _Along.of(task, directions)
     x, P = along.mean(task.start.mean), along.constant(task.start.cov)
+    x[0], P[0], _ = project(task, x[0], P[0], data.u0[0], float(data.time[0]))
     for i, time in enumerate(data.time):
         predicted = (x[0].copy(), P[0].copy())
         seen = _see(model, x, data.u0[i], task.theta, time, along)
@@ -47,14 +48,14 @@ def ekf(
             else:
                 white[i, j] = log_variance[i, j] = 0.0
                 dwhite[i, :, j] = dlog[i, :, j] = 0.0
-        x[0], P[0] = project(task, x[0], P[0], data.u0[i], time)
+        x[0], P[0], turn = project(task, x[0], P[0], data.u0[i], time)
         flow = Flow(task, along, transition=np.eye(model.n_states))
         filtered = (x[0].copy(), P[0].copy())
         if i + 1 < data.time.size:
             x, P = flow.over(i, x, P)
         if details is not None:
             sight = seen[1][0]
-            rows = (*predicted, *filtered, e[0], s[0], sight, flow.transition, flow.noise)
+            rows = (*predicted, *filtered, e[0], s[0], sight, flow.transition, flow.noise, turn)
             for table, row in zip(details, rows, strict=True):
                 table[i] = row
 
@@ -192,7 +193,8 @@ class Flow:
         for k in range(n):
             u = data.u0[i] + rise * k / n
             x, P = self._substep(i, x, P, u, rise / dt, float(data.time[i]) + k * dt / n, dt / n, dt)
-        x[0], P[0] = project(self.task, x[0], P[0], data.u1[i], float(data.time[i + 1]))
+        x[0], P[0], along = project(self.task, x[0], P[0], data.u1[i], float(data.time[i + 1]))
+        self.transition = along @ self.transition
         if not np.all(np.isfinite(x)):
             raise_failure(NOT_FINITE, self.task.model, data, i)
         return x, P
@@ -260,10 +262,11 @@ def _tail(A: np.ndarray, s: float, order: int) -> np.ndarray:
 
 def project(
     task: Task, x: np.ndarray, P: np.ndarray, u: np.ndarray, time: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """x on the invariants of the model, smallest step in the sizes of the states; P along with it."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """x on the invariants of the model, smallest step in the sizes of the states; P along with it; and the
+    projection T of small changes (the identity where there are no invariants)."""
     if task.model.hold is None:
-        return x, P
+        return x, P, np.eye(x.size)
     weight = task.scale**2
     for _ in range(PROJECTIONS):
         g, R = (np.array(part) for part in task.model.hold(x, u, task.theta, time))
@@ -275,7 +278,15 @@ def project(
             break
     along = np.eye(x.size) - gain @ R
     P = along @ P @ along.T
-    return x, (P + P.T) / 2
+    return x, (P + P.T) / 2, along
+
+
+def points_hold(task: Task, i: int, points: np.ndarray) -> np.ndarray:
+    """Points (m, n) at sample i on the invariants of the model."""
+    n = points.shape[1]
+    return np.array(
+        [project(task, x, np.zeros((n, n)), task.data.u0[i], float(task.data.time[i]))[0] for x in points]
+    )
 
 
 def ukf(task: Task, weights: np.ndarray, tables: list[np.ndarray]) -> None:
@@ -284,21 +295,21 @@ def ukf(task: Task, weights: np.ndarray, tables: list[np.ndarray]) -> None:
     n, n_y = model.n_states, model.n_outputs
     spread, mean0, cov0, each = weights
     mean_weight, cov_weight = (np.concatenate([[w], np.full(2 * n, each)]) for w in (mean0, cov0))
-    x, P = task.start.mean.copy(), task.start.cov.copy()
+    x, P, _ = project(task, task.start.mean, task.start.cov, data.u0[0], float(data.time[0]))
     for i, time in enumerate(data.time):
         predicted = (x, P)
-        points = _sigma_points(x, P, spread)
+        points = points_hold(task, i, _sigma_points(x, P, spread))
         seen, _ = evaluate(model.see, points, (data.u0[i], task.theta, time), [(n_y,), (n_y, n)])
         mean = mean_weight @ seen
         S = (seen - mean).T * cov_weight @ (seen - mean) + np.diag(task.noise.variance)
         x, P, log_density, nis = _gaussian_update(
             task, i, x, P, (points - x).T * cov_weight @ (seen - mean), data.outputs[i] - mean, S
         )
-        x, P = project(task, x, P, data.u0[i], time)
+        x, P, _ = project(task, x, P, data.u0[i], time)
         row = [*predicted, x, P, data.outputs[i] - mean, S, log_density, nis]
         row += [np.zeros((n, n)), np.zeros((n, model.n_noises))]
         if i + 1 < data.time.size:
-            x, P, row[8], row[9] = _unscented_flow(task, i, x, P, spread, mean_weight, cov_weight)
+            x, P, row[3], row[8], row[9] = _unscented_flow(task, i, x, P, spread, mean_weight, cov_weight)
         for table, value in zip(tables, row, strict=True):
             table[i] = value
 
@@ -348,9 +359,11 @@ def _unscented_flow(
     spread: float,
     mean_weight: np.ndarray,
     cov_weight: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, ...]:
     n = x.size
-    before = _sigma_points(x, P, spread)
+    before = points_hold(task, i, _sigma_points(x, P, spread))
+    # Points that were moved onto invariants have another covariance, which is what a smoother must see.
+    P = P if task.model.hold is None else (before - x).T * cov_weight @ (before - x)
     centre = Flow(task)
     ends = [centre.over(i, x[None].copy(), np.zeros((1, n, n)))]
     ends += [Flow(task).over(i, point[None].copy(), np.zeros((1, n, n))) for point in before[1:]]
@@ -359,8 +372,8 @@ def _unscented_flow(
     P_next = (after - mean).T * cov_weight @ (after - mean) + ends[0][1][0]
     cross = (before - x).T * cov_weight @ (after - mean)
     data = task.data
-    mean, P_next = project(task, mean, P_next, data.u1[i], float(data.time[i + 1]))
-    return mean, P_next, cross, centre.noise
+    mean, P_next, along = project(task, mean, P_next, data.u1[i], float(data.time[i + 1]))
+    return mean, P_next, P, cross @ along.T, centre.noise
 
 
 def points_advance(task: Task, i: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

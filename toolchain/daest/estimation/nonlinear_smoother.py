@@ -64,7 +64,7 @@ def _reach(cross: np.ndarray, noise: np.ndarray) -> np.ndarray:
 def _backward_terms(
     filtered: EkfRun, data: Record, noise: Noise
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """F = Φ (I - K C), b = Cᵀ S⁻¹ ν and W = Cᵀ S⁻¹ C per sample; a missing output has a zero row."""
+    """F = Φ T (I - K C) with the projection T onto invariants, b = Cᵀ S⁻¹ ν and W = Cᵀ S⁻¹ C per sample; a missing output has a zero row."""
     there = np.isfinite(data.outputs)
     C = np.where(there[:, :, None], filtered.sight, 0.0)
     S = C @ filtered.predicted_cov @ np.swapaxes(C, 1, 2)
@@ -75,7 +75,7 @@ def _backward_terms(
     seen = root @ C
     information = np.swapaxes(seen, 1, 2) @ seen
     drive = np.einsum("kij,ki->kj", seen, white)
-    closed = filtered.transition @ (np.eye(C.shape[2]) - filtered.predicted_cov @ information)
+    closed = filtered.transition @ filtered.turn @ (np.eye(C.shape[2]) - filtered.predicted_cov @ information)
     return closed, drive, information
 
 

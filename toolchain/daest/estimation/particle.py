@@ -39,6 +39,11 @@ class PointModel(Protocol):
         model has no value."""
         ...
 
+    def hold(self, k: int, points: np.ndarray) -> np.ndarray:
+        """The points on the constraints that the states of sample k obey; the points themselves where there are
+        none."""
+        ...
+
     def see(self, k: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Outputs (m, n_y) at sample k, and their slopes ∂h/∂x (m, n_y, n)."""
         ...
@@ -119,7 +124,7 @@ def run_particles(
         there = np.isfinite(outputs[k])
         _predict_output(model, k, means, roots, cloud, outputs[k], variance, tables)
         z, log_ratio = _draw(model, k, means, roots, outputs[k], variance, there, rng, proposal)
-        cloud.points = means + np.einsum("mij,mj->mi", roots, z)
+        cloud.points = model.hold(k, means + np.einsum("mij,mj->mi", roots, z))
         log_weights = cloud.log_weights + log_ratio + _log_density(model, k, cloud.points, outputs[k], variance, there)
         _weigh(cloud, log_weights, k if time is None else float(time[k]))
         tables.store(k, cloud)
@@ -348,6 +353,22 @@ class ContinuousPoints:
 
         self._all(part, m)
         return h, C
+
+    def hold(self, k: int, points: np.ndarray) -> np.ndarray:
+        task, data = self.task, self.task.data
+        if task.model.hold is None:
+            return points
+        if task.model.library is None:
+            return interpreted.points_hold(task, k, points)
+        held = np.array(points, order="C")
+        status = task.model.library.daest_points_hold(
+            ctypes.c_long(points.shape[0]),
+            *map(pointer, (held, data.u0[k])),
+            ctypes.c_double(float(data.time[k])),
+            *map(pointer, (task.theta, task.scale)),
+        )
+        raise_failure(status, task.model, data, k)
+        return held
 
     def inside(self, k: int, points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation (n_v,) of the internal variables at sample k over weighted points."""

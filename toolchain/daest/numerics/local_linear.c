@@ -405,30 +405,31 @@ static int substeps_of(const Interval *s) {
   return n < 1.0 ? 1 : n > 1e6 ? 1000000 : (int)n;
 }
 
-/* Pull x onto the invariants g = 0 by Gauss-Newton steps, smallest in the sizes of the states; P (or null) is
- * projected along. */
+/* Pull x onto the invariants g = 0 by Gauss-Newton steps, smallest in the sizes of the states. */
 #if NG > 0
-static int project(Model *m, double *x, double *P, double *transition, const double *u, double t) {
-  double g[NG], R[NG * NX], K[NX * NG], T[XX], half[XX], moved = 1.0;
+/* T = I - K R: the projection of small changes that goes with it. */
+static int project(Model *m, double *x, double *T, const double *u, double t) {
+  double g[NG], R[NG * NX], K[NX * NG], moved = 1.0;
   for (int step = 0; step < PROJECTIONS && moved > PROJECTED; ++step)
     if (call_at(daest_hold, m, x, u, t, 0, 0, g, R) || !projection_step(x, g, R, m->scale, K, &moved))
       return NOT_FINITE;
   for (int i = 0; i < NX; ++i)
     for (int j = 0; j < NX; ++j) {
-      double sum = i == j;
-      for (int k = 0; k < NG; ++k) sum -= K[i * NG + k] * R[k * NX + j];
-      T[i * NX + j] = sum;
+      T[i * NX + j] = i == j;
+      for (int k = 0; k < NG; ++k) T[i * NX + j] -= K[i * NG + k] * R[k * NX + j];
     }
-  if (transition) {
-    multiply(T, transition, half);
-    memcpy(transition, half, sizeof half);
-  }
-  if (P) {
-    multiply(T, P, half);
-    memset(P, 0, sizeof(double) * XX);
-    add_outer(half, T, P);
-    symmetric(P);
-  }
+  return DONE;
+}
+
+/* x onto the invariants, P (or null) along with it. */
+static int project_estimate(Model *m, double *x, double *P, double *T, const double *u, double t) {
+  double half[XX];
+  int status = project(m, x, T, u, t);
+  if (status || !P) return status;
+  multiply(T, P, half);
+  memset(P, 0, sizeof(double) * XX);
+  add_outer(half, T, P);
+  symmetric(P);
   return DONE;
 }
 #endif
@@ -481,19 +482,19 @@ static int advance(Substep *work, Model *m, const Interval *s, double *x, double
     }
   }
 #if NG > 0
-  return project(m, x, P, transition, s->u1, s->t + s->dt);
+  double T[XX];
+  int status = project_estimate(m, x, P, T, s->u1, s->t + s->dt);
+  if (transition) {
+    multiply(T, transition, half);
+    memcpy(transition, half, sizeof half);
+  }
+  return status;
 #else
   return all_finite(x, NX) ? DONE : NOT_FINITE;
 #endif
 }
 
 /* ---- extended Kalman filter ---- */
-
-/* Per sample, row-major; all may be null. predicted, filtered: NX; their cov: XX; innovations, variances: NY, each
- * given the outputs before it in the sample; sight: NY x NX, dh/dx; transition: XX; noise: NX x NW. */
-typedef struct {
-  double *predicted, *predicted_cov, *filtered, *filtered_cov, *innovations, *variances, *sight, *transition, *noise;
-} Details;
 
 /* Measurement update, output by output, with its derivatives. */
 static int update(Model *m, double *x, double *P, const double *u, double t, const double *y, double *white,
@@ -581,17 +582,24 @@ static int update(Model *m, double *x, double *P, const double *u, double t, con
 /* n samples; u0, u1: inputs at the ends of the interval that follows each sample, n x NU (last: at the sample);
  * y n x NY, NaN where missing; x, P: state before the first measurement, overwritten. white, log_variance n x NY.
  * `dp` (directions x NP), `dq`, `dr`, `dx`, `dP` (overwritten) and dwhite, dlog (n x directions x NY) when
- * directions > 0. info: sample reached. */
+ * directions > 0. Details per sample, all or none null: predicted, filtered (NX) with covariances (XX); innovations and
+ * variances (NY), each given the outputs before it in the sample; sight (NY x NX), dh/dx; transition (XX) to the
+ * next sample; noise (NX x NW), covariance of the next state with the mean of the noise; turn (XX), projection of
+ * the filtered estimate onto the invariants. info: sample reached. */
 int daest_ekf(long n, const double *time, const double *u0, const double *u1, const double *y, double longest,
               const double *theta, const double *q, const double *r, const double *scale, double *x, double *P,
               double *white, double *log_variance, int directions, const double *dp, const double *dq,
               const double *dr, double *dx, double *dP, double *dwhite, double *dlog, double *predicted,
               double *predicted_cov, double *filtered, double *filtered_cov, double *innovations, double *variances,
-              double *sight, double *transition, double *noise, long *info) {
+              double *sight, double *transition, double *noise, double *turn, long *info) {
   Model m;
   Substep *work = malloc(sizeof(Substep));
   Directions along = {directions, dp, dq, dr, dx, dP};
   int status = make_model(&m, theta, q, r, scale) && work ? DONE : NO_MEMORY;
+#if NG > 0
+  double T[XX];
+  if (!status) status = project_estimate(&m, x, P, T, u0, time[0]);
+#endif
   for (long i = 0; i < n && !status; ++i) {
     info[0] = i;
     if (predicted) memcpy(predicted + i * NX, x, sizeof(double) * NX);
@@ -600,8 +608,13 @@ int daest_ekf(long n, const double *time, const double *u0, const double *u1, co
                     directions ? dwhite + i * directions * NY : 0, directions ? dlog + i * directions * NY : 0,
                     innovations ? innovations + i * NY : 0, variances ? variances + i * NY : 0,
                     sight ? sight + i * NY * NX : 0, &along);
+    if (turn) {
+      memset(turn + i * XX, 0, sizeof(double) * XX);
+      for (int k = 0; k < NX; ++k) turn[i * XX + k * NX + k] = 1.0;
+    }
 #if NG > 0
-    if (!status) status = project(&m, x, P, 0, u0 + i * NU, time[i]);
+    if (!status) status = project_estimate(&m, x, P, T, u0 + i * NU, time[i]);
+    if (turn) memcpy(turn + i * XX, T, sizeof T);
 #endif
     if (filtered) memcpy(filtered + i * NX, x, sizeof(double) * NX);
     if (filtered_cov) memcpy(filtered_cov + i * XX, P, sizeof(double) * XX);
@@ -644,7 +657,9 @@ static void root_of(const double *a, double *L, int rows) {
 
 enum { POINTS = 2 * NX + 1 };
 
-static void sigma_points(const double *x, const double *P, double spread, double points[POINTS][NX]) {
+/* On the invariants at (u, t), if there are any. */
+static int sigma_points(Model *m, const double *x, const double *P, double spread, const double *u, double t,
+                        double points[POINTS][NX]) {
   double L[XX];
   root_of(P, L, NX);
   for (int k = 0; k < NX; ++k) points[0][k] = x[k];
@@ -653,6 +668,15 @@ static void sigma_points(const double *x, const double *P, double spread, double
       points[1 + j][k] = x[k] + spread * L[k * NX + j];
       points[1 + NX + j][k] = x[k] - spread * L[k * NX + j];
     }
+#if NG > 0
+  for (int p = 0; p < POINTS; ++p) {
+    double T[XX];
+    if (project(m, points[p], T, u, t)) return NOT_FINITE;
+  }
+#else
+  (void)m, (void)u, (void)t;
+#endif
+  return DONE;
 }
 
 /* spread: distance of the points in standard deviations; mean0, cov0: weights of the centre; each: of the others. */
@@ -670,7 +694,7 @@ static int unscented_update(Model *m, const Weights *w, double *x, double *P, co
   double cross[AT_LEAST_ONE(NX * NY)] = {0}, small[AT_LEAST_ONE(NY * NY)], L[AT_LEAST_ONE(NY * NY)];
   double C[AT_LEAST_ONE(NY * NX)], gain[NX], white[AT_LEAST_ONE(NY)], solved[AT_LEAST_ONE(NX * NY)];
   int there[AT_LEAST_ONE(NY)], count = 0;
-  sigma_points(x, P, w->spread, points);
+  if (sigma_points(m, x, P, w->spread, u, t, points)) return NOT_FINITE;
   for (int p = 0; p < POINTS; ++p) {
     if (call_at(daest_see, m, points[p], u, t, 0, 0, seen[p], C)) return NOT_FINITE;
     for (int i = 0; i < NY; ++i) mean[i] += mean_weight(w, p) * seen[p][i];
@@ -726,9 +750,21 @@ static int unscented_update(Model *m, const Weights *w, double *x, double *P, co
 
 /* x, P over an interval; cross: covariance of the state before with the state after; noise as in `advance`. */
 static int unscented_advance(Substep *work, Model *m, const Weights *w, const Interval *s, double *x, double *P,
-                             double *cross, double *noise) {
+                             double *filtered_cov, double *cross, double *noise) {
   double before[POINTS][NX], after[POINTS][NX], mean[NX] = {0}, Q[XX] = {0};
-  sigma_points(x, P, w->spread, before);
+  if (sigma_points(m, x, P, w->spread, s->u0, s->t, before)) return NOT_FINITE;
+#if NG > 0
+  /* The points were moved: what a smoother sees must be their covariance. */
+  for (int k = 0; k < NX; ++k)
+    for (int l = 0; l < NX; ++l) {
+      P[k * NX + l] = 0.0;
+      for (int p = 0; p < POINTS; ++p)
+        P[k * NX + l] += cov_weight(w, p) * (before[p][k] - x[k]) * (before[p][l] - x[l]);
+    }
+  memcpy(filtered_cov, P, sizeof(double) * XX);
+#else
+  (void)filtered_cov;
+#endif
   for (int p = 0; p < POINTS; ++p) {
     memcpy(after[p], before[p], sizeof after[p]);
     /* The process noise is that of the path of the mean. */
@@ -749,7 +785,11 @@ static int unscented_advance(Substep *work, Model *m, const Weights *w, const In
   symmetric(P);
   memcpy(x, mean, sizeof mean);
 #if NG > 0
-  return project(m, x, P, 0, s->u1, s->t + s->dt);
+  double T[XX], turned[XX] = {0};
+  int status = project_estimate(m, x, P, T, s->u1, s->t + s->dt);
+  add_outer(cross, T, turned);
+  memcpy(cross, turned, sizeof turned);
+  return status;
 #else
   return all_finite(x, NX) ? DONE : NOT_FINITE;
 #endif
@@ -766,6 +806,10 @@ int daest_ukf(long n, const double *time, const double *u0, const double *u1, co
   Substep *work = malloc(sizeof(Substep));
   const Weights w = {weights[0], weights[1], weights[2], weights[3]};
   int status = make_model(&m, theta, q, r, scale) && work ? DONE : NO_MEMORY;
+#if NG > 0
+  double T[XX];
+  if (!status) status = project_estimate(&m, x, P, T, u0, time[0]);
+#endif
   for (long i = 0; i < n && !status; ++i) {
     info[0] = i;
     memcpy(predicted + i * NX, x, sizeof(double) * NX);
@@ -773,7 +817,7 @@ int daest_ukf(long n, const double *time, const double *u0, const double *u1, co
     status = unscented_update(&m, &w, x, P, u0 + i * NU, time[i], y + i * NY, innovations + i * NY,
                               S + i * NY * NY, log_density + i, nis + i);
 #if NG > 0
-    if (!status) status = project(&m, x, P, 0, u0 + i * NU, time[i]);
+    if (!status) status = project_estimate(&m, x, P, T, u0 + i * NU, time[i]);
 #endif
     memcpy(filtered + i * NX, x, sizeof(double) * NX);
     memcpy(filtered_cov + i * XX, P, sizeof(double) * XX);
@@ -781,7 +825,7 @@ int daest_ukf(long n, const double *time, const double *u0, const double *u1, co
     memset(noise + i * NX * NW, 0, sizeof(double) * NX * NW);
     if (status || i + 1 == n) break;
     Interval s = {u0 + i * NU, u1 + i * NU, time[i], time[i + 1] - time[i], longest};
-    status = unscented_advance(work, &m, &w, &s, x, P, cross + i * XX, noise + i * NX * NW);
+    status = unscented_advance(work, &m, &w, &s, x, P, filtered_cov + i * XX, cross + i * XX, noise + i * NX * NW);
   }
   free(work);
   free_model(&m);
@@ -818,6 +862,20 @@ int daest_points_see(long n, const double *x, const double *u, double t, const d
   free_model(&m);
   return status;
 }
+
+#if NG > 0
+/* Pull n points onto the invariants; a point that does not arrive becomes NaN. */
+int daest_points_hold(long n, double *x, const double *u, double t, const double *theta, const double *scale) {
+  Model m;
+  double T[XX];
+  int status = make_model(&m, theta, 0, 0, scale) ? DONE : NO_MEMORY;
+  for (long i = 0; i < n && !status; ++i)
+    if (project(&m, x + i * NX, T, u, t))
+      for (int k = 0; k < NX; ++k) x[i * NX + k] = NAN;
+  free_model(&m);
+  return status;
+}
+#endif
 
 #ifdef INSIDE
 /* Mean and standard deviation (NV) of the internal variables over n weighted points. */
