@@ -1,0 +1,361 @@
+"""Maximum likelihood of nonlinear models with process noise, by the prediction errors of the extended filter.
+
+Search vector: parameters, logarithms of intensities and of measurement standard deviations, and the initial state of
+every record, which is a fixed unknown: its covariance is zero. The gradient is exact; the Fisher information is
+Σ ∂ε ∂εᵀ + ½ ∂log s ∂log sᵀ over whitened innovations ε and their variances s.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from daest.errors import EstimationError
+from daest.estimation import trajectories
+from daest.estimation.coordinates import Coordinate, Unknowns
+from daest.estimation.ekf import EkfLikelihood, ekf_likelihood, run_ekf
+from daest.estimation.filter_task import Directions, Noise, Record, Start, record
+from daest.estimation.identifiability import correlation, covariance, weak_directions, without_influence
+from daest.estimation.identify_nonlinear import identify_nonlinear
+from daest.estimation.result import bound_of, message_of
+from daest.estimation.search import Evaluation, Found, minimise
+from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
+from daest.model.experiment import Experiment
+from daest.model.explicit import ExplicitModel
+from daest.model.fit import Agreement, FitResult, FittedInitialState, FittedNoise, FittedParameter, IdentifyOptions, Method
+from daest.systems.initialize import initial_point
+from daest.systems.integrate import IntegrationError, integrator
+from daest.systems.local_linear import LocalModel, local_model
+
+STATE_RANGE = 1e3  # initial states are searched within this many times their scale
+NOISE_RANGE = 1e6  # a noise is searched within this factor of its start, both ways
+SUBSTEP_CHANGE = 0.1  # change of the log-likelihood per 1000 samples that a halved substep may make
+MOST_HALVINGS = 5
+ROUNDS = 2  # of searching with a step of the linearisation that is checked afterwards
+
+
+@dataclass(frozen=True)
+class EkfProblem:
+    """What is fitted to what: `model` built with tangents along the parameters of `unknowns`; its coordinates are
+    parameters, process and measurement noises in this order. Substeps are no longer than `longest` seconds."""
+
+    model: LocalModel
+    records: tuple[Record, ...]
+    unknowns: Unknowns
+    state_scale: np.ndarray
+    longest: float = np.inf
+
+    @property
+    def n_unknowns(self) -> int:
+        return len(self.unknowns.coordinates)
+
+    def initial_states(self, z: np.ndarray) -> np.ndarray:
+        """(n_records, n_states)."""
+        return z[self.n_unknowns :].reshape(len(self.records), -1) * self.state_scale
+
+
+def likelihoods(problem: EkfProblem, z: np.ndarray, with_slopes: bool) -> list[EkfLikelihood] | None:
+    """Of every record at z, with derivatives along the unknowns, then its own initial state; None where the filter
+    cannot run."""
+    theta, intensity, std = problem.unknowns.values(z[: problem.n_unknowns])
+    noise = Noise(intensity, std**2)
+    directions = _directions(problem, z, std) if with_slopes else None
+    n = problem.state_scale.size
+    result = []
+    for data, x0 in zip(problem.records, problem.initial_states(z), strict=True):
+        start = Start(x0, np.zeros((n, n)))
+        try:
+            result.append(ekf_likelihood(problem.model, data, theta, noise, start, problem.longest, directions))
+        except (IntegrationError, EstimationError):
+            return None
+    return result
+
+
+def _directions(problem: EkfProblem, z: np.ndarray, std: np.ndarray) -> Directions:
+    """∂(parameters, intensities, variances, x0)/∂(z of the unknowns, z of one initial state)."""
+    unknowns, n = problem.unknowns, problem.state_scale.size
+    p = problem.n_unknowns
+    slopes = unknowns.slopes(z[:p])
+    sizes = (len(problem.model.names), unknowns.intensity.size, std.size)
+    parameters, intensity, variance = (np.zeros((p + n, size)) for size in sizes)
+    names = problem.model.names
+    for i, (coordinate, slope) in enumerate(zip(unknowns.coordinates, slopes, strict=True)):
+        if coordinate.kind == "parameter":
+            parameters[i, names.index(coordinate.name)] = slope
+        elif coordinate.kind == "process":
+            intensity[i, coordinate.index] = slope
+        else:
+            variance[i, coordinate.index] = 2.0 * std[coordinate.index] * slope
+    mean = np.vstack([np.zeros((p, n)), np.diag(problem.state_scale)])
+    return Directions(parameters, intensity, variance, mean)
+
+
+def objective(problem: EkfProblem) -> Callable[[np.ndarray, bool], Evaluation | None]:
+    """Negative log-likelihood over the search vector; None where the filter cannot run."""
+
+    def evaluate(z: np.ndarray, with_slopes: bool) -> Evaluation | None:
+        parts = likelihoods(problem, z, with_slopes)
+        if parts is None:
+            return None
+        value = -sum(part.log_likelihood for part in parts)
+        if not np.isfinite(value):
+            return None
+        return _assembled(problem, z, parts, value) if with_slopes else Evaluation(value)
+
+    return evaluate
+
+
+def _assembled(problem: EkfProblem, z: np.ndarray, parts: list[EkfLikelihood], value: float) -> Evaluation | None:
+    p, n = problem.n_unknowns, problem.state_scale.size
+    gradient, information = np.zeros(z.size), np.zeros((z.size, z.size))
+    for number, part in enumerate(parts):
+        rows = np.concatenate([np.arange(p), p + number * n + np.arange(n)])
+        gradient[rows] -= part.gradient
+        information[np.ix_(rows, rows)] += part.information
+    if not (np.all(np.isfinite(gradient)) and np.all(np.isfinite(information))):
+        return None
+    return Evaluation(value, gradient, information)
+
+
+def identify_by_ekf(
+    explicit: ExplicitModel,
+    unknowns: Unknowns,
+    experiments: Sequence[Experiment],
+    method: Method,
+    intensity: np.ndarray,
+    estimate_intensity: np.ndarray,
+    given_std: np.ndarray,
+    options: IdentifyOptions,
+    validation: Sequence[Experiment] = (),
+) -> FitResult:
+    """As `identify_nonlinear`, whose prediction-error estimate it starts from, by maximum likelihood.
+
+    Standard errors of parameters and noises are those of the Fisher information. Method "oe" is left to
+    `identify_nonlinear`. Where the filter cannot run from that start, its result is returned with a note.
+    """
+    began = time.perf_counter()
+    first = identify_nonlinear(
+        explicit, unknowns, experiments, method, intensity, estimate_intensity, given_std, options, validation
+    )
+    if method == "oe":
+        return first
+    problem, z = _problem(explicit, unknowns, experiments, estimate_intensity, given_std, first)
+    ends = _search(problem, z, options)
+    if ends is None:
+        return replace(first, notes=(*first.notes, "the extended filter cannot run: predictions of an observer"))
+    problem, found = ends
+    result = _result(problem, found, first, unknowns, experiments, validation)
+    return replace(result, seconds=time.perf_counter() - began)
+
+
+def _problem(
+    explicit: ExplicitModel,
+    unknowns: Unknowns,
+    experiments: Sequence[Experiment],
+    estimate_intensity: np.ndarray,
+    given_std: np.ndarray,
+    first: FitResult,
+) -> tuple[EkfProblem, np.ndarray]:
+    values = {p.name: p.value for p in first.parameters}
+    by_kind = {kind: {n.name: n.value for n in first.noises if n.kind == kind} for kind in ("process", "measurement")}
+    flat = explicit.flat
+    intensity = np.array([by_kind["process"].get(w.name, 0.0) for w in flat.noises])
+    std = np.array([by_kind["measurement"][y.name] for y in flat.outputs])
+    coordinates = [replace(c, initial=values[c.name]) for c in unknowns.coordinates if c.kind == "parameter"]
+    coordinates += [
+        _noise(w.name, "process", i, intensity[i])
+        for i, w in enumerate(flat.noises)
+        if estimate_intensity[i] and intensity[i] > 0.0
+    ]
+    coordinates += [_noise(y.name, "measurement", j, std[j]) for j, y in enumerate(flat.outputs) if np.isnan(given_std[j])]
+    theta = np.array([first.theta[p.name] for p in flat.parameters])
+    searched = Unknowns(tuple(coordinates), theta, intensity, std)
+    model = local_model(explicit, searched.parameter_names(), tangents=True)
+    records = tuple(record(model, e.time, e.inputs, e.outputs, first.hold) for e in experiments)
+    x0 = np.array([state.values for state in first.initial_states])
+    # A state is as large as it becomes, which the filter tells; its first value is a start for that.
+    size = _sizes(model, records, theta, Noise(intensity, std**2), x0)
+    return EkfProblem(model, records, searched, size), np.concatenate([searched.start, (x0 / size).ravel()])
+
+
+def _noise(name: str, kind: str, index: int, value: float) -> Coordinate:
+    bounds = (value / NOISE_RANGE, value * NOISE_RANGE)
+    return Coordinate(name, kind, index, value, True, 1.0, *bounds)  # type: ignore[arg-type]
+
+
+def _sizes(
+    model: LocalModel, records: tuple[Record, ...], theta: np.ndarray, noise: Noise, x0: np.ndarray
+) -> np.ndarray:
+    size = np.max(np.abs(x0), axis=0)
+    for data, start in zip(records, x0, strict=True):
+        try:
+            run = run_ekf(model, data, theta, noise, Start(start, np.zeros((start.size, start.size))))
+        except (IntegrationError, EstimationError):
+            continue
+        size = np.maximum(size, np.max(np.abs(run.filtered), axis=0))
+    return np.where(size > 0.0, size, 1.0)
+
+
+def _search(problem: EkfProblem, z: np.ndarray, options: IdentifyOptions) -> tuple[EkfProblem, Found] | None:
+    """The optimum, with substeps so short that halving them does not change the likelihood there."""
+    found: Found | None = None
+    for _ in range(ROUNDS):
+        finer = with_substeps(problem, z)
+        if found is not None and finer.longest >= problem.longest:
+            break
+        problem = finer
+        n_initial = z.size - problem.n_unknowns
+        lower = np.concatenate([problem.unknowns.lower, np.full(n_initial, -STATE_RANGE)])
+        upper = np.concatenate([problem.unknowns.upper, np.full(n_initial, STATE_RANGE)])
+        again = minimise(objective(problem), z, lower, upper, options.max_iterations)
+        if again is None:
+            break
+        found, z = again, again.z
+    return None if found is None else (problem, found)
+
+
+def with_substeps(problem: EkfProblem, z: np.ndarray) -> EkfProblem:
+    """Halve the longest substep until the log-likelihood changes by less than SUBSTEP_CHANGE per 1000 samples."""
+    period = float(np.median(np.concatenate([data.steps for data in problem.records])))
+    allowed = SUBSTEP_CHANGE * sum(data.time.size for data in problem.records) / 1000.0
+    longest = np.inf
+    coarse = objective(replace(problem, longest=longest))(z, False)
+    for halvings in range(1, MOST_HALVINGS + 1):
+        finer = period / 2**halvings
+        fine = objective(replace(problem, longest=finer))(z, False)
+        if coarse is not None and fine is not None and abs(coarse.value - fine.value) <= allowed:
+            break
+        coarse, longest = fine, finer
+    return replace(problem, longest=min(longest, problem.longest))
+
+
+def _result(
+    problem: EkfProblem,
+    found: Found,
+    first: FitResult,
+    unknowns: Unknowns,
+    experiments: Sequence[Experiment],
+    validation: Sequence[Experiment],
+) -> FitResult:
+    searched, p = problem.unknowns, problem.n_unknowns
+    theta, intensity, std = searched.values(found.z[:p])
+    bounds = [bound_of(c, z) for c, z in zip(searched.coordinates, found.z[:p], strict=True)]
+    count = int(sum(np.isfinite(data.outputs).sum() for data in problem.records))
+    information = found.evaluation.information
+    free = ~without_influence(information, count)
+    free[:p] &= np.array([b is None for b in bounds], dtype=bool)
+    units = np.concatenate([searched.slopes(found.z[:p]), np.tile(problem.state_scale, len(problem.records))])
+    cov = covariance(information, free) * np.outer(units, units)
+    errors = [float(np.sqrt(v)) if np.isfinite(v) and v >= 0.0 else None for v in np.diagonal(cov)]
+    values = searched.natural(found.z[:p])
+    own = searched.of_kind("parameter")
+    started = {f.name: f.initial for f in first.parameters}
+    limits = {f.name: (f.min, f.max, f.unit) for f in first.parameters}
+    parameters = tuple(
+        FittedParameter(
+            c.name, float(values[i]), errors[i], started[c.name], limits[c.name][2], *limits[c.name][:2], bounds[i]
+        )
+        for i, c in enumerate(searched.coordinates)
+        if c.kind == "parameter"
+    )
+    noises = _noises(problem, intensity, std, errors, bounds)
+    natural = information[np.ix_(own, own)] / np.outer(units[own], units[own])
+    coordinates = tuple(searched.coordinates[i] for i in own)
+    weak = weak_directions(coordinates, values[own], natural, cov[np.ix_(own, own)])
+    simulated, one_step = _agreements(problem, found, theta, Noise(intensity, std**2), unknowns, experiments, first)
+    if validation:
+        held = _agreements(problem, found, theta, Noise(intensity, std**2), unknowns, validation, first)
+        simulated["validation"], one_step["validation"] = held[0]["estimation"], held[1]["estimation"]
+    substeps = () if np.isinf(problem.longest) else (f"linearised every {problem.longest:.3g} s between samples",)
+    return replace(
+        first,
+        status=found.reason,
+        message=message_of(found, parameters, noises, weak, [found]),
+        parameters=parameters,
+        theta={q.name: float(v) for q, v in zip(problem.model.explicit.flat.parameters, theta, strict=True)},
+        noises=noises,
+        initial_states=_initial_states(problem, found, first, errors),
+        correlation_names=tuple(c.name for c in coordinates),
+        correlation=correlation(cov[np.ix_(own, own)]),
+        weak_directions=weak,
+        log_likelihood=-found.evaluation.value,
+        start_log_likelihoods=(-found.evaluation.value,),
+        simulated=simulated,
+        one_step=one_step,
+        n_iterations=found.iterations,
+        notes=(*first.notes, "maximum likelihood by the extended Kalman filter", *substeps),
+    )
+
+
+def _noises(
+    problem: EkfProblem, intensity: np.ndarray, std: np.ndarray, errors: list, bounds: list
+) -> tuple[FittedNoise, ...]:
+    flat = problem.model.explicit.flat
+    place = {(c.kind, c.index): i for i, c in enumerate(problem.unknowns.coordinates)}
+
+    def fitted(kind: str, index: int, name: str, value: float, unit: str) -> FittedNoise:
+        i = place.get((kind, index))  # type: ignore[call-overload]
+        error, bound = (None, None) if i is None else (errors[i], bounds[i])
+        return FittedNoise(name, kind, float(value), error, unit, i is not None, bound)  # type: ignore[arg-type]
+
+    process = [fitted("process", i, w.name, intensity[i], w.unit) for i, w in enumerate(flat.noises)]
+    measured = [fitted("measurement", j, y.name, std[j], y.unit) for j, y in enumerate(flat.outputs)]
+    return (*process, *measured)
+
+
+def _initial_states(
+    problem: EkfProblem, found: Found, first: FitResult, errors: list
+) -> tuple[FittedInitialState, ...]:
+    n, p = problem.state_scale.size, problem.n_unknowns
+    table = np.array([np.nan if e is None else e for e in errors[p:]], dtype=float).reshape(-1, n)
+    states = zip(first.initial_states, problem.initial_states(found.z), table, strict=True)
+    return tuple(replace(state, values=x0, std_errors=std) for state, x0, std in states)
+
+
+def _agreements(
+    problem: EkfProblem,
+    found: Found,
+    theta: np.ndarray,
+    noise: Noise,
+    unknowns: Unknowns,
+    experiments: Sequence[Experiment],
+    first: FitResult,
+) -> tuple[dict[str, Agreement], dict[str, Agreement]]:
+    """Simulation and one-step prediction from the initial state that fits each experiment's simulation best."""
+    explicit = problem.model.explicit
+    nothing = Unknowns((), theta, unknowns.intensity, unknowns.measurement_std)
+    held = TrajectoryProblem(
+        integrator(explicit), tuple(experiments), first.hold, nothing, problem.state_scale, np.sqrt(noise.variance)
+    )
+    x0 = [initial_point(explicit, theta, e.inputs[0])[0] / problem.state_scale for e in experiments]
+    limit = np.full(len(x0) * problem.state_scale.size, STATE_RANGE)
+    fit = minimise(trajectories.objective(held), np.concatenate(x0), -limit, limit, 20)
+    names = [y.name for y in explicit.flat.outputs]
+    simulation = None if fit is None else prediction_errors(held, fit.z)
+    measured = [e.outputs for e in experiments]
+    simulated = None if simulation is None else list(simulation.errors)
+    predicted = []
+    starts = np.concatenate(x0) if fit is None else fit.z
+    wide = np.diag(problem.state_scale**2)
+    for experiment, start in zip(experiments, starts.reshape(len(x0), -1) * problem.state_scale, strict=True):
+        data = record(problem.model, experiment.time, experiment.inputs, experiment.outputs, first.hold)
+        run = run_ekf(problem.model, data, theta, noise, Start(start, 1e-2 * wide), problem.longest)
+        predicted.append(run.innovations)
+    return {"estimation": _agreement(names, measured, simulated)}, {"estimation": _agreement(names, measured, predicted)}
+
+
+def _agreement(names: list[str], measured: list[np.ndarray], errors: list[np.ndarray] | None) -> Agreement:
+    fits: dict[str, float | None] = dict.fromkeys(names)
+    rms: dict[str, float | None] = dict.fromkeys(names)
+    for j, name in enumerate(names if errors is not None else []):
+        assert errors is not None
+        left = np.concatenate([e[np.isfinite(e[:, j]), j] for e in errors])
+        seen = [m[np.isfinite(m[:, j]), j] for m in measured]
+        spread = sum(float(np.sum((m - m.mean()) ** 2)) for m in seen if m.size)
+        if left.size:
+            rms[name] = float(np.sqrt(np.mean(left**2)))
+            fits[name] = float(100.0 * (1.0 - np.sqrt(np.sum(left**2) / spread))) if spread > 0.0 else None
+    return Agreement(fits, rms)
