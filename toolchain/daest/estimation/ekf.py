@@ -3,7 +3,7 @@
 Between samples the model is replaced by its linearisation at the current estimate, which is then solved
 exactly for inputs that run straight (local linearisation: Jimenez & Ozaki, Int. J. Control 2003; used by CTSM): on
 an affine model this is the Kalman filter. Substeps no longer than `longest` divide a sample interval; each
-linearises anew. The measurements of a sample are taken one after the other, which whitens the innovations.
+linearises anew: an error of second order in the mean and first in the covariance. The measurements of a sample are taken one after the other, which whitens the innovations.
 """
 
 from __future__ import annotations

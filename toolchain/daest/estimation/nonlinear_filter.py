@@ -34,6 +34,8 @@ from daest.systems.redundant import matching_states, needs_redundant_states, red
 PARTICLES = 1000
 SUBSTEP_TOLERANCE = 0.02  # change of the estimate, rms in its standard deviations, that a halved step may make
 MOST_SUBSTEPS = 64  # per median sample interval
+START_WIDTH = 10.0  # standard deviations
+TINY = np.finfo(float).tiny
 START_SAMPLES = 200  # whose smoothed estimate is the centre of an unknown initial state
 CHUNK = 1000  # samples whose internal variables are evaluated at once
 
@@ -88,7 +90,7 @@ def run_nonlinear_filter(
 
     process_intensity (n_w,), measurement_std (n_y,), in the order of the model. `measure` names the outputs to use
     (None: all recorded); the others are compared with their estimates. `initial` is in the states of `explicit`;
-    None, or an infinite variance, is unknown: a wide distribution around a first smoothed estimate. `longest`: of
+    None, or an infinite variance, is unknown: it starts wide around a first smoothed estimate. `longest`: of
     the substeps in seconds (None: found by halving).
 
     Raises EstimationError `filter-unknown-output`, `filter-initial-state`, `filter-singular-innovation`,
@@ -226,19 +228,28 @@ def _sizes(
 
 
 def _recentred(task: _Task, known_cov: np.ndarray | None) -> _Task:
-    """An unknown start moves to the smoothed estimate of a first pass over the beginning: its width stays."""
+    """An unknown start moves to the smoothed estimate of a first pass over the beginning, START_WIDTH times as wide:
+    wide enough to carry 1 % of the information, narrow enough for linearisation and sigma points."""
     head = Record(*(part[:START_SAMPLES] for part in (task.data.time, task.data.u0, task.data.u1, task.data.outputs)))
     try:
         run = run_ekf(task.model, head, task.theta, task.noise, task.start, float(np.median(head.steps)) / 2)
         joint = smooth_ekf(run, head, task.noise)
     except (IntegrationError, np.linalg.LinAlgError):
         return task
-    unknown = np.ones(task.start.mean.size, bool) if known_cov is None else np.isinf(np.diagonal(known_cov))
-    mean = np.where(unknown, joint.mean[0, : unknown.size], task.start.mean)
-    if not np.all(np.isfinite(mean)):
+    n = task.start.mean.size
+    unknown = np.ones(n, bool) if known_cov is None else np.isinf(np.diagonal(known_cov))
+    mean, cov = task.start.mean.copy(), task.start.cov.copy()
+    mean[unknown] = joint.mean[0, :n][unknown]
+    found = joint.cov[0, :n, :n][np.ix_(unknown, unknown)]
+    width = np.minimum(START_WIDTH, np.sqrt(np.diagonal(cov)[unknown] / np.maximum(np.diagonal(found), TINY)))
+    cov[np.ix_(unknown, unknown)] = found * np.outer(width, width)
+    if not (np.all(np.isfinite(mean)) and np.all(np.isfinite(cov))):
         return task
-    note = "The initial state is unknown: it was given a wide distribution around a first smoothed estimate."
-    return replace(task, start=Start(mean, task.start.cov), notes=(*task.notes, note))
+    note = (
+        "The initial state is unknown: it starts at a first smoothed estimate, with "
+        f"{START_WIDTH:g} times its standard deviation."
+    )
+    return replace(task, start=Start(mean, cov), notes=(*task.notes, note))
 
 
 def _with_substeps(task: _Task) -> _Task:
