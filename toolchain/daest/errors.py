@@ -92,6 +92,10 @@ EXPLANATIONS: dict[str, str] = {
         "The file of --at must hold parameters (as results/fit.json does) or an operating point under the "
         "key at, values by the names of unknowns and inputs."
     ),
+    "compare-bootstrap-noise": (
+        "A bootstrap simulates records with the model, noise included, so that every output needs a known "
+        "measurement noise: identify the model first, or give it in the model or under [noise.measurement]."
+    ),
     "compare-missing-output": (
         "The models that are compared must have the outputs of the first one in common. [data] outputs in "
         "daest.toml can declare any variable of a model as an output."

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from daest.cli.models import load_model, model_source, with_outputs
 from daest.cli.options import (
@@ -23,8 +24,8 @@ from daest.cli.options import (
 from daest.cli.output import emit, keep_inputs, whole_file
 from daest.cli.recordings import DataOptions, unseen_data
 from daest.cli.results import find_fit, fitted
-from daest.data.project import Project, load_project
-from daest.diagnosis.compare import Candidate, compare_models
+from daest.data.project import Hold, Project, load_project
+from daest.diagnosis.compare import LEAST_BOOTSTRAPS, Candidate, compare_models
 from daest.errors import ConfigError, Place
 from daest.model.comparison import Comparison
 from daest.model.fit import IdentifyOptions
@@ -46,7 +47,14 @@ class Compared:
     "--data", "data", multiple=True, type=click.Path(path_type=Path), help="Recording (default: [data])."
 )
 @click.option("--refit", is_flag=True, help="Identify every model anew, on [data] estimate.")
+@click.option(
+    "--bootstrap",
+    type=click.IntRange(min=LEAST_BOOTSTRAPS),
+    metavar="N",
+    help=f"Calibrate the tests with N simulated records (at least {LEAST_BOOTSTRAPS}), for short recordings.",
+)
 @click.option("--fail-below", type=float, metavar="PERCENT", help="Exit 1 if a model fits an output worse.")
+@click.option("--fail-if-falsified", is_flag=True, help="Exit 1 if the data contradict a model.")
 @class_options
 @data_options
 @project_option
@@ -58,7 +66,9 @@ def command(
     models: tuple[Path, ...],
     data: tuple[Path, ...],
     refit: bool,
+    bootstrap: int | None,
     fail_below: float | None,
+    fail_if_falsified: bool,
     class_name: str | None,
     libraries: tuple[Path, ...],
     start: float | None,
@@ -72,21 +82,33 @@ def command(
     plot: Path | None,
     seed: int,
 ) -> int:
-    """Error of every MODEL on recordings, in simulation and one step ahead, with the parameters of its own
-    fit."""
+    """Error of every MODEL on recordings, in simulation and ahead of the data, with the parameters of its own
+    fit; whether the data contradict it, and where it fails."""
     from daest.report.texts import compare as texts
 
     project = load_project(project_file)
     keep_inputs(output, [*models, *data])
     options = DataOptions(start, stop, period, detrend, None, hold)
-    found = compared(project, models, data, options, class_name, libraries, refit=refit, seed=seed)
+    found = compared(
+        project,
+        models,
+        data,
+        options,
+        class_name,
+        libraries,
+        refit=refit,
+        bootstrap=bootstrap or 0,
+        seed=seed,
+    )
     if plot is not None:
         from daest.report.figures import comparison_figure, save
 
         with whole_file(plot) as temporary:
             save(comparison_figure(found.comparison), temporary)
     emit(found.document, "compare", form, output, texts.text)
-    return int(fail_below is not None and _is_below(found.comparison, fail_below))
+    too_low = fail_below is not None and _is_below(found.comparison, fail_below)
+    falsified = fail_if_falsified and _is_falsified(found.comparison)
+    return int(too_low or falsified)
 
 
 def compared(
@@ -98,6 +120,7 @@ def compared(
     libraries: Sequence[Path] = (),
     *,
     refit: bool = False,
+    bootstrap: int = 0,
     seed: int = 0,
 ) -> Compared:
     """Every model (default: that of daest.toml) on the same recordings."""
@@ -112,7 +135,7 @@ def compared(
             candidates.append(_candidate(project, source, flat, options))
     names = [output.name for output in measured.outputs]
     chosen = [_on(candidate, names, source) for candidate, source in zip(candidates, sources, strict=True)]
-    comparison = compare_models(chosen, experiments)
+    comparison = compare_models(chosen, experiments, bootstrap=bootstrap, seed=seed)
     return Compared(comparison, documents.document(comparison))
 
 
@@ -123,10 +146,7 @@ def _candidate(project: Project, source: Path, flat: FlatModel, options: DataOpt
         return Candidate(flat.name, flat, 0, hold, notes=("no fit found: the values of the model are used",))
     path, document = fit
     hold = options.known_hold(project) or document.get("hold") or "foh"
-    sampled: Any = document.get("noise_model") or "white"
-    return Candidate(
-        flat.name, fitted(flat, document), len(document["parameters"]), hold, sampled, (f"fit of {path}",)
-    )
+    return _with_fit(flat, document, hold, (f"fit of {path}",))
 
 
 def _refitted(project: Project, source: Path, flat: FlatModel, options: DataOptions, seed: int) -> Candidate:
@@ -135,8 +155,41 @@ def _refitted(project: Project, source: Path, flat: FlatModel, options: DataOpti
     fit = identified(
         project, source, (), options, IdentifyOptions(hold=options.known_hold(project), seed=seed), flat=flat
     )
-    new = fitted(flat, fit.document)
-    return Candidate(flat.name, new, len(fit.result.parameters), fit.result.hold, fit.result.noise_model)
+    return _with_fit(flat, fit.document, fit.result.hold, ())
+
+
+def _with_fit(flat: FlatModel, document: Mapping[str, Any], hold: Hold, notes: tuple[str, ...]) -> Candidate:
+    names, cov = parameter_covariance(document)
+    known = {p.name for p in flat.parameters}
+    kept = [i for i, name in enumerate(names) if name in known]
+    return Candidate(
+        name=flat.name,
+        flat=fitted(flat, document),
+        n_parameters=len(document["parameters"]),
+        hold=hold,
+        sampled=document.get("noise_model") or "white",
+        notes=notes,
+        parameter_names=tuple(names[i] for i in kept),
+        parameter_cov=cov[np.ix_(kept, kept)] if kept else None,
+        n_estimation=document.get("n_samples"),
+    )
+
+
+def parameter_covariance(document: Mapping[str, Any]) -> tuple[tuple[str, ...], np.ndarray]:
+    """Names and covariance of the parameters of a fit that the data determined."""
+    std = {
+        name: entry["std_error"]
+        for name, entry in document["parameters"].items()
+        if isinstance(entry, Mapping) and entry.get("std_error") is not None
+    }
+    correlation = document.get("correlation") or {"names": [], "matrix": []}
+    names = tuple(name for name in std if name in correlation["names"])
+    index = [correlation["names"].index(name) for name in names]
+    table = np.array(correlation["matrix"], dtype=float).reshape(len(correlation["names"]), -1)
+    part = np.nan_to_num(table[np.ix_(index, index)]) if names else np.zeros((0, 0))
+    np.fill_diagonal(part, 1.0)
+    sizes = np.array([std[name] for name in names])
+    return names, part * np.outer(sizes, sizes)
 
 
 def _on(candidate: Candidate, names: Sequence[str], source: Path) -> Candidate:
@@ -154,3 +207,7 @@ def _on(candidate: Candidate, names: Sequence[str], source: Path) -> Candidate:
 def _is_below(comparison: Comparison, limit: float) -> bool:
     fits = [fit for trial in comparison.models for fit in trial.simulation.fit_percent.values()]
     return any(fit is None or fit < limit for fit in fits)
+
+
+def _is_falsified(comparison: Comparison) -> bool:
+    return any(trial.verdict == "falsified" for trial in comparison.models)

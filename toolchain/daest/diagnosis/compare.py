@@ -1,130 +1,268 @@
-"""Models side by side on recordings: simulation from the best initial state, and one-step prediction."""
+"""Models side by side on recordings: how well each simulates and predicts, whether the data contradict it,
+and where it fails."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 
-from daest.diagnosis.nonlinear_trial import simulated_trial
-from daest.estimation import likelihood, output_error
-from daest.estimation.agreement import predicted_agreement, simulated_agreement
-from daest.estimation.coordinates import Unknowns
-from daest.estimation.output_error import Problem
-from daest.estimation.predictor import Dynamics, Innovations
-from daest.estimation.records import Record, make_record
+from daest.diagnosis.affine_trial import affine_trial
+from daest.diagnosis.nonlinear_trial import NonlinearModel, nonlinear_model, nonlinear_trial
+from daest.diagnosis.residual_tests import (
+    LEVEL,
+    Raw,
+    RawTest,
+    joined,
+    judged,
+    residual_tests,
+    with_limit,
+)
+from daest.diagnosis.trial import Candidate, Trial, agreement
+from daest.diagnosis.where import ErrorSeries, Signal, distinct, where
+from daest.errors import EstimationError
+from daest.estimation.records import in_model_order
 from daest.model.comparison import Comparison, ModelTrial
 from daest.model.experiment import Experiment
-from daest.model.fit import Agreement
 from daest.model.flat import FlatModel
+from daest.model.linear import StateSpaceFamily
 from daest.systems.linearize import is_affine_model
+from daest.systems.simulate import simulate
 from daest.systems.state_space import state_space_family
 
-Hold = Literal["zoh", "foh"]
-Sampled = Literal["white", "held"]
+LEAST_BOOTSTRAPS = int(1 / LEVEL) - 1  # fewer records without fault cannot tell a level of LEVEL
 
-_NOTHING = np.zeros(0)  # the search coordinates of a problem in which nothing is searched
+__all__ = ["LEAST_BOOTSTRAPS", "Candidate", "compare_models"]
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """A model with the values that it is tried at. `n_parameters` of them were estimated; `hold` and
-    `sampled` (process noise white or held over a sample) are those of its fit."""
+class _Ready:
+    """A candidate with what every trial of it needs again."""
 
-    name: str
-    flat: FlatModel
-    n_parameters: int
-    hold: Hold = "foh"
-    sampled: Sampled = "white"
-    notes: tuple[str, ...] = ()
+    candidate: Candidate
+    prepared: StateSpaceFamily | NonlinearModel
+
+    def trial(self, experiments: Sequence[Experiment]) -> Trial:
+        if isinstance(self.prepared, StateSpaceFamily):
+            return affine_trial(self.candidate, experiments, self.prepared)
+        return nonlinear_trial(self.candidate, experiments, self.prepared)
 
 
-def compare_models(candidates: Sequence[Candidate], experiments: Sequence[Experiment]) -> Comparison:
+def compare_models(
+    candidates: Sequence[Candidate], experiments: Sequence[Experiment], *, bootstrap: int = 0, seed: int = 0
+) -> Comparison:
     """Every candidate on all experiments; outputs are those of the first candidate, which all must have.
 
     A measurement noise that is not known is the one that the simulation leaves. Values are NaN and
-    agreements None where a model overflows.
+    agreements None where a model overflows. `bootstrap` records without fault, simulated with the model
+    itself, take the place of the tables of the tests; LEAST_BOOTSTRAPS are needed to falsify anything.
+    Raises EstimationError `compare-bootstrap-noise`.
     """
     outputs = candidates[0].flat.outputs
     return Comparison(
         experiments=tuple(experiments),
         output_names=tuple(output.name for output in outputs),
         output_units=tuple(output.unit for output in outputs),
-        models=tuple(_trial(candidate, experiments) for candidate in candidates),
+        models=tuple(_model_trial(candidate, experiments, bootstrap, seed) for candidate in candidates),
     )
 
 
-def _trial(candidate: Candidate, experiments: Sequence[Experiment]) -> ModelTrial:
-    if is_affine_model(candidate.flat):
-        return _affine_trial(candidate, experiments)
-    found = simulated_trial(candidate.flat, experiments, candidate.hold)
-    names = [output.name for output in candidate.flat.outputs]
-    return ModelTrial(
-        name=candidate.name,
-        n_parameters=candidate.n_parameters,
-        simulation=found.agreement,
-        one_step=Agreement(dict.fromkeys(names), dict.fromkeys(names)),
-        log_likelihood=np.nan,
-        bic=np.nan,
-        simulated=found.outputs,
-        predicted=tuple(np.full(outputs.shape, np.nan) for outputs in found.outputs),
-        notes=(*candidate.notes, "nonlinear: compared by simulation alone"),
-    )
-
-
-def _affine_trial(candidate: Candidate, experiments: Sequence[Experiment]) -> ModelTrial:
-    problem = _problem(candidate, experiments)
-    simulated = output_error.simulate(problem, problem.unknowns.theta, problem.unknowns.measurement_std)
-    if simulated is not None:
-        known = replace(problem.unknowns, measurement_std=simulated.measurement_std)
-        problem = replace(problem, unknowns=known, weigh=np.zeros_like(problem.weigh))
-    predicted = likelihood.predict(problem, _NOTHING)
-    log_likelihood = np.nan if predicted is None else -predicted.negative_log_likelihood
-    n_values = sum(int(record.n_observed.sum()) for record in problem.records)
-    notes = list(candidate.notes)
-    if predicted is None:
-        notes.append("no one-step prediction: the Kalman filter does not settle at these values")
-    return ModelTrial(
-        name=candidate.name,
-        n_parameters=candidate.n_parameters,
-        simulation=simulated_agreement(problem, problem.records, _NOTHING),
-        one_step=predicted_agreement(problem, problem.records, _NOTHING),
-        log_likelihood=float(log_likelihood),
-        bic=float(candidate.n_parameters * np.log(n_values) - 2.0 * log_likelihood),
-        simulated=_outputs(problem, simulated),
-        predicted=_outputs(problem, predicted),
-        notes=tuple(notes),
-    )
-
-
-def _problem(candidate: Candidate, experiments: Sequence[Experiment]) -> Problem:
+def _model_trial(
+    candidate: Candidate, experiments: Sequence[Experiment], bootstrap: int, seed: int
+) -> ModelTrial:
     flat = candidate.flat
-    family = state_space_family(flat)
-    unknown = np.array([output.noise_std is None for output in flat.outputs], dtype=bool)
-    unknowns = Unknowns(
-        coordinates=(),
-        theta=flat.theta_values,
-        intensity=np.array([noise.intensity or 0.0 for noise in flat.noises], dtype=float),
-        measurement_std=np.array([output.noise_std or 0.0 for output in flat.outputs], dtype=float),
+    # in_model_order reads no more of a family than its inputs and outputs.
+    experiments = [in_model_order(e, cast(StateSpaceFamily, flat)) for e in experiments]
+    prepared = state_space_family(flat) if is_affine_model(flat) else nonlinear_model(candidate)
+    ready = _Ready(candidate, prepared)
+    trial = ready.trial(experiments)
+    raw, feedback = _tests(candidate, experiments, trial)
+    level = None
+    if bootstrap and any(raw.values()):
+        raw, level = _bootstrapped(ready, experiments, trial, raw, bootstrap, seed)
+    tests = judged(raw, level)
+    passed = [test.passed for by_output in tests.values() for test in by_output.values()]
+    n_values = sum(int(np.isfinite(e.outputs).sum()) for e in experiments)
+    return ModelTrial(
+        name=candidate.name,
+        n_parameters=candidate.n_parameters,
+        simulation=agreement(flat, experiments, trial.simulated),
+        one_step=agreement(flat, experiments, trial.predicted),
+        log_likelihood=float(trial.log_likelihood),
+        bic=float(candidate.n_parameters * np.log(n_values) - 2.0 * trial.log_likelihood),
+        simulated=trial.simulated,
+        predicted=trial.predicted,
+        notes=(*candidate.notes, *trial.notes, *_notes(trial, feedback)),
+        tests=tests,
+        feedback={name: with_limit(test, LEVEL) for name, test in feedback.items()},
+        verdict=None if not passed else ("not falsified" if all(passed) else "falsified"),
+        where=where(_error_series(flat, experiments, trial), seed),
+        growth=trial.growth,
+        residuals=trial.residuals,
     )
-    records = tuple(make_record(experiment, family) for experiment in experiments)
-    return Problem(family, records, candidate.hold, unknowns, unknown, candidate.sampled)
 
 
-def _outputs(
-    problem: Problem, found: output_error.Simulated | likelihood.Predicted | None
-) -> tuple[np.ndarray, ...]:
-    """Model outputs (n_samples, n_y) of every record at the recorded times."""
-    if found is None:
-        n_y = len(problem.family.outputs)
-        return tuple(np.full((record.recorded.size, n_y), np.nan) for record in problem.records)
-    rows = zip(problem.records, found.dynamics, found.found, found.initial_states, strict=True)
-    return tuple(_record_outputs(record, dyn, part, x0) for record, dyn, part, x0 in rows)
+def _notes(trial: Trial, feedback: Mapping[str, RawTest]) -> list[str]:
+    notes = []
+    if trial.residuals and trial.is_output_error:
+        notes.append(
+            "no process noise: one-step errors are those of the simulation, and whiteness is asked of them"
+        )
+    closed = [name for name, test in feedback.items() if test.p_value < LEVEL / len(feedback)]
+    if closed:
+        notes.append(
+            f"closed loop: the inputs follow the errors of {', '.join(closed)}; the error of predictions is "
+            "then a fairer judge than that of the simulation"
+        )
+    return notes
 
 
-def _record_outputs(record: Record, dyn: Dynamics, part: Innovations, x0: np.ndarray) -> np.ndarray:
-    states = part.states_at_zero + np.tensordot(x0, part.states_response, 1)
-    outputs = states @ dyn.C.T + record.inputs @ dyn.D.T + dyn.d
-    return outputs[record.recorded]
+def _tests(
+    candidate: Candidate, experiments: Sequence[Experiment], trial: Trial
+) -> tuple[Raw, dict[str, RawTest]]:
+    if not trial.residuals:
+        return {}, {}
+    names = [output.name for output in candidate.flat.outputs]
+    variables = _signals(candidate.flat, experiments, trial, trial.predicted_variables)
+    counts = np.cumsum([e.n_samples for e in experiments])[:-1]
+    columns = (
+        np.column_stack([s.values for s in variables])
+        if variables
+        else np.zeros((sum(map(len, trial.residuals)), 0))
+    )
+    sequences = joined(
+        trial.residuals,
+        [_inputs(candidate.flat, e) for e in experiments],
+        np.split(columns, counts),
+        trial.slopes,
+        candidate.parameter_cov if trial.slopes else None,
+        acts_at_once=trial.acts_at_once,
+        n_estimation=candidate.n_estimation,
+        known_noise=trial.known_noise,
+    )
+    return residual_tests(sequences, names)
+
+
+def _inputs(flat: FlatModel, experiment: Experiment) -> np.ndarray:
+    columns = [experiment.inputs[:, experiment.input_names.index(v.name)] for v in flat.inputs]
+    return np.column_stack(columns) if columns else np.zeros((experiment.n_samples, 0))
+
+
+def _signals(
+    flat: FlatModel, experiments: Sequence[Experiment], trial: Trial, variables: Sequence[np.ndarray]
+) -> tuple[Signal, ...]:
+    """Distinct signals over all recordings: outputs of the model first, then its inputs, then short names.
+
+    Outputs and variables are known without the sample that they belong to.
+    """
+    model = trial.predicted if variables is trial.predicted_variables else trial.simulated
+    names = [(o.name, o.unit) for o in flat.outputs]
+    signals = [Signal(n, u, np.concatenate([y[:, j] for y in model])) for j, (n, u) in enumerate(names)]
+    inputs = np.concatenate([_inputs(flat, e) for e in experiments])
+    signals += [Signal(v.name, v.unit, inputs[:, j]) for j, v in enumerate(flat.inputs)]
+    # Columns that the model does not use tell as much of where it fails.
+    unused = [name for name in experiments[0].extra if all(name in e.extra for e in experiments)]
+    columns = [(name, np.concatenate([e.extra[name] for e in experiments])) for name in unused]
+    signals += [Signal(name, "", column) for name, column in columns if np.all(np.isfinite(column))]
+    values = np.concatenate(list(variables))
+    order = sorted(range(values.shape[1]), key=lambda j: (trial.variable_names[j].count("."), j))
+    signals += [Signal(trial.variable_names[j], trial.variable_units[j], values[:, j]) for j in order]
+    return distinct(signals)
+
+
+def _error_series(
+    flat: FlatModel, experiments: Sequence[Experiment], trial: Trial
+) -> tuple[ErrorSeries, ...]:
+    """One-step errors in units of their predicted spread, so that a filter that settles is no fault, and
+    errors of the simulation."""
+    simulated = [e.outputs - y for e, y in zip(experiments, trial.simulated, strict=True)]
+    series = _series_of(flat, experiments, trial, "simulation", simulated)
+    if trial.residuals and not trial.is_output_error:
+        series = (*_series_of(flat, experiments, trial, "one-step", trial.residuals), *series)
+    return series
+
+
+def _series_of(
+    flat: FlatModel,
+    experiments: Sequence[Experiment],
+    trial: Trial,
+    kind: Literal["one-step", "simulation"],
+    errors: Sequence[np.ndarray],
+) -> tuple[ErrorSeries, ...]:
+    variables = trial.simulated_variables if kind == "simulation" else trial.predicted_variables
+    signals = _signals(flat, experiments, trial, variables)
+    if not signals:
+        return ()
+    record = np.repeat(np.arange(len(experiments)), [e.n_samples for e in experiments])
+    time = np.concatenate([e.time for e in experiments])
+    names = tuple(e.name for e in experiments)
+    table = np.concatenate(list(errors))
+    return tuple(
+        ErrorSeries(output.name, kind, table[:, j], time, record, names, signals)
+        for j, output in enumerate(flat.outputs)
+    )
+
+
+def _bootstrapped(
+    ready: _Ready, experiments: Sequence[Experiment], trial: Trial, raw: Raw, n: int, seed: int
+) -> tuple[Raw, float]:
+    """Tests with the p-values of `n` records that the model itself produced, and the level of a single test
+    at which LEVEL of these records fail any."""
+    unknown = [o.name for o in ready.candidate.flat.outputs if o.noise_std is None]
+    if unknown:
+        raise EstimationError(
+            "compare-bootstrap-noise",
+            f"the measurement noise of {', '.join(unknown)} is not known, so that no record can be simulated",
+            where=ready.candidate.name,
+            remedy="identify the model first, or give the noise (std) in the model or in daest.toml",
+        )
+    rng = np.random.default_rng(seed)
+    drawn: dict[tuple[str, str], list[float]] = {}
+    smallest = []
+    for _ in range(n):
+        again = _resampled(ready.candidate, experiments, trial, rng)
+        found, _feedback = _tests(ready.candidate, again, ready.trial(again))
+        p_values = {(k, name): test.p_value for k, tests in found.items() for name, test in tests.items()}
+        for key, p_value in p_values.items():
+            drawn.setdefault(key, []).append(p_value)
+        smallest.append(min(p_values.values(), default=1.0))
+    calibrated = {
+        kind: {name: _calibrated(test, drawn.get((kind, name), [])) for name, test in tests.items()}
+        for kind, tests in raw.items()
+    }
+    rank = int(LEVEL * (n + 1))
+    level = float(np.sort(smallest)[rank - 1]) if rank else 0.0
+    return calibrated, level
+
+
+def _calibrated(test: RawTest, drawn: Sequence[float]) -> RawTest:
+    as_extreme = sum(p_value <= test.p_value for p_value in drawn)
+    return replace(test, p_value=(1 + as_extreme) / (1 + len(drawn)))
+
+
+def _resampled(
+    candidate: Candidate, experiments: Sequence[Experiment], trial: Trial, rng: np.random.Generator
+) -> list[Experiment]:
+    """The experiments with outputs of the model, noise included; parameters vary within their uncertainty."""
+    flat = _varied(candidate, rng)
+    result = []
+    for experiment, x0 in zip(experiments, trial.initial_states, strict=True):
+        outputs = simulate(
+            flat, experiment, hold=candidate.hold, x0=x0, noise=True, seed=int(rng.integers(2**31))
+        ).outputs
+        result.append(replace(experiment, outputs=np.where(np.isfinite(experiment.outputs), outputs, np.nan)))
+    return result
+
+
+def _varied(candidate: Candidate, rng: np.random.Generator) -> FlatModel:
+    if candidate.parameter_cov is None:
+        return candidate.flat
+    shifts = rng.multivariate_normal(np.zeros(len(candidate.parameter_names)), candidate.parameter_cov)
+    shift = dict(zip(candidate.parameter_names, shifts, strict=True))
+    parameters = []
+    for p in candidate.flat.parameters:
+        low, high = (-np.inf if p.min is None else p.min), (np.inf if p.max is None else p.max)
+        parameters.append(replace(p, value=float(np.clip(p.value + shift.get(p.name, 0.0), low, high))))
+    return replace(candidate.flat, parameters=tuple(parameters))

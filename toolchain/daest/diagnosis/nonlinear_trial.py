@@ -1,78 +1,122 @@
-"""A nonlinear model on recordings: simulation from the initial states that fit best, parameters held."""
+"""A nonlinear model on recordings: simulation, and one-step prediction by the observer of identification.
+
+Parameters are held; initial states are those that fit best.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
+from daest.diagnosis.trial import Candidate, Trial, growth_of, horizons
 from daest.estimation import trajectories
 from daest.estimation.coordinates import Unknowns
+from daest.estimation.observer import Observer, average_model, observer
 from daest.estimation.search import minimise
-from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
+from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
+from daest.model.comparison import Horizon
 from daest.model.experiment import Experiment
-from daest.model.fit import Agreement
-from daest.model.flat import FlatModel
+from daest.model.explicit import ExplicitModel
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import integrator
+from daest.systems.integrate import (
+    Hold,
+    IntegrationError,
+    Integrator,
+    Trajectory,
+    integrate,
+    integrator,
+    interval_inputs,
+)
 from daest.systems.reduce import reduce_index
 
 FIRST_SAMPLES = 50  # fitted first, so that a wrong start does not lead the whole simulation astray
 ITERATIONS = 15  # of the search for initial states
 STATE_RANGE = 1e3  # initial states are searched within this many times their size in a first simulation
+STARTS_AHEAD = 60  # samples of a recording from which longer predictions start
 
 
 @dataclass(frozen=True)
-class SimulatedTrial:
-    """Model outputs per recording (n_samples, n_y), NaN where the model cannot be integrated; how well they
-    agree."""
+class NonlinearModel:
+    """A model ready to be integrated, without and with sensitivities to the estimated parameters."""
 
-    outputs: tuple[np.ndarray, ...]
-    agreement: Agreement
+    plain: Integrator
+    sensitive: Integrator
 
 
-def simulated_trial(
-    flat: FlatModel, experiments: Sequence[Experiment], hold: Literal["zoh", "foh"]
-) -> SimulatedTrial:
-    """Simulate `flat` with its parameter values on every recording; initial states are found for each."""
-    explicit = reduce_index(flat)
+def nonlinear_model(candidate: Candidate) -> NonlinearModel:
+    explicit = reduce_index(candidate.flat)
+    plain = integrator(explicit)
+    names = candidate.parameter_names
+    return NonlinearModel(plain, integrator(explicit, names) if names else plain)
+
+
+def nonlinear_trial(candidate: Candidate, experiments: Sequence[Experiment], model: NonlinearModel) -> Trial:
+    """Every recording simulated, and predicted with the stationary gain of the average linearisation.
+
+    Without process noise the prediction is the simulation. Arrays are NaN where the model cannot be
+    integrated, and there are no residuals where the noise levels are unknown or give no observer.
+    """
+    explicit, flat = model.plain.explicit, candidate.flat
+    problem = _problem(candidate, experiments, model)
+    z = _searched(problem, _first_states(problem))
+    simulated = prediction_errors(problem, z)
+    known = np.array([output.noise_std is not None for output in flat.outputs], dtype=bool)
+    predicted, std, cov = simulated, np.zeros(0), np.zeros(0)
+    notes: tuple[str, ...] = ()
+    is_output_error = not any(noise.intensity for noise in flat.noises)
+    if simulated is not None and is_output_error:
+        cov = simulated.covariance
+    elif simulated is not None:
+        found = _observer(candidate, problem, simulated) if np.all(known) else None
+        if found is None:
+            notes = (
+                "no one-step prediction: the noise levels are unknown or give no observer (daest identify)",
+            )
+            predicted = None
+        else:
+            problem = replace(problem, gain=found.gain)
+            z = _searched(problem, z)
+            predicted, cov = prediction_errors(problem, z), found.innovation_cov
+    else:
+        notes = ("the model cannot be integrated over the recordings with these values",)
+    if predicted is not None:
+        std = np.sqrt(np.diagonal(cov))
+    return Trial(
+        simulated=_outputs(experiments, simulated),
+        predicted=_outputs(experiments, predicted),
+        residuals=() if predicted is None else tuple(e / std for e in predicted.errors),
+        variable_names=tuple(v.name for v in flat.unknowns),
+        variable_units=tuple(v.unit for v in flat.unknowns),
+        simulated_variables=_variables(problem, simulated),
+        predicted_variables=_variables(problem, predicted),
+        slopes=() if predicted is None else _slopes(candidate, problem, model, z, std),
+        initial_states=() if predicted is None else tuple(problem.initial_states(z)),
+        growth=() if predicted is None or is_output_error else _growth(candidate, problem, predicted),
+        log_likelihood=np.nan if predicted is None else _log_likelihood(predicted, cov),
+        is_output_error=is_output_error,
+        known_noise=known,
+        acts_at_once=candidate.hold == "foh" or explicit.outputs.jac_sparsity(0, 1).nnz() > 0,
+        notes=notes,
+    )
+
+
+def _problem(
+    candidate: Candidate, experiments: Sequence[Experiment], model: NonlinearModel
+) -> TrajectoryProblem:
+    flat = candidate.flat
     std = np.array([np.nan if output.noise_std is None else output.noise_std for output in flat.outputs])
     unknowns = Unknowns((), flat.theta_values, np.zeros(0), np.zeros(0))
-    problem = TrajectoryProblem(
-        integrator(explicit), tuple(experiments), hold, unknowns, np.ones(explicit.n_states), std
-    )
-    starts = np.array([initial_point(explicit, flat.theta_values, e.inputs[0])[0] for e in experiments])
-    problem = replace(problem, state_scale=_sizes(problem, starts))
-    z = (starts / problem.state_scale).ravel()
-    z = _searched(replace(problem, experiments=tuple(map(_head, experiments))), z)
-    errors = prediction_errors(problem, _searched(problem, z))
-    outputs = (
-        tuple(np.full(e.outputs.shape, np.nan) for e in experiments)
-        if errors is None
-        else tuple(trajectory.outputs for trajectory in errors.trajectories)
-    )
-    return SimulatedTrial(outputs, agreement(flat, experiments, outputs))
+    scale = np.ones(model.plain.explicit.n_states)
+    problem = TrajectoryProblem(model.plain, tuple(experiments), candidate.hold, unknowns, scale, std)
+    return replace(problem, state_scale=_sizes(problem, _starts(problem)))
 
 
-def agreement(flat: FlatModel, experiments: Sequence[Experiment], outputs: Sequence[np.ndarray]) -> Agreement:
-    """100 (1 - |y - ŷ| / |y - mean y|) and rms per output; the mean is that of each recording."""
-    fits: dict[str, float | None] = {}
-    rms: dict[str, float | None] = {}
-    for j, output in enumerate(flat.outputs):
-        error = spread = 0.0
-        count = 0
-        for experiment, simulated in zip(experiments, outputs, strict=True):
-            y = experiment.outputs[:, j]
-            seen = np.isfinite(y)
-            error += float(np.sum((y - simulated[:, j])[seen] ** 2))
-            spread += float(np.sum((y[seen] - y[seen].mean()) ** 2)) if seen.any() else 0.0
-            count += int(seen.sum())
-        known = count > 0 and np.isfinite(error)
-        rms[output.name] = float(np.sqrt(error / count)) if known else None
-        fits[output.name] = 100.0 * (1.0 - float(np.sqrt(error / spread))) if known and spread > 0 else None
-    return Agreement(fits, rms)
+def _starts(problem: TrajectoryProblem) -> np.ndarray:
+    explicit = problem.model.explicit
+    theta = problem.theta(np.zeros(0))
+    return np.array([initial_point(explicit, theta, e.inputs[0])[0] for e in problem.experiments])
 
 
 def _sizes(problem: TrajectoryProblem, starts: np.ndarray) -> np.ndarray:
@@ -84,10 +128,119 @@ def _sizes(problem: TrajectoryProblem, starts: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(size) & (size > 0.0), size, 1.0)
 
 
+def _first_states(problem: TrajectoryProblem) -> np.ndarray:
+    """Search vector of the initial states that fit the first samples."""
+    heads = replace(problem, experiments=tuple(map(_head, problem.experiments)))
+    return _searched(heads, (_starts(problem) / problem.state_scale).ravel())
+
+
 def _searched(problem: TrajectoryProblem, z: np.ndarray) -> np.ndarray:
     limit = np.full(z.size, STATE_RANGE)
     found = minimise(trajectories.objective(problem), z, -limit, limit, ITERATIONS)
     return z if found is None else found.z
+
+
+def _observer(candidate: Candidate, problem: TrajectoryProblem, simulated: Errors) -> Observer | None:
+    """The gain at the noise levels of the candidate, linearised along the longest simulation."""
+    longest = int(np.argmax([e.n_samples for e in problem.experiments]))
+    experiment = problem.experiments[longest]
+    explicit = problem.model.explicit
+    ubar, states = _ubar(explicit, experiment, problem.hold), simulated.trajectories[longest].states
+    average = average_model(explicit, problem.theta(np.zeros(0)), experiment.time, states, ubar)
+    intensity = np.array([noise.intensity or 0.0 for noise in candidate.flat.noises])
+    return observer(average, intensity, problem.given_std)
+
+
+def _ubar(explicit: ExplicitModel, experiment: Experiment, hold: Hold) -> np.ndarray:
+    """Inputs and their slopes at every sample, (n_samples, n_ū)."""
+    u0, _ = interval_inputs(explicit, experiment.time, experiment.inputs, hold)
+    last = np.hstack([experiment.inputs[-1:], u0[-1:, experiment.inputs.shape[1] :]])
+    return np.vstack([u0, last])
+
+
+def _outputs(experiments: Sequence[Experiment], errors: Errors | None) -> tuple[np.ndarray, ...]:
+    if errors is None:
+        return tuple(np.full(e.outputs.shape, np.nan) for e in experiments)
+    return tuple(trajectory.outputs for trajectory in errors.trajectories)
+
+
+def _variables(problem: TrajectoryProblem, errors: Errors | None) -> tuple[np.ndarray, ...]:
+    """All internal variables (n_samples, n_v) without noise."""
+    explicit = problem.model.explicit
+    if errors is None:
+        return tuple(np.full((e.n_samples, len(explicit.flat.unknowns)), np.nan) for e in problem.experiments)
+    theta, n_u = problem.theta(np.zeros(0)), len(explicit.flat.inputs)
+    result = []
+    for experiment, trajectory in zip(problem.experiments, errors.trajectories, strict=True):
+        ubar = _ubar(explicit, experiment, problem.hold)
+        w = np.zeros((len(explicit.flat.noises), experiment.n_samples))
+        columns = (trajectory.states.T, ubar[:, :n_u].T, ubar[:, n_u:].T, w, theta, experiment.time[None, :])
+        result.append(explicit.variables(*columns).full().T)
+    return tuple(result)
+
+
+def _slopes(
+    candidate: Candidate, problem: TrajectoryProblem, model: NonlinearModel, z: np.ndarray, std: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """∂(error / std)/∂parameter (p, n_samples, n_y) of every recording."""
+    p = len(candidate.parameter_names)
+    errors = prediction_errors(replace(problem, model=model.sensitive), z, with_slopes=True) if p else None
+    if errors is None:
+        return ()
+    return tuple(-t.sensitivities[:, :, :p].transpose(2, 0, 1) / std for t in errors.trajectories)
+
+
+def _log_likelihood(errors: Errors, cov: np.ndarray) -> float:
+    """Gaussian, for one-step errors of covariance `cov` (n_y, n_y); missing values are left out."""
+    value = 0.0
+    table = np.concatenate(errors.errors)
+    observed = np.isfinite(table)
+    for pattern in np.unique(observed, axis=0):
+        rows = table[np.all(observed == pattern, axis=1)][:, pattern]
+        root = np.linalg.cholesky(cov[np.ix_(pattern, pattern)])
+        white = np.linalg.solve(root, rows.T)
+        constant = 2.0 * np.log(np.diagonal(root)).sum() + pattern.sum() * np.log(2.0 * np.pi)
+        value -= 0.5 * float(np.sum(white**2) + len(rows) * constant)
+    return value
+
+
+def _growth(candidate: Candidate, problem: TrajectoryProblem, predicted: Errors) -> tuple[Horizon, ...]:
+    """Errors of simulations that start from predicted states, at STARTS_AHEAD samples of every recording."""
+    steps = horizons(problem.experiments)
+    squares, counts = np.zeros((2, len(steps), len(candidate.flat.outputs)))
+    for experiment, trajectory in zip(problem.experiments, predicted.trajectories, strict=True):
+        last = experiment.n_samples - max(steps)
+        for start in np.unique(np.linspace(0, max(last, 0), STARTS_AHEAD).astype(int)):
+            errors = _errors_ahead(problem, experiment, trajectory, int(start), max(steps))
+            for i, h in enumerate(steps):
+                row = errors[h - 1] if len(errors) >= h else np.full(errors.shape[1], np.nan)
+                squares[i] += np.nan_to_num(row) ** 2
+                counts[i] += np.isfinite(row)
+    period = float(np.median(np.diff(problem.experiments[0].time)))
+    # The shortest one is known at every sample.
+    table = np.concatenate(predicted.errors)
+    squares[0], counts[0] = np.nansum(table**2, axis=0), np.isfinite(table).sum(axis=0)
+    return growth_of(candidate.flat, steps, period, squares, counts)
+
+
+def _errors_ahead(
+    problem: TrajectoryProblem, experiment: Experiment, trajectory: Trajectory, start: int, length: int
+) -> np.ndarray:
+    """Errors (length, n_y) of a simulation from the predicted state of sample `start`; NaN where it fails."""
+    rows = slice(start, start + length)
+    try:
+        ahead = integrate(
+            problem.model,
+            experiment.time[rows],
+            experiment.inputs[rows],
+            problem.theta(np.zeros(0)),
+            trajectory.states[start],
+            hold=problem.hold,
+            state_scale=problem.state_scale,
+        )
+    except IntegrationError:
+        return np.full(experiment.outputs[rows].shape, np.nan)
+    return experiment.outputs[rows] - ahead.outputs
 
 
 def _head(experiment: Experiment) -> Experiment:

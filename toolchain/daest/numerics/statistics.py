@@ -16,20 +16,28 @@ def whiteness_p_value(residuals: np.ndarray, observed: np.ndarray) -> float:
     The smallest of lags 1 … WHITENESS_LAGS enter as one chi-square sum; 1.0 for sequences too short to tell.
     """
     lags = min(WHITENESS_LAGS, residuals.size // 5)
+    if lags < 1 or int(observed.sum()) < 3:
+        return 1.0
+    return float(chi2.sf(ljung_box(residuals, observed, lags), lags))
+
+
+def ljung_box(residuals: np.ndarray, observed: np.ndarray, lags: int) -> float:
+    """Q = n (n + 2) Σ r_l² / (n - l) over lags 1 … `lags` of a sequence (n_samples,); 0 for zeros.
+
+    With missing samples (observed False) n - l is the number of observed pairs. White: chi-square of `lags`.
+    """
     count = int(observed.sum())
-    if lags < 1 or count < 3:
-        return 1.0
     centred = np.where(observed, residuals, 0.0)
-    variance = float(centred @ centred) / count
+    variance = float(centred @ centred) / max(count, 1)
     if variance == 0.0:
-        return 1.0
+        return 0.0
     statistic = 0.0
     for lag in range(1, lags + 1):
         pairs = int(np.sum(observed[lag:] & observed[:-lag]))
         if pairs:
             correlation = float(centred[lag:] @ centred[:-lag]) / pairs / variance
             statistic += pairs * correlation**2 * (count + 2) / count
-    return float(chi2.sf(statistic, lags))
+    return statistic
 
 
 def autoregression(residuals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,109 @@
+"""What a model says about recordings: simulations, one-step predictions, and what errors are held against."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from daest.model.comparison import Horizon
+from daest.model.experiment import Experiment
+from daest.model.fit import Agreement
+from daest.model.flat import FlatModel
+
+HORIZONS = (1, 3, 10, 30, 100, 300)  # samples, as far as LONGEST_HORIZON allows
+LONGEST_HORIZON = 0.1  # of the longest recording
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A model with the values that it is tried at. `n_parameters` of them were estimated; `hold` and
+    `sampled` (process noise white or held over a sample) are those of its fit.
+
+    `parameter_cov` (p, p) is the covariance of the estimates `parameter_names`, and `n_estimation` the
+    number of samples that they and the noises come from; without them the values count as exact.
+    """
+
+    name: str
+    flat: FlatModel
+    n_parameters: int
+    hold: Literal["zoh", "foh"] = "foh"
+    sampled: Literal["white", "held"] = "white"
+    notes: tuple[str, ...] = ()
+    parameter_names: tuple[str, ...] = ()
+    parameter_cov: np.ndarray | None = None
+    n_estimation: int | None = None
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One model on all recordings; tuples hold one array per recording, over its samples.
+
+    `simulated`, `predicted` (n_samples, n_y) in the units of the outputs. `residuals` (n_samples, n_y) are
+    the one-step errors over their predicted standard deviation, NaN where missing; () without a predictor.
+    `simulated_variables`, `predicted_variables` (n_samples, n_v) are all internal variables. `slopes`
+    (p, n_samples, n_y) are ∂residuals/∂parameter for the candidate's `parameter_names`, () where unknown.
+    `initial_states` are those of the predictor. `known_noise` (n_y,) tells whose noise was not read off
+    these data; `acts_at_once` whether an input moves an output of the same sample.
+    """
+
+    simulated: tuple[np.ndarray, ...]
+    predicted: tuple[np.ndarray, ...]
+    residuals: tuple[np.ndarray, ...]
+    variable_names: tuple[str, ...]
+    variable_units: tuple[str, ...]
+    simulated_variables: tuple[np.ndarray, ...]
+    predicted_variables: tuple[np.ndarray, ...]
+    slopes: tuple[np.ndarray, ...]
+    initial_states: tuple[np.ndarray, ...]
+    growth: tuple[Horizon, ...]
+    log_likelihood: float
+    is_output_error: bool
+    known_noise: np.ndarray
+    acts_at_once: bool
+    notes: tuple[str, ...] = ()
+
+
+def agreement(flat: FlatModel, experiments: Sequence[Experiment], outputs: Sequence[np.ndarray]) -> Agreement:
+    """100 (1 - |y - ŷ| / |y - mean y|) and rms per output; the mean is that of each recording."""
+    fits: dict[str, float | None] = {}
+    rms: dict[str, float | None] = {}
+    for j, output in enumerate(flat.outputs):
+        error = spread = 0.0
+        count = 0
+        for experiment, simulated in zip(experiments, outputs, strict=True):
+            y = experiment.outputs[:, j]
+            seen = np.isfinite(y)
+            error += float(np.sum((y - simulated[:, j])[seen] ** 2))
+            spread += float(np.sum((y[seen] - y[seen].mean()) ** 2)) if seen.any() else 0.0
+            count += int(seen.sum())
+        known = count > 0 and np.isfinite(error)
+        rms[output.name] = float(np.sqrt(error / count)) if known else None
+        fits[output.name] = 100.0 * (1.0 - float(np.sqrt(error / spread))) if known and spread > 0 else None
+    return Agreement(fits, rms)
+
+
+def horizons(experiments: Sequence[Experiment]) -> tuple[int, ...]:
+    """Steps of the predictions whose error is told."""
+    longest = max(e.n_samples for e in experiments)
+    return tuple(h for h in HORIZONS if h == 1 or h <= LONGEST_HORIZON * longest)
+
+
+def growth_of(
+    flat: FlatModel, steps: Sequence[int], period: float, squares: np.ndarray, counts: np.ndarray
+) -> tuple[Horizon, ...]:
+    """rms errors from sums of squares and counts (n_horizons, n_y); `period` [s] is that of one step."""
+    names = [output.name for output in flat.outputs]
+    return tuple(
+        Horizon(
+            steps=h,
+            seconds=h * period,
+            rms={
+                name: float(np.sqrt(s / n)) if n and np.isfinite(s) else None
+                for name, s, n in zip(names, squares[i], counts[i], strict=True)
+            },
+        )
+        for i, h in enumerate(steps)
+    )
