@@ -71,7 +71,10 @@ def oscillator():
     return explicit_from(
         ("x", "v"),
         {"k": 4.0, "d": 0.5, "k3": 2.0},
-        lambda x, u, w, theta, t: [x[1], u[0] + w[0] - theta[0] * x[0] - theta[1] * x[1] - theta[2] * x[0] ** 3],
+        lambda x, u, w, theta, t: [
+            x[1],
+            u[0] + w[0] - theta[0] * x[0] - theta[1] * x[1] - theta[2] * x[0] ** 3,
+        ],
         {"y": lambda x, u, theta: x[0]},
         ("w",),
     )
@@ -94,5 +97,10 @@ def random_record(n_samples, n_y, seed=0, missing=0.1):
 def experiment_of(explicit, time, inputs, outputs):
     flat = explicit.flat
     return Experiment(
-        "record", time, inputs, outputs, tuple(v.name for v in flat.inputs), tuple(o.name for o in flat.outputs)
+        "record",
+        time,
+        inputs,
+        outputs,
+        tuple(v.name for v in flat.inputs),
+        tuple(o.name for o in flat.outputs),
     )

@@ -39,7 +39,8 @@ def kalman(explicit, time, u, y, hold):
     """The filter of linear models, sampled exactly for every interval."""
     ss = state_space(state_space_family(explicit), explicit.flat.theta_values)
     models = [
-        sample(ss, float(step), hold, np.diag(NOISE.intensity), np.diag(NOISE.variance)) for step in np.diff(time)
+        sample(ss, float(step), hold, np.diag(NOISE.intensity), np.diag(NOISE.variance))
+        for step in np.diff(time)
     ]
     return kalman_filter(models, experiment_of(explicit, time, u, y), InitialState(START.mean, START.cov))
 
@@ -91,7 +92,11 @@ def directions_of(explicit, names):
     theta = dict(zip([p.name for p in explicit.flat.parameters], explicit.flat.theta_values, strict=True))
     p, n = len(names), explicit.n_states
     n_w, n_y = len(explicit.flat.noises), len(explicit.flat.outputs)
-    blocks = [np.diag([theta[name] for name in names]), np.diag(NOISE.intensity[:n_w]), np.diag(NOISE.variance[:n_y])]
+    blocks = [
+        np.diag([theta[name] for name in names]),
+        np.diag(NOISE.intensity[:n_w]),
+        np.diag(NOISE.variance[:n_y]),
+    ]
     blocks.append(0.1 * np.eye(n))
     rows = np.cumsum([0, p, n_w, n_y, n])
     tables = []
@@ -125,7 +130,9 @@ def test_gradient_is_that_of_finite_differences():
         up, down = value(step), value(-step)
         slope = (up.log_likelihood - down.log_likelihood) / (2 * h)
         assert found.gradient[d] == pytest.approx(slope, rel=1e-6, abs=1e-7 * scale)
-        assert np.allclose(found.whitened_slopes[:, d], (up.whitened - down.whitened) / (2 * h), rtol=1e-5, atol=1e-6)
+        assert np.allclose(
+            found.whitened_slopes[:, d], (up.whitened - down.whitened) / (2 * h), rtol=1e-5, atol=1e-6
+        )
 
 
 def test_loop_without_compiler_gives_the_same():
@@ -138,12 +145,19 @@ def test_loop_without_compiler_gives_the_same():
         assert (model.library is not None) == compiled
         data = record(model, time, u, y, "foh")
         theta = explicit.flat.theta_values
-        results.append((ekf_likelihood(model, data, theta, NOISE, START, 0.003, along), run_ekf(model, data, theta, NOISE, START, 0.003)))
+        results.append(
+            (
+                ekf_likelihood(model, data, theta, NOISE, START, 0.003, along),
+                run_ekf(model, data, theta, NOISE, START, 0.003),
+            )
+        )
     (likelihood, run), (plain, plain_run) = results
     assert np.allclose(likelihood.gradient, plain.gradient, rtol=1e-10)
     assert np.allclose(likelihood.log_variance_slopes, plain.log_variance_slopes, rtol=1e-9, atol=1e-12)
     for name in run.__dataclass_fields__:
-        assert np.allclose(getattr(run, name), getattr(plain_run, name), rtol=1e-9, atol=1e-13, equal_nan=True), name
+        assert np.allclose(
+            getattr(run, name), getattr(plain_run, name), rtol=1e-9, atol=1e-13, equal_nan=True
+        ), name
 
 
 def test_filters_a_model_with_a_newton_loop():
@@ -160,20 +174,31 @@ def test_filters_a_model_with_a_newton_loop():
     along = Directions(np.ones((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))
     found = ekf_likelihood(model, data, theta, noise, start, np.inf, along)
     h = 1e-5
-    slope = np.subtract(*[ekf_likelihood(model, data, theta + e, noise, start).log_likelihood for e in (h, -h)]) / (2 * h)
+    slope = np.subtract(
+        *[ekf_likelihood(model, data, theta + e, noise, start).log_likelihood for e in (h, -h)]
+    ) / (2 * h)
     assert found.gradient[0] == pytest.approx(slope, rel=1e-5)
 
 
 def test_information_is_that_of_the_score():
     """Over repeated records the covariance of the score at the truth is the Fisher information."""
     explicit = explicit_from(
-        ("x",), {"a": 1.0}, lambda x, u, w, theta, t: [u[0] + w[0] - theta[0] * x[0]], {"y": lambda x, u, theta: x[0]}, ("w",)
+        ("x",),
+        {"a": 1.0},
+        lambda x, u, w, theta, t: [u[0] + w[0] - theta[0] * x[0]],
+        {"y": lambda x, u, theta: x[0]},
+        ("w",),
     )
     model = local_model(explicit, ("a",), tangents=True)
     noise, n, runs = Noise(np.array([0.1]), np.array([0.01])), 100, 200
     ss = state_space(state_space_family(explicit), explicit.flat.theta_values)
     step = sample(ss, 0.1, "zoh", np.diag(noise.intensity), np.diag(noise.variance))
-    along = Directions(*(np.array(rows, dtype=float) for rows in ([[1.0], [0], [0]], [[0], [0.1], [0]], [[0], [0], [0.01]], [[0], [0], [0]])))
+    along = Directions(
+        *(
+            np.array(rows, dtype=float)
+            for rows in ([[1.0], [0], [0]], [[0], [0.1], [0]], [[0], [0], [0.01]], [[0], [0], [0]])
+        )
+    )
     rng = np.random.default_rng(5)
     scores, informations = [], []
     u = np.repeat(rng.choice([-1.0, 1.0], n // 10), 10)[:, None]
@@ -181,7 +206,11 @@ def test_information_is_that_of_the_score():
         x, y = 0.0, np.empty((n, 1))
         for k in range(n):
             y[k] = x + 0.1 * rng.standard_normal()
-            x = step.transition[0, 0] * x + step.input_now[0, 0] * u[k, 0] + np.sqrt(step.process_cov[0, 0]) * rng.standard_normal()
+            x = (
+                step.transition[0, 0] * x
+                + step.input_now[0, 0] * u[k, 0]
+                + np.sqrt(step.process_cov[0, 0]) * rng.standard_normal()
+            )
         data = record(model, 0.1 * np.arange(n), u, y, "zoh")
         start = Start(np.zeros(1), np.zeros((1, 1)))
         found = ekf_likelihood(model, data, explicit.flat.theta_values, noise, start, np.inf, along)
@@ -204,7 +233,8 @@ def test_steps_of_linearisation_are_of_second_order_for_the_mean_and_first_for_t
     for start, intensity, order in ((certain, 0.0, 2), (unsure, 0.1, 1)):
         noise = Noise(np.array([intensity]), np.array([0.01]))
         runs = [
-            run_ekf(model, data, explicit.flat.theta_values, noise, start, 0.2 / k).filtered for k in (8, 16, 256)
+            run_ekf(model, data, explicit.flat.theta_values, noise, start, 0.2 / k).filtered
+            for k in (8, 16, 256)
         ]
         coarse, fine = (np.max(np.abs(run - runs[2])) for run in runs[:2])
         assert coarse / fine == pytest.approx(2.0**order, rel=0.35)
@@ -231,7 +261,9 @@ def test_failures_are_named():
 def test_refuses_white_noise_in_an_output():
     explicit = oscillator()
     arguments = explicit.outputs.sx_in()
-    noisy = replace(explicit, outputs=ca.Function("y", arguments, [explicit.outputs(*arguments) + arguments[3]]))
+    noisy = replace(
+        explicit, outputs=ca.Function("y", arguments, [explicit.outputs(*arguments) + arguments[3]])
+    )
     with pytest.raises(EstimationError) as refused:
         local_model(noisy)
     assert refused.value.code == "output-white-noise"

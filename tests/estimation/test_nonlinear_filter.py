@@ -25,7 +25,14 @@ def servo_record(explicit, n=400, seed=0):
     time = 0.005 * np.arange(n)
     u = 3.0 * np.sign(np.sin(2 * np.pi * 1.3 * time))[:, None]
     names = [w.name for w in explicit.flat.noises]
-    sim = simulate(explicit, (time, u), hold="zoh", noise=True, seed=seed, intensities=dict(zip(names, INTENSITY, strict=True)))
+    sim = simulate(
+        explicit,
+        (time, u),
+        hold="zoh",
+        noise=True,
+        seed=seed,
+        intensities=dict(zip(names, INTENSITY, strict=True)),
+    )
     y = sim.outputs + STD * np.random.default_rng(seed).standard_normal(sim.outputs.shape)
     return sim, experiment_of(explicit, time, u, y)
 
@@ -36,7 +43,14 @@ def test_agrees_with_the_filter_of_linear_models(smooth):
     _, experiment = servo_record(explicit)
     initial = InitialState.known(np.zeros(4), 0.3)
     known = run_filter(
-        state_space_family(explicit), None, experiment, INTENSITY, STD**2, smooth=smooth, initial=initial, hold="zoh"
+        state_space_family(explicit),
+        None,
+        experiment,
+        INTENSITY,
+        STD**2,
+        smooth=smooth,
+        initial=initial,
+        hold="zoh",
     )
     for kind in ("ekf", "ukf"):
         found = run_nonlinear_filter(
@@ -80,7 +94,9 @@ def test_unused_outputs_are_compared_and_gaps_are_bridged():
     explicit = friction_servo()
     _, experiment = servo_record(explicit)
     experiment.outputs[100:130, 1] = np.nan
-    found = run_nonlinear_filter(explicit, None, experiment, INTENSITY, STD, measure=["angle"], smooth=True, hold="zoh")
+    found = run_nonlinear_filter(
+        explicit, None, experiment, INTENSITY, STD, measure=["angle"], smooth=True, hold="zoh"
+    )
     assert found.measure == ("angle",) and found.innovations.shape == (400, 1)
     assert np.isnan(found.innovations[100:130]).all()
     speed = found.std[:, found.names.index("speed")]
@@ -112,7 +128,9 @@ def test_bad_requests_are_named():
         run_nonlinear_filter(explicit, None, experiment, np.ones(1), np.ones(1), measure=["nothing"])
     assert output.value.code == "filter-unknown-output"
     with pytest.raises(EstimationError) as start:
-        run_nonlinear_filter(explicit, None, experiment, np.ones(1), np.ones(1), initial=InitialState.known(np.zeros(3)))
+        run_nonlinear_filter(
+            explicit, None, experiment, np.ones(1), np.ones(1), initial=InitialState.known(np.zeros(3))
+        )
     assert start.value.code == "filter-initial-state"
 
 
@@ -156,12 +174,20 @@ def test_pendulum_in_cartesian_coordinates_turns_over_on_its_constraint():
     x0 = redundant_start(chosen, redundant, theta, u[0], np.zeros(0), 0.0)
     engine = integrator(redundant.explicit, ("m", "d"), invariants=redundant.invariants)
     found = integrate(engine, time, u, theta, x0, hold="zoh", sensitivities=True, rtol=1e-8)
-    assert np.max(np.abs(redundant.invariants(found.states.T, u.T, [], np.zeros((1, time.size)), theta, time[None]))) < 1e-8
+    assert (
+        np.max(
+            np.abs(redundant.invariants(found.states.T, u.T, [], np.zeros((1, time.size)), theta, time[None]))
+        )
+        < 1e-8
+    )
     x, y = found.states[:, 0], found.states[:, 1]
     assert np.max(np.abs(x - np.sin(angle[:, 0]))) < 1e-5
     assert np.max(np.abs(y + np.cos(angle[:, 0]))) < 1e-5
     h = 1e-5
-    ends = [integrate(engine, time, u, theta + h * np.eye(theta.size)[0] * s, x0, hold="zoh", rtol=1e-10).outputs for s in (1, -1)]
+    ends = [
+        integrate(engine, time, u, theta + h * np.eye(theta.size)[0] * s, x0, hold="zoh", rtol=1e-10).outputs
+        for s in (1, -1)
+    ]
     slope = (ends[0] - ends[1]) / (2 * h)
     assert np.allclose(found.sensitivities[:, :, 0], slope, atol=1e-3 * np.max(np.abs(slope)))
 
@@ -201,7 +227,9 @@ def test_pendulum_is_filtered_through_full_turns(kind, smooth):
     # Of two coordinates one is hardly uncertain at a time: the error is measured along the circle.
     along = np.sum(error * np.column_stack([np.cos(angle[:, 0]), np.sin(angle[:, 0])]), axis=1)
     spread = np.sqrt(np.sum(found.std[:, columns] ** 2, axis=1))
-    assert 0.3 < np.sqrt(np.mean((along / spread) ** 2)) < 1.3  # the truth has no process noise: a little too wide
+    assert (
+        0.3 < np.sqrt(np.mean((along / spread) ** 2)) < 1.3
+    )  # the truth has no process noise: a little too wide
     assert 0.8 < found.nis.mean < 1.2
     radius = np.hypot(*found.values[:, columns].T)
     # A mean over particles lies inside the circle by half the variance along it; Gaussian estimates are on it.
@@ -216,7 +244,9 @@ def test_pendulum_from_an_unknown_start():
     y = truth + 0.02 * np.random.default_rng(1).standard_normal(truth.shape)
     experiment = experiment_of(chosen, time, u, y)
     for kind in ("ekf", "ukf"):
-        found = run_nonlinear_filter(chosen, None, experiment, np.array([1e-3]), np.full(2, 0.02), kind, hold="zoh")
+        found = run_nonlinear_filter(
+            chosen, None, experiment, np.array([1e-3]), np.full(2, 0.02), kind, hold="zoh"
+        )
         columns = [found.names.index(name) for name in ("x", "y")]
         assert np.sqrt(np.mean((found.values[50:, columns] - truth[50:]) ** 2)) < 0.4 * 0.02
 

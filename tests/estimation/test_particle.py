@@ -69,7 +69,9 @@ def test_growth_model_agrees_with_the_exact_filter(proposal):
     _, y = growth_record(1)
     mean, std, log_likelihood = on_grid(y)
     runs = [
-        run_particles(GrowthModel(), y[:, None], np.ones(1), Start(np.zeros(1), 5 * np.eye(1)), 4000, seed, proposal)
+        run_particles(
+            GrowthModel(), y[:, None], np.ones(1), Start(np.zeros(1), 5 * np.eye(1)), 4000, seed, proposal
+        )
         for seed in range(6)
     ]
     spread = np.std([run.mean[:, 0] for run in runs], axis=0, ddof=1)
@@ -121,9 +123,14 @@ def linear_case(n=150):
 @pytest.mark.parametrize("proposal", ["bootstrap", "ekf"])
 def test_linear_model_within_its_monte_carlo_band(proposal):
     task, m = linear_case(), 1000
-    exact = run_ekf(task.model, task.data, task.theta, task.noise, task.start)  # the Kalman filter, as tested there
+    exact = run_ekf(
+        task.model, task.data, task.theta, task.noise, task.start
+    )  # the Kalman filter, as tested there
     points = ContinuousPoints(task)
-    runs = [run_particles(points, task.data.outputs, task.noise.variance, task.start, m, s, proposal) for s in range(6)]
+    runs = [
+        run_particles(points, task.data.outputs, task.noise.variance, task.start, m, s, proposal)
+        for s in range(6)
+    ]
     std = np.sqrt(np.diagonal(exact.filtered_cov, axis1=1, axis2=2))
     errors = np.array([(run.mean - exact.filtered) / std for run in runs])
     # A mean of independent particles would be off by 1/sqrt(m); resampling costs a factor, here at most 3.
@@ -133,7 +140,9 @@ def test_linear_model_within_its_monte_carlo_band(proposal):
     assert np.allclose(ratio, 1.0, atol=0.05)
     values = np.array([run.log_likelihood for run in runs])
     assert abs(values.mean() - exact.log_likelihood) < 5 * values.std(ddof=1) / np.sqrt(6) + 0.1
-    assert np.mean(runs[0].nis) == pytest.approx(np.nanmean((exact.innovations**2 / exact.variances)) * 140 / 150, rel=0.05)
+    assert np.mean(runs[0].nis) == pytest.approx(
+        np.nanmean((exact.innovations**2 / exact.variances)) * 140 / 150, rel=0.05
+    )
     if proposal == "ekf":
         plain = run_particles(points, task.data.outputs, task.noise.variance, task.start, m, 0, "bootstrap")
         assert runs[0].effective.min() > plain.effective.min()
@@ -158,7 +167,9 @@ def test_smoother_of_a_linear_model():
 
 def test_ancestral_lines_where_noise_does_not_reach_every_state():
     task = linear_case(40)
-    silent = Task.of(task.model, task.data, task.theta, Noise(np.zeros(1), np.array([0.05])), task.start, np.inf)
+    silent = Task.of(
+        task.model, task.data, task.theta, Noise(np.zeros(1), np.array([0.05])), task.start, np.inf
+    )
     points = ContinuousPoints(silent)
     run = run_particles(points, silent.data.outputs, silent.noise.variance, silent.start, 2000, 0)
     found = smooth_particles(points, run)
@@ -188,7 +199,14 @@ def test_loop_without_compiler_gives_the_same():
     for compiled in (True, False):
         model = local_model(explicit, inside=True, compiled=compiled)
         data = record(model, time, u, y, "foh")
-        task = Task.of(model, data, explicit.flat.theta_values, Noise(np.ones(1), np.ones(1)), Start(np.zeros(2), np.eye(2)), 0.05)
+        task = Task.of(
+            model,
+            data,
+            explicit.flat.theta_values,
+            Noise(np.ones(1), np.ones(1)),
+            Start(np.zeros(2), np.eye(2)),
+            0.05,
+        )
         points = ContinuousPoints(task)
         run = run_particles(points, y, np.ones(1), task.start, 40, 0)
         results.append((run, points.inside(5, run.points[5], run.weights[5])))
@@ -196,7 +214,9 @@ def test_loop_without_compiler_gives_the_same():
     assert np.allclose(run.points, plain.points, rtol=1e-9)
     assert np.allclose(run.weights, plain.weights, rtol=1e-7)
     assert np.allclose(inside, plain_inside, rtol=1e-9)
-    assert inside[0][0] == pytest.approx(run.mean[5, 0]) and inside[1][0] == pytest.approx(np.sqrt(run.cov[5, 0, 0]))
+    assert inside[0][0] == pytest.approx(run.mean[5, 0]) and inside[1][0] == pytest.approx(
+        np.sqrt(run.cov[5, 0, 0])
+    )
 
 
 def test_systematic_resampling_keeps_the_shares():

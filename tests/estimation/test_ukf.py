@@ -54,7 +54,9 @@ def test_update_and_spread_are_those_of_filterpy():
     start = Start(np.array([1.0, 0.0]), np.array([[0.2, 0.05], [0.05, 0.3]]))
     silent = Noise(np.zeros(1), np.array([0.01]))
     theta = explicit.flat.theta_values
-    found = run_ukf(model, record(model, time, u, y, "zoh"), theta, silent, start, 0.3 / 500, SigmaPoints(1.0, 2.0, 1.0))
+    found = run_ukf(
+        model, record(model, time, u, y, "zoh"), theta, silent, start, 0.3 / 500, SigmaPoints(1.0, 2.0, 1.0)
+    )
     peer = filterpy.UnscentedKalmanFilter(
         2, 1, 0.3, lambda x: x[:1],
         lambda x, dt: solve_ivp(
@@ -79,7 +81,9 @@ def test_loop_without_compiler_gives_the_same():
     runs = []
     for compiled in (True, False):
         model = local_model(explicit, compiled=compiled)
-        runs.append(run_ukf(model, record(model, time, u, y, "foh"), explicit.flat.theta_values, NOISE, START, 0.003))
+        runs.append(
+            run_ukf(model, record(model, time, u, y, "foh"), explicit.flat.theta_values, NOISE, START, 0.003)
+        )
     for name in runs[0].__dataclass_fields__:
         assert np.allclose(*(getattr(r, name) for r in runs), rtol=1e-9, atol=1e-13, equal_nan=True), name
 
@@ -90,7 +94,13 @@ def test_a_certain_state_stays_certain():
     model = local_model(explicit)
     time, (u, y) = time_grid(30, 0.1), random_record(30, 1, missing=0.0)
     certain = Start(np.array([1.0, 0.0]), np.zeros((2, 2)))
-    found = run_ukf(model, record(model, time, u, y, "zoh"), explicit.flat.theta_values, Noise(np.zeros(1), np.ones(1)), certain)
+    found = run_ukf(
+        model,
+        record(model, time, u, y, "zoh"),
+        explicit.flat.theta_values,
+        Noise(np.zeros(1), np.ones(1)),
+        certain,
+    )
     rounding = 1e-28  # squares of the rounding of a weighted mean
     assert np.max(np.abs(found.filtered_cov)) < rounding
     assert np.allclose(found.filtered, found.predicted, rtol=0, atol=1e-13)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from daest.cli.options import (
     output_option,
     plot_option,
     project_option,
+    seed_option,
 )
 from daest.cli.output import emit, keep_inputs, note, whole_file, write_text
 from daest.cli.recordings import DataOptions, unseen_data
@@ -25,10 +27,14 @@ from daest.cli.results import find_fit, fitted
 from daest.data.project import Project, load_project
 from daest.errors import ConfigError, EstimationError
 from daest.estimation.filter import run_filter
+from daest.estimation.nonlinear_filter import PARTICLES, run_nonlinear_filter
+from daest.model.estimates import FilterKind, FilterResult, NonlinearKind
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.report.csv_text import csv_text
 from daest.report.documents import filter as documents
+from daest.systems.linearize import is_affine_model
+from daest.systems.reduce import reduce_index
 from daest.systems.state_space import state_space_family
 
 ESTIMATES = "estimates.csv"
@@ -45,9 +51,11 @@ ESTIMATES = "estimates.csv"
 )
 @click.option(
     "--kind",
-    type=click.Choice(["time-varying", "stationary"]),
-    default="time-varying",
-    help="Kind of filter.",
+    type=click.Choice(["time-varying", "stationary", "ekf", "ukf", "particle"]),
+    help="Kind of filter (default: time-varying for a linear model, ekf for a nonlinear one).",
+)
+@click.option(
+    "--particles", type=click.IntRange(min=2), default=PARTICLES, help="Number of particles of a particle filter."
 )
 @click.option("--smooth", is_flag=True, help="Estimate from the whole recording instead of the past.")
 @click.option("--only", metavar="NAME", multiple=True, help="Write this variable alone.")
@@ -57,11 +65,13 @@ ESTIMATES = "estimates.csv"
 @format_option
 @output_option
 @plot_option
+@seed_option
 def command(
     data: Path | None,
     model: Path | None,
     measure: tuple[str, ...],
-    kind: Any,
+    kind: FilterKind | NonlinearKind | None,
+    particles: int,
     smooth: bool,
     only: tuple[str, ...],
     class_name: str | None,
@@ -75,6 +85,7 @@ def command(
     form: str,
     output: Path | None,
     plot: Path | None,
+    seed: int,
 ) -> None:
     """Estimate every variable of the model from the recording DATA, and write the estimates as CSV.
 
@@ -87,17 +98,9 @@ def command(
     keep_inputs(output, [data, model])
     options = DataOptions(start, stop, period, detrend, None, hold)
     flat, experiment, known_hold = _prepared(project, model, class_name, libraries, data, options)
-    result = run_filter(
-        state_space_family(flat),
-        flat.theta_values,
-        experiment,
-        _known([(w.name, w.intensity) for w in flat.noises], "intensity", "process"),
-        _known([(y.name, y.noise_std) for y in flat.outputs], "std", "measurement") ** 2,
-        kind,
-        list(measure) or None,
-        smooth,
-        hold=known_hold,
-    )
+    chosen = kind or ("time-varying" if is_affine_model(flat) else "ekf")
+    wanted = _Wanted(list(measure) or None, smooth, known_hold, particles, seed)
+    result = _estimated(flat, experiment, chosen, wanted)
     text = csv_text(*documents.table(result, list(only) or None))
     if output is not None and str(output) == "-":
         write_text(text, output)
@@ -111,6 +114,45 @@ def command(
         with whole_file(plot) as temporary:
             save(filter_figure(result, experiment, only), temporary)
     emit(documents.document(result), "filter", form, None, texts.text)
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """Options of a filter run, as on the command line."""
+
+    measure: list[str] | None
+    smooth: bool
+    hold: Any
+    particles: int
+    seed: int
+
+
+def _estimated(
+    flat: FlatModel, experiment: Experiment, kind: FilterKind | NonlinearKind, wanted: _Wanted
+) -> FilterResult:
+    intensity = _known([(w.name, w.intensity) for w in flat.noises], "intensity", "process")
+    std = _known([(y.name, y.noise_std) for y in flat.outputs], "std", "measurement")
+    if kind == "time-varying" or kind == "stationary":
+        if not is_affine_model(flat):
+            note(f"the {kind} filter sees the model linearised at its operating point; --kind ekf does not")
+        family = state_space_family(flat)
+        measure, smooth = wanted.measure, wanted.smooth
+        return run_filter(
+            family, flat.theta_values, experiment, intensity, std**2, kind, measure, smooth, hold=wanted.hold
+        )
+    return run_nonlinear_filter(
+        reduce_index(flat),
+        flat.theta_values,
+        experiment,
+        intensity,
+        std,
+        kind,
+        wanted.measure,
+        wanted.smooth,
+        hold=wanted.hold,
+        n_particles=wanted.particles,
+        seed=wanted.seed,
+    )
 
 
 def _prepared(

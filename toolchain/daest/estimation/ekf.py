@@ -94,7 +94,11 @@ def run_ekf(
     (samples, n_y), n, n_w = data.outputs.shape, model.n_states, model.n_noises
     shapes = [(n,), (n, n), (n,), (n, n), (n_y,), (n_y,), (n_y, n), (n, n), (n, n_w), (n, n)]
     details = [np.empty((samples, *shape)) for shape in shapes]
-    white, log_variance, nothing = np.empty((samples, n_y)), np.empty((samples, n_y)), np.empty((samples, 0, n_y))
+    white, log_variance, nothing = (
+        np.empty((samples, n_y)),
+        np.empty((samples, n_y)),
+        np.empty((samples, 0, n_y)),
+    )
     call = Task.of(model, data, theta, noise, start, longest)
     run = interpreted.ekf if model.library is None else _compiled_ekf
     run(call, white, log_variance, None, nothing, nothing, details)

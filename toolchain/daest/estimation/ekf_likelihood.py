@@ -25,7 +25,15 @@ from daest.estimation.search import Evaluation, Found, minimise
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
 from daest.model.explicit import ExplicitModel
-from daest.model.fit import Agreement, FitResult, FittedInitialState, FittedNoise, FittedParameter, IdentifyOptions, Method
+from daest.model.fit import (
+    Agreement,
+    FitResult,
+    FittedInitialState,
+    FittedNoise,
+    FittedParameter,
+    IdentifyOptions,
+    Method,
+)
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import IntegrationError, integrator
 from daest.systems.local_linear import LocalModel, local_model
@@ -68,7 +76,9 @@ def likelihoods(problem: EkfProblem, z: np.ndarray, with_slopes: bool) -> list[E
     for data, x0 in zip(problem.records, problem.initial_states(z), strict=True):
         start = Start(x0, np.zeros((n, n)))
         try:
-            result.append(ekf_likelihood(problem.model, data, theta, noise, start, problem.longest, directions))
+            result.append(
+                ekf_likelihood(problem.model, data, theta, noise, start, problem.longest, directions)
+            )
         except (IntegrationError, EstimationError):
             return None
     return result
@@ -108,7 +118,9 @@ def objective(problem: EkfProblem) -> Callable[[np.ndarray, bool], Evaluation | 
     return evaluate
 
 
-def _assembled(problem: EkfProblem, z: np.ndarray, parts: list[EkfLikelihood], value: float) -> Evaluation | None:
+def _assembled(
+    problem: EkfProblem, z: np.ndarray, parts: list[EkfLikelihood], value: float
+) -> Evaluation | None:
     p, n = problem.n_unknowns, problem.state_scale.size
     gradient, information = np.zeros(z.size), np.zeros((z.size, z.size))
     for number, part in enumerate(parts):
@@ -145,7 +157,9 @@ def identify_by_ekf(
     problem, z = _problem(explicit, unknowns, experiments, estimate_intensity, given_std, first)
     ends = _search(problem, z, options)
     if ends is None:
-        return replace(first, notes=(*first.notes, "the extended filter cannot run: predictions of an observer"))
+        return replace(
+            first, notes=(*first.notes, "the extended filter cannot run: predictions of an observer")
+        )
     problem, found = ends
     result = _result(problem, found, first, unknowns, experiments, validation)
     return replace(result, seconds=time.perf_counter() - began)
@@ -160,7 +174,9 @@ def _problem(
     first: FitResult,
 ) -> tuple[EkfProblem, np.ndarray]:
     values = {p.name: p.value for p in first.parameters}
-    by_kind = {kind: {n.name: n.value for n in first.noises if n.kind == kind} for kind in ("process", "measurement")}
+    by_kind = {
+        kind: {n.name: n.value for n in first.noises if n.kind == kind} for kind in ("process", "measurement")
+    }
     flat = explicit.flat
     intensity = np.array([by_kind["process"].get(w.name, 0.0) for w in flat.noises])
     std = np.array([by_kind["measurement"][y.name] for y in flat.outputs])
@@ -170,7 +186,9 @@ def _problem(
         for i, w in enumerate(flat.noises)
         if estimate_intensity[i] and intensity[i] > 0.0
     ]
-    coordinates += [_noise(y.name, "measurement", j, std[j]) for j, y in enumerate(flat.outputs) if np.isnan(given_std[j])]
+    coordinates += [
+        _noise(y.name, "measurement", j, std[j]) for j, y in enumerate(flat.outputs) if np.isnan(given_std[j])
+    ]
     theta = np.array([first.theta[p.name] for p in flat.parameters])
     searched = Unknowns(tuple(coordinates), theta, intensity, std)
     model = local_model(explicit, searched.parameter_names(), tangents=True)
@@ -256,7 +274,13 @@ def _result(
     limits = {f.name: (f.min, f.max, f.unit) for f in first.parameters}
     parameters = tuple(
         FittedParameter(
-            c.name, float(values[i]), errors[i], started[c.name], limits[c.name][2], *limits[c.name][:2], bounds[i]
+            c.name,
+            float(values[i]),
+            errors[i],
+            started[c.name],
+            limits[c.name][2],
+            *limits[c.name][:2],
+            bounds[i],
         )
         for i, c in enumerate(searched.coordinates)
         if c.kind == "parameter"
@@ -265,11 +289,15 @@ def _result(
     natural = information[np.ix_(own, own)] / np.outer(units[own], units[own])
     coordinates = tuple(searched.coordinates[i] for i in own)
     weak = weak_directions(coordinates, values[own], natural, cov[np.ix_(own, own)])
-    simulated, one_step = _agreements(problem, found, theta, Noise(intensity, std**2), unknowns, experiments, first)
+    simulated, one_step = _agreements(
+        problem, found, theta, Noise(intensity, std**2), unknowns, experiments, first
+    )
     if validation:
         held = _agreements(problem, found, theta, Noise(intensity, std**2), unknowns, validation, first)
         simulated["validation"], one_step["validation"] = held[0]["estimation"], held[1]["estimation"]
-    substeps = () if np.isinf(problem.longest) else (f"linearised every {problem.longest:.3g} s between samples",)
+    substeps = (
+        () if np.isinf(problem.longest) else (f"linearised every {problem.longest:.3g} s between samples",)
+    )
     return replace(
         first,
         status=found.reason,
@@ -328,7 +356,12 @@ def _agreements(
     explicit = problem.model.explicit
     nothing = Unknowns((), theta, unknowns.intensity, unknowns.measurement_std)
     held = TrajectoryProblem(
-        integrator(explicit), tuple(experiments), first.hold, nothing, problem.state_scale, np.sqrt(noise.variance)
+        integrator(explicit),
+        tuple(experiments),
+        first.hold,
+        nothing,
+        problem.state_scale,
+        np.sqrt(noise.variance),
     )
     x0 = [initial_point(explicit, theta, e.inputs[0])[0] / problem.state_scale for e in experiments]
     limit = np.full(len(x0) * problem.state_scale.size, STATE_RANGE)
@@ -344,7 +377,9 @@ def _agreements(
         data = record(problem.model, experiment.time, experiment.inputs, experiment.outputs, first.hold)
         run = run_ekf(problem.model, data, theta, noise, Start(start, 1e-2 * wide), problem.longest)
         predicted.append(run.innovations)
-    return {"estimation": _agreement(names, measured, simulated)}, {"estimation": _agreement(names, measured, predicted)}
+    return {"estimation": _agreement(names, measured, simulated)}, {
+        "estimation": _agreement(names, measured, predicted)
+    }
 
 
 def _agreement(names: list[str], measured: list[np.ndarray], errors: list[np.ndarray] | None) -> Agreement:

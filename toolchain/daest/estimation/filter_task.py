@@ -12,6 +12,7 @@ from daest.systems.local_linear import LocalModel
 
 NOT_FINITE, NO_MEMORY, SINGULAR_INNOVATION = 3, 4, 5  # as in local_linear.c
 
+
 @dataclass(frozen=True)
 class Record:
     """What a filter reads: time (n_samples,), ū at the two ends of the interval that follows each sample
@@ -58,7 +59,9 @@ class Directions:
         return self.mean.shape[0]
 
 
-def record(model: LocalModel, time: np.ndarray, inputs: np.ndarray, outputs: np.ndarray, hold: Hold) -> Record:
+def record(
+    model: LocalModel, time: np.ndarray, inputs: np.ndarray, outputs: np.ndarray, hold: Hold
+) -> Record:
     """A recording in the model's order of signals: inputs (n_samples, n_u), outputs (n_samples, n_y)."""
     if time.size < 2:
         raise EstimationError("data-too-few-rows", "a filter needs at least two samples")

@@ -18,7 +18,10 @@ from daest.systems.local_linear import LocalModel
 
 ORDER, RADIUS, MOST_DOUBLINGS = 10, 0.25, 60  # of the Taylor series, as in local_linear.c
 SINGULAR_PIVOT = 1e-14  # of its diagonal: the rounding of a covariance
-PROJECTIONS, PROJECTED = 8, 1e-13  # steps onto invariants, and the step (relative to the scale) that ends them
+PROJECTIONS, PROJECTED = (
+    8,
+    1e-13,
+)  # steps onto invariants, and the step (relative to the scale) that ends them
 
 
 def ekf(
@@ -389,7 +392,9 @@ def points_advance(task: Task, i: int, points: np.ndarray) -> tuple[np.ndarray, 
     return means, covs
 
 
-def evaluate(function: ca.Function, points: np.ndarray, arguments: tuple, shapes: list[tuple[int, ...]]) -> list[np.ndarray]:
+def evaluate(
+    function: ca.Function, points: np.ndarray, arguments: tuple, shapes: list[tuple[int, ...]]
+) -> list[np.ndarray]:
     """Results of a function of (x, *arguments) at m points, (m, *shape) each."""
     columns: Callable = function.map(points.shape[0])
     repeated = [ca.repmat(ca.DM(a), 1, points.shape[0]) for a in arguments]

@@ -32,7 +32,9 @@ from daest.systems.local_linear import LocalModel, internal_function, internal_n
 from daest.systems.redundant import matching_states, needs_redundant_states, redundant_model
 
 PARTICLES = 1000
-SUBSTEP_TOLERANCE = 0.02  # change of the estimate, rms in its standard deviations, that a halved step may make
+SUBSTEP_TOLERANCE = (
+    0.02  # change of the estimate, rms in its standard deviations, that a halved step may make
+)
 MOST_SUBSTEPS = 64  # per median sample interval
 START_WIDTH = 10.0  # standard deviations
 TINY = np.finfo(float).tiny
@@ -105,7 +107,11 @@ def run_nonlinear_filter(
     outputs = _outputs(experiment, names, measure)
     task = _prepared(explicit, experiment.time, inputs, outputs, values, noise, initial, hold, kind, compiled)
     task = replace(task, longest=longest) if longest is not None else _with_substeps(task)
-    found = _particles(task, n_particles, seed, proposal, smooth) if kind == "particle" else _gaussian(task, kind, smooth)
+    found = (
+        _particles(task, n_particles, seed, proposal, smooth)
+        if kind == "particle"
+        else _gaussian(task, kind, smooth)
+    )
     return _result(task, found, experiment, kind, smooth, measure, hold)
 
 
@@ -139,7 +145,9 @@ def _prepared(
     model = local_model(used, inside=kind == "particle", invariants=invariants, compiled=compiled)
     data = record(model, time, inputs, outputs, hold)
     size = _sizes(used, invariants, mean, theta, time, inputs, hold, compiled)
-    cov = np.diag(size**2) if known_cov is None else np.where(np.isinf(known_cov), np.diag(size**2), known_cov)
+    cov = (
+        np.diag(size**2) if known_cov is None else np.where(np.isinf(known_cov), np.diag(size**2), known_cov)
+    )
     start = Start(mean, cov)
     if invariants is not None:
         plain = Task.of(model, data, theta, noise, start, np.inf)
@@ -189,14 +197,18 @@ def _redundant(
     arguments = (u0, v0, np.zeros(len(explicit.flat.noises)), theta, float(time[0]))
 
     def states(x: np.ndarray) -> np.ndarray:
-        return matching_states(explicit, redundant, x, np.array(explicit.variables(x, *arguments)).ravel(), arguments)
+        return matching_states(
+            explicit, redundant, x, np.array(explicit.variables(x, *arguments)).ravel(), arguments
+        )
 
     whole = states(mean)
     if cov is None or not np.all(np.isfinite(cov)):
         return redundant.explicit, redundant.invariants, whole, None
     names = [v.name for v in explicit.flat.unknowns]
     x: ca.MX = ca.MX.sym("x", explicit.n_states)
-    slopes = ca.jacobian(ca.vertcat(explicit.variables(x, *arguments), explicit.variable_derivatives(x, *arguments)), x)
+    slopes = ca.jacobian(
+        ca.vertcat(explicit.variables(x, *arguments), explicit.variable_derivatives(x, *arguments)), x
+    )
     table = np.array(ca.Function("slopes", [x], [ca.densify(slopes)])(mean))
     rows = [*names, *(f"der({name})" for name in names)]
     along = table[[rows.index(name) for name in redundant.explicit.state_names]]
@@ -230,7 +242,9 @@ def _sizes(
 def _recentred(task: _Task, known_cov: np.ndarray | None) -> _Task:
     """An unknown start moves to the smoothed estimate of a first pass over the beginning, START_WIDTH times as wide:
     wide enough to carry 1 % of the information, narrow enough for linearisation and sigma points."""
-    head = Record(*(part[:START_SAMPLES] for part in (task.data.time, task.data.u0, task.data.u1, task.data.outputs)))
+    head = Record(
+        *(part[:START_SAMPLES] for part in (task.data.time, task.data.u0, task.data.u1, task.data.outputs))
+    )
     try:
         run = run_ekf(task.model, head, task.theta, task.noise, task.start, float(np.median(head.steps)) / 2)
         joint = smooth_ekf(run, head, task.noise)
@@ -294,7 +308,11 @@ def _gaussian(task: _Task, kind: NonlinearKind, smooth: bool) -> _Estimates:
         run = run_ekf(*arguments)
         white = run.innovations / np.sqrt(run.variances)
         nis, innovations, log_likelihood = np.nansum(white**2, axis=1), run.innovations, run.log_likelihood
-        joint = smooth_ekf(run, data, noise) if smooth else filtered_joint(data, noise, run.filtered, run.filtered_cov)
+        joint = (
+            smooth_ekf(run, data, noise)
+            if smooth
+            else filtered_joint(data, noise, run.filtered, run.filtered_cov)
+        )
     else:
         other = run_ukf(*arguments)
         nis, innovations, log_likelihood = other.nis, other.innovations, other.log_likelihood
@@ -321,7 +339,11 @@ def _held(task: _Task, joint: Joint) -> Joint:
 
 
 def _unscented_joint(run: UkfRun, data: Record, noise: Noise, smooth: bool) -> Joint:
-    return smooth_ukf(run, data, noise) if smooth else filtered_joint(data, noise, run.filtered, run.filtered_cov)
+    return (
+        smooth_ukf(run, data, noise)
+        if smooth
+        else filtered_joint(data, noise, run.filtered, run.filtered_cov)
+    )
 
 
 def _inside(task: _Task, joint: Joint) -> tuple[np.ndarray, np.ndarray]:
@@ -339,19 +361,32 @@ def _inside(task: _Task, joint: Joint) -> tuple[np.ndarray, np.ndarray]:
         count = rows.stop - rows.start
         ubar, mean = task.data.u0[rows], joint.mean[rows]
         columns = [mean[:, :n].T, ubar[:, :n_u].T, ubar[:, n_u:].T, mean[:, n:].T]
-        found = function.map(count)(*columns, ca.repmat(ca.DM(task.theta), 1, count), task.data.time[rows][None])
+        found = function.map(count)(
+            *columns, ca.repmat(ca.DM(task.theta), 1, count), task.data.time[rows][None]
+        )
         values[rows] = np.array(found[0]).T
         J = np.array(found[1]).reshape(n_v, count, -1).transpose(1, 0, 2)
-        std[rows] = np.sqrt(np.maximum(np.einsum("kvi,kij,kvj->kv", J, joint.cov[rows], J, optimize=True), 0.0))
+        std[rows] = np.sqrt(
+            np.maximum(np.einsum("kvi,kij,kvj->kv", J, joint.cov[rows], J, optimize=True), 0.0)
+        )
     return values, std
 
 
-def _particles(task: _Task, n_particles: int, seed: int | None, proposal: Proposal, smooth: bool) -> _Estimates:
+def _particles(
+    task: _Task, n_particles: int, seed: int | None, proposal: Proposal, smooth: bool
+) -> _Estimates:
     points = ContinuousPoints(
         Task.of(task.model, task.data, task.theta, task.noise, task.start, task.longest)
     )
     run = run_particles(
-        points, task.data.outputs, task.noise.variance, task.start, n_particles, seed, proposal, task.data.time
+        points,
+        task.data.outputs,
+        task.noise.variance,
+        task.start,
+        n_particles,
+        seed,
+        proposal,
+        task.data.time,
     )
     notes = _particle_notes(run, task.data.time)
     states, weights = run.points, run.weights
@@ -360,7 +395,9 @@ def _particles(task: _Task, n_particles: int, seed: int | None, proposal: Propos
         states = found.states
         weights = np.full(states.shape[:2], 1.0 / states.shape[1])
         if not found.is_simulated:
-            notes += ("Process noise does not reach every state: smoothed by the ancestral lines of the particles.",)
+            notes += (
+                "Process noise does not reach every state: smoothed by the ancestral lines of the particles.",
+            )
     inside = [points.inside(k, states[k], weights[k]) for k in range(task.data.time.size)]
     values, std = (np.array(part) for part in zip(*inside, strict=True))
     steps = np.append(task.data.steps, task.data.steps[-1])
@@ -374,7 +411,9 @@ def _particles(task: _Task, n_particles: int, seed: int | None, proposal: Propos
 
 def _particle_notes(run: ParticleRun, time: np.ndarray) -> tuple[str, ...]:
     size = run.weights.shape[1]
-    notes = [f"Effective sample size: median {np.median(run.effective):.0f} of {size}, least {run.effective.min():.0f}."]
+    notes = [
+        f"Effective sample size: median {np.median(run.effective):.0f} of {size}, least {run.effective.min():.0f}."
+    ]
     if run.collapsed.size:
         notes.append(
             f"The particles collapse at {run.collapsed.size} samples, first at t = {time[run.collapsed[0]]:g} s: "

@@ -16,7 +16,9 @@ from daest.estimation.filter_task import Noise, Record
 from daest.estimation.ukf import UkfRun
 from daest.numerics.gaussian import backward_step, run
 
-RANK_TOLERANCE = 1e-12  # of a predicted covariance scaled to unit variances: directions below count as certain
+RANK_TOLERANCE = (
+    1e-12  # of a predicted covariance scaled to unit variances: directions below count as certain
+)
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,9 @@ def smooth_ekf(filtered: EkfRun, data: Record, noise: Noise) -> Joint:
     past = filtered_joint(data, noise, filtered.filtered, filtered.filtered_cov)
     reach = _reach(filtered.filtered_cov @ np.swapaxes(filtered.transition, 1, 2), filtered.noise)
     loss = reach @ N @ np.swapaxes(reach, 1, 2)
-    return Joint(past.mean + np.einsum("kij,kj->ki", reach, r), past.cov - (loss + np.swapaxes(loss, 1, 2)) / 2)
+    return Joint(
+        past.mean + np.einsum("kij,kj->ki", reach, r), past.cov - (loss + np.swapaxes(loss, 1, 2)) / 2
+    )
 
 
 def _reach(cross: np.ndarray, noise: np.ndarray) -> np.ndarray:

@@ -125,7 +125,9 @@ def run_particles(
         _predict_output(model, k, means, roots, cloud, outputs[k], variance, tables)
         z, log_ratio = _draw(model, k, means, roots, outputs[k], variance, there, rng, proposal)
         cloud.points = model.hold(k, means + np.einsum("mij,mj->mi", roots, z))
-        log_weights = cloud.log_weights + log_ratio + _log_density(model, k, cloud.points, outputs[k], variance, there)
+        log_weights = (
+            cloud.log_weights + log_ratio + _log_density(model, k, cloud.points, outputs[k], variance, there)
+        )
         _weigh(cloud, log_weights, k if time is None else float(time[k]))
         tables.store(k, cloud)
         if cloud.effective[-1] < RESAMPLE_BELOW * n_particles:

@@ -77,7 +77,9 @@ def local_model(
     parts = _Parts.of(explicit, tuple(names))
     _refuse_direct_noise(explicit)
     flow, see = parts.flow(), parts.see()
-    dflow = parts.differential("daest_dflow", flow, ("x", "ubar", "slope", "theta", "t")) if tangents else None
+    dflow = (
+        parts.differential("daest_dflow", flow, ("x", "ubar", "slope", "theta", "t")) if tangents else None
+    )
     dsee = parts.differential("daest_dsee", see, ("x", "ubar", "theta", "t")) if tangents else None
     hold = None if invariants is None else parts.hold(invariants)
     variables = parts.inside() if inside else None
@@ -135,7 +137,13 @@ class _Parts:
             raise ModelError("unknown-parameter", f"The model has no parameter `{missing[0]}`.")
         kind = ca.SX if explicit.is_symbolic else ca.MX
         n_u, n_v, n_w, n_theta = (explicit.rhs.numel_in(i) for i in (1, 2, 3, 4))
-        sizes = {"x": explicit.n_states, "ubar": n_u + n_v, "slope": n_u + n_v, "w": n_w, "chosen": len(names)}
+        sizes = {
+            "x": explicit.n_states,
+            "ubar": n_u + n_v,
+            "slope": n_u + n_v,
+            "w": n_w,
+            "chosen": len(names),
+        }
         symbols = {name: kind.sym(name, size) for name, size in {**sizes, "theta": n_theta, "t": 1}.items()}
         return cls(explicit, tuple(known.index(name) for name in names), symbols)
 
@@ -217,7 +225,9 @@ def _library(model: LocalModel) -> ctypes.CDLL | None:
 
 def _source(model: LocalModel) -> str:
     generator = ca.CodeGenerator("model.c")
-    functions = [f for f in (model.flow, model.see, model.dflow, model.dsee, model.hold, model.inside) if f is not None]
+    functions = [
+        f for f in (model.flow, model.see, model.dflow, model.dsee, model.hold, model.inside) if f is not None
+    ]
     for function in functions:
         generator.add(function)
     sizes = {

@@ -58,7 +58,9 @@ def redundant_model(flat: FlatModel) -> RedundantModel:
     explicit = assemble(system, choice, definitions, parts, differentiations(sigma))
     v = ca.vertcat(ca.SX(0, 1), *(system.u[d.order][d.index] for d in explicit.input_derivatives))
     symbols = [system.pick(choice.states), flat.u, v, flat.w, flat.theta, flat.time]
-    invariants = ca.Function("invariants", symbols, [ca.densify(system.residual[lower])], ARGUMENTS, ["value"])
+    invariants = ca.Function(
+        "invariants", symbols, [ca.densify(system.residual[lower])], ARGUMENTS, ["value"]
+    )
     return _without_copies(explicit, invariants, [k for _, k in choice.states])
 
 
@@ -118,7 +120,12 @@ def _without_copies(explicit: ExplicitModel, invariants: ca.Function, orders: li
 
 
 def redundant_start(
-    chosen: ExplicitModel, redundant: RedundantModel, theta: np.ndarray, u0: np.ndarray, v0: np.ndarray, t0: float
+    chosen: ExplicitModel,
+    redundant: RedundantModel,
+    theta: np.ndarray,
+    u0: np.ndarray,
+    v0: np.ndarray,
+    t0: float,
 ) -> np.ndarray:
     """Consistent states (n_states,) of the redundant model, from the initial point of the model with chosen
     states."""

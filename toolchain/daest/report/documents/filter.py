@@ -15,7 +15,7 @@ from daest.model.estimates import FilterResult
 def document(result: FilterResult) -> dict[str, Any]:
     """JSON content: the summary; the estimates themselves are in `table`. Numbers that do not exist are
     None."""
-    nis, noise = result.nis, result.process_noise
+    nis, noise, effective = result.nis, result.process_noise, result.effective_sample_size
     return {
         "kind": result.kind,
         "smoothed": result.smoothed,
@@ -42,6 +42,9 @@ def document(result: FilterResult) -> dict[str, Any]:
             "std": [_number(v) for v in np.median(noise.std, axis=0)],
         },
         "steady_after": result.steady_after,
+        "effective_sample_size": None
+        if effective is None
+        else {"median": float(np.median(effective)), "least": float(effective.min())},
         "undetermined": [result.names[i] for i in np.flatnonzero(np.isinf(result.std[-1]))],
         "messages": list(result.messages),
     }

@@ -22,10 +22,11 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
         f"normalised innovations squared: {number(nis['mean'])}, 95 % band {number(nis['low'])} to "
         f"{number(nis['high'])}: {'inside' if nis['inside'] else 'OUTSIDE'}"
     )
-    steady = document["steady_after"]
-    yield indented(
-        f"gain steady after {number(steady)} s" if steady is not None else "the gain is never steady"
-    )
+    if document["kind"] in ("time-varying", "stationary"):  # the gain of a nonlinear model follows its state
+        steady = document["steady_after"]
+        yield indented(
+            f"gain steady after {number(steady)} s" if steady is not None else "the gain is never steady"
+        )
     for message in document.get("messages", ()):
         yield indented(message)
     if document["compared"]:

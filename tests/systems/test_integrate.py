@@ -1,0 +1,245 @@
+"""Radau integration with sensitivities: scipy with variational equations, finite differences, the interpreted engine."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from flat_models import Draft
+from scipy.integrate import solve_ivp
+
+from daest.errors import ModelError
+from daest.systems.integrate import Correction, IntegrationError, integrate, integrator, interval_inputs
+from daest.systems.reduce import reduce_index
+
+PARAMETERS = {"J": 0.02, "d": 0.05, "c": 2.0, "stick": 0.3, "width": 0.01}
+NAMES = ("J", "c", "stick")
+PERIOD = 0.02
+
+
+def friction_oscillator(**values):
+    """Inertia on a spring with Coulomb friction smoothed over `width`: stiff by d + stick/width over J."""
+    draft = Draft("Friction", parameters={**PARAMETERS, **values}, unknowns=["phi", "w"], inputs=["u"])
+    draft.outputs = {"angle": "phi", "torque": "c*phi + stick*tanh(w/width)"}
+    draft.equation("der(phi) = w")
+    draft.equation("J*der(w) = u - c*phi - d*w - stick*tanh(w/width)")
+    return reduce_index(draft.flat())
+
+
+def recording(n=60, seed=0):
+    rng = np.random.default_rng(seed)
+    time = np.cumsum(rng.uniform(0.5, 1.5, n)) * PERIOD
+    return time, np.repeat(rng.uniform(-2, 2, n), 4)[:n, None]
+
+
+def input_at(time, u, hold, k, t):
+    share = 0.0 if hold == "zoh" else (t - time[k]) / (time[k + 1] - time[k])
+    return u[k, 0] + share * (u[min(k + 1, time.size - 1), 0] - u[k, 0])
+
+
+def by_scipy(explicit, time, u, hold, x0, tolerance=1e-9):
+    """States and ∂(states)/∂(NAMES, x0) by the variational equations, interval by interval."""
+    x, U, V, W, theta, t = explicit.rhs.sx_in()
+    f = explicit.rhs(x, U, V, W, theta, t)
+    columns = [list(PARAMETERS).index(name) for name in NAMES]
+    slopes = ca.Function("slopes", [x, U, theta], [f, ca.jacobian(f, x), ca.jacobian(f, theta)[:, columns]])
+    values, n, p = explicit.flat.theta_values, x0.size, len(NAMES)
+
+    def rate(s, z, k):
+        f, A, F = (np.array(part) for part in slopes(z[:n], input_at(time, u, hold, k, s), values))
+        S = z[n:].reshape(n, p + n)
+        change = A @ S
+        change[:, :p] += F
+        return np.concatenate([f.ravel(), change.ravel()])
+
+    z = np.concatenate([x0, np.hstack([np.zeros((n, p)), np.eye(n)]).ravel()])
+    rows = [z]
+    for k in range(time.size - 1):
+        span = (time[k], time[k + 1])
+        z = solve_ivp(rate, span, z, "Radau", args=(k,), rtol=tolerance, atol=tolerance * 1e-2).y[:, -1]
+        rows.append(z)
+    table = np.array(rows)
+    return table[:, :n], table[:, n:].reshape(-1, n, p + n)
+
+
+@pytest.mark.parametrize("hold", ["zoh", "foh"])
+def test_states_and_sensitivities_are_those_of_scipy(hold):
+    explicit = friction_oscillator()
+    time, u = recording(30)
+    x0 = np.array([0.1, -0.2])
+    states, S = by_scipy(explicit, time, u, hold, x0)
+    engine = integrator(explicit, NAMES)
+    assert engine.library is not None
+    for rtol, allowed in ((1e-6, 1e-5), (1e-9, 1e-7)):
+        found = integrate(
+            engine, time, u, explicit.flat.theta_values, x0, hold=hold, sensitivities=True, rtol=rtol
+        )
+        assert np.max(np.abs(found.states - states)) < allowed
+        angle = found.sensitivities[:, 0]
+        scale = np.max(np.abs(S[:, 0]), axis=0)
+        assert np.max(np.abs(angle - S[:, 0]) / scale) < 1e3 * allowed
+
+
+def test_sensitivities_of_outputs_are_finite_differences():
+    explicit = friction_oscillator(width=0.1)
+    time, u = recording()
+    theta, x0 = explicit.flat.theta_values, np.array([0.1, -0.2])
+    engine = integrator(explicit, NAMES)
+    found = integrate(engine, time, u, theta, x0, hold="foh", sensitivities=True, rtol=1e-8)
+    h = 1e-6
+    for d in range(len(NAMES) + 2):
+        step, shift = np.zeros(theta.size), np.zeros(2)
+        if d < len(NAMES):
+            step[list(PARAMETERS).index(NAMES[d])] = h
+        else:
+            shift[d - len(NAMES)] = h
+        up, down = (
+            integrate(engine, time, u, theta + s * step, x0 + s * shift, hold="foh", rtol=1e-10).outputs
+            for s in (1, -1)
+        )
+        slope = (up - down) / (2 * h)
+        assert np.allclose(found.sensitivities[:, :, d], slope, atol=1e-4 * np.max(np.abs(slope)))
+
+
+def test_stiff_friction_takes_few_steps():
+    """With a stiffness of 1e5 per second an explicit method would need two thousand steps per interval."""
+    explicit = friction_oscillator(width=1e-4)
+    time, u = recording(30)
+    x0 = np.array([0.1, 0.0])
+    found = integrate(integrator(explicit), time, u, explicit.flat.theta_values, x0, hold="zoh")
+    states, _ = by_scipy(explicit, time, u, "zoh", x0, 1e-8)
+    assert np.max(np.abs(found.states[:, 0] - states[:, 0])) < 1e-4
+    assert found.n_steps < 50 * time.size
+
+
+@pytest.mark.parametrize("hold", ["zoh", "foh"])
+@pytest.mark.parametrize("corrected", [False, True])
+def test_interpreted_engine_gives_the_same(hold, corrected):
+    explicit = friction_oscillator(width=2.0)  # the interpreted engine has fixed steps
+    time, u = recording(24)
+    y = np.random.default_rng(1).standard_normal((time.size, 2))
+    y[5] = np.nan
+    correction = Correction(y, np.array([[0.3, 0.0], [0.2, 0.1]])) if corrected else None
+    runs = [
+        integrate(
+            integrator(explicit, NAMES, compiled=compiled), time, u, explicit.flat.theta_values, np.array([0.1, -0.2]),
+            hold=hold, sensitivities=True, rtol=1e-9, correction=correction,
+        )
+        for compiled in (True, False)
+    ]  # fmt: skip
+    assert np.allclose(runs[0].outputs, runs[1].outputs, atol=1e-4)
+    scale = np.max(np.abs(runs[0].sensitivities), axis=(0, 1))
+    assert np.max(np.abs(runs[0].sensitivities - runs[1].sensitivities) / scale) < 1e-3
+
+
+def test_correction_is_the_observer_between_samples():
+    """x += gain (y - h(x)) at every sample, missing outputs left out, against the loop by scipy."""
+    explicit = friction_oscillator(width=0.2)
+    time, u = recording(20)
+    rng = np.random.default_rng(2)
+    y, gain = rng.standard_normal((20, 2)), rng.uniform(0, 0.3, (20, 2, 2))
+    y[7, 1] = y[9] = np.nan
+    theta, x = explicit.flat.theta_values, np.array([0.1, -0.2])
+    found = integrate(
+        integrator(explicit), time, u, theta, x, hold="foh", rtol=1e-10, correction=Correction(y, gain)
+    )
+    for k in range(20):
+        assert np.allclose(found.states[k], x, atol=1e-7)
+        h = np.array(explicit.outputs(x, u[k], [], [], theta, time[k])).ravel()
+        there = np.isfinite(y[k])
+        x = x + gain[k][:, there] @ (y[k] - h)[there]
+        if k + 1 < 20:
+            x = solve_ivp(
+                lambda t, s, k=k: np.array(explicit.rhs(s, input_at(time, u, "foh", k, t), [], [], theta, t)).ravel(),
+                (time[k], time[k + 1]), x, "Radau", rtol=1e-10, atol=1e-12,
+            ).y[:, -1]  # fmt: skip
+
+
+def test_gain_enters_the_sensitivities():
+    explicit = friction_oscillator(width=0.2)
+    time, u = recording(30)
+    y = np.random.default_rng(1).standard_normal((30, 2))
+    correction = Correction(y, np.array([[0.3, 0.0], [0.2, 0.1]]))
+    theta, x0, engine = explicit.flat.theta_values, np.array([0.1, -0.2]), integrator(explicit, NAMES)
+    found = integrate(
+        engine, time, u, theta, x0, hold="zoh", sensitivities=True, rtol=1e-9, correction=correction
+    )
+    step = np.zeros(theta.size)
+    step[2] = h = 1e-5
+    up, down = (
+        integrate(
+            engine, time, u, theta + s * step, x0, hold="zoh", rtol=1e-10, correction=correction
+        ).outputs
+        for s in (1, -1)
+    )
+    slope = (up - down) / (2 * h)
+    assert np.allclose(found.sensitivities[:, :, 1], slope, atol=1e-5 * np.max(np.abs(slope)))
+
+
+def test_one_sample_and_no_inputs():
+    draft = Draft("Decay", parameters={"a": 2.0}, unknowns=["x"])
+    draft.outputs = {"y": "x"}
+    draft.equation("der(x) = -a*x")
+    explicit = reduce_index(draft.flat())
+    engine = integrator(explicit, ("a",))
+    theta = explicit.flat.theta_values
+    single = integrate(engine, np.array([0.0]), np.zeros((1, 0)), theta, np.ones(1), sensitivities=True)
+    assert single.outputs[0, 0] == 1.0 and np.array_equal(single.sensitivities[0, 0], [0.0, 1.0])
+    time = np.array([0.0, 0.3, 1.0])
+    found = integrate(engine, time, np.zeros((3, 0)), theta, np.ones(1), sensitivities=True, rtol=1e-9)
+    assert np.allclose(found.outputs[:, 0], np.exp(-2 * time), atol=1e-8)
+    assert np.allclose(found.sensitivities[:, 0, 0], -time * np.exp(-2 * time), atol=1e-7)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_solution_that_escapes_is_reported_with_its_time(compiled):
+    """x' = x², x(0) = 1 goes to infinity at t = 1."""
+    draft = Draft("Escape", parameters={"a": 1.0}, unknowns=["x"])
+    draft.outputs = {"y": "x"}
+    draft.equation("der(x) = a*x*x")
+    explicit = reduce_index(draft.flat())
+    with pytest.raises(IntegrationError) as failed:
+        integrate(
+            integrator(explicit, compiled=compiled), np.linspace(0, 2, 21), np.zeros((21, 0)),
+            explicit.flat.theta_values, np.ones(1),
+        )  # fmt: skip
+    assert failed.value.code == "integration-failed"
+    assert 0.8 <= failed.value.time <= 1.3
+
+
+def test_no_finite_derivative_is_reported():
+    explicit = friction_oscillator()
+    time, u = recording()
+    with pytest.raises(IntegrationError) as failed:
+        integrate(integrator(explicit), time, u, np.full(5, np.nan), np.zeros(2))
+    assert failed.value.time == time[0]
+
+
+def differentiating(order):
+    """A model that needs derivatives of its input: the input prescribes the position of a mass."""
+    draft = Draft("Driven", parameters={"m": 2.0}, unknowns=["x", "v", "a", "f"], inputs=["u"])
+    draft.outputs = {"force": "f"}
+    for text in (
+        ("x = u", "v = der(x)", "a = der(v)") if order == 2 else ("v = u", "a = der(v)", "der(x) = v")
+    ):
+        draft.equation(text)
+    draft.equation("m*a = f")
+    return reduce_index(draft.flat())
+
+
+def test_slopes_of_inputs_where_the_model_needs_them():
+    time = np.array([0.0, 0.1, 0.3])
+    u = np.array([[1.0], [2.0], [0.0]])
+    start, end = interval_inputs(differentiating(1), time, u, "foh")
+    assert np.allclose(start, [[1.0, 10.0], [2.0, -10.0]])
+    assert np.allclose(end, [[2.0, 10.0], [0.0, -10.0]])
+    with pytest.raises(ModelError) as held:
+        interval_inputs(differentiating(1), time, u, "zoh")
+    assert held.value.code == "input-derivative-hold"
+    with pytest.raises(ModelError) as second:
+        interval_inputs(differentiating(2), time, u, "foh")
+    assert second.value.code == "input-derivative-order"
+
+
+def test_unknown_parameter_is_named():
+    with pytest.raises(ModelError) as unknown:
+        integrator(friction_oscillator(), ("nothing",))
+    assert unknown.value.code == "unknown-parameter"
