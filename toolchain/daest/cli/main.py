@@ -31,6 +31,8 @@ COMMANDS = {
     "identify": "Estimate parameters with their uncertainty from recordings.",
     "filter": "States and all internal variables with their uncertainty.",
     "compare": "How well models predict data that they have not seen.",
+    "effects": "The library of physical effects, and where each can sit.",
+    "extend": "Write a Modelica model that extends another by one effect.",
     "explain": "Explain a message by its code.",
 }
 TRACEBACK_VARIABLE = "DAEST_TRACEBACK"

@@ -57,8 +57,8 @@ def attach_all(
     *,
     allow_repeated: bool = False,
 ) -> FlatModel:
-    """`flat` with several effects; the work grows linearly with their number. See `attach`. `allow_repeated`: an
-    effect may sit several times at the same place (in different shapes, say)."""
+    """`flat` with several effects; the work grows linearly with their number. See `attach`.
+    `allow_repeated`: an effect may sit several times at the same place (in different shapes, say)."""
     assembly = _Assembly(flat, allow_repeated)
     for one in placements:
         assembly.add(one if isinstance(one, Placement) else Placement(*one))
@@ -128,8 +128,9 @@ class _Assembly:
         self._values |= {p.name: x for p, x in zip(self.derived, self.derived_values, strict=True)}
         self._flow_rows: dict[str, int] = {}
         for one in connection_sets(flat, self._connectors):
-            for member in one.members:
-                self._flow_rows.setdefault(member, one.row)  # the upper set of a composite's connector
+            for member in one.members:  # a composite's connector belongs to two: that outside of it counts
+                if member not in self._flow_rows or not one.is_outside(member):
+                    self._flow_rows[member] = one.row
         self._potential_rows: dict[str, list[int]] | None = None
         self._names = names_of(flat)
         self._laws: dict[str, list[str]] = {}
@@ -388,7 +389,7 @@ class _Assembly:
     def _instead(self, member: _Member, name: str) -> None:
         """The uses of a parameter take the effect's formula, of one equation `y = …` in u and time."""
         row = next(i for i, e in enumerate(self.equations) if e.origin == member.name)
-        formula = member.symbols["y"] - self.residual[row]
+        formula = -ca.substitute(self.residual[row], member.symbols["y"], 0)
         formula = ca.substitute(formula, member.symbols["u"], self._values[name])
         shown = _renamed(self.equations[row].text.partition(" = ")[2], f"{member.name}.u", name)
         del self.equations[row], self.residual[row]
@@ -460,7 +461,7 @@ def check_values(effect: Effect, values: Mapping[str, float]) -> None:
         low, high = known[name].min, known[name].max
         if not (low is None or value >= low) or not (high is None or value <= high):
             raise ModelError(
-                "parameter-bounds",
+                "parameter-outside-bounds",
                 f"parameter `{name}` of {effect.name}: {value:g} is outside of "
                 f"{'-inf' if low is None else f'{low:g}'} to {'inf' if high is None else f'{high:g}'}",
                 remedy="Choose a value inside.",

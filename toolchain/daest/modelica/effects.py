@@ -44,7 +44,7 @@ from daest.modelica.source import read_source
 from daest.modelica.text import text
 from daest.modelica.tokens import tokens
 
-__all__ = ["EffectModel", "effect_library", "effect_model", "find_effect"]
+__all__ = ["EffectModel", "effect_library", "effect_model", "find_effect", "find_effects"]
 
 # What stands in the texts of an effect's equations for the name of its component and a dot.
 OWN = "@."
@@ -115,23 +115,14 @@ def effect_library(libraries: Sequence[str | Path] = ()) -> tuple[Effect, ...]:
     return tuple(entry.effect for entry in _catalogue(_names(libraries), check=True).values())
 
 
-def find_effect(name: str, libraries: Sequence[str | Path] = (), domain: str | None = None) -> Effect:
-    """The effect of that class name, full or short, of `domain` if several domains have one.
+def find_effects(name: str, libraries: Sequence[str | Path] = ()) -> tuple[Effect, ...]:
+    """The effects of that class name, full or short; the mechanical ones exist in two domains.
 
-    Raises ModelError `effect-unknown` with the nearest names, `effect-ambiguous` if several domains have one.
-    """
+    Raises ModelError `effect-unknown` with the nearest names."""
     known = effect_library(libraries)
-    found = [e for e in known if _is_called(e, name)]
-    if domain is not None and len(found) > 1:
-        found = [e for e in found if e.domain == domain] or found
-    if len(found) == 1:
-        return found[0]
+    found = tuple(e for e in known if e.class_name == name or e.class_name.endswith("." + name))
     if found:
-        raise ModelError(
-            "effect-ambiguous",
-            f"`{name}` may be {' or '.join(e.class_name for e in found)}",
-            remedy="Give more of the name: Rotational." + name.rpartition(".")[2] + ", say.",
-        )
+        return found
     short = {e.name.lower(): e.name for e in known}
     near = get_close_matches(name.rpartition(".")[2].lower(), short, 3)
     hint = f"Did you mean {' or '.join(short[one] for one in near)}? " if near else ""
@@ -140,8 +131,17 @@ def find_effect(name: str, libraries: Sequence[str | Path] = (), domain: str | N
     )
 
 
-def _is_called(effect: Effect, name: str) -> bool:
-    return effect.class_name == name or effect.class_name.endswith("." + name)
+def find_effect(name: str, libraries: Sequence[str | Path] = ()) -> Effect:
+    """The one effect of that class name. Raises ModelError `effect-unknown`, and `effect-ambiguous` if
+    several domains have one."""
+    found = find_effects(name, libraries)
+    if len(found) > 1:
+        raise ModelError(
+            "effect-ambiguous",
+            f"`{name}` may be {' or '.join(e.class_name for e in found)}",
+            remedy=f"Give more of the name: {'.'.join(found[0].class_name.split('.')[-2:])}, say.",
+        )
+    return found[0]
 
 
 def effect_model(effect: Effect, across: bool = False) -> EffectModel:

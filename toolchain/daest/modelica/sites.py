@@ -31,6 +31,12 @@ class ConnectionSet:
     row: int
     members: tuple[str, ...]
 
+    def is_outside(self, connector: str) -> bool:
+        """Whether `connector` is that of a composite whose parts the set joins."""
+        outer = connector.rpartition(".")[0]
+        others = (m.rpartition(".")[0] for m in self.members if m != connector)
+        return any(other != outer and (not outer or other.startswith(f"{outer}.")) for other in others)
+
 
 def sites(flat: FlatModel) -> tuple[Site, ...]:
     """All places of the model: nodes, two-terminal components, pairs of thermal and hydraulic nodes,
@@ -230,7 +236,7 @@ class Network:
         """Connectors that carry a flow; the only two of a connection set are one place."""
         found: list[Site] = []
         for one in self.sets:
-            inside = [m for m in one.members if not self._is_outside(m, one)]
+            inside = [m for m in one.members if not one.is_outside(m)]
             carrying = [m for m in inside if not self._is_idle(m)]
             if len(carrying) == 2:
                 found.append(self._cut(carrying[0], (carrying[1],)))
@@ -242,12 +248,6 @@ class Network:
         return Site(name, "connector", self.connectors[name].domain, (name,), aliases)
 
     # --- structure of the connections ----------------------------------------------------------------------
-
-    def _is_outside(self, connector: str, one: ConnectionSet) -> bool:
-        """Whether the connector is that of the composite whose parts the set joins."""
-        component = self.connectors[connector].component
-        others = [self.connectors[m].component for m in one.members if m != connector]
-        return any(_lies_in(other, component) for other in others)
 
     def _joined(self) -> dict[str, int]:
         groups = list(range(len(self.sets)))
@@ -317,10 +317,6 @@ class Network:
     def _matrix(self, component: str) -> np.ndarray:
         """The component's rows of [∂F/∂ξ, ∂F/∂ξ'] at a random point."""
         return self._jacobian(tuple(self._rows.get(component, ())))
-
-
-def _lies_in(component: str, outer: str) -> bool:
-    return component != outer and (not outer or component.startswith(outer + "."))
 
 
 def connection_sets(flat: FlatModel, connectors: dict[str, Connector]) -> list[ConnectionSet]:

@@ -1,0 +1,92 @@
+"""The rig of the tests: every effect at every place where it fits, and the law of an attached effect."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from daest.model.effects import Effect, Site
+from daest.model.flat import Equation, FlatModel
+from daest.modelica.compile import compile_model
+from daest.modelica.effects import effect_library
+from daest.modelica.sites import fits, sites
+from daest.systems.linearize import linearize
+from daest.systems.split import split
+from daest.systems.transfer import poles
+
+MODELS = Path(__file__).parent / "models"
+RIG = MODELS / "Rig.mo"
+
+
+@cache
+def rig() -> FlatModel:
+    return compile_model(RIG)
+
+
+@cache
+def rig_sites() -> tuple[Site, ...]:
+    return sites(rig())
+
+
+def placements() -> list[tuple[Effect, Site]]:
+    """Every effect with every site of the rig where it fits; of the parameters only J."""
+    return [
+        (effect, site)
+        for effect in effect_library()
+        for site in rig_sites()
+        if fits(effect, site) and (site.kind != "parameter" or site.name == "J")
+    ]
+
+
+def first_places() -> list[tuple[Effect, Site]]:
+    """Every effect with the first place of every kind."""
+    seen: dict[tuple[str, str], tuple[Effect, Site]] = {}
+    for effect, site in placements():
+        seen.setdefault((effect.class_name, site.kind), (effect, site))
+    return list(seen.values())
+
+
+def label(value: object) -> str:
+    if isinstance(value, Effect):
+        return value.class_name.removeprefix("Daest.Effects.")
+    return value.name if isinstance(value, Site) else str(value)
+
+
+def finite_poles(flat: FlatModel) -> np.ndarray:
+    return np.sort_complex(poles(split(linearize(flat))))
+
+
+def characteristic(flat: FlatModel) -> np.ndarray:
+    """∏ (s - pole) at points off the poles: well conditioned where poles coincide, as those of free bodies
+    do."""
+    points = np.array([0.7 + 0.3j, 2.0j, -0.4 + 5.0j])
+    return np.array([np.prod(s - finite_poles(flat)) for s in points])
+
+
+def law(flat: FlatModel, component: str, result: str, **given: float) -> float:
+    """The value of `component.result` that its defining equation gives for `given` values of the component's
+    other variables and parameters (`der_z` for a derivative); the parameters keep their values otherwise."""
+    rows = [
+        i
+        for i, e in enumerate(flat.equations)
+        if e.kind == "component" and defines(e, f"{component}.{result}")
+    ]
+    row = rows[-1]  # behind those of the partial models
+    values = {p.name: p.value for p in flat.parameters}
+    values |= {f"{component}.{name}": value for name, value in given.items()}
+    symbols = [*ca.vertsplit(flat.xi), *ca.vertsplit(flat.theta), *ca.vertsplit(flat.derivatives), flat.time]
+    names = [x.name for x in flat.unknowns] + [p.name for p in flat.parameters]
+    names += [f"{component}.der_{x.name.removeprefix(component + '.')}" for x in flat.unknowns] + ["time"]
+    slope = ca.jacobian(
+        flat.residual[row], flat.xi[[x.name for x in flat.unknowns].index(f"{component}.{result}")]
+    )
+    values[f"{component}.{result}"] = 0.0
+    evaluate = ca.Function("law", symbols, [-flat.residual[row] / slope])
+    return float(evaluate(*[values.get(name, given.get(name, 0.0)) for name in names]))
+
+
+def defines(equation: Equation, name: str) -> bool:
+    return equation.text.partition(" = ")[0] == name

@@ -1,0 +1,202 @@
+"""The effect library: every class is complete, physical and readable."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from pathlib import Path
+
+import pytest
+from effect_rig import label
+
+from daest.errors import ModelError
+from daest.modelica.effects import effect_library, effect_model, find_effect, find_effects
+from daest.modelica.library import library_root
+from daest.quantities import parse_unit
+
+EFFECTS = effect_library()
+FOLDER = library_root() / "Daest" / "Effects"
+# Names that a recorded signal of any unit may feed: they cannot have a unit themselves.
+UNITLESS = {"Signals", "General"}
+# Sizes of either sign: a load, an offset, the influence of a signal.
+SIGNED = {"Q_0", "tau_0", "f_0", "k", "b", "g", "r", "y", "c"}
+
+MECHANICAL = frozenset(
+    (
+        *("CoulombFriction", "ViscousFriction", "StribeckFriction", "AsymmetricFriction", "LuGreFriction"),
+        *("LoadDependentFriction", "QuadraticDrag", "ConstantLoad", "AsymmetricDamper"),
+        *("HardeningSpring", "HystereticSpring", "Backlash", "ExtraCompliance", "EndStop"),
+    )
+)
+EXPECTED = {
+    "Rotational": MECHANICAL | {"Unbalance", "CoggingTorque", "ExtraInertia"},
+    "Translational": MECHANICAL | {"Gravity", "CoggingForce", "ExtraMass"},
+    "Electrical": frozenset(
+        [
+            "Inductance",
+            "SaturatingInductance",
+            "BrushVoltageDrop",
+            "TemperatureDependentResistance",
+            "Leakage",
+        ]
+    ),
+    "Thermal": frozenset(["Radiation", "MeasuredHeatGain", "MeasuredVentilation"]),
+    "Hydraulic": frozenset(["Orifice", "Overflow"]),
+    "Signals": frozenset(
+        ["DeadZone", "Saturation", "Offset", "Gain", "Lag", "Delay", "AbsoluteValueSensor", "Drift"]
+    ),
+    "General": frozenset(["MeasuredInput", "DriftingParameter", "LearnedCurve"]),
+}
+MIRRORED = {
+    "Unbalance": "Gravity",
+    "CoggingTorque": "CoggingForce",
+    "ExtraInertia": "ExtraMass",
+    "MeasuredTorque": "MeasuredForce",
+}
+
+
+def package(effect) -> str:
+    return effect.class_name.split(".")[-2]
+
+
+def test_library_holds_what_the_design_lists() -> None:
+    held: dict[str, set[str]] = {}
+    for effect in EFFECTS:
+        held.setdefault(package(effect), set()).add(effect.name)
+    for name, wanted in EXPECTED.items():
+        assert wanted <= held[name]
+    assert {MIRRORED.get(name, name) for name in held["Rotational"]} == held["Translational"]
+    files = {f.stem for f in FOLDER.rglob("*.mo")} - {"package"}
+    partial = {f.stem for f in FOLDER.rglob("Interfaces/*.mo")}
+    assert {e.name for e in EFFECTS} == files - partial
+
+
+def test_package_orders_and_readme_are_complete() -> None:
+    readme = (library_root() / "README.md").read_text()
+    for effect in EFFECTS:
+        row = re.search(rf"^\| `Effects\.{package(effect)}` \| (.*) \|$", readme, re.M)
+        assert row is not None
+        if package(effect) != "Translational" or effect.name in MIRRORED.values():
+            assert re.search(rf"\b{effect.name}\b", row[1]), effect.name
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=label)
+def test_effect_is_described_with_units(effect) -> None:
+    assert effect.description and effect.documentation and " = " in effect.law
+    assert effect.documentation.endswith(".")
+    for item in (*effect.parameters, *effect_model(effect).unknowns):
+        assert item.description, item.name
+        parse_unit(item.unit)  # raises where the unit is not readable
+        measured = effect.name.startswith("Measured") and item.name in ("u", "k")
+        assert item.unit or measured or package(effect) in UNITLESS, f"{item.name} has no unit"
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=label)
+def test_sizes_have_a_null_and_physical_bounds(effect) -> None:
+    assert effect.sizes
+    for parameter in effect.parameters:
+        name = parameter.name.partition("[")[0]
+        low, high = parameter.min, parameter.max
+        assert (low is None or low <= parameter.start) and (high is None or parameter.start <= high)
+        if parameter.role == "size":
+            assert parameter.null == 0 and parameter.estimate
+            assert low == 0 or (low is None and name in SIGNED) or (effect.name == "Gain" and low == -1)
+        if parameter.role == "sharpness":
+            assert not parameter.estimate and parameter.scale_of and low is not None and low > 0
+        if parameter.role == "given":
+            assert parameter.given_from
+        if parameter.scale_of:
+            assert parameter.scale_of in {x.name for x in effect_model(effect).unknowns}
+        if not parameter.scale_of:
+            assert all((low is None or low <= v) and (high is None or v <= high) for v in parameter.grid)
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=label)
+def test_models_are_open_by_their_connectors_alone(effect) -> None:
+    model = effect_model(effect)
+    open_ends = len(effect.inputs) + (1 if effect.domain == "signal" else len(effect.connectors))
+    assert len(model.unknowns) - len(model.equations) == open_ends
+    assert model.function.size1_out(0) == len(model.equations)
+
+
+def test_states_and_dynamics() -> None:
+    found = {effect.class_name.removeprefix("Daest.Effects."): effect for effect in EFFECTS}
+    states = {name: effect.n_states for name, effect in found.items() if effect.n_states}
+    one = ["LuGreFriction", "HystereticSpring"]
+    expected = {f"{domain}.{name}": 1 for domain in ("Rotational", "Translational") for name in one}
+    expected |= dict.fromkeys(("Electrical.Inductance", "Electrical.SaturatingInductance", "Signals.Lag"), 1)
+    expected |= {"Electrical.TemperatureDependentResistance": 1, "Signals.Delay": 2}
+    assert states == expected
+    dynamic = {effect.name for effect in EFFECTS if effect.is_dynamic}
+    assert dynamic == {
+        *("ExtraInertia", "ExtraMass", "ExtraCompliance", "Inductance", "SaturatingInductance"),
+        *("Lag", "Delay"),
+    }
+
+
+# --- classes of one's own ---------------------------------------------------------------------------
+
+WIND = """\
+model WindLoad "Wind against an arm"
+  extends Daest.Effects.Rotational.Interfaces.PartialFriction;
+  parameter Real k(unit = "N.m.s2/rad2", min = 0) = 0.01 "Torque per squared speed"
+    annotation(__Daest(estimate = true, role = "size", null = 0));
+equation
+  tau = -k*w*abs(w);
+  annotation(__Daest(effect = true, attach = "connector", law = "tau = -k*w*|w|"));
+end WindLoad;
+"""
+
+
+def written(folder: Path, text: str) -> Path:
+    folder.mkdir(exist_ok=True)
+    (folder / "WindLoad.mo").write_text(textwrap.dedent(text))
+    return folder
+
+
+def test_class_of_ones_own(tmp_path) -> None:
+    folder = written(tmp_path / "mine", WIND)
+    effect = find_effect("WindLoad", [folder])
+    assert effect.class_name == "WindLoad" and effect.domain == "rotational" and effect.has_support
+    assert len(effect_library([folder])) == len(EFFECTS) + 1
+    assert len(effect_library()) == len(EFFECTS)
+
+
+def test_a_changed_class_is_read_again(tmp_path) -> None:
+    folder = written(tmp_path / "mine", WIND)
+    assert find_effect("WindLoad", [folder]).sizes[0].start == 0.01
+    written(folder, WIND.replace("= 0.01", "= 0.02"))
+    assert find_effect("WindLoad", [folder]).sizes[0].start == 0.02
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "says"),
+    [
+        (('"connector"', '"conector"'), "effect-annotation", "attach"),
+        (('law = "tau = -k*w*|w|"', "dynamic = false"), "effect-annotation", "law"),
+        (('role = "size", ', ""), "effect-annotation", "no parameter makes the effect vanish"),
+        (('role = "size"', 'role = "sise"'), "model-annotation", "WindLoad.mo"),
+        (('"connector"', '"series"'), "effect-annotation", "2 connectors"),
+        (("effect = true, ", "effect = true, kind = 2, "), "effect-annotation", "kind"),
+        (("tau = -k*w*abs(w)", "tau = -k*v*abs(w)"), "model-unknown-name", "WindLoad"),
+    ],
+)
+def test_wrong_class_of_ones_own(tmp_path, change, code, says) -> None:
+    assert change[0] in WIND
+    folder = written(tmp_path / "mine", WIND.replace(*change))
+    with pytest.raises(ModelError) as caught:
+        effect_library([folder])
+    problem = caught.value
+    assert problem.code == code
+    assert says in str(problem) and "WindLoad" in str(problem)
+
+
+def test_unknown_and_ambiguous_names() -> None:
+    with pytest.raises(ModelError, match="CoulombFriction") as caught:
+        find_effects("CoulombFrition")
+    assert caught.value.code == "effect-unknown" and "Did you mean CoulombFriction" in str(caught.value)
+    with pytest.raises(ModelError) as caught:
+        find_effect("CoulombFriction")
+    assert caught.value.code == "effect-ambiguous"
+    assert find_effect("Rotational.CoulombFriction").domain == "rotational"
+    assert {e.domain for e in find_effects("CoulombFriction")} == {"rotational", "translational"}

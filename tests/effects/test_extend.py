@@ -1,0 +1,239 @@
+"""Extended models as Modelica text: they compile to the equations of `attach`, and each refusal has its
+message."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from effect_rig import MODELS, RIG, characteristic, finite_poles, first_places, label, rig
+
+from daest.errors import ModelError
+from daest.modelica.attach import attach
+from daest.modelica.compile import compile_model, compile_text
+from daest.modelica.effects import find_effect
+from daest.modelica.extend import extend_model
+from daest.modelica.sites import find_site
+
+WRITABLE = [p for p in first_places() if p[1].kind != "parameter"]
+# One of every way to put an effect in; all the others run as slow tests.
+EXAMPLES = {(effect.domain, effect.attach, site.kind): (effect, site) for effect, site in WRITABLE}.values()
+OTHERS = [p for p in WRITABLE if p not in EXAMPLES]
+
+
+def extended(class_name: str, place: str, path: Path = RIG, model: str | None = None, **options):
+    flat = compile_model(path, model)
+    effect = find_effect(class_name)
+    return extend_model(path, model, effect, find_site(flat, place, effect), **options)
+
+
+@pytest.mark.parametrize(
+    ("effect", "site"),
+    [*EXAMPLES, *(pytest.param(*p, marks=pytest.mark.slow) for p in OTHERS)],
+    ids=label,
+)
+def test_text_compiles_to_the_equations_of_attach(effect, site) -> None:
+    values = {p.name: p.start for p in effect.sizes[:1]}
+    merged = attach(rig(), effect, site, values=values)
+    made = extend_model(RIG, None, effect, site, values=values).flat
+    assert {x.name for x in made.unknowns} == {x.name for x in merged.unknowns}
+    assert made.parameters[-1].name in {p.name for p in merged.parameters}
+    for kind in ("parameters", "derived_parameters", "inputs", "outputs"):
+        assert [(p.name, p.unit) for p in getattr(made, kind)] == [
+            (p.name, p.unit) for p in getattr(merged, kind)
+        ]
+    assert {p.name: p.value for p in made.parameters} == {p.name: p.value for p in merged.parameters}
+    laws = [Counter(e.text for e in flat.equations if e.kind == "component") for flat in (made, merged)]
+    assert laws[0] == laws[1]
+    assert characteristic(made) == pytest.approx(characteristic(merged), rel=1e-6)
+
+
+def test_text_is_readable_modelica() -> None:
+    made = extended("Rotational.CoulombFriction", "rotor", values={"tau_c": 0.006})
+    assert made.added == (
+        'model Rig_CoulombFriction "Rig with CoulombFriction at rotor.flange_a"\n'
+        "  extends Rig;\n"
+        "  Daest.Effects.Rotational.CoulombFriction coulombFriction(tau_c = 0.006)\n"
+        '    "Dry friction: a torque of constant size against the motion";\n'
+        "equation\n"
+        "  connect(coulombFriction.flange, rotor.flange_a);\n"
+        "end Rig_CoulombFriction;\n"
+    )
+    assert made.text == RIG.read_text().rstrip() + "\n\n" + made.added
+    series = extended("BrushVoltageDrop", "coil").added
+    assert "  extends Rig(break connect(resistor.n, coil.p));\n" in series
+    assert all(len(line) <= 110 for line in made.added.splitlines())
+
+
+def test_annotations_and_units_stay() -> None:
+    made = extended("Signals.Saturation", "way").flat
+    nominal = rig()
+    assert made.outputs[1].noise_std == nominal.outputs[1].noise_std == 1e-3
+    assert [(y.name, y.unit, y.description) for y in made.outputs] == [
+        (y.name, y.unit, y.description) for y in nominal.outputs
+    ]
+    assert [p for p in made.parameters if p.name == "J"] == [p for p in nominal.parameters if p.name == "J"]
+    assert next(p for p in made.parameters if p.name == "saturation.share").estimate
+
+
+def test_values_of_the_model_arrays_and_inputs() -> None:
+    made = extended(
+        "Rotational.LearnedFriction", "rotor", values={"y[2]": 0.5}, parameters={"J": 0.7, "shaft.d": 0.2}
+    )
+    assert "extends Rig(J = 0.7, shaft(d = 0.2));" in made.added
+    assert "y = {0, 0.5, 0, 0, 0, 0, 0, 0, 0}" in made.added
+    values = {p.name: p.value for p in made.flat.parameters}
+    assert (values["J"], values["shaft.d"], values["learnedFriction.y[2]"]) == (0.7, 0.2, 0.5)
+    sun = extended("MeasuredHeatGain", "room", inputs={"u": "G_solar"})
+    assert 'RealInput G_solar(unit = "W/m2", start = 0)' in sun.added
+    assert sun.flat.inputs[-1].name == "G_solar"
+
+
+def test_chain_of_extensions(tmp_path) -> None:
+    """Three rounds; the third breaks a connection of the first class."""
+    path, expected = RIG, rig()
+    for class_name, place in [
+        ("Rotational.CoulombFriction", "rotor"),
+        ("BrushVoltageDrop", "resistor.n"),
+        ("Electrical.Inductance", "coil.n"),
+    ]:
+        effect = find_effect(class_name)
+        expected = attach(expected, effect, find_site(expected, place, effect))
+        made = extended(class_name, place, path)
+        path = tmp_path / f"{made.class_name}.mo"
+        path.write_text(made.text)
+    flat = compile_model(path)
+    assert flat.name == "Rig_CoulombFriction_BrushVoltageDrop_Inductance"
+    assert {x.name for x in flat.unknowns} == {x.name for x in expected.unknowns}
+    assert characteristic(flat) == pytest.approx(characteristic(expected), rel=1e-6)
+
+
+def test_the_file_may_lie_beside_the_original(tmp_path) -> None:
+    (tmp_path / "Rig.mo").write_bytes(RIG.read_bytes())
+    made = extended("Rotational.Unbalance", "load", tmp_path / "Rig.mo", target=tmp_path / "Other.mo")
+    (tmp_path / "Other.mo").write_text(made.text)
+    assert compile_model(tmp_path / "Other.mo").name == "Rig_Unbalance"
+    assert compile_model(tmp_path / "Rig.mo").n == rig().n
+
+
+def test_model_inside_a_package() -> None:
+    made = extended("Rotational.CoulombFriction", "load.end_a", MODELS / "Own.mo", "Machine")
+    assert "model Machine_CoulombFriction" in made.added and "extends Own.Machine;" in made.added
+    assert made.class_name == "Machine_CoulombFriction"
+    own = extended("Rotational.ExtraCompliance", "train.out", MODELS / "Own.mo", "Machine")
+    assert "break connect(train.out, load.end_a)" in own.added
+
+
+def test_model_of_a_library_folder(tmp_path) -> None:
+    folder = tmp_path / "Lib"
+    folder.mkdir()
+    (folder / "package.mo").write_text('package Lib "Library"\nend Lib;\n')
+    (folder / "Rig.mo").write_text("within Lib;\n" + RIG.read_text())
+    made = extended("Rotational.CoulombFriction", "rotor", folder / "Rig.mo")
+    assert "extends Lib.Rig;" in made.text and made.text == made.added
+    with pytest.raises(ModelError) as caught:
+        extended("BrushVoltageDrop", "coil", folder / "Rig.mo")
+    assert caught.value.code == "model-break"
+
+
+def test_names_that_are_taken() -> None:
+    again = RIG.read_text() + "\nmodel Rig_Unbalance extends Rig; end Rig_Unbalance;\n"
+    flat = compile_text(again.encode(), Path("Rig.mo"), "Rig")
+    assert flat.n == rig().n
+    with pytest.raises(ModelError) as caught:
+        extended("Rotational.Unbalance", "load", new_name="Rig")
+    assert caught.value.code == "effect-name" and "`Rig` is taken" in str(caught.value)
+    with pytest.raises(ModelError) as caught:
+        extended("Rotational.Unbalance", "load", new_name="no name")
+    assert caught.value.code == "effect-name"
+    with pytest.raises(ModelError) as caught:
+        extended("Rotational.Unbalance", "load", name="shaft")
+    assert caught.value.code == "effect-name" and "unbalance" in str(caught.value)
+
+
+def test_a_free_name_is_found(tmp_path) -> None:
+    file = tmp_path / "Rig.mo"
+    text = RIG.read_text().replace('"Rotor"', '"Rotor";\n  parameter Real unbalance = 1 "Taken"')
+    file.write_text(text + "\nmodel Rig_Unbalance extends Rig; end Rig_Unbalance;\n")
+    effect = find_effect("Unbalance")
+    site = find_site(compile_model(file, "Rig"), "load", effect)
+    made = extend_model(file, "Rig", effect, site)
+    assert (made.class_name, made.component) == ("Rig_Unbalance2", "unbalance2")
+
+
+@pytest.mark.parametrize(
+    ("class_name", "place", "code", "says"),
+    [
+        ("Signals.DeadZone", "u", "effect-input-used", "0.2*der(w) = u - 0.1*w"),
+        ("Signals.DeadZone", "y", "effect-input-used", "given by an equation"),
+        ("General.DriftingParameter", "train.twist.k", "effect-not-writable", "parameter"),
+        ("Rotational.Backlash", "train.twist", "effect-fit", "no parameter c"),
+        ("Rotational.HardeningSpring", "train.twist", "effect-not-writable", "lies inside of a component"),
+        ("Rotational.LoadDependentFriction", "train.twist.end_a", "effect-not-writable", "no connect clause"),
+    ],
+)
+def test_what_modelica_cannot_say(class_name, place, code, says) -> None:
+    with pytest.raises(ModelError) as caught:
+        extended(class_name, place, MODELS / "Own.mo", "Machine")
+    assert caught.value.code == code and says in str(caught.value)
+
+
+# --- break connect ----------------------------------------------------------------------------------
+
+LOOP = """\
+model Base
+  Real a; Real b;
+  Daest.Blocks.Math.Gain first(k = 2); Daest.Blocks.Math.Gain second(k = 3);
+  Daest.Blocks.Interfaces.RealInput u; Daest.Blocks.Interfaces.RealOutput y;
+equation
+  connect(u, first.u);
+  connect(first.y , second.u) annotation(Line(points = {{0, 1}, {2, 3}}));
+  connect(second.y, y);
+  a = 1; b = 2;
+end Base;
+model Middle extends Base; end Middle;
+"""
+
+
+@pytest.mark.parametrize("base", ["Base", "Middle"])
+@pytest.mark.parametrize("pair", ["first.y, second.u", "second.u,first.y"])
+def test_broken_connections_are_gone(base, pair) -> None:
+    text = (
+        LOOP + f"model New\n  extends {base}(break connect({pair}));\nequation\n  second.u = 7;\nend New;\n"
+    )
+    flat = compile_text(text.encode(), Path("Loop.mo"), "New")
+    assert "second.u = 7" in {e.text for e in flat.equations}
+    assert not any("first.y" in e.text and "second.u" in e.text for e in flat.equations)
+    assert flat.n == compile_text(text.encode(), Path("Loop.mo"), "Base").n
+    place = next(e.place for e in flat.equations if e.text == "second.u = 7")
+    assert place is not None and place.line == text.split("\n").index("  second.u = 7;") + 1
+
+
+@pytest.mark.parametrize(
+    ("added", "says"),
+    [
+        (
+            "model New extends Base(break connect(first.u, second.u)); end New;",
+            "has no connect(first.u, second.u)",
+        ),
+        ("model New extends Elsewhere(break connect(a, b)); end New;", "stands in another file"),
+        (
+            "model New extends Base(break connect(first.y, second.u)); Base other; end New;",
+            "is a component in another",
+        ),
+    ],
+)
+def test_connections_that_cannot_be_broken(added, says) -> None:
+    with pytest.raises(ModelError) as caught:
+        compile_text((LOOP + added).encode(), Path("Loop.mo"), "New")
+    assert caught.value.code == "model-break" and says in str(caught.value)
+
+
+def test_poles_are_those_of_two_springs_in_series() -> None:
+    """The whole way against a closed form: 1/c = 1/8 + e between rotor and load."""
+    made = extended("Rotational.ExtraCompliance", "shaft.flange_b", values={"e": 0.05, "T": 1e-9}).flat
+    undamped = np.sqrt((1 / (1 / 8 + 0.05)) / (0.5 * 1.5 / 2))
+    slow = [p for p in finite_poles(made) if 0.5 < p.imag < 100]
+    assert min(abs(abs(p) - undamped) for p in slow) < 0.02 * undamped

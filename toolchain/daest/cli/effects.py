@@ -1,0 +1,72 @@
+"""`daest effects`: the library of physical effects that a model may lack."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from daest.cli.options import class_options, example, format_option, output_option, project_option
+from daest.cli.output import emit
+
+if TYPE_CHECKING:
+    from daest.data.project import Project
+    from daest.model.effects import Effect, Site
+
+
+@click.command("effects", epilog=example("daest effects", "daest effects CoulombFriction --model Servo.mo"))
+@click.argument("name", required=False)
+@click.option("--model", metavar="MODEL", type=click.Path(path_type=Path), help="List its places, too.")
+@class_options
+@project_option
+@format_option
+@output_option
+def command(
+    name: str | None,
+    model: Path | None,
+    class_name: str | None,
+    libraries: tuple[Path, ...],
+    project_file: Path | None,
+    form: str,
+    output: Path | None,
+) -> None:
+    """List the effects with their laws and parameters, or show the one called NAME.
+
+    With --model (or a daest.toml here) the places of that model where each can sit are listed. Classes of
+    one's own are read from the folders of -L.
+    """
+    from daest.data.project import load_project
+    from daest.report.documents import effects as documents
+    from daest.report.texts import effects as texts
+
+    project = load_project(project_file)
+    folders = (*libraries, *project.libraries)
+    chosen = _chosen(name, folders)
+    places = None
+    if model is not None or project.source is not None:
+        places = _places(project, model, class_name, libraries, chosen)
+    source = model or project.source
+    document = documents.document(chosen, places, None if source is None else str(source))
+    emit(document, "effects", form, output, texts.text)
+
+
+def _chosen(name: str | None, folders: tuple[Path, ...]) -> list[Effect]:
+    """All effects, or those of a name: the mechanical ones exist for two domains."""
+    from daest.modelica.effects import effect_library, find_effects
+
+    return list(effect_library(folders) if name is None else find_effects(name, folders))
+
+
+def _places(
+    project: Project,
+    model: Path | None,
+    class_name: str | None,
+    libraries: tuple[Path, ...],
+    chosen: list[Effect],
+) -> dict[str, list[Site]]:
+    from daest.cli.models import load_model
+    from daest.modelica.sites import fits, sites
+
+    known = sites(load_model(project, model, class_name, libraries))
+    return {effect.class_name: [site for site in known if fits(effect, site)] for effect in chosen}

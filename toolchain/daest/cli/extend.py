@@ -1,0 +1,144 @@
+"""`daest extend`: a Modelica model that extends another by one effect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from daest.cli.options import class_options, example, format_option, output_option, project_option, set_option
+from daest.cli.output import emit, keep_inputs, write_text
+from daest.errors import ConfigError, ModelError
+
+if TYPE_CHECKING:
+    from daest.model.effects import Effect, Site
+    from daest.model.flat import FlatModel
+
+
+@click.command(
+    "extend",
+    epilog=example("daest extend Servo.mo --effect CoulombFriction --at motor --set tau_c=0.006 -o new.mo"),
+)
+@click.argument("model", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--effect", "effect_name", metavar="NAME", required=True, help="Effect; daest effects lists them."
+)
+@click.option("--at", "place", metavar="PLACE", required=True, help="Connector, component, input or output.")
+@set_option
+@click.option("--name", "component", metavar="NAME", help="Name of the effect's component.")
+@click.option("--new-class", metavar="NAME", help="Name of the extended model (default: MODEL_EFFECT).")
+@click.option(
+    "--input",
+    "signals",
+    metavar="SIGNAL=NAME",
+    multiple=True,
+    help="Input of the new model that supplies a measured signal of the effect.",
+)
+@class_options
+@project_option
+@format_option
+@output_option
+def command(
+    model: Path | None,
+    effect_name: str,
+    place: str,
+    settings: dict[str, float],
+    component: str | None,
+    new_class: str | None,
+    signals: tuple[str, ...],
+    class_name: str | None,
+    libraries: tuple[Path, ...],
+    project_file: Path | None,
+    form: str,
+    output: Path | None,
+) -> None:
+    """Write a Modelica file that holds MODEL and, last, a model that extends it by an effect.
+
+    --set gives values of the effect's parameters, or new ones of the model's own. Without -o the file goes to
+    stdout.
+    """
+    from daest.cli.models import model_source
+    from daest.data.project import load_project
+    from daest.modelica.compile import compile_model
+    from daest.modelica.extend import extend_model
+    from daest.report.documents.effects import extension_document
+    from daest.report.texts import extend as texts
+
+    project = load_project(project_file)
+    source = model_source(project, model)
+    if source.suffix != ".mo":
+        raise ModelError(
+            "effect-no-source", "an FMU cannot be extended", where=str(source), remedy="Name its .mo file."
+        )
+    to_file = output is not None and str(output) != "-"
+    keep_inputs(output, [source])
+    folders = (*libraries, *project.libraries)
+    chosen = class_name or (project.class_name if model is None else None)
+    flat = compile_model(source, chosen, folders)
+    effect, site = _placed(effect_name, place, flat, folders)
+    values, parameters = _values(settings, effect, flat)
+    extension = extend_model(
+        source,
+        chosen,
+        effect,
+        site,
+        component,
+        values,
+        new_class,
+        inputs=_signals(signals, effect),
+        parameters=parameters,
+        libraries=folders,
+        target=output if to_file else None,
+    )
+    if to_file:
+        write_text(extension.text, output)
+    document = extension_document(
+        effect,
+        site,
+        extension.class_name,
+        extension.component,
+        extension.text,
+        str(output) if to_file else None,
+    )
+    emit(document, "extend", form, None, texts.text)
+
+
+def _placed(name: str, place: str, flat: FlatModel, folders: Sequence[Path]) -> tuple[Effect, Site]:
+    """The effect and its site; a name that several domains have is decided by the place."""
+    from daest.modelica.effects import find_effects
+    from daest.modelica.sites import find_site
+
+    problems: list[ModelError] = []
+    for effect in find_effects(name, folders):
+        try:
+            return effect, find_site(flat, place, effect)
+        except ModelError as problem:
+            problems.append(problem)
+    raise problems[0]
+
+
+def _values(
+    settings: dict[str, float], effect: Effect, flat: FlatModel
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Values of the effect's parameters, and those of the model's."""
+    own = {p.name for p in effect.parameters}
+    model = {p.name for p in flat.parameters} - own
+    values = {name: value for name, value in settings.items() if name not in model}
+    return values, {name: value for name, value in settings.items() if name in model}
+
+
+def _signals(given: Sequence[str], effect: Effect) -> dict[str, str]:
+    """SIGNAL=NAME pairs of --input."""
+    found: dict[str, str] = {}
+    for text in given:
+        signal, _, name = text.partition("=")
+        if signal not in effect.inputs or not name:
+            raise ConfigError(
+                "option-assignment",
+                f"--input {text}: not of the form SIGNAL=NAME",
+                remedy=f"{effect.name} has the signals {', '.join(effect.inputs) or 'none'}",
+            )
+        found[signal] = name
+    return found
