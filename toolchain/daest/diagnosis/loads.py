@@ -25,6 +25,7 @@ UNSEEN = 1e-9  # of the largest effect on the outputs: a load that does less is 
 SLOWEST = 1e-9  # of the fastest rate of the model: slower modes count as integrators
 BEYOND = 3.0  # factor by which the compared frequencies reach beyond the model's own rates
 N_FREQUENCIES = 9
+SELDOM_LOADED = ("electrical",)
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,8 @@ class LoadPlace:
 def load_places(flat: FlatModel, nodes: Sequence[Site]) -> tuple[LoadPlace, ...]:
     """The nodes where a load is admissible and reaches the outputs, grouped by what the outputs see of it."""
     rows: dict[int, str] = {}
-    for node in nodes:
+    # Where the outputs cannot tell, a load is named by its mechanical place: currents are known better.
+    for node in sorted(nodes, key=lambda n: n.domain in SELDOM_LOADED):
         for row in resolve_place(flat, node.connectors[0]):
             rows.setdefault(row, node.name)
     spaces = {row: space for row in rows if (space := _driven_by(flat, row)) is not None}

@@ -143,8 +143,10 @@ def refit(
     *,
     validation: Sequence[Experiment] = (),
     max_iterations: int = 40,
+    hopeless: float = -np.inf,
 ) -> FitResult:
-    """Fit a model that contains the null's loads, starting from the values in `flat`, noise from the null's."""
+    """Fit a model that contains the null's loads, starting from the values in `flat`, noise from the null's. A search
+    whose first pass stays below the log-likelihood `hopeless` is not pursued."""
     known = [p.name for p in flat.parameters]
     coordinates = tuple(
         parameter_coordinate(
@@ -168,5 +170,5 @@ def refit(
         np.full(len(flat.outputs), np.nan),
         options,
         validation,
-        WarmStart(intensity, null.measurement_std, null.initial_states),
+        WarmStart(intensity, null.measurement_std, null.initial_states, hopeless=hopeless),
     )

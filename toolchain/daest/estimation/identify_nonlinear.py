@@ -49,7 +49,15 @@ FIRST_LENGTH = 500  # samples of the fit that finds the initial state before the
 HOLD_ITERATIONS = 6
 NOISE_ROUNDS = 2  # of searching noise levels and parameters in turn
 NOISE_EVALUATIONS = 40  # of the simplex search over noise levels in each round
-NOISE_SPREAD = np.log(100.0)  # first step of that search
+NOISE_SPREAD = np.log(10.0)  # first step of that search
+WARM_RTOL = 1e-4  # of the integration in a search that starts warm: far below the noise of a measurement
+ROUGH_ITERATIONS = 8
+ROUGH_GAIN = 1.0
+WARM_GAIN = 0.02  # predicted gain in log-likelihood at which a warm search ends
+WARM_ROUNDS = 4
+ENOUGH_GAIN = 1.0  # in log-likelihood: a round that gains less is the last
+NEARLY_NONE = 1e-6  # of the noise intensity of a similar model
+SCAN = (0.0, -2.3, -4.6, -9.2, -13.8)  # logs of common factors that a search over noise levels tries first
 STATE_RANGE = 1e3  # initial states are searched within this many times their scale
 
 
@@ -67,12 +75,14 @@ class NonlinearSetup:
 @dataclass(frozen=True)
 class WarmStart:
     """Where a prediction-error search starts when a similar model has been fitted before: noise levels and the
-    initial state of every experiment by state name. `noise_evaluations` limits the search over noise levels."""
+    initial state of every experiment by state name. `noise_evaluations` limits the search over noise levels. A first
+    pass that ends below the log-likelihood `hopeless` is the last."""
 
     intensity: np.ndarray  # (n_w,)
     measurement_std: np.ndarray  # (n_y,)
     initial_states: tuple[Mapping[str, float], ...]
     noise_evaluations: int = 30
+    hopeless: float = -np.inf
 
 
 @dataclass(frozen=True)
@@ -256,28 +266,58 @@ def _search_from(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions)
 
 
 def _search_on(setup: NonlinearSetup, warm: WarmStart, options: IdentifyOptions) -> Ending:
-    """Prediction-error search from the noise levels and initial states of a similar model."""
+    """Prediction-error search from the noise levels and initial states of a similar model.
+
+    What the similar model called noise may now be explained, so that the search starts both from its noise levels
+    and from next to none, and goes on from the better end: noise levels and parameters in turn.
+    """
     problem = setup.problem
     names = problem.model.explicit.state_names
     x0 = [np.array([state.get(name, 0.0) for name in names]) for state in warm.initial_states]
-    z = np.concatenate([problem.unknowns.start, *x0])
-    problem, z = _scaled(problem, z)
-    problem = replace(problem, gain=_first_gain(problem, z, warm))
-    levels = (warm.intensity, warm.measurement_std)
-    lower, upper = _limits(problem)
-    found: Found | None = None
-    for with_noise in (False, True):
-        if with_noise:
-            assert found is not None
-            around = replace(setup, problem=problem)
-            problem, intensity = _with_gain(around, found.z, warm.intensity, levels, warm.noise_evaluations)
-            levels = (intensity, levels[1])
-            z = found.z
-        again = minimise(trajectories.objective(problem), z, lower, upper, options.max_iterations)
-        found = again or found
-        if found is None:
-            raise _no_start()
-    return Ending(problem, found, levels[0])
+    problem, z = _scaled(problem, np.concatenate([problem.unknowns.start, *x0]))
+    problem = replace(problem, rtol=WARM_RTOL)
+    ends = []
+    for share in (1.0, NEARLY_NONE):
+        levels = np.where(setup.estimate_intensity, share * warm.intensity, warm.intensity)
+        end = _search_at(setup, replace(problem, gain=None), z, levels, warm.measurement_std)
+        ends += [] if end is None else [end]
+    if not ends:
+        raise _no_start()
+    best = min(ends, key=lambda e: e.found.evaluation.value)
+    for _ in range(WARM_ROUNDS if -best.found.evaluation.value > warm.hopeless else 0):
+        around = replace(setup, problem=best.problem)
+        start = (best.intensity, warm.measurement_std)
+        gained, levels = _with_gain(around, best.found.z, warm.intensity, start, warm.noise_evaluations)
+        lower, upper = _limits(gained)
+        found = minimise(
+            trajectories.objective(gained), best.found.z, lower, upper, options.max_iterations, WARM_GAIN
+        )
+        if found is None or best.found.evaluation.value - found.evaluation.value < 0.0:
+            break
+        improved = best.found.evaluation.value - found.evaluation.value
+        best = Ending(gained, found, levels)
+        if improved < ENOUGH_GAIN:
+            break
+    return best
+
+
+def _search_at(
+    setup: NonlinearSetup,
+    problem: TrajectoryProblem,
+    z: np.ndarray,
+    intensity: np.ndarray,
+    std: np.ndarray,
+) -> Ending | None:
+    """Rough search of the parameters with the gain of given noise levels."""
+    found_gain = observer(_average(problem, z), intensity, std) if _runs(problem, z) else None
+    gained = replace(problem, gain=None if found_gain is None else found_gain.gain)
+    lower, upper = _limits(gained)
+    found = minimise(trajectories.objective(gained), z, lower, upper, ROUGH_ITERATIONS, ROUGH_GAIN)
+    return None if found is None else Ending(gained, found, intensity)
+
+
+def _runs(problem: TrajectoryProblem, z: np.ndarray) -> bool:
+    return prediction_errors(problem, z) is not None
 
 
 def _scaled(problem: TrajectoryProblem, z: np.ndarray) -> tuple[TrajectoryProblem, np.ndarray]:
@@ -290,11 +330,6 @@ def _scaled(problem: TrajectoryProblem, z: np.ndarray) -> tuple[TrajectoryProble
     scale = np.where(np.isfinite(size) & (size > 0.0), size, 1.0)
     x0 = z[n:].reshape(-1, scale.size) / scale
     return replace(problem, state_scale=scale), np.concatenate([z[:n], x0.ravel()])
-
-
-def _first_gain(problem: TrajectoryProblem, z: np.ndarray, warm: WarmStart) -> np.ndarray | None:
-    found = observer(_average(problem, z), warm.intensity, warm.measurement_std)
-    return None if found is None else found.gain
 
 
 def _with_gain(
@@ -334,7 +369,9 @@ def _with_gain(
     n = searched.size + rough.size - 1
     best = np.zeros(n)
     if n:
-        simplex = np.vstack([np.zeros(n), NOISE_SPREAD * np.eye(n) * -1.0])
+        scanned = [np.concatenate([np.full(searched.size, s), np.zeros(n - searched.size)]) for s in SCAN]
+        best = min(scanned, key=value)
+        simplex = np.vstack([best, best - NOISE_SPREAD * np.diag([1.0] * searched.size + [0.1] * (n - searched.size))])
         options = {"maxfev": evaluations, "initial_simplex": simplex, "xatol": 0.05, "fatol": 0.1}
         best = minimize(value, best, method="Nelder-Mead", options=options).x
     q, std = levels(best)

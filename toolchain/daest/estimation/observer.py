@@ -73,7 +73,7 @@ def _jacobians(explicit: ExplicitModel) -> ca.Function:
 
 def observer(model: AverageModel, intensity: np.ndarray, measurement_std: np.ndarray) -> Observer | None:
     """Stationary gain for noises of `intensity` (n_w,) and `measurement_std` (n_y,); None where none exists."""
-    sampled = _sampled(model, intensity, measurement_std)
+    sampled = sampled_average(model, intensity, measurement_std)
     if not np.all(np.isfinite(sampled.transition)) or not np.all(np.isfinite(sampled.process_cov)):
         return None
     found = try_stationary_filter(sampled)
@@ -84,7 +84,8 @@ def observer(model: AverageModel, intensity: np.ndarray, measurement_std: np.nda
     return Observer(gain, found.innovation_cov)
 
 
-def _sampled(model: AverageModel, intensity: np.ndarray, measurement_std: np.ndarray) -> DiscreteModel:
+def sampled_average(model: AverageModel, intensity: np.ndarray, measurement_std: np.ndarray) -> DiscreteModel:
+    """The average model sampled, without inputs."""
     n, n_w, n_y = model.A.shape[0], model.G.shape[1], model.C.shape[0]
     space = StateSpace(
         state_names=("",) * n,

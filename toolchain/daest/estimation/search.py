@@ -35,7 +35,7 @@ Objective = Callable[[np.ndarray, bool], Evaluation | None]
 
 @dataclass(frozen=True)
 class Found:
-    """End of a search. `reason` "converged": the next step would gain less than CONVERGED_GAIN."""
+    """End of a search. `reason` "converged": the next step would gain too little to matter."""
 
     z: np.ndarray
     evaluation: Evaluation
@@ -45,9 +45,15 @@ class Found:
 
 
 def minimise(
-    objective: Objective, start: np.ndarray, lower: np.ndarray, upper: np.ndarray, max_iterations: int = 60
+    objective: Objective,
+    start: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    max_iterations: int = 60,
+    converged_gain: float = CONVERGED_GAIN,
 ) -> Found | None:
-    """Search from `start`; None when the objective has no value there."""
+    """Search from `start` until a step would gain less than `converged_gain` in log-likelihood; None when the
+    objective has no value there."""
     z = np.clip(start, lower, upper)
     here = objective(z, True)
     if here is None:
@@ -56,11 +62,11 @@ def minimise(
     for iteration in range(max_iterations):
         free = _free(z, here, lower, upper)
         gain = _predicted_gain(here, free)
-        if gain < CONVERGED_GAIN:
+        if gain < converged_gain:
             return Found(z, here, "converged", iteration, gain)
         step = _improve(objective, z, here, free, damping, lower, upper)
         if step is None:
-            reason: Literal["converged", "stalled"] = "converged" if gain < STALLED_GAIN else "stalled"
+            reason: Literal["converged", "stalled"] = "converged" if gain < max(STALLED_GAIN, converged_gain) else "stalled"
             return Found(z, here, reason, iteration, gain)
         z, damping = step
         here = objective(z, True) or here

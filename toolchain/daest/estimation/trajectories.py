@@ -16,8 +16,17 @@ import numpy as np
 from daest.estimation.coordinates import Unknowns
 from daest.estimation.search import Evaluation
 from daest.model.experiment import Experiment
-from daest.systems.integrate import Correction, Hold, IntegrationError, Integrator, Trajectory, integrate
+from daest.systems.integrate import (
+    RTOL,
+    Correction,
+    Hold,
+    IntegrationError,
+    Integrator,
+    Trajectory,
+    integrate,
+)
 
+WORST_CONDITION = 1e14  # of the errors' covariance: beyond, the trajectory has run away
 SMALLEST_STD = 1e-9  # of an error, relative to the rms of its output: keeps noise-free data finite
 
 
@@ -37,6 +46,7 @@ class TrajectoryProblem:
     state_scale: np.ndarray
     given_std: np.ndarray
     gain: np.ndarray | None = None
+    rtol: float = RTOL
 
     @property
     def n_states(self) -> int:
@@ -97,14 +107,17 @@ def prediction_errors(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bo
                     hold=problem.hold,
                     sensitivities=with_slopes,
                     correction=correction,
+                    rtol=problem.rtol,
                     state_scale=problem.state_scale,
                 )
             )
         except IntegrationError:
             return None
     errors = tuple(e.outputs - t.outputs for e, t in zip(problem.experiments, trajectories, strict=True))
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
         covariance = _covariance(problem, errors)
+        if not np.all(np.isfinite(covariance)) or np.linalg.cond(covariance) > WORST_CONDITION:
+            return None
         value = _negative_log_likelihood(errors, covariance)
     return Errors(errors, covariance, tuple(trajectories), value)
 

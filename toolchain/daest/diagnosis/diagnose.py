@@ -1,0 +1,200 @@
+"""Diagnose: whether something is missing, where, and what it is.
+
+Null hypothesis -> screen of all candidates -> proof of the best -> verdict. See DESIGN.md section 6 for why a null
+without coloured loads, or evidence from smoothed disturbances alone, would find effects that are not there.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from threading import Lock
+
+import casadi as ca
+import numpy as np
+
+from daest.diagnosis import verdict as verdicts
+from daest.diagnosis.candidates import pairs
+from daest.diagnosis.disturbance import best_curve, place_gains, smoothed_load
+from daest.diagnosis.null import Null, fit_null, refit
+from daest.diagnosis.proof import Prepared, prepare, prove, ranked, trials
+from daest.diagnosis.screen import run_null, screen
+from daest.errors import DaestError, EstimationError
+from daest.estimation.records import part_of
+from daest.model.diagnosis import Candidate, Diagnosis, Proof, Screen
+from daest.model.effects import Effect, Site
+from daest.model.experiment import Experiment
+from daest.model.fit import FitResult
+from daest.model.flat import FlatModel
+from daest.modelica.sites import sites
+from daest.systems.sample import Hold
+
+SCREEN_LEVEL = 0.05  # corrected p-value of a score below which a candidate goes to the proof
+MOST_TRIALS = 5
+CLEARLY_WORSE = 100.0  # log-likelihood below the best accepted candidate at which a refit is not pursued
+FEWEST_SAMPLES = 200
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class DiagnoseOptions:
+    """`effects` and `places` restrict the search by name. `hold` None takes the better one. `fitted` are parameter
+    values of an earlier fit, which the data may contradict."""
+
+    effects: tuple[str, ...] = ()
+    places: tuple[str, ...] = ()
+    hold: Hold | None = None
+    seed: int = 0
+    jobs: int = 2
+    most_trials: int = MOST_TRIALS
+    fitted: Mapping[str, float] = field(default_factory=dict)
+
+
+def diagnose(
+    flat: FlatModel,
+    library: Sequence[Effect],
+    experiments: Sequence[Experiment],
+    validation: Sequence[Experiment] = (),
+    options: DiagnoseOptions | None = None,
+    progress: Progress = lambda _: None,
+) -> Diagnosis:
+    """Diagnose the model on the experiments (signals in the order of the model; unused columns in `extra`).
+
+    Without `validation`, the second half of every experiment is kept for it. Raises EstimationError
+    `diagnose-too-short`, `diagnose-no-place`, `diagnose-no-candidate`, and what identification raises.
+    """
+    began = time.perf_counter()
+    options = options or DiagnoseOptions()
+    experiments, validation = _divided(tuple(experiments), tuple(validation))
+    places = sites(flat)
+    progress("fitting the model as it is, with unknown loads")
+    null = fit_null(without_noises(flat), [s for s in places if s.kind == "node"], experiments, options.hold)
+    run = run_null(null)
+    candidates = _chosen(library, places, experiments, options)
+    progress(f"screening {len(candidates)} effects at places")
+    found = screen(null, run, candidates, options.seed)
+    baseline = refit(null.flat, null.explicit, null.estimated, null, validation=validation)
+    proofs = _proofs(null, baseline, found, validation, options, progress)
+    gains = place_gains(null, run)
+    load = smoothed_load(null, run, gains)
+    curve, is_related = (None, False) if load is None else best_curve(null, run, load, options.seed)
+    decided = verdicts.decide(
+        verdicts.Evidence(flat, null, run, baseline, found, proofs, gains, curve, is_related, options.fitted)
+    )
+    return Diagnosis(
+        verdict=decided.name,
+        message=decided.message,
+        baseline=baseline,
+        proofs=proofs,
+        screen=found,
+        places=gains,
+        disturbance=curve,
+        validation=baseline.simulated.get("validation"),
+        next_experiment=decided.next_experiment,
+        seconds=time.perf_counter() - began,
+    )
+
+
+def without_noises(flat: FlatModel) -> FlatModel:
+    """The model with its declared noises at zero: the null has loads of its own."""
+    silent = ca.SX.zeros(flat.w.numel())
+    residual, outputs = ca.substitute([flat.residual, flat.output_expressions], [flat.w], [silent])
+    return replace(flat, noises=(), w=ca.SX.sym("w", 0), residual=residual, output_expressions=outputs)
+
+
+def _divided(
+    experiments: tuple[Experiment, ...], validation: tuple[Experiment, ...]
+) -> tuple[tuple[Experiment, ...], tuple[Experiment, ...]]:
+    if not validation:
+        halves = [(e, e.n_samples // 2) for e in experiments]
+        validation = tuple(part_of(e, cut, e.n_samples) for e, cut in halves)
+        experiments = tuple(part_of(e, 0, cut) for e, cut in halves)
+    n_samples = sum(e.n_samples for e in experiments)
+    if n_samples < FEWEST_SAMPLES:
+        raise EstimationError(
+            "diagnose-too-short",
+            f"{n_samples} samples to diagnose from cannot tell a missing effect from noise",
+            remedy=f"record at least {2 * FEWEST_SAMPLES} samples (half are kept for validation) that move the "
+            "machine through its whole range, in both directions and through rest",
+        )
+    return experiments, validation
+
+
+def _chosen(
+    library: Sequence[Effect],
+    places: Sequence[Site],
+    experiments: Sequence[Experiment],
+    options: DiagnoseOptions,
+) -> tuple[Candidate, ...]:
+    columns = [
+        name
+        for name in experiments[0].extra
+        if all(name in e.extra and np.ptp(np.nan_to_num(e.extra[name])) > 0.0 for e in experiments)
+    ]
+    whole = pairs(library, places, columns)
+    return tuple(
+        c
+        for c in whole
+        if (not options.effects or c.effect.name in options.effects or c.effect.class_name in options.effects)
+        and (not options.places or {c.site.name, *c.site.aliases} & set(options.places))
+    )
+
+
+def fed(experiments: Sequence[Experiment], candidate: Candidate) -> tuple[Experiment, ...]:
+    """The experiments with the recorded signals that the effect needs as further inputs."""
+    names = tuple(candidate.inputs.values())
+    if not names:
+        return tuple(experiments)
+    return tuple(
+        replace(
+            e,
+            inputs=np.column_stack([e.inputs, *(np.nan_to_num(e.extra[n]) for n in names)]),
+            input_names=(*e.input_names, *names),
+        )
+        for e in experiments
+    )
+
+
+def _proofs(
+    null: Null,
+    baseline: FitResult,
+    found: Screen,
+    validation: Sequence[Experiment],
+    options: DiagnoseOptions,
+    progress: Progress,
+) -> tuple[Proof, ...]:
+    """The best candidates refitted, in parallel; a candidate that is clearly worse than one before is cut short."""
+    lock, best = Lock(), [-np.inf]
+
+    def one(prepared: Prepared) -> Proof | None:
+        candidate = prepared.trial.candidate
+        progress(f"refitting with {candidate.label}")
+        try:
+            proof = prove(
+                null,
+                baseline,
+                prepared,
+                fed(null.experiments, candidate),
+                fed(validation, candidate),
+                best[0] - CLEARLY_WORSE,
+            )
+        except DaestError:
+            return None
+        with lock:
+            if proof.verdict == "supported":
+                best[0] = max(best[0], proof.fit.log_likelihood)
+        return proof
+
+    chosen = []
+    for trial in trials(found, SCREEN_LEVEL, options.most_trials):
+        try:
+            chosen.append(prepare(null.flat, null.estimated, trial))
+        except DaestError:
+            continue
+    with ThreadPoolExecutor(max_workers=max(options.jobs, 1)) as pool:
+        proofs = [proof for proof in pool.map(one, chosen) if proof is not None]
+    return ranked(proofs)
+

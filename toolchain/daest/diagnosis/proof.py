@@ -1,0 +1,191 @@
+"""Proof: the best candidates built into the model, everything refitted, gates before ranking."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from daest.diagnosis.null import Null, loads_of, refit
+from daest.model.diagnosis import Candidate, Proof, Screen
+from daest.model.experiment import Experiment
+from daest.model.fit import FitResult, FittedParameter
+from daest.model.flat import FlatModel
+from daest.modelica.attach import attach
+from daest.systems.reduce import reduce_index
+
+ALIKE = 0.98  # correlation of two scores above which the sensors do not tell two places apart
+SAME_BIC = 6.0  # a candidate that is worse by less is not clearly worse (3 units of log-likelihood)
+LEAST_EXPLAINED = 0.5  # of the load's size that an accepted effect must do away with
+LEAST_SIGNIFICANCE = 3.0  # standard errors that the size must stand off its null
+BIC_GAIN = 10.0  # "very strong" evidence (Kass & Raftery 1995)
+SHARPER = 0.3  # the proof rounds kinks over this part of what the screen rounds them over
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A candidate, its sizes by the screen, and the places where these sensors would see it alike."""
+
+    candidate: Candidate
+    sizes: tuple[float, ...]
+    alike: tuple[Candidate, ...]
+
+
+def trials(screen: Screen, level: float, most: int) -> tuple[Trial, ...]:
+    """The best candidates that are significant at `level`, at most `most`, each at its best shape; the same effect
+    at a place that the sensors see alike is the same trial."""
+    chosen: list[Trial] = []
+    taken: set[int] = set()
+    entries = screen.entries
+    for i, entry in enumerate(entries):
+        if len(chosen) == most:
+            break
+        if i in taken or entry.absorbed or entry.p_value > level:
+            continue
+        effect = entry.candidate.effect.class_name
+        same = [j for j in range(len(entries)) if entries[j].candidate.effect.class_name == effect]
+        near = [j for j in same if abs(screen.correlation[i, j]) > ALIKE]
+        own_site = [j for j in same if entries[j].candidate.site == entry.candidate.site]
+        places = {entries[j].candidate.site.name: entries[j].candidate for j in near if j not in own_site}
+        # Other shapes at a place that is taken are found by the refit.
+        taken.update(near, own_site)
+        taken.update(j for j in same if entries[j].candidate.site.name in places)
+        chosen.append(Trial(entry.candidate, entry.sizes, tuple(places.values())))
+    return tuple(chosen)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A candidate model ready for its search."""
+
+    trial: Trial
+    flat: FlatModel
+    names: tuple[str, ...]
+
+
+def prepare(flat: FlatModel, estimated: Sequence[str], trial: Trial) -> Prepared:
+    """`flat` with the effect attached, sizes started from the screen's estimate, kinks sharper than in the screen."""
+    candidate = trial.candidate
+    effect = candidate.effect
+    sharp = {p.name: SHARPER * candidate.shape[p.name] for p in effect.parameters if p.role == "sharpness" and p.name in candidate.shape}
+    sizes = dict(zip((p.name for p in effect.sizes), trial.sizes, strict=True))
+    inside = {p.name: _inside(sizes[p.name], p.min, p.max) for p in effect.sizes}
+    values = {**candidate.shape, **sharp, **inside}
+    grown = attach(flat, effect, candidate.site, candidate.name, values, candidate.inputs)
+    own = tuple(f"{candidate.name}.{p.name}" for p in effect.parameters if p.estimate)
+    return Prepared(trial, grown, (*estimated, *own))
+
+
+def _inside(value: float, low: float | None, high: float | None) -> float:
+    """A start value off its bounds, since a search in logarithms cannot leave zero."""
+    if low is not None and value <= low:
+        return low + 0.1 * max(abs(value), abs(low), 1e-3)
+    if high is not None and value >= high:
+        return high - 0.1 * max(abs(value), abs(high), 1e-3)
+    return value
+
+
+def prove(
+    null: Null,
+    null_fit: FitResult,
+    prepared: Prepared,
+    experiments: Sequence[Experiment],
+    validation: Sequence[Experiment],
+    hopeless: float = -np.inf,
+) -> Proof:
+    """Refit one candidate and judge it against the null refitted the same way.
+
+    `experiments` are the null's with the signals that the effect needs. Raises what `refit` raises.
+    """
+    explicit = reduce_index(prepared.flat)
+    fed = replace(null, experiments=tuple(experiments))
+    fit = refit(prepared.flat, explicit, prepared.names, fed, validation=validation, hopeless=hopeless)
+    gain = fit.log_likelihood - null_fit.log_likelihood
+    n_own = len(prepared.names) - len(null.estimated)
+    n_observed = sum(int(np.isfinite(e.outputs).sum()) for e in null.experiments)
+    delta_bic = float(2.0 * gain - n_own * np.log(n_observed))
+    explained = _explained(_load_sizes(null_fit, null), _load_sizes(fit, null))
+    reason = _failed_gate(prepared, fit, delta_bic, explained)
+    parameters = tuple(
+        replace(p, value=fit.theta.get(p.name, p.value)) for p in prepared.flat.parameters
+    )
+    return Proof(
+        candidate=prepared.trial.candidate,
+        flat=replace(prepared.flat, parameters=parameters),
+        fit=fit,
+        delta_log_likelihood=float(gain),
+        delta_bic=delta_bic,
+        explained=explained,
+        equivalent=tuple(c.site.name for c in prepared.trial.alike),
+        not_separable_from=(),
+        verdict="rejected" if reason else "supported",
+        reason=reason,
+    )
+
+
+def _load_sizes(fit: FitResult, null: Null) -> np.ndarray:
+    return np.array([load.size for load in loads_of(fit, null.places)])
+
+
+def _explained(before: np.ndarray, after: np.ndarray) -> float:
+    """Share of the largest load that is gone (relative to how much each load mattered before)."""
+    if not np.any(before > 0.0):
+        return 0.0
+    weight = before / before.max()
+    remaining = after / np.where(before > 0.0, before, np.inf)
+    return float(1.0 - np.sum(weight**2 * np.minimum(remaining, 1.0)) / np.sum(weight**2))
+
+
+def _failed_gate(prepared: Prepared, fit: FitResult, delta_bic: float, explained: float) -> str:
+    """Why the candidate cannot be accepted; empty when it can."""
+    if fit.status == "iteration limit":
+        return "the fit did not converge"
+    if delta_bic < BIC_GAIN:
+        return f"the likelihood gains too little for its parameters (BIC gain {delta_bic:.1f})"
+    if explained < LEAST_EXPLAINED:
+        return f"it explains only {100 * explained:.0f} % of the unexplained load"
+    candidate = prepared.trial.candidate
+    found = {p.name: p for p in fit.parameters}
+    reasons = []
+    for parameter in candidate.effect.sizes:
+        size = found.get(f"{candidate.name}.{parameter.name}")
+        if size is None:
+            continue
+        reason = _weak_size(size, parameter.null or 0.0)
+        if not reason:
+            return ""
+        reasons.append(reason)
+    return "; ".join(reasons) or "its size was not estimated"
+
+
+def _weak_size(size: FittedParameter, null: float) -> str:
+    if size.at_bound:
+        return f"its size rests at its bound ({size.at_bound} = {size.value:.4g})"
+    if size.std_error is None:
+        return "the data do not determine its size"
+    if abs(size.value - null) < LEAST_SIGNIFICANCE * size.std_error:
+        return f"its size is not significant ({size.value:.4g} ± {size.std_error:.2g} {size.unit})"
+    return ""
+
+
+def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
+    """Best first. Accepted candidates whose BIC is within SAME_BIC of the best are not separable from it."""
+    order = sorted(proofs, key=lambda p: (p.verdict == "rejected", -p.delta_bic))
+    accepted = [p for p in order if p.verdict == "supported"]
+    if not accepted:
+        return tuple(order)
+    best = accepted[0]
+    close = [p for p in accepted if best.delta_bic - p.delta_bic <= SAME_BIC]
+    result = []
+    for proof in order:
+        if proof.verdict == "rejected":
+            result.append(proof)
+        elif proof in close:
+            others = tuple(p.candidate.label for p in close if p is not proof)
+            result.append(replace(proof, not_separable_from=others, verdict="not separable" if others else "supported"))
+        else:
+            worse = best.delta_bic - proof.delta_bic
+            reason = f"{best.candidate.label} explains the data better (BIC {worse:.0f})"
+            result.append(replace(proof, verdict="rejected", reason=reason))
+    return tuple(result)

@@ -1,0 +1,190 @@
+"""The verdict: one of a closed list, with the sentence that says why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from daest.diagnosis.null import Null
+from daest.diagnosis.screen import NullObserver
+from daest.model.diagnosis import DisturbanceCurve, PlaceGain, Proof, Screen, VerdictName
+from daest.model.fit import FitResult
+from daest.model.flat import FlatModel
+from daest.numerics.statistics import whiteness_p_value
+
+LOAD_GAIN = 10.0  # log-likelihood that a load must buy to be a finding
+EXPECTED_NOISE = 10.0  # times the declared intensity: noise up to that is what the model expects
+WHITE_LEVEL = 1e-4  # p-value below which the innovations of the null are certainly not white
+CHANGED = 3.0  # standard errors that a refitted parameter must move to be off
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All that the verdict rests on."""
+
+    flat: FlatModel
+    null: Null
+    run: NullObserver
+    baseline: FitResult
+    screen: Screen
+    proofs: tuple[Proof, ...]
+    gains: tuple[PlaceGain, ...]
+    curve: DisturbanceCurve | None
+    is_related: bool
+    fitted: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Decided:
+    name: VerdictName
+    message: str
+    next_experiment: str = ""
+
+
+def decide(evidence: Evidence) -> Decided:
+    """The verdict. A claim needs a candidate that passed every gate of the proof."""
+    accepted = [p for p in evidence.proofs if p.verdict != "rejected"]
+    if len(accepted) == 1:
+        return Decided("supported", _supported(evidence, accepted[0]))
+    if accepted:
+        return _cannot_tell(accepted)
+    if not _has_unexpected_load(evidence):
+        return _nothing(evidence)
+    if evidence.is_related and evidence.curve is not None:
+        return _unknown(evidence, evidence.curve)
+    if _is_coloured(evidence):
+        return Decided(
+            "unknown effect",
+            "Something dynamic is missing: the prediction errors stay correlated in time although loads were admitted "
+            f"at {_load_places(evidence)}, and no effect of the library explains them.",
+            "Excite the machine over a wider band of frequencies, and measure a motion or a current in between.",
+        )
+    return Decided(
+        "external disturbance",
+        f"An unexplained load acts at {_load_places(evidence)}, but it is related to no variable of the model and no "
+        "effect of the library explains it.",
+        "Repeat the same experiment: what comes back in the same way belongs to the machine, the rest does not.",
+    )
+
+
+def _supported(evidence: Evidence, proof: Proof) -> str:
+    values = ", ".join(
+        f"{p.name.partition('.')[2]} = {p.value:.4g} ± {p.std_error:.2g} {p.unit}".rstrip()
+        if p.std_error is not None
+        else f"{p.name.partition('.')[2]} = {p.value:.4g} {p.unit}".rstrip()
+        for p in proof.fit.parameters
+        if p.name.startswith(f"{proof.candidate.name}.")
+    )
+    text = f"{proof.candidate.label}: {values}; supported."
+    if proof.equivalent:
+        text += f" The sensors cannot tell it from the same effect at {_listed(proof.equivalent)}."
+    return text + _errors(evidence, proof)
+
+
+def _errors(evidence: Evidence, proof: Proof) -> str:
+    """Validation errors before and after, per output."""
+    before, after = evidence.baseline.simulated.get("validation"), proof.fit.simulated.get("validation")
+    if before is None or after is None:
+        return ""
+    parts = [
+        f"{name} {b:.3g} -> {after.rms[name]:.3g}"
+        for name, b in before.rms.items()
+        if b is not None and after.rms.get(name) is not None
+    ]
+    return f" Validation error (rms): {', '.join(parts)}." if parts else ""
+
+
+def _cannot_tell(accepted: list[Proof]) -> Decided:
+    names = [p.candidate.label for p in accepted]
+    differ = {p.candidate.site.name for p in accepted}
+    separate = (
+        "Run the machine slowly and at several constant speeds, and with amplitudes from small to large: friction, "
+        "elasticity and play differ there most."
+        if len(differ) == 1
+        else f"Measure a motion, torque or current between {_listed(tuple(differ))}."
+    )
+    return Decided(
+        "cannot tell",
+        f"One of {_listed(tuple(names))} is missing; these data do not separate them.",
+        separate,
+    )
+
+
+def _has_unexpected_load(evidence: Evidence) -> bool:
+    """Whether the data ask for a load that the model's declared noise does not account for."""
+    declared = max((n.intensity or 0.0 for n in evidence.flat.noises), default=0.0)
+    for gain, load in zip(evidence.gains, evidence.null.loads, strict=True):
+        # A load with the correlation function size² exp(-|τ|/T) has the spectral density 2 size² T at low frequency.
+        if gain.log_likelihood_gain > LOAD_GAIN and 2.0 * load.size**2 * load.time_constant > EXPECTED_NOISE * declared:
+            return True
+    return False
+
+
+def _nothing(evidence: Evidence) -> Decided:
+    moved = _moved(evidence)
+    if moved:
+        return Decided(
+            "parameters off",
+            f"No effect is missing, but the data contradict the given values: {', '.join(moved)}. Refit the model.",
+        )
+    seen = [e for e in evidence.screen.entries if not e.absorbed and np.isfinite(e.detectable)]
+    smallest: dict[str, str] = {}
+    for entry in seen:
+        size = entry.candidate.effect.sizes[0]
+        label = f"{entry.candidate.effect.name} at {entry.candidate.site.name}"
+        smallest.setdefault(label, f"{label} from {size.name} = {entry.detectable:.2g} {size.unit}".rstrip())
+    shown = "; ".join(list(smallest.values())[:4])
+    return Decided(
+        "nothing missing",
+        f"Nothing is missing at this noise level: of {evidence.screen.n_screened} candidates none is significant "
+        f"(p = {evidence.screen.p_value:.2g} for the whole search). It would have shown, for instance: {shown}.",
+    )
+
+
+def _moved(evidence: Evidence) -> list[str]:
+    """Parameters of an earlier fit that these data contradict."""
+    result = []
+    for p in evidence.baseline.parameters:
+        given = evidence.fitted.get(p.name)
+        if given is None or not p.std_error:
+            continue
+        if abs(p.value - given) > CHANGED * p.std_error:
+            result.append(f"{p.name} = {given:.4g} given, {p.value:.4g} ± {p.std_error:.2g} {p.unit} found".rstrip())
+    return result
+
+
+def _unknown(evidence: Evidence, curve: DisturbanceCurve) -> Decided:
+    return Decided(
+        "unknown effect",
+        f"An effect that the library does not hold acts at {_load_places(evidence)}: the unexplained load follows "
+        f"{curve.variable} ({100 * curve.explained:.0f} % of its variance); its curve is given.",
+        f"Record {curve.variable} over a wider range, slowly and in both directions, to tell the form of the curve.",
+    )
+
+
+def _is_coloured(evidence: Evidence) -> bool:
+    """Whether the null leaves innovations that are certainly not white."""
+    p_values = [
+        whiteness_p_value(o.whitened[:, j], np.isfinite(o.whitened[:, j]))
+        for o in evidence.run.observed
+        for j in range(o.whitened.shape[1])
+    ]
+    return min(p_values) * len(p_values) < WHITE_LEVEL
+
+
+def _load_places(evidence: Evidence) -> str:
+    found = [g for g in evidence.gains if g.log_likelihood_gain > LOAD_GAIN] or list(evidence.gains)
+    best = max(found, key=lambda g: g.log_likelihood_gain)
+    others = f" (or {_listed(best.group[1:])}, which the sensors cannot tell apart)" if len(best.group) > 1 else ""
+    return f"{best.group[0]}{others}"
+
+
+def _listed(names: tuple[str, ...], most: int = 4) -> str:
+    shown = list(names[:most])
+    rest = len(names) - len(shown)
+    if rest:
+        shown.append(f"{rest} more")
+    return shown[0] if len(shown) == 1 else ", ".join(shown[:-1]) + " and " + shown[-1]
+
