@@ -1,3 +1,79 @@
-"""daest: from a Modelica model and a recording to parameters, states and the physics that the model lacks."""
+"""daest: from a Modelica model and a recording to parameters, states and the physics that the model lacks.
+
+Every step of the command line is a function here, from one value to the next:
+
+    flat = daest.compile_model("Servo.mo")
+    dae = daest.linearize(flat)
+    form = daest.split(dae)
+    report = daest.noise_report(dae, form)
+    data = daest.read_experiments(["servo.csv"], [daest.Signal("u", "V")], [daest.Signal("phi", "rad")])
+    fit = daest.identify(flat, data, daest.IdentifyOptions(split=0.5))
+
+Names are imported when they are first used, so that `import daest` loads nothing numerical.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
 
 __version__ = "0.1.0"
+
+# Public name -> the module that defines it, in the order in which the names are used.
+_PUBLIC = {
+    # a model from Modelica, or out of an FMU
+    "compile_model": "daest.modelica.compile",
+    "with_values": "daest.modelica.change",
+    "declare": "daest.modelica.change",
+    "export_fmu": "daest.fmu.export",
+    "load_fmu": "daest.fmu.load",
+    "symbolic_model": "daest.fmu.load",
+    # the linear DAE and its standard form
+    "linearize": "daest.systems.linearize",
+    "linearize_fmu": "daest.fmu.linearize",
+    "linear_dae_function": "daest.systems.linearize",
+    "split": "daest.systems.split",
+    "noise_report": "daest.systems.noise",
+    "poles": "daest.systems.transfer",
+    "transfer_functions": "daest.systems.transfer",
+    # ordinary differential equations
+    "reduce_index": "daest.systems.reduce",
+    "initial_point": "daest.systems.initialize",
+    "state_space_family": "daest.systems.state_space",
+    "state_space": "daest.systems.state_space",
+    "sample": "daest.systems.sample",
+    "simulate": "daest.systems.simulate",
+    # recordings
+    "Experiment": "daest.model.experiment",
+    "Signal": "daest.data.read",
+    "read_experiments": "daest.data.read",
+    "load_project": "daest.data.project",
+    # estimates
+    "IdentifyOptions": "daest.model.fit",
+    "identify": "daest.estimation.identify",
+    "InitialState": "daest.model.estimates",
+    "run_filter": "daest.estimation.filter",
+    # models side by side, and what they lack
+    "Candidate": "daest.diagnosis.trial",
+    "compare_models": "daest.diagnosis.compare",
+    "effect_library": "daest.modelica.effects",
+    "find_effect": "daest.modelica.effects",
+    "attach": "daest.modelica.attach",
+    "extend_model": "daest.modelica.extend",
+    # what goes wrong
+    "DaestError": "daest.errors",
+}
+
+__all__ = [*_PUBLIC]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PUBLIC:
+        raise AttributeError(f"module 'daest' has no attribute '{name}'")
+    value = getattr(importlib.import_module(_PUBLIC[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_PUBLIC})
