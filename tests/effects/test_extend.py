@@ -167,6 +167,7 @@ def test_a_free_name_is_found(tmp_path) -> None:
     ("class_name", "place", "code", "says"),
     [
         ("Signals.DeadZone", "u", "effect-input-used", "0.2*der(w) = u - 0.1*w"),
+        ("Rotational.CoulombFriction", "6:w", "effect-not-writable", "cannot change an equation"),
         ("Signals.DeadZone", "y", "effect-input-used", "given by an equation"),
         ("General.DriftingParameter", "train.twist.k", "effect-not-writable", "parameter"),
         ("Rotational.Backlash", "train.twist", "effect-fit", "no parameter c"),

@@ -5,12 +5,13 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 from effect_rig import MODELS, characteristic, finite_poles, rig, rig_sites
 
 from daest.errors import ModelError
 from daest.modelica.attach import attach
-from daest.modelica.compile import compile_model
+from daest.modelica.compile import compile_model, compile_text
 from daest.modelica.effects import effect_library, find_effect
 from daest.modelica.sites import find_site, fits, sites
 
@@ -123,7 +124,7 @@ def test_place_of_an_effect_in_series_may_be_a_component() -> None:
         ("room", "Rotational.CoulombFriction", "effect-fit", "It fits at: `rotor.flange_a`"),
         ("rotor", "BrushVoltageDrop", "effect-fit", "a rotational node"),
         ("damper", "Translational.Backlash", "effect-fit", "which has no parameter c"),
-        ("torque", "AbsoluteValueSensor", "effect-fit", "an input"),
+        ("torque", "AbsoluteValueSensor", "effect-fit", "the input"),
         ("room, rotor.flange_a", "Conduction", "effect-place", "no place"),
     ],
 )
@@ -133,12 +134,79 @@ def test_places_that_are_none(name, effect, code, says) -> None:
     assert caught.value.code == code and says in str(caught.value)
 
 
-def test_model_of_bare_equations_has_signals_only(tmp_path) -> None:
-    file = tmp_path / "Lag.mo"
-    file.write_text(
-        "model Lag input Real u(start = 0); output Real y; Real x; equation der(x) = u - x; y = x; end Lag;"
+BARE = """\
+model Bare "A cart, a wheel and a room in bare equations"
+  parameter Real m(unit = "kg") = 2 "Mass";
+  parameter Real J(unit = "kg.m2") = 0.5 "Inertia";
+  input Real F(unit = "N", start = 0) "Force";
+  Real s(unit = "m", start = 0) "Position";
+  Real v(unit = "m/s", start = 0) "Velocity";
+  Real a(unit = "m/s2") "Acceleration";
+  Real w(unit = "rad/s", start = 0) "Speed of the wheel";
+  Real T(unit = "degC", start = 20) "Temperature";
+  Real x(start = 0) "Something";
+equation
+  v = der(s);
+  a = der(v);
+  F - 40*s = m*a;
+  J*der(w) = -0.1*w;
+  1000*der(T) = 10*(5 - T);
+  der(x) = -x;
+end Bare;
+"""
+
+
+def bare(tmp_path):
+    (tmp_path / "Bare.mo").write_text(BARE)
+    return compile_model(tmp_path / "Bare.mo")
+
+
+def test_balances_of_bare_equations(tmp_path) -> None:
+    flat = bare(tmp_path)
+    found = {s.name: (s.domain, s.aliases[0]) for s in sites(flat) if s.kind == "equation"}
+    assert found == {
+        "2:v": ("translational", "F - 40*s = m*a"),
+        "3:w": ("rotational", "J*der(w) = -0.1*w"),
+        "4:T": ("thermal", "1000*der(T) = 10*(5 - T)"),
+    }
+    # Without a unit the effect tells what the variable means.
+    assert find_site(flat, "5:x", find_effect("Rotational.ViscousFriction")).domain == "rotational"
+    with pytest.raises(ModelError) as caught:
+        find_site(flat, "3:v", find_effect("Rotational.ViscousFriction"))
+    assert caught.value.code == "effect-place" and "3:w" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "values", "poles"),
+    [
+        ("Translational.ViscousFriction", "2:v", {"d": 4.0}, np.roots([2, 4, 40])),
+        ("Translational.LearnedSpring", "2:v", {}, np.roots([2, 0, 40])),
+        ("Rotational.ViscousFriction", "3:w", {"d": 0.3}, [-0.4 / 0.5]),
+        ("Translational.ExtraMass", "2:v", {"m": 3.0}, np.roots([5, 0, 40])),
+    ],
+)
+def test_term_of_a_bare_equation_has_the_sign_of_nature(tmp_path, name, place, values, poles) -> None:
+    flat, effect = bare(tmp_path), find_effect(name)
+    made = attach(flat, effect, find_site(flat, place, effect), values=values)
+    for pole in poles:
+        assert np.abs(finite_poles(made) - pole).min() < 1e-7
+    with pytest.raises(ModelError) as caught:
+        attach(made, effect, find_site(made, place, effect))
+    assert caught.value.code == "effect-present"
+
+
+def test_heat_of_a_bare_equation_in_celsius(tmp_path) -> None:
+    flat, effect = bare(tmp_path), find_effect("ConstantHeatGain")
+    made = attach(flat, effect, find_site(flat, "4:T", effect), name="gain")
+    texts = {e.text for e in made.equations}
+    assert {"1000*der(T) + gain.port.Q_flow = 10*(5 - T)", "gain.port.T = T + 273.15"} <= texts
+
+
+def test_model_without_places() -> None:
+    text = (
+        b"model Lag input Real u(start = 0); output Real y; Real x; equation der(x) = u - x; y = x; end Lag;"
     )
-    flat = compile_model(file)
+    flat = compile_text(text, Path("Lag.mo"))
     assert {s.kind for s in sites(flat)} == {"input", "output"}
     with pytest.raises(ModelError, match="fit"):
         find_site(flat, "u", find_effect("Rotational.CoulombFriction"))

@@ -24,12 +24,14 @@ from daest.model.flat import (
     Parameter,
     Variable,
 )
+from daest.modelica.balances import balances, needs_position
 from daest.modelica.connectors import DOMAINS, connectors_of
 from daest.modelica.effects import OWN, EffectModel, effect_model
 from daest.modelica.sites import connection_sets, fits
 
 __all__ = ["attach", "attach_all", "component_name"]
 
+_ZERO_CELSIUS = 273.15
 _VARIABLES = {domain: names for names, domain in DOMAINS.items()}
 
 
@@ -178,6 +180,8 @@ class _Assembly:
             self._across(member, site)
         elif site.kind == "connector":
             self._in_series(member, site.connectors[0])
+        elif site.kind == "equation":
+            self._as_term(member, site.name)
         elif site.kind == "output":
             self._before_output(member, site.name)
         elif site.kind == "input":
@@ -363,6 +367,32 @@ class _Assembly:
                         self._potential_rows.setdefault(name, []).append(i)
         return self._potential_rows
 
+    def _as_term(self, member: _Member, name: str) -> None:
+        """The effect's flow becomes a term of a balance, its potential follows the balanced variable."""
+        balance = next(b for b in balances(self.flat) if b.name(self.flat) == name)
+        own = member.effect.connectors[0]
+        flow, flow_symbol = member.local(own, 1)
+        old = self.equations[balance.row]
+        left, _, right = old.text.partition(" = ")
+        text = f"{left} + {flow} = {right}" if balance.sign > 0 else f"{left} = {right} + {flow}"
+        self.equations[balance.row] = replace(old, text=text)
+        self.residual[balance.row] = self.residual[balance.row] + balance.sign * flow_symbol
+        potential, symbol = member.local(own, 0)
+        variable = self.flat.unknowns[balance.variable]
+        if not needs_position(member.effect.domain):
+            shift, shown = (_ZERO_CELSIUS, f" + {_ZERO_CELSIUS}") if variable.unit == "degC" else (0.0, "")
+            self._tie(potential, symbol, f"{variable.name}{shown}", self.xi[balance.variable] + shift)
+        elif balance.position >= 0:
+            position = self.flat.unknowns[balance.position].name
+            self._tie(potential, symbol, position, self.xi[balance.position])
+        else:
+            at = [x.name for x in self.unknowns].index(potential)
+            self._tie(f"der({potential})", self.derivatives[at], variable.name, self.xi[balance.variable])
+
+    def _tie(self, left: str, left_symbol: ca.SX, right: str, right_symbol: ca.SX) -> None:
+        self.equations.append(Equation(f"{left} = {right}", "connection", ""))
+        self.residual.append(left_symbol - right_symbol)
+
     # --- signals -------------------------------------------------------------------------------------------
 
     def _behind_input(self, member: _Member, name: str) -> None:
@@ -426,6 +456,9 @@ class _Assembly:
         """Components that join the place at all of its ends."""
         if site.kind in ("input", "output", "parameter"):
             return {_owner(e.text.partition(" = ")[2]) for e in self.equations if _reads(e, site.name)}
+        if site.kind == "equation":
+            terms = self.equations[int(site.name.partition(":")[0])].text
+            return {name for name in self._names if f" {name}." in terms}
         if site.kind == "connector":
             joined = self.equations[self._flow_rows[site.connectors[0]]].origin.split(", ")
             return {_owner(name) for name in joined} if len(joined) == 2 else set()

@@ -253,6 +253,11 @@ def _connect(draft: _Draft, placement: Placement, original: _Original) -> None:
         draft.connect(f"{name}.{second}", b)
     elif site.kind == "connector":
         _in_series(draft, placement, original)
+    elif site.kind == "equation":
+        raise original.refusal(
+            f"{effect.name} in `{site.aliases[0]}` cannot be written: an extension cannot change an equation",
+            f"Add its law to the equation by hand: {effect.law}.",
+        )
     elif site.kind == "input":
         _behind_input(draft, placement, original)
     elif site.kind == "output":

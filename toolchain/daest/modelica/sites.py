@@ -13,6 +13,7 @@ import numpy as np
 from daest.errors import ModelError
 from daest.model.effects import Domain, Effect, Site
 from daest.model.flat import FlatModel
+from daest.modelica.balances import balances
 from daest.modelica.connectors import Connector, connectors_of
 
 # Rows of a component are linearised at a random point; a combination of rows is found with this relative
@@ -40,7 +41,8 @@ class ConnectionSet:
 
 def sites(flat: FlatModel) -> tuple[Site, ...]:
     """All places of the model: nodes, two-terminal components, pairs of thermal and hydraulic nodes,
-    connectors where something can be put in series, inputs, outputs and tunable parameters."""
+    connectors where something can be put in series, balances of bare equations, inputs, outputs and tunable
+    parameters."""
     net = Network(flat)
     nodes = net.nodes()
     return (
@@ -48,10 +50,24 @@ def sites(flat: FlatModel) -> tuple[Site, ...]:
         *net.components(),
         *_pairs(net),
         *net.cuts(),
+        *_equations(flat),
         *(Site(x.name, "input", "signal") for x in flat.inputs),
         *(Site(y.name, "output", "signal") for y in flat.outputs),
         *(Site(name, "parameter", "signal") for name in _used_parameters(flat)),
     )
+
+
+def _equations(flat: FlatModel, domain: Domain | None = None) -> list[Site]:
+    """Balances among the model's own equations whose domain the unit of their variable tells, or is `domain`
+    where it has no unit."""
+    found: list[Site] = []
+    for balance in balances(flat):
+        unit = flat.unknowns[balance.variable].unit
+        own = balance.domain(flat) if unit else domain
+        if own is not None:
+            text = flat.equations[balance.row].text
+            found.append(Site(balance.name(flat), "equation", own, aliases=(text,)))
+    return found
 
 
 def _used_parameters(flat: FlatModel) -> list[str]:
@@ -67,7 +83,7 @@ def fits(effect: Effect, site: Site) -> bool:
         return effect.attach in signals
     if effect.domain != site.domain:
         return False
-    if site.kind == "node":
+    if site.kind in ("node", "equation"):
         return effect.attach == "connector"
     if site.kind == "connector":
         return effect.attach == "series"
@@ -89,6 +105,8 @@ def find_site(flat: FlatModel, name: str, effect: Effect | None = None) -> Site:
     wanted = ", ".join(part.strip() for part in name.split(","))
     found = [site for site in known if wanted in (site.name, *site.aliases)]
     found += _pair_named(flat, wanted)
+    if effect is not None:
+        found += [site for site in _equations(flat, effect.domain) if wanted == site.name]
     if effect is not None and effect.attach == "series":
         found += _first_connector(found, known)
     if not found:
@@ -131,7 +149,7 @@ def _unknown(name: str, known: Sequence[Site], effect: Effect | None) -> ModelEr
 
 def _unfit(effect: Effect, site: Site, known: Sequence[Site]) -> ModelError:
     usable = [one for one in known if fits(effect, one)]
-    what = f"a {site.domain} {site.kind}" if site.kind not in _SIGNAL_KINDS else f"an {site.kind}"
+    what = f"a {site.domain} {site.kind}" if site.kind not in _SIGNAL_KINDS else f"the {site.kind}"
     why = ""
     if effect.attach == "parallel" and site.domain == effect.domain and site.kind == "component":
         missing = [

@@ -1,0 +1,93 @@
+"""Balances among the bare equations of a model: rows such as `m*der(v) = F - d*v`, where an effect can add a
+term."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from daest.model.effects import Domain
+from daest.model.flat import FlatModel
+
+# Unit of the variable whose rate a balance gives -> domain: momentum, heat and volume.
+DOMAINS: dict[str, Domain] = {
+    "m/s": "translational",
+    "rad/s": "rotational",
+    "K": "thermal",
+    "degC": "thermal",
+    "Pa": "hydraulic",
+}
+_MECHANICAL: tuple[Domain, ...] = ("translational", "rotational")
+_SEED = 20040102
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Row `row` balances what drives the rate of unknown `variable`; `sign` is +1 where the rate stands on
+    the left with a positive factor. `position` is the unknown whose derivative the variable is, -1 if there
+    is none."""
+
+    row: int
+    variable: int
+    sign: float
+    position: int
+
+    def name(self, flat: FlatModel) -> str:
+        return f"{self.row}:{flat.unknowns[self.variable].name}"
+
+    def domain(self, flat: FlatModel) -> Domain | None:
+        """The domain by the unit of the variable; None for a unit that does not tell."""
+        return DOMAINS.get(flat.unknowns[self.variable].unit)
+
+
+def needs_position(domain: Domain) -> bool:
+    """Whether the potential of the domain's connectors is the integral of the balanced variable."""
+    return domain in _MECHANICAL
+
+
+def balances(flat: FlatModel) -> list[Balance]:
+    """Rows of the model itself, not of its components, that hold the rate of an unknown and more than
+    that."""
+    rows = [i for i, e in enumerate(flat.equations) if e.kind == "component" and not e.origin]
+    if not rows:
+        return []
+    slopes = _slopes(flat)
+    n = flat.n
+    rates, definitions = _rates(slopes, rows, n)
+    positions = {rate: variable for variable, rate in rates.items()}
+    found: list[Balance] = []
+    for row in rows:
+        if row in definitions:
+            continue
+        for variable in range(n):
+            at = [n + variable, *([rates[variable]] if variable in rates else [])]
+            slope = next((slopes[row, i] for i in at if slopes[row, i]), 0.0)
+            if slope:
+                found.append(Balance(row, variable, float(np.sign(slope)), positions.get(variable, -1)))
+    return found
+
+
+def _rates(slopes: np.ndarray, rows: list[int], n: int) -> tuple[dict[int, int], set[int]]:
+    """Variable -> the unknown that is its derivative, by rows such as `v = der(s)`; and these rows."""
+    rates: dict[int, int] = {}
+    definitions: set[int] = set()
+    for row in rows:
+        used = np.flatnonzero(slopes[row])
+        if len(used) != 2 or not used[0] < n <= used[1] or used[0] == used[1] - n:
+            continue
+        if sorted(slopes[row, used]) == [-1, 1]:
+            rates[int(used[1]) - n] = int(used[0])
+            definitions.add(row)
+    return rates, definitions
+
+
+def _slopes(flat: FlatModel) -> np.ndarray:
+    """[∂F/∂ξ, ∂F/∂ξ'] at a random point near the start values."""
+    everything = ca.vertcat(flat.xi, flat.derivatives)
+    others = [flat.u, flat.w, flat.theta, flat.time]
+    evaluate = ca.Function("slopes", [everything, *others], [ca.jacobian(flat.residual, everything)])
+    rng = np.random.default_rng(_SEED)
+    point = [rng.uniform(0.5, 1.5, x.numel()) for x in (everything, flat.u, flat.w)]
+    return np.nan_to_num(np.array(evaluate(*point, flat.theta_values, 0.7).full()))
