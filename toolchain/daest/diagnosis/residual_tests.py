@@ -56,7 +56,8 @@ class Sequences:
 
 @dataclass(frozen=True)
 class RawTest:
-    """A statistic, its p-value from the tables, and the acceptance band (low, high) at any level."""
+    """A statistic, its p-value from the tables, and the acceptance band (low, high) at any level; a band of
+    two sides is one around 1."""
 
     statistic: float
     p_value: float
@@ -146,10 +147,9 @@ def judged(raw: Raw, level: float | None = None) -> dict[str, dict[str, Residual
 
 def with_limit(test: RawTest, level: float) -> ResidualTest:
     low, high = test.band(level)
-    middle = (low + high) / 2.0
     return ResidualTest(
         statistic=test.statistic,
-        limit=high if not test.two_sided or test.statistic >= middle else low,
+        limit=high if not test.two_sided or test.statistic >= 1.0 else low,
         p_value=test.p_value,
         passed=bool(low <= test.statistic <= high),
         band=(low, high) if test.two_sided else None,
@@ -173,9 +173,12 @@ def _nis(sequences: Sequences, j: int) -> RawTest:
     estimated = 0.0 if sequences.n_estimation is None else n / sequences.n_estimation
     std = float(np.sqrt(variance / n * (1.0 + estimated)))
     p_value = float(2.0 * norm.sf(abs(mean - 1.0) / std))
-    return RawTest(
-        mean, p_value, lambda level: (1.0 - norm.isf(level / 2) * std, 1.0 + norm.isf(level / 2) * std), True
-    )
+    return RawTest(mean, p_value, lambda level: _around_one(std * float(norm.isf(level / 2))), True)
+
+
+def _around_one(width: float) -> tuple[float, float]:
+    """1 ± width, as far as a mean of squares can go."""
+    return max(1.0 - width, 0.0), 1.0 + width
 
 
 def _independence(sequences: Sequences, j: int, regressors: np.ndarray) -> RawTest | None:

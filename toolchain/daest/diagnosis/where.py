@@ -140,7 +140,8 @@ def _permuted_shares(squares: np.ndarray, inside: np.ndarray, seed: int) -> np.n
         rows = []
         for _ in range(min(ROWS_AT_ONCE, PERMUTATIONS - first)):
             turned = np.roll(squares, rng.integers(n))
-            rows.append(np.concatenate([turned[s : s + length] for s in rng.permutation(starts)]))
+            order = (rng.permutation(starts)[:, None] + np.arange(length)).ravel()
+            rows.append(turned[order[order < n]])
         drawn[first : first + len(rows)] = np.array(rows) @ inside.T
     return drawn
 
