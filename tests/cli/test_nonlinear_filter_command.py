@@ -38,10 +38,19 @@ def tank(folder):
     return folder, level
 
 
-@pytest.mark.parametrize(("options", "kind"), [((), "ekf"), (("--kind", "ukf"), "ukf"), (("--kind", "particle", "--particles", "300", "--seed", "3"), "particle")])
+@pytest.mark.parametrize(
+    ("options", "kind"),
+    [
+        ((), "ekf"),
+        (("--kind", "ukf"), "ukf"),
+        (("--kind", "particle", "--particles", "300", "--seed", "3"), "particle"),
+    ],
+)
 def test_estimates_with_uncertainty(tank, daest, options, kind):
     folder, level = tank
-    code, out, _ = daest("filter", "run.csv", "--model", "Tank.mo", "--hold", "zoh", "--format", "json", *options)
+    code, out, _ = daest(
+        "filter", "run.csv", "--model", "Tank.mo", "--hold", "zoh", "--format", "json", *options
+    )
     document = json.loads(out)
     assert code == 0 and document["kind"] == kind
     assert 0.7 < document["nis"]["mean"] < 1.3
@@ -56,7 +65,9 @@ def test_estimates_with_uncertainty(tank, daest, options, kind):
 
 
 def test_linear_filter_of_a_nonlinear_model_says_what_it_does(tank, daest):
-    code, out, err = daest("filter", "run.csv", "--model", "Tank.mo", "--hold", "zoh", "--kind", "time-varying")
+    code, out, err = daest(
+        "filter", "run.csv", "--model", "Tank.mo", "--hold", "zoh", "--kind", "time-varying"
+    )
     assert code == 0 and "linearised at its operating point" in err
     code, out, _ = daest("filter", "run.csv", "--model", "Tank.mo", "--hold", "zoh")
     assert code == 0 and out.startswith("ekf filter") and "steady" not in out

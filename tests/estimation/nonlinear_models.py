@@ -87,7 +87,8 @@ def time_grid(n_samples, period, irregular=False, seed=0):
 
 
 def random_record(n_samples, n_y, seed=0, missing=0.1):
-    """Inputs (n, 1) and outputs (n, n_y) without any relation, some outputs missing: enough to compare filters."""
+    """Inputs (n, 1) and outputs (n, n_y) without any relation, some outputs missing: enough to compare
+    filters."""
     rng = np.random.default_rng(seed)
     y = 0.1 * rng.standard_normal((n_samples, n_y))
     y[rng.uniform(size=y.shape) < missing] = np.nan

@@ -1,4 +1,5 @@
-"""Extended Kalman filter: against the Kalman filter on linear models, finite differences, and the loop in NumPy."""
+"""Extended Kalman filter: against the Kalman filter on linear models, finite differences, and the loop in
+NumPy."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,8 +8,8 @@ import casadi as ca
 import numpy as np
 import pytest
 from nonlinear_models import (
-    explicit_from,
     experiment_of,
+    explicit_from,
     friction_servo,
     linear_servo,
     oscillator,
@@ -218,7 +219,8 @@ def test_information_is_that_of_the_score():
         informations.append(found.information)
     information = np.mean(informations, axis=0)
     spread = np.array(scores).T @ np.array(scores) / runs
-    # The standard deviation of a mean square over `runs` records is sqrt(2 / runs) of it; the band is four of them.
+    # The standard deviation of a mean square over `runs` records is sqrt(2 / runs) of it; the band is four of
+    # them.
     assert np.allclose(np.diagonal(spread) / np.diagonal(information), 1.0, atol=4 * np.sqrt(2 / runs))
 
 

@@ -1,4 +1,4 @@
-"""Filtering a recording with a nonlinear model: every internal variable, on constraints, from unknown starts."""
+"""Filter a recording with a nonlinear model: every internal variable, constraints, unknown starts."""
 
 from pathlib import Path
 
@@ -12,8 +12,8 @@ from daest.estimation.nonlinear_filter import run_nonlinear_filter
 from daest.model.estimates import InitialState
 from daest.modelica.compile import compile_model
 from daest.systems.integrate import integrate, integrator
-from daest.systems.redundant import needs_redundant_states, redundant_model, redundant_start
 from daest.systems.reduce import reduce_index
+from daest.systems.redundant import needs_redundant_states, redundant_model, redundant_start
 from daest.systems.simulate import simulate
 from daest.systems.state_space import state_space_family
 
@@ -69,16 +69,24 @@ def test_agrees_with_the_filter_of_linear_models(smooth):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_standard_deviations_are_those_of_the_errors(kind):
-    """Normalised errors of a friction servo from an unknown start: their mean square is 1 within the band that
-    correlated errors allow."""
+    """Normalised errors of a friction servo from an unknown start: their mean square is 1 within the band
+    that correlated errors allow."""
     explicit = friction_servo()
     squares, nis = [], []
     for seed in range(3):
         sim, experiment = servo_record(explicit, seed=seed)
         found = run_nonlinear_filter(
-            explicit, None, experiment, INTENSITY, STD, kind, hold="zoh", n_particles=400, seed=seed,
+            explicit,
+            None,
+            experiment,
+            INTENSITY,
+            STD,
+            kind,
+            hold="zoh",
+            n_particles=400,
+            seed=seed,
             initial=InitialState.known(np.zeros(4), 0.1) if kind == "particle" else None,
-        )  # fmt: skip
+        )
         columns = [found.names.index(name) for name in sim.variable_names]
         error = (found.values[:, columns] - sim.variables) / found.std[:, columns]
         squares.append(np.mean(error[20:] ** 2))
@@ -112,11 +120,21 @@ def test_no_compiler_gives_the_same():
     for kind in KINDS:
         compiled, plain = (
             run_nonlinear_filter(
-                explicit, None, whole, INTENSITY, STD, kind, hold="zoh", n_particles=20, seed=0, longest=0.005,
-                initial=InitialState.known(np.zeros(4), 0.1), compiled=with_compiler,
+                explicit,
+                None,
+                whole,
+                INTENSITY,
+                STD,
+                kind,
+                hold="zoh",
+                n_particles=20,
+                seed=0,
+                longest=0.005,
+                initial=InitialState.known(np.zeros(4), 0.1),
+                compiled=with_compiler,
             )
             for with_compiler in (True, False)
-        )  # fmt: skip
+        )
         assert np.allclose(compiled.values, plain.values, rtol=1e-6, atol=1e-9)
         assert np.allclose(compiled.std, plain.std, rtol=1e-5, atol=1e-9)
 
@@ -174,12 +192,9 @@ def test_pendulum_in_cartesian_coordinates_turns_over_on_its_constraint():
     x0 = redundant_start(chosen, redundant, theta, u[0], np.zeros(0), 0.0)
     engine = integrator(redundant.explicit, ("m", "d"), invariants=redundant.invariants)
     found = integrate(engine, time, u, theta, x0, hold="zoh", sensitivities=True, rtol=1e-8)
-    assert (
-        np.max(
-            np.abs(redundant.invariants(found.states.T, u.T, [], np.zeros((1, time.size)), theta, time[None]))
-        )
-        < 1e-8
-    )
+    nothing = np.zeros((1, time.size))
+    residual = redundant.invariants(found.states.T, u.T, [], nothing, theta, time[None]).full()
+    assert np.max(np.abs(residual)) < 1e-8
     x, y = found.states[:, 0], found.states[:, 1]
     assert np.max(np.abs(x - np.sin(angle[:, 0]))) < 1e-5
     assert np.max(np.abs(y + np.cos(angle[:, 0]))) < 1e-5
@@ -192,6 +207,17 @@ def test_pendulum_in_cartesian_coordinates_turns_over_on_its_constraint():
     assert np.allclose(found.sensitivities[:, :, 0], slope, atol=1e-3 * np.max(np.abs(slope)))
 
 
+def test_simulation_passes_where_a_choice_of_states_is_singular():
+    flat, _, _ = pendulum()
+    time, u, angle = full_turns()
+    found = simulate(flat, (time, u), hold="zoh")
+    assert found.state_names == ("x", "y", "vx", "vy") and "projected" in found.method
+    names = list(found.variable_names)
+    x, y = (found.variables[:, names.index(name)] for name in ("x", "y"))
+    assert np.max(np.abs(x**2 + y**2 - 1.0)) < 1e-8
+    assert np.max(np.abs(x - np.sin(angle[:, 0]))) < 1e-5
+
+
 def test_interpreted_projection_gives_the_same():
     flat, chosen, redundant = pendulum()
     time, u, _ = full_turns(n=40)
@@ -200,10 +226,16 @@ def test_interpreted_projection_gives_the_same():
     runs = [
         integrate(
             integrator(redundant.explicit, ("m",), invariants=redundant.invariants, compiled=compiled),
-            time, u, theta, x0, hold="zoh", sensitivities=True, rtol=1e-9,
+            time,
+            u,
+            theta,
+            x0,
+            hold="zoh",
+            sensitivities=True,
+            rtol=1e-9,
         )
         for compiled in (True, False)
-    ]  # fmt: skip
+    ]
     assert np.allclose(runs[0].states, runs[1].states, atol=1e-7)
     assert np.allclose(runs[0].sensitivities, runs[1].sensitivities, atol=1e-5)
 
@@ -218,9 +250,18 @@ def test_pendulum_is_filtered_through_full_turns(kind, smooth):
     y = truth + std * np.random.default_rng(0).standard_normal(truth.shape)
     start = InitialState.known(np.array([0.6, 0.0]), 0.05)
     found = run_nonlinear_filter(
-        chosen, None, experiment_of(chosen, time, u, y), np.array([1e-3]), std, kind, smooth=smooth, hold="zoh",
-        initial=start, n_particles=400, seed=1,
-    )  # fmt: skip
+        chosen,
+        None,
+        experiment_of(chosen, time, u, y),
+        np.array([1e-3]),
+        std,
+        kind,
+        smooth=smooth,
+        hold="zoh",
+        initial=start,
+        n_particles=400,
+        seed=1,
+    )
     columns = [found.names.index(name) for name in ("x", "y")]
     error = found.values[:, columns] - truth
     assert np.sqrt(np.mean(error**2)) < 0.4 * 0.02
@@ -232,7 +273,8 @@ def test_pendulum_is_filtered_through_full_turns(kind, smooth):
     )  # the truth has no process noise: a little too wide
     assert 0.8 < found.nis.mean < 1.2
     radius = np.hypot(*found.values[:, columns].T)
-    # A mean over particles lies inside the circle by half the variance along it; Gaussian estimates are on it.
+    # A mean over particles lies inside the circle by half the variance along it; Gaussian estimates are on
+    # it.
     assert np.max(np.abs(radius - 1.0)) < (2e-3 if kind == "particle" else 1e-9)
     assert any("constraints" in message for message in found.messages)
 

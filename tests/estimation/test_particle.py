@@ -1,4 +1,5 @@
-"""Particle filter and smoother: the Kalman filter on a linear model, the exact filter on a grid for the growth model."""
+"""Particle filter and smoother: the Kalman filter on a linear model, the exact filter on a grid for the
+growth model."""
 
 from dataclasses import dataclass
 
@@ -17,7 +18,8 @@ from daest.systems.simulate import simulate
 
 @dataclass(frozen=True)
 class GrowthModel:
-    """x[k+1] = x/2 + 25 x/(1+x²) + 8 cos(1.2 (k+1)) + N(0, 10), y = x²/20 + N(0, 1) (Gordon, Salmond & Smith)."""
+    """x[k+1] = x/2 + 25 x/(1+x²) + 8 cos(1.2 (k+1)) + N(0, 10), y = x²/20 + N(0, 1) (Gordon, Salmond &
+    Smith)."""
 
     process_variance: float = 10.0
 
@@ -76,7 +78,8 @@ def test_growth_model_agrees_with_the_exact_filter(proposal):
     ]
     spread = np.std([run.mean[:, 0] for run in runs], axis=0, ddof=1)
     centre = np.mean([run.mean[:, 0] for run in runs], axis=0)
-    # Student's t with 5 degrees of freedom; 7 of 50 samples would be outside 2.0 by chance once in a thousand.
+    # Student's t with 5 degrees of freedom; 7 of 50 samples would be outside 2.0 by chance once in a
+    # thousand.
     assert np.sum(np.abs(centre - mean) > 4.0 * spread / np.sqrt(6)) <= 4
     assert np.sqrt(np.mean((centre - mean) ** 2)) < 0.1 * np.sqrt(np.mean(std**2))
     values = np.array([run.log_likelihood for run in runs])
@@ -141,7 +144,7 @@ def test_linear_model_within_its_monte_carlo_band(proposal):
     values = np.array([run.log_likelihood for run in runs])
     assert abs(values.mean() - exact.log_likelihood) < 5 * values.std(ddof=1) / np.sqrt(6) + 0.1
     assert np.mean(runs[0].nis) == pytest.approx(
-        np.nanmean((exact.innovations**2 / exact.variances)) * 140 / 150, rel=0.05
+        np.nanmean(exact.innovations**2 / exact.variances) * 140 / 150, rel=0.05
     )
     if proposal == "ekf":
         plain = run_particles(points, task.data.outputs, task.noise.variance, task.start, m, 0, "bootstrap")

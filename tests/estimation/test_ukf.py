@@ -1,4 +1,5 @@
-"""Unscented Kalman filter: the Kalman filter on linear models, filterpy on a nonlinear one, the loop in NumPy."""
+"""Unscented Kalman filter: the Kalman filter on linear models, filterpy on a nonlinear one, the loop in
+NumPy."""
 
 import numpy as np
 import pytest
@@ -67,7 +68,8 @@ def test_update_and_spread_are_those_of_filterpy():
     )  # fmt: skip
     peer.x, peer.P, peer.R, peer.Q = start.mean.copy(), start.cov.copy(), np.array([[0.01]]), np.zeros((2, 2))
     for k in range(3):
-        # filterpy updates with the points of its last prediction; drawn anew they are those of the covariance.
+        # filterpy updates with the points of its last prediction; drawn anew they are those of the
+        # covariance.
         peer.sigmas_f = peer.points_fn.sigma_points(peer.x, peer.P)
         peer.update(y[k])
         assert np.allclose(found.filtered[k], peer.x, atol=2e-6)

@@ -1,4 +1,5 @@
-"""Radau integration with sensitivities: scipy with variational equations, finite differences, the interpreted engine."""
+"""Radau integration with sensitivities: scipy with variational equations, finite differences, the interpreted
+engine."""
 
 import casadi as ca
 import numpy as np
@@ -120,11 +121,18 @@ def test_interpreted_engine_gives_the_same(hold, corrected):
     correction = Correction(y, np.array([[0.3, 0.0], [0.2, 0.1]])) if corrected else None
     runs = [
         integrate(
-            integrator(explicit, NAMES, compiled=compiled), time, u, explicit.flat.theta_values, np.array([0.1, -0.2]),
-            hold=hold, sensitivities=True, rtol=1e-9, correction=correction,
+            integrator(explicit, NAMES, compiled=compiled),
+            time,
+            u,
+            explicit.flat.theta_values,
+            np.array([0.1, -0.2]),
+            hold=hold,
+            sensitivities=True,
+            rtol=1e-9,
+            correction=correction,
         )
         for compiled in (True, False)
-    ]  # fmt: skip
+    ]
     assert np.allclose(runs[0].outputs, runs[1].outputs, atol=1e-4)
     scale = np.max(np.abs(runs[0].sensitivities), axis=(0, 1))
     assert np.max(np.abs(runs[0].sensitivities - runs[1].sensitivities) / scale) < 1e-3
@@ -148,9 +156,15 @@ def test_correction_is_the_observer_between_samples():
         x = x + gain[k][:, there] @ (y[k] - h)[there]
         if k + 1 < 20:
             x = solve_ivp(
-                lambda t, s, k=k: np.array(explicit.rhs(s, input_at(time, u, "foh", k, t), [], [], theta, t)).ravel(),
-                (time[k], time[k + 1]), x, "Radau", rtol=1e-10, atol=1e-12,
-            ).y[:, -1]  # fmt: skip
+                lambda t, s, k=k: np.array(
+                    explicit.rhs(s, input_at(time, u, "foh", k, t), [], [], theta, t)
+                ).ravel(),
+                (time[k], time[k + 1]),
+                x,
+                "Radau",
+                rtol=1e-10,
+                atol=1e-12,
+            ).y[:, -1]
 
 
 def test_gain_enters_the_sensitivities():
@@ -198,9 +212,12 @@ def test_a_solution_that_escapes_is_reported_with_its_time(compiled):
     explicit = reduce_index(draft.flat())
     with pytest.raises(IntegrationError) as failed:
         integrate(
-            integrator(explicit, compiled=compiled), np.linspace(0, 2, 21), np.zeros((21, 0)),
-            explicit.flat.theta_values, np.ones(1),
-        )  # fmt: skip
+            integrator(explicit, compiled=compiled),
+            np.linspace(0, 2, 21),
+            np.zeros((21, 0)),
+            explicit.flat.theta_values,
+            np.ones(1),
+        )
     assert failed.value.code == "integration-failed"
     assert 0.8 <= failed.value.time <= 1.3
 

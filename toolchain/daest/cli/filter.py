@@ -55,7 +55,10 @@ ESTIMATES = "estimates.csv"
     help="Kind of filter (default: time-varying for a linear model, ekf for a nonlinear one).",
 )
 @click.option(
-    "--particles", type=click.IntRange(min=2), default=PARTICLES, help="Number of particles of a particle filter."
+    "--particles",
+    type=click.IntRange(min=2),
+    default=PARTICLES,
+    help="Number of particles of a particle filter.",
 )
 @click.option("--smooth", is_flag=True, help="Estimate from the whole recording instead of the past.")
 @click.option("--only", metavar="NAME", multiple=True, help="Write this variable alone.")

@@ -1,15 +1,17 @@
 """Continuous-discrete extended Kalman filter of an explicit model, and its likelihood with exact derivatives.
 
 Between samples the model is replaced by its linearisation at the current estimate, which is then solved
-exactly for inputs that run straight (local linearisation: Jimenez & Ozaki, Int. J. Control 2003; used by CTSM): on
-an affine model this is the Kalman filter. Substeps no longer than `longest` divide a sample interval; each
-linearises anew: an error of second order in the mean and first in the covariance. The measurements of a sample are taken one after the other, which whitens the innovations.
+exactly for inputs that run straight (local linearisation: Jimenez & Ozaki, Int. J. Control 2003; used by
+CTSM): on an affine model this is the Kalman filter. Substeps no longer than `longest` divide a sample
+interval; each linearises anew: an error of second order in the mean and first in the covariance. The
+measurements of a sample are taken one after the other, which whitens the innovations.
 """
 
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -20,9 +22,9 @@ from daest.systems.local_linear import LocalModel, pointer
 
 @dataclass(frozen=True)
 class EkfLikelihood:
-    """log p(y) by prediction errors; per sample and output the whitened innovations (n_samples, n_y), zero where
-    missing; derivatives of the log-likelihood (d,), of the whitened innovations and of the logarithms of their
-    variances (n_samples, d, n_y)."""
+    """log p(y) by prediction errors; per sample and output the whitened innovations (n_samples, n_y), zero
+    where missing; derivatives of the log-likelihood (d,), of the whitened innovations and of the logarithms
+    of their variances (n_samples, d, n_y)."""
 
     log_likelihood: float
     gradient: np.ndarray
@@ -45,9 +47,9 @@ class EkfRun:
 
     innovations, variances (n_samples, n_y): of each output given the ones before it in the sample, NaN where
     missing; sight (n_samples, n_y, n): ∂h/∂x at the prediction; transition (n_samples, n, n):
-    ∂x̂(k+1|k)/∂x̂(k|k), at the last sample the identity; noise (n_samples, n, n_w): covariance of the state at
-    the end of the interval with the mean of the noise over it; turn (n_samples, n, n): projection of the filtered
-    estimate onto invariants of the model, the identity where there are none.
+    ∂x̂(k+1|k)/∂x̂(k|k), at the last sample the identity; noise (n_samples, n, n_w): covariance of the state
+    at the end of the interval with the mean of the noise over it; turn (n_samples, n, n): projection of the
+    filtered estimate onto invariants of the model, the identity where there are none.
     """
 
     predicted: np.ndarray
@@ -102,7 +104,10 @@ def run_ekf(
     call = Task.of(model, data, theta, noise, start, longest)
     run = interpreted.ekf if model.library is None else _compiled_ekf
     run(call, white, log_variance, None, nothing, nothing, details)
-    return EkfRun(*details, _log_likelihood(white, log_variance, data))
+    names = [f.name for f in fields(EkfRun)][: len(details)]
+    return EkfRun(
+        **dict(zip(names, details, strict=True)), log_likelihood=_log_likelihood(white, log_variance, data)
+    )
 
 
 def _log_likelihood(white: np.ndarray, log_variance: np.ndarray, data: Record) -> float:
@@ -122,7 +127,7 @@ def _compiled_ekf(
     model, data = call.model, call.data
     assert model.library is not None
     n, d = model.n_states, 0 if directions is None else directions.n
-    along: list[np.ndarray | None] = [None] * 5
+    along: Sequence[np.ndarray | None] = [None] * 5
     if directions is not None:
         parts = (directions.parameters, directions.intensity, directions.variance, directions.mean)
         along = [np.array(p, dtype=float, order="C") for p in parts] + [np.zeros((d, n, n))]
@@ -136,7 +141,7 @@ def _compiled_ekf(
         *map(pointer, (white, log_variance)),
         ctypes.c_int(d),
         *map(pointer, (*along, dwhite, dlog)),
-        *map(pointer, details or [None] * 10),
+        *map(pointer, [None] * 10 if details is None else details),
         pointer(info),
     )
     raise_failure(status, model, data, int(info[0]))

@@ -1,8 +1,8 @@
 """Maximum likelihood of nonlinear models with process noise, by the prediction errors of the extended filter.
 
-Search vector: parameters, logarithms of intensities and of measurement standard deviations, and the initial state of
-every record, which is a fixed unknown: its covariance is zero. The gradient is exact; the Fisher information is
-Σ ∂ε ∂εᵀ + ½ ∂log s ∂log sᵀ over whitened innovations ε and their variances s.
+Search vector: parameters, logarithms of intensities and of measurement standard deviations, and the initial
+state of every record, which is a fixed unknown: its covariance is zero. The gradient is exact; the Fisher
+information is Σ ∂ε ∂εᵀ + ½ ∂log s ∂log sᵀ over whitened innovations ε and their variances s.
 """
 
 from __future__ import annotations
@@ -47,8 +47,9 @@ ROUNDS = 2  # of searching with a step of the linearisation that is checked afte
 
 @dataclass(frozen=True)
 class EkfProblem:
-    """What is fitted to what: `model` built with tangents along the parameters of `unknowns`; its coordinates are
-    parameters, process and measurement noises in this order. Substeps are no longer than `longest` seconds."""
+    """What is fitted to what: `model` built with tangents along the parameters of `unknowns`; its coordinates
+    are parameters, process and measurement noises in this order. Substeps are no longer than `longest`
+    seconds."""
 
     model: LocalModel
     records: tuple[Record, ...]
@@ -66,8 +67,8 @@ class EkfProblem:
 
 
 def likelihoods(problem: EkfProblem, z: np.ndarray, with_slopes: bool) -> list[EkfLikelihood] | None:
-    """Of every record at z, with derivatives along the unknowns, then its own initial state; None where the filter
-    cannot run."""
+    """Of every record at z, with derivatives along the unknowns, then its own initial state; None where the
+    filter cannot run."""
     theta, intensity, std = problem.unknowns.values(z[: problem.n_unknowns])
     noise = Noise(intensity, std**2)
     directions = _directions(problem, z, std) if with_slopes else None
@@ -236,7 +237,8 @@ def _search(problem: EkfProblem, z: np.ndarray, options: IdentifyOptions) -> tup
 
 
 def with_substeps(problem: EkfProblem, z: np.ndarray) -> EkfProblem:
-    """Halve the longest substep until the log-likelihood changes by less than SUBSTEP_CHANGE per 1000 samples."""
+    """Halve the longest substep until the log-likelihood changes by less than SUBSTEP_CHANGE per 1000
+    samples."""
     period = float(np.median(np.concatenate([data.steps for data in problem.records])))
     allowed = SUBSTEP_CHANGE * sum(data.time.size for data in problem.records) / 1000.0
     longest = np.inf
@@ -322,10 +324,12 @@ def _noises(
     problem: EkfProblem, intensity: np.ndarray, std: np.ndarray, errors: list, bounds: list
 ) -> tuple[FittedNoise, ...]:
     flat = problem.model.explicit.flat
-    place = {(c.kind, c.index): i for i, c in enumerate(problem.unknowns.coordinates)}
+    place: dict[tuple[str, int], int] = {
+        (c.kind, c.index): i for i, c in enumerate(problem.unknowns.coordinates)
+    }
 
     def fitted(kind: str, index: int, name: str, value: float, unit: str) -> FittedNoise:
-        i = place.get((kind, index))  # type: ignore[call-overload]
+        i = place.get((kind, index))
         error, bound = (None, None) if i is None else (errors[i], bounds[i])
         return FittedNoise(name, kind, float(value), error, unit, i is not None, bound)  # type: ignore[arg-type]
 
@@ -352,7 +356,7 @@ def _agreements(
     experiments: Sequence[Experiment],
     first: FitResult,
 ) -> tuple[dict[str, Agreement], dict[str, Agreement]]:
-    """Simulation and one-step prediction from the initial state that fits each experiment's simulation best."""
+    """Simulation and one-step prediction from the initial state that fits each simulation best."""
     explicit = problem.model.explicit
     nothing = Unknowns((), theta, unknowns.intensity, unknowns.measurement_std)
     held = TrajectoryProblem(

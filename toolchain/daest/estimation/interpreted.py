@@ -1,4 +1,5 @@
-"""The loops of `numerics/local_linear.c` in NumPy, for machines without a C compiler: the same results, slowly.
+"""The loops of `numerics/local_linear.c` in NumPy, for machines without a C compiler: the same results,
+slowly.
 
 Values and their derivatives travel together as jets: an array (1 + d, ...) whose first entry is the value and
 whose others are derivatives along d directions.
@@ -6,7 +7,6 @@ whose others are derivatives along d directions.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -380,7 +380,7 @@ def _unscented_flow(
 
 
 def points_advance(task: Task, i: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Means (m, n) and covariances (m, n, n) after interval i from each of m points; NaN where there is none."""
+    """Means (m, n) and covariances (m, n, n) after interval i from m points; NaN where there is none."""
     m, n = points.shape
     means, covs = np.full((m, n), np.nan), np.zeros((m, n, n))
     for k, x in enumerate(points):
@@ -396,7 +396,7 @@ def evaluate(
     function: ca.Function, points: np.ndarray, arguments: tuple, shapes: list[tuple[int, ...]]
 ) -> list[np.ndarray]:
     """Results of a function of (x, *arguments) at m points, (m, *shape) each."""
-    columns: Callable = function.map(points.shape[0])
+    columns = function.map(points.shape[0])
     repeated = [ca.repmat(ca.DM(a), 1, points.shape[0]) for a in arguments]
     values = columns.call([ca.DM(points.T), *repeated])
     return [np.array(v).T.reshape(points.shape[0], *shape) for v, shape in zip(values, shapes, strict=True)]

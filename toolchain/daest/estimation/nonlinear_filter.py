@@ -1,14 +1,16 @@
 """Filter a recording with a nonlinear model: every internal variable with its standard deviation.
 
-Extended, unscented or particle filter of the index-reduced model, and their smoothers. Where a choice of states
-would become singular on the way, all differentiated variables are states and every estimate is projected onto the
-constraints. The step of the local linearisation is halved until the estimate no longer changes.
+Extended, unscented or particle filter of the index-reduced model, and their smoothers. Where a choice of
+states would become singular on the way, all differentiated variables are states and every estimate is
+projected onto the constraints. The step of the local linearisation is halved until the estimate no longer
+changes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -57,8 +59,8 @@ class _Task:
 
 @dataclass(frozen=True)
 class _Estimates:
-    """values, std (n_samples, n_v); innovations; normalised squares and log-likelihood; mean and std of the process
-    noise (n_samples, n_w)."""
+    """values, std (n_samples, n_v); innovations; normalised squares and log-likelihood; mean and std of the
+    process noise (n_samples, n_w)."""
 
     values: np.ndarray
     std: np.ndarray
@@ -90,13 +92,14 @@ def run_nonlinear_filter(
 ) -> FilterResult:
     """Estimate all internal variables of `explicit` at `theta` (None: the model's values) from a recording.
 
-    process_intensity (n_w,), measurement_std (n_y,), in the order of the model. `measure` names the outputs to use
-    (None: all recorded); the others are compared with their estimates. `initial` is in the states of `explicit`;
-    None, or an infinite variance, is unknown: it starts wide around a first smoothed estimate. `longest`: of
-    the substeps in seconds (None: found by halving).
+    process_intensity (n_w,), measurement_std (n_y,), in the order of the model. `measure` names the outputs
+    to use (None: all recorded); the others are compared with their estimates. `initial` is in the states of
+    `explicit`; None, or an infinite variance, is unknown: it starts wide around a first smoothed estimate.
+    `longest`: of the substeps in seconds (None: found by halving).
 
     Raises EstimationError `filter-unknown-output`, `filter-initial-state`, `filter-singular-innovation`,
-    `output-white-noise`, `particle-collapse`; IntegrationError where the model has no finite value on the way.
+    `output-white-noise`, `particle-collapse`; IntegrationError where the model has no finite value on the
+    way.
     """
     flat = explicit.flat
     names = tuple(o.name for o in flat.outputs)
@@ -136,9 +139,12 @@ def _prepared(
     compiled: bool,
 ) -> _Task:
     """The model on states that are good everywhere, and its start."""
-    x0, xi = _initial_point(explicit, theta, time, inputs, hold)
+    v0 = _first_slopes(explicit, time, inputs)
+    x0, _ = initial_point(explicit, theta, inputs[0], v0, float(time[0]))
     mean, known_cov = (x0, None) if initial is None else _given_start(explicit, initial, x0)
-    invariants, notes, used = None, (), explicit
+    invariants: ca.Function | None = None
+    notes: tuple[str, ...] = ()
+    used = explicit
     if needs_redundant_states(explicit.flat):
         used, invariants, mean, known_cov = _redundant(explicit, mean, known_cov, theta, time, inputs, hold)
         notes = ("All differentiated variables are states, tied by the constraints of the model.",)
@@ -154,12 +160,6 @@ def _prepared(
         start = Start(*project(plain, mean, cov, data.u0[0], float(time[0]))[:2])
     task = _Task(model, data, theta, noise, start, np.inf, notes)
     return task if known_cov is not None and np.all(np.isfinite(known_cov)) else _recentred(task, known_cov)
-
-
-def _initial_point(
-    explicit: ExplicitModel, theta: np.ndarray, time: np.ndarray, inputs: np.ndarray, hold: Hold
-) -> tuple[np.ndarray, np.ndarray]:
-    return initial_point(explicit, theta, inputs[0], _first_slopes(explicit, time, inputs), float(time[0]))
 
 
 def _first_slopes(explicit: ExplicitModel, time: np.ndarray, inputs: np.ndarray) -> np.ndarray:
@@ -190,8 +190,9 @@ def _redundant(
     inputs: np.ndarray,
     hold: Hold,
 ) -> tuple[ExplicitModel, ca.Function, np.ndarray, np.ndarray | None]:
-    """The model on all differentiated variables with its invariants, and the start in its states. A covariance is
-    carried over by the slopes of the internal variables; one with unknown states becomes unknown as a whole."""
+    """The model on all differentiated variables with its invariants, and the start in its states. A
+    covariance is carried over by the slopes of the internal variables; one with unknown states becomes
+    unknown as a whole."""
     redundant = redundant_model(explicit.flat)
     u0, v0 = inputs[0], _first_slopes(explicit, time, inputs)
     arguments = (u0, v0, np.zeros(len(explicit.flat.noises)), theta, float(time[0]))
@@ -225,8 +226,8 @@ def _sizes(
     hold: Hold,
     compiled: bool,
 ) -> np.ndarray:
-    """How far each state moves in a simulation of the record, at least its nominal value (1 where none is given
-    and it does not move)."""
+    """How far each state moves in a simulation of the record, at least its nominal value (1 where none is
+    given and it does not move)."""
     nominal = {v.name: v.nominal for v in explicit.flat.unknowns}
     given = np.array([abs(nominal.get(name) or 0.0) for name in explicit.state_names])
     engine = integrator(explicit, invariants=invariants, compiled=compiled)
@@ -240,8 +241,8 @@ def _sizes(
 
 
 def _recentred(task: _Task, known_cov: np.ndarray | None) -> _Task:
-    """An unknown start moves to the smoothed estimate of a first pass over the beginning, START_WIDTH times as wide:
-    wide enough to carry 1 % of the information, narrow enough for linearisation and sigma points."""
+    """An unknown start moves to the smoothed estimate of a first pass over the beginning, START_WIDTH times
+    as wide: wide enough to carry 1 % of the information, narrow enough for linearisation and sigma points."""
     head = Record(
         *(part[:START_SAMPLES] for part in (task.data.time, task.data.u0, task.data.u1, task.data.outputs))
     )
@@ -277,7 +278,7 @@ def _with_substeps(task: _Task) -> _Task:
             break
         coarse, longest = fine, finer
     else:
-        note = f"The estimate still changes with the step of the linearisation at {MOST_SUBSTEPS} steps per sample."
+        note = f"The estimate still changes at {MOST_SUBSTEPS} steps of linearisation per sample."
         return replace(task, longest=longest, notes=(*task.notes, note))
     if np.isinf(longest):
         return task
@@ -294,7 +295,8 @@ def _try_ekf(task: _Task, longest: float) -> tuple[np.ndarray, np.ndarray] | Non
 
 
 def _change(coarse: tuple[np.ndarray, np.ndarray], fine: tuple[np.ndarray, np.ndarray]) -> float:
-    """Largest rms change of a state, in its standard deviations; a state without uncertainty counts by its rms."""
+    """Largest rms change of a state, in its standard deviations; a state without uncertainty counts by its
+    rms."""
     std = fine[1]
     floor = 1e-6 * np.sqrt(np.mean(fine[0] ** 2, axis=0))
     size = np.maximum(np.maximum(std, floor), np.finfo(float).tiny)
@@ -349,7 +351,7 @@ def _unscented_joint(run: UkfRun, data: Record, noise: Noise, smooth: bool) -> J
 def _inside(task: _Task, joint: Joint) -> tuple[np.ndarray, np.ndarray]:
     """Internal variables and their standard deviations (n_samples, n_v), by their slopes at the estimate."""
     explicit, n = task.model.explicit, task.model.n_states
-    kind = ca.SX if explicit.is_symbolic else ca.MX
+    kind: Any = ca.SX if explicit.is_symbolic else ca.MX
     arguments = [kind.sym(f"a{i}", explicit.rhs.numel_in(i)) for i in range(6)]
     value = internal_function(explicit)(*arguments)
     slopes = ca.densify(ca.jacobian(value, ca.vertcat(arguments[0], arguments[3])))
@@ -411,13 +413,13 @@ def _particles(
 
 def _particle_notes(run: ParticleRun, time: np.ndarray) -> tuple[str, ...]:
     size = run.weights.shape[1]
-    notes = [
-        f"Effective sample size: median {np.median(run.effective):.0f} of {size}, least {run.effective.min():.0f}."
-    ]
+    least, median = run.effective.min(), np.median(run.effective)
+    notes = [f"Effective sample size: median {median:.0f} of {size}, least {least:.0f}."]
     if run.collapsed.size:
         notes.append(
-            f"The particles collapse at {run.collapsed.size} samples, first at t = {time[run.collapsed[0]]:g} s: "
-            "estimates there rest on a few of them. Use more particles or larger noise."
+            f"The particles collapse at {run.collapsed.size} samples, first at t = "
+            f"{time[run.collapsed[0]]:g} s: estimates there rest on a few of them. Use more particles or "
+            "larger noise."
         )
     return tuple(notes)
 
@@ -433,7 +435,7 @@ def _result(
 ) -> FilterResult:
     flat = task.model.explicit.flat
     names = internal_names(task.model.explicit)
-    units = {v.name: v.unit for v in (*flat.outputs, *flat.unknowns)}
+    units = {o.name: o.unit for o in flat.outputs} | {v.name: v.unit for v in flat.unknowns}
     output_names = [o.name for o in flat.outputs]
     rest = [n for n in experiment.output_names if n in output_names and n not in measure]
     columns = {n: (found.values[:, names.index(n)], found.std[:, names.index(n)]) for n in rest}

@@ -1,8 +1,8 @@
 """Smoothers for the runs of the nonlinear Gaussian filters: states and process noise given the whole record.
 
 Extended filter: Bryson and Frazier's recursion with the transitions of the filter, which inverts no state
-covariance, so that noise-free states are allowed. Unscented filter: Rauch, Tung and Striebel's recursion with the
-covariances between successive states (Särkkä, IEEE Trans. Automatic Control 2008).
+covariance, so that noise-free states are allowed. Unscented filter: Rauch, Tung and Striebel's recursion with
+the covariances between successive states (Särkkä, IEEE Trans. Automatic Control 2008).
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ RANK_TOLERANCE = (
 
 @dataclass(frozen=True)
 class Joint:
-    """Mean (n_samples, n + n_w) and covariance (n_samples, n + n_w, n + n_w) of the state at each sample and the
-    mean of the process noise over the interval that follows it."""
+    """Mean (n_samples, n + n_w) and covariance (n_samples, n + n_w, n + n_w) of the state at each sample and
+    the mean of the process noise over the interval that follows it."""
 
     mean: np.ndarray
     cov: np.ndarray
 
 
 def filtered_joint(data: Record, noise: Noise, filtered: np.ndarray, filtered_cov: np.ndarray) -> Joint:
-    """What the past says: the noise to come is independent of it. The last sample repeats the last interval."""
+    """What the past says: the noise to come is independent of it. The last interval counts twice."""
     (samples, n), n_w = filtered.shape, noise.intensity.size
     steps = np.append(data.steps, data.steps[-1])
     cov = np.zeros((samples, n + n_w, n + n_w))
@@ -59,7 +59,8 @@ def smooth_ekf(filtered: EkfRun, data: Record, noise: Noise) -> Joint:
 
 
 def _reach(cross: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Covariance (n_samples, n + n_w, n) of (x[k], w̄[k]) with the state at the next sample; none at the last."""
+    """Covariance (n_samples, n + n_w, n) of (x[k], w̄[k]) with the state at the next sample; none at the
+    last."""
     reach = np.concatenate([cross, np.swapaxes(noise, 1, 2)], axis=1)
     reach[-1] = 0.0
     return reach
@@ -68,7 +69,8 @@ def _reach(cross: np.ndarray, noise: np.ndarray) -> np.ndarray:
 def _backward_terms(
     filtered: EkfRun, data: Record, noise: Noise
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """F = Φ T (I - K C) with the projection T onto invariants, b = Cᵀ S⁻¹ ν and W = Cᵀ S⁻¹ C per sample; a missing output has a zero row."""
+    """F = Φ T (I - K C) with the projection T onto invariants, b = Cᵀ S⁻¹ ν and W = Cᵀ S⁻¹ C per sample; a
+    missing output has a zero row."""
     there = np.isfinite(data.outputs)
     C = np.where(there[:, :, None], filtered.sight, 0.0)
     S = C @ filtered.predicted_cov @ np.swapaxes(C, 1, 2)

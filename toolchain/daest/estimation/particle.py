@@ -1,9 +1,9 @@
 """Particle filter and smoother for models whose transition over a sample is Gaussian given the state.
 
-Bootstrap filter (Gordon, Salmond & Smith 1993), or with the proposal of a local extended filter for each particle
-(Doucet, Godsill & Andrieu 2000); systematic resampling when the effective sample size falls. The smoother simulates
-backwards (Godsill, Doucet & West 2004). All random numbers come from one seeded generator before the work is
-divided among threads: results do not depend on the number of threads.
+Bootstrap filter (Gordon, Salmond & Smith 1993), or with the proposal of a local extended filter for each
+particle (Doucet, Godsill & Andrieu 2000); systematic resampling when the effective sample size falls. The
+smoother simulates backwards (Godsill, Doucet & West 2004). All random numbers come from one seeded generator
+before the work is divided among threads: results do not depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Literal, Protocol
 
 import numpy as np
@@ -35,13 +36,13 @@ class PointModel(Protocol):
     """A discrete-time model x[k+1] = mean(x[k]) + root z, y = h(x) + e with z, e independent and Gaussian."""
 
     def advance(self, k: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Means (m, n) and roots (m, n, n) of the covariances of the states at sample k + 1; NaN means where the
-        model has no value."""
+        """Means (m, n) and roots (m, n, n) of the covariances of the states at sample k + 1; NaN means where
+        the model has no value."""
         ...
 
     def hold(self, k: int, points: np.ndarray) -> np.ndarray:
-        """The points on the constraints that the states of sample k obey; the points themselves where there are
-        none."""
+        """The points on the constraints that the states of sample k obey; the points themselves where there
+        are none."""
         ...
 
     def see(self, k: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -53,10 +54,10 @@ class PointModel(Protocol):
 class ParticleRun:
     """Weighted particles at every sample, after its measurement.
 
-    points (n_samples, m, n), weights (n_samples, m) normalised, ancestors (n_samples, m): which particle of the
-    sample before each one comes from; effective (n_samples,): effective sample sizes before resampling;
-    innovations (n_samples, n_y) with their covariance and normalised squares as in `ukf.UkfRun`; log_likelihood
-    is the estimate of log p(y).
+    points (n_samples, m, n), weights (n_samples, m) normalised, ancestors (n_samples, m): which particle of
+    the sample before each one comes from; effective (n_samples,): effective sample sizes before resampling;
+    innovations (n_samples, n_y) with their covariance and normalised squares as in `ukf.UkfRun`;
+    log_likelihood is the estimate of log p(y).
     """
 
     points: np.ndarray
@@ -196,8 +197,8 @@ def _draw(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Standardised process noise z (m, n) of every particle, and log p(z) - log q(z).
 
-    The proposal conditions z, not x, on the measurement: h(mean + root z) ≈ h(mean) + C root z. Transitions of
-    any rank are then alike.
+    The proposal conditions z, not x, on the measurement: h(mean + root z) ≈ h(mean) + C root z. Transitions
+    of any rank are then alike.
     """
     z = rng.standard_normal(means.shape)
     if proposal == "bootstrap" or not np.any(there):
@@ -256,8 +257,8 @@ def _resample(cloud: _Cloud, rng: np.random.Generator) -> None:
 
 @dataclass(frozen=True)
 class Trajectories:
-    """States (n_samples, m, n) of m equally weighted trajectories given the whole record. `is_simulated` False:
-    the transition has no density, and the trajectories are the ancestral lines of the filter."""
+    """States (n_samples, m, n) of m equally weighted trajectories given the whole record. `is_simulated`
+    False: the transition has no density, and the trajectories are the ancestral lines of the filter."""
 
     states: np.ndarray
     is_simulated: bool
@@ -291,7 +292,8 @@ def _ancestral(run: ParticleRun, chosen: np.ndarray, states: np.ndarray) -> Traj
 def _backward(
     means: np.ndarray, roots: np.ndarray, weights: np.ndarray, following: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """For every following state (c, n) one particle, drawn with probability ∝ weight · p(following | particle)."""
+    """For every following state (c, n) one particle, drawn with probability ∝ weight · p(following |
+    particle)."""
     usable = np.all(np.isfinite(means), axis=1) & np.all(np.diagonal(roots, axis1=1, axis2=2) > 0, axis=1)
     usable &= weights > 0.0
     inverse = np.linalg.inv(roots[usable])
@@ -395,7 +397,7 @@ class ContinuousPoints:
     def _all(self, part: Callable[[slice], int], m: int) -> None:
         workers = max(1, min(os.cpu_count() or 1, m // SMALLEST_CHUNK))
         cuts = np.linspace(0, m, workers + 1).astype(int)
-        slices = [slice(int(a), int(b)) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+        slices = [slice(int(a), int(b)) for a, b in pairwise(cuts)]
         statuses = [part(slices[0])] if workers == 1 else list(self._pool.map(part, slices))
         for status in statuses:
             raise_failure(status, self.task.model, self.task.data, 0)

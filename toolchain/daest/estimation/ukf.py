@@ -1,8 +1,8 @@
 """Continuous-discrete unscented Kalman filter: scaled sigma points, additive noise.
 
-The sigma points (Julier & Uhlmann 2004; van der Merwe 2004) of the state are carried over a sample interval by
-local linearisation on substeps, each along its own path; the process noise that is added is that of the path of
-the mean. On an affine model this is the Kalman filter.
+The sigma points (Julier & Uhlmann 2004; van der Merwe 2004) of the state are carried over a sample interval
+by local linearisation on substeps, each along its own path; the process noise that is added is that of the
+path of the mean. On an affine model this is the Kalman filter.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from daest.systems.local_linear import LocalModel, pointer
 
 @dataclass(frozen=True)
 class SigmaPoints:
-    """Scaled sigma points: `alpha` spreads them, `beta` = 2 suits a Gaussian, `kappa` None is 3 - n for fewer than
-    three states (fourth moments right) and 0 otherwise (no negative weight)."""
+    """Scaled sigma points: `alpha` spreads them, `beta` = 2 suits a Gaussian, `kappa` None is 3 - n for fewer
+    than three states (fourth moments right) and 0 otherwise (no negative weight)."""
 
     alpha: float = 1.0
     beta: float = 2.0
     kappa: float | None = None
 
     def weights(self, n: int) -> np.ndarray:
-        """Distance of the points in standard deviations; weight of the centre in the mean and in the covariance;
-        weight of every other point."""
+        """Distance of the points in standard deviations; weight of the centre in the mean and in the
+        covariance; weight of every other point."""
         kappa = max(3.0 - n, 0.0) if self.kappa is None else self.kappa
         total = self.alpha**2 * (n + kappa)
         centre = 1.0 - n / total

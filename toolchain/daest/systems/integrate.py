@@ -1,8 +1,8 @@
 """Integration of an explicit model along a recording, with exact sensitivities of the computed solution.
 
-The method is Radau IIA (order 5, L-stable). With a C compiler it runs as `radau.c`, compiled together with the
-model's CasADi functions, with adaptive steps. Without one, CasADi's collocation integrator interprets the same
-method with a fixed number of steps per sample interval: slower, and less exact where the model is stiff.
+The method is Radau IIA (order 5, L-stable). With a C compiler it runs as `radau.c`, compiled together with
+the model's CasADi functions, with adaptive steps. Without one, CasADi's collocation integrator interprets the
+same method with a fixed number of steps per sample interval: slower, and less exact where the model is stiff.
 Between samples the inputs are held (zoh) or run straight (foh).
 """
 
@@ -13,7 +13,7 @@ import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
-from typing import Literal
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -31,7 +31,7 @@ MEAN_STEPS_PER_INTERVAL = 50  # over a whole record: an unstable trajectory is g
 PROJECTIONS, PROJECTED = 8, 1e-3  # steps onto invariants; the step, in absolute tolerances, that ends them
 INTERPRETED_STEPS = 4  # per sample interval, without a C compiler
 _FAILURES = {
-    1: "the step size became too small: the solution has a singularity or a discontinuity that is not smoothed",
+    1: "the step size became too small: a singularity, or a discontinuity that is not smoothed",
     2: "the solution is too stiff or too unstable to be followed",
     3: "the model gives no finite derivative",
     4: "there is not enough memory",
@@ -45,7 +45,7 @@ class IntegrationError(NumericalError):
         super().__init__(
             "integration-failed",
             f"The simulation stopped at t = {time:.6g} s: {reason}.",
-            remedy="Look at the parameter values and the state at that time; smooth discontinuities with a width.",
+            remedy="Look at the parameter values and the state then; smooth discontinuities with a width.",
         )
         self.time = time
 
@@ -55,8 +55,8 @@ class IntegrationError(NumericalError):
 
 @dataclass(frozen=True)
 class Trajectory:
-    """states (n_samples, n) and outputs (n_samples, n_y), before the correction of a sample where a gain corrects;
-    sensitivities (n_samples, n_y, n_directions): ∂y/∂(chosen parameters, then x0)."""
+    """states (n_samples, n) and outputs (n_samples, n_y), before the correction of a sample where a gain
+    corrects; sensitivities (n_samples, n_y, n_directions): ∂y/∂(chosen parameters, then x0)."""
 
     states: np.ndarray
     outputs: np.ndarray
@@ -90,18 +90,19 @@ def integrator(
 ) -> Integrator:
     """Build the functions of `explicit` once; compile them if a C compiler is found and `compiled` is set.
 
-    `invariants` (x, u, v, w, theta, t) -> g (m,): relations g = 0 between the states (`systems.redundant`), onto
-    which every sample is projected. Raises ModelError `unknown-parameter` for a name that is no parameter.
+    `invariants` (x, u, v, w, theta, t) -> g (m,): relations g = 0 between the states (`systems.redundant`),
+    onto which every sample is projected. Raises ModelError `unknown-parameter` for a name that is no
+    parameter.
     """
-    *functions, hold = _model_functions(explicit, tuple(names), invariants)
+    rhs, sens, out, hold = _model_functions(explicit, tuple(names), invariants)
     library = None
     if compiled:
         try:
-            library = _compile(*functions, hold)
+            library = _compile(rhs, sens, out, hold)
         except FmuError as error:
             if error.code != "no-c-compiler":
                 raise
-    return Integrator(explicit, tuple(names), *functions, library, hold)
+    return Integrator(explicit, tuple(names), rhs, sens, out, library, hold)
 
 
 def _model_functions(
@@ -111,7 +112,7 @@ def _model_functions(
     missing = [name for name in names if name not in known]
     if missing:
         raise ModelError("unknown-parameter", f"The model has no parameter `{missing[0]}`.")
-    kind = ca.SX if explicit.is_symbolic else ca.MX
+    kind: Any = ca.SX if explicit.is_symbolic else ca.MX
     n_u, n_v, n_w = (explicit.rhs.numel_in(i) for i in (1, 2, 3))
     x, ubar, t = kind.sym("x", explicit.n_states), kind.sym("u", n_u + n_v), kind.sym("t")
     # The chosen parameters stand apart: a library model may have hundreds of others.
@@ -135,8 +136,8 @@ def _model_functions(
         for name, expressions in results.items()
     ]
     rhs, sens, out, *hold = (
-        ca.Function(name, [x, ubar, theta, t], function.call([x, ubar, theta[columns], theta, t], True, False))
-        for name, function in zip(results, inner, strict=True)
+        ca.Function(name, [x, ubar, theta, t], part.call([x, ubar, theta[columns], theta, t], True, False))
+        for name, part in zip(results, inner, strict=True)
     )
     return rhs, sens, out, hold[0] if hold else None
 
@@ -152,8 +153,9 @@ def _compile(rhs: ca.Function, sens: ca.Function, out: ca.Function, hold: ca.Fun
         ("NY", out.numel_out(0)),
         ("NG", 0 if hold is None else hold.numel_out(0)),
     ]
-    for prefix, function in (("RHS", rhs), ("SENS", sens), ("OUT", out), ("HOLD", hold)):
-        sizes = [0 if function is None else getattr(function, f"sz_{work}")() for work in _WORK]
+    every: dict[str, ca.Function | None] = {"RHS": rhs, "SENS": sens, "OUT": out, "HOLD": hold}
+    for prefix, part in every.items():
+        sizes = [0 if part is None else getattr(part, f"sz_{work}")() for work in _WORK]
         constants += [(f"{prefix}_{w.upper()}", size) for w, size in zip(_WORK, sizes, strict=True)]
     header = "".join(f"#define {name} {value}\n" for name, value in constants)
     names = ("radau.c",) if hold is None else ("project.c", "radau.c")
@@ -174,8 +176,8 @@ def interval_inputs(
 ) -> tuple[np.ndarray, np.ndarray]:
     """ū = (u, v) at the two ends of each sample interval, each (n_samples - 1, n_ū).
 
-    inputs (n_samples, n_u). A first derivative that the model needs is the slope of a foh input.
-    Raises ModelError `input-derivative-order` or `input-derivative-hold` where the hold has no such derivative.
+    inputs (n_samples, n_u). A first derivative that the model needs is the slope of a foh input. Raises
+    ModelError `input-derivative-order` or `input-derivative-hold` where the hold has no such derivative.
     """
     start, end = inputs[:-1], inputs[:-1] if hold == "zoh" else inputs[1:]
     slopes = (end - start) / np.diff(time)[:, None]
@@ -185,11 +187,11 @@ def interval_inputs(
             name = explicit.flat.inputs[derivative.index].name
             raise ModelError(
                 "input-derivative-order" if derivative.order > 1 else "input-derivative-hold",
-                f"the model needs the time derivative of order {derivative.order} of the input {name}, which a "
-                f"sampled input ({hold}) does not have",
+                f"the model needs the time derivative of order {derivative.order} of the input {name}, which "
+                f"a sampled input ({hold}) does not have",
                 where=name,
-                remedy="use first-order hold (--hold foh) for a first derivative; feed the input through a lag, or "
-                "let the derivative itself be the input, for a higher one",
+                remedy="use first-order hold (--hold foh) for a first derivative; for a higher one feed the "
+                "input through a lag, or let the derivative itself be the input",
             )
         columns.append(slopes[:, derivative.index])
     v = np.column_stack(columns) if columns else np.empty((start.shape[0], 0))
@@ -243,19 +245,21 @@ def integrate(
     rtol: float = RTOL,
     state_scale: np.ndarray | None = None,
 ) -> Trajectory:
-    """States and outputs at `time` (n_samples,) from x0 (n_states,) under the recorded `inputs` (n_samples, n_u).
+    """States and outputs at `time` (n_samples,) from x0 (n_states,) under the recorded `inputs` (n_samples,
+    n_u).
 
     theta: all parameters. `correction` turns the simulation into the one-step predictor of an observer.
-    `state_scale` (n_states,): sizes that count as large for each state, for the absolute tolerance (default 1).
-    Directions of the sensitivities: `model.names`, then the initial states. Raises IntegrationError with the
-    time it stopped at.
+    `state_scale` (n_states,): sizes that count as large for each state, for the absolute tolerance (default
+    1). Directions of the sensitivities: `model.names`, then the initial states. Raises IntegrationError with
+    the time it stopped at.
     """
     u0, u1 = interval_inputs(model.explicit, time, inputs, hold)
     scale = np.ones(x0.shape[0]) if state_scale is None else np.maximum(np.abs(state_scale), 1e-30)
     u_last = inputs[-1:] if u1.shape[0] == 0 else np.hstack([inputs[-1:], u1[-1:, inputs.shape[1] :]])
-    arrays = [np.ascontiguousarray(a, dtype=float) for a in (time, u0, u1, u_last, theta, x0)]
+    arrays: Any = [np.ascontiguousarray(a, dtype=float) for a in (time, u0, u1, u_last, theta, x0)]
     directions = model.n_directions if sensitivities else 0
-    run = _Run(*arrays, directions, rtol, rtol * ATOL_OF_SCALE * scale, correction)
+    atol = rtol * ATOL_OF_SCALE * scale
+    run = _Run(*arrays, directions=directions, rtol=rtol, atol=atol, correction=correction)
     return _run_interpreted(model, run) if model.library is None else _run_radau(model, run)
 
 
@@ -326,7 +330,8 @@ def _run_interpreted(model: Integrator, run: _Run) -> Trajectory:
 def _projected(
     model: Integrator, run: _Run, i: int, x: np.ndarray, S: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """State and sensitivities after interval i on the invariants, by shortest steps in the sizes of the states."""
+    """State and sensitivities after interval i on the invariants, by shortest steps in the sizes of the
+    states."""
     assert model.hold is not None
     weight = run.atol**2
     for _ in range(PROJECTIONS):
@@ -362,13 +367,13 @@ def _collocation(model: Integrator) -> ca.Function:
     u = ends[2 : 2 + n_u] + part * (ends[2 + n_u :] - ends[2 : 2 + n_u])
     span = ends[1] - ends[0]
     rate = span * model.rhs(x, u, theta, ends[0] + part * span)[0]
-    options = {
+    options: Any = {
         "collocation_scheme": "radau",
         "interpolation_order": 3,
         "number_of_finite_elements": INTERPRETED_STEPS,
         "rootfinder": "newton",
     }
-    dae = {"x": x, "p": ca.vertcat(ends, theta), "t": part, "ode": rate}
+    dae: Any = {"x": x, "p": ca.vertcat(ends, theta), "t": part, "ode": rate}
     flow = ca.integrator("over_interval", "collocation", dae, 0, 1, options)
     end = flow(x0=x, p=ca.vertcat(ends, theta))["xf"]
     known = [p.name for p in model.explicit.flat.parameters]

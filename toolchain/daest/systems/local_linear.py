@@ -1,4 +1,5 @@
-"""The functions that Gaussian filters of an explicit model need, built once and compiled when a compiler is found.
+"""The functions that Gaussian filters of an explicit model need, built once and compiled when a compiler is
+found.
 
 `numerics/local_linear.c` holds the loops over samples; this module writes the model's part of that program.
 """
@@ -8,8 +9,9 @@ from __future__ import annotations
 import ctypes
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
+from itertools import pairwise
 from typing import Any
 
 import casadi as ca
@@ -67,9 +69,9 @@ def local_model(
 ) -> LocalModel:
     """Build the functions of `explicit`.
 
-    `tangents`: with derivatives along parameters `names`, noises and initial states; `inside`: with the internal
-    variables (all unknowns, then the outputs that are no unknowns); `invariants` (x, u, v, w, theta, t) -> g (m,):
-    relations g = 0 between the states, onto which every estimate is projected.
+    `tangents`: with derivatives along parameters `names`, noises and initial states; `inside`: with the
+    internal variables (all unknowns, then the outputs that are no unknowns); `invariants` (x, u, v, w, theta,
+    t) -> g (m,): relations g = 0 between the states, onto which every estimate is projected.
 
     Raises ModelError `unknown-parameter`; EstimationError `output-white-noise` where an output contains white
     noise directly.
@@ -83,10 +85,12 @@ def local_model(
     dsee = parts.differential("daest_dsee", see, ("x", "ubar", "theta", "t")) if tangents else None
     hold = None if invariants is None else parts.hold(invariants)
     variables = parts.inside() if inside else None
-    functions = [parts.outer(f) for f in (flow, see)]
-    more = [None if f is None else parts.outer(f) for f in (dflow, dsee, hold, variables)]
-    model = LocalModel(explicit, tuple(names), functions[0], functions[1], *more, None)
-    return LocalModel(**{**model.__dict__, "library": _library(model)}) if compiled else model
+    outer = parts.outer
+    dflow, dsee, hold, variables = (None if f is None else outer(f) for f in (dflow, dsee, hold, variables))
+    model = LocalModel(
+        explicit, tuple(names), outer(flow), outer(see), dflow, dsee, hold, variables, library=None
+    )
+    return replace(model, library=_library(model)) if compiled else model
 
 
 def internal_names(explicit: ExplicitModel) -> tuple[str, ...]:
@@ -115,9 +119,9 @@ def _refuse_direct_noise(explicit: ExplicitModel) -> None:
         name = explicit.flat.outputs[rows[0]].name
         raise EstimationError(
             "output-white-noise",
-            f"The output {name} contains white noise directly, which a filter of a nonlinear model cannot weigh.",
+            f"the output {name} contains white noise directly, which no filter of a nonlinear model weighs",
             where=name,
-            remedy="Measure another variable, or pass the noise through a lag (coloured noise).",
+            remedy="measure another variable, or pass the noise through a lag (coloured noise)",
         )
 
 
@@ -194,7 +198,7 @@ class _Parts:
         whole = ca.vertcat(*[ca.vec(r) for r in results])
         change = ca.densify(ca.jtimes(whole, ca.vertcat(s["x"], s["chosen"]), ca.vertcat(dx, dp)))
         ends = np.cumsum([0, *(r.numel() for r in results)]).tolist()
-        parts = [change[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        parts = [change[a:b] for a, b in pairwise(ends)]
         return ca.Function(name, [*given, dx, dp], parts)
 
     def outer(self, function: ca.Function) -> ca.Function:
@@ -205,7 +209,7 @@ class _Parts:
         chosen = len(arguments) - 1 - n_tail
         theta = arguments[chosen - 2]
         outer = arguments[:chosen] + arguments[chosen + 1 :]
-        inner = arguments[:chosen] + [theta[list(self.columns)]] + arguments[chosen + 1 :]
+        inner = [*arguments[:chosen], theta[list(self.columns)], *arguments[chosen + 1 :]]
         return ca.Function(function.name(), outer, function.call(inner, True, False))
 
 

@@ -1,10 +1,12 @@
-"""The explicit form on all differentiated variables, for models whose choice of states is not good everywhere.
+"""The explicit form on all differentiated variables, for models whose choice of states is not good
+everywhere.
 
-Dummy derivatives leave as many states as the model has degrees of freedom; where the constraints are nonlinear, that
-choice becomes singular on the way (a pendulum in Cartesian coordinates passing the horizontal). Here every
-variable that occurs differentiated stays a state. Only the highest derivatives are solved for, which is regular
-wherever the model is; the constraints and their derivatives are invariants of the flow, 0 = g(x), to which
-computed states are pulled back (Hairer & Wanner, Solving ODEs II, section VII.2, projection).
+Dummy derivatives leave as many states as the model has degrees of freedom; where the constraints are
+nonlinear, that choice becomes singular on the way (a pendulum in Cartesian coordinates passing the
+horizontal). Here every variable that occurs differentiated stays a state. Only the highest derivatives are
+solved for, which is regular wherever the model is; the constraints and their derivatives are invariants of
+the flow, 0 = g(x), to which computed states are pulled back (Hairer & Wanner, Solving ODEs II, section VII.2,
+projection).
 """
 
 from __future__ import annotations
@@ -44,8 +46,8 @@ def needs_redundant_states(flat: FlatModel) -> bool:
 
 
 def redundant_model(flat: FlatModel) -> RedundantModel:
-    """The model on all its differentiated variables; those that a constraint gives directly as a derivative of
-    another state (x' = v) are left out. Errors as `reduce_index`."""
+    """The model on all its differentiated variables; those that a constraint gives directly as a derivative
+    of another state (x' = v) are left out. Errors as `reduce_index`."""
     sigma = flat_signature(flat)
     check_structure(sigma, flat.equations, flat.unknowns, flat.name)
     system = expand(flat, find_aliases(flat))
@@ -84,7 +86,8 @@ def _solve(system: ExpandedSystem, choice: StateChoice, rows: list[int], point: 
 
 
 def _without_copies(explicit: ExplicitModel, invariants: ca.Function, orders: list[int]) -> RedundantModel:
-    """Leave out states that are derivatives and that an invariant with constant coefficients gives from others."""
+    """Leave out states that are derivatives and that an invariant with constant coefficients gives from
+    others."""
     arguments = invariants.sx_in()
     x, g = arguments[0], invariants(*arguments)
     whole, rows = ca.SX(x), list(range(g.numel()))

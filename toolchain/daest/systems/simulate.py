@@ -23,6 +23,7 @@ from daest.systems.integrate import IntegrationError, integrate, integrator
 from daest.systems.linearize import is_affine_model
 from daest.systems.pantelides import name_equations
 from daest.systems.reduce import reduce_index
+from daest.systems.redundant import matching_states, needs_redundant_states, redundant_model
 from daest.systems.sample import sample
 from daest.systems.state_space import state_space, state_space_family
 
@@ -87,8 +88,11 @@ def simulate(
     with threadpool_limits(1):  # many small matrices: a second thread only waits
         if np.any(intensity > 0):
             states, w, method = (_affine_noisy if is_affine else _nonlinear_noisy)(task, intensity, rng)
+        elif is_affine:
+            states, method = _affine(task)
         else:
-            states, method = _affine(task) if is_affine else _nonlinear(task, rtol)
+            task, invariants = _good_everywhere(task)
+            states, method = _nonlinear(task, rtol, invariants)
     result = _collect(task, states, w, method)
     if not noise:
         return result
@@ -274,8 +278,21 @@ def _square_root(covariance: np.ndarray) -> np.ndarray:
     return safe[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-def _nonlinear(task: _Task, rtol: float) -> tuple[np.ndarray, str]:
-    engine = integrator(task.explicit)
+def _good_everywhere(task: _Task) -> tuple[_Task, ca.Function | None]:
+    """The task on all differentiated variables, with the invariants that tie them, where the choice of states
+    could become singular on the way."""
+    if not needs_redundant_states(task.explicit.flat):
+        return task, None
+    redundant = redundant_model(task.explicit.flat)
+    w = np.zeros(len(task.explicit.flat.noises))
+    arguments = (task.u[0], task.v[0], w, task.theta, float(task.time[0]))
+    xi = np.array(task.explicit.variables(task.x0, *arguments)).ravel()
+    x0 = matching_states(task.explicit, redundant, task.x0, xi, arguments)
+    return replace(task, explicit=redundant.explicit, x0=x0), redundant.invariants
+
+
+def _nonlinear(task: _Task, rtol: float, invariants: ca.Function | None) -> tuple[np.ndarray, str]:
+    engine = integrator(task.explicit, invariants=invariants)
     nominal = {v.name: v.nominal for v in task.explicit.flat.unknowns}
     scale = np.array([abs(nominal.get(name) or 1.0) for name in task.explicit.state_names])
     try:
@@ -285,7 +302,8 @@ def _nonlinear(task: _Task, rtol: float) -> tuple[np.ndarray, str]:
     except IntegrationError as error:
         raise _failed(error.time, error.what) from error
     how = f"adaptive steps, rtol {rtol:g}" if engine.library is not None else "fixed steps"
-    return run.states, f"Radau IIA order 5, {how}, {task.hold}"
+    held = "" if invariants is None else ", projected on the constraints"
+    return run.states, f"Radau IIA order 5, {how}, {task.hold}{held}"
 
 
 def _failed(time: float, reason: str) -> NumericalError:

@@ -97,8 +97,8 @@ def _leading_jacobian(system: ExpandedSystem) -> LeadingJacobian:
 
 
 def depends_on_place(system: ExpandedSystem, choice: StateChoice) -> bool:
-    """Whether the constraints are solved for the dummy derivatives with coefficients that vary with the state, so
-    that the choice may become singular on the way."""
+    """Whether the constraints are solved for the dummy derivatives with coefficients that vary with the
+    state, so that the choice may become singular on the way."""
     leading = _leading_jacobian(system)
     constrained = system.counts.equations[leading.rows] >= 1
     solved = np.flatnonzero(constrained & (choice.dummies[leading.columns] >= 1))
