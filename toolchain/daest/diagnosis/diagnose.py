@@ -18,7 +18,7 @@ import numpy as np
 from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.disturbance import best_curve, place_gains, smoothed_load
-from daest.diagnosis.null import Null, fit_null, refit
+from daest.diagnosis.null import Null, fit_null, loads_of, refit
 from daest.diagnosis.proof import Prepared, prepare, prove, ranked, trials
 from daest.diagnosis.screen import run_null, screen
 from daest.errors import DaestError, EstimationError
@@ -29,6 +29,7 @@ from daest.model.experiment import Experiment
 from daest.model.fit import FitResult
 from daest.model.flat import FlatModel
 from daest.modelica.sites import sites
+from daest.systems.reduce import reduce_index
 from daest.systems.sample import Hold
 
 SCREEN_LEVEL = 0.05  # corrected p-value of a score below which a candidate goes to the proof
@@ -66,36 +67,83 @@ def diagnose(
     Without `validation`, the second half of every experiment is kept for it. Raises EstimationError
     `diagnose-too-short`, `diagnose-no-place`, `diagnose-no-candidate`, and what identification raises.
     """
-    began = time.perf_counter()
     options = options or DiagnoseOptions()
+    return examine(begin(flat, experiments, validation, options, progress), library, options, progress)
+
+
+@dataclass(frozen=True)
+class Stand:
+    """What is examined: the model as the user declared it (`declared`), the null made from it (with the effects
+    that were accepted so far), the null's fit on the same terms as those of its rivals, and the validation data."""
+
+    declared: FlatModel
+    null: Null
+    baseline: FitResult
+    validation: tuple[Experiment, ...]
+    began: float
+
+
+def begin(
+    flat: FlatModel,
+    experiments: Sequence[Experiment],
+    validation: Sequence[Experiment],
+    options: DiagnoseOptions,
+    progress: Progress = lambda _: None,
+) -> Stand:
+    """Fit the model as it is, with unknown loads. Raises as `diagnose`."""
+    began = time.perf_counter()
     experiments, validation = _divided(tuple(experiments), tuple(validation))
-    places = sites(flat)
     progress("fitting the model as it is, with unknown loads")
-    null = fit_null(without_noises(flat), [s for s in places if s.kind == "node"], experiments, options.hold)
+    nodes = [site for site in sites(flat) if site.kind == "node"]
+    null = fit_null(without_noises(flat), nodes, experiments, options.hold)
+    baseline = refit(null.flat, null.explicit, null.estimated, null, validation=validation)
+    return Stand(flat, null, baseline, tuple(validation), began)
+
+
+def examine(
+    stand: Stand, library: Sequence[Effect], options: DiagnoseOptions, progress: Progress = lambda _: None
+) -> Diagnosis:
+    """Screen, proof and verdict for a fitted null."""
+    null = stand.null
     run = run_null(null)
-    candidates = _chosen(library, places, experiments, options)
+    candidates = _chosen(library, sites(null.flat), null.experiments, options)
     progress(f"screening {len(candidates)} effects at places")
     found = screen(null, run, candidates, options.seed)
-    baseline = refit(null.flat, null.explicit, null.estimated, null, validation=validation)
-    proofs = _proofs(null, baseline, found, validation, options, progress)
+    proofs = _proofs(stand, found, options, progress)
     gains = place_gains(null, run)
     load = smoothed_load(null, run, gains)
     curve, is_related = (None, False) if load is None else best_curve(null, run, load, options.seed)
     decided = verdicts.decide(
-        verdicts.Evidence(flat, null, run, baseline, found, proofs, gains, curve, is_related, options.fitted)
+        verdicts.Evidence(
+            stand.declared, null, run, stand.baseline, found, proofs, gains, curve, is_related, options.fitted
+        )
     )
     return Diagnosis(
         verdict=decided.name,
         message=decided.message,
-        baseline=baseline,
+        baseline=stand.baseline,
         proofs=proofs,
         screen=found,
         places=gains,
         disturbance=curve,
-        validation=baseline.simulated.get("validation"),
+        validation=stand.baseline.simulated.get("validation"),
         next_experiment=decided.next_experiment,
-        seconds=time.perf_counter() - began,
+        seconds=time.perf_counter() - stand.began,
     )
+
+
+def accept(stand: Stand, proof: Proof) -> Stand:
+    """The stand with the effect of `proof` in the model."""
+    null, candidate = stand.null, proof.candidate
+    grown = replace(
+        null,
+        flat=proof.flat,
+        explicit=reduce_index(proof.flat),
+        fit=proof.fit,
+        loads=loads_of(proof.fit, null.places),
+        experiments=fed(null.experiments, candidate),
+    )
+    return Stand(stand.declared, grown, proof.fit, fed(stand.validation, candidate), time.perf_counter())
 
 
 def without_noises(flat: FlatModel) -> FlatModel:
@@ -159,14 +207,10 @@ def fed(experiments: Sequence[Experiment], candidate: Candidate) -> tuple[Experi
 
 
 def _proofs(
-    null: Null,
-    baseline: FitResult,
-    found: Screen,
-    validation: Sequence[Experiment],
-    options: DiagnoseOptions,
-    progress: Progress,
+    stand: Stand, found: Screen, options: DiagnoseOptions, progress: Progress
 ) -> tuple[Proof, ...]:
     """The best candidates refitted, in parallel; a candidate that is clearly worse than one before is cut short."""
+    null = stand.null
     lock, best = Lock(), [-np.inf]
 
     def one(prepared: Prepared) -> Proof | None:
@@ -175,10 +219,11 @@ def _proofs(
         try:
             proof = prove(
                 null,
-                baseline,
+                stand.baseline,
                 prepared,
                 fed(null.experiments, candidate),
-                fed(validation, candidate),
+                fed(stand.validation, candidate),
+                found.n_screened,
                 best[0] - CLEARLY_WORSE,
             )
         except DaestError:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from daest.diagnosis.null import Null, loads_of, refit
 from daest.model.diagnosis import Candidate, Proof, Screen
@@ -92,11 +93,13 @@ def prove(
     prepared: Prepared,
     experiments: Sequence[Experiment],
     validation: Sequence[Experiment],
+    n_screened: int = 1,
     hopeless: float = -np.inf,
 ) -> Proof:
     """Refit one candidate and judge it against the null refitted the same way.
 
-    `experiments` are the null's with the signals that the effect needs. Raises what `refit` raises.
+    `experiments` are the null's with the signals that the effect needs; `n_screened` candidates were searched.
+    Raises what `refit` raises.
     """
     explicit = reduce_index(prepared.flat)
     fed = replace(null, experiments=tuple(experiments))
@@ -116,6 +119,7 @@ def prove(
         fit=fit,
         delta_log_likelihood=float(gain),
         delta_bic=delta_bic,
+        p_value=float(min(1.0, n_screened * chi2.sf(2.0 * max(gain, 0.0), n_own))),
         explained=explained,
         equivalent=tuple(c.site.name for c in prepared.trial.alike),
         not_separable_from=(),

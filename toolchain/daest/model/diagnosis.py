@@ -89,6 +89,7 @@ class Proof:
     fit: FitResult
     delta_log_likelihood: float
     delta_bic: float
+    p_value: float  # likelihood ratio, corrected for the search over all candidates
     explained: float
     equivalent: tuple[str, ...]  # places where the sensors would not see a difference
     not_separable_from: tuple[str, ...]
@@ -134,3 +135,23 @@ class Diagnosis:
     validation: Agreement | None
     next_experiment: str
     seconds: float
+
+
+@dataclass(frozen=True)
+class Step:
+    """One round of `improve`: the effect that was added (None: the model as it was), the fit after it, and the
+    diagnosis that proposed it."""
+
+    proof: Proof | None
+    fit: FitResult
+    diagnosis: Diagnosis | None
+    remark: str
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """The rounds, the diagnosis that ended them, and why they ended."""
+
+    steps: tuple[Step, ...]
+    last: Diagnosis
+    reason: str

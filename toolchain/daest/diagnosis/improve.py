@@ -1,0 +1,70 @@
+"""Improve: diagnose, put the best effect in, and again, until nothing is missing or nothing helps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from daest.diagnosis.diagnose import DiagnoseOptions, Progress, accept, begin, examine
+from daest.model.diagnosis import Improvement, Proof, Step
+from daest.model.effects import Effect
+from daest.model.experiment import Experiment
+from daest.model.fit import FitResult
+from daest.model.flat import FlatModel
+
+LEAST_PROGRESS = 0.98  # a round must bring the worst validation error below this part of the best so far
+STILL_NEEDED = 3.0  # standard errors that the size of an accepted effect must keep
+
+
+def improve(
+    flat: FlatModel,
+    library: Sequence[Effect],
+    experiments: Sequence[Experiment],
+    validation: Sequence[Experiment] = (),
+    options: DiagnoseOptions | None = None,
+    most_effects: int = 4,
+    progress: Progress = lambda _: None,
+) -> Improvement:
+    """Add effects one by one. Every round goes into the ledger, also the last one, which adds nothing."""
+    options = options or DiagnoseOptions()
+    stand = begin(flat, experiments, validation, options, progress)
+    steps = [Step(None, stand.baseline, None, "the model as it is")]
+    while True:
+        diagnosis = examine(stand, library, options, progress)
+        best = next((p for p in diagnosis.proofs if p.verdict != "rejected"), None)
+        if best is None:
+            return Improvement(tuple(steps), diagnosis, diagnosis.message)
+        if not _helps(stand.baseline, best.fit):
+            reason = f"{best.candidate.label} is supported, but it does not lower the validation error."
+            return Improvement(tuple(steps), diagnosis, reason)
+        stand = accept(stand, best)
+        steps.append(Step(best, best.fit, diagnosis, _remark(steps, best)))
+        progress(f"added {best.candidate.label}")
+        if len(steps) > most_effects:
+            return Improvement(tuple(steps), diagnosis, f"The limit of {most_effects} effects is reached.")
+
+
+def _helps(before: FitResult, after: FitResult) -> bool:
+    """Whether the simulation error on validation data falls for some output and rises for none by as much."""
+    old, new = before.simulated.get("validation"), after.simulated.get("validation")
+    if old is None or new is None:
+        return True
+    ratios = [
+        n / o for name, o in old.rms.items() if o and (n := new.rms.get(name)) is not None
+    ]
+    return bool(ratios) and min(ratios) < LEAST_PROGRESS and max(ratios) < 1.0 / LEAST_PROGRESS
+
+
+def _remark(steps: Sequence[Step], best: Proof) -> str:
+    """What else is to be said of the round: rivals that the data do not separate, effects no longer needed."""
+    said = []
+    if best.not_separable_from:
+        said.append(f"not separable from {', '.join(best.not_separable_from)}")
+    sizes = {p.name: p for p in best.fit.parameters}
+    for step in steps:
+        if step.proof is None:
+            continue
+        for parameter in step.proof.candidate.effect.sizes:
+            now = sizes.get(f"{step.proof.candidate.name}.{parameter.name}")
+            if now and now.std_error and abs(now.value - (parameter.null or 0.0)) < STILL_NEEDED * now.std_error:
+                said.append(f"{step.proof.candidate.label} is no longer needed")
+    return "; ".join(said) or "supported"

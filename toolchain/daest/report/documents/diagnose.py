@@ -1,0 +1,123 @@
+"""The json documents of `daest diagnose` and `daest improve`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from daest.model.diagnosis import Diagnosis, Improvement, Proof, Step
+from daest.model.fit import Agreement, FitResult
+
+SCREENED = 20  # entries of the screen that are listed
+
+
+def document(diagnosis: Diagnosis, models: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """`models`: Modelica text of the extended model by candidate name."""
+    curve = diagnosis.disturbance
+    return {
+        "verdict": diagnosis.verdict,
+        "message": diagnosis.message,
+        "baseline": _errors(diagnosis.baseline),
+        "candidates": [_candidate(p, (models or {}).get(p.candidate.name)) for p in diagnosis.proofs],
+        "screen": {
+            "p_value": diagnosis.screen.p_value,
+            "n_screened": diagnosis.screen.n_screened,
+            "best": [
+                {
+                    "effect": e.candidate.effect.name,
+                    "at": e.candidate.site.name,
+                    "score": e.score,
+                    "p_value": e.p_value,
+                    "sizes": dict(zip((p.name for p in e.candidate.effect.sizes), e.sizes, strict=True)),
+                    "detectable": e.detectable,
+                }
+                for e in diagnosis.screen.entries[:SCREENED]
+            ],
+            "skipped": [{"candidate": label, "reason": reason} for label, reason in diagnosis.screen.skipped],
+        },
+        "places": [
+            {"group": list(g.group), "log_likelihood_gain": g.log_likelihood_gain, "size": g.size, "unit": g.unit}
+            for g in diagnosis.places
+        ],
+        "disturbance": None
+        if curve is None
+        else {
+            "place": curve.place,
+            "variable": curve.variable,
+            "unit": curve.unit,
+            "variable_unit": curve.variable_unit,
+            "explained": curve.explained,
+            "curve": [list(map(float, row)) for row in zip(curve.x, curve.w, curve.std, strict=True)],
+        },
+        "next_experiment": diagnosis.next_experiment,
+        "seconds": diagnosis.seconds,
+    }
+
+
+def _candidate(proof: Proof, model: str | None) -> dict[str, Any]:
+    candidate = proof.candidate
+    prefix = f"{candidate.name}."
+    return {
+        "effect": candidate.effect.name,
+        "at": candidate.site.name,
+        "equivalent_places": list(proof.equivalent),
+        "inputs": dict(candidate.inputs),
+        "parameters": {
+            p.name.removeprefix(prefix): {"value": p.value, "std_error": p.std_error, "unit": p.unit}
+            for p in proof.fit.parameters
+            if p.name.startswith(prefix)
+        },
+        "model_parameters": {
+            p.name: {"value": p.value, "std_error": p.std_error, "unit": p.unit}
+            for p in proof.fit.parameters
+            if not p.name.startswith(prefix)
+        },
+        **_errors(proof.fit),
+        "delta_log_likelihood": proof.delta_log_likelihood,
+        "delta_bic": proof.delta_bic,
+        "p_value": proof.p_value,
+        "explained": proof.explained,
+        "verdict": proof.verdict,
+        "reason": proof.reason,
+        "not_separable_from": list(proof.not_separable_from),
+        "model": model,
+    }
+
+
+def _errors(fit: FitResult) -> dict[str, Any]:
+    return {
+        "fit_percent": {part: _agreement(a, "fit_percent") for part, a in fit.simulated.items()},
+        "rms": {part: _agreement(a, "rms") for part, a in fit.simulated.items()},
+    }
+
+
+def _agreement(agreement: Agreement, kind: str) -> dict[str, float | None]:
+    return dict(getattr(agreement, kind))
+
+
+def improvement_document(improvement: Improvement, models: Mapping[int, str] | None = None) -> dict[str, Any]:
+    """`models`: name of the written file by step."""
+    return {
+        "steps": [_step(i, step, (models or {}).get(i)) for i, step in enumerate(improvement.steps)],
+        "final": document(improvement.last),
+        "reason": improvement.reason,
+    }
+
+
+def _step(number: int, step: Step, model: str | None) -> dict[str, Any]:
+    proof = step.proof
+    row: dict[str, Any] = {
+        "added": None if proof is None else proof.candidate.effect.name,
+        "at": None if proof is None else proof.candidate.site.name,
+        **_errors(step.fit),
+        "verdict": "baseline" if proof is None else proof.verdict,
+        "remark": step.remark,
+        "log_likelihood": step.fit.log_likelihood,
+        "parameters": {
+            p.name: {"value": p.value, "std_error": p.std_error, "unit": p.unit} for p in step.fit.parameters
+        },
+        "model": model,
+    }
+    if proof is not None:
+        row |= {"delta_bic": proof.delta_bic, "p_value": proof.p_value, "explained": proof.explained}
+    return row
