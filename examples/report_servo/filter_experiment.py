@@ -1,8 +1,10 @@
 """The experiment of section 3.4.2 of the report: the speed of the motor from the angle of the disc alone.
 
-    python filter_experiment.py RECORDING.csv [-o figures.png] [--set NAME=VALUE]...
+    daest identify
+    python filter_experiment.py [RECORDING.csv] [-o figures.png] [--fit results/fit.json] [--set NAME=VALUE]...
 
-RECORDING has the columns time, u, omega and phi. Time-varying and stationary filter run three times over it:
+RECORDING (default: servo.csv of this folder) has the columns time, u, omega and phi. Parameters are those of
+the fit, if one is named, then those that are set, else those of the model. Time-varying and stationary filter run three times over it:
 from rest with the right initial state (figure 8 of the report), in the middle of the motion with zero as the
 initial state (figure 9), and long after that (figure 10). It prints the error of the estimated speed against
 the measured one.
@@ -11,6 +13,7 @@ the measured one.
 from __future__ import annotations
 
 import argparse
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -69,6 +72,12 @@ def later(experiment: Experiment, start: float) -> Experiment:
     )
 
 
+def fitted(path: Path) -> dict[str, float]:
+    """The parameters that daest identify found."""
+    found = json.loads(path.read_text(encoding="utf-8"))["parameters"]
+    return {name: parameter["value"] for name, parameter in found.items()}
+
+
 def model(values: dict[str, float]) -> StateSpaceFamily:
     """The report's servo with noise torques on both inertias."""
     flat = with_values(compile_model(Path(__file__).with_name("Servo.mo")), values)
@@ -125,16 +134,18 @@ def draw(found: list[Trial], path: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("recording", type=Path)
+    parser.add_argument("recording", type=Path, nargs="?", default=Path(__file__).with_name("servo.csv"))
     parser.add_argument("-o", "--output", type=Path)
+    parser.add_argument("--fit", type=Path, help="results/fit.json of daest identify")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", dest="values")
     options = parser.parse_args()
-    values = {name: float(value) for name, value in (pair.split("=", 1) for pair in options.values)}
+    values = fitted(options.fit) if options.fit is not None else {}
+    values |= {name: float(value) for name, value in (pair.split("=", 1) for pair in options.values)}
     found = trials(model(values), read(options.recording))
     print("error of the speed from the angle alone, rad/s      time-varying  stationary")
     for trial in found:
         print(f"{trial.title:<50} {trial.error(trial.varying):12.4f} {trial.error(trial.stationary):12.4f}")
-    print(f"gain within 1 % of the stationary one after {found[1].varying.steady_after} s")
+    print(f"gain within 1 % of the stationary one after {found[1].varying.steady_after:.2f} s")
     if options.output is not None:
         draw(found, options.output)
 
