@@ -78,7 +78,7 @@ def _noise(noise: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> RenderableTy
                 quantity,
                 number(n[quantity]),
                 number(n["std_error"], 2),
-                n["unit"],
+                _noise_unit(n["unit"], quantity),
                 f"at its {n['at_bound']}" if n["at_bound"] else "" if n["estimated"] else "given",
             )
             for kind, quantity in (("process", "intensity"), ("measurement", "std"))
@@ -86,6 +86,15 @@ def _noise(noise: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> RenderableTy
         ),
         text_columns=(0, 1, 4, 5),
     )
+
+
+def _noise_unit(unit: str, quantity: str) -> str:
+    """The unit of a standard deviation is that of the signal; that of an intensity is unit² s."""
+    if quantity == "std":
+        return unit
+    if unit in ("", "1"):
+        return "s"
+    return f"({unit})2.s" if "." in unit or "/" in unit else f"{unit}2.s"
 
 
 def _direction(direction: Mapping[str, Any]) -> str:

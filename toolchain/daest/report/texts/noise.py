@@ -40,8 +40,7 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
             ),
             text_columns=(1, 2, 4),
         )
-        for advice in dict.fromkeys(e["advice"] for e in forbidden if e["advice"]):
-            yield indented(advice)
+        yield from _advice(forbidden)
     for key, title in (("annotated", "Noise of the model"), ("asked", "Places that were asked for")):
         if document[key]:
             yield heading(title)
@@ -56,6 +55,16 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
             for d in document["decisions"]
         ),
     )
+
+
+def _advice(forbidden: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:
+    """Every advice once, behind the numbers of the equations that it is for."""
+    equations: dict[str, list[str]] = {}
+    for entry in forbidden:
+        if entry["advice"]:
+            equations.setdefault(entry["advice"], []).append(str(entry["index"]))
+    for advice, numbers in equations.items():
+        yield indented(f"{', '.join(numbers)}: {advice}")
 
 
 def _short(place: str | None) -> str:
