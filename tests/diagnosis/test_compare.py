@@ -1,14 +1,21 @@
 """Comparison of models against the closed form of a first-order lag."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
+from oscillator import OSCILLATOR, record
 
 from daest.diagnosis.compare import Candidate, compare_models
+from daest.estimation.identify import identify
+from daest.estimation.records import part_of
 from daest.model.experiment import Experiment
-from daest.model.flat import Equation, FlatModel, Output, Parameter, Variable
+from daest.model.fit import IdentifyOptions
+from daest.model.flat import Equation, FlatModel, NoiseInput, Output, Parameter, Variable
+from daest.modelica.compile import compile_model, with_values
 
 TIME_CONSTANT, GAIN, START, PERIOD = 0.5, 2.0, 0.7, 0.05
 
@@ -99,3 +106,109 @@ def test_nonlinear_model_is_simulated_from_its_own_initial_value():
     assert trial.simulation.fit_percent["y"] > 99.99
     # Without process noise the prediction is the simulation.
     assert np.array_equal(trial.predicted[0], trial.simulated[0])
+
+
+def test_error_of_predictions_grows_as_the_covariance_says():
+    """Wiener process x' = w: the variance h steps ahead of a stationary filter is P + (h - 1) q T + R."""
+    q, r, n = 0.04, 0.1, 20000
+    linear = lag()
+    w = ca.SX.sym("w")
+    wiener = replace(
+        linear,
+        noises=(NoiseInput("w", intensity=q),),
+        w=w,
+        residual=linear.derivatives - 0.0 * linear.u - w,
+        outputs=(Output("y", "V", noise_std=r),),
+    )
+    rng = np.random.default_rng(0)
+    x = np.cumsum(np.sqrt(q * PERIOD) * rng.standard_normal(n))
+    run = experiment(PERIOD * np.arange(n), np.zeros(n), x + r * rng.standard_normal(n))
+    trial = compare_models([Candidate("wiener", wiener, 0, "zoh")], [run]).models[0]
+    step = q * PERIOD
+    P = (step + np.sqrt(step**2 + 4 * step * r**2)) / 2  # of x[k|k-1]
+    for horizon in trial.growth:
+        expected = P + (horizon.steps - 1) * step + r**2
+        # The longest horizon has some n / steps independent errors.
+        tolerance = 4 * np.sqrt(horizon.steps / n) + 0.02
+        assert horizon.rms["y"] ** 2 == pytest.approx(expected, rel=tolerance)
+        assert horizon.seconds == pytest.approx(horizon.steps * PERIOD)
+    assert [h.steps for h in trial.growth] == [1, 3, 10, 30, 100, 300]
+    assert trial.verdict == "not falsified"
+
+
+def hardening(tmp_path, cubic):
+    path = tmp_path / f"Oscillator{cubic:g}.mo"
+    path.write_text(OSCILLATOR.format(extra=f" - {cubic}*x^3"))
+    return compile_model(path, "Oscillator")
+
+
+def test_nonlinear_models_are_predicted_tested_and_ranked(tmp_path):
+    """A cubic spring: its own model is not falsified, a linear one is; BIC and the error fall."""
+    true, linear = hardening(tmp_path, 8.0), hardening(tmp_path, 0.0)
+    run = record(true, 1500, 5)
+    trials = compare_models(
+        [Candidate("linear", linear, 3, "zoh"), Candidate("cubic", true, 4, "zoh")], [run]
+    ).models
+    assert [trial.verdict for trial in trials] == ["falsified", "not falsified"]
+    assert trials[1].bic < trials[0].bic - 100
+    for output in ("y", "v"):
+        assert trials[1].one_step.rms[output] < trials[0].one_step.rms[output]
+    assert trials[1].growth[0].rms == pytest.approx(trials[1].one_step.rms)
+    assert trials[1].growth[-1].rms["y"] > trials[1].growth[0].rms["y"]
+
+
+def test_linear_model_has_the_same_likelihood_through_either_way(tmp_path):
+    """A cubic term of size zero cannot be told from none, but may be computed by the nonlinear way."""
+    linear, nominal = hardening(tmp_path, 0.0), hardening(tmp_path, 1e-9)
+    run = record(linear, 600, 6)
+    exact, observed = compare_models(
+        [Candidate("linear", linear, 3, "zoh"), Candidate("nominal", nominal, 3, "zoh")], [run]
+    ).models
+    assert observed.log_likelihood == pytest.approx(exact.log_likelihood, abs=0.5)
+    assert observed.one_step.rms["y"] == pytest.approx(exact.one_step.rms["y"], rel=1e-3)
+    for kind, by_output in exact.tests.items():
+        for output, test in by_output.items():
+            assert observed.tests[kind][output].statistic == pytest.approx(test.statistic, rel=0.05)
+
+
+def test_inputs_are_matched_by_name_for_every_candidate(tmp_path):
+    linear, cubic = hardening(tmp_path, 0.0), hardening(tmp_path, 8.0)
+    run = record(cubic, 400, 7)
+    more = replace(run, inputs=np.column_stack([np.full(400, 9.0), run.inputs]), input_names=("other", "u"))
+    for model in (linear, cubic):
+        candidate = [Candidate("m", model, 0, "zoh")]
+        once, again = (compare_models(candidate, [e]).models[0] for e in (run, more))
+        assert once.simulation == again.simulation
+
+
+def test_servo_without_fault_passes_and_friction_is_located(shared_data):
+    """Coulomb friction at the motor of a linear servo model shows while the shaft is slow."""
+    folder = shared_data / "servo_lab" / "known"
+    source = Path(__file__).parents[2] / "examples" / "servo" / "Servo.mo"
+    verdicts = {}
+    for name in ("k1_nothing_hidden", "k2_coulomb_friction_motor"):
+        table = np.genfromtxt(folder / f"{name}.csv", delimiter=",", names=True)
+        truth = json.loads((folder / f"{name}.json").read_text())["parameters"]
+        flat = compile_model(source)
+        flat = with_values(flat, {"R": truth["R"]})
+        whole = Experiment(
+            name, table["time"], table["u"][:, None], np.column_stack([table["omega"], table["phi"]]),
+            ("u",), ("omega", "phi"),
+        )  # fmt: skip
+        half = len(table) // 2
+        estimation, validation = part_of(whole, 0, half), part_of(whole, half, len(table))
+        fit = identify(flat, [estimation], IdentifyOptions(hold="zoh"))
+        values = {n.name: n.value for n in fit.noises}
+        fitted = replace(
+            with_values(flat, fit.theta),
+            noises=tuple(replace(w, intensity=values[w.name]) for w in flat.noises),
+            outputs=tuple(replace(y, noise_std=values[y.name]) for y in flat.outputs),
+        )
+        candidate = Candidate(name, fitted, len(fit.parameters), fit.hold, n_estimation=fit.n_samples)
+        verdicts[name] = compare_models([candidate], [validation]).models[0]
+    free, rubbing = verdicts.values()
+    assert free.verdict == "not falsified" and not free.where
+    assert rubbing.verdict == "falsified"
+    regions = [f for f in rubbing.where if f.kind == "region" and f.error == "one-step"]
+    assert regions[0].variable == "omega" and regions[0].low == -regions[0].high
+    assert regions[0].share > 1.3 * regions[0].expected

@@ -34,7 +34,7 @@ from daest.systems.reduce import reduce_index
 FIRST_SAMPLES = 50  # fitted first, so that a wrong start does not lead the whole simulation astray
 ITERATIONS = 15  # of the search for initial states
 STATE_RANGE = 1e3  # initial states are searched within this many times their size in a first simulation
-STARTS_AHEAD = 60  # samples of a recording from which longer predictions start
+STARTS_AHEAD = 200  # samples of a recording from which longer predictions start
 
 
 @dataclass(frozen=True)

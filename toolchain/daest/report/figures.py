@@ -68,7 +68,7 @@ def _draw_runs(comparison: Comparison, axes: Any) -> None:
                 errors.plot(experiment.time, measured - model.simulated[column][:, i], color=color, lw=0.8)
             values.set_ylabel(_label(output, comparison.output_units[i]))
             errors.set_ylabel(_label("error", comparison.output_units[i]))
-            errors.axhline(0.0, color="0.8", lw=0.6)
+            errors.axhline(0.0, color="0.8", lw=0.6, zorder=0)
             values.legend(loc="upper right", fontsize=7)
         axes[0][column].set_title(experiment.name, fontsize=9)
         axes[-1][column].set_xlabel("time [s]")
