@@ -1,0 +1,128 @@
+"""The words of README.md: its commands run, print what it says, and nothing that exists is left out."""
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+import daest
+from daest.cli.main import COMMANDS, run
+from daest.errors import EXPLANATIONS
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+FENCE = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?(?![\w.])")
+TOUR = ("export", "linearize", "noise", "identify", "filter", "compare")
+RELATIVE = 0.02  # other versions of numerical libraries may move the last shown digits
+
+
+def blocks(language: str) -> list[str]:
+    return [body for name, body in FENCE.findall(README) if name == language]
+
+
+def indented_line(start: str) -> str:
+    """The only indented command line of README.md that begins with `start`."""
+    (line,) = re.findall(rf"^    ({re.escape(start)}.*)$", README, re.MULTILINE)
+    return line
+
+
+def says_the_same(stated: str, printed: str) -> bool:
+    """Equal words, and numbers that agree to RELATIVE."""
+    if NUMBER.sub("#", " ".join(stated.split())) != NUMBER.sub("#", " ".join(printed.split())):
+        return False
+    pairs = zip(NUMBER.findall(stated), NUMBER.findall(printed), strict=True)
+    return all(float(a) == pytest.approx(float(b), rel=RELATIVE) for a, b in pairs)
+
+
+def missing(stated: list[str], printed: list[str]) -> str | None:
+    """The first stated line that does not follow in what was printed; `...` stands for any lines."""
+    position, may_skip = 0, False
+    for line in stated:
+        if line.strip() == "...":
+            may_skip = True
+            continue
+        while position < len(printed) and not says_the_same(line, printed[position]):
+            if not may_skip:
+                return line
+            position += 1
+        if position == len(printed):
+            return line
+        position, may_skip = position + 1, False
+    return None
+
+
+@pytest.fixture(scope="module")
+def servo(tmp_path_factory) -> Path:
+    """A copy of the example of the tour, in which results gather."""
+    folder = tmp_path_factory.mktemp("tour") / "servo"
+    return shutil.copytree(ROOT / "examples" / "servo", folder, ignore=shutil.ignore_patterns("results"))
+
+
+def test_tour(servo, monkeypatch, capsys):
+    """One test, because later commands use the results of earlier ones."""
+    monkeypatch.chdir(servo)
+    monkeypatch.delenv("COLUMNS", raising=False)  # as wide as in the README, whatever terminal this is
+    commands = []
+    for block in blocks("console"):
+        prompt, *stated = block.splitlines()
+        program, command, *options = prompt.removeprefix("$ ").split()
+        assert prompt.startswith("$ ") and program == "daest"
+        commands.append(command)
+        capsys.readouterr()
+        assert run([command, *options]) == 0
+        printed = [line for line in capsys.readouterr().out.splitlines() if line.strip()]
+        assert missing([line for line in stated if line.strip()], printed) is None
+    assert tuple(commands) == TOUR
+    assert (servo / "speed.png").stat().st_size > 10_000
+
+
+def test_python(servo, monkeypatch, capsys):
+    monkeypatch.chdir(servo)
+    (block,) = blocks("python")
+    exec(compile(block, "README.md", "exec"), {})
+    printed = capsys.readouterr().out
+    assert "'k': (0.0675" in printed
+
+
+def test_matching_notices_a_wrong_word_and_a_wrong_number():
+    printed = ["a = 1.00 m", "b = 2", "c"]
+    assert missing(["a = 1.01 m", "..."], printed) is None
+    assert missing(["...", "c"], printed) is None
+    assert missing(["a = 1.1 m"], printed) == "a = 1.1 m"
+    assert missing(["a = 1.00 kg"], printed) == "a = 1.00 kg"
+    assert missing(["b = 2"], printed) == "b = 2"
+    assert missing(["...", "c", "b = 2"], printed) == "b = 2"
+
+
+def test_ci_runs_the_test_command():
+    script = (ROOT / ".ci" / "run").read_text()
+    assert f"\n{indented_line('ruff check')}\n" in script
+    install = re.search(r"pip install -e '[^']*'", indented_line("python3 -m venv"))
+    assert indented_line("python3 -m venv").endswith("&& daest demo servo")
+    assert install and install[0].removeprefix("pip install") in script
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_is_in_the_table_and_shows_an_example(command, capsys):
+    assert f"| `daest {command}" in README
+    assert run([command, "-h"]) == 0
+    assert re.search(rf"Example:\s+daest\s+{command}", capsys.readouterr().out)
+
+
+def test_every_code_is_explained_by_the_command(capsys):
+    assert run(["explain"]) == 0
+    listed = capsys.readouterr().out.splitlines()
+    assert [line for line in listed if line and not line.startswith(" ")] == sorted(EXPLANATIONS)
+
+
+def test_names_and_paths_exist():
+    for path in re.findall(r"`((?:tests|examples|modelica|benchmarks)(?:/[\w.]+)*)(?:::\w+)?`", README):
+        assert (ROOT / path).exists(), path
+    for path, function in re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", README):
+        assert f"def {function}(" in (ROOT / path).read_text(), function
+    for path in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", README):
+        assert (ROOT / path).is_file(), path
+    for name in re.findall(r"daest\.(\w+)\(", "".join(blocks("python"))):
+        assert name in daest.__all__
