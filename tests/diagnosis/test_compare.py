@@ -154,7 +154,10 @@ def test_nonlinear_models_are_predicted_tested_and_ranked(tmp_path):
     for output in ("y", "v"):
         assert trials[1].one_step.rms[output] < trials[0].one_step.rms[output]
     assert trials[1].growth[0].rms == pytest.approx(trials[1].one_step.rms)
-    assert trials[1].growth[-1].rms["y"] > trials[1].growth[0].rms["y"]
+    # Measurement noise 0.05 and what the process noise adds, at most 1e-3 / (2 a b); 200 starts: ±5 % each.
+    for horizon in trials[1].growth[1:]:
+        assert 0.05 * 0.85 < horizon.rms["y"] < np.sqrt(0.05**2 + 2.5e-4) * 1.15
+    assert trials[0].growth[-1].rms["y"] > 1.5 * trials[1].growth[-1].rms["y"]
 
 
 def test_linear_model_has_the_same_likelihood_through_either_way(tmp_path):
