@@ -40,8 +40,11 @@ from daest.systems.local_linear import LocalModel, local_model
 
 STATE_RANGE = 1e3  # initial states are searched within this many times their scale
 NOISE_RANGE = 1e6  # a noise is searched within this factor of its start, both ways
-SUBSTEP_CHANGE = 0.1  # change of the log-likelihood per 1000 samples that a halved substep may make
-MOST_HALVINGS = 5
+SUBSTEP_CHANGE = (
+    0.1  # of the log-likelihood by halving the substeps: this, and this per 1000 samples, is allowed
+)
+MOST_HALVINGS = 4  # a model that needs finer steps is not smooth on the scale of its samples
+WORSE = 2.0  # log-likelihood by which the filter may fall short of the observer that it started from
 ROUNDS = 2  # of searching with a step of the linearisation that is checked afterwards
 
 
@@ -147,7 +150,8 @@ def identify_by_ekf(
     """As `identify_nonlinear`, whose prediction-error estimate it starts from, by maximum likelihood.
 
     Standard errors of parameters and noises are those of the Fisher information. Method "oe" is left to
-    `identify_nonlinear`. Where the filter cannot run from that start, its result is returned with a note.
+    `identify_nonlinear`. Where the model is not smooth over a few substeps of a sample, or the filter
+    predicts worse than the observer, the result of `identify_nonlinear` is returned with a note.
     """
     began = time.perf_counter()
     first = identify_nonlinear(
@@ -157,10 +161,9 @@ def identify_by_ekf(
         return first
     problem, z = _problem(explicit, unknowns, experiments, estimate_intensity, given_std, first)
     ends = _search(problem, z, options)
-    if ends is None:
-        return replace(
-            first, notes=(*first.notes, "the extended filter cannot run: predictions of an observer")
-        )
+    if ends is None or -ends[1].evaluation.value < first.log_likelihood - WORSE:
+        note = "not smooth enough for the extended filter: predictions of an observer"
+        return replace(first, notes=(*first.notes, note), seconds=time.perf_counter() - began)
     problem, found = ends
     result = _result(problem, found, first, unknowns, experiments, validation)
     return replace(result, seconds=time.perf_counter() - began)
@@ -219,10 +222,13 @@ def _sizes(
 
 
 def _search(problem: EkfProblem, z: np.ndarray, options: IdentifyOptions) -> tuple[EkfProblem, Found] | None:
-    """The optimum, with substeps so short that halving them does not change the likelihood there."""
+    """The optimum, with substeps so short that halving them does not change the likelihood there; None where
+    no allowed substep is short enough."""
     found: Found | None = None
     for _ in range(ROUNDS):
         finer = with_substeps(problem, z)
+        if finer is None:
+            return None
         if found is not None and finer.longest >= problem.longest:
             break
         problem = finer
@@ -236,20 +242,20 @@ def _search(problem: EkfProblem, z: np.ndarray, options: IdentifyOptions) -> tup
     return None if found is None else (problem, found)
 
 
-def with_substeps(problem: EkfProblem, z: np.ndarray) -> EkfProblem:
-    """Halve the longest substep until the log-likelihood changes by less than SUBSTEP_CHANGE per 1000
-    samples."""
+def with_substeps(problem: EkfProblem, z: np.ndarray) -> EkfProblem | None:
+    """Halve the longest substep until the log-likelihood changes by no more than SUBSTEP_CHANGE allows; None
+    where MOST_HALVINGS are not enough."""
     period = float(np.median(np.concatenate([data.steps for data in problem.records])))
-    allowed = SUBSTEP_CHANGE * sum(data.time.size for data in problem.records) / 1000.0
+    allowed = SUBSTEP_CHANGE * (1.0 + sum(data.time.size for data in problem.records) / 1000.0)
     longest = np.inf
     coarse = objective(replace(problem, longest=longest))(z, False)
-    for halvings in range(1, MOST_HALVINGS + 1):
+    for halvings in range(1, MOST_HALVINGS + 2):
         finer = period / 2**halvings
         fine = objective(replace(problem, longest=finer))(z, False)
         if coarse is not None and fine is not None and abs(coarse.value - fine.value) <= allowed:
-            break
+            return replace(problem, longest=min(longest, problem.longest))
         coarse, longest = fine, finer
-    return replace(problem, longest=min(longest, problem.longest))
+    return None
 
 
 def _result(

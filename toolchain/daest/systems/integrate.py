@@ -256,10 +256,11 @@ def integrate(
     u0, u1 = interval_inputs(model.explicit, time, inputs, hold)
     scale = np.ones(x0.shape[0]) if state_scale is None else np.maximum(np.abs(state_scale), 1e-30)
     u_last = inputs[-1:] if u1.shape[0] == 0 else np.hstack([inputs[-1:], u1[-1:, inputs.shape[1] :]])
-    arrays: Any = [np.ascontiguousarray(a, dtype=float) for a in (time, u0, u1, u_last, theta, x0)]
+    columns = (time, u0, u1, u_last, theta, x0)
+    time, u0, u1, u_last, theta, x0 = (np.ascontiguousarray(a, dtype=float) for a in columns)
     directions = model.n_directions if sensitivities else 0
     atol = rtol * ATOL_OF_SCALE * scale
-    run = _Run(*arrays, directions=directions, rtol=rtol, atol=atol, correction=correction)
+    run = _Run(time, u0, u1, u_last, theta, x0, directions, rtol, atol, correction)
     return _run_interpreted(model, run) if model.library is None else _run_radau(model, run)
 
 
