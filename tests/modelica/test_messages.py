@@ -41,6 +41,36 @@ CASES = {
         "`Resistr`",
         "`Resistor`",
     ),
+    "class of the library": (
+        "model M\n import Daest.Units.SI;\n"
+        " Daest.Electrical.Analog.Basic.Resistr r(R = 1);\nequation\n r.p.v = 1;\n r.n.v = 0;\nend M;",
+        "model-unknown-class",
+        (3, 2),
+        "`Daest.Electrical.Analog.Basic.Resistr`",
+        "Did you mean `Daest.Electrical.Analog.Basic.Resistor`?",
+    ),
+    "package of the library": (
+        "model M\n Daest.Electrical.Analog.Basik.Ground g;\nend M;",
+        "model-unknown-class",
+        (2, 2),
+        "Basik",
+        "Did you mean `Daest.Electrical.Analog.Basic.Ground`?",
+    ),
+    "component": (
+        "model M\n Daest.Electrical.Analog.Basic.Ground ground;\nequation\n"
+        " connect(grund.p, ground.p);\nend M;",
+        "model-unknown-name",
+        (4, 10),
+        "`grund.p`",
+        "Did you mean `ground",
+    ),
+    "missing comma": (
+        "model M\n Daest.Electrical.Analog.Basic.Ground a, b;\nequation\n connect(a.p b.p);\nend M;",
+        "model-syntax",
+        (4, 14),
+        "unexpected `b`",
+        "`,`",
+    ),
     "base class": (
         "model M extends Modelica.Icons.Example; Real x = 1; end M;",
         "model-unknown-class",

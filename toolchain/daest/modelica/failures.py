@@ -10,8 +10,11 @@ from pathlib import Path
 import rumoca
 
 from daest.errors import ModelError, Place
+from daest.modelica.library import library_root
 from daest.modelica.outline import class_heads
 from daest.modelica.tokens import Token, place_of, tokens
+
+MOST_EXPECTED = 8  # words of the parser that are passed on
 
 _BALANCE = re.compile(r"unbalanced model: (\d+) equations, (\d+) unknowns")
 _QUOTED = re.compile(r"['`]([^'`]+)['`]")
@@ -85,11 +88,20 @@ def _syntax(message: str, path: Path, text: bytes, class_name: str) -> ModelErro
         where = Place(str(path), int(position[1]), int(position[2])) if position else Place(str(path))
         what = re.search(r"×\s*(.+)", shown)
         expected = re.search(r"help: (expected.+?)(?:\n\s*\n|\Z)", shown, re.DOTALL)
-        remedy = (
-            " ".join(expected[1].split()) if expected else "Check the line before, too: a `;` may be missing."
-        )
+        remedy = _expected(" ".join(expected[1].split()) if expected else "")
         return ModelError("model-syntax", what[1] if what else "syntax error", where=where, remedy=remedy)
     return None
+
+
+def _expected(said: str) -> str:
+    """What the parser expected. Where a declaration or equation could go on or end it names every operator,
+    which helps nobody."""
+    if not said:
+        return "Check the line before, too: a `;` may be missing."
+    words = said.partition(": ")[2].split(", ")
+    if len(words) > MOST_EXPECTED and ";" in words:
+        return "A `;`, a `,` or an operator is expected before it, perhaps on the line before."
+    return said
 
 
 def _diagnostics(path: Path, text: bytes) -> list[rumoca.Diagnostic]:
@@ -105,22 +117,69 @@ def _balance(message: str, path: Path, text: bytes, class_name: str) -> ModelErr
 
 
 def _unknown(message: str, path: Path, text: bytes, class_name: str) -> ModelError | None:
-    """A class or a component that is nowhere declared."""
-    if "unresolved type" in message or "base class not found" in message:
-        code, kind, known = "model-unknown-class", "class", _class_names(text)
-        remedy = "Check its spelling, or give its library's folder by -L or MODELICAPATH."
-    elif "unresolved component" in message or "unresolved function" in message:
-        code, kind, known = "model-unknown-name", "name", _identifiers(text)
-        remedy = "Declare it, or check its spelling."
-    else:
-        return None
-    quoted = _QUOTED.search(re.split("unresolved|not found", message, maxsplit=1)[1])
-    name = quoted[1] if quoted else "?"
-    near = get_close_matches(name, [other for other in known if other != name], 2)
+    """A class or a component that is nowhere declared. Members of a component of an unknown class are unknown
+    too: then it is the class that counts."""
+    for phrase in ("unresolved type", "base class not found"):
+        if phrase in message:
+            name = _name_after(phrase, message)
+            remedy = "Check its spelling, or give its library's folder by -L or MODELICAPATH."
+            near = _library_neighbours(name) or _near(name, _class_names(text))
+            return _not_known("model-unknown-class", "class", name, near, remedy, path, text)
+    for phrase in ("unresolved component", "unresolved function"):
+        if phrase in message:
+            name = _name_after(phrase, message)
+            near = _near(name, _identifiers(text))
+            remedy = "Declare it, or check its spelling."
+            return _not_known("model-unknown-name", "name", name, near, remedy, path, text)
+    return None
+
+
+def _name_after(phrase: str, message: str) -> str:
+    quoted = _QUOTED.search(message[message.index(phrase) :])
+    return quoted[1] if quoted else "?"
+
+
+def _near(name: str, known: Iterable[str]) -> list[str]:
+    """Names like `name`, or like its first part: of a.b the text may know a alone."""
+    first, _, rest = name.partition(".")
+    others = {other for other in known if other not in (name, first)}
+    return get_close_matches(name, others, 2) or [
+        f"{other}.{rest}" for other in get_close_matches(first, others, 2) if rest
+    ]
+
+
+def _not_known(
+    code: str, kind: str, name: str, near: list[str], remedy: str, path: Path, text: bytes
+) -> ModelError:
     if near:
         remedy = f"Did you mean {' or '.join(f'`{other}`' for other in near)}? {remedy}"
-    where = _first_place(path, text, lambda token: token.text == name.partition(".")[0])
+    where = _place_of_name(path, text, name.split("."))
     return ModelError(code, f"{kind} `{name}` is not known", where=where or str(path), remedy=remedy)
+
+
+def _place_of_name(path: Path, text: bytes, parts: list[str]) -> Place | None:
+    """Where the dotted name stands for the first time, or else its first part."""
+    words = list(tokens(text))
+    dotted = [word for part in parts for word in (part, ".")][:-1]
+    for i in range(len(words)):
+        if [word.text for word in words[i : i + len(dotted)]] == dotted:
+            return place_of(str(path), text, words[i].start)
+    return _first_place(path, text, lambda token: token.text == parts[0])
+
+
+def _library_neighbours(name: str) -> list[str]:
+    """Classes of the bundled library that are called nearly like `name`, where it leaves the library."""
+    try:
+        folder = library_root()
+    except ModelError:
+        return []
+    parts = name.split(".")
+    depth = 0
+    while depth < len(parts) - 1 and (folder / parts[depth]).is_dir():
+        folder, depth = folder / parts[depth], depth + 1
+    members = [entry.stem for entry in folder.iterdir() if entry.is_dir() or entry.suffix == ".mo"]
+    near = get_close_matches(parts[depth], members, 2)
+    return [".".join([*parts[:depth], member, *parts[depth + 1 :]]) for member in near]
 
 
 def _class_names(text: bytes) -> list[str]:
