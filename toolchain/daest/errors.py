@@ -211,6 +211,25 @@ EXPLANATIONS: dict[str, str] = {
     "data-window-empty": (
         "Fewer than two rows lie between --from and --to. The message names the times of the recording."
     ),
+    "diagnose-no-candidate": (
+        "No effect of the library fits any of the places that were asked for. daest effects NAME --model "
+        "MODEL lists the places of an effect; without --effect and --at everything is tried everywhere."
+    ),
+    "diagnose-no-place": (
+        "A missing effect is looked for as an unknown load first, a force, torque, current or flow at some "
+        "place of the model, and none that is admissible would reach the measured outputs. Measure an output "
+        "that the model moves; daest noise shows where a load is admissible."
+    ),
+    "diagnose-too-short": (
+        "A missing effect shows as a pattern in prediction errors, and too few samples hold no pattern. "
+        "Record longer, through the whole range of the machine, in both directions and through rest; part of "
+        "the recording is kept for validation."
+    ),
+    "diagnose-unseen": (
+        "At the places that were asked for nothing could be found: either the measured outputs do not change "
+        "at all, or the parameters that are estimated do the same. Measure a motion, force or current nearer "
+        "to the place, or fix parameters that are known."
+    ),
     "effect-ambiguous": (
         "Several domains have an effect of that name, and the place does not tell which is meant. Write "
         "more of its class name, such as Rotational.CoulombFriction."
@@ -421,6 +440,10 @@ EXPLANATIONS: dict[str, str] = {
         "Some parameters enter the outputs only in a combination: they can change together without any "
         "effect, whatever the data. Fix one of them to a known value, or measure something that tells them "
         "apart."
+    ),
+    "improve-folder": (
+        "daest improve writes its models, ledger.json and staircase.png into a folder of its own, and this "
+        "one holds other files. A folder with the ledger of an earlier run is used again."
     ),
     "initial-not-solved": (
         "The nonlinear equations for the initial state were not solved from the given start values. Start "

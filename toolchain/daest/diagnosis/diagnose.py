@@ -38,12 +38,18 @@ CLEARLY_WORSE = 100.0  # log-likelihood below the best accepted candidate at whi
 FEWEST_SAMPLES = 200
 
 Progress = Callable[[str], None]
+Keep = Callable[[Prepared, Callable[[], Proof]], Proof]
+
+
+def _anew(_: Prepared, work: Callable[[], Proof]) -> Proof:
+    return work()
 
 
 @dataclass(frozen=True)
 class DiagnoseOptions:
     """`effects` and `places` restrict the search by name. `hold` None takes the better one. `fitted` are parameter
-    values of an earlier fit, which the data may contradict."""
+    values of an earlier fit, which the data may contradict. `keep` returns the proof of a candidate: that of an
+    earlier run, or what `work` makes."""
 
     effects: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
@@ -52,6 +58,7 @@ class DiagnoseOptions:
     jobs: int = 2
     most_trials: int = MOST_TRIALS
     fitted: Mapping[str, float] = field(default_factory=dict)
+    keep: Keep = _anew
 
 
 def diagnose(
@@ -215,9 +222,10 @@ def _proofs(
 
     def one(prepared: Prepared) -> Proof | None:
         candidate = prepared.trial.candidate
-        progress(f"refitting with {candidate.label}")
-        try:
-            proof = prove(
+
+        def work() -> Proof:
+            progress(f"refitting with {candidate.label}")
+            return prove(
                 null,
                 stand.baseline,
                 prepared,
@@ -226,6 +234,9 @@ def _proofs(
                 found.n_screened,
                 best[0] - CLEARLY_WORSE,
             )
+
+        try:
+            proof = options.keep(prepared, work)
         except DaestError:
             return None
         with lock:
