@@ -206,7 +206,7 @@ def check(ours: np.ndarray, *peers: np.ndarray) -> None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=8000)
-    parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("--repeat", type=int, default=10)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     times = measure(options.samples, options.repeat)

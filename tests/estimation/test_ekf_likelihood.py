@@ -88,7 +88,7 @@ def test_a_point_that_cannot_be_filtered_has_no_value():
 
 def test_substeps_are_refined_until_the_likelihood_stays():
     explicit, experiments = recordings(0, n=100)
-    coarse = replace(experiments[0], time=4.0 * experiments[0].time)
+    coarse = replace(experiments[0], time=16.0 * experiments[0].time)
     unknowns = Unknowns(parameters(), explicit.flat.theta_values, np.array([0.3]), np.array([0.05]))
     model = local_model(explicit, unknowns.parameter_names(), tangents=True)
     z = np.concatenate([np.log(TRUE), [0.1, 0.0]])

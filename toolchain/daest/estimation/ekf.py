@@ -1,9 +1,9 @@
 """Continuous-discrete extended Kalman filter of an explicit model, and its likelihood with exact derivatives.
 
-Between samples the model is replaced by its linearisation at the current estimate, which is then solved
-exactly for inputs that run straight (local linearisation: Jimenez & Ozaki, Int. J. Control 2003; used by
-CTSM): on an affine model this is the Kalman filter. Substeps no longer than `longest` divide a sample
-interval; each linearises anew: an error of second order in the mean and first in the covariance. The
+Between samples the mean follows the model's linearisation at the current estimate, solved exactly for inputs
+that run straight (local linearisation: Jimenez & Ozaki, Int. J. Control 2003; used by CTSM), and the
+covariance the average of the linearisations at the two ends: on an affine model this is the Kalman filter.
+Substeps no longer than `longest` divide a sample interval; the error is of second order in their length. The
 measurements of a sample are taken one after the other, which whitens the innovations.
 """
 

@@ -215,23 +215,33 @@ class Flow:
     ) -> tuple[np.ndarray, np.ndarray]:
         model, n, n_w = self.task.model, self.task.model.n_states, self.task.model.n_noises
         shapes = [(n,), (n, n), (n,), (n, n_w)]
-        f, A, ramp, G = self.along.jets(model.flow, model.dflow, x, (u, slope, self.task.theta, t), shapes)
+        theta = self.task.theta
+        f, A, ramp, G = self.along.jets(model.flow, model.dflow, x, (u, slope, theta, t), shapes)
+        self._check(A, f, i)
+        increment = _solved(f, A, ramp, np.zeros_like(A), h)[1]
+        end = x + increment
+        ahead = (u + slope * h, slope, theta, t + h)
+        _, A_end, _, G_end = self.along.jets(model.flow, model.dflow, end, ahead, shapes)
+        A, G = (A + A_end) / 2, (G + G_end) / 2
+        self._check(A, f, i)
         weighted = G * self.along.intensity[0]
         weighted[1:] += G[0] * self.along.intensity[1:, None, :]
-        size = max(np.abs(A[0]).sum(axis=0).max(), np.abs(A[0]).sum(axis=1).max()) * h
-        if not np.isfinite(size):
-            raise_failure(NOT_FINITE, model, self.task.data, i)
-        doublings = min(max(0, int(np.ceil(np.log2(max(size, RADIUS) / RADIUS)))), MOST_DOUBLINGS)
-        phi, increment, Q, psi = _solved(f, A, ramp, _product(weighted, _transposed(G)), h, doublings)
+        phi, _, Q, psi = _solved(f, A, ramp, _product(weighted, _transposed(G)), h)
         self.transition = phi[0] @ self.transition
         self.noise = phi[0] @ self.noise + psi[0] @ G[0] * self.task.noise.intensity / dt
-        return x + increment, _symmetric(_product(_product(phi, P), _transposed(phi)) + Q)
+        return end, _symmetric(_product(_product(phi, P), _transposed(phi)) + Q)
+
+    def _check(self, A: np.ndarray, f: np.ndarray, i: int) -> None:
+        if not (np.all(np.isfinite(A[0])) and np.all(np.isfinite(f[0]))):
+            raise_failure(NOT_FINITE, self.task.model, self.task.data, i)
 
 
 def _solved(
-    f: np.ndarray, A: np.ndarray, ramp: np.ndarray, D: np.ndarray, h: float, doublings: int
+    f: np.ndarray, A: np.ndarray, ramp: np.ndarray, D: np.ndarray, h: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """exp(A h), the increment of the mean, ∫ exp(Aτ) D exp(Aτ)ᵀ dτ and ∫ exp(Aτ) dτ over h, all as jets."""
+    size = max(np.abs(A[0]).sum(axis=0).max(), np.abs(A[0]).sum(axis=1).max()) * h
+    doublings = min(max(0, int(np.ceil(np.log2(max(size, RADIUS) / RADIUS)))), MOST_DOUBLINGS)
     s = h / 2**doublings
     eye = np.zeros_like(A)
     eye[0] = np.eye(A.shape[1])
