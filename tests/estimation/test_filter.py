@@ -166,6 +166,15 @@ def test_after_a_wrong_start_time_varying_wins_in_the_transient_and_equals_stati
     assert_allclose(zero.values[-100:], varying.values[-100:], atol=1e-6)
 
 
+@pytest.mark.parametrize(("intensity", "forgets"), [(1e-4, True), (1e-14, False)])
+def test_a_stationary_filter_that_keeps_its_start_says_so(intensity, forgets):
+    family, experiment = simulated_servo(4, x0=np.array([0.0, 1.5, 2.0, -4.0]))
+    result = run_filter(family, None, experiment, np.array([intensity]), STD**2, kind="stationary")
+    assert forgets != any("forgets a wrong start" in message for message in result.messages)
+    start_left = np.abs(result.innovations[-100:] / STD).max() > 6.0
+    assert start_left != forgets
+
+
 def test_an_angle_that_nothing_measures_gets_no_number():
     family, experiment = simulated_servo(5)
     result = run_filter(family, None, experiment, np.array([1e-4]), STD**2, measure=["omega"])

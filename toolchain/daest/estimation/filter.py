@@ -16,8 +16,9 @@ from scipy.stats import chi2
 
 from daest.errors import EstimationError
 from daest.estimation.kalman import kalman_filter
+from daest.estimation.modes import models_by_interval
 from daest.estimation.smoother import smooth as smooth_record
-from daest.estimation.stationary import combination_text
+from daest.estimation.stationary import combination_text, stationary_filter
 from daest.model.estimates import (
     FilterKind,
     FilterResult,
@@ -37,6 +38,8 @@ from daest.systems.state_space import state_space
 COVERAGE = 0.95  # of the band for the normalised innovations
 STEP_RESOLUTION = 1e-8  # steps that differ by less than this part of the median step share one sampled model
 NAMED_AT_MOST = 8  # variables in a message
+# Time constants of a stationary filter that the record must hold for its start not to matter.
+FORGETTING_TIMES = 3.0
 
 Hold = Literal["foh", "zoh"]
 Noise = Literal["white", "held"]
@@ -117,7 +120,10 @@ def run_filter(
         steady_after=None if steady is None else float(experiment.time[steady] - experiment.time[0]),
         noise=noise,
         hold=hold,
-        messages=_messages(ss, result, names, std, intensity, noise, initial, measure),
+        messages=(
+            *_messages(ss, result, names, std, intensity, noise, initial, measure),
+            *_long_memory(kind, models, experiment.time),
+        ),
     )
 
 
@@ -170,7 +176,7 @@ def _at(model: StateSpace | StateSpaceFamily, theta: np.ndarray | None) -> tuple
 def used_outputs(
     output_names: Sequence[str], experiment: Experiment, measure: Sequence[str] | None
 ) -> tuple[str, ...]:
-    """The outputs of a model to use: those named, or all that were recorded. Raises `filter-unknown-output`."""
+    """The outputs of a model to use: those named, or all recorded ones. Raises `filter-unknown-output`."""
     recorded = [name for name in experiment.output_names if name in output_names]
     chosen = recorded if measure is None else list(dict.fromkeys(measure))
     for name in chosen:
@@ -290,6 +296,24 @@ def _messages(
     if result.kind == "stationary" and initial is None:
         messages.append("The stationary filter starts with all states at zero.")
     return tuple(messages)
+
+
+def _long_memory(
+    kind: FilterKind, models: DiscreteModel | list[DiscreteModel], time: np.ndarray
+) -> tuple[str, ...]:
+    """A warning where the stationary filter keeps the error of its start over a large part of the record."""
+    if kind != "stationary":
+        return ()
+    model, duration = models_by_interval(models, time)[0][0], float(time[-1] - time[0])
+    slowest = float(np.max(np.abs(np.linalg.eigvals(stationary_filter(model).closed_loop)), initial=0.0))
+    n_samples = np.inf if slowest >= 1.0 else -1.0 / np.log(slowest) if slowest > 0.0 else 0.0
+    memory = float(n_samples * np.median(np.diff(time)))
+    if FORGETTING_TIMES * memory <= duration:
+        return ()
+    return (
+        f"With so little process noise the stationary filter forgets a wrong start with a time constant of "
+        f"{memory:.3g} s, and the record has {duration:.3g} s: the time-varying filter does better.",
+    )
 
 
 def _listed(names: list[str]) -> str:
