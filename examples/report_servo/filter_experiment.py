@@ -1,13 +1,13 @@
 """The experiment of section 3.4.2 of the report: the speed of the motor from the angle of the disc alone.
 
     daest identify
-    python filter_experiment.py [RECORDING.csv] [-o figures.png] [--fit results/fit.json] [--set NAME=VALUE]...
+    python filter_experiment.py [RECORDING.csv] [-o FILE] [--fit results/fit.json] [--set NAME=VALUE]...
 
 RECORDING (default: servo.csv of this folder) has the columns time, u, omega and phi. Parameters are those of
-the fit, if one is named, then those that are set, else those of the model. Time-varying and stationary filter run three times over it:
-from rest with the right initial state (figure 8 of the report), in the middle of the motion with zero as the
-initial state (figure 9), and long after that (figure 10). It prints the error of the estimated speed against
-the measured one.
+the fit, if one is named, then those that are set, else those of the model. Time-varying and stationary filter
+run three times over it: from rest with the right initial state (figure 8 of the report), in the middle of the
+motion with zero as the initial state (figure 9), and long after that (figure 10). It prints the error of the
+estimated speed against the measured one.
 """
 
 from __future__ import annotations

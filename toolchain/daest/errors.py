@@ -263,8 +263,7 @@ EXPLANATIONS: dict[str, str] = {
         "of the model without changing the model itself."
     ),
     "effect-parameter": (
-        "The effect has no parameter of that name. daest effects NAME lists its parameters with their "
-        "units."
+        "The effect has no parameter of that name. daest effects NAME lists its parameters with their units."
     ),
     "effect-place": (
         "The model has no place of that name. Places are connectors (disc.flange_b), components with two "
@@ -450,8 +449,8 @@ EXPLANATIONS: dict[str, str] = {
         "values nearer to the solution help; so does fixing the variables that are known."
     ),
     "initial-overdetermined": (
-        "Fixed start values and initial equations contradict each other, because constraints of the model tie "
-        "the variables together. Leave as many fixed as the model has states, and no two that are tied."
+        "Fixed start values and initial equations contradict each other, because constraints of the model "
+        "tie the variables together. Leave as many fixed as the model has states, and no two that are tied."
     ),
     "input-derivative-hold": (
         "The model needs the time derivative of an input, and the input is taken as constant between "
@@ -682,8 +681,8 @@ EXPLANATIONS: dict[str, str] = {
     ),
     "singular-after-reduction": (
         "Every equation can be matched to an unknown, but for the present values some equations, or their "
-        "time derivatives, say the same thing, and some unknowns stay free. Usual reasons: two rigid paths in "
-        "parallel, two grounds, a closed kinematic loop, a parameter that is zero."
+        "time derivatives, say the same thing, and some unknowns stay free. Usual reasons: two rigid paths "
+        "in parallel, two grounds, a closed kinematic loop, a parameter that is zero."
     ),
     "split-out-of-range": (
         "The split divides every recording into a first part for the estimation and a rest for the "

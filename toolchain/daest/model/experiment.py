@@ -6,15 +6,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+UNIFORM = 1e-6  # relative deviation of a step from the sampling period
+TIME_RESOLUTION = 1e-9  # of written times, relative to the last one
+
 
 @dataclass(frozen=True)
 class Experiment:
     """A recording of inputs and outputs at strictly increasing times.
 
-    `time` (n_samples,) in seconds; `inputs` (n_samples, n_u) without gaps, in the order of `input_names` (model
-    names); `outputs` (n_samples, n_y), NaN where a sample is missing. All in the model's units. `extra` keeps the
-    other numeric columns of the file by column name. `period` is the sampling period if it is uniform to 1e-6
-    relative, else None.
+    `time` (n_samples,) in seconds; `inputs` (n_samples, n_u) without gaps, in the order of `input_names`
+    (model names); `outputs` (n_samples, n_y), NaN where a sample is missing. All in the model's units.
+    `extra` keeps the other numeric columns of the file by column name. `period` is the sampling period if it
+    is uniform to 1e-6 relative, else None.
     """
 
     name: str
@@ -31,7 +34,9 @@ class Experiment:
         if self.inputs.shape != (n, len(self.input_names)):
             raise ValueError(f"inputs have shape {self.inputs.shape}, expected {(n, len(self.input_names))}")
         if self.outputs.shape != (n, len(self.output_names)):
-            raise ValueError(f"outputs have shape {self.outputs.shape}, expected {(n, len(self.output_names))}")
+            raise ValueError(
+                f"outputs have shape {self.outputs.shape}, expected {(n, len(self.output_names))}"
+            )
 
     @property
     def n_samples(self) -> int:
@@ -43,4 +48,5 @@ class Experiment:
         if steps.size == 0:
             return None
         mean = (self.time[-1] - self.time[0]) / steps.size
-        return float(mean) if np.all(np.abs(steps - mean) <= 1e-6 * mean + 1e-9 * abs(self.time[-1])) else None
+        tolerance = UNIFORM * mean + TIME_RESOLUTION * abs(self.time[-1])
+        return float(mean) if np.all(np.abs(steps - mean) <= tolerance) else None

@@ -1,4 +1,5 @@
-"""ExplicitModel: the index-reduced form ẋ = f(x, u, u̇, …, w, θ, t) of a FlatModel, with every internal variable."""
+"""ExplicitModel: the index-reduced form ẋ = f(x, u, u̇, …, w, θ, t) of a FlatModel, with every internal
+variable."""
 
 from __future__ import annotations
 
@@ -21,9 +22,9 @@ class InputDerivative:
 class ExplicitModel:
     """States chosen by index reduction, and functions of them.
 
-    The argument vector of all functions is `(x, u, v, w, theta, t)`: x (n_states,), inputs u, input derivatives v
-    (`input_derivatives`, may be empty), white noises w, all parameters theta, scalar time t. Every function is a
-    CasADi function with exact derivatives.
+    The argument vector of all functions is `(x, u, v, w, theta, t)`: x (n_states,), inputs u, input
+    derivatives v (`input_derivatives`, may be empty), white noises w, all parameters theta, scalar time t.
+    Every function is a CasADi function with exact derivatives.
 
     `rhs` returns ẋ (n_states,); `variables` returns ξ (n,); `variable_derivatives` returns ξ' (n,) where the
     model determines it without differentiating the inputs further (NaN otherwise); `outputs` returns y.

@@ -16,7 +16,8 @@ from daest.errors import Place
 
 @dataclass(frozen=True)
 class Variable:
-    """A scalar unknown or input. `start` is None where the source gives none; `unit` is Modelica's spelling."""
+    """A scalar unknown or input. `start` is None where the source gives none; `unit` is Modelica's
+    spelling."""
 
     name: str
     unit: str = ""
@@ -88,8 +89,8 @@ class Output:
 
 @dataclass(frozen=True)
 class Equation:
-    """A scalar equation. `text` is readable Modelica (`J*a = flange_a.tau + flange_b.tau`); `kind` tells where
-    it comes from, `origin` names the component, or the connectors of a connection."""
+    """A scalar equation. `text` is readable Modelica (`J*a = flange_a.tau + flange_b.tau`); `kind` tells
+    where it comes from, `origin` names the component, or the connectors of a connection."""
 
     text: str
     kind: Literal["component", "connection", "flow", "unconnected", "binding"]
@@ -101,11 +102,11 @@ class Equation:
 class FlatModel:
     """The DAE of a model, scalar by scalar, with CasADi SX expressions.
 
-    `residual` (n×1) holds one row per entry of `equations`, in the symbols `derivatives` (ξ', n×1), `xi` (n×1),
-    `u`, `w`, `theta` and `time`. Row signs are those of `lhs - rhs` of the source. n equations, n unknowns:
-    a top-level output that only names an expression, y = h(ξ), is no unknown; it stands in `output_expressions`
-    as in (1b) of the report. `initial_residual` are the initial equations, in the same symbols;
-    fixed start values are told by `Variable.fixed`.
+    `residual` (n×1) holds one row per entry of `equations`, in the symbols `derivatives` (ξ', n×1), `xi`
+    (n×1), `u`, `w`, `theta` and `time`. Row signs are those of `lhs - rhs` of the source. n equations, n
+    unknowns: a top-level output that only names an expression, y = h(ξ), is no unknown; it stands in
+    `output_expressions` as in (1b) of the report. `initial_residual` are the initial equations, in the same
+    symbols; fixed start values are told by `Variable.fixed`.
     """
 
     name: str

@@ -1,14 +1,14 @@
 """Linear values: the DAE, its standard form, its state space and its sampled model.
 
-Letters are those of Gerdin & Schön: E ξ' = J ξ + K u + B w, y = C ξ + D u + e. J is the state matrix and K the
-input matrix; an inertia is never called J here, nor a Kalman gain K. Models are affine: `offset` columns carry
-the constants (a gravity load, say), E ξ' = J ξ + K u + B w + offset.
+Letters are those of Gerdin & Schön: E ξ' = J ξ + K u + B w, y = C ξ + D u + e. J is the state matrix and K
+the input matrix; an inertia is never called J here, nor a Kalman gain K. Models are affine: `offset` columns
+carry the constants (a gravity load, say), E ξ' = J ξ + K u + B w + offset.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -16,12 +16,13 @@ import scipy.sparse as sp
 
 from daest.model.flat import Equation, NoiseInput, Output, Parameter, Variable
 
-Matrix = np.ndarray | sp.csr_array
+Matrix: TypeAlias = np.ndarray | sp.csr_array
 
 
 @dataclass(frozen=True)
 class LinearDAE:
-    """E ξ' = J ξ + K u + B w + offset;  y = C ξ + D u + H w + output_offset + e, at one θ and operating point.
+    """E ξ' = J ξ + K u + B w + offset;  y = C ξ + D u + H w + output_offset + e, at one θ and operating
+    point.
 
     Shapes: E, J (n, n); K (n, n_u); B (n, n_w); C (n_y, n); D (n_y, n_u); H (n_y, n_w); offset (n,);
     output_offset (n_y,). E and J may be sparse. Rows are `equations`, columns of E and J are `unknowns`.
@@ -43,7 +44,7 @@ class LinearDAE:
     offset: np.ndarray
     output_offset: np.ndarray
     source: Literal["symbolic", "fmi-ls-dae", "directional derivatives", "finite differences"] = "symbolic"
-    is_affine: bool = True  # False: the model is nonlinear and this is its linearisation at the operating point
+    is_affine: bool = True  # False: this is the linearisation of a nonlinear model at the operating point
     notes: tuple[str, ...] = ()  # what the reader should know, such as an operating point that was assumed
 
     @property
@@ -89,9 +90,9 @@ class StandardForm:
 class StateSpace:
     """ẋ = A x + B ū + G w + b,  y = C x + D ū + H w + d + e,  ξ = X x + U ū + W w + x0.
 
-    ū = (u, v) stacks the inputs and the input derivatives `input_derivatives` [(input, order)]. Shapes: A (n, n),
-    B (n, n_ū), G (n, n_w), b (n,), C (n_y, n), D (n_y, n_ū), H (n_y, n_w), d (n_y,), X (n_ξ, n), U (n_ξ, n_ū),
-    W (n_ξ, n_w), x0 (n_ξ,).
+    ū = (u, v) stacks the inputs and the input derivatives `input_derivatives` [(input, order)]. Shapes: A (n,
+    n), B (n, n_ū), G (n, n_w), b (n,), C (n_y, n), D (n_y, n_ū), H (n_y, n_w), d (n_y,), X (n_ξ, n), U (n_ξ,
+    n_ū), W (n_ξ, n_w), x0 (n_ξ,).
     """
 
     state_names: tuple[str, ...]
@@ -119,8 +120,8 @@ class StateSpaceFamily:
     """θ -> StateSpace with exact derivatives, built once per model.
 
     `matrices` maps theta (all parameters, n_θ) to (A, B, G, b, C, D, H, d, X, U, W, x0) as dense DMs.
-    `jacobian(names)` functions are made by `systems.state_space`; see there. `at` is the operating point of the
-    linearisation for nonlinear models (None when the model is affine).
+    `jacobian(names)` functions are made by `systems.state_space`; see there. `at` is the operating point of
+    the linearisation for nonlinear models (None when the model is affine).
     """
 
     state_names: tuple[str, ...]
@@ -139,9 +140,9 @@ class StateSpaceFamily:
 class DiscreteModel:
     """x[k+1] = Φ x[k] + Γ0 ū[k] + Γ1 ū[k+1] + γ + w̃[k],  y[k] = C x[k] + D ū[k] + d + ẽ[k].
 
-    cov(w̃) = process_cov (n, n), cov(ẽ) = measurement_cov (n_y, n_y), E w̃ ẽᵀ = cross_cov (n, n_y): report (47).
-    Γ1 is zero for zero-order hold. `period` in seconds. The noise itself is estimated through w̄[k], the mean of
-    w(t) over the sample (w held over a sample is its own mean): noise_cov = cov(w̄) (n_w, n_w),
+    cov(w̃) = process_cov (n, n), cov(ẽ) = measurement_cov (n_y, n_y), E w̃ ẽᵀ = cross_cov (n, n_y): report
+    (47). Γ1 is zero for zero-order hold. `period` in seconds. The noise itself is estimated through w̄[k],
+    the mean of w(t) over the sample (w held over a sample is its own mean): noise_cov = cov(w̄) (n_w, n_w),
     noise_process_cov = E w̄ w̃ᵀ (n_w, n), noise_measurement_cov = E w̄ ẽᵀ (n_w, n_y), the R12 of (52).
     """
 
