@@ -151,7 +151,12 @@ def random_values(flat: FlatModel, effect: Effect, rng: np.random.Generator) -> 
     return values
 
 
-@pytest.mark.parametrize(("effect", "result", "form"), closed_forms(), ids=label)
+LAWS = closed_forms()
+
+
+@pytest.mark.parametrize(
+    ("effect", "result", "form"), LAWS, ids=[f"{label(effect)}-{result}" for effect, result, _ in LAWS]
+)
 def test_law(effect: Effect, result: str, form: Law) -> None:
     flat, effect = attached(effect.class_name)
     rng = np.random.default_rng(RNG_SEED)
