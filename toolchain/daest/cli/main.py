@@ -32,7 +32,9 @@ COMMANDS = {
     "filter": "States and all internal variables with their uncertainty.",
     "compare": "How well models predict data that they have not seen.",
     "effects": "The library of physical effects, and where each can sit.",
+    "diagnose": "Which physical effect a model lacks, and where.",
     "extend": "Write a Modelica model that extends another by one effect.",
+    "improve": "Add what is missing, effect by effect, as Modelica models.",
     "explain": "Explain a message by its code.",
 }
 TRACEBACK_VARIABLE = "DAEST_TRACEBACK"

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from daest.diagnosis.written import Written
 from daest.model.diagnosis import Diagnosis, Improvement, Proof, Step
 from daest.model.fit import Agreement, FitResult
 
 SCREENED = 20  # entries of the screen that are listed
 
 
-def document(diagnosis: Diagnosis, models: Mapping[str, str] | None = None) -> dict[str, Any]:
-    """`models`: Modelica text of the extended model by candidate name."""
+def document(diagnosis: Diagnosis, models: Mapping[str, Written] | None = None) -> dict[str, Any]:
+    """`models`: the extended models by candidate name."""
     curve = diagnosis.disturbance
     return {
         "verdict": diagnosis.verdict,
@@ -36,7 +37,12 @@ def document(diagnosis: Diagnosis, models: Mapping[str, str] | None = None) -> d
             "skipped": [{"candidate": label, "reason": reason} for label, reason in diagnosis.screen.skipped],
         },
         "places": [
-            {"group": list(g.group), "log_likelihood_gain": g.log_likelihood_gain, "size": g.size, "unit": g.unit}
+            {
+                "group": list(g.group),
+                "log_likelihood_gain": g.log_likelihood_gain,
+                "size": g.size,
+                "unit": g.unit,
+            }
             for g in diagnosis.places
         ],
         "disturbance": None
@@ -54,11 +60,12 @@ def document(diagnosis: Diagnosis, models: Mapping[str, str] | None = None) -> d
     }
 
 
-def _candidate(proof: Proof, model: str | None) -> dict[str, Any]:
+def _candidate(proof: Proof, model: Written | None) -> dict[str, Any]:
     candidate = proof.candidate
     prefix = f"{candidate.name}."
     return {
         "effect": candidate.effect.name,
+        "class": candidate.effect.class_name,
         "at": candidate.site.name,
         "equivalent_places": list(proof.equivalent),
         "inputs": dict(candidate.inputs),
@@ -80,7 +87,8 @@ def _candidate(proof: Proof, model: str | None) -> dict[str, Any]:
         "verdict": proof.verdict,
         "reason": proof.reason,
         "not_separable_from": list(proof.not_separable_from),
-        "model": model,
+        "model": None if model is None else model.text,
+        "model_reason": "" if model is None else model.reason,
     }
 
 
@@ -95,20 +103,25 @@ def _agreement(agreement: Agreement, kind: str) -> dict[str, float | None]:
     return dict(getattr(agreement, kind))
 
 
-def improvement_document(improvement: Improvement, models: Mapping[int, str] | None = None) -> dict[str, Any]:
-    """`models`: name of the written file by step."""
+def improvement_document(
+    improvement: Improvement,
+    files: Mapping[int, str] | None = None,
+    models: Mapping[str, Written] | None = None,
+) -> dict[str, Any]:
+    """`files`: name of the written model by step; `models` as in `document`, for the last round."""
     return {
-        "steps": [_step(i, step, (models or {}).get(i)) for i, step in enumerate(improvement.steps)],
-        "final": document(improvement.last),
+        "steps": [_step(step, (files or {}).get(i)) for i, step in enumerate(improvement.steps)],
+        "final": document(improvement.last, models),
         "reason": improvement.reason,
     }
 
 
-def _step(number: int, step: Step, model: str | None) -> dict[str, Any]:
+def _step(step: Step, model: str | None) -> dict[str, Any]:
     proof = step.proof
     row: dict[str, Any] = {
         "added": None if proof is None else proof.candidate.effect.name,
         "at": None if proof is None else proof.candidate.site.name,
+        "component": None if proof is None else proof.candidate.name,
         **_errors(step.fit),
         "verdict": "baseline" if proof is None else proof.verdict,
         "remark": step.remark,

@@ -1,0 +1,320 @@
+"""`daest diagnose`: which physical effect a model lacks, where, and how sure that is."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from daest.cli.models import load_model, model_source
+from daest.cli.options import (
+    class_options,
+    data_options,
+    example,
+    format_option,
+    output_option,
+    plot_option,
+    project_option,
+    seed_option,
+    split_option,
+)
+from daest.cli.output import emit, keep_inputs, note, to_json, whole_file, with_schema
+from daest.cli.progress import progress
+from daest.cli.recordings import DataOptions, training_data
+from daest.cli.results import find_fit, parameter_values
+from daest.data.prepare import split_all
+from daest.data.project import Project, load_project
+from daest.errors import EstimationError, ModelError
+from daest.model.experiment import Experiment
+from daest.model.flat import FlatModel
+
+if TYPE_CHECKING:
+    from daest.diagnosis.diagnose import DiagnoseOptions
+    from daest.diagnosis.written import Written
+    from daest.model.diagnosis import Diagnosis
+    from daest.model.effects import Effect
+
+RESULT = "diagnosis.json"
+KEPT = "diagnosis"  # folder of the refits that are done
+HALF = 0.5
+
+
+@dataclass(frozen=True)
+class Search:
+    """What the command line says about the search: names of effects and places, refits at a time, seed."""
+
+    effects: tuple[str, ...] = ()
+    places: tuple[str, ...] = ()
+    jobs: int | None = None
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Case:
+    """A model with its recordings, and what it is searched for."""
+
+    project: Project
+    source: Path
+    class_name: str | None
+    folders: tuple[Path, ...]
+    flat: FlatModel
+    estimation: list[Experiment]
+    validation: list[Experiment]
+    library: tuple[Effect, ...]
+    options: DiagnoseOptions
+
+
+@click.command("diagnose", epilog=example("daest diagnose run1.csv --model Servo.mo --split 0.5"))
+@click.argument("data", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--model", type=click.Path(path_type=Path), help="A .mo file or an .fmu (default: daest.toml).")
+@click.option("--effect", "effects", metavar="NAME", multiple=True, help="Try this effect (default: all).")
+@click.option("--at", "places", metavar="PLACE", multiple=True, help="Try this place (default: all).")
+@click.option(
+    "--jobs", type=click.IntRange(min=1), metavar="N", help="Refits at a time (default: one per core)."
+)
+@class_options
+@data_options
+@split_option
+@project_option
+@format_option
+@output_option
+@plot_option
+@seed_option
+def command(
+    data: tuple[Path, ...],
+    model: Path | None,
+    effects: tuple[str, ...],
+    places: tuple[str, ...],
+    jobs: int | None,
+    class_name: str | None,
+    libraries: tuple[Path, ...],
+    start: float | None,
+    stop: float | None,
+    period: float | None,
+    detrend: Any,
+    hold: Any,
+    split: float | None,
+    project_file: Path | None,
+    form: str,
+    output: Path | None,
+    plot: Path | None,
+    seed: int,
+) -> None:
+    """Whether the model lacks a physical effect, where, and which one of the library.
+
+    DATA are recordings (default: those of daest.toml); columns that the model does not use are tried, too.
+    Without validation data the second half of every recording validates. The result is written to
+    results/diagnosis.json; an interrupted run goes on where it was.
+    """
+    from daest.report.texts import diagnose as texts
+
+    project = load_project(project_file)
+    keep_inputs(output, [*data, model])
+    case = opened(
+        project,
+        model,
+        data,
+        DataOptions(start, stop, period, detrend, split, hold),
+        Search(effects, places, jobs, seed),
+        class_name,
+        libraries,
+    )
+    diagnosis = diagnosed(case)
+    document = written_document(case, diagnosis)
+    if plot is not None:
+        from daest.report.diagnosis_figures import diagnosis_figure
+        from daest.report.figures import save
+
+        with whole_file(plot) as temporary:
+            save(diagnosis_figure(diagnosis, document["outputs"]), temporary)
+    emit(document, "diagnose", form, output, texts.text)
+
+
+def opened(
+    project: Project,
+    model: Path | None,
+    data: Sequence[Path],
+    data_choice: DataOptions,
+    search: Search,
+    class_name: str | None = None,
+    libraries: Sequence[Path] = (),
+) -> Case:
+    """The model (default: that of daest.toml), its recordings, and the search with its names checked.
+
+    Raises ModelError `effect-unknown`, `effect-place` or `effect-fit`.
+    """
+    from daest.modelica.effects import effect_library
+
+    source = model_source(project, model)
+    flat = load_model(project, source, class_name, libraries)
+    flat, estimation, validation = training_data(flat, project, data, data_choice)
+    if not validation:
+        note("no validation data: the second half of every recording validates")
+        halves = replace(data_choice.preparation(project), split=HALF)
+        estimation, validation = split_all(estimation, halves)
+    folders = (*libraries, *project.libraries)
+    library = effect_library(folders)
+    own = project.source is not None and source.resolve() == project.source.resolve()
+    return Case(
+        project,
+        source,
+        class_name or (project.class_name if own else None),
+        folders,
+        flat,
+        estimation,
+        validation,
+        library,
+        _options(flat, estimation, validation, folders, search, data_choice, project, source),
+    )
+
+
+def _options(
+    flat: FlatModel,
+    estimation: Sequence[Experiment],
+    validation: Sequence[Experiment],
+    folders: Sequence[Path],
+    search: Search,
+    data_choice: DataOptions,
+    project: Project,
+    source: Path,
+) -> DiagnoseOptions:
+    """Options of the engine, which keeps its refits in results/diagnosis."""
+    from daest.diagnosis.diagnose import DiagnoseOptions
+    from daest.diagnosis.kept import KeptProofs, run_digest
+
+    effects, places = _known(flat, search, folders)
+    options = DiagnoseOptions(
+        effects=effects,
+        places=places,
+        hold=data_choice.known_hold(project),
+        seed=search.seed,
+        jobs=search.jobs or os.cpu_count() or 1,
+        fitted=_fitted(project, source, flat, estimation),
+    )
+    decisive = (effects, places, options.hold, search.seed)
+    run = run_digest(flat, estimation, validation, decisive)
+    return replace(options, keep=KeptProofs(project.results / KEPT, run, whole_file))
+
+
+def _known(
+    flat: FlatModel, search: Search, folders: Sequence[Path]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Class names of the effects, and names of the places as the search has them."""
+    from daest.modelica.effects import find_effects
+    from daest.modelica.sites import find_site
+
+    groups = [find_effects(name, folders) for name in search.effects]
+    for group in groups:
+        if not search.places:
+            _require_a_place(flat, group)
+    places: list[str] = []
+    for place in search.places:
+        if not groups:
+            places += [", ".join(part.strip() for part in place.split(",")), find_site(flat, place).name]
+        for group in groups:
+            places.append(_place_for(flat, group, place))
+    classes = [effect.class_name for group in groups for effect in group]
+    return tuple(dict.fromkeys(classes)), tuple(dict.fromkeys(places))
+
+
+def _place_for(flat: FlatModel, group: Sequence[Effect], place: str) -> str:
+    """The name of the place where one of the effects of a name fits."""
+    from daest.modelica.sites import find_site
+
+    problems: list[ModelError] = []
+    for effect in group:
+        try:
+            return find_site(flat, place, effect).name
+        except ModelError as problem:
+            problems.append(problem)
+    raise problems[0]
+
+
+def _require_a_place(flat: FlatModel, group: Sequence[Effect]) -> None:
+    from daest.modelica.sites import fits, sites
+
+    if any(fits(effect, site) for effect in group for site in sites(flat)):
+        return
+    domains = " or ".join(dict.fromkeys(effect.domain for effect in group))
+    raise ModelError(
+        "effect-fit",
+        f"{group[0].name} ({domains}) fits nowhere in {flat.name}",
+        remedy="Give another effect; daest effects --model MODEL lists where each fits.",
+    )
+
+
+def _fitted(
+    project: Project, source: Path, flat: FlatModel, estimation: Sequence[Experiment]
+) -> dict[str, float]:
+    """Values of an earlier fit of this model to other recordings, which these data may contradict."""
+    found = find_fit(project, source, flat.name)
+    if found is None:
+        return {}
+    path, document = found
+    if set(document.get("initial_state", {})) & {e.name for e in estimation}:
+        return {}
+    note(f"the values of {path} are held against the data")
+    known = {p.name for p in flat.parameters}
+    return {name: value for name, value in parameter_values(document).items() if name in known}
+
+
+def diagnosed(case: Case) -> Diagnosis:
+    """The diagnosis. Raises what the engine raises, and EstimationError `diagnose-unseen`."""
+    from daest.diagnosis.diagnose import diagnose
+
+    with progress() as show:
+        found = diagnose(case.flat, case.library, case.estimation, case.validation, case.options, show)
+    _require_seen(case, found)
+    return found
+
+
+def _require_seen(case: Case, found: Diagnosis) -> None:
+    """Where a place was named, silence about it must not be taken for an answer."""
+    entries = found.screen.entries
+    if not case.options.places or not entries or not all(e.absorbed for e in entries):
+        return
+    places = ", ".join(dict.fromkeys(e.candidate.site.name for e in entries))
+    outputs = ", ".join(o.name for o in case.flat.outputs)
+    raise EstimationError(
+        "diagnose-unseen",
+        f"the outputs {outputs} tell nothing about an effect at {places}: it does not reach them, or the "
+        "estimated parameters would do the same",
+        remedy="measure a motion, force or current nearer to the place, or fix parameters that are known",
+    )
+
+
+def written_document(case: Case, diagnosis: Diagnosis) -> dict[str, Any]:
+    """The document of the diagnosis with the models that it found, which stands in results/diagnosis.json."""
+    from daest.report.documents.diagnose import document
+
+    content = {**document(diagnosis, models_of(case, diagnosis)), **context(case)}
+    path = case.project.results / RESULT
+    with whole_file(path) as temporary:
+        temporary.write_text(to_json(with_schema(content, "diagnose")), encoding="utf-8")
+    note(f"the diagnosis is in {path}")
+    return content
+
+
+def models_of(case: Case, diagnosis: Diagnosis) -> dict[str, Written]:
+    """Extended models of the candidates that are not rejected, by candidate name."""
+    from daest.diagnosis.written import written_proof
+
+    return {
+        proof.candidate.name: written_proof(case.source, case.class_name, proof, case.folders)
+        for proof in diagnosis.proofs
+        if proof.verdict != "rejected"
+    }
+
+
+def context(case: Case) -> dict[str, Any]:
+    """What a result was made from."""
+    return {
+        "model": {"name": case.flat.name, "source": str(case.source)},
+        "data": [e.name for e in case.estimation],
+        "validated_on": [e.name for e in case.validation],
+        "outputs": {o.name: o.unit for o in case.flat.outputs},
+    }

@@ -1,0 +1,209 @@
+"""`daest improve`: diagnose, add the effect, and again, until nothing is missing or nothing helps."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from daest.cli.diagnose import Case, Search, context, opened
+from daest.cli.options import (
+    class_options,
+    data_options,
+    example,
+    format_option,
+    project_option,
+    seed_option,
+    split_option,
+)
+from daest.cli.output import emit, note, to_json, whole_file, with_schema
+from daest.cli.progress import progress
+from daest.cli.recordings import DataOptions
+from daest.cli.results import read_document
+from daest.data.project import load_project
+from daest.errors import ConfigError, DaestError, Place
+
+if TYPE_CHECKING:
+    from daest.diagnosis.written import Written
+    from daest.model.diagnosis import Improvement, Step
+
+FOLDER = "improve"
+LEDGER = "ledger.json"
+PICTURE = "staircase.png"
+MOST_EFFECTS = 4
+CLOSE = 0.05  # relative difference of errors up to which a written model counts as the one that was fitted
+
+
+@click.command("improve", epilog=example("daest improve run1.csv --model Servo.mo --split 0.5"))
+@click.argument("data", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--model", type=click.Path(path_type=Path), help="A .mo file or an .fmu (default: daest.toml).")
+@click.option(
+    "--max-effects",
+    type=click.IntRange(min=1),
+    default=MOST_EFFECTS,
+    metavar="N",
+    help=f"Stop after N effects (default: {MOST_EFFECTS}).",
+)
+@click.option("--effect", "effects", metavar="NAME", multiple=True, help="Try this effect (default: all).")
+@click.option("--at", "places", metavar="PLACE", multiple=True, help="Try this place (default: all).")
+@click.option(
+    "--jobs", type=click.IntRange(min=1), metavar="N", help="Refits at a time (default: one per core)."
+)
+@click.option(
+    "-o",
+    "--output",
+    "folder",
+    metavar="DIR",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder of the models and the ledger (default: results/improve).",
+)
+@class_options
+@data_options
+@split_option
+@project_option
+@format_option
+@seed_option
+def command(
+    data: tuple[Path, ...],
+    model: Path | None,
+    max_effects: int,
+    effects: tuple[str, ...],
+    places: tuple[str, ...],
+    jobs: int | None,
+    folder: Path | None,
+    class_name: str | None,
+    libraries: tuple[Path, ...],
+    start: float | None,
+    stop: float | None,
+    period: float | None,
+    detrend: Any,
+    hold: Any,
+    split: float | None,
+    project_file: Path | None,
+    form: str,
+    seed: int,
+) -> None:
+    """Add missing effects one by one until nothing is missing or nothing helps.
+
+    The folder gets the models step1_EFFECT.mo, step2_EFFECT.mo, ..., each extending the former, ledger.json
+    and staircase.png, the error on validation data from step to step.
+    """
+    from daest.report.texts import improve as texts
+
+    project = load_project(project_file)
+    folder = folder or project.results / FOLDER
+    _require_own(folder)
+    case = opened(
+        project,
+        model,
+        data,
+        DataOptions(start, stop, period, detrend, split, hold),
+        Search(effects, places, jobs, seed),
+        class_name,
+        libraries,
+    )
+    document = improved(case, folder, max_effects)
+    emit(document, "improve", form, None, texts.text)
+
+
+def _require_own(folder: Path) -> None:
+    """Refuse a folder with other content. Raises ConfigError `improve-folder`."""
+    if not folder.is_dir() or (folder / LEDGER).is_file() or not any(folder.iterdir()):
+        return
+    raise ConfigError(
+        "improve-folder",
+        "the folder holds other files",
+        where=Place(str(folder)),
+        remedy="name a new or empty folder with -o",
+    )
+
+
+def improved(case: Case, folder: Path, most_effects: int) -> dict[str, Any]:
+    """Improve the model and write models, ledger and picture; returns the document."""
+    from daest.diagnosis.improve import improve
+    from daest.diagnosis.written import with_names, written_steps
+    from daest.report.documents.diagnose import improvement_document
+
+    with progress() as show:
+        found = improve(
+            case.flat, case.library, case.estimation, case.validation, case.options, most_effects, show
+        )
+        show("writing the models")
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".daest-", dir=folder) as passing:
+            models, names = written_steps(case.source, case.class_name, found, Path(passing), case.folders)
+        errors = {i: simulated(case, found.steps[i], written) for i, written in models.items()}
+    files = _files(models, found)
+    document = {
+        **with_names(improvement_document(found, files), names),
+        **context(case),
+        "folder": str(folder),
+    }
+    document["final"]["outputs"] = document["outputs"]
+    for number, step in enumerate(document["steps"]):
+        step["model_reason"] = models[number].reason if number in models else ""
+        step["model_rms"] = errors.get(number)
+        _compare(number, step)
+    _write(document, models, files, folder)
+    return document
+
+
+def simulated(case: Case, step: Step, written: Written) -> dict[str, float | None] | None:
+    """Errors of the written model on the validation data; None where there is no model."""
+    from daest.diagnosis.written import simulated_rms
+
+    if written.extension is None:
+        return None
+    outputs = [o.name for o in case.flat.outputs]
+    flat = written.extension.flat
+    try:
+        return simulated_rms(flat, outputs, written.columns, case.validation, step.fit.hold)
+    except DaestError as problem:
+        note(f"{written.extension.class_name} cannot be simulated: {problem.what}")
+        return None
+
+
+def _compare(number: int, step: dict[str, Any]) -> None:
+    """Say so where a file does not do what was found."""
+    for name, error in (step["model_rms"] or {}).items():
+        expected = step["rms"]["validation"].get(name)
+        if error is None or expected is None or abs(error - expected) > CLOSE * expected:
+            note(f"the model of step {number} has the error {error} of {name}, the fit {expected}")
+
+
+def _files(models: dict[int, Written], found: Improvement) -> dict[int, str]:
+    from daest.diagnosis.written import step_file
+
+    return {
+        number: step_file(number, proof.candidate)
+        for number, written in models.items()
+        if written.extension is not None and (proof := found.steps[number].proof) is not None
+    }
+
+
+def _write(document: dict[str, Any], models: dict[int, Written], files: dict[int, str], folder: Path) -> None:
+    """Models, picture and, last, the ledger; files of an earlier ledger that have no successor go."""
+    from daest.report.diagnosis_figures import staircase_figure
+    from daest.report.figures import save
+
+    earlier = _earlier_files(folder)
+    for number, name in files.items():
+        with whole_file(folder / name) as temporary:
+            temporary.write_text(models[number].text or "", encoding="utf-8")
+    with whole_file(folder / PICTURE) as temporary:
+        save(staircase_figure(document), temporary)
+    with whole_file(folder / LEDGER) as temporary:
+        temporary.write_text(to_json(with_schema(document, "improve")), encoding="utf-8")
+    for name in earlier - set(files.values()):
+        (folder / name).unlink(missing_ok=True)
+
+
+def _earlier_files(folder: Path) -> set[str]:
+    """Models that the ledger of an earlier run names."""
+    if not (folder / LEDGER).is_file():
+        return set()
+    steps = read_document(folder / LEDGER).get("steps", [])
+    names = {step.get("model") for step in steps if isinstance(step, dict)}
+    return {name for name in names if isinstance(name, str) and Path(name).name == name}

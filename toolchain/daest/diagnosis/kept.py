@@ -1,0 +1,141 @@
+"""Proofs kept as files while a diagnosis runs, so that an interrupted run goes on where it was."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import types
+import typing
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+import daest
+from daest.diagnosis.proof import Prepared
+from daest.model.diagnosis import Proof
+from daest.model.experiment import Experiment
+from daest.model.flat import FlatModel
+
+DIGITS = 6  # of a value that count: the last ones change from one machine to another
+_LEFT_OUT = ("candidate", "flat")  # of a proof: known before it is made
+
+
+@dataclass(frozen=True)
+class KeptProofs:
+    """Proofs as JSON files of `folder`, called by a hash of `run` (what the whole run rests on) and of the
+    model that is refitted. `whole_file` opens a file that is written whole or not at all."""
+
+    folder: Path
+    run: str
+    whole_file: Callable[[Path], AbstractContextManager[Path]]
+
+    def __call__(self, prepared: Prepared, work: Callable[[], Proof]) -> Proof:
+        """The proof of an earlier run, else what `work` makes, which is kept."""
+        path = self.folder / f"{_digest(self.run, *_model_parts(prepared))}.json"
+        try:
+            return _restored(prepared, json.loads(path.read_text(encoding="utf-8")))
+        except (OSError, ValueError, KeyError, TypeError):  # missing, or damaged: it is made anew
+            proof = work()
+        kept = [f.name for f in dataclasses.fields(proof) if f.name not in _LEFT_OUT]
+        content = {name: _plain(getattr(proof, name)) for name in kept}
+        with self.whole_file(path) as temporary:
+            temporary.write_text(json.dumps(content), encoding="utf-8")
+        return proof
+
+
+def run_digest(
+    flat: FlatModel,
+    experiments: Iterable[Experiment],
+    validation: Iterable[Experiment],
+    options: Sequence[Any],
+) -> str:
+    """Hash of the program, the model, its values, the recordings and the options of a run."""
+    parts: list[Any] = [_program(), *_equations(flat), *options]
+    parts += [(p.name, p.value, p.min, p.max, p.estimate, p.scale) for p in flat.parameters]
+    for one in (*experiments, None, *validation):
+        if one is not None:
+            columns = [one.time, one.inputs, one.outputs, *one.extra.values()]
+            parts += [one.name, tuple(one.extra), *(np.ascontiguousarray(c).tobytes() for c in columns)]
+        else:
+            parts.append("validation")
+    return _digest(*parts)
+
+
+def _model_parts(prepared: Prepared) -> list[Any]:
+    """What tells one refit of a run from another, rounds of `improve` included."""
+    flat, trial = prepared.flat, prepared.trial
+    values = [(p.name, f"{p.value:.{DIGITS}g}") for p in flat.parameters]
+    labels = [trial.candidate.label, *(c.label for c in trial.alike)]
+    return [prepared.names, labels, values, *_equations(flat)]
+
+
+def _equations(flat: FlatModel) -> list[Any]:
+    symbols = [flat.derivatives, flat.xi, flat.u, flat.w, flat.theta, flat.time]
+    return [ca.Function("model", symbols, [flat.residual, flat.output_expressions]).serialize()]
+
+
+@lru_cache(maxsize=1)
+def _program() -> str:
+    """Hash of daest itself: another version may come to another result."""
+    root = Path(daest.__file__).parent
+    return _digest(*(file.read_bytes() for file in sorted(root.rglob("*.py"))))
+
+
+def _digest(*parts: Any) -> str:
+    found = hashlib.sha256()
+    for part in parts:
+        content = part if isinstance(part, bytes) else repr(part).encode()
+        found.update(f"{len(content)} ".encode())
+        found.update(content)
+    return found.hexdigest()[:32]
+
+
+# Values and JSON --------------------------------------------------------------------------------------------
+
+
+def _restored(prepared: Prepared, content: Mapping[str, Any]) -> Proof:
+    hints = typing.get_type_hints(Proof)
+    known = {name: _value(hints[name], content[name]) for name in hints if name not in _LEFT_OUT}
+    theta = known["fit"].theta
+    parameters = tuple(replace(p, value=theta.get(p.name, p.value)) for p in prepared.flat.parameters)
+    flat = replace(prepared.flat, parameters=parameters)
+    return Proof(candidate=prepared.trial.candidate, flat=flat, **known)
+
+
+def _plain(value: Any) -> Any:
+    """Nested dataclasses and arrays as JSON has them (NaN included)."""
+    if dataclasses.is_dataclass(value):
+        return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _value(kind: Any, content: Any) -> Any:
+    """The value of type `kind` that `_plain` wrote. Raises KeyError or TypeError for other content."""
+    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
+    if content is None or kind is Any:
+        return content
+    if dataclasses.is_dataclass(kind):
+        hints = typing.get_type_hints(kind)
+        return typing.cast(Any, kind)(**{name: _value(hints[name], content[name]) for name in hints})
+    if kind is np.ndarray:
+        return np.array(content, dtype=float)
+    if origin is tuple:
+        return tuple(_value(arguments[0], entry) for entry in content)
+    if origin is dict:
+        return {key: _value(arguments[1], entry) for key, entry in content.items()}
+    if origin in (typing.Union, types.UnionType):
+        return _value(next(a for a in arguments if a is not type(None)), content)
+    return content

@@ -1,0 +1,178 @@
+"""Effects that a diagnosis found, as Modelica: the user's model extended, with the values of the fit."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from daest.diagnosis.compare import Candidate as Trialled
+from daest.diagnosis.compare import compare_models
+from daest.errors import ModelError
+from daest.model.diagnosis import Candidate, Improvement, Proof
+from daest.model.experiment import Experiment
+from daest.model.flat import FlatModel
+from daest.modelica.attach import names_of
+from daest.modelica.compile import compile_model, declare
+from daest.modelica.extend import Extension, extend_model
+from daest.modelica.sites import find_site
+from daest.systems.sample import Hold
+
+
+@dataclass(frozen=True)
+class Written:
+    """A model as Modelica, or the `reason` why there is none. `columns` are the recorded signals that supply
+    its new inputs, by input."""
+
+    extension: Extension | None
+    reason: str = ""
+    columns: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def text(self) -> str | None:
+        return None if self.extension is None else self.extension.text
+
+
+def written_proof(
+    path: Path,
+    class_name: str | None,
+    proof: Proof,
+    libraries: Sequence[str | Path] = (),
+    names: Mapping[str, str] | None = None,
+    target: Path | None = None,
+) -> Written:
+    """Class `class_name` of `path` extended by the effect of `proof`.
+
+    Effect and model take the values of the proof's fit. `names` are the components that stand in the file for
+    those of the proof's model, for effects that were added before; `target` is the file that the text is
+    meant for.
+    """
+    if path.suffix != ".mo":
+        return Written(None, "an FMU holds equations, not the Modelica text that could be extended")
+    try:
+        return _written(path, class_name, proof, libraries, names or {}, target)
+    except ModelError as problem:
+        return Written(None, f"{problem.what}. {problem.remedy}".strip())
+
+
+def _written(
+    path: Path,
+    class_name: str | None,
+    proof: Proof,
+    libraries: Sequence[str | Path],
+    names: Mapping[str, str],
+    target: Path | None,
+) -> Written:
+    flat = compile_model(path, class_name, libraries)
+    candidate = proof.candidate
+    theta = {with_names(name, names): value for name, value in proof.fit.theta.items()}
+    changed = {p.name: theta[p.name] for p in flat.parameters if theta.get(p.name, p.value) != p.value}
+    inputs = {signal: _identifier(column, flat) for signal, column in candidate.inputs.items()}
+    extension = extend_model(
+        path,
+        class_name,
+        candidate.effect,
+        find_site(flat, with_names(candidate.site.name, names), candidate.effect),
+        values=_own_values(proof),
+        inputs=inputs,
+        parameters=changed,
+        libraries=libraries,
+        target=target,
+    )
+    return Written(extension, columns={inputs[s]: column for s, column in candidate.inputs.items()})
+
+
+def _own_values(proof: Proof) -> dict[str, float]:
+    """Values of the effect's parameters by their own names; those that its component gives stay with it."""
+    candidate, theta = proof.candidate, proof.fit.theta
+    own = [p.name for p in candidate.effect.parameters if p.role != "given"]
+    return {name: theta[key] for name in own if (key := f"{candidate.name}.{name}") in theta}
+
+
+def _identifier(column: str, flat: FlatModel) -> str:
+    """A name for the input that a column supplies: the column's where Modelica and the model allow it."""
+    base = re.sub(r"\W", "_", column, flags=re.ASCII)
+    base = base if base[:1].isalpha() else f"u_{base}"
+    taken = names_of(flat) - {v.name for v in flat.inputs}
+    name, number = base, 1
+    while name in taken:
+        number += 1
+        name = f"{base}{number}"
+    return name
+
+
+def written_steps(
+    path: Path,
+    class_name: str | None,
+    improvement: Improvement,
+    folder: Path,
+    libraries: Sequence[str | Path] = (),
+) -> tuple[dict[int, Written], dict[str, str]]:
+    """The models of an improvement by the number of the step, each extending the former, and the names that
+    the components of the effects have in them.
+
+    They are written into `folder`, since each is read again for the next, as `step_file` names them. From the
+    first one on that cannot be written there are none.
+    """
+    models: dict[int, Written] = {}
+    names: dict[str, str] = {}
+    columns: dict[str, str] = {}
+    for number, step in enumerate(improvement.steps):
+        if step.proof is None:
+            continue
+        target = folder / step_file(number, step.proof.candidate)
+        found = written_proof(path, class_name, step.proof, libraries, names, target)
+        columns |= found.columns
+        models[number] = replace(found, columns=dict(columns))
+        if found.extension is None:
+            missing = Written(None, f"it would extend the model of step {number}, which could not be written")
+            later = range(number + 1, len(improvement.steps))
+            return models | dict.fromkeys(later, missing), names
+        target.write_text(found.extension.text, encoding="utf-8")
+        names[step.proof.candidate.name] = found.extension.component
+        path, class_name = target, found.extension.class_name
+    return models, names
+
+
+def step_file(number: int, candidate: Candidate) -> str:
+    """Name of the file of one step."""
+    return f"step{number}_{candidate.effect.name}.mo"
+
+
+def simulated_rms(
+    flat: FlatModel,
+    outputs: Sequence[str],
+    columns: Mapping[str, str],
+    experiments: Sequence[Experiment],
+    hold: Hold,
+) -> dict[str, float | None]:
+    """Errors (rms) of the model's `outputs`, simulated without noise from the best initial states; its inputs
+    that the experiments lack are their recorded `columns`."""
+    silent = replace(flat, noises=tuple(replace(w, intensity=0.0) for w in flat.noises))
+    model = declare(silent, outputs=list(outputs))
+    driven = [_driven(e, [v.name for v in flat.inputs], columns) for e in experiments]
+    comparison = compare_models([Trialled(flat.name, model, 0, hold)], driven)
+    return dict(comparison.models[0].simulation.rms)
+
+
+def _driven(experiment: Experiment, names: Sequence[str], columns: Mapping[str, str]) -> Experiment:
+    known = dict(zip(experiment.input_names, experiment.inputs.T, strict=True))
+    found = [known[n] if n in known else np.nan_to_num(experiment.extra[columns[n]]) for n in names]
+    inputs = np.column_stack(found) if found else experiment.inputs
+    return replace(experiment, inputs=inputs, input_names=tuple(names))
+
+
+def with_names(content: Any, names: Mapping[str, str]) -> Any:
+    """A document or text with components called as in the written models."""
+    if isinstance(content, str):
+        words = "|".join(map(re.escape, names))
+        return re.sub(rf"\b(?:{words})\b", lambda found: names[found[0]], content) if names else content
+    if isinstance(content, Mapping):
+        return {with_names(key, names): with_names(value, names) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [with_names(value, names) for value in content]
+    return content

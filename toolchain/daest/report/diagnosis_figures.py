@@ -1,0 +1,116 @@
+"""Figures of a diagnosis and of an improvement."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from daest.model.diagnosis import Diagnosis, DisturbanceCurve, Screened
+from daest.report.figures import BAND, LINES, PANEL, WIDTH
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+BARS = 12  # of the screen
+GREY = "0.75"
+RELATED = 0.0  # a curve that explains no variance is not drawn
+
+
+def diagnosis_figure(diagnosis: Diagnosis, units: Mapping[str, str]) -> Figure:
+    """Scores of the screen, validation errors of the candidates that were refitted, and the unexplained load
+    against the variable that explains it best. `units` are those of the outputs."""
+    from matplotlib.figure import Figure
+
+    curve = diagnosis.disturbance
+    drawn = curve is not None and curve.explained > RELATED
+    heights = (
+        [0.5 + 0.22 * BARS] + ([PANEL + 0.4] if diagnosis.proofs else []) + ([1.6 * PANEL] if drawn else [])
+    )
+    figure = Figure(figsize=(WIDTH, sum(heights) + 0.3), layout="constrained")
+    figure.suptitle(diagnosis.verdict, fontsize=10)
+    parts = list(figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0])
+    _draw_scores(diagnosis, parts.pop(0).subplots())
+    if diagnosis.proofs:
+        _draw_errors(diagnosis, units, parts.pop(0))
+    if curve is not None and drawn:
+        _draw_curve(curve, parts.pop(0).subplots())
+    return figure
+
+
+def _draw_scores(diagnosis: Diagnosis, ax: Axes) -> None:
+    """The best shape of every effect at every place; candidates that were accepted in colour."""
+    best: dict[str, Screened] = {}
+    for entry in diagnosis.screen.entries:
+        best.setdefault(entry.candidate.label, entry)
+    labels = list(best)[:BARS]
+    accepted = {p.candidate.label for p in diagnosis.proofs if p.verdict != "rejected"}
+    colors = [LINES[0] if label in accepted else GREY for label in labels]
+    ax.barh(range(len(labels)), [best[label].score for label in labels], color=colors)
+    ax.set_yticks(range(len(labels)), labels, fontsize=7)
+    ax.set_ylim(max(len(labels), 1) - 0.4, -0.6)
+    ax.set_xlabel("score of the screen [standard deviations]")
+
+
+def _draw_errors(diagnosis: Diagnosis, units: Mapping[str, str], part: Any) -> None:
+    labels = ["as it is", *(p.candidate.label for p in diagnosis.proofs)]
+    fits = [diagnosis.baseline, *(p.fit for p in diagnosis.proofs)]
+    accepted = [False, *(p.verdict != "rejected" for p in diagnosis.proofs)]
+    axes = part.subplots(1, len(units), sharey=True, squeeze=False)[0]
+    for ax, (name, unit) in zip(axes, units.items(), strict=True):
+        values = [
+            f.simulated["validation"].rms.get(name) if "validation" in f.simulated else None for f in fits
+        ]
+        heights = [np.nan if v is None else v for v in values]
+        ax.barh(range(len(labels)), heights, color=[LINES[0] if a else GREY for a in accepted])
+        ax.set_xlabel(f"validation rms {name} [{unit or '1'}]")
+        ax.set_ylim(len(labels) - 0.4, -0.6)
+    axes[0].set_yticks(range(len(labels)), labels, fontsize=7)
+
+
+def _draw_curve(curve: DisturbanceCurve, ax: Axes) -> None:
+    low, high = curve.w - BAND * curve.std, curve.w + BAND * curve.std
+    ax.fill_between(curve.x, low, high, color=LINES[0], alpha=0.25, lw=0, label="95 %")
+    ax.plot(curve.x, curve.w, color=LINES[0], lw=1.2, marker=".", label=f"load at {curve.place}")
+    ax.axhline(0.0, color="0.8", lw=0.6, zorder=0)
+    ax.set_xlabel(f"{curve.variable} [{curve.variable_unit or '1'}]")
+    ax.set_ylabel(f"unexplained load [{curve.unit or '1'}]")
+    ax.set_title(f"explains {100 * curve.explained:.0f} % of the load's variance", fontsize=9)
+    ax.legend(fontsize=7)
+
+
+def staircase_figure(document: Mapping[str, Any]) -> Figure:
+    """The document of an improvement: validation error of every output from step to step, with what was
+    added."""
+    from matplotlib.figure import Figure
+
+    steps, outputs = document["steps"], document["outputs"]
+    figure = Figure(figsize=(WIDTH, 1.3 * PANEL * len(outputs) + 0.4), layout="constrained")
+    axes = figure.subplots(len(outputs), 1, sharex=True, squeeze=False)[:, 0]
+    for ax, (name, unit), color in zip(axes, outputs.items(), _colors(len(outputs)), strict=True):
+        errors = [step["rms"].get("validation", {}).get(name) for step in steps]
+        _draw_stairs(ax, [np.nan if e is None else e for e in errors], color)
+        ax.set_ylabel(f"rms error {name} [{unit or '1'}]")
+    labels = ["as it is" if s["added"] is None else f"+ {s['added']}\nat {s['at']}" for s in steps]
+    axes[-1].set_xticks(range(len(steps)), labels, fontsize=8)
+    axes[0].set_title("simulation error on validation data", fontsize=9)
+    return figure
+
+
+def _draw_stairs(ax: Axes, errors: list[float], color: str) -> None:
+    edges = np.arange(len(errors) + 1) - 0.5
+    ax.stairs(errors, edges, color=color, lw=1.6, fill=False, baseline=None)
+    ax.stairs(errors, edges, color=color, alpha=0.2, fill=True)
+    for i, error in enumerate(errors):
+        if np.isfinite(error):
+            ax.annotate(
+                f"{error:.3g}", (i, error), (0, 3), textcoords="offset points", ha="center", fontsize=8
+            )
+    ax.set_xlim(edges[0], edges[-1])
+    ax.set_ylim(0.0, 1.2 * max([e for e in errors if np.isfinite(e)], default=1.0))
+
+
+def _colors(count: int) -> list[str]:
+    return [LINES[i % len(LINES)] for i in range(count)]

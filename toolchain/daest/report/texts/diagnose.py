@@ -1,0 +1,148 @@
+"""A diagnosis as text: the answer first, then the candidates, the places, and what to record next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from rich.console import RenderableType
+from rich.text import Text
+
+from daest.report.console import heading, indented, number, rendered, table
+
+BAND = 1.96  # standard deviations to either side of a 95 % band
+MOST_SCREENED = 6  # of the screen, where no candidate was refitted
+WITH_CURVE = ("unknown effect",)  # verdicts that rest on the curve of the load
+MOST_GROUP = 3  # places of a group that are named
+
+
+def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
+    return rendered(parts(document), width, color)
+
+
+def parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+    yield Text(f"{document['verdict'].capitalize()}.", style="bold")
+    yield indented(document["message"])
+    if document["next_experiment"]:
+        yield indented(f"Next: {document['next_experiment']}")
+    if document["candidates"]:
+        yield heading("Candidates, refitted")
+        yield from candidates(document)
+    yield heading(f"Screen: {document['screen']['n_screened']} candidates")
+    yield from _screen(document["screen"])
+    if document["places"]:
+        yield heading("Where an unexplained load would act")
+        yield _places(document["places"])
+    if document["disturbance"] is not None and document["verdict"] in WITH_CURVE:
+        yield from _disturbance(document["disturbance"])
+    yield indented(f"{number(document['seconds'], 3)} s")
+
+
+def candidates(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+    """The candidates that were refitted, and what is to be said of each."""
+    yield _refitted(document)
+    for candidate in document["candidates"]:
+        yield from _remarks(candidate)
+
+
+def _refitted(document: Mapping[str, Any]) -> RenderableType:
+    """Validation errors of the model as it is, and with each of the candidates."""
+    outputs = document["outputs"]
+    first = ("the model as it is", "", *_errors(document["baseline"], outputs), "", "", "")
+    rows = [
+        (
+            _named(c),
+            c["at"],
+            *_errors(c, outputs),
+            number(c["delta_bic"]),
+            f"{100 * c['explained']:.0f} %",
+            c["verdict"],
+        )
+        for c in document["candidates"]
+    ]
+    errors = [f"rms {name} [{unit or '1'}]" for name, unit in outputs.items()]
+    columns = ("effect", "place", *errors, "BIC gain", "load explained", "verdict")
+    return table(columns, [first, *rows], text_columns=(0, 1, len(columns) - 1))
+
+
+def _errors(entry: Mapping[str, Any], outputs: Mapping[str, str]) -> list[str]:
+    errors = entry["rms"].get("validation", {})
+    return [number(errors.get(name), 3) for name in outputs]
+
+
+def _named(candidate: Mapping[str, Any]) -> str:
+    signal = f" ({', '.join(candidate['inputs'].values())})" if candidate["inputs"] else ""
+    return f"{candidate['effect']}{signal}"
+
+
+def _label(candidate: Mapping[str, Any]) -> str:
+    return f"{_named(candidate)} at {candidate['at']}"
+
+
+def size(name: str, parameter: Mapping[str, Any]) -> str:
+    error = "" if parameter["std_error"] is None else f" ± {number(parameter['std_error'], 2)}"
+    return f"{name} = {number(parameter['value'])}{error} {parameter['unit']}".rstrip()
+
+
+def _remarks(candidate: Mapping[str, Any]) -> Iterator[RenderableType]:
+    sizes = ", ".join(size(name, p) for name, p in candidate["parameters"].items())
+    said = [candidate["reason"]] if candidate["reason"] else []
+    if candidate["not_separable_from"]:
+        said.append(f"not separable from {', '.join(candidate['not_separable_from'])}")
+    if candidate["equivalent_places"]:
+        said.append(f"the sensors see it alike at {grouped(candidate['equivalent_places'])}")
+    if candidate["model_reason"]:
+        said.append(f"no Modelica model: {candidate['model_reason']}")
+    yield indented("; ".join([f"{_label(candidate)}: {sizes}", *said]))
+
+
+def _screen(screen: Mapping[str, Any]) -> Iterator[RenderableType]:
+    rows = [
+        (
+            f"{e['effect']} at {e['at']}",
+            number(e["score"], 3),
+            number(e["p_value"], 2),
+            number(e["detectable"], 2),
+        )
+        for e in _distinct(screen["best"])[:MOST_SCREENED]
+    ]
+    if rows:
+        yield table(("effect at place", "score", "p (corrected)", "would be seen from"), rows)
+    reasons = dict.fromkeys(s["reason"] for s in screen["skipped"])
+    for reason in reasons:
+        count = sum(s["reason"] == reason for s in screen["skipped"])
+        yield indented(f"{count} not screened: {reason}")
+
+
+def _distinct(entries: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """The best shape of every effect at every place."""
+    found: dict[tuple[str, str], Mapping[str, Any]] = {}
+    for entry in entries:
+        found.setdefault((entry["effect"], entry["at"]), entry)
+    return list(found.values())
+
+
+def _places(places: Sequence[Mapping[str, Any]]) -> RenderableType:
+    rows = [
+        (grouped(p["group"]), number(p["log_likelihood_gain"]), number(p["size"], 3), p["unit"])
+        for p in sorted(places, key=lambda p: -(p["log_likelihood_gain"] or 0.0))
+    ]
+    return table(("place", "log-likelihood gain", "size", "unit"), rows, text_columns=(0, 3))
+
+
+def grouped(names: Sequence[str]) -> str:
+    rest = len(names) - MOST_GROUP
+    return ", ".join(names[:MOST_GROUP]) + (f" and {rest} more" if rest > 0 else "")
+
+
+def _disturbance(disturbance: Mapping[str, Any]) -> Iterator[RenderableType]:
+    yield heading(
+        f"Unexplained load at {disturbance['place']} against {disturbance['variable']}, which explains "
+        f"{100 * disturbance['explained']:.0f} % of its variance"
+    )
+    units = disturbance["variable_unit"] or "1", disturbance["unit"] or "1"
+    rows = [
+        (number(x, 3), number(w, 3), "-" if s is None else number(BAND * s, 2))
+        for x, w, s in disturbance["curve"]
+    ]
+    yield table((f"{disturbance['variable']} [{units[0]}]", f"load [{units[1]}]", "± 95 %"), rows, ())

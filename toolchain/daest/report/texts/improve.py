@@ -1,0 +1,66 @@
+"""The ledger of `daest improve` as text: what was added, how the error fell, and why it stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from rich.console import RenderableType
+from rich.text import Text
+
+from daest.report.console import heading, indented, number, rendered, table
+from daest.report.texts import diagnose
+
+
+def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
+    return rendered(_parts(document), width, color)
+
+
+def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+    yield Text(f"{_summary(document)}.", style="bold")
+    yield indented(f"Stopped: {document['reason']}")
+    if document["final"]["next_experiment"]:
+        yield indented(f"Next: {document['final']['next_experiment']}")
+    yield heading("Ledger (errors of the simulation on validation data)")
+    yield _ledger(document)
+    for i, step in enumerate(document["steps"]):
+        yield from _remarks(i, step)
+    if document["folder"]:
+        yield indented(f"models, ledger.json and staircase.png are in {document['folder']}")
+    if document["final"]["candidates"]:
+        yield heading("In the last round")
+        yield from diagnose.candidates(document["final"])
+
+
+def _summary(document: Mapping[str, Any]) -> str:
+    added = [f"{step['added']} at {step['at']}" for step in document["steps"] if step["added"]]
+    return f"Added {', then '.join(added)}" if added else "Nothing added"
+
+
+def _ledger(document: Mapping[str, Any]) -> RenderableType:
+    outputs = document["outputs"]
+    rows = [
+        (
+            str(i),
+            step["added"] or "the model as it is",
+            step["at"] or "",
+            *(number(step["rms"].get("validation", {}).get(o), 3) for o in outputs),
+            number(step.get("delta_bic")),
+            step["model"] or "",
+        )
+        for i, step in enumerate(document["steps"])
+    ]
+    errors = [f"rms {name} [{unit or '1'}]" for name, unit in outputs.items()]
+    columns = ("", "added", "place", *errors, "BIC gain", "model")
+    return table(columns, rows, text_columns=(0, 1, 2, len(columns) - 1))
+
+
+def _remarks(i: int, step: Mapping[str, Any]) -> Iterator[RenderableType]:
+    """Size of the effect that was added, and what else is to be said of the step."""
+    if step["added"] is None:
+        return
+    own = {n: p for n, p in step["parameters"].items() if n.startswith(f"{step['component']}.")}
+    sizes = ", ".join(diagnose.size(n.partition(".")[2], p) for n, p in own.items())
+    yield indented(f"step {i}: {sizes}; {step['remark']}")
+    if step["model_reason"]:
+        yield indented(f"step {i} is not written: {step['model_reason']}")
