@@ -63,7 +63,6 @@ def servo(tmp_path_factory) -> Path:
 def test_tour(servo, monkeypatch, capsys):
     """One test, because later commands use the results of earlier ones."""
     monkeypatch.chdir(servo)
-    monkeypatch.delenv("COLUMNS", raising=False)  # as wide as in the README, whatever terminal this is
     commands = []
     for block in blocks("console"):
         prompt, *stated = block.splitlines()
