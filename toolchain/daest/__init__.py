@@ -60,6 +60,8 @@ _PUBLIC = {
     "find_effect": "daest.modelica.effects",
     "attach": "daest.modelica.attach",
     "extend_model": "daest.modelica.extend",
+    "diagnose": "daest.diagnosis.diagnose",
+    "improve": "daest.diagnosis.improve",
     # what goes wrong
     "DaestError": "daest.errors",
 }
