@@ -161,8 +161,8 @@ EXPLANATIONS: dict[str, str] = {
         "daest.toml count from the folder of that file."
     ),
     "data-needs-pyarrow": (
-        "Parquet files are read through pyarrow, which is an optional part of the installation: pip install "
-        "'daest[parquet]'."
+        "Parquet files are read through pandas and pyarrow, which are optional parts of the installation: "
+        "pip install 'daest[parquet]'."
     ),
     "data-no-header": (
         "The first row of a CSV file must hold the names of the columns, with the unit behind the name if "

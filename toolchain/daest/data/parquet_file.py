@@ -12,14 +12,14 @@ from daest.errors import DataError, Place
 
 def read_parquet(path: Path) -> Table:
     """The table of a Parquet file. Raises DataError `data-needs-pyarrow` or `data-unreadable-file`."""
-    import pandas as pd
-
     try:
+        import pandas as pd
+
         frame = pd.read_parquet(path)
     except ImportError as error:
         raise DataError(
             "data-needs-pyarrow",
-            "reading Parquet files needs pyarrow, which is not installed",
+            "reading Parquet files needs pandas and pyarrow, which are not installed",
             where=Place(str(path)),
             remedy="pip install 'daest[parquet]', or save the recording as CSV",
         ) from error
