@@ -60,7 +60,7 @@ def test_document_in_a_file_and_expressions_in_text(folder, daest):
     assert code == 0 and out == ""
     assert json.loads((folder / "lag.json").read_text())["schema"] == "daest/linearize/1"
     text = daest("linearize", "Lag.mo", "--symbolic")[1]
-    assert "u -> y:  (2.5) / (1 s + 2.5)" in text and "-2.5" in text and "Entries that depend" in text
+    assert "u -> y:  (2.5) / (s + 2.5)" in text and "-2.5" in text and "Entries that depend" in text
 
 
 def test_noise_on_a_forbidden_equation_is_1(folder, daest):

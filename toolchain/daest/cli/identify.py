@@ -57,7 +57,12 @@ class Identified:
     "--estimate", metavar="NAME", multiple=True, help="Estimate this parameter (default: the marked ones)."
 )
 @click.option("--fix", metavar="NAME=VALUE", multiple=True, help="Hold a parameter at a value.")
-@click.option("--starts", type=click.IntRange(min=1), default=1, help="Number of start points (default: 1).")
+@click.option(
+    "--starts",
+    type=click.IntRange(min=1),
+    default=1,
+    help="Number of start points (default: 1, and more when the residuals are not white).",
+)
 @class_options
 @data_options
 @split_option

@@ -57,7 +57,9 @@ def _parts(document: Mapping[str, Any], symbolic: bool) -> Iterator[RenderableTy
         if decision["warning"]:
             yield indented(f"doubtful rank: {decision['warning']}")
     if document["theta"] and not symbolic:
-        yield indented(f"{len(document['theta'])} entries depend on parameters: see them with --symbolic")
+        count = len(document["theta"])
+        depend = "entries depend" if count > 1 else "entry depends"
+        yield indented(f"{count} {depend} on parameters: see --symbolic")
     elif document["theta"]:
         yield heading(f"Entries that depend on parameters ({len(document['theta'])})")
         yield table(
@@ -98,6 +100,7 @@ def _polynomial(coefficients: Sequence[float]) -> str:
         if not value and order:
             continue
         power = order - position
-        suffix = "" if power == 0 else " s" if power == 1 else f" s^{power}"
-        terms.append(f"{number(value, 5)}{suffix}")
+        factor = "" if power == 0 else "s" if power == 1 else f"s^{power}"
+        shown = "" if factor and value == 1.0 else number(value, 5)
+        terms.append(" ".join(part for part in (shown, factor) if part))
     return " + ".join(terms).replace("+ -", "- ") or "0"
