@@ -18,9 +18,10 @@ import numpy as np
 from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.disturbance import best_curve, place_gains, smoothed_load
-from daest.diagnosis.null import Null, fit_null, loads_of, refit
+from daest.diagnosis.null import Null, fit_null, loads_of, pinned, refit
 from daest.diagnosis.proof import Prepared, prepare, prove, ranked, trials
-from daest.diagnosis.screen import run_null, screen
+from daest.diagnosis.rivals import dynamic_trials, richer_laws
+from daest.diagnosis.screen import NullObserver, run_null, screen
 from daest.errors import DaestError, EstimationError
 from daest.estimation.records import part_of
 from daest.model.diagnosis import Candidate, Diagnosis, Proof, Screen
@@ -116,8 +117,9 @@ def examine(
     candidates = _chosen(library, sites(null.flat), null.experiments, options)
     progress(f"screening {len(candidates)} effects at places")
     found = screen(null, run, candidates, options.seed)
-    proofs = _proofs(stand, found, options, progress)
+    chosen_library = [e for e in library if not options.effects or e.name in options.effects]
     gains = place_gains(null, run)
+    proofs = _proofs(stand, run, found, candidates, chosen_library, options, progress)
     load = smoothed_load(null, run, gains)
     curve, is_related = (None, False) if load is None else best_curve(null, run, load, options.seed)
     decided = verdicts.decide(
@@ -142,10 +144,11 @@ def examine(
 def accept(stand: Stand, proof: Proof) -> Stand:
     """The stand with the effect of `proof` in the model."""
     null, candidate = stand.null, proof.candidate
+    explicit = reduce_index(proof.flat)
     grown = replace(
         null,
-        flat=proof.flat,
-        explicit=reduce_index(proof.flat),
+        flat=pinned(proof.flat, explicit),
+        explicit=explicit,
         fit=proof.fit,
         loads=loads_of(proof.fit, null.places),
         experiments=fed(null.experiments, candidate),
@@ -214,7 +217,13 @@ def fed(experiments: Sequence[Experiment], candidate: Candidate) -> tuple[Experi
 
 
 def _proofs(
-    stand: Stand, found: Screen, options: DiagnoseOptions, progress: Progress
+    stand: Stand,
+    run: NullObserver,
+    found: Screen,
+    candidates: Sequence[Candidate],
+    library: Sequence[Effect],
+    options: DiagnoseOptions,
+    progress: Progress,
 ) -> tuple[Proof, ...]:
     """The best candidates refitted, in parallel; a candidate that is clearly worse than one before is cut short."""
     null = stand.null
@@ -250,7 +259,12 @@ def _proofs(
             chosen.append(prepare(null.flat, null.estimated, trial))
         except DaestError:
             continue
+    chosen = [*dynamic_trials(null, candidates), *chosen]
     with ThreadPoolExecutor(max_workers=max(options.jobs, 1)) as pool:
         proofs = [proof for proof in pool.map(one, chosen) if proof is not None]
+        accepted = [p for p in ranked(proofs) if p.verdict != "rejected"]
+        if accepted:
+            richer = richer_laws(null, run, accepted[0], library, proofs)
+            proofs += [proof for proof in pool.map(one, richer) if proof is not None]
     return ranked(proofs)
 

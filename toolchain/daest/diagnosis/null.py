@@ -105,16 +105,25 @@ def _at_estimate(
     experiments: tuple[Experiment, ...],
 ) -> Null:
     valued, plain = _with_theta(loaded, fit.theta), _with_theta(flat, fit.theta)
+    explicit = reduce_index(valued)
     return Null(
         plain=plain,
-        flat=valued,
-        explicit=reduce_index(valued),
+        flat=pinned(valued, explicit),
+        explicit=explicit,
         fit=fit,
         loads=loads_of(fit, places),
         places=places,
         experiments=experiments,
         hold=fit.hold,
     )
+
+
+def pinned(flat: FlatModel, explicit: ExplicitModel) -> FlatModel:
+    """`flat` with the states of `explicit` as its states for good, so that models grown from it share them."""
+    unknowns = tuple(
+        replace(v, state_select="always") if v.name in explicit.state_names else v for v in flat.unknowns
+    )
+    return replace(flat, unknowns=unknowns)
 
 
 def loads_of(fit: FitResult, places: Sequence[LoadPlace]) -> tuple[Load, ...]:

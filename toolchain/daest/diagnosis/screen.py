@@ -167,19 +167,44 @@ def _responses(
     rows = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
     drives = _drive_function(explicit, names)
     average = run.average
-    order = [explicit.state_names.index(name) for name in run.state_names]
+    basis = _basis(null, run, explicit)
     eye = np.eye(average.A.shape[0])
     flow = transition_integrals(average.A, average.period)
     closed = flow.transition @ (eye - run.gain @ average.C)
     parts = []
     for experiment, observed in zip(null.experiments, run.observed, strict=True):
-        g, direct = _drives(null, explicit, drives, experiment, observed.filtered, order)
+        g, direct = _drives(null, explicit, drives, experiment, observed.filtered, basis)
         drive = g @ flow.first.T - (direct @ run.gain.T) @ flow.transition.T
         states = linear_recursion(closed, drive[:, :-1], np.zeros(eye.shape[0]))
         change = states @ average.C.T + direct
         change = np.where(np.isfinite(experiment.outputs), change, 0.0)
         parts.append((change @ run.root.T).reshape(len(names), -1))
     return np.concatenate(parts, axis=1), rows
+
+
+def _basis(null: Null, run: NullObserver, explicit: ExplicitModel) -> np.ndarray:
+    """T (n, n): states of `explicit` = T · states of the null. The grown model may choose other states among
+    variables that are proportional to each other (both sides of a gear, say)."""
+    if explicit.state_names == run.state_names:
+        return np.eye(len(run.state_names))
+    own = null.explicit
+    x, theta = ca.MX.sym("x", own.n_states), null.theta
+    zeros = [np.zeros(own.rhs.numel_in(i)) for i in (1, 2, 3)]
+    at = (x, *zeros, theta, 0.0)
+    values = ca.vertcat(own.variables(*at), own.variable_derivatives(*at))
+    names = [v.name for v in own.flat.unknowns]
+    names += [f"der({name})" for name in names]
+    missing = [name for name in explicit.state_names if name not in names]
+    if missing or explicit.n_states != own.n_states:
+        raise EstimationError(
+            "diagnose-no-candidate",
+            "the model with the candidates has other states than the model: "
+            + ", ".join(missing or explicit.state_names),
+            remedy="restrict the search (--effect, --at)",
+        )
+    rows = [names.index(name) for name in explicit.state_names]
+    slopes = ca.Function("basis", [x], [ca.densify(ca.jacobian(values[rows], x))])
+    return np.array(slopes(run.observed[0].filtered.mean(axis=0)))
 
 
 def _drive_function(explicit: ExplicitModel, names: Sequence[str]) -> ca.Function:
@@ -205,12 +230,11 @@ def _drives(
     drives: ca.Function,
     experiment: Experiment,
     filtered: np.ndarray,
-    order: Sequence[int],
+    basis: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """∂f/∂sizes (k, n_samples, n) in the null's order of states, and ∂h/∂sizes (k, n_samples, n_y)."""
     n_samples = experiment.n_samples
-    x = np.zeros((explicit.n_states, n_samples))
-    x[order] = filtered.T
+    x = basis @ filtered.T
     n_u = explicit.rhs.numel_in(1)
     u = np.zeros((n_u, n_samples))
     ubar = _ubar(null, experiment)
@@ -223,7 +247,8 @@ def _drives(
     theta = np.tile(explicit.flat.theta_values[:, None], (1, n_samples))
     g, direct = drives.map(n_samples)(x, u, v, theta, experiment.time)
     k = drives.numel_out(0) // explicit.n_states
-    g = np.array(g).reshape(explicit.n_states, n_samples, k).transpose(2, 1, 0)[:, :, list(order)]
+    g = np.array(g).reshape(explicit.n_states, n_samples, k).transpose(2, 1, 0)
+    g = g @ np.linalg.inv(basis).T
     direct = np.array(direct).reshape(-1, n_samples, k).transpose(2, 1, 0)
     return np.nan_to_num(g), np.nan_to_num(direct)
 

@@ -14,6 +14,8 @@ from daest.model.fit import FitResult
 from daest.model.flat import FlatModel
 from daest.numerics.statistics import whiteness_p_value
 
+TO_NOISE = 1.03  # simulation error relative to the one-step error that is as good as it gets
+CERTAIN = 1e-3  # corrected p-value of the screen below which something is missing, named or not
 LOAD_GAIN = 10.0  # log-likelihood that a load must buy to be a finding
 EXPECTED_NOISE = 10.0  # times the declared intensity: noise up to that is what the model expects
 WHITE_LEVEL = 1e-4  # p-value below which the innovations of the null are certainly not white
@@ -50,7 +52,9 @@ def decide(evidence: Evidence) -> Decided:
         return Decided("supported", _supported(evidence, accepted[0]))
     if accepted:
         return _cannot_tell(accepted)
-    if not _has_unexpected_load(evidence):
+    if _simulates_to_noise(evidence):
+        return _nothing(evidence)
+    if evidence.screen.p_value > CERTAIN and not _has_unexpected_load(evidence):
         return _nothing(evidence)
     if evidence.is_related and evidence.curve is not None:
         return _unknown(evidence, evidence.curve)
@@ -112,6 +116,16 @@ def _cannot_tell(accepted: list[Proof]) -> Decided:
     )
 
 
+def _simulates_to_noise(evidence: Evidence) -> bool:
+    """Whether the simulation is as good as the one-step prediction on data it has not seen: then nothing acts on
+    the machine that the model does not know, whatever small loads the likelihood likes to have."""
+    simulated, one_step = (part.get("validation") for part in (evidence.baseline.simulated, evidence.baseline.one_step))
+    if simulated is None or one_step is None:
+        return False
+    pairs = [(rms, one_step.rms.get(name)) for name, rms in simulated.rms.items()]
+    return all(rms is not None and other is not None and rms <= TO_NOISE * other for rms, other in pairs)
+
+
 def _has_unexpected_load(evidence: Evidence) -> bool:
     """Whether the data ask for a load that the model's declared noise does not account for."""
     declared = max((n.intensity or 0.0 for n in evidence.flat.noises), default=0.0)
@@ -138,7 +152,7 @@ def _nothing(evidence: Evidence) -> Decided:
     shown = "; ".join(list(smallest.values())[:4])
     return Decided(
         "nothing missing",
-        f"Nothing is missing at this noise level: of {evidence.screen.n_screened} candidates none is significant "
+        f"Nothing is missing at this noise level: none of {evidence.screen.n_screened} candidates was supported "
         f"(p = {evidence.screen.p_value:.2g} for the whole search). It would have shown, for instance: {shown}.",
     )
 

@@ -15,6 +15,7 @@ from daest.estimation.agreement import predicted_agreement, simulated_agreement
 from daest.estimation.arx import matched_start
 from daest.estimation.checks import check_bounds, check_records, check_start, known_name
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.identify_nonlinear import identify_nonlinear
 from daest.estimation.noise_start import better_noise, with_noise
 from daest.estimation.output_error import Problem
 from daest.estimation.records import Record, in_model_order, make_record, observed_counts, part_of

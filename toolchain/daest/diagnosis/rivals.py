@@ -1,0 +1,192 @@
+"""Rivals that the screen cannot score: effects that change the order of the model, and richer laws of the best one.
+
+An effect without a regular null has no derivative there; it is fitted by output error instead, which is cheap while
+the model stays affine. A richer law at the same place often hides behind the simple one (Stribeck behind Coulomb
+friction): it starts from the simple one's fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from daest.diagnosis.candidates import with_shapes
+from daest.diagnosis.null import Null
+from daest.diagnosis.proof import SHARPER, Prepared, Trial
+from daest.diagnosis.screen import NullObserver
+from daest.errors import DaestError
+from daest.estimation.identify import identify
+from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
+from daest.estimation.coordinates import Unknowns
+from daest.model.diagnosis import Candidate, Proof
+from daest.model.effects import Effect
+from daest.model.fit import IdentifyOptions
+from daest.model.flat import FlatModel
+from daest.modelica.attach import attach
+from daest.systems.integrate import integrator
+from daest.systems.linearize import is_affine_model
+from daest.systems.reduce import reduce_index
+
+MOST_DYNAMIC = 2  # of them go to the proof
+MOST_RICHER = 2
+LEAST_GAIN = 20.0  # log-likelihood of the simulation that a dynamic effect must gain to go to the proof
+SAME_FIT = 0.5  # log-likelihood within which two places are the same to the sensors
+ITERATIONS = 15
+START_SHARES = (1.0, 30.0)  # of the library's start value, for sizes whose scale the machine decides
+RTOL = 1e-4
+
+
+def dynamic_trials(null: Null, candidates: Sequence[Candidate]) -> tuple[Prepared, ...]:
+    """The dynamic effects that improve the simulation most, started from their output-error fits. Only for affine
+    models, where such a fit takes a fraction of a second."""
+    if not is_affine_model(null.flat):
+        return ()
+    nominal = _simulation_fit(null, null.flat, null.estimated)
+    if nominal is None:
+        return ()
+    found: list[tuple[float, Prepared]] = []
+    for candidate in candidates:
+        if not candidate.effect.is_dynamic or candidate.inputs:
+            continue
+        best = _best_dynamic(null, candidate)
+        if best is None or best[0] - nominal < LEAST_GAIN:
+            continue
+        same = next((i for i, (value, p) in enumerate(found) if _is_same(value, p, best)), None)
+        if same is None:
+            found.append(best)
+        else:
+            value, first = found[same]
+            alike = (*first.trial.alike, candidate)
+            found[same] = (value, replace(first, trial=replace(first.trial, alike=alike)))
+    found.sort(key=lambda pair: -pair[0])
+    return tuple(prepared for _, prepared in found[:MOST_DYNAMIC])
+
+
+def _is_same(value: float, prepared: Prepared, other: tuple[float, Prepared]) -> bool:
+    effects = (prepared.trial.candidate.effect.class_name, other[1].trial.candidate.effect.class_name)
+    return effects[0] == effects[1] and abs(value - other[0]) < SAME_FIT
+
+
+def _best_dynamic(null: Null, candidate: Candidate) -> tuple[float, Prepared] | None:
+    best: tuple[float, Prepared] | None = None
+    for share in START_SHARES:
+        sizes = {p.name: share * p.start for p in candidate.effect.sizes}
+        try:
+            flat = attach(null.flat, candidate.effect, candidate.site, candidate.name, sizes)
+            names = (*null.estimated, *_own(candidate))
+            if not is_affine_model(flat):
+                return None
+            fit = identify(flat, null.experiments, _options(null, names))
+        except DaestError:
+            continue
+        if best is None or fit.log_likelihood > best[0]:
+            at_fit = _with_values(flat, fit.theta)
+            values = tuple(fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
+            best = (fit.log_likelihood, Prepared(Trial(candidate, values, ()), at_fit, names))
+    return best
+
+
+def _options(null: Null, names: Sequence[str]) -> IdentifyOptions:
+    return IdentifyOptions(method="oe", estimate=tuple(names), hold=null.hold, max_iterations=ITERATIONS)
+
+
+def _simulation_fit(null: Null, flat: FlatModel, names: Sequence[str]) -> float | None:
+    try:
+        return identify(flat, null.experiments, _options(null, names)).log_likelihood
+    except DaestError:
+        return None
+
+
+def _own(candidate: Candidate) -> tuple[str, ...]:
+    return tuple(f"{candidate.name}.{p.name}" for p in candidate.effect.parameters if p.estimate)
+
+
+def _with_values(flat: FlatModel, theta: dict[str, float]) -> FlatModel:
+    return replace(flat, parameters=tuple(replace(p, value=theta.get(p.name, p.value)) for p in flat.parameters))
+
+
+def richer_laws(
+    null: Null, run: NullObserver, best: Proof, library: Sequence[Effect], tried: Sequence[Proof]
+) -> tuple[Prepared, ...]:
+    """Effects with more parameters and a size of the same unit in place of `best`, started from its fit in the
+    shape that simulates best; those that were fitted from a worse start are tried again."""
+    simple = best.candidate
+    n_own = len(_own(simple))
+    rivals = [
+        Candidate(effect, simple.site, f"{simple.name}_{i + 1}")
+        for i, effect in enumerate(library)
+        if effect.class_name != simple.effect.class_name
+        and effect.attach == simple.effect.attach
+        and effect.domain == simple.effect.domain
+        and not effect.is_dynamic
+        and not effect.inputs
+        and len(effect.sizes) == 1
+        and effect.sizes[0].unit == simple.effect.sizes[0].unit
+        and sum(p.estimate for p in effect.parameters) > n_own
+    ]
+    beaten = {p.candidate.effect.class_name for p in tried if p.fit.log_likelihood > best.fit.log_likelihood}
+    rivals = [r for r in rivals if r.effect.class_name not in beaten]
+    if not rivals:
+        return ()
+    first, filtered = null.experiments[0], run.observed[0].filtered
+    states = dict(zip(run.state_names, filtered.T, strict=True))
+    shaped, _ = with_shapes(null.flat, rivals, first.time, states, first.inputs)
+    size = best.fit.theta[f"{simple.name}.{simple.effect.sizes[0].name}"]
+    scored: dict[str, tuple[float, Prepared]] = {}
+    for candidate in shaped:
+        prepared = _in_place(null, best, candidate, size)
+        value = None if prepared is None else _simulation_value(null, best, prepared)
+        known = scored.get(candidate.effect.class_name)
+        if prepared is not None and value is not None and (known is None or value < known[0]):
+            scored[candidate.effect.class_name] = (value, prepared)
+    order = sorted(scored.values(), key=lambda pair: pair[0])
+    return tuple(prepared for _, prepared in order[:MOST_RICHER])
+
+
+def _in_place(null: Null, best: Proof, candidate: Candidate, size: float) -> Prepared | None:
+    effect = candidate.effect
+    sharp = {
+        p.name: SHARPER * candidate.shape[p.name]
+        for p in effect.parameters
+        if p.role == "sharpness" and p.name in candidate.shape
+    }
+    values = {**candidate.shape, **sharp, effect.sizes[0].name: size}
+    try:
+        flat = attach(null.flat, effect, candidate.site, candidate.name, values)
+    except DaestError:
+        return None
+    at_fit = _with_values(flat, {name: best.fit.theta[name] for name in null.estimated})
+    trial = Trial(candidate, (size,), best_alike(best))
+    return Prepared(trial, at_fit, (*null.estimated, *_own(candidate)))
+
+
+def best_alike(best: Proof) -> tuple[Candidate, ...]:
+    """The places where the sensors see `best` alike, as candidates of the same effect."""
+    return tuple(
+        replace(best.candidate, site=replace(best.candidate.site, name=name)) for name in best.equivalent
+    )
+
+
+def _simulation_value(null: Null, best: Proof, prepared: Prepared) -> float | None:
+    """Negative log-likelihood of the simulation from the simple law's initial states."""
+    try:
+        explicit = reduce_index(prepared.flat)
+    except DaestError:
+        return None
+    n_w = len(prepared.flat.noises)
+    unknowns = Unknowns((), prepared.flat.theta_values, np.zeros(n_w), np.ones(len(prepared.flat.outputs)))
+    starts = [dict(zip(s.names, s.values, strict=True)) for s in best.fit.initial_states]
+    z = np.concatenate([[float(s.get(name, 0.0)) for name in explicit.state_names] for s in starts])
+    problem = TrajectoryProblem(
+        integrator(explicit),
+        null.experiments,
+        null.hold,
+        unknowns,
+        np.ones(explicit.n_states),
+        np.full(len(prepared.flat.outputs), np.nan),
+        rtol=RTOL,
+    )
+    errors = prediction_errors(problem, z)
+    return None if errors is None else errors.negative_log_likelihood
