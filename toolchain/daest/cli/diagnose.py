@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -203,7 +203,7 @@ def _options(
 def _known(
     flat: FlatModel, search: Search, folders: Sequence[Path]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Class names of the effects, and names of the places as the search has them."""
+    """Names of the effects and of the places as the search has them."""
     from daest.modelica.effects import find_effects
     from daest.modelica.sites import find_site
 
@@ -217,16 +217,23 @@ def _known(
             places += [", ".join(part.strip() for part in place.split(",")), find_site(flat, place).name]
         for group in groups:
             places.append(_place_for(flat, group, place))
-    classes = [effect.class_name for group in groups for effect in group]
-    return tuple(dict.fromkeys(classes)), tuple(dict.fromkeys(places))
+    names = [name for one, group in zip(search.effects, groups, strict=True) for name in _names(one, group)]
+    return tuple(dict.fromkeys(names)), tuple(dict.fromkeys(places))
+
+
+def _names(name: str, group: Sequence[Effect]) -> list[str]:
+    """What the search calls the effects: by name, unless more of a class name than that was given."""
+    return [name] if name == group[0].name else [effect.class_name for effect in group]
 
 
 def _place_for(flat: FlatModel, group: Sequence[Effect], place: str) -> str:
     """The name of the place where one of the effects of a name fits."""
-    from daest.modelica.sites import find_site
+    from daest.modelica.sites import find_site, fits, sites
 
     problems: list[ModelError] = []
-    for effect in group:
+    known = sites(flat)
+    # Of effects that several domains have, the one of this model tells best why it does not fit.
+    for effect in sorted(group, key=lambda effect: not any(fits(effect, site) for site in known)):
         try:
             return find_site(flat, place, effect).name
         except ModelError as problem:
@@ -255,11 +262,16 @@ def _fitted(
     if found is None:
         return {}
     path, document = found
-    if set(document.get("initial_state", {})) & {e.name for e in estimation}:
+    if _recordings(document.get("initial_state", {})) & _recordings(e.name for e in estimation):
         return {}
     note(f"the values of {path} are held against the data")
     known = {p.name for p in flat.parameters}
     return {name: value for name, value in parameter_values(document).items() if name in known}
+
+
+def _recordings(names: Iterable[str]) -> set[str]:
+    """Names of the recordings, of which a split makes parts."""
+    return {name.removesuffix(" (estimation)") for name in names}
 
 
 def diagnosed(case: Case) -> Diagnosis:
@@ -317,4 +329,5 @@ def context(case: Case) -> dict[str, Any]:
         "data": [e.name for e in case.estimation],
         "validated_on": [e.name for e in case.validation],
         "outputs": {o.name: o.unit for o in case.flat.outputs},
+        "searched": {"effects": list(case.options.effects), "places": list(case.options.places)},
     }

@@ -10,6 +10,7 @@ from rich.text import Text
 
 from daest.report.console import heading, indented, number, rendered, table
 
+LEAST_GAIN = 1.0  # of log-likelihood: a load that buys less is not listed
 BAND = 1.96  # standard deviations to either side of a 95 % band
 MOST_SCREENED = 6  # of the screen, where no candidate was refitted
 WITH_CURVE = ("unknown effect",)  # verdicts that rest on the curve of the load
@@ -23,6 +24,7 @@ def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> 
 def parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     yield Text(f"{document['verdict'].capitalize()}.", style="bold")
     yield indented(document["message"])
+    yield from restriction(document["searched"])
     if document["next_experiment"]:
         yield indented(f"Next: {document['next_experiment']}")
     if document["candidates"]:
@@ -30,12 +32,21 @@ def parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
         yield from candidates(document)
     yield heading(f"Screen: {document['screen']['n_screened']} candidates")
     yield from _screen(document["screen"])
-    if document["places"]:
+    loaded = [p for p in document["places"] if (p["log_likelihood_gain"] or 0.0) > LEAST_GAIN]
+    if loaded:
         yield heading("Where an unexplained load would act")
-        yield _places(document["places"])
+        yield _places(loaded)
     if document["disturbance"] is not None and document["verdict"] in WITH_CURVE:
         yield from _disturbance(document["disturbance"])
     yield indented(f"{number(document['seconds'], 3)} s")
+
+
+def restriction(searched: Mapping[str, Sequence[str]]) -> Iterator[RenderableType]:
+    """Words for a search that was restricted by name: the library was not searched for the rest."""
+    effects, places = ", ".join(searched["effects"]), ", ".join(searched["places"])
+    if effects or places:
+        at = f" at {places}" if places else ""
+        yield indented(f"Only {effects or 'effects'}{at} was searched for.")
 
 
 def candidates(document: Mapping[str, Any]) -> Iterator[RenderableType]:
@@ -102,7 +113,7 @@ def _screen(screen: Mapping[str, Any]) -> Iterator[RenderableType]:
             f"{e['effect']} at {e['at']}",
             number(e["score"], 3),
             number(e["p_value"], 2),
-            number(e["detectable"], 2),
+            f"{number(e['detectable'], 2)} {e['unit']}".rstrip(),
         )
         for e in _distinct(screen["best"])[:MOST_SCREENED]
     ]

@@ -19,6 +19,7 @@ def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> 
 def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     yield Text(f"{_summary(document)}.", style="bold")
     yield indented(f"Stopped: {document['reason']}")
+    yield from diagnose.restriction(document["searched"])
     if document["final"]["next_experiment"]:
         yield indented(f"Next: {document['final']['next_experiment']}")
     yield heading("Ledger (errors of the simulation on validation data)")
