@@ -26,9 +26,9 @@ NO_SITES = ("parameter",)  # a drifting parameter is looked for by name, not eve
 def pairs(
     effects: Sequence[Effect], places: Sequence[Site], columns: Sequence[str] = ()
 ) -> tuple[Candidate, ...]:
-    """Effects at sites, shapes not yet chosen. Effects that need a measured signal are tried with every one of
-    `columns`, the recorded signals that the model does not use."""
-    found = []
+    """Effects at sites, shapes not yet chosen. Effects that need a measured signal are tried with every one
+    of `columns`, the recorded signals that the model does not use."""
+    found: list[Candidate] = []
     for effect in effects:
         if effect.name.startswith(LEARNED):
             continue
@@ -36,12 +36,18 @@ def pairs(
             if site.kind in NO_SITES or not fits(effect, site):
                 continue
             supplies = [{effect.inputs[0]: c} for c in columns] if effect.inputs else [{}]
-            found += [Candidate(effect, site, f"effect_{len(found) + i + 1}", {}, s) for i, s in enumerate(supplies)]
+            found += [
+                Candidate(effect, site, f"effect_{len(found) + i + 1}", {}, s) for i, s in enumerate(supplies)
+            ]
     return tuple(found)
 
 
 def with_shapes(
-    flat: FlatModel, candidates: Sequence[Candidate], time: np.ndarray, states: Mapping[str, np.ndarray], inputs: np.ndarray
+    flat: FlatModel,
+    candidates: Sequence[Candidate],
+    time: np.ndarray,
+    states: Mapping[str, np.ndarray],
+    inputs: np.ndarray,
 ) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...]]:
     """One candidate per shape, with sharpness and shapes in multiples of what the variables reach along the
     trajectory `states` (by name, each (n_samples,)); and those that cannot be attached, with the reason."""
@@ -90,7 +96,9 @@ def _ranges(
 ) -> dict[str, float]:
     """Largest magnitude of every internal variable along the trajectory."""
     chosen = np.unique(np.linspace(0, time.size - 1, min(time.size, MOST_POINTS)).astype(int))
-    x = np.array([states[name][chosen] if name in states else np.zeros(chosen.size) for name in explicit.state_names])
+    x = np.array(
+        [states[name][chosen] if name in states else np.zeros(chosen.size) for name in explicit.state_names]
+    )
     u = np.zeros((explicit.rhs.numel_in(1), chosen.size))
     u[: inputs.shape[1]] = inputs[chosen].T
     v, w = (np.zeros((explicit.rhs.numel_in(i), chosen.size)) for i in (2, 3))
@@ -111,7 +119,10 @@ def _shapes(candidate: Candidate, ranges: Mapping[str, float]) -> list[dict[str,
             continue
         values = parameter.grid if parameter.role == "shape" else parameter.grid[:1]
         scale = _scale(candidate, parameter, ranges)
-        axes.append([(parameter.name, scale * value) for value in values if scale > 0.0] or [(parameter.name, parameter.start)])
+        axes.append(
+            [(parameter.name, scale * value) for value in values if scale > 0.0]
+            or [(parameter.name, parameter.start)]
+        )
     combinations = [dict(choice) for choice in product(*axes)]
     step = -(-len(combinations) // MOST_SHAPES)
     return combinations[::step]

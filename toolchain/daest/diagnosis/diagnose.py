@@ -1,7 +1,8 @@
 """Diagnose: whether something is missing, where, and what it is.
 
-Null hypothesis -> screen of all candidates -> proof of the best -> verdict. See DESIGN.md section 6 for why a null
-without coloured loads, or evidence from smoothed disturbances alone, would find effects that are not there.
+Null hypothesis -> screen of all candidates -> proof of the best -> verdict. See DESIGN.md section 6 for why a
+null without coloured loads, or evidence from smoothed disturbances alone, would find effects that are not
+there.
 """
 
 from __future__ import annotations
@@ -48,9 +49,9 @@ def _anew(_: Prepared, work: Callable[[], Proof]) -> Proof:
 
 @dataclass(frozen=True)
 class DiagnoseOptions:
-    """`effects` and `places` restrict the search by name. `hold` None takes the better one. `fitted` are parameter
-    values of an earlier fit, which the data may contradict. `keep` returns the proof of a candidate: that of an
-    earlier run, or what `work` makes."""
+    """`effects` and `places` restrict the search by name. `hold` None takes the better one. `fitted` are
+    parameter values of an earlier fit, which the data may contradict. `keep` returns the proof of a
+    candidate: that of an earlier run, or what `work` makes."""
 
     effects: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
@@ -81,8 +82,9 @@ def diagnose(
 
 @dataclass(frozen=True)
 class Stand:
-    """What is examined: the model as the user declared it (`declared`), the null made from it (with the effects
-    that were accepted so far), the null's fit on the same terms as those of its rivals, and the validation data."""
+    """What is examined: the model as the user declared it (`declared`), the null made from it (with the
+    effects that were accepted so far), the null's fit on the same terms as those of its rivals, and the
+    validation data."""
 
     declared: FlatModel
     null: Null
@@ -175,8 +177,8 @@ def _divided(
         raise EstimationError(
             "diagnose-too-short",
             f"{n_samples} samples to diagnose from cannot tell a missing effect from noise",
-            remedy=f"record at least {2 * FEWEST_SAMPLES} samples (half are kept for validation) that move the "
-            "machine through its whole range, in both directions and through rest",
+            remedy=f"record at least {2 * FEWEST_SAMPLES} samples (half are kept for validation) that move "
+            "the machine through its whole range, in both directions and through rest",
         )
     return experiments, validation
 
@@ -225,7 +227,8 @@ def _proofs(
     options: DiagnoseOptions,
     progress: Progress,
 ) -> tuple[Proof, ...]:
-    """The best candidates refitted, in parallel; a candidate that is clearly worse than one before is cut short."""
+    """The best candidates refitted, in parallel; a candidate that is clearly worse than one before is cut
+    short."""
     null = stand.null
     lock, best = Lock(), [-np.inf]
 
@@ -267,4 +270,3 @@ def _proofs(
             richer = richer_laws(null, run, accepted[0], library, proofs)
             proofs += [proof for proof in pool.map(one, richer) if proof is not None]
     return ranked(proofs)
-

@@ -34,13 +34,17 @@ class SmoothedLoad:
 
 
 def place_gains(null: Null, run: NullObserver) -> tuple[PlaceGain, ...]:
-    """What each load buys in log-likelihood while the others stay (parameters held), in the order of the loads."""
+    """What each load buys in log-likelihood while the others stay (parameters held), in the order of the
+    loads."""
     model = integrator(null.explicit)
     whole = _log_likelihood(null, model, run.gain)
     gains = []
     for load in null.loads:
         without = np.array(
-            [q * HARDLY_ANY if w.name == f"{load.name}.w" else q for w, q in zip(null.flat.noises, null.intensity, strict=True)]
+            [
+                q * HARDLY_ANY if w.name == f"{load.name}.w" else q
+                for w, q in zip(null.flat.noises, null.intensity, strict=True)
+            ]
         )
         found = observer(run.average, without, null.measurement_std)
         gain = np.zeros_like(run.gain) if found is None else found.gain
@@ -71,8 +75,8 @@ def _log_likelihood(null: Null, model: Integrator, gain: np.ndarray) -> float:
 def smoothed_load(
     null: Null, run: NullObserver, gains: Sequence[PlaceGain], experiment: int = 0
 ) -> SmoothedLoad | None:
-    """The load that buys most, by fixed-interval smoothing with the stationary gain of the average model (Bryson &
-    Frazier); None where no load buys anything or there is no gain."""
+    """The load that buys most, by fixed-interval smoothing with the stationary gain of the average model
+    (Bryson & Frazier); None where no load buys anything or there is no gain."""
     bought = np.array([g.log_likelihood_gain for g in gains])
     if not np.any(bought > 0.0):
         return None
@@ -95,8 +99,8 @@ def smoothed_load(
 
 
 def internal_variables(null: Null, run: NullObserver, experiment: int = 0) -> dict[str, np.ndarray]:
-    """Every distinct internal variable along the filtered trajectory, by name (n_samples,), as the model without the
-    loads has it: a variable that contains the load would explain the load."""
+    """Every distinct internal variable along the filtered trajectory, by name (n_samples,), as the model
+    without the loads has it: a variable that contains the load would explain the load."""
     explicit = null.explicit
     one = null.experiments[experiment]
     n = one.n_samples
@@ -106,7 +110,7 @@ def internal_variables(null: Null, run: NullObserver, experiment: int = 0) -> di
     loads = {load.name for load in null.loads}
     states = run.observed[experiment].filtered * [name not in loads for name in run.state_names]
     values = np.array(explicit.variables.map(n)(states.T, u, v, w, theta, one.time))
-    found: dict[str, np.ndarray] = {name: column for name, column in zip(one.input_names, one.inputs.T, strict=True)}
+    found: dict[str, np.ndarray] = dict(zip(one.input_names, one.inputs.T, strict=True))
     seen = [_normalised(x) for x in found.values()]
     for variable, row in zip(explicit.flat.unknowns, values, strict=True):
         if variable.name in loads or not np.all(np.isfinite(row)) or np.ptp(row) == 0.0:
@@ -129,8 +133,8 @@ def best_curve(
 ) -> tuple[DisturbanceCurve, bool]:
     """The variable that predicts the load best, with its curve; and whether that is more than chance.
 
-    Prediction is by bin means from the other parts of the record; chance is what circularly shifted loads give,
-    searched over the same variables.
+    Prediction is by bin means from the other parts of the record; chance is what circularly shifted loads
+    give, searched over the same variables.
     """
     variables = internal_variables(null, run)
     step = -(-load.values.size // MOST_SAMPLES)
@@ -177,7 +181,9 @@ def _curve(
     units = {v.name: v.unit for v in (*null.flat.unknowns, *null.flat.inputs)}
     # Samples of a coloured load are not independent: count one per correlation time.
     period = float(np.median(np.diff(null.experiments[0].time)))
-    independent = np.array([max(g.sum() * period / max(2.0 * place.time_constant, period), 1.0) for g in groups])
+    independent = np.array(
+        [max(g.sum() * period / max(2.0 * place.time_constant, period), 1.0) for g in groups]
+    )
     spread = np.array([np.std(w[g]) for g in groups])
     return DisturbanceCurve(
         place=place.place,

@@ -48,14 +48,12 @@ def _helps(before: FitResult, after: FitResult) -> bool:
     old, new = before.simulated.get("validation"), after.simulated.get("validation")
     if old is None or new is None:
         return True
-    ratios = [
-        n / o for name, o in old.rms.items() if o and (n := new.rms.get(name)) is not None
-    ]
+    ratios = [n / o for name, o in old.rms.items() if o and (n := new.rms.get(name)) is not None]
     return bool(ratios) and min(ratios) < LEAST_PROGRESS and max(ratios) < 1.0 / LEAST_PROGRESS
 
 
 def _remark(steps: Sequence[Step], best: Proof) -> str:
-    """What else is to be said of the round: rivals that the data do not separate, effects no longer needed."""
+    """What else is to be said of the round: rivals not separated, effects no longer needed."""
     said = []
     if best.not_separable_from:
         said.append(f"not separable from {', '.join(best.not_separable_from)}")
@@ -65,6 +63,10 @@ def _remark(steps: Sequence[Step], best: Proof) -> str:
             continue
         for parameter in step.proof.candidate.effect.sizes:
             now = sizes.get(f"{step.proof.candidate.name}.{parameter.name}")
-            if now and now.std_error and abs(now.value - (parameter.null or 0.0)) < STILL_NEEDED * now.std_error:
+            if (
+                now
+                and now.std_error
+                and abs(now.value - (parameter.null or 0.0)) < STILL_NEEDED * now.std_error
+            ):
                 said.append(f"{step.proof.candidate.label} is no longer needed")
     return "; ".join(said) or "supported"

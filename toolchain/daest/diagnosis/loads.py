@@ -1,8 +1,8 @@
 """Unknown external loads: where one may act, and the model with coloured loads attached.
 
-A load enters a flow balance (torques, forces, currents, heat flows, volume flows at a node), which is where the
-noise subspace of Theorem 3.1 admits white noise, and there it passes through a first-order filter besides, so
-that a slow external load is as well described as a fast one.
+A load enters a flow balance (torques, forces, currents, heat flows, volume flows at a node), which is where
+the noise subspace of Theorem 3.1 admits white noise, and there it passes through a first-order filter
+besides, so that a slow external load is as well described as a fast one.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import numpy as np
 
 from daest.errors import DaestError
 from daest.model.effects import Site
-from daest.model.linear import StateSpace
 from daest.model.flat import Equation, FlatModel, NoiseInput, Parameter, Variable
+from daest.model.linear import StateSpace
 from daest.modelica.places import resolve_place
 from daest.systems.state_space import state_space, state_space_family
 
@@ -30,7 +30,7 @@ SELDOM_LOADED = ("electrical",)
 
 @dataclass(frozen=True)
 class LoadPlace:
-    """Equation `row` of the model, where a load may act; `names` are the nodes that act on the outputs alike."""
+    """Equation `row` of the model, where a load may act; `names`: nodes that act on the outputs alike."""
 
     row: int
     names: tuple[str, ...]

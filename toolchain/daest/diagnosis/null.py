@@ -29,8 +29,8 @@ FIRST_LOAD = 20.0  # sampling periods, start of the search
 
 @dataclass(frozen=True)
 class Null:
-    """`flat` is the model with the loads attached and all values at the estimate; `fit` the fit of that model;
-    `plain` the model without loads at the same values."""
+    """`flat` is the model with the loads attached and all values at the estimate; `fit` the fit of that
+    model; `plain` the model without loads at the same values."""
 
     plain: FlatModel
     flat: FlatModel
@@ -90,7 +90,9 @@ def fit_null(
     duration = float(sum(e.time[-1] - e.time[0] for e in experiments))
     start = [FIRST_LOAD * period] * len(places)
     loaded = with_loads(flat, places, start)
-    bounds = {f"load_{i + 1}.T": (SHORTEST_LOAD * period, LONGEST_LOAD * duration) for i in range(len(places))}
+    bounds = {
+        f"load_{i + 1}.T": (SHORTEST_LOAD * period, LONGEST_LOAD * duration) for i in range(len(places))
+    }
     names = (*(p.name for p in flat.parameters if p.estimate), *bounds)
     options = IdentifyOptions(method="pem", estimate=names, bounds=bounds, hold=hold)
     fit = identify(loaded, experiments, options)
@@ -119,7 +121,7 @@ def _at_estimate(
 
 
 def pinned(flat: FlatModel, explicit: ExplicitModel) -> FlatModel:
-    """`flat` with the states of `explicit` as its states for good, so that models grown from it share them."""
+    """`flat` with the states of `explicit` as its states for good: models grown from it share them."""
     unknowns = tuple(
         replace(v, state_select="always") if v.name in explicit.state_names else v for v in flat.unknowns
     )
@@ -154,8 +156,8 @@ def refit(
     max_iterations: int = 40,
     hopeless: float = -np.inf,
 ) -> FitResult:
-    """Fit a model that contains the null's loads, starting from the values in `flat`, noise from the null's. A search
-    whose first pass stays below the log-likelihood `hopeless` is not pursued."""
+    """Fit a model that contains the null's loads, starting from the values in `flat`, noise from the null's.
+    A search whose first pass stays below the log-likelihood `hopeless` is not pursued."""
     known = [p.name for p in flat.parameters]
     coordinates = tuple(
         parameter_coordinate(

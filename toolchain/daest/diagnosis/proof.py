@@ -34,8 +34,8 @@ class Trial:
 
 
 def trials(screen: Screen, level: float, most: int) -> tuple[Trial, ...]:
-    """The best candidates that are significant at `level`, at most `most`, each at its best shape; the same effect
-    at a place that the sensors see alike is the same trial."""
+    """The best candidates that are significant at `level`, at most `most`, each at its best shape; the same
+    effect at a place that the sensors see alike is the same trial."""
     chosen: list[Trial] = []
     taken: set[int] = set()
     entries = screen.entries
@@ -66,10 +66,15 @@ class Prepared:
 
 
 def prepare(flat: FlatModel, estimated: Sequence[str], trial: Trial) -> Prepared:
-    """`flat` with the effect attached, sizes started from the screen's estimate, kinks sharper than in the screen."""
+    """`flat` with the effect attached, sizes started from the screen's estimate, kinks sharper than in the
+    screen."""
     candidate = trial.candidate
     effect = candidate.effect
-    sharp = {p.name: SHARPER * candidate.shape[p.name] for p in effect.parameters if p.role == "sharpness" and p.name in candidate.shape}
+    sharp = {
+        p.name: SHARPER * candidate.shape[p.name]
+        for p in effect.parameters
+        if p.role == "sharpness" and p.name in candidate.shape
+    }
     sizes = dict(zip((p.name for p in effect.sizes), trial.sizes, strict=True))
     inside = {p.name: _inside(sizes[p.name], p.min, p.max) for p in effect.sizes}
     values = {**candidate.shape, **sharp, **inside}
@@ -98,8 +103,8 @@ def prove(
 ) -> Proof:
     """Refit one candidate and judge it against the null refitted the same way.
 
-    `experiments` are the null's with the signals that the effect needs; `n_screened` candidates were searched.
-    Raises what `refit` raises.
+    `experiments` are the null's with the signals that the effect needs; `n_screened` candidates were
+    searched. Raises what `refit` raises.
     """
     explicit = reduce_index(prepared.flat)
     fed = replace(null, experiments=tuple(experiments))
@@ -110,9 +115,7 @@ def prove(
     delta_bic = float(2.0 * gain - n_own * np.log(n_observed))
     explained = _explained(_load_sizes(null_fit, null), _load_sizes(fit, null))
     reason = _failed_gate(prepared, fit, delta_bic, explained)
-    parameters = tuple(
-        replace(p, value=fit.theta.get(p.name, p.value)) for p in prepared.flat.parameters
-    )
+    parameters = tuple(replace(p, value=fit.theta.get(p.name, p.value)) for p in prepared.flat.parameters)
     return Proof(
         candidate=prepared.trial.candidate,
         flat=replace(prepared.flat, parameters=parameters),
@@ -187,7 +190,9 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
             result.append(proof)
         elif proof in close:
             others = tuple(p.candidate.label for p in close if p is not proof)
-            result.append(replace(proof, not_separable_from=others, verdict="not separable" if others else "supported"))
+            result.append(
+                replace(proof, not_separable_from=others, verdict="not separable" if others else "supported")
+            )
         else:
             worse = best.delta_bic - proof.delta_bic
             reason = f"{best.candidate.label} explains the data better (BIC {worse:.0f})"

@@ -1,8 +1,9 @@
-"""Rivals that the screen cannot score: effects that change the order of the model, and richer laws of the best one.
+"""Rivals that the screen cannot score: effects that change the order of the model, and richer laws of the
+best one.
 
-An effect without a regular null has no derivative there; it is fitted by output error instead, which is cheap while
-the model stays affine. A richer law at the same place often hides behind the simple one (Stribeck behind Coulomb
-friction): it starts from the simple one's fit.
+An effect without a regular null has no derivative there; it is fitted by output error instead, which is cheap
+while the model stays affine. A richer law at the same place often hides behind the simple one (Stribeck
+behind Coulomb friction): it starts from the simple one's fit.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from daest.diagnosis.null import Null
 from daest.diagnosis.proof import SHARPER, Prepared, Trial
 from daest.diagnosis.screen import NullObserver
 from daest.errors import DaestError
+from daest.estimation.coordinates import Unknowns
 from daest.estimation.identify import identify
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
-from daest.estimation.coordinates import Unknowns
 from daest.model.diagnosis import Candidate, Proof
 from daest.model.effects import Effect
 from daest.model.fit import IdentifyOptions
@@ -39,8 +40,8 @@ RTOL = 1e-4
 
 
 def dynamic_trials(null: Null, candidates: Sequence[Candidate]) -> tuple[Prepared, ...]:
-    """The dynamic effects that improve the simulation most, started from their output-error fits. Only for affine
-    models, where such a fit takes a fraction of a second."""
+    """The dynamic effects that improve the simulation most, started from their output-error fits. Only for
+    affine models, where such a fit takes a fraction of a second."""
     if not is_affine_model(null.flat):
         return ()
     nominal = _simulation_fit(null, null.flat, null.estimated)
@@ -104,14 +105,16 @@ def _own(candidate: Candidate) -> tuple[str, ...]:
 
 
 def _with_values(flat: FlatModel, theta: dict[str, float]) -> FlatModel:
-    return replace(flat, parameters=tuple(replace(p, value=theta.get(p.name, p.value)) for p in flat.parameters))
+    return replace(
+        flat, parameters=tuple(replace(p, value=theta.get(p.name, p.value)) for p in flat.parameters)
+    )
 
 
 def richer_laws(
     null: Null, run: NullObserver, best: Proof, library: Sequence[Effect], tried: Sequence[Proof]
 ) -> tuple[Prepared, ...]:
-    """Effects with more parameters and a size of the same unit in place of `best`, started from its fit in the
-    shape that simulates best; those that were fitted from a worse start are tried again."""
+    """Effects with more parameters and a size of the same unit in place of `best`, started from its fit in
+    the shape that simulates best; those that were fitted from a worse start are tried again."""
     simple = best.candidate
     n_own = len(_own(simple))
     rivals = [

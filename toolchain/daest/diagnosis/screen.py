@@ -1,15 +1,18 @@
 """Screen: the score of every candidate effect on the whitened innovations of the null, in one pass.
 
-All candidates are attached to the null model at once with size zero. The derivative of the model with respect to a
-size, evaluated on filtered variables, drives the error dynamics of the null's observer: that is the response of
-the innovations to the effect. What refitted parameters and initial states would do is projected out. Scores are
-jointly normal with known correlation when nothing is missing, which prices the search exactly.
+All candidates are attached to the null model at once with size zero. The derivative of the model with respect
+to a size, evaluated on filtered variables, drives the error dynamics of the null's observer: that is the
+response of the innovations to the effect. What refitted parameters and initial states would do is projected
+out. Scores are jointly normal with known correlation when nothing is missing, which prices the search
+exactly.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
@@ -103,7 +106,9 @@ def _ubar(null: Null, experiment: Experiment) -> np.ndarray:
     return np.vstack([u0, u0[-1:]])
 
 
-def _run(null: Null, model: Integrator, experiment: Experiment, x0: np.ndarray, gain: np.ndarray) -> Trajectory:
+def _run(
+    null: Null, model: Integrator, experiment: Experiment, x0: np.ndarray, gain: np.ndarray
+) -> Trajectory:
     return integrate(
         model,
         experiment.time,
@@ -118,13 +123,15 @@ def _run(null: Null, model: Integrator, experiment: Experiment, x0: np.ndarray, 
 
 
 def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed: int = 0) -> Screen:
-    """Scores of all candidates at their best shapes, best first. Candidates that change the order of the model, or
-    that cannot be attached, are listed as skipped with the reason.
+    """Scores of all candidates at their best shapes, best first. Candidates that change the order of the
+    model, or that cannot be attached, are listed as skipped with the reason.
 
     Raises EstimationError `diagnose-no-candidate`.
     """
     static = [c for c in candidates if not c.effect.is_dynamic and not c.effect.n_states]
-    skipped = [(c.label, "has states of its own: refitted, not screened") for c in candidates if c not in static]
+    skipped = [
+        (c.label, "has states of its own: refitted, not screened") for c in candidates if c not in static
+    ]
     first, filtered = null.experiments[0], run.observed[0].filtered
     states = dict(zip(run.state_names, filtered.T, strict=True))
     shaped, refused = with_shapes(null.flat, static, first.time, states, first.inputs)
@@ -137,12 +144,16 @@ def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed:
     usable, refused_shapes, explicit = attachable(null.flat, shaped)
     responses, columns = _responses(null, run, explicit, usable)
     nuisance = _nuisance(run, len(null.estimated))
-    return _scored(usable, columns, run.whitened, nuisance, responses, (*skipped, *refused, *refused_shapes), seed)
+    return _scored(
+        usable, columns, run.whitened, nuisance, responses, (*skipped, *refused, *refused_shapes), seed
+    )
 
 
 def _nuisance(run: NullObserver, n_parameters: int) -> np.ndarray:
     """Slopes over the parameters (common to all experiments) and over each experiment's initial state."""
-    parameters = np.concatenate([o.slopes[:n_parameters].reshape(n_parameters, -1) for o in run.observed], axis=1)
+    parameters = np.concatenate(
+        [o.slopes[:n_parameters].reshape(n_parameters, -1) for o in run.observed], axis=1
+    )
     parts, total, first = [parameters], parameters.shape[1], 0
     for one in run.observed:
         own = one.slopes[n_parameters:].reshape(one.slopes.shape[0] - n_parameters, -1)
@@ -164,7 +175,7 @@ def _responses(
     """Responses (k, m) of the whitened innovations to each size, and the rows of each candidate."""
     names = [name for c in candidates for name in size_names(c)]
     ends = np.cumsum([0, *(len(c.effect.sizes) for c in candidates)])
-    rows = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    rows = [slice(a, b) for a, b in pairwise(ends.tolist())]
     drives = _drive_function(explicit, names)
     average = run.average
     basis = _basis(null, run, explicit)
@@ -191,7 +202,7 @@ def _basis(null: Null, run: NullObserver, explicit: ExplicitModel) -> np.ndarray
     x, theta = ca.MX.sym("x", own.n_states), null.theta
     zeros = [np.zeros(own.rhs.numel_in(i)) for i in (1, 2, 3)]
     at = (x, *zeros, theta, 0.0)
-    values = ca.vertcat(own.variables(*at), own.variable_derivatives(*at))
+    values: Any = ca.vertcat(cast(Any, own.variables(*at)), cast(Any, own.variable_derivatives(*at)))
     names = [v.name for v in own.flat.unknowns]
     names += [f"der({name})" for name in names]
     missing = [name for name in explicit.state_names if name not in names]
@@ -221,7 +232,9 @@ def _drive_function(explicit: ExplicitModel, names: Sequence[str]) -> ca.Functio
     h = explicit.outputs(x, u, v, ca.SX.zeros(n_w), whole, t)
     parts = [ca.densify(ca.jacobian(f, chosen)), ca.densify(ca.jacobian(h, chosen))]
     at_null = ca.Function("drives", [x, u, v, theta, t, chosen], parts)
-    return ca.Function("drives", [x, u, v, theta, t], at_null.call([x, u, v, theta, t, theta[sizes]], True, False))
+    return ca.Function(
+        "drives", [x, u, v, theta, t], at_null.call([x, u, v, theta, t, theta[sizes]], True, False)
+    )
 
 
 def _drives(
@@ -305,7 +318,9 @@ class _Test:
         self.rows = rows
         self.is_seen = bool(np.any(seen[rows]))
         sizes = candidate.effect.sizes
-        self.is_one_sided = len(sizes) == 1 and sizes[0].min is not None and sizes[0].min >= (sizes[0].null or 0.0)
+        self.is_one_sided = (
+            len(sizes) == 1 and sizes[0].min is not None and sizes[0].min >= (sizes[0].null or 0.0)
+        )
         block = correlation[rows, rows]
         self._inverse = np.linalg.pinv(block, hermitian=True) if self.is_seen else np.zeros_like(block)
         self._degrees = max(int(np.sum(seen[rows])), 1)
@@ -319,7 +334,9 @@ class _Test:
         statistic = np.einsum("di,ij,dj->d", own, self._inverse, own)
         log_tail = chi2.logsf(statistic, self._degrees)
         return np.where(
-            np.isfinite(log_tail), np.maximum(-ndtri_exp(np.minimum(log_tail - np.log(2.0), -0.7)), 0.0), np.sqrt(statistic)
+            np.isfinite(log_tail),
+            np.maximum(-ndtri_exp(np.minimum(log_tail - np.log(2.0), -0.7)), 0.0),
+            np.sqrt(statistic),
         )
 
     def estimate(self, z: np.ndarray) -> np.ndarray:

@@ -61,15 +61,15 @@ def decide(evidence: Evidence) -> Decided:
     if _is_coloured(evidence):
         return Decided(
             "unknown effect",
-            "Something dynamic is missing: the prediction errors stay correlated in time although loads were admitted "
-            f"at {_load_places(evidence)}, and no effect of the library explains them.",
-            "Excite the machine over a wider band of frequencies, and measure a motion or a current in between.",
+            "Something dynamic is missing: the prediction errors stay correlated in time although loads "
+            f"were admitted at {_load_places(evidence)}, and no effect of the library explains them.",
+            "Excite the machine over a wider band of frequencies, and measure a motion or a current between.",
         )
     return Decided(
         "external disturbance",
-        f"An unexplained load acts at {_load_places(evidence)}, but it is related to no variable of the model and no "
-        "effect of the library explains it.",
-        "Repeat the same experiment: what comes back in the same way belongs to the machine, the rest does not.",
+        f"An unexplained load acts at {_load_places(evidence)}, but it is related to no variable of the "
+        "model and no effect of the library explains it.",
+        "Repeat the same experiment: what comes back in the same way belongs to the machine.",
     )
 
 
@@ -104,8 +104,8 @@ def _cannot_tell(accepted: list[Proof]) -> Decided:
     names = [p.candidate.label for p in accepted]
     differ = {p.candidate.site.name for p in accepted}
     separate = (
-        "Run the machine slowly and at several constant speeds, and with amplitudes from small to large: friction, "
-        "elasticity and play differ there most."
+        "Run the machine slowly and at several constant speeds, and with amplitudes from small to large: "
+        "friction, elasticity and play differ there most."
         if len(differ) == 1
         else f"Measure a motion, torque or current between {_listed(tuple(differ))}."
     )
@@ -117,9 +117,11 @@ def _cannot_tell(accepted: list[Proof]) -> Decided:
 
 
 def _simulates_to_noise(evidence: Evidence) -> bool:
-    """Whether the simulation is as good as the one-step prediction on data it has not seen: then nothing acts on
-    the machine that the model does not know, whatever small loads the likelihood likes to have."""
-    simulated, one_step = (part.get("validation") for part in (evidence.baseline.simulated, evidence.baseline.one_step))
+    """Whether the simulation is as good as the one-step prediction on data it has not seen: then nothing acts
+    on the machine that the model does not know, whatever small loads the likelihood likes to have."""
+    simulated, one_step = (
+        part.get("validation") for part in (evidence.baseline.simulated, evidence.baseline.one_step)
+    )
     if simulated is None or one_step is None:
         return False
     pairs = [(rms, one_step.rms.get(name)) for name, rms in simulated.rms.items()]
@@ -130,8 +132,11 @@ def _has_unexpected_load(evidence: Evidence) -> bool:
     """Whether the data ask for a load that the model's declared noise does not account for."""
     declared = max((n.intensity or 0.0 for n in evidence.flat.noises), default=0.0)
     for gain, load in zip(evidence.gains, evidence.null.loads, strict=True):
-        # A load with the correlation function size² exp(-|τ|/T) has the spectral density 2 size² T at low frequency.
-        if gain.log_likelihood_gain > LOAD_GAIN and 2.0 * load.size**2 * load.time_constant > EXPECTED_NOISE * declared:
+        # The correlation function size² exp(-|τ|/T) has the spectral density 2 size² T at low frequency.
+        if (
+            gain.log_likelihood_gain > LOAD_GAIN
+            and 2.0 * load.size**2 * load.time_constant > EXPECTED_NOISE * declared
+        ):
             return True
     return False
 
@@ -141,7 +146,8 @@ def _nothing(evidence: Evidence) -> Decided:
     if moved:
         return Decided(
             "parameters off",
-            f"No effect is missing, but the data contradict the given values: {', '.join(moved)}. Refit the model.",
+            f"No effect is missing, but the data contradict the given values: {', '.join(moved)}. "
+            "Refit the model.",
         )
     seen = [e for e in evidence.screen.entries if not e.absorbed and np.isfinite(e.detectable)]
     smallest: dict[str, str] = {}
@@ -152,8 +158,9 @@ def _nothing(evidence: Evidence) -> Decided:
     shown = "; ".join(list(smallest.values())[:4])
     return Decided(
         "nothing missing",
-        f"Nothing is missing at this noise level: none of {evidence.screen.n_screened} candidates was supported "
-        f"(p = {evidence.screen.p_value:.2g} for the whole search). It would have shown, for instance: {shown}.",
+        f"Nothing is missing at this noise level: none of {evidence.screen.n_screened} candidates was "
+        f"supported (p = {evidence.screen.p_value:.2g} for the whole search). It would have shown, for "
+        f"instance: {shown}.",
     )
 
 
@@ -165,16 +172,18 @@ def _moved(evidence: Evidence) -> list[str]:
         if given is None or not p.std_error:
             continue
         if abs(p.value - given) > CHANGED * p.std_error:
-            result.append(f"{p.name} = {given:.4g} given, {p.value:.4g} ± {p.std_error:.2g} {p.unit} found".rstrip())
+            result.append(
+                f"{p.name} = {given:.4g} given, {p.value:.4g} ± {p.std_error:.2g} {p.unit} found".rstrip()
+            )
     return result
 
 
 def _unknown(evidence: Evidence, curve: DisturbanceCurve) -> Decided:
     return Decided(
         "unknown effect",
-        f"An effect that the library does not hold acts at {_load_places(evidence)}: the unexplained load follows "
-        f"{curve.variable} ({100 * curve.explained:.0f} % of its variance); its curve is given.",
-        f"Record {curve.variable} over a wider range, slowly and in both directions, to tell the form of the curve.",
+        f"An effect that the library does not hold acts at {_load_places(evidence)}: the unexplained load "
+        f"follows {curve.variable} ({100 * curve.explained:.0f} % of its variance); its curve is given.",
+        f"Record {curve.variable} over a wider range, slowly and in both directions, to tell its form.",
     )
 
 
@@ -191,7 +200,9 @@ def _is_coloured(evidence: Evidence) -> bool:
 def _load_places(evidence: Evidence) -> str:
     found = [g for g in evidence.gains if g.log_likelihood_gain > LOAD_GAIN] or list(evidence.gains)
     best = max(found, key=lambda g: g.log_likelihood_gain)
-    others = f" (or {_listed(best.group[1:])}, which the sensors cannot tell apart)" if len(best.group) > 1 else ""
+    others = (
+        f" (or {_listed(best.group[1:])}, which the sensors cannot tell apart)" if len(best.group) > 1 else ""
+    )
     return f"{best.group[0]}{others}"
 
 
@@ -201,4 +212,3 @@ def _listed(names: tuple[str, ...], most: int = 4) -> str:
     if rest:
         shown.append(f"{rest} more")
     return shown[0] if len(shown) == 1 else ", ".join(shown[:-1]) + " and " + shown[-1]
-

@@ -22,6 +22,8 @@ from daest.modelica.extend import Extension, extend_model
 from daest.modelica.sites import find_site
 from daest.systems.sample import Hold
 
+DIGITS = 8  # of a fitted value in a written model
+
 
 @dataclass(frozen=True)
 class Written:
@@ -70,7 +72,9 @@ def _written(
     flat = compile_model(path, class_name, libraries)
     candidate = proof.candidate
     theta = {with_names(name, names): value for name, value in proof.fit.theta.items()}
-    changed = {p.name: theta[p.name] for p in flat.parameters if theta.get(p.name, p.value) != p.value}
+    changed = {
+        p.name: _short(theta[p.name]) for p in flat.parameters if theta.get(p.name, p.value) != p.value
+    }
     inputs = {signal: _identifier(column, flat) for signal, column in candidate.inputs.items()}
     extension = extend_model(
         path,
@@ -90,7 +94,12 @@ def _own_values(proof: Proof) -> dict[str, float]:
     """Values of the effect's parameters by their own names; those that its component gives stay with it."""
     candidate, theta = proof.candidate, proof.fit.theta
     own = [p.name for p in candidate.effect.parameters if p.role != "given"]
-    return {name: theta[key] for name in own if (key := f"{candidate.name}.{name}") in theta}
+    return {name: _short(theta[key]) for name in own if (key := f"{candidate.name}.{name}") in theta}
+
+
+def _short(value: float) -> float:
+    """The value with as many digits as a reader can use."""
+    return float(f"{value:.{DIGITS}g}")
 
 
 def _identifier(column: str, flat: FlatModel) -> str:

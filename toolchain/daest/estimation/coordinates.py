@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from daest.model.flat import FlatModel
 from daest.model.linear import StateSpaceFamily
 
 
@@ -91,7 +92,7 @@ def parameter_scale(value: float, nominal: float | None) -> float:
 
 
 def parameter_coordinate(
-    family: StateSpaceFamily,
+    family: StateSpaceFamily | FlatModel,
     name: str,
     value: float,
     bounds: tuple[float | None, float | None],

@@ -1,8 +1,9 @@
 """Identify a nonlinear model: output error by simulation, or one-step prediction error with an observer.
 
-"oe" minimises the simulation error, report (2). "pem" predicts one step with the stationary gain of the average
-linearisation; the gain follows from the noise levels, which are searched for in turn with the parameters, and
-every gain gives a valid predictor, so that the likelihoods of different noise levels can be compared.
+"oe" minimises the simulation error, report (2). "pem" predicts one step with the stationary gain of the
+average linearisation; the gain follows from the noise levels, which are searched for in turn with the
+parameters, and every gain gives a valid predictor, so that the likelihoods of different noise levels can be
+compared.
 """
 
 from __future__ import annotations
@@ -74,9 +75,9 @@ class NonlinearSetup:
 
 @dataclass(frozen=True)
 class WarmStart:
-    """Where a prediction-error search starts when a similar model has been fitted before: noise levels and the
-    initial state of every experiment by state name. `noise_evaluations` limits the search over noise levels. A first
-    pass that ends below the log-likelihood `hopeless` is the last."""
+    """Where a prediction-error search starts when a similar model has been fitted before: noise levels and
+    the initial state of every experiment by state name. `noise_evaluations` limits the search over noise
+    levels. A first pass that ends below the log-likelihood `hopeless` is the last."""
 
     intensity: np.ndarray  # (n_w,)
     measurement_std: np.ndarray  # (n_y,)
@@ -268,8 +269,8 @@ def _search_from(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions)
 def _search_on(setup: NonlinearSetup, warm: WarmStart, options: IdentifyOptions) -> Ending:
     """Prediction-error search from the noise levels and initial states of a similar model.
 
-    What the similar model called noise may now be explained, so that the search starts both from its noise levels
-    and from next to none, and goes on from the better end: noise levels and parameters in turn.
+    What the similar model called noise may now be explained, so that the search starts both from its noise
+    levels and from next to none, and goes on from the better end: noise levels and parameters in turn.
     """
     problem = setup.problem
     names = problem.model.explicit.state_names
@@ -321,7 +322,7 @@ def _runs(problem: TrajectoryProblem, z: np.ndarray) -> bool:
 
 
 def _scaled(problem: TrajectoryProblem, z: np.ndarray) -> tuple[TrajectoryProblem, np.ndarray]:
-    """The problem with state scales read off a simulation, and z (given for scales of one) in these scales."""
+    """The problem with state scales read off a simulation, and z (given unscaled) in them."""
     n = len(problem.unknowns.coordinates)
     errors = prediction_errors(problem, z)
     if errors is None:
@@ -341,8 +342,9 @@ def _with_gain(
 ) -> tuple[TrajectoryProblem, np.ndarray]:
     """The problem with the gain of the most likely noise levels at the parameters z.
 
-    Only the ratios of process to measurement noise matter for the gain, so the standard deviation of the first
-    output is left out of the search and follows from the innovations. `around` are (intensity, std) to start from.
+    Only the ratios of process to measurement noise matter for the gain, so the standard deviation of the
+    first output is left out of the search and follows from the innovations. `around` are (intensity, std) to
+    start from.
     """
     problem = setup.problem
     average = _average(problem, z)
@@ -371,7 +373,9 @@ def _with_gain(
     if n:
         scanned = [np.concatenate([np.full(searched.size, s), np.zeros(n - searched.size)]) for s in SCAN]
         best = min(scanned, key=value)
-        simplex = np.vstack([best, best - NOISE_SPREAD * np.diag([1.0] * searched.size + [0.1] * (n - searched.size))])
+        simplex = np.vstack(
+            [best, best - NOISE_SPREAD * np.diag([1.0] * searched.size + [0.1] * (n - searched.size))]
+        )
         options = {"maxfev": evaluations, "initial_simplex": simplex, "xatol": 0.05, "fatol": 0.1}
         best = minimize(value, best, method="Nelder-Mead", options=options).x
     q, std = levels(best)
@@ -426,7 +430,8 @@ def _agreement(end: Ending, experiments: tuple[Experiment, ...], *, with_gain: b
     problem = replace(problem, experiments=experiments)
     theta = problem.theta(parameters)
     x0 = [
-        initial_point(problem.model.explicit, theta, e.inputs[0])[0] / problem.state_scale for e in experiments
+        initial_point(problem.model.explicit, theta, e.inputs[0])[0] / problem.state_scale
+        for e in experiments
     ]
     z = np.concatenate([parameters, *x0])
     z = end.found.z if experiments is end.problem.experiments else _fit_initial_states(problem, z)
@@ -438,11 +443,15 @@ def _agreement(end: Ending, experiments: tuple[Experiment, ...], *, with_gain: b
     rms: dict[str, float | None] = dict.fromkeys(names)
     if errors is not None:
         for j, name in enumerate(names):
-            fits[name], rms[name] = _output_agreement([e.outputs[:, j] for e in experiments], [e[:, j] for e in errors.errors])
+            fits[name], rms[name] = _output_agreement(
+                [e.outputs[:, j] for e in experiments], [e[:, j] for e in errors.errors]
+            )
     return Agreement(fits, rms)
 
 
-def _output_agreement(measured: list[np.ndarray], errors: list[np.ndarray]) -> tuple[float | None, float | None]:
+def _output_agreement(
+    measured: list[np.ndarray], errors: list[np.ndarray]
+) -> tuple[float | None, float | None]:
     left = np.concatenate([e[np.isfinite(e)] for e in errors])
     seen = [m[np.isfinite(m)] for m in measured]
     if not left.size:
@@ -467,7 +476,7 @@ def _result(
     parts = _scores(problem, errors, found.z)
     slopes = unknowns.slopes(found.z[:n])
     bounds = [bound_of(c, z) for c, z in zip(unknowns.coordinates, found.z[:n], strict=True)]
-    information = sum(np.tensordot(s.slopes, s.slopes, ((1, 2), (1, 2))) for s in parts)
+    information = np.sum([np.tensordot(s.slopes, s.slopes, ((1, 2), (1, 2))) for s in parts], axis=0)
     observed = [np.isfinite(e.outputs) for e in problem.experiments]
     count = sum(int(o.sum()) for o in observed)
     in_z = information * np.outer(slopes, slopes)
@@ -551,7 +560,9 @@ def _fitted_parameter(
     )
 
 
-def _noises(setup: NonlinearSetup, end: Ending, innovation_cov: np.ndarray, count: int) -> tuple[FittedNoise, ...]:
+def _noises(
+    setup: NonlinearSetup, end: Ending, innovation_cov: np.ndarray, count: int
+) -> tuple[FittedNoise, ...]:
     flat = end.problem.model.explicit.flat
     result = []
     std = np.sqrt(np.diagonal(innovation_cov))
@@ -569,7 +580,13 @@ def _noises(setup: NonlinearSetup, end: Ending, innovation_cov: np.ndarray, coun
     per_output = max(count / max(std.size, 1), 1.0)
     result += [
         FittedNoise(
-            o.name, "measurement", float(s), float(s / np.sqrt(2.0 * per_output)), o.unit, bool(np.isnan(given)), None
+            o.name,
+            "measurement",
+            float(s),
+            float(s / np.sqrt(2.0 * per_output)),
+            o.unit,
+            bool(np.isnan(given)),
+            None,
         )
         for o, s, given in zip(flat.outputs, std, setup.problem.given_std, strict=True)
     ]

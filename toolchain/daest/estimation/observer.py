@@ -7,6 +7,7 @@ motion, where a linearisation at one point would give it none or an enormous one
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -58,7 +59,7 @@ def average_model(
 
 
 def _jacobians(explicit: ExplicitModel) -> ca.Function:
-    kind = ca.SX if explicit.is_symbolic else ca.MX
+    kind: Any = ca.SX if explicit.is_symbolic else ca.MX
     n_u, n_v, n_w, n_theta = (explicit.rhs.numel_in(i) for i in (1, 2, 3, 4))
     x, ubar, w = kind.sym("x", explicit.n_states), kind.sym("u", n_u + n_v), kind.sym("w", n_w)
     theta, t = kind.sym("theta", n_theta), kind.sym("t")
@@ -72,7 +73,7 @@ def _jacobians(explicit: ExplicitModel) -> ca.Function:
 
 
 def observer(model: AverageModel, intensity: np.ndarray, measurement_std: np.ndarray) -> Observer | None:
-    """Stationary gain for noises of `intensity` (n_w,) and `measurement_std` (n_y,); None where none exists."""
+    """Stationary gain for `intensity` (n_w,) and `measurement_std` (n_y,); None where none exists."""
     sampled = sampled_average(model, intensity, measurement_std)
     if not np.all(np.isfinite(sampled.transition)) or not np.all(np.isfinite(sampled.process_cov)):
         return None

@@ -66,7 +66,8 @@ def minimise(
             return Found(z, here, "converged", iteration, gain)
         step = _improve(objective, z, here, free, damping, lower, upper)
         if step is None:
-            reason: Literal["converged", "stalled"] = "converged" if gain < max(STALLED_GAIN, converged_gain) else "stalled"
+            is_near = gain < max(STALLED_GAIN, converged_gain)
+            reason: Literal["converged", "stalled"] = "converged" if is_near else "stalled"
             return Found(z, here, reason, iteration, gain)
         z, damping = step
         here = objective(z, True) or here

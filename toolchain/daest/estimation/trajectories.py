@@ -1,9 +1,9 @@
 """Prediction errors of nonlinear models: simulated trajectories, or those of an observer with a given gain.
 
-Without a gain this is output error, report (2); with one, every sample corrects the state by gain (y - h), and
-the errors are one-step prediction errors (Ljung, System Identification, section 5.7). The covariance of the errors
-is the one that maximises the Gaussian likelihood, eliminated exactly; initial states are searched with the
-parameters.
+Without a gain this is output error, report (2); with one, every sample corrects the state by gain (y - h),
+and the errors are one-step prediction errors (Ljung, System Identification, section 5.7). The covariance of
+the errors is the one that maximises the Gaussian likelihood, eliminated exactly; initial states are searched
+with the parameters.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ SMALLEST_STD = 1e-9  # of an error, relative to the rms of its output: keeps noi
 class TrajectoryProblem:
     """What is fitted to what.
 
-    Experiments are in the model's order of inputs and outputs. Search vector: `unknowns` (parameters only), then
-    the initial states of every experiment divided by `state_scale` (n_states,). `gain` (n_states, n_y) or None.
-    `given_std` (n_y,): standard deviations that are not estimated, NaN for those that are.
+    Experiments are in the model's order of inputs and outputs. Search vector: `unknowns` (parameters only),
+    then the initial states of every experiment divided by `state_scale` (n_states,). `gain` (n_states, n_y)
+    or None. `given_std` (n_y,): standard deviations that are not estimated, NaN for those that are.
     """
 
     model: Integrator
@@ -64,7 +64,8 @@ class TrajectoryProblem:
 
 @dataclass(frozen=True)
 class Errors:
-    """y - ŷ per experiment (n_samples, n_y), NaN where missing; their covariance (n_y, n_y); the trajectories."""
+    """y - ŷ per experiment (n_samples, n_y), NaN where missing; their covariance (n_y, n_y); the
+    trajectories."""
 
     errors: tuple[np.ndarray, ...]
     covariance: np.ndarray
@@ -169,7 +170,9 @@ def whitened(problem: TrajectoryProblem, errors: Errors, z: np.ndarray) -> tuple
         white = np.where(observed, error, 0.0) @ inverse_root.T
         change = np.zeros((p, *error.shape))
         sens = trajectory.sensitivities  # (n_samples, n_y, directions)
-        change[:n_parameters] = -sens[:, :, :n_parameters].transpose(2, 0, 1) * parameter_slopes[:, None, None]
+        change[:n_parameters] = (
+            -sens[:, :, :n_parameters].transpose(2, 0, 1) * parameter_slopes[:, None, None]
+        )
         first = n_parameters + number * problem.n_states
         change[first : first + problem.n_states] = (
             -sens[:, :, n_parameters:].transpose(2, 0, 1) * problem.state_scale[:, None, None]

@@ -40,8 +40,8 @@ class Load:
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect at a site as component `name`, with its shape and sharpness values, and the recorded signals that
-    supply its inputs."""
+    """An effect at a site as component `name`, with its shape and sharpness values, and the recorded signals
+    that supply its inputs."""
 
     effect: Effect
     site: Site
@@ -57,9 +57,10 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Screened:
-    """Score of one candidate. `score` is as large as a standard normal variable when nothing is missing; `sizes` are
-    the one-step estimates of the effect's sizes; `absorbed` tells that the refitted parameters do all that the effect could do;
-    `detectable` is the smallest size that would have been seen (at the level of the search, power 0.9)."""
+    """Score of one candidate. `score` is as large as a standard normal variable when nothing is missing;
+    `sizes` are the one-step estimates of the effect's sizes; `absorbed` tells that the refitted parameters do
+    all that the effect could do; `detectable` is the smallest size that would have been seen (at the level of
+    the search, power 0.9)."""
 
     candidate: Candidate
     score: float
@@ -82,7 +83,8 @@ class Screen:
 
 @dataclass(frozen=True)
 class Proof:
-    """A candidate built into the model and refitted. `explained` is the share of the load's size that vanished."""
+    """A candidate built into the model and refitted. `explained` is the share of the load's size that
+    vanished."""
 
     candidate: Candidate
     flat: FlatModel
@@ -113,7 +115,8 @@ class DisturbanceCurve:
 
 @dataclass(frozen=True)
 class PlaceGain:
-    """How much log-likelihood a load at a place buys, and the places that these sensors cannot separate from it."""
+    """How much log-likelihood a load at a place buys, and the places that these sensors cannot separate from
+    it."""
 
     group: tuple[str, ...]
     log_likelihood_gain: float
@@ -139,8 +142,8 @@ class Diagnosis:
 
 @dataclass(frozen=True)
 class Step:
-    """One round of `improve`: the effect that was added (None: the model as it was), the fit after it, and the
-    diagnosis that proposed it."""
+    """One round of `improve`: the effect that was added (None: the model as it was), the fit after it, and
+    the diagnosis that proposed it."""
 
     proof: Proof | None
     fit: FitResult
