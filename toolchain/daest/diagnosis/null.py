@@ -25,6 +25,7 @@ from daest.systems.sample import Hold
 SHORTEST_LOAD = 2.0  # sampling periods: a faster load is white noise
 LONGEST_LOAD = 0.25  # of the record: a slower one is a constant
 FIRST_LOAD = 20.0  # sampling periods, start of the search
+GIVEN_LOADS = (5.0, 50.0)  # sampling periods, where the data do not determine a time constant
 
 
 @dataclass(frozen=True)
@@ -88,15 +89,36 @@ def fit_null(
     time = experiments[0].time
     period = float(np.median(np.diff(time)))
     duration = float(sum(e.time[-1] - e.time[0] for e in experiments))
-    start = [FIRST_LOAD * period] * len(places)
-    loaded = with_loads(flat, places, start)
-    bounds = {
-        f"load_{i + 1}.T": (SHORTEST_LOAD * period, LONGEST_LOAD * duration) for i in range(len(places))
-    }
-    names = (*(p.name for p in flat.parameters if p.estimate), *bounds)
-    options = IdentifyOptions(method="pem", estimate=names, bounds=bounds, hold=hold)
-    fit = identify(loaded, experiments, options)
+    longest = LONGEST_LOAD * duration
+    bounds = {f"load_{i + 1}.T": (SHORTEST_LOAD * period, longest) for i in range(len(places))}
+    physical = tuple(p.name for p in flat.parameters if p.estimate)
+    loaded = with_loads(flat, places, [FIRST_LOAD * period] * len(places))
+    try:
+        options = IdentifyOptions(method="pem", estimate=(*physical, *bounds), bounds=bounds, hold=hold)
+        fit = identify(loaded, experiments, options)
+    except EstimationError as error:
+        if not str(error.where).startswith("load_"):
+            raise
+        # Nothing in the data tells the time constants apart: the most likely of a few.
+        fit = _with_given_time_constants(loaded, physical, experiments, hold, period, longest)
     return _at_estimate(flat, loaded, fit, places, tuple(experiments))
+
+
+def _with_given_time_constants(
+    loaded: FlatModel,
+    physical: tuple[str, ...],
+    experiments: Sequence[Experiment],
+    hold: Hold | None,
+    period: float,
+    longest: float,
+) -> FitResult:
+    fits = []
+    for periods in GIVEN_LOADS:
+        T = min(periods * period, longest)
+        fixed = {p.name: T for p in loaded.parameters if p.name.startswith("load_")}
+        options = IdentifyOptions(method="pem", estimate=physical, fix=fixed, hold=hold)
+        fits.append(identify(loaded, experiments, options))
+    return max(fits, key=lambda fit: fit.log_likelihood)
 
 
 def _at_estimate(

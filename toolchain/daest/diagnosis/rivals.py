@@ -90,7 +90,13 @@ def _best_dynamic(null: Null, candidate: Candidate) -> tuple[float, Prepared] | 
 
 
 def _options(null: Null, names: Sequence[str]) -> IdentifyOptions:
-    return IdentifyOptions(method="oe", estimate=tuple(names), hold=null.hold, max_iterations=ITERATIONS)
+    return IdentifyOptions(
+        method="oe",
+        estimate=tuple(names),
+        hold=null.hold,
+        max_iterations=ITERATIONS,
+        second_look=False,
+    )
 
 
 def _simulation_fit(null: Null, flat: FlatModel, names: Sequence[str]) -> float | None:

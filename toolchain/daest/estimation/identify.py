@@ -263,7 +263,7 @@ def _search(setup: Setup, options: IdentifyOptions) -> tuple[Problem, list[Found
     """The problem that was searched, and the end of the search from every start, best first."""
     unknowns = setup.problem.unknowns
     pairs = [_search_from(setup, unknowns.start, options.max_iterations)]
-    if options.starts > 1 or _is_doubtful(setup, pairs[0]):
+    if options.starts > 1 or (options.second_look and _is_doubtful(setup, pairs[0])):
         matched = matched_start(setup.problem, options.seed)
         random = _random_starts(unknowns, max(options.starts - 1, DOUBT_STARTS), options.seed)
         for z in [*([] if matched is None else [matched]), *random]:

@@ -29,8 +29,9 @@ class IdentifyOptions:
     `estimate` names the parameters to find (None: those that the model marks). `fix` gives other
     parameters a value, `start` start values, `bounds` (min, max) in place of the model's. `process_noise`
     and `measurement_noise` are by noise and output name. `hold` None tries foh and zoh and takes the
-    better one. `starts` searches from that many start points, seeded by `seed`. `split` in (0, 1) keeps
-    that first part of every experiment for the estimation and the rest for the validation.
+    better one. `starts` searches from that many start points, seeded by `seed`; without `second_look` a fit
+    that leaves coloured residuals is not tried again from elsewhere. `split` in (0, 1) keeps that first part
+    of every experiment for the estimation and the rest for the validation.
     """
 
     method: Method | None = None
@@ -44,6 +45,7 @@ class IdentifyOptions:
     starts: int = 1
     seed: int = 0
     max_iterations: int = 60
+    second_look: bool = True
     split: float | None = None
 
 
