@@ -47,9 +47,11 @@ RTOL = 1e-5
 
 @dataclass(frozen=True)
 class Observed:
-    """The null's observer run over one experiment: filtered states (n_samples, n) by `state_names`, whitened
-    innovations (n_samples, n_y) and their slopes (k, n_samples, n_y) over parameters and initial states."""
+    """The null's observer run over one experiment: predicted and filtered states (n_samples, n) by
+    `state_names`, whitened innovations (n_samples, n_y) and their slopes (k, n_samples, n_y) over parameters
+    and initial states."""
 
+    predicted: np.ndarray
     filtered: np.ndarray
     whitened: np.ndarray
     slopes: np.ndarray
@@ -86,6 +88,7 @@ def run_null(null: Null) -> NullObserver:
     root = np.linalg.inv(np.linalg.cholesky(table.T @ table / table.shape[0]))
     observed = tuple(
         Observed(
+            predicted=run.states,
             filtered=run.states + np.where(np.isfinite(error), error, 0.0) @ gain.T,
             whitened=np.where(np.isfinite(error), error, 0.0) @ root.T,
             slopes=np.where(np.isfinite(error), run.sensitivities.transpose(2, 0, 1), 0.0) @ root.T,
@@ -184,7 +187,9 @@ def _responses(
     closed = flow.transition @ (eye - run.gain @ average.C)
     parts = []
     for experiment, observed in zip(null.experiments, run.observed, strict=True):
-        g, direct = _drives(null, explicit, drives, experiment, observed.filtered, basis)
+        g, _ = _drives(null, explicit, drives, experiment, observed.filtered, basis)
+        # What a sensor effect does to an innovation must not know that innovation.
+        _, direct = _drives(null, explicit, drives, experiment, observed.predicted, basis)
         drive = g @ flow.first.T - (direct @ run.gain.T) @ flow.transition.T
         states = linear_recursion(closed, drive[:, :-1], np.zeros(eye.shape[0]))
         change = states @ average.C.T + direct
