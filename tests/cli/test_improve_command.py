@@ -151,7 +151,8 @@ def test_unused_column_becomes_an_input(tmp_path, daest, monkeypatch):
         np.column_stack([time, outside, heater, measured, sun]),
         "time,T_out,P,T,sun-light",
     )
-    found, err = improvement(daest, "room.csv", "--model", "Room.mo", "--effect", "MeasuredHeatGain")
+    effects = ("--effect", "MeasuredHeatGain", "--effect", "ConstantHeatGain")
+    found, err = improvement(daest, "room.csv", "--model", "Room.mo", *effects)
     step = found["steps"][1]
     assert (step["added"], step["at"]) == ("MeasuredHeatGain", "room.port")
     area = step["parameters"]["measuredHeatGain.A"]["value"]

@@ -31,6 +31,7 @@ def document(diagnosis: Diagnosis, models: Mapping[str, Written] | None = None) 
                     "p_value": e.p_value,
                     "sizes": dict(zip((p.name for p in e.candidate.effect.sizes), e.sizes, strict=True)),
                     "detectable": e.detectable,
+                    "unit": e.candidate.effect.sizes[0].unit,
                 }
                 for e in diagnosis.screen.entries[:SCREENED]
             ],
@@ -122,6 +123,7 @@ def _step(step: Step, model: str | None) -> dict[str, Any]:
         "added": None if proof is None else proof.candidate.effect.name,
         "at": None if proof is None else proof.candidate.site.name,
         "component": None if proof is None else proof.candidate.name,
+        "equivalent_places": [] if proof is None else list(proof.equivalent),
         **_errors(step.fit),
         "verdict": "baseline" if proof is None else proof.verdict,
         "remark": step.remark,

@@ -28,7 +28,7 @@ def parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     if document["next_experiment"]:
         yield indented(f"Next: {document['next_experiment']}")
     if document["candidates"]:
-        yield heading("Candidates, refitted")
+        yield heading("Candidates, refitted (rms errors of the simulation on validation data)")
         yield from candidates(document)
     yield heading(f"Screen: {document['screen']['n_screened']} candidates")
     yield from _screen(document["screen"])
@@ -71,8 +71,8 @@ def _refitted(document: Mapping[str, Any]) -> RenderableType:
         )
         for c in document["candidates"]
     ]
-    errors = [f"rms {name} [{unit or '1'}]" for name, unit in outputs.items()]
-    columns = ("effect", "place", *errors, "BIC gain", "load explained", "verdict")
+    errors = [f"{name} [{unit or '1'}]" for name, unit in outputs.items()]
+    columns = ("effect", "place", *errors, "BIC gain", "explained", "verdict")
     return table(columns, [first, *rows], text_columns=(0, 1, len(columns) - 1))
 
 
@@ -92,7 +92,8 @@ def _label(candidate: Mapping[str, Any]) -> str:
 
 def size(name: str, parameter: Mapping[str, Any]) -> str:
     error = "" if parameter["std_error"] is None else f" ± {number(parameter['std_error'], 2)}"
-    return f"{name} = {number(parameter['value'])}{error} {parameter['unit']}".rstrip()
+    unit = "" if parameter["unit"] == "1" else parameter["unit"]
+    return f"{name} = {number(parameter['value'])}{error} {unit}".rstrip()
 
 
 def _remarks(candidate: Mapping[str, Any]) -> Iterator[RenderableType]:

@@ -22,7 +22,7 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     yield from diagnose.restriction(document["searched"])
     if document["final"]["next_experiment"]:
         yield indented(f"Next: {document['final']['next_experiment']}")
-    yield heading("Ledger (errors of the simulation on validation data)")
+    yield heading("Ledger (rms errors of the simulation on validation data)")
     yield _ledger(document)
     for i, step in enumerate(document["steps"]):
         yield from _remarks(i, step)
@@ -47,13 +47,11 @@ def _ledger(document: Mapping[str, Any]) -> RenderableType:
             step["at"] or "",
             *(number(step["rms"].get("validation", {}).get(o), 3) for o in outputs),
             number(step.get("delta_bic")),
-            step["model"] or "",
         )
         for i, step in enumerate(document["steps"])
     ]
-    errors = [f"rms {name} [{unit or '1'}]" for name, unit in outputs.items()]
-    columns = ("", "added", "place", *errors, "BIC gain", "model")
-    return table(columns, rows, text_columns=(0, 1, 2, len(columns) - 1))
+    errors = [f"{name} [{unit or '1'}]" for name, unit in outputs.items()]
+    return table(("", "added", "place", *errors, "BIC gain"), rows, text_columns=(0, 1, 2))
 
 
 def _remarks(i: int, step: Mapping[str, Any]) -> Iterator[RenderableType]:
@@ -62,6 +60,7 @@ def _remarks(i: int, step: Mapping[str, Any]) -> Iterator[RenderableType]:
         return
     own = {n: p for n, p in step["parameters"].items() if n.startswith(f"{step['component']}.")}
     sizes = ", ".join(diagnose.size(n.partition(".")[2], p) for n, p in own.items())
-    yield indented(f"step {i}: {sizes}; {step['remark']}")
-    if step["model_reason"]:
-        yield indented(f"step {i} is not written: {step['model_reason']}")
+    alike = diagnose.grouped(step["equivalent_places"])
+    seen = f"; the sensors see it alike at {alike}" if alike else ""
+    file = step["model"] or f"not written: {step['model_reason']}"
+    yield indented(f"step {i}: {sizes}; {step['remark']}{seen}; {file}")
