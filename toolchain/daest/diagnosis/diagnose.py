@@ -18,8 +18,8 @@ import numpy as np
 
 from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.candidates import pairs
-from daest.diagnosis.disturbance import best_curve, place_gains, smoothed_load
-from daest.diagnosis.null import Null, fit_null, loads_of, pinned, refit
+from daest.diagnosis.disturbance import SmoothedLoad, best_curve, place_gains, smoothed_load
+from daest.diagnosis.null import Null, fit_null, grown, refit
 from daest.diagnosis.proof import Prepared, prepare, prove, ranked, trials
 from daest.diagnosis.rivals import dynamic_trials, richer_laws
 from daest.diagnosis.screen import NullObserver, run_null, screen
@@ -38,6 +38,9 @@ SCREEN_LEVEL = 0.05  # corrected p-value of a score below which a candidate goes
 MOST_TRIALS = 5
 CLEARLY_WORSE = 100.0  # log-likelihood below the best accepted candidate at which a refit is not pursued
 FEWEST_SAMPLES = 200
+SAME_SIGNAL = (
+    0.01  # share of a column's variance that inputs and outputs leave, below which it is one of them
+)
 
 Progress = Callable[[str], None]
 Keep = Callable[[Prepared, Callable[[], Proof]], Proof]
@@ -121,8 +124,8 @@ def examine(
     found = screen(null, run, candidates, options.seed)
     chosen_library = [e for e in library if not options.effects or e.name in options.effects]
     gains = place_gains(null, run)
-    proofs = _proofs(stand, run, found, candidates, chosen_library, options, progress)
     load = smoothed_load(null, run, gains)
+    proofs = _proofs(stand, run, load, found, candidates, chosen_library, options, progress)
     curve, is_related = (None, False) if load is None else best_curve(null, run, load, options.seed)
     decided = verdicts.decide(
         verdicts.Evidence(
@@ -145,17 +148,11 @@ def examine(
 
 def accept(stand: Stand, proof: Proof) -> Stand:
     """The stand with the effect of `proof` in the model."""
-    null, candidate = stand.null, proof.candidate
-    explicit = reduce_index(proof.flat)
-    grown = replace(
-        null,
-        flat=pinned(proof.flat, explicit),
-        explicit=explicit,
-        fit=proof.fit,
-        loads=loads_of(proof.fit, null.places),
-        experiments=fed(null.experiments, candidate),
-    )
-    return Stand(stand.declared, grown, proof.fit, fed(stand.validation, candidate), time.perf_counter())
+    null = stand.null
+    experiments = fed(null.experiments, proof.candidate)
+    model = grown(null, proof.flat, reduce_index(proof.flat), proof.fit, experiments)
+    validation = fed(stand.validation, proof.candidate)
+    return Stand(stand.declared, model, proof.fit, validation, time.perf_counter())
 
 
 def without_noises(flat: FlatModel) -> FlatModel:
@@ -189,11 +186,7 @@ def _chosen(
     experiments: Sequence[Experiment],
     options: DiagnoseOptions,
 ) -> tuple[Candidate, ...]:
-    columns = [
-        name
-        for name in experiments[0].extra
-        if all(name in e.extra and np.ptp(np.nan_to_num(e.extra[name])) > 0.0 for e in experiments)
-    ]
+    columns = [name for name in experiments[0].extra if _is_new_signal(name, experiments)]
     whole = pairs(library, places, columns)
     return tuple(
         c
@@ -201,6 +194,19 @@ def _chosen(
         if (not options.effects or c.effect.name in options.effects or c.effect.class_name in options.effects)
         and (not options.places or {c.site.name, *c.site.aliases} & set(options.places))
     )
+
+
+def _is_new_signal(name: str, experiments: Sequence[Experiment]) -> bool:
+    """Whether an unused column could be a cause: it moves in every experiment, and it is not just another
+    form of an input or of a measured output (a command in other units, the reference of a control loop)."""
+    for experiment in experiments:
+        if name not in experiment.extra or np.ptp(np.nan_to_num(experiment.extra[name])) == 0.0:
+            return False
+    column = np.concatenate([np.nan_to_num(e.extra[name]) for e in experiments])
+    known = np.concatenate([np.hstack([e.inputs, np.nan_to_num(e.outputs)]) for e in experiments])
+    table = np.column_stack([np.ones(column.size), known])
+    rest = column - table @ np.linalg.lstsq(table, column, rcond=None)[0]
+    return bool(np.sum(rest**2) > SAME_SIGNAL * np.sum((column - column.mean()) ** 2))
 
 
 def fed(experiments: Sequence[Experiment], candidate: Candidate) -> tuple[Experiment, ...]:
@@ -221,6 +227,7 @@ def fed(experiments: Sequence[Experiment], candidate: Candidate) -> tuple[Experi
 def _proofs(
     stand: Stand,
     run: NullObserver,
+    load: SmoothedLoad | None,
     found: Screen,
     candidates: Sequence[Candidate],
     library: Sequence[Effect],
@@ -243,6 +250,7 @@ def _proofs(
                 prepared,
                 fed(null.experiments, candidate),
                 fed(stand.validation, candidate),
+                load,
                 found.n_screened,
                 best[0] - CLEARLY_WORSE,
             )

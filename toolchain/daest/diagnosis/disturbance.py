@@ -20,6 +20,7 @@ FOLDS = 8  # consecutive pieces of the record, each predicted from the others
 SHIFTS = 39  # circular shifts of the load that show what chance explains: the best of 40 has p = 1/40
 LEAST_SHIFT = 0.05  # of the record: shorter shifts leave the load where it was
 RELATED = 0.3  # share of the load's variance that a curve must predict to count as a relation
+LEAST_GAIN = 5.0  # log-likelihood that a load must buy to be looked at
 MOST_SAMPLES = 20_000
 HARDLY_ANY = 1e-8  # of a load's intensity stands for none: a model with integrators has no gain without noise
 
@@ -78,9 +79,13 @@ def smoothed_load(
     """The load that buys most, by fixed-interval smoothing with the stationary gain of the average model
     (Bryson & Frazier); None where no load buys anything or there is no gain."""
     bought = np.array([g.log_likelihood_gain for g in gains])
-    if not np.any(bought > 0.0):
+    if not np.any(bought > LEAST_GAIN):
         return None
-    index = int(np.argmax(bought))
+    return smoothed_at(null, run, int(np.argmax(bought)), experiment)
+
+
+def smoothed_at(null: Null, run: NullObserver, index: int, experiment: int = 0) -> SmoothedLoad | None:
+    """The load `index`, smoothed; None where there is no stationary gain."""
     model = sampled_average(run.average, null.intensity, null.measurement_std)
     found = try_stationary_filter(model)
     if found is None:

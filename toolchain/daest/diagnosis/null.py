@@ -150,6 +150,21 @@ def pinned(flat: FlatModel, explicit: ExplicitModel) -> FlatModel:
     return replace(flat, unknowns=unknowns)
 
 
+def grown(
+    null: Null, flat: FlatModel, explicit: ExplicitModel, fit: FitResult, experiments: Sequence[Experiment]
+) -> Null:
+    """The null for a model that grew out of it: same places of loads, values and sizes of the new fit."""
+    values = tuple(replace(p, value=fit.theta.get(p.name, p.value)) for p in flat.parameters)
+    return replace(
+        null,
+        flat=pinned(replace(flat, parameters=values), explicit),
+        explicit=explicit,
+        fit=fit,
+        loads=loads_of(fit, null.places),
+        experiments=tuple(experiments),
+    )
+
+
 def loads_of(fit: FitResult, places: Sequence[LoadPlace]) -> tuple[Load, ...]:
     """Size and time constant of every load in a fit."""
     intensity = {n.name: n.value for n in fit.noises if n.kind == "process"}

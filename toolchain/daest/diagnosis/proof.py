@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from daest.diagnosis.null import Null, loads_of, refit
+from daest.diagnosis.disturbance import SmoothedLoad, smoothed_at
+from daest.diagnosis.null import Null, grown, refit
+from daest.diagnosis.screen import run_null
 from daest.model.diagnosis import Candidate, Proof, Screen
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, FittedParameter
@@ -19,6 +21,8 @@ from daest.systems.reduce import reduce_index
 ALIKE = 0.98  # correlation of two scores above which the sensors do not tell two places apart
 SAME_BIC = 6.0  # a candidate that is worse by less is not clearly worse (3 units of log-likelihood)
 LEAST_EXPLAINED = 0.5  # of the load's size that an accepted effect must do away with
+PARTLY_EXPLAINED = 0.35  # enough where the simulation of unseen data becomes much better besides
+BETTER = 0.7  # simulation error relative to the one without the effect
 LEAST_SIGNIFICANCE = 3.0  # standard errors that the size must stand off its null
 BIC_GAIN = 10.0  # "very strong" evidence (Kass & Raftery 1995)
 SHARPER = 0.3  # the proof rounds kinks over this part of what the screen rounds them over
@@ -98,6 +102,7 @@ def prove(
     prepared: Prepared,
     experiments: Sequence[Experiment],
     validation: Sequence[Experiment],
+    load: SmoothedLoad | None,
     n_screened: int = 1,
     hopeless: float = -np.inf,
 ) -> Proof:
@@ -113,8 +118,8 @@ def prove(
     n_own = len(prepared.names) - len(null.estimated)
     n_observed = sum(int(np.isfinite(e.outputs).sum()) for e in null.experiments)
     delta_bic = float(2.0 * gain - n_own * np.log(n_observed))
-    explained = _explained(_load_sizes(null_fit, null), _load_sizes(fit, null))
-    reason = _failed_gate(prepared, fit, delta_bic, explained)
+    explained = _explained(grown(fed, prepared.flat, explicit, fit, experiments), load)
+    reason = _failed_gate(prepared, fit, delta_bic, explained, _simulates_better(null_fit, fit))
     parameters = tuple(replace(p, value=fit.theta.get(p.name, p.value)) for p in prepared.flat.parameters)
     return Proof(
         candidate=prepared.trial.candidate,
@@ -131,26 +136,27 @@ def prove(
     )
 
 
-def _load_sizes(fit: FitResult, null: Null) -> np.ndarray:
-    return np.array([load.size for load in loads_of(fit, null.places)])
+def _explained(null: Null, before: SmoothedLoad | None) -> float:
+    """Share of the unexplained load (smoothed, rms) that is gone with the effect in the model; 1 where the
+    null needed no load, so that there was none to explain."""
+    if before is None:
+        return 1.0
+    after = smoothed_at(null, run_null(null), before.index)
+    if after is None:
+        return 1.0
+    size = float(np.sqrt(np.mean(before.values**2)))
+    return 1.0 - float(np.sqrt(np.mean(after.values**2))) / size if size > 0.0 else 1.0
 
 
-def _explained(before: np.ndarray, after: np.ndarray) -> float:
-    """Share of the largest load that is gone (relative to how much each load mattered before)."""
-    if not np.any(before > 0.0):
-        return 0.0
-    weight = before / before.max()
-    remaining = after / np.where(before > 0.0, before, np.inf)
-    return float(1.0 - np.sum(weight**2 * np.minimum(remaining, 1.0)) / np.sum(weight**2))
-
-
-def _failed_gate(prepared: Prepared, fit: FitResult, delta_bic: float, explained: float) -> str:
+def _failed_gate(
+    prepared: Prepared, fit: FitResult, delta_bic: float, explained: float, simulates_better: bool
+) -> str:
     """Why the candidate cannot be accepted; empty when it can."""
     if fit.status == "iteration limit":
         return "the fit did not converge"
     if delta_bic < BIC_GAIN:
         return f"the likelihood gains too little for its parameters (BIC gain {delta_bic:.1f})"
-    if explained < LEAST_EXPLAINED:
+    if explained < (PARTLY_EXPLAINED if simulates_better else LEAST_EXPLAINED):
         return f"it explains only {100 * explained:.0f} % of the unexplained load"
     candidate = prepared.trial.candidate
     found = {p.name: p for p in fit.parameters}
@@ -164,6 +170,15 @@ def _failed_gate(prepared: Prepared, fit: FitResult, delta_bic: float, explained
             return ""
         reasons.append(reason)
     return "; ".join(reasons) or "its size was not estimated"
+
+
+def _simulates_better(before: FitResult, after: FitResult) -> bool:
+    """Whether the simulation error on validation data falls to BETTER of what it was, for every output."""
+    old, new = before.simulated.get("validation"), after.simulated.get("validation")
+    if old is None or new is None:
+        return False
+    pairs = [(new.rms.get(name), rms) for name, rms in old.rms.items() if rms is not None]
+    return bool(pairs) and all(rms is not None and rms <= BETTER * was for rms, was in pairs)
 
 
 def _weak_size(size: FittedParameter, null: float) -> str:

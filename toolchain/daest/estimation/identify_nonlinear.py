@@ -284,7 +284,7 @@ def _search_on(setup: NonlinearSetup, warm: WarmStart, options: IdentifyOptions)
         ends += [] if end is None else [end]
     if not ends:
         raise _no_start()
-    best = min(ends, key=lambda e: e.found.evaluation.value)
+    best = min((_rescanned(setup, end, warm) for end in ends), key=lambda e: e.found.evaluation.value)
     for _ in range(WARM_ROUNDS if -best.found.evaluation.value > warm.hopeless else 0):
         around = replace(setup, problem=best.problem)
         start = (best.intensity, warm.measurement_std)
@@ -300,6 +300,19 @@ def _search_on(setup: NonlinearSetup, warm: WarmStart, options: IdentifyOptions)
         if improved < ENOUGH_GAIN:
             break
     return best
+
+
+def _rescanned(setup: NonlinearSetup, end: Ending, warm: WarmStart) -> Ending:
+    """The end with the best of a few noise levels: what its parameters are worth shows only with the noise
+    that they leave, not with the noise that they were found under."""
+    start = (warm.intensity, warm.measurement_std)
+    around = replace(setup, problem=end.problem)
+    problem, levels = _with_gain(around, end.found.z, warm.intensity, start, evaluations=0)
+    errors = prediction_errors(problem, end.found.z)
+    if errors is None or errors.negative_log_likelihood >= end.found.evaluation.value:
+        return end
+    evaluation = replace(end.found.evaluation, value=errors.negative_log_likelihood)
+    return Ending(problem, replace(end.found, evaluation=evaluation), levels)
 
 
 def _search_at(
@@ -377,7 +390,8 @@ def _with_gain(
             [best, best - NOISE_SPREAD * np.diag([1.0] * searched.size + [0.1] * (n - searched.size))]
         )
         options = {"maxfev": evaluations, "initial_simplex": simplex, "xatol": 0.05, "fatol": 0.1}
-        best = minimize(value, best, method="Nelder-Mead", options=options).x
+        if evaluations:
+            best = minimize(value, best, method="Nelder-Mead", options=options).x
     q, std = levels(best)
     found = observer(average, q, std)
     if found is None:
