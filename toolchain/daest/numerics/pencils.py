@@ -86,7 +86,7 @@ def split_pencil(E: Matrix, J: Matrix, tolerance: float | None = None) -> Standa
 
 
 def _dense(matrix: Matrix) -> np.ndarray:
-    return np.asarray(matrix.toarray() if sp.issparse(matrix) else matrix, dtype=float)
+    return np.asarray(sp.csr_array(matrix).toarray() if sp.issparse(matrix) else matrix, dtype=float)
 
 
 def apply_scaling(scaling: Scaling, E: Matrix, J: Matrix) -> tuple[Matrix, Matrix]:

@@ -93,7 +93,7 @@ def dependent_equations(dae: LinearDAE) -> ModelError:
     scaling = unit_scaling(E, J)
     E, J = apply_scaling(scaling, E, J)
     s = np.random.default_rng(0).uniform(0.5, 2.0)  # any s that is no pole would do
-    u, _, _ = sla.svd((s * E - J).toarray())
+    u, _, _ = sla.svd(sp.csr_array(s * E - J).toarray())
     weights = u[:, -1] * scaling.rows
     weights = weights / np.max(np.abs(weights))
     share = np.abs(u[:, -1]) / np.max(np.abs(u[:, -1]))
@@ -132,7 +132,7 @@ def reduce_structure(dae: LinearDAE, tolerance: float | None = None) -> Reductio
     scaling = unit_scaling(E, J)
     E, J = apply_scaling(scaling, E, J)
     n = dae.n
-    is_free = np.diff(E.indptr) == 0
+    is_free = np.diff(sp.csr_array(E).indptr) == 0
     has_derivative = np.diff(sp.csc_array(E).indptr) > 0
     zero = default_tolerance(n) if tolerance is None else tolerance
     pivots = choose_pivots(J, np.flatnonzero(is_free), has_derivative, zero)
@@ -156,8 +156,8 @@ def reduce_structure(dae: LinearDAE, tolerance: float | None = None) -> Reductio
         dependence,
         E21,
         J21,
-        _difference(E[core_rows][:, rest].toarray(), E21, dependence),
-        _difference(J[core_rows][:, rest].toarray(), J21, dependence),
+        _difference(sp.csr_array(E[core_rows][:, rest]).toarray(), E21, dependence),
+        _difference(sp.csr_array(J[core_rows][:, rest]).toarray(), J21, dependence),
     )
 
 

@@ -79,5 +79,5 @@ def _units(dae: LinearDAE) -> dict[str, str]:
 
 
 def _rows(matrix: Matrix) -> list[list[float]]:
-    dense = matrix.toarray() if sp.issparse(matrix) else np.asarray(matrix)
+    dense = sp.csr_array(matrix).toarray() if sp.issparse(matrix) else np.asarray(matrix)
     return [[float(value) for value in row] for row in dense]
