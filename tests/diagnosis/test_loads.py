@@ -1,0 +1,51 @@
+"""Where loads may act, and the model with loads: transfer functions by hand."""
+
+import numpy as np
+import pytest
+from hidden_plants import model
+
+from daest.diagnosis.diagnose import without_noises
+from daest.diagnosis.loads import load_places, with_loads
+from daest.modelica.sites import sites
+from daest.systems.state_space import state_space, state_space_family
+
+
+def places_of(name, **options):
+    flat = without_noises(model(name))
+    return flat, load_places(flat, [s for s in sites(flat) if s.kind == "node"])
+
+
+def test_rotor_has_one_place_in_newton_metres():
+    _, places = places_of("Rotor")
+    assert [(p.names, p.unit) for p in places] == [(("rotor.flange_a",), "N.m")]
+
+
+def test_places_that_a_rigid_gear_joins_are_one():
+    _, places = places_of("TwoMass")
+    assert {p.names for p in places} == {("motor.flange_a", "gear.flange_b"), ("disc.flange_a",)}
+
+
+def test_unconnected_flywheel_is_not_seen():
+    _, places = places_of("TwoMass")
+    assert not any("loose" in name for p in places for name in p.names)
+
+
+def test_load_passes_through_its_lag():
+    flat, places = places_of("Rotor")
+    T = 0.7
+    space = state_space(state_space_family(with_loads(flat, places, [T])), np.array([*flat.theta_values, T]))
+    poles = np.sort(np.linalg.eigvals(space.A).real)
+    assert poles == pytest.approx([-1 / T, -0.3 / 0.5, 0.0], abs=1e-9)
+    for omega in (0.1, 1.0, 10.0):
+        s = 1j * omega
+        found = (space.C @ np.linalg.solve(s * np.eye(3) - space.A, space.G))[0, 0]
+        assert found == pytest.approx(1 / (s + 1 / T) / (0.5 * s**2 + 0.3 * s), rel=1e-9)
+
+
+def test_loads_at_two_places_are_two_noises():
+    flat, places = places_of("TwoMass")
+    loaded = with_loads(flat, places, [0.1, 0.2])
+    assert [n.name for n in loaded.noises] == ["load_1.w", "load_2.w"]
+    assert [p.value for p in loaded.parameters if p.name.startswith("load_")] == [0.1, 0.2]
+    space = state_space(state_space_family(loaded), loaded.theta_values)
+    assert np.linalg.matrix_rank(space.G) == 2

@@ -1,0 +1,148 @@
+"""Scores: normal when nothing is missing, right derivatives, and the hidden effect on top."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hidden_plants import library, model, quiet, rotor_null, rotor_record, rubbing, some_effects
+from scipy.stats import kstest
+
+from daest.diagnosis.candidates import attachable, pairs, with_shapes
+from daest.diagnosis.screen import _nuisance, _projected, _responses, run_null, screen
+from daest.errors import EstimationError
+from daest.modelica.sites import sites
+from daest.systems.integrate import Correction, integrate, integrator
+from daest.systems.reduce import reduce_index
+
+EFFECTS = (
+    "CoulombFriction",
+    "QuadraticDrag",
+    "Unbalance",
+    "ConstantLoad",
+    "Gain",
+    "Drift",
+    "ViscousFriction",
+)
+
+
+def candidates(*names):
+    return pairs(some_effects(*names), sites(model()))
+
+
+def screened(record):
+    """The screen at the values that the null has on another record: no fit of its own."""
+    null, _ = quiet()
+    null = replace(null, experiments=(record,))
+    return screen(null, run_null(null), candidates(*EFFECTS))
+
+
+@pytest.mark.parametrize("n_records", [20, pytest.param(150, marks=pytest.mark.slow)])
+def test_scores_are_standard_normal_when_nothing_is_missing(n_records):
+    found = [screened(rotor_record(500, seed=100 + seed)[0]) for seed in range(n_records)]
+    signed = ("ConstantLoad at rotor.flange_a", "Drift at u", "Drift at phi")
+    squares = np.array([[e.score**2 for e in s.entries if e.candidate.label in signed] for s in found])
+    assert squares.shape == (n_records, len(signed))
+    # Squares of a standard normal variable have mean 1 and standard deviation √2; means of the three count as
+    # one, since they may be alike.
+    assert abs(squares.mean() - 1.0) < 3.0 * np.sqrt(2.0 / n_records)
+    p_values = [s.p_value for s in found]
+    assert kstest(p_values, "uniform").pvalue > 0.01
+    assert np.mean(np.array(p_values) < 0.05) < 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / n_records)
+
+
+def test_gain_of_a_sensor_is_not_found_where_it_is_right():
+    """The innovation of a sample must not enter its own response."""
+    scores = [
+        next(
+            e.score
+            for e in screened(rotor_record(500, seed=200 + seed)[0]).entries
+            if e.candidate.label == "Gain at phi"
+        )
+        for seed in range(4)
+    ]
+    assert np.max(scores) < 3.5
+
+
+def test_viscous_friction_is_absorbed_by_the_parameter():
+    null, run = quiet()
+    found = screen(null, run, candidates("ViscousFriction"))
+    assert all(e.absorbed and e.score == 0.0 and e.p_value == 1.0 for e in found.entries)
+
+
+def test_coulomb_friction_comes_first():
+    stand = rubbing()
+    found = screen(stand.null, run_null(stand.null), pairs(library(), sites(model())))
+    best = [e for e in found.entries if e.score > found.entries[0].score - 0.5]
+    assert "CoulombFriction" in {e.candidate.effect.name for e in best}
+    assert found.p_value < 1e-6
+    coulomb = next(e for e in found.entries if e.candidate.effect.name == "CoulombFriction")
+    assert coulomb.sizes[0] == pytest.approx(0.15, rel=0.3)
+    assert found.n_screened > 50
+
+
+def test_responses_are_derivatives_of_the_predictor():
+    """Against finite differences of the predictor with the effect at a small size, gain held."""
+    null, run = quiet()
+    shaped, _ = with_shapes(
+        null.flat,
+        candidates("Unbalance", "QuadraticDrag", "Gain", "ConstantLoad"),
+        null.experiments[0].time,
+        dict(zip(run.state_names, run.observed[0].filtered.T, strict=True)),
+        null.experiments[0].inputs,
+    )
+    chosen = {c.label: c for c in shaped if c.effect.name != "Unbalance" or c.shape["phi_0"] == 0.0}
+    usable, _, explicit = attachable(null.flat, tuple(chosen.values()))
+    responses, rows = _responses(null, run, explicit, usable)
+    one = null.experiments[0]
+    start = null.initial_states[0]
+    x0 = np.array([start[name] for name in explicit.state_names])
+    gain = run.gain[[run.state_names.index(name) for name in explicit.state_names]]
+    grown = reduce_index(explicit.flat)
+    names = [p.name for p in grown.flat.parameters]
+
+    def predicted(candidate, size):
+        theta = grown.flat.theta_values.copy()
+        theta[names.index(f"{candidate.name}.{candidate.effect.sizes[0].name}")] += size
+        return integrate(
+            integrator(grown), one.time, one.inputs, theta, x0,
+            hold="zoh", correction=Correction(one.outputs, gain), rtol=1e-9,
+        ).outputs  # fmt: skip
+
+    for candidate, row in zip(usable, rows, strict=True):
+        step = 1e-5
+        slope = (predicted(candidate, step) - predicted(candidate, -step)) / (2 * step)
+        exact = (slope @ run.root.T).ravel()
+        found = responses[row.start]
+        # Effects are held over a sample, which is all that differs.
+        assert np.linalg.norm(found - exact) < 0.1 * np.linalg.norm(exact), candidate.label
+
+
+def test_projection_leaves_nothing_of_the_parameters():
+    null, run = quiet()
+    nuisance = _nuisance(run, len(null.estimated))
+    rest, share = _projected(nuisance, nuisance)
+    assert np.max(share[np.linalg.norm(nuisance, axis=1) > 0.0]) < 1e-5
+    white = np.random.default_rng(0).standard_normal((1, nuisance.shape[1]))
+    rest, _ = _projected(white, nuisance)
+    scaled = nuisance / np.linalg.norm(nuisance, axis=1)[:, None]
+    assert np.max(np.abs(scaled @ rest[0])) < 1e-5
+
+
+def test_no_candidate_is_an_error():
+    null, run = quiet()
+    with pytest.raises(EstimationError) as caught:
+        screen(null, run, ())
+    assert caught.value.code == "diagnose-no-candidate"
+
+
+def test_detectable_size_is_about_what_is_found():
+    """A friction of twice the detectable size is found in a new record; p-values are of the whole search."""
+    null, run = quiet()
+    entry = next(
+        e
+        for e in screen(null, run, candidates(*EFFECTS)).entries
+        if e.candidate.effect.name == "CoulombFriction"
+    )
+    record, _ = rotor_record(600, seed=7, coulomb=lambda phi: 2.0 * entry.detectable)
+    rubbed, again = rotor_null(record)
+    assert screen(rubbed, again, candidates(*EFFECTS)).p_value < 0.05
