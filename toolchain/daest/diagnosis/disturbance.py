@@ -117,7 +117,9 @@ def internal_variables(null: Null, run: NullObserver, experiment: int = 0) -> di
     values = np.array(explicit.variables.map(n)(states.T, u, v, w, theta, one.time))
     found: dict[str, np.ndarray] = dict(zip(one.input_names, one.inputs.T, strict=True))
     seen = [_normalised(x) for x in found.values()]
-    for variable, row in zip(explicit.flat.unknowns, values, strict=True):
+    # Of proportional variables the motion is named, not the torque or flow that goes with it.
+    in_order = sorted(zip(explicit.flat.unknowns, values, strict=True), key=lambda pair: pair[0].is_flow)
+    for variable, row in in_order:
         if variable.name in loads or not np.all(np.isfinite(row)) or np.ptp(row) == 0.0:
             continue
         shape = _normalised(row)
