@@ -5,6 +5,9 @@ from __future__ import annotations
 
 import json
 import re
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -118,6 +121,19 @@ def test_interrupted_run_goes_on(cart, daest, monkeypatch):
     assert [again[key] for key in ("verdict", "message", "candidates")] == [
         first[key] for key in ("verdict", "message", "candidates")
     ]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends a POSIX signal")
+def test_ctrl_c_ends_at_once(cart):
+    command = [sys.executable, "-m", "daest", "diagnose", "rub.csv", "--model", "Cart.mo", "--hold", "zoh"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        for line in process.stderr:
+            if line.startswith("refitting"):
+                break
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=10)
+    assert (process.returncode, out) == (130, "") and "interrupted" in err and "Traceback" not in err
+    assert not (cart / "results" / "diagnosis.json").exists()
 
 
 def test_kept_refits_belong_to_their_data_and_damage_is_mended(cart, daest):

@@ -190,7 +190,9 @@ def test_servo_story(servo, daest):
     found = json.loads(out)
     assert code == 0 and "has the error" not in err
     expected = json.loads(Path("expected.json").read_text())["steps"]
-    assert [(s["added"], s["at"]) for s in found["steps"]] == [(s["added"], s.get("at")) for s in expected]
+    assert [step["added"] for step in found["steps"]] == [step["added"] for step in expected]
+    for step, wanted in zip(found["steps"][1:], expected[1:], strict=True):
+        assert wanted["at"] in (step["at"], *step["equivalent_places"])
     for step, wanted in zip(found["steps"], expected, strict=True):
         assert step["rms"]["validation"] == pytest.approx(wanted["rms"], rel=0.05)
     assert found["final"]["verdict"] == "nothing missing"

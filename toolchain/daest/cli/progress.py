@@ -2,23 +2,54 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import NoReturn
 
 import click
+
+INTERRUPTED = 130  # exit code of a command that Ctrl-C ends
 
 
 @contextmanager
 def progress() -> Iterator[Callable[[str], None]]:
-    """A function that shows what is being done."""
+    """A function that shows what is being done. Ctrl-C ends the program at once: a refit in another thread
+    would otherwise have to come to its end first."""
     if not sys.stderr.isatty():
-        yield lambda text: click.echo(text, err=True)
+        with _ending_at_once(lambda: None):
+            yield lambda text: click.echo(text, err=True)
         return
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+    console = Console(stderr=True)
     columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with (
+        Progress(*columns, console=console, transient=True) as bar,
+        _ending_at_once(lambda: console.show_cursor(True)),
+    ):
         task = bar.add_task("starting", total=None)
         yield lambda text: bar.update(task, description=text)
+
+
+@contextmanager
+def _ending_at_once(tidy: Callable[[], object]) -> Iterator[None]:
+    """Ctrl-C calls `tidy` and ends the program; results are written whole, so that none is left in part."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(*_: object) -> NoReturn:
+        tidy()
+        click.echo("\ninterrupted; what is done is kept, the same command goes on from there", err=True)
+        os._exit(INTERRUPTED)
+
+    before = signal.signal(signal.SIGINT, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
