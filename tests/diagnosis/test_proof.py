@@ -1,0 +1,186 @@
+"""Refits of candidates: right sizes, every gate, and the ranking."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hidden_plants import model, rubbing, some_effects
+
+from daest.diagnosis.candidates import pairs
+from daest.diagnosis.disturbance import place_gains, smoothed_load
+from daest.diagnosis.proof import (
+    Trial,
+    _explained,
+    _failed_gate,
+    _inside,
+    _simulates_better,
+    prepare,
+    prove,
+    ranked,
+    trials,
+)
+from daest.diagnosis.screen import run_null, screen
+from daest.model.diagnosis import Screen, Screened
+from daest.modelica.sites import sites
+
+
+@cache
+def screened():
+    stand = rubbing()
+    effects = some_effects("CoulombFriction", "QuadraticDrag")
+    return screen(stand.null, run_null(stand.null), pairs(effects, sites(model())))
+
+
+@cache
+def proved(name="CoulombFriction"):
+    stand = rubbing()
+    trial = next(t for t in trials(screened(), 1.0, 5) if t.candidate.effect.name == name)
+    prepared = prepare(stand.null.flat, stand.null.estimated, trial)
+    run = run_null(stand.null)
+    return prepared, prove(
+        stand.null,
+        stand.baseline,
+        prepared,
+        stand.null.experiments,
+        stand.validation,
+        smoothed_load(stand.null, run, place_gains(stand.null, run)),
+        screened().n_screened,
+    )
+
+
+def test_size_of_coulomb_friction_and_parameters_are_right():
+    _, proof = proved()
+    found = {p.name.rpartition(".")[2]: p for p in proof.fit.parameters}
+    for name, true in (("tau_c", 0.15), ("J", 0.5), ("d", 0.3)):
+        assert found[name].value == pytest.approx(true, rel=0.1)
+        assert abs(found[name].value - true) < 3.5 * found[name].std_error
+    assert proof.verdict == "supported" and proof.reason == ""
+    assert proof.explained > 0.5 and proof.delta_bic > 20.0 and proof.p_value < 1e-6
+
+
+def test_validation_error_falls_to_the_noise_of_the_plant():
+    stand, (_, proof) = rubbing(), proved()
+    before = stand.baseline.simulated["validation"].rms["phi"]
+    assert proof.fit.simulated["validation"].rms["phi"] < before / 3.0
+
+
+def test_proof_keeps_its_values_in_the_model():
+    _, proof = proved()
+    values = {p.name: p.value for p in proof.flat.parameters}
+    assert all(values[name] == value for name, value in proof.fit.theta.items())
+
+
+def test_equal_places_are_one_trial():
+    found = trials(screened(), 1.0, 5)
+    names = [t.candidate.effect.name for t in found]
+    assert len(set(names)) == len(names)
+    coulomb = next(t for t in found if t.candidate.effect.name == "CoulombFriction")
+    assert {coulomb.candidate.site.name, *(c.site.name for c in coulomb.alike)} == {
+        "bearing",
+        "rotor.flange_a",
+    }
+
+
+def entry(candidate, score, p_value, absorbed=False):
+    return Screened(candidate, score, (0.1,), p_value, absorbed, 0.1)
+
+
+def test_trials_are_significant_not_absorbed_and_not_too_many():
+    rotor = {e.name: e for e in some_effects("CoulombFriction", "QuadraticDrag", "Unbalance", "ConstantLoad")}
+    candidates = [next(c for c in pairs([e], sites(model()))) for e in rotor.values()]
+    entries = tuple(
+        entry(c, 5.0 - i, p, absorbed)
+        for i, (c, p, absorbed) in enumerate(
+            zip(candidates, (0.001, 0.001, 0.01, 0.2), (False, True, False, False), strict=True)
+        )
+    )
+    found = Screen(entries, np.eye(4), 0.001, 4, ())
+    assert [t.candidate for t in trials(found, 0.05, 5)] == [candidates[0], candidates[2]]
+    assert [t.candidate for t in trials(found, 0.05, 1)] == [candidates[0]]
+
+
+def changed_size(fit, **changes):
+    parameters = tuple(replace(p, **changes) if p.name.endswith("tau_c") else p for p in fit.parameters)
+    return replace(fit, parameters=parameters)
+
+
+@pytest.mark.parametrize(
+    "changes, delta_bic, explained, reason",  # the simulation error did not fall
+    [
+        ({"status": "iteration limit"}, 50.0, 0.9, "did not converge"),
+        ({}, 9.0, 0.9, "likelihood gains too little"),
+        ({}, 50.0, 0.49, "explains only 49 %"),
+        ({"at_bound": "min"}, 50.0, 0.9, "rests at its bound"),
+        ({"std_error": None}, 50.0, 0.9, "do not determine its size"),
+        ({"std_error": 1.0}, 50.0, 0.9, "not significant"),
+        ({}, 50.0, 0.9, ""),
+    ],
+)
+def test_gates(changes, delta_bic, explained, reason):
+    prepared, proof = proved()
+    fit = replace(proof.fit, status="converged")
+    fit = replace(fit, **changes) if "status" in changes else changed_size(fit, **changes)
+    found = _failed_gate(prepared, fit, delta_bic, explained, False)
+    assert reason in found and bool(reason) == bool(found)
+
+
+def test_falling_simulation_error_asks_for_less_explanation():
+    prepared, proof = proved()
+    fit = replace(proof.fit, status="converged")
+    assert _failed_gate(prepared, fit, 50.0, 0.4, True) == ""
+    assert "explains only 40 %" in _failed_gate(prepared, fit, 50.0, 0.4, False)
+    assert "explains only 5 %" in _failed_gate(prepared, fit, 50.0, 0.05, True)
+
+
+def test_simulation_must_get_better_in_every_output():
+    stand, (_, proof) = rubbing(), proved()
+    assert _simulates_better(stand.baseline, proof.fit)
+    assert not _simulates_better(proof.fit, stand.baseline)
+    assert not _simulates_better(replace(stand.baseline, simulated={}), proof.fit)
+
+
+def test_size_that_was_not_estimated_is_no_claim():
+    prepared, proof = proved()
+    fit = replace(proof.fit, status="converged", parameters=proof.fit.parameters[:2])
+    assert "was not estimated" in _failed_gate(prepared, fit, 50.0, 0.9, True)
+
+
+def test_ranking():
+    _, proof = proved()
+    close = replace(proof, delta_bic=proof.delta_bic - 5.0)
+    far = replace(proof, delta_bic=proof.delta_bic - 7.0)
+    failed = replace(proof, delta_bic=proof.delta_bic + 100.0, verdict="rejected", reason="no")
+    assert [p.verdict for p in ranked([far, failed, proof])] == ["supported", "rejected", "rejected"]
+    order = ranked([failed, close, far, proof])
+    assert [p.verdict for p in order] == ["not separable", "not separable", "rejected", "rejected"]
+    assert order[0].delta_bic == proof.delta_bic and order[0].not_separable_from == (close.candidate.label,)
+    assert "explains the data better" in next(p for p in order if p.delta_bic == far.delta_bic).reason
+    assert ranked([]) == ()
+
+
+def test_share_explained_is_of_the_smoothed_load():
+    stand = rubbing()
+    run = run_null(stand.null)
+    load = smoothed_load(stand.null, run, place_gains(stand.null, run))
+    assert _explained(stand.null, None) == 1.0
+    assert _explained(stand.null, load) == pytest.approx(0.0, abs=1e-9)
+    assert _explained(stand.null, replace(load, values=2.0 * load.values)) == pytest.approx(0.5)
+
+
+def test_sizes_start_off_their_bounds():
+    assert _inside(-0.5, 0.0, None) == pytest.approx(0.05)
+    assert _inside(0.0, 0.0, None) > 0.0
+    assert _inside(2.0, None, 1.0) < 1.0
+    assert _inside(0.3, 0.0, 1.0) == 0.3
+
+
+def test_kinks_are_sharper_in_the_proof_than_in_the_screen():
+    stand = rubbing()
+    candidate = next(
+        t.candidate for t in trials(screened(), 1.0, 5) if t.candidate.effect.name == "CoulombFriction"
+    )
+    prepared = prepare(stand.null.flat, stand.null.estimated, Trial(candidate, (-0.2,), ()))
+    values = {p.name: p.value for p in prepared.flat.parameters}
+    assert values[f"{candidate.name}.w_s"] == pytest.approx(0.3 * candidate.shape["w_s"])
+    assert values[f"{candidate.name}.tau_c"] > 0.0
