@@ -17,7 +17,7 @@ from daest.modelica.attach import attach_all
 from daest.modelica.sites import fits
 from daest.systems.reduce import reduce_index
 
-MOST_SHAPES = 12  # of one effect at one place
+MOST_SHAPES = 32  # of one effect at one place: thinned out, periodic effects lose whole phases
 MOST_POINTS = 400  # of a trajectory that a range is taken from
 LEARNED = "Learned"  # curves describe what no effect explains; they are no hypothesis themselves
 NO_SITES = ("parameter",)  # a drifting parameter is looked for by name, not everywhere
