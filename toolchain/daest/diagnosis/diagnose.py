@@ -8,6 +8,7 @@ there.
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -15,6 +16,7 @@ from threading import Lock
 
 import casadi as ca
 import numpy as np
+from scipy.linalg import LinAlgWarning
 
 from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.candidates import pairs
@@ -117,12 +119,24 @@ def examine(
     stand: Stand, library: Sequence[Effect], options: DiagnoseOptions, progress: Progress = lambda _: None
 ) -> Diagnosis:
     """Screen, proof and verdict for a fitted null."""
+    with warnings.catch_warnings():
+        # A search tries models that overflow and gains that are nearly singular; it steps back from them.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        warnings.simplefilter("ignore", LinAlgWarning)
+        return _examined(stand, library, options, progress)
+
+
+def _examined(
+    stand: Stand, library: Sequence[Effect], options: DiagnoseOptions, progress: Progress
+) -> Diagnosis:
     null = stand.null
     run = run_null(null)
-    candidates = _chosen(library, sites(null.flat), null.experiments, options)
+    candidates = _chosen(library, sites(stand.declared), null.experiments, options)
     progress(f"screening {len(candidates)} effects at places")
     found = screen(null, run, candidates, options.seed)
-    chosen_library = [e for e in library if not options.effects or e.name in options.effects]
+    chosen_library = [
+        e for e in library if not options.effects or {e.name, e.class_name} & set(options.effects)
+    ]
     gains = place_gains(null, run)
     load = smoothed_load(null, run, gains)
     proofs = _proofs(stand, run, load, found, candidates, chosen_library, options, progress)

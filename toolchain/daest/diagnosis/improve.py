@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from daest.diagnosis.diagnose import DiagnoseOptions, Progress, accept, begin, examine
+from daest.errors import EstimationError
 from daest.model.diagnosis import Improvement, Proof, Step
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
@@ -29,7 +30,13 @@ def improve(
     stand = begin(flat, experiments, validation, options, progress)
     steps = [Step(None, stand.baseline, None, "the model as it is")]
     while True:
-        diagnosis = examine(stand, library, options, progress)
+        try:
+            diagnosis = examine(stand, library, options, progress)
+        except EstimationError as error:
+            last = steps[-1].diagnosis
+            if error.code != "diagnose-no-candidate" or last is None:
+                raise
+            return Improvement(tuple(steps), last, "No other effect was to be searched for.")
         best = next((p for p in diagnosis.proofs if p.verdict != "rejected"), None)
         if best is None:
             return Improvement(tuple(steps), diagnosis, diagnosis.message)

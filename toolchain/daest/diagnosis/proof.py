@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from daest.diagnosis.disturbance import SmoothedLoad, smoothed_at
-from daest.diagnosis.null import Null, grown, refit
+from daest.diagnosis.null import Null, grown, loads_of, refit
 from daest.diagnosis.screen import run_null
 from daest.model.diagnosis import Candidate, Proof, Screen
 from daest.model.experiment import Experiment
@@ -118,7 +118,7 @@ def prove(
     n_own = len(prepared.names) - len(null.estimated)
     n_observed = sum(int(np.isfinite(e.outputs).sum()) for e in null.experiments)
     delta_bic = float(2.0 * gain - n_own * np.log(n_observed))
-    explained = _explained(grown(fed, prepared.flat, explicit, fit, experiments), load)
+    explained = _explained(null_fit, grown(fed, prepared.flat, explicit, fit, experiments), load)
     reason = _failed_gate(prepared, fit, delta_bic, explained, _simulates_better(null_fit, fit))
     parameters = tuple(replace(p, value=fit.theta.get(p.name, p.value)) for p in prepared.flat.parameters)
     return Proof(
@@ -136,16 +136,23 @@ def prove(
     )
 
 
-def _explained(null: Null, before: SmoothedLoad | None) -> float:
-    """Share of the unexplained load (smoothed, rms) that is gone with the effect in the model; 1 where the
-    null needed no load, so that there was none to explain."""
+def _explained(null_fit: FitResult, null: Null, before: SmoothedLoad | None) -> float:
+    """Share of the unexplained load that is gone with the effect in the model: of its size in the noise
+    model, or of its smoothed course (rms), whichever is more. 1 where the null needed no load: there was none
+    to explain.
+
+    The noise model's size also holds fast ripple that no effect removes; the smoothed course, where two
+    effects are missing, also holds the other one.
+    """
     if before is None:
         return 1.0
+    was, now = (loads_of(fit, null.places)[before.index].size for fit in (null_fit, null.fit))
+    shares = [1.0 - now / was if was > 0.0 else 1.0]
     after = smoothed_at(null, run_null(null), before.index)
-    if after is None:
-        return 1.0
     size = float(np.sqrt(np.mean(before.values**2)))
-    return 1.0 - float(np.sqrt(np.mean(after.values**2))) / size if size > 0.0 else 1.0
+    if after is not None and size > 0.0:
+        shares.append(1.0 - float(np.sqrt(np.mean(after.values**2))) / size)
+    return max(shares)
 
 
 def _failed_gate(
