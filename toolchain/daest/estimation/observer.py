@@ -74,6 +74,8 @@ def _jacobians(explicit: ExplicitModel) -> ca.Function:
 
 def observer(model: AverageModel, intensity: np.ndarray, measurement_std: np.ndarray) -> Observer | None:
     """Stationary gain for `intensity` (n_w,) and `measurement_std` (n_y,); None where none exists."""
+    if not np.all(np.isfinite(model.A)):
+        return None
     sampled = sampled_average(model, intensity, measurement_std)
     if not np.all(np.isfinite(sampled.transition)) or not np.all(np.isfinite(sampled.process_cov)):
         return None

@@ -1,0 +1,191 @@
+"""Diagnoses from end to end on small records whose truth is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hidden_plants import library, model, rotor_record, some_effects
+
+from daest.diagnosis.diagnose import DiagnoseOptions, diagnose
+from daest.diagnosis.improve import improve
+from daest.errors import EstimationError
+from daest.estimation.records import part_of
+
+STATIC = (
+    "CoulombFriction",
+    "QuadraticDrag",
+    "Unbalance",
+    "ConstantLoad",
+    "DeadZone",
+    "Gain",
+    "AsymmetricFriction",
+)
+
+
+def options(*effects, **more):
+    return DiagnoseOptions(effects=effects or STATIC, hold="zoh", jobs=1, **more)
+
+
+def diagnosed(record, *effects, **more):
+    return diagnose(model(), library(), [record], options=options(*effects, **more))
+
+
+def accepted(found):
+    return {p.candidate.effect.name for p in found.proofs if p.verdict != "rejected"}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_nothing_is_found_where_nothing_is_missing(seed):
+    found = diagnosed(rotor_record(1000, seed=seed)[0])
+    assert found.verdict == "nothing missing" and not accepted(found)
+    assert "It would have shown" in found.message
+
+
+def test_coulomb_friction_is_named_with_its_size():
+    found = diagnosed(rotor_record(1200, seed=5, coulomb=lambda phi: 0.15)[0])
+    assert found.verdict == "supported" and accepted(found) == {"CoulombFriction"}
+    best = found.proofs[0]
+    size = next(p for p in best.fit.parameters if p.name.endswith("tau_c"))
+    assert size.value == pytest.approx(0.15, rel=0.1)
+    assert abs(size.value - 0.15) < 3.5 * size.std_error
+    assert {best.candidate.site.name, *best.equivalent} == {"rotor.flange_a", "bearing"}
+    # The baseline soaks the friction up in its damping; the effect gives the damping back.
+    damping = {p.name: p.value for p in found.baseline.parameters}["d"]
+    assert damping > 0.4
+    assert {p.name: p.value for p in best.fit.parameters}["d"] == pytest.approx(0.3, rel=0.1)
+
+
+def test_drag_is_named_or_in_the_set():
+    found = diagnosed(rotor_record(1200, seed=6, torque=lambda w, phi: -0.15 * w * abs(w))[0])
+    assert found.verdict in ("supported", "cannot tell") and "QuadraticDrag" in accepted(found)
+
+
+def test_dead_zone_of_the_drive_is_found_at_the_input():
+    dead = lambda u: np.sign(u) * max(abs(u) - 0.2, 0.0)  # noqa: E731
+    found = diagnosed(rotor_record(1200, seed=7, drive=dead)[0])
+    assert accepted(found) == {"DeadZone"}
+    assert found.proofs[0].candidate.site.name == "u"
+
+
+def test_effect_outside_the_library_gets_a_curve_and_no_name():
+    record, _ = rotor_record(1200, seed=8, coulomb=lambda phi: 0.2)
+    found = diagnosed(record, "Unbalance", "ConstantLoad", "Gain")
+    assert found.verdict == "unknown effect" and not accepted(found)
+    curve = found.disturbance
+    assert curve.variable == "rotor.w" and curve.place == "rotor.flange_a"
+    values = {p.name: p.value for p in found.baseline.parameters}
+    # What is left of the friction when the damping has taken its part.
+    true = -0.2 * np.tanh(curve.x / 0.02) + (values["d"] - 0.3) * curve.x
+    clear = np.abs(curve.x) > 0.05
+    assert np.mean(np.abs(curve.w - true)[clear] < 3.0 * curve.std[clear]) >= 0.9
+    assert np.corrcoef(curve.w[clear], true[clear])[0, 1] > 0.9
+
+
+@pytest.mark.parametrize("seed", [11, 12])
+def test_external_load_is_no_effect(seed):
+    found = diagnosed(rotor_record(1200, seed=seed, load=(0.15, 1.0))[0])
+    assert found.verdict in ("external disturbance", "nothing missing") and not accepted(found)
+
+
+def test_strong_white_torque_is_no_effect():
+    found = diagnosed(rotor_record(1200, seed=13, noise=30e-4)[0])
+    assert found.verdict in ("external disturbance", "nothing missing") and not accepted(found)
+
+
+def test_expected_noise_is_no_finding():
+    """The declared intensity of the model is what it expects."""
+    found = diagnosed(rotor_record(1200, seed=14, noise=4e-4)[0])
+    assert found.verdict == "nothing missing"
+
+
+def test_wrong_gain_of_the_encoder_is_no_friction():
+    """Inertia and damping take it all: the model has no other scale."""
+    found = diagnosed(rotor_record(1000, seed=15, measured=lambda phi: 1.2 * phi)[0])
+    assert found.verdict == "nothing missing"
+    assert {p.name: p.value for p in found.baseline.parameters}["J"] == pytest.approx(0.5 / 1.2, rel=0.1)
+
+
+def test_values_that_the_data_contradict_are_off():
+    found = diagnosed(rotor_record(1000, seed=1)[0], fitted={"J": 0.6, "d": 0.3})
+    assert found.verdict == "parameters off" and "J = 0.6 given" in found.message
+
+
+def test_closed_loop_record_gives_no_false_name():
+    found = diagnosed(rotor_record(1000, seed=16, feedback=2.0)[0])
+    assert not accepted(found)
+
+
+def test_friction_is_found_in_closed_loop():
+    found = diagnosed(rotor_record(1200, seed=17, feedback=2.0, coulomb=lambda phi: 0.15)[0])
+    assert "CoulombFriction" in accepted(found)
+
+
+def test_two_effects_are_found_in_two_rounds():
+    record, _ = rotor_record(
+        1600, seed=18, coulomb=lambda phi: 0.15, torque=lambda w, phi: -0.3 * np.sin(phi)
+    )
+    effects = ("CoulombFriction", "Unbalance", "ConstantLoad")
+    found = improve(model(), library(), [record], options=options(*effects))
+    names = [s.proof.candidate.effect.name for s in found.steps if s.proof]
+    assert sorted(names) == ["CoulombFriction", "Unbalance"]
+    errors = [s.fit.simulated["validation"].rms["phi"] for s in found.steps]
+    assert errors == sorted(errors, reverse=True)
+    assert found.last.verdict in ("nothing missing", "external disturbance")
+    assert errors[-1] < errors[0] / 5.0
+
+
+def test_every_phase_of_a_periodic_effect_is_tried():
+    found = diagnosed(
+        rotor_record(1000, seed=20, torque=lambda w, phi: -0.2 * np.sin(3.0 * phi))[0], "CoggingTorque"
+    )
+    assert accepted(found) == {"CoggingTorque"}
+    values = {p.name.rpartition(".")[2]: p.value for p in found.proofs[0].fit.parameters}
+    assert found.proofs[0].candidate.shape["n"] == 3.0 and values["tau_k"] == pytest.approx(0.2, rel=0.15)
+
+
+def test_validation_data_of_its_own_are_used():
+    whole, _ = rotor_record(1200, seed=5, coulomb=lambda phi: 0.15)
+    parts = [part_of(whole, 0, 600), part_of(whole, 600, 1200)]
+    halves = diagnosed(whole, "CoulombFriction")
+    given = diagnose(model(), library(), parts[:1], parts[1:], options("CoulombFriction"))
+    assert given.proofs[0].delta_bic == pytest.approx(halves.proofs[0].delta_bic, rel=1e-6)
+
+
+def test_restriction_to_places():
+    found = diagnosed(rotor_record(600, seed=1)[0], places=("u",))
+    assert {e.candidate.site.name for e in found.screen.entries} == {"u"}
+
+
+def test_too_short_a_record_is_refused():
+    with pytest.raises(EstimationError) as caught:
+        diagnosed(rotor_record(300, seed=1)[0])
+    assert caught.value.code == "diagnose-too-short" and "400 samples" in caught.value.remedy
+
+
+def test_unknown_effect_name_leaves_no_candidate():
+    with pytest.raises(EstimationError) as caught:
+        diagnosed(rotor_record(600, seed=1)[0], "NoSuchEffect")
+    assert caught.value.code == "diagnose-no-candidate"
+
+
+def test_measured_column_that_pushes_is_found():
+    record, _ = rotor_record(1000, seed=19)
+    wind = np.sin(0.7 * record.time) + 0.5 * np.sin(0.23 * record.time)
+    J, d, period = 0.5, 0.3, record.time[1]
+    # Linear: the answer to the wind adds up (exact for a torque held over a sample).
+    decay = np.exp(-d / J * period)
+    w, angle, response = 0.0, 0.0, np.zeros(record.n_samples)
+    for k, torque in enumerate(0.2 * wind):
+        response[k] = angle
+        end = torque / d
+        angle += end * period + (w - end) * (1 - decay) * J / d
+        w = end + (w - end) * decay
+    pushed = replace(record, outputs=record.outputs + response[:, None], extra={"wind": wind})
+    found = diagnosed(pushed, "MeasuredTorque", "CoulombFriction")
+    assert accepted(found) == {"MeasuredTorque"}
+    size = next(p for p in found.proofs[0].fit.parameters if p.name.endswith(".k"))
+    assert size.value == pytest.approx(0.2, rel=0.1)
+
+
+def test_effects_of_the_tests_are_in_the_library():
+    assert {e.name for e in some_effects(*STATIC)} == set(STATIC)

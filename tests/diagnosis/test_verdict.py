@@ -1,0 +1,130 @@
+"""Every verdict of the closed list, reached by made-up evidence."""
+
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hidden_plants import model, rubbing, some_effects
+
+from daest.diagnosis.candidates import pairs
+from daest.diagnosis.verdict import Evidence, decide
+from daest.model.diagnosis import DisturbanceCurve, Load, PlaceGain, Proof, Screen, Screened
+from daest.model.fit import Agreement, FittedParameter
+from daest.modelica.sites import sites
+
+WHITE = np.random.default_rng(0).standard_normal((800, 1))
+COLOURED = np.cumsum(WHITE, axis=0)
+
+
+@cache
+def candidate(name):
+    return next(c for c in pairs(some_effects(name), sites(model())) if c.site.name == "rotor.flange_a")
+
+
+def fit(simulated=1.0, one_step=0.5, parameters=()):
+    return replace(
+        rubbing().baseline,
+        parameters=tuple(parameters),
+        simulated={"validation": Agreement({"phi": 90.0}, {"phi": simulated})},
+        one_step={"validation": Agreement({"phi": 99.0}, {"phi": one_step})},
+    )
+
+
+def proof(name="CoulombFriction", verdict="supported", simulated=0.1):
+    own = candidate(name)
+    size = FittedParameter(f"{own.name}.tau_c", 0.15, 0.01, 0.01, "N.m", 0.0, None, None)
+    return Proof(
+        own, model(), fit(simulated, parameters=[size]), 50.0, 95.0, 1e-9, 0.8, (), (), verdict,
+        "" if verdict == "supported" else "no",
+    )  # fmt: skip
+
+
+def evidence(
+    *, proofs=(), p_value=1e-6, gain=100.0, size=0.1, simulated=1.0, innovations=WHITE, related=False,
+    parameters=(), fitted=None,
+):  # fmt: skip
+    entry = Screened(candidate("CoulombFriction"), 6.0, (0.1,), p_value, False, 0.02)
+    load = Load("load_1", "rotor.flange_a", ("rotor.flange_a",), 1.0, size, "N.m")
+    x = np.linspace(-1.0, 1.0, 16)
+    curve = DisturbanceCurve("rotor.flange_a", "rotor.w", "N.m", "rad/s", x, np.sign(x), 0.1 + 0 * x, 0.6)
+    return Evidence(
+        model(),
+        SimpleNamespace(loads=(load,)),
+        SimpleNamespace(observed=(SimpleNamespace(whitened=innovations),)),
+        fit(simulated, parameters=parameters),
+        Screen((entry,), np.eye(1), p_value, 12, ()),
+        tuple(proofs),
+        (PlaceGain(("rotor.flange_a", "bearing"), gain, size, "N.m"),),
+        curve,
+        related,
+        fitted or {},
+    )
+
+
+def test_one_accepted_candidate_is_supported_with_its_numbers():
+    found = decide(evidence(proofs=[proof(), proof("QuadraticDrag", "rejected")]))
+    assert found.name == "supported"
+    assert "tau_c = 0.15 ± 0.01 N.m" in found.message
+    assert "phi 1 -> 0.1" in found.message and "QuadraticDrag" not in found.message
+
+
+def test_equivalent_places_are_told():
+    found = decide(evidence(proofs=[replace(proof(), equivalent=("bearing",))]))
+    assert "cannot tell it from the same effect at bearing" in found.message
+
+
+def test_two_accepted_candidates_are_a_set_with_the_experiment_that_separates_them():
+    found = decide(evidence(proofs=[proof(), proof("QuadraticDrag", "not separable")]))
+    assert found.name == "cannot tell"
+    assert "CoulombFriction" in found.message and "QuadraticDrag" in found.message
+    assert "several constant speeds" in found.next_experiment
+
+
+def test_places_that_differ_ask_for_a_sensor_between_them():
+    other = replace(proof(), candidate=replace(candidate("CoulombFriction"), site=sites(model())[1]))
+    found = decide(evidence(proofs=[proof(), other]))
+    assert found.name == "cannot tell" and found.next_experiment.startswith("Measure")
+
+
+def test_simulation_down_to_the_noise_is_nothing_missing_whatever_the_load():
+    found = decide(evidence(simulated=0.5, related=True))
+    assert found.name == "nothing missing"
+    assert "CoulombFriction at rotor.flange_a from tau_c = 0.02 N.m" in found.message
+
+
+def test_weak_search_and_small_load_are_nothing_missing():
+    assert decide(evidence(p_value=0.3, gain=5.0)).name == "nothing missing"
+    # The load that the declared white torque makes up for: 2 size² T of 1e-4 N².m².s.
+    assert decide(evidence(p_value=0.3, size=np.sqrt(0.5e-4))).name == "nothing missing"
+
+
+def test_contradicted_parameter_is_off():
+    moved = FittedParameter("J", 0.7, 0.01, 0.5, "kg.m2", 0.0, None, None)
+    found = decide(evidence(p_value=0.5, gain=0.0, parameters=[moved], fitted={"J": 0.5}))
+    assert found.name == "parameters off" and "J = 0.5 given, 0.7 ± 0.01 kg.m2 found" in found.message
+    within = decide(evidence(p_value=0.5, gain=0.0, parameters=[moved], fitted={"J": 0.68}))
+    assert within.name == "nothing missing"
+
+
+@pytest.mark.parametrize("cause", [{"p_value": 1e-6, "gain": 0.0}, {"p_value": 0.5, "gain": 100.0}])
+def test_unnamed_effect_that_follows_a_variable_is_unknown(cause):
+    found = decide(evidence(related=True, **cause))
+    assert found.name == "unknown effect"
+    assert "follows rotor.w (60 % of its variance)" in found.message
+    assert "bearing, which the sensors cannot tell apart" in found.message
+
+
+def test_coloured_innovations_say_that_something_dynamic_is_missing():
+    found = decide(evidence(innovations=COLOURED))
+    assert found.name == "unknown effect" and "dynamic" in found.message
+
+
+def test_unrelated_load_is_external():
+    found = decide(evidence())
+    assert found.name == "external disturbance" and found.next_experiment.startswith("Repeat")
+
+
+def test_rejected_proofs_are_no_claim():
+    assert decide(evidence(proofs=[proof(verdict="rejected")])).name == "external disturbance"

@@ -1,0 +1,168 @@
+"""Nonlinear identification on records of an independent simulator with set-valued friction."""
+
+from functools import cache
+
+import casadi as ca
+import numpy as np
+import pytest
+from nonlinear_models import experiment_of, explicit_from
+
+from daest.errors import EstimationError
+from daest.estimation.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.identify_nonlinear import WarmStart, identify_nonlinear
+from daest.estimation.records import part_of
+from daest.model.fit import IdentifyOptions
+
+TRUE = {"J": 0.5, "d": 0.3, "stick": 0.15}
+PERIOD, SUBSTEPS, SENSOR = 0.05, 50, 0.005
+
+
+@cache
+def rotor(extra=()):
+    """J w' = u - d w - stick tanh(w/0.005) + noise, angle measured."""
+
+    def rhs(x, u, w, theta, t):
+        friction = theta[2] * ca.tanh(x[1] / 0.005)
+        return [x[1], (u[0] + w[0] - theta[1] * x[1] - friction) / theta[0]]
+
+    return explicit_from(
+        ("phi", "w"), {**TRUE, **dict(extra)}, rhs, {"angle": lambda x, u, theta: x[0]}, ("torque",)
+    )
+
+
+@cache
+def record(n, seed, noise):
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1.0, 1.0, n // 20 + 1), 20)[:n]
+    dt = PERIOD / SUBSTEPS
+    kicks = rng.standard_normal((n, SUBSTEPS)) * np.sqrt(noise * dt) / TRUE["J"]
+    w = phi = 0.0
+    y = np.zeros(n)
+    for k in range(n):
+        y[k] = phi
+        for j in range(SUBSTEPS):
+            free = w + dt * (u[k] - TRUE["d"] * w) / TRUE["J"] + kicks[k, j]
+            after = np.sign(free) * max(abs(free) - dt * TRUE["stick"] / TRUE["J"], 0.0)
+            phi, w = phi + dt * (w + after) / 2.0, after
+    y += SENSOR * rng.standard_normal(n)
+    return experiment_of(rotor(), PERIOD * np.arange(n), u[:, None], y[:, None])
+
+
+def unknowns_of(explicit, **start):
+    coordinates = tuple(
+        parameter_coordinate(explicit.flat, name, value, (None, None)) for name, value in start.items()
+    )
+    return Unknowns(coordinates, explicit.flat.theta_values, np.zeros(1), np.zeros(1))
+
+
+def identified(experiments, method, intensity=np.nan, explicit=None, validation=(), warm=None, **start):
+    explicit = explicit or rotor()
+    unknowns = unknowns_of(explicit, **(start or {"J": 0.8, "d": 0.5, "stick": 0.05}))
+    return identify_nonlinear(
+        explicit, unknowns, experiments, method, np.array([intensity]), np.array([np.isnan(intensity)]),
+        np.array([np.nan]), IdentifyOptions(hold="zoh"), validation, warm,
+    )  # fmt: skip
+
+
+def assert_true(fit, tolerance):
+    for p in fit.parameters:
+        assert p.value == pytest.approx(TRUE[p.name], rel=tolerance), p.name
+        assert abs(p.value - TRUE[p.name]) < 4.0 * p.std_error, p.name
+
+
+def test_output_error_finds_friction_without_process_noise():
+    fit = identified([record(800, 1, 0.0)], "oe")
+    assert_true(fit, 0.03)
+    assert fit.method == "oe" and fit.status == "converged"
+    # The model creeps where the simulator sticks: a little more than the noise of the sensor.
+    assert SENSOR * 0.95 < fit.simulated["estimation"].rms["angle"] < SENSOR * 1.2
+
+
+def test_prediction_error_finds_friction_and_noises_with_process_noise():
+    fit = identified([record(1200, 2, 2e-4)], "pem")
+    assert_true(fit, 0.1)
+    levels = {n.name: n.value for n in fit.noises}
+    # The average linearisation takes friction for damping, which asks for more noise: the order is right.
+    assert 0.5e-4 < levels["torque"] < 8e-4
+    assert levels["angle"] == pytest.approx(SENSOR, rel=0.15)
+    assert fit.one_step["estimation"].rms["angle"] < fit.simulated["estimation"].rms["angle"]
+
+
+def test_prediction_error_is_the_better_estimate_with_process_noise():
+    """Likelihoods of the same data: the simulation does not know the noise of the process."""
+    experiments = [record(1200, 2, 2e-4)]
+    assert (
+        identified(experiments, "pem").log_likelihood > identified(experiments, "oe").log_likelihood + 100.0
+    )
+
+
+def test_validation_tells_simulation_and_prediction_apart():
+    whole = record(1200, 2, 2e-4)
+    fit = identified([part_of(whole, 0, 600)], "pem", validation=[part_of(whole, 600, 1200)])
+    simulated, predicted = fit.simulated["validation"], fit.one_step["validation"]
+    assert predicted.rms["angle"] < 2.0 * SENSOR < simulated.rms["angle"]
+    assert simulated.fit_percent["angle"] > 80.0 and predicted.fit_percent["angle"] > 98.0
+
+
+def test_warm_start_ends_where_a_cold_one_does():
+    experiments = [record(1200, 2, 2e-4)]
+    cold = identified(experiments, "pem")
+    warm = WarmStart(np.array([1e-4]), np.array([0.006]), ({"phi": 0.0, "w": 0.0},))
+    again = identified(experiments, "pem", warm=warm, J=0.45, d=0.35, stick=0.1)
+    assert again.log_likelihood > cold.log_likelihood - 3.0
+    assert_true(again, 0.1)
+
+
+def test_hopeless_warm_start_is_not_pursued():
+    experiments = [record(800, 1, 0.0)]
+    state = ({"phi": 0.0, "w": 0.0},)
+    short = WarmStart(np.array([1e-4]), np.array([0.005]), state, hopeless=np.inf)
+    whole = WarmStart(np.array([1e-4]), np.array([0.005]), state)
+    fits = [identified(experiments, "pem", warm=w, J=0.8, d=0.5, stick=0.05) for w in (short, whole)]
+    assert fits[0].log_likelihood <= fits[1].log_likelihood + 1e-6
+
+
+def test_two_records_have_initial_states_of_their_own():
+    whole = record(800, 1, 0.0)
+    fit = identified([part_of(whole, 0, 400), part_of(whole, 400, 800)], "oe")
+    assert_true(fit, 0.05)
+    first, second = fit.initial_states
+    assert first.values[0] == pytest.approx(0.0, abs=4 * SENSOR)
+    assert second.values[0] == pytest.approx(whole.outputs[400, 0], abs=4 * SENSOR)
+
+
+def test_missing_samples_are_left_out():
+    whole = record(800, 1, 0.0)
+    y = whole.outputs.copy()
+    y[100:200] = np.nan
+    fit = identified([experiment_of(rotor(), whole.time, whole.inputs, y)], "oe")
+    assert_true(fit, 0.05)
+
+
+def test_parameter_without_influence_is_named():
+    explicit = rotor((("idle", 1.0),))
+    with pytest.raises(EstimationError) as caught:
+        identified([record(400, 1, 0.0)], "oe", explicit=explicit, J=0.5, idle=1.0)
+    assert caught.value.code == "identify-no-influence" and "idle" in caught.value.what
+
+
+def test_parameters_that_change_together_are_named():
+    def rhs(x, u, w, theta, t):
+        return [x[1], u[0] + w[0] - theta[0] * theta[1] * ca.tanh(x[1])]
+
+    explicit = explicit_from(
+        ("phi", "w"), {"a": 1.0, "b": 0.5}, rhs, {"angle": lambda x, u, theta: x[0]}, ("torque",)
+    )
+    with pytest.raises(EstimationError) as caught:
+        identified([record(400, 1, 0.0)], "oe", explicit=explicit, a=1.0, b=0.5)
+    assert caught.value.code == "identify-unidentifiable" and caught.value.where == "a, b"
+
+
+def test_model_that_cannot_be_integrated_is_an_error():
+    def rhs(x, u, w, theta, t):
+        return [x[1], ca.sqrt(-1.0 - theta[0] * x[0] ** 2) + u[0] + w[0]]
+
+    explicit = explicit_from(("phi", "w"), {"a": 1.0}, rhs, {"angle": lambda x, u, theta: x[0]}, ("torque",))
+    with pytest.raises(EstimationError) as caught:
+        identified([record(400, 1, 0.0)], "oe", explicit=explicit, a=1.0)
+    assert caught.value.code == "identify-no-start"

@@ -1,0 +1,123 @@
+"""Prediction errors of nonlinear models against scipy, and their slopes against finite differences."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from nonlinear_models import experiment_of, oscillator, time_grid
+from scipy.integrate import solve_ivp
+
+from daest.estimation.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.trajectories import TrajectoryProblem, objective, prediction_errors, whitened
+from daest.systems.integrate import integrator
+
+TIME = time_grid(120, 0.1)
+INPUTS = np.repeat(np.random.default_rng(3).standard_normal(12), 10)[:, None]
+MODEL = oscillator()
+NAMES = ("k", "d", "k3")
+
+
+def true_positions(theta=(4.0, 0.5, 2.0), x0=(0.2, 0.0)):
+    """Independent integration, input held between samples."""
+    x, result = np.array(x0), []
+    for k in range(TIME.size):
+        result.append(x[0])
+
+        def rhs(_, x, u=INPUTS[k, 0]):
+            return [x[1], u - theta[0] * x[0] - theta[1] * x[1] - theta[2] * x[0] ** 3]
+
+        x = solve_ivp(rhs, (0.0, 0.1), x, rtol=1e-10, atol=1e-12).y[:, -1]
+    return np.array(result)
+
+
+def problem(missing=(), gain=None, n_records=1, std=np.nan):
+    y = true_positions()[:, None] + 0.02 * np.random.default_rng(4).standard_normal((TIME.size, 1))
+    y[list(missing)] = np.nan
+    record = experiment_of(MODEL, TIME, INPUTS, y)
+    coordinates = tuple(
+        parameter_coordinate(MODEL.flat, name, value, (None, None))
+        for name, value in zip(NAMES, (3.5, 0.6, 2.5), strict=True)
+    )
+    unknowns = Unknowns(coordinates, MODEL.flat.theta_values, np.zeros(1), np.zeros(1))
+    return TrajectoryProblem(
+        integrator(MODEL, NAMES), (record,) * n_records, "zoh", unknowns, np.array([0.5, 2.0]),
+        np.array([std]), gain, rtol=1e-9,
+    )  # fmt: skip
+
+
+def start(p):
+    x0 = [0.2 / 0.5, 0.0] * len(p.experiments)
+    return np.concatenate([p.unknowns.start, x0])
+
+
+def test_simulation_is_that_of_scipy():
+    p = problem()
+    p = replace(
+        p, unknowns=Unknowns((), MODEL.flat.theta_values, np.zeros(1), np.zeros(1)), model=integrator(MODEL)
+    )
+    found = prediction_errors(p, np.array([0.4, 0.0]))
+    assert found.trajectories[0].outputs[:, 0] == pytest.approx(true_positions(), abs=1e-6)
+
+
+def test_likelihood_is_the_gaussian_one_with_its_best_variance():
+    p = problem(missing=(3, 50))
+    found = prediction_errors(p, start(p))
+    e = found.errors[0][np.isfinite(found.errors[0])]
+    variance = np.mean(e**2)
+    assert found.covariance[0, 0] == pytest.approx(variance)
+    expected = 0.5 * np.sum(e**2 / variance + np.log(2 * np.pi * variance))
+    assert found.negative_log_likelihood == pytest.approx(expected, rel=1e-12)
+    assert np.isnan(found.errors[0][3, 0]) and e.size == TIME.size - 2
+
+
+def test_given_standard_deviation_is_kept():
+    found = prediction_errors(problem(std=0.3), start(problem()))
+    assert found.covariance == pytest.approx(np.array([[0.09]]))
+
+
+@pytest.mark.parametrize("gain", [None, np.array([[0.3], [0.5]])])
+@pytest.mark.parametrize("missing", [(), (7, 8, 60)])
+@pytest.mark.parametrize("n_records", [1, 2])
+def test_gradient_is_that_of_finite_differences(gain, missing, n_records):
+    p = problem(missing, gain, n_records)
+    z = start(p) + 0.01 * np.arange(start(p).size)
+    evaluate = objective(p)
+    step = 1e-5
+    slopes = [
+        (evaluate(z + step * e, False).value - evaluate(z - step * e, False).value) / (2 * step)
+        for e in np.eye(z.size)
+    ]
+    assert evaluate(z, True).gradient == pytest.approx(slopes, rel=1e-3, abs=1e-3 * np.max(np.abs(slopes)))
+
+
+def test_whitened_errors_have_the_slopes_of_finite_differences():
+    p = problem(missing=(7,), gain=np.array([[0.3], [0.5]]), std=0.02)
+    z, step = start(p), 1e-6
+    residuals, slopes = whitened(p, prediction_errors(p, z, with_slopes=True), z)
+    assert residuals[7] == 0.0 and np.all(slopes[:, 7] == 0.0)
+    for i, e in enumerate(np.eye(z.size)):
+        ahead, back = (
+            np.nan_to_num(prediction_errors(p, z + s * e).errors[0]).ravel() for s in (step, -step)
+        )
+        assert slopes[i] == pytest.approx((ahead - back) / (2 * step) / 0.02, rel=2e-3, abs=2e-3)
+
+
+def test_gain_that_trusts_the_output_removes_a_wrong_start():
+    p = problem()
+    z = start(p)
+    z[3:] = [3.0, 1.0]
+    far, corrected = prediction_errors(p, z), prediction_errors(replace(p, gain=np.array([[0.8], [2.0]])), z)
+    assert corrected.negative_log_likelihood < far.negative_log_likelihood - 50.0
+    assert np.std(corrected.errors[0][40:]) < 0.1
+
+
+def test_runaway_is_no_value():
+    p = problem()
+    z = start(p)
+    z[1] += 12.0  # of a damping in logarithms or scales: the other parameters turn it around
+    unstable = replace(
+        p,
+        unknowns=replace(p.unknowns, theta=np.array([4.0, -60.0, 2.0]), coordinates=()),
+        model=integrator(MODEL),
+    )
+    assert objective(unstable)(np.array([0.4, 0.0]), False) is None
