@@ -27,7 +27,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -397,39 +397,51 @@ LAWS: dict[str, Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]] = {
     "u|u|": lambda w, phi, u: u * np.abs(u),
     "DeadZone": lambda w, phi, u: u - np.sign(u) * np.maximum(np.abs(u) - 0.2, 0.0),
 }
-STLSQ_THRESHOLD = 0.02  # N.m, on columns of unit size: 1/50 of the drive's torque
+# The best of windows 9, 15, 21 and thresholds 0.02 to 0.2 on seeds 0 to 8 of these very records: in favour of
+# the regression. Both thresholds are shown, since hits are bought with false alarms.
+WINDOW = 9
+THRESHOLDS = (0.05, 0.1)  # rad/s2, on columns of unit size
+ALPHA = 0.05
 
 
-def smoothed_regression(experiment: Experiment, half: int) -> str:
-    """STLSQ of the residual torque, from the smoothed angle and its derivatives, on the library; inertia and
-    damping corrections are in the library too. The largest term that is no parameter, or empty."""
+def smoothed_regression(experiment: Experiment, half: int, threshold: float) -> str:
+    """STLSQ of the unexplained acceleration on the library, angle and input smoothed alike; u and w are
+    in the library too, which corrects inertia and damping. The largest term that is no parameter, or empty.
+
+    The acceleration stands on the left alone: with it among the columns the regression would only find the
+    equation of the nominal model again.
+    """
     period = experiment.time[1] - experiment.time[0]
     y, u = experiment.outputs[:half, 0], experiment.inputs[:half, 0]
-    phi, w, a = (savgol_filter(y, 21, 3, deriv=k, delta=period) for k in (0, 1, 2))
-    names = ["a", "w", *LAWS]
-    table = np.column_stack([a, w, *(law(w, phi, u) for law in LAWS.values())])
-    residual = 0.5 * a + 0.3 * w - u
-    inner = slice(21, half - 21)
-    table, residual = table[inner], residual[inner]
-    size = np.sqrt(np.mean(table**2, axis=0))
-    terms = stlsq(table / size, residual)
-    effects = {name: abs(x) for name, x in zip(names, terms, strict=True) if x and name not in ("a", "w")}
+    phi, w, a = (savgol_filter(y, WINDOW, 3, deriv=k, delta=period) for k in (0, 1, 2))
+    # A derivative in the middle of two held inputs sees their mean.
+    u = savgol_filter((u + np.r_[u[0], u[:-1]]) / 2.0, WINDOW, 3)
+    # Asymmetric friction is half of constant load and Coulomb friction: no column of its own.
+    laws = {name: law for name, law in LAWS.items() if name != "AsymmetricFriction"}
+    names = ["u", "w", *laws]
+    table = np.column_stack([u, w, *(law(w, phi, u) for law in laws.values())])
+    left = a - (u - 0.3 * w) / 0.5
+    inner = slice(WINDOW, half - WINDOW)
+    table, left = table[inner], left[inner]
+    terms = stlsq(table / np.sqrt(np.mean(table**2, axis=0)), left, threshold)
+    effects = {name: abs(x) for name, x in zip(names, terms, strict=True) if x and name not in ("u", "w")}
     return max(effects, key=lambda name: effects[name]) if effects else ""
 
 
-def stlsq(table: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Sequentially thresholded least squares: pySINDy's, or the same algorithm where it is missing."""
+def stlsq(table: np.ndarray, target: np.ndarray, threshold: float) -> np.ndarray:
+    """Sequentially thresholded ridge regression: pySINDy's, or the same algorithm where it is missing."""
     try:
         from pysindy import STLSQ
     except ImportError:
         kept = np.ones(table.shape[1], dtype=bool)
         x = np.zeros(table.shape[1])
         for _ in range(20):
+            own = table[:, kept]
             x = np.zeros(table.shape[1])
-            x[kept] = np.linalg.lstsq(table[:, kept], target, rcond=None)[0]
-            kept = np.abs(x) >= STLSQ_THRESHOLD
+            x[kept] = np.linalg.solve(own.T @ own + ALPHA * np.eye(own.shape[1]), own.T @ target)
+            kept = np.abs(x) >= threshold
         return np.where(kept, x, 0.0)
-    found = STLSQ(threshold=STLSQ_THRESHOLD, alpha=1e-6).fit(table, target[:, None])
+    found = STLSQ(threshold=threshold, alpha=ALPHA).fit(table, target[:, None])
     return np.asarray(found.coef_).ravel()
 
 
@@ -492,7 +504,11 @@ def simulated(p: np.ndarray, u: np.ndarray, period: float, law: Callable | None)
     return np.nan_to_num(angles, nan=1e6, posinf=1e6, neginf=-1e6)
 
 
-PEERS = {"smoothed regression": smoothed_regression, "stepwise output error": stepwise_output_error}
+PEERS: dict[str, Callable[[Experiment, int], str]] = {
+    f"smoothed regression, threshold {t}": partial(smoothed_regression, threshold=t) for t in THRESHOLDS
+} | {"stepwise output error": stepwise_output_error}
+# Names that count as right for the peers besides the case's own.
+SPANNED = {"rotor-asymmetric": ("CoulombFriction",)}
 
 
 # Report -----------------------------------------------------------------------------------------------------
@@ -561,10 +577,15 @@ def _by_case(runs: Sequence[Run]) -> list[str]:
 
 
 def _peers(runs: Sequence[Run]) -> list[str]:
-    some = [r for r in runs if r.peers]
+    some = [r for r in runs if r.peers.keys() >= PEERS.keys()]
     names = {case.name: case.names for case in CASES}
+    spanned = {name: (*own, *SPANNED.get(name, ())) for name, own in names.items()}
     methods: dict[str, Callable[[Run], tuple[bool, bool, float]]] = {
-        name: lambda r, name=name: (bool(r.peers[name]), r.peers[name] in names[r.case], r.peer_seconds[name])
+        name: lambda r, name=name: (
+            bool(r.peers[name]),
+            r.peers[name] in spanned[r.case],
+            r.peer_seconds[name],
+        )
         for name in PEERS
     }
     methods["daest"] = lambda r: (bool(r.claimed), r.is_right, r.seconds)
