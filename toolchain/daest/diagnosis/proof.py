@@ -137,17 +137,18 @@ def prove(
 
 
 def _explained(null_fit: FitResult, null: Null, before: SmoothedLoad | None) -> float:
-    """Share of the unexplained load that is gone with the effect in the model: of its size in the noise
-    model, or of its smoothed course (rms), whichever is more. 1 where the null needed no load: there was none
-    to explain.
+    """Share of the unexplained loads that is gone with the effect in the model: of their sizes in the noise
+    model, or of the smoothed course (rms) of the one that matters most, whichever is more. 1 where the null
+    needed no load: there was none to explain.
 
-    The noise model's size also holds fast ripple that no effect removes; the smoothed course, where two
-    effects are missing, also holds the other one.
+    Sizes also hold fast ripple that no effect removes; the smoothed course, where two effects are missing,
+    also holds the other one.
     """
     if before is None:
         return 1.0
-    was, now = (loads_of(fit, null.places)[before.index].size for fit in (null_fit, null.fit))
-    shares = [1.0 - now / was if was > 0.0 else 1.0]
+    was, now = (np.array([load.size for load in loads_of(f, null.places)]) for f in (null_fit, null.fit))
+    left = np.minimum(now / np.where(was > 0.0, was, np.inf), 1.0)
+    shares = [float(1.0 - np.sum(was**2 * left) / np.sum(was**2)) if np.any(was > 0.0) else 1.0]
     after = smoothed_at(null, run_null(null), before.index)
     size = float(np.sqrt(np.mean(before.values**2)))
     if after is not None and size > 0.0:
