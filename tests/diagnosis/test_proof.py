@@ -11,7 +11,6 @@ from daest.diagnosis.candidates import pairs
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.proof import (
     Trial,
-    _explained,
     _failed_gate,
     _inside,
     _simulates_better,
@@ -159,13 +158,10 @@ def test_ranking():
     assert ranked([]) == ()
 
 
-def test_share_explained_is_of_the_smoothed_load():
-    stand = rubbing()
-    run = run_null(stand.null)
-    load = smoothed_load(stand.null, run, place_gains(stand.null, run))
-    assert _explained(stand.null, None) == 1.0
-    assert _explained(stand.null, load) == pytest.approx(0.0, abs=1e-9)
-    assert _explained(stand.null, replace(load, values=2.0 * load.values)) == pytest.approx(0.5)
+def test_without_a_load_everything_is_explained():
+    stand, (prepared, _) = rubbing(), proved()
+    proof = prove(stand.null, stand.baseline, prepared, stand.null.experiments, stand.validation, None)
+    assert proof.explained == 1.0
 
 
 def test_sizes_start_off_their_bounds():
