@@ -54,6 +54,12 @@ class Identified:
     help="Output error, or prediction error (default: pem if the model has process noise).",
 )
 @click.option(
+    "--likelihood",
+    type=click.Choice(["observer", "ekf"]),
+    default="observer",
+    help="One-step predictions of a nonlinear model: constant gain, or extended Kalman filter.",
+)
+@click.option(
     "--estimate", metavar="NAME", multiple=True, help="Estimate this parameter (default: the marked ones)."
 )
 @click.option("--fix", metavar="NAME=VALUE", multiple=True, help="Hold a parameter at a value.")
@@ -75,6 +81,7 @@ def command(
     data: tuple[Path, ...],
     model: Path | None,
     method: Any,
+    likelihood: Any,
     estimate: tuple[str, ...],
     fix: tuple[str, ...],
     starts: int,
@@ -103,6 +110,7 @@ def command(
     data_choice = DataOptions(start, stop, period, detrend, split, hold)
     options = IdentifyOptions(
         method=method,
+        likelihood=likelihood,
         estimate=estimate or None,
         fix=assignments(fix, "--fix"),
         hold=data_choice.known_hold(project),

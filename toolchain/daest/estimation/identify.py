@@ -15,6 +15,7 @@ from daest.estimation.agreement import predicted_agreement, simulated_agreement
 from daest.estimation.arx import matched_start
 from daest.estimation.checks import check_bounds, check_records, check_start, known_name
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.ekf_likelihood import identify_by_ekf
 from daest.estimation.identify_nonlinear import identify_nonlinear
 from daest.estimation.noise_start import better_noise, with_noise
 from daest.estimation.output_error import Problem
@@ -101,7 +102,9 @@ def _identified_nonlinear(
     n_w, n_y = len(family.noises), len(family.outputs)
     estimated = np.array([setup.process[i] for i in range(n_w)], dtype=bool)
     searched = np.array([setup.measurement[j] for j in range(n_y)], dtype=bool)
-    return identify_nonlinear(
+    by_ekf = setup.method == "pem" and options.likelihood == "ekf"
+    search = identify_by_ekf if by_ekf else identify_nonlinear
+    return search(
         reduce_index(flat),
         setup.problem.unknowns,
         [in_model_order(e, family) for e in estimation],

@@ -47,6 +47,7 @@ from daest.systems.initialize import initial_point
 from daest.systems.integrate import Hold, integrator, interval_inputs
 
 FIRST_LENGTH = 500  # samples of the fit that finds the initial state before the whole record is used
+SHORT_LENGTH = 100  # samples that also must show a direction as flat before it is called unidentifiable
 HOLD_ITERATIONS = 6
 NOISE_ROUNDS = 2  # of searching noise levels and parameters in turn
 NOISE_EVALUATIONS = 40  # of the simplex search over noise levels in each round
@@ -213,7 +214,12 @@ def _check(problem: TrajectoryProblem, z: np.ndarray) -> None:
             where=text,
             remedy="fix it to a known value (--fix), or measure an output that it moves",
         )
+    # An unstable simulation drowns every direction but one in its growth: a short piece is asked too.
+    short = replace(problem, experiments=tuple(_head(e, SHORT_LENGTH) for e in problem.experiments))
+    head = trajectories.objective(short)(z, True)
     flat = flat_directions(part)
+    if head is not None and head.information is not None:
+        flat = flat if flat_directions(head.information[:n, :n]).shape[1] else flat[:, :0]
     if flat.shape[1]:
         direction = np.abs(flat[:, 0])
         involved = [n for n, w in zip(names, direction, strict=True) if w > 1e-3 * np.max(direction)]

@@ -30,7 +30,9 @@ class IdentifyOptions:
     parameters a value, `start` start values, `bounds` (min, max) in place of the model's. `process_noise`
     and `measurement_noise` are by noise and output name. `hold` None tries foh and zoh and takes the
     better one. `starts` searches from that many start points, seeded by `seed`; without `second_look` a fit
-    that leaves coloured residuals is not tried again from elsewhere. `split` in (0, 1) keeps that first part
+    that leaves coloured residuals is not tried again from elsewhere. `likelihood` is that of the one-step
+    predictions of a nonlinear model ("pem"): by an observer with a constant gain, or by the extended Kalman
+    filter, which suits smooth models and estimates the noise exactly. `split` in (0, 1) keeps that first part
     of every experiment for the estimation and the rest for the validation.
     """
 
@@ -46,6 +48,7 @@ class IdentifyOptions:
     seed: int = 0
     max_iterations: int = 60
     second_look: bool = True
+    likelihood: Literal["observer", "ekf"] = "observer"
     split: float | None = None
 
 
