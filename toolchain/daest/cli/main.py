@@ -37,6 +37,9 @@ COMMANDS = {
     "improve": "Add what is missing, effect by effect, as Modelica models.",
     "explain": "Explain a message by its code.",
 }
+# Threads inside the linear algebra of small matrices cost more than they bring. Read when numpy loads.
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
 TRACEBACK_VARIABLE = "DAEST_TRACEBACK"
 
 
