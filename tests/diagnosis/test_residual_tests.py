@@ -170,7 +170,6 @@ def test_false_alarm_rate_over_200_records(tmp_path):
         assert low <= np.sum(np.array(values) < 0.05) <= high, key
 
 
-@pytest.mark.slow
 def test_bootstrap_agrees_with_the_tables_where_they_hold(tmp_path):
     path = tmp_path / "Oscillator.mo"
     path.write_text(OSCILLATOR.format(extra=""))

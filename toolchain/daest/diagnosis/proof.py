@@ -19,6 +19,7 @@ from daest.modelica.attach import attach
 from daest.systems.reduce import reduce_index
 
 ALIKE = 0.98  # correlation of two scores above which the sensors do not tell two places apart
+SAME_SCORE = 0.999  # scores this close, relative, are equal
 SAME_BIC = 6.0  # a candidate that is worse by less is not clearly worse (3 units of log-likelihood)
 LEAST_EXPLAINED = 0.5  # of the load's size that an accepted effect must do away with
 PARTLY_EXPLAINED = 0.35  # enough where the simulation of unseen data becomes much better besides
@@ -56,8 +57,18 @@ def trials(screen: Screen, level: float, most: int) -> tuple[Trial, ...]:
         # Other shapes at a place that is taken are found by the refit.
         taken.update(near, own_site)
         taken.update(j for j in same if entries[j].candidate.site.name in places)
-        chosen.append(Trial(entry.candidate, entry.sizes, tuple(places.values())))
+        # Among places that the sensors see alike, the first of the model speaks for all.
+        group = [entries[j] for j in (i, *near) if entries[j].score >= SAME_SCORE * entry.score]
+        first = min(group, key=lambda e: _position(e.candidate))
+        places.setdefault(entry.candidate.site.name, entry.candidate)
+        places.pop(first.candidate.site.name, None)
+        chosen.append(Trial(first.candidate, first.sizes, tuple(places.values())))
     return tuple(chosen)
+
+
+def _position(candidate: Candidate) -> tuple[int, ...]:
+    """Place in the order of the search, which is that of the library and of the model."""
+    return tuple(int(part) for part in candidate.name.split("_")[1:] if part.isdigit())
 
 
 @dataclass(frozen=True)
