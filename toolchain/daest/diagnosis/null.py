@@ -31,9 +31,8 @@ GIVEN_LOADS = (5.0, 50.0)  # sampling periods, where the data do not determine a
 @dataclass(frozen=True)
 class Null:
     """`flat` is the model with the loads attached and all values at the estimate; `fit` the fit of that
-    model; `plain` the model without loads at the same values."""
+    model."""
 
-    plain: FlatModel
     flat: FlatModel
     explicit: ExplicitModel
     fit: FitResult
@@ -101,7 +100,7 @@ def fit_null(
             raise
         # Nothing in the data tells the time constants apart: the most likely of a few.
         fit = _with_given_time_constants(loaded, physical, experiments, hold, period, longest)
-    return _at_estimate(flat, loaded, fit, places, tuple(experiments))
+    return _at_estimate(loaded, fit, places, tuple(experiments))
 
 
 def _with_given_time_constants(
@@ -122,16 +121,14 @@ def _with_given_time_constants(
 
 
 def _at_estimate(
-    flat: FlatModel,
     loaded: FlatModel,
     fit: FitResult,
     places: tuple[LoadPlace, ...],
     experiments: tuple[Experiment, ...],
 ) -> Null:
-    valued, plain = _with_theta(loaded, fit.theta), _with_theta(flat, fit.theta)
+    valued = _with_theta(loaded, fit.theta)
     explicit = reduce_index(valued)
     return Null(
-        plain=plain,
         flat=pinned(valued, explicit),
         explicit=explicit,
         fit=fit,
