@@ -10,6 +10,7 @@ from typing import Any
 import click
 import numpy as np
 
+from daest.cli.kept import keep, made_from, unseen_files
 from daest.cli.models import load_model, model_source, with_outputs
 from daest.cli.options import (
     class_options,
@@ -105,6 +106,9 @@ def command(
 
         with whole_file(plot) as temporary:
             save(comparison_figure(found.comparison), temporary)
+    sources = [model_source(project, path) for path in models] or [model_source(project, None)]
+    origin = made_from(project, sources, unseen_files(project, data))
+    keep(project, "comparison", "compare", found.document, origin, documents.series(found.comparison))
     emit(found.document, "compare", form, output, texts.text)
     too_low = fail_below is not None and _is_below(found.comparison, fail_below)
     falsified = fail_if_falsified and _is_falsified(found.comparison)

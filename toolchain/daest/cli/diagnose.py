@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from daest.cli.kept import made_from, training_files
 from daest.cli.models import load_model, model_source
 from daest.cli.options import (
     class_options,
@@ -66,6 +67,7 @@ class Case:
     validation: list[Experiment]
     library: tuple[Effect, ...]
     options: DiagnoseOptions
+    recordings: tuple[Path, ...] = ()
 
 
 @click.command("diagnose", epilog=example("daest diagnose run1.csv --model Servo.mo --split 0.5"))
@@ -169,6 +171,7 @@ def opened(
         validation,
         library,
         _options(flat, estimation, validation, folders, search, data_choice, project, source),
+        tuple(training_files(project, data)),
     )
 
 
@@ -305,8 +308,9 @@ def written_document(case: Case, diagnosis: Diagnosis) -> dict[str, Any]:
 
     content = {**document(diagnosis, models_of(case, diagnosis)), **context(case)}
     path = case.project.results / RESULT
+    stored = with_schema({**content, "made_from": origin(case)}, "diagnose")
     with whole_file(path) as temporary:
-        temporary.write_text(to_json(with_schema(content, "diagnose")), encoding="utf-8")
+        temporary.write_text(to_json(stored), encoding="utf-8")
     note(f"the diagnosis is in {path}")
     return content
 
@@ -320,6 +324,11 @@ def models_of(case: Case, diagnosis: Diagnosis) -> dict[str, Written]:
         for proof in diagnosis.proofs
         if proof.verdict != "rejected"
     }
+
+
+def origin(case: Case) -> dict[str, Any]:
+    """Versions, and fingerprints of the model and of the recordings."""
+    return made_from(case.project, [case.source], case.recordings)
 
 
 def context(case: Case) -> dict[str, Any]:

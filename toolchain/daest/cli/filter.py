@@ -10,6 +10,7 @@ from typing import Any
 import click
 import numpy as np
 
+from daest.cli.kept import keep, made_from, unseen_files
 from daest.cli.models import load_model, model_source
 from daest.cli.options import (
     class_options,
@@ -116,7 +117,12 @@ def command(
 
         with whole_file(plot) as temporary:
             save(filter_figure(result, experiment, only), temporary)
-    emit(documents.document(result), "filter", form, None, texts.text)
+    document = documents.document(result)
+    names = documents.shown(result, experiment, only)
+    origin = made_from(project, [model_source(project, model)], unseen_files(project, [data] if data else []))
+    described = {**document, "series": documents.described(result, experiment, names)}
+    keep(project, "filter", "filter", described, origin, documents.series(result, experiment, names))
+    emit(document, "filter", form, None, texts.text)
 
 
 @dataclass(frozen=True)

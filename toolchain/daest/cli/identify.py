@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from daest.cli.kept import made_from, training_files
 from daest.cli.models import load_model, model_source
 from daest.cli.options import (
     assignments,
@@ -141,7 +142,8 @@ def identified(
     options = options or IdentifyOptions(hold=data_options.known_hold(project))
     result = identify(flat, estimation, options, validation)
     document = documents.document(result)
-    path = save_fit(project, source, flat.name, document)
+    origin = made_from(project, [source], training_files(project, data))
+    path = save_fit(project, source, flat.name, document, origin)
     note(f"the fit is in {path}")
     if not result.is_converged:
         note(f"not converged: {result.message}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from daest.cli.diagnose import Case, Search, context, opened
+from daest.cli.diagnose import Case, Search, context, opened, origin
 from daest.cli.options import (
     class_options,
     data_options,
@@ -146,7 +146,7 @@ def improved(case: Case, folder: Path, most_effects: int) -> dict[str, Any]:
         step["model_reason"] = models[number].reason if number in models else ""
         step["model_rms"] = errors.get(number)
         _compare(number, step)
-    _write(document, models, files, folder)
+    _write(document, origin(case), models, files, folder)
     return document
 
 
@@ -183,7 +183,13 @@ def _files(models: dict[int, Written], found: Improvement) -> dict[int, str]:
     }
 
 
-def _write(document: dict[str, Any], models: dict[int, Written], files: dict[int, str], folder: Path) -> None:
+def _write(
+    document: dict[str, Any],
+    made_from: dict[str, Any],
+    models: dict[int, Written],
+    files: dict[int, str],
+    folder: Path,
+) -> None:
     """Models, picture and, last, the ledger; files of an earlier ledger that have no successor go."""
     from daest.report.diagnosis_figures import staircase_figure
     from daest.report.figures import save
@@ -195,7 +201,9 @@ def _write(document: dict[str, Any], models: dict[int, Written], files: dict[int
     with whole_file(folder / PICTURE) as temporary:
         save(staircase_figure(document), temporary)
     with whole_file(folder / LEDGER) as temporary:
-        temporary.write_text(to_json(with_schema(document, "improve")), encoding="utf-8")
+        temporary.write_text(
+            to_json(with_schema({**document, "made_from": made_from}, "improve")), encoding="utf-8"
+        )
     for name in earlier - set(files.values()):
         (folder / name).unlink(missing_ok=True)
 

@@ -8,7 +8,9 @@ from pathlib import Path
 import click
 import numpy as np
 
+from daest.cli.kept import keep, made_from
 from daest.cli.linear import load_linear
+from daest.cli.models import model_source
 from daest.cli.options import (
     class_options,
     example,
@@ -67,5 +69,8 @@ def command(
         norms = np.array([place.projection_norm for place in report.places])
         with whole_file(plot) as temporary:
             save(noise_figure(dae, admissible, norms), temporary)
-    emit(documents.document(report), "noise", form, output, texts.text)
+    document = documents.document(report)
+    origin = made_from(project, [model_source(project, model)])
+    keep(project, "noise", "noise", {**document, "structure": documents.structure(dae)}, origin)
+    emit(document, "noise", form, output, texts.text)
     return int(not report.all_admissible)

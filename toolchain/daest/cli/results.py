@@ -18,9 +18,13 @@ LATEST = "fit.json"
 BY_MODEL = "fits"  # one fit per model, so that compare finds each one's
 
 
-def save_fit(project: Project, source: Path, name: str, document: Mapping[str, Any]) -> Path:
-    """Write the fit as results/fit.json and as the fit of this model; returns the first."""
-    marked = with_schema({**document, "model": _model_key(project, source, name)}, "identify")
+def save_fit(
+    project: Project, source: Path, name: str, document: Mapping[str, Any], origin: Mapping[str, Any]
+) -> Path:
+    """Write the fit as results/fit.json and as the fit of this model; returns the first. `origin` says what
+    it was made from."""
+    key = _model_key(project, source, name)
+    marked = with_schema({**document, "model": key, "made_from": origin}, "identify")
     for path in (project.results / BY_MODEL / f"{name}.json", project.results / LATEST):
         with whole_file(path) as temporary:
             temporary.write_text(to_json(marked), encoding="utf-8")

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from daest.model.comparison import Comparison, Finding, Horizon, ModelTrial, ResidualTest
 
 
@@ -26,6 +28,20 @@ def document(comparison: Comparison) -> dict[str, Any]:
             for trial in comparison.models
         ],
     }
+
+
+def series(comparison: Comparison) -> dict[str, np.ndarray]:
+    """Arrays by `R.time` and `R.measured` of recording R, and `R.M.simulated`, `R.M.predicted` and, where
+    the model was tested, `R.M.residuals` of model M on it; columns are the outputs."""
+    arrays: dict[str, np.ndarray] = {}
+    for r, experiment in enumerate(comparison.experiments):
+        arrays[f"{r}.time"], arrays[f"{r}.measured"] = experiment.time, experiment.outputs
+        for m, trial in enumerate(comparison.models):
+            arrays[f"{r}.{m}.simulated"] = trial.simulated[r]
+            arrays[f"{r}.{m}.predicted"] = trial.predicted[r]
+            if trial.residuals:
+                arrays[f"{r}.{m}.residuals"] = trial.residuals[r]
+    return arrays
 
 
 def _model(trial: ModelTrial) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from daest.diagnosis.written import Written
-from daest.model.diagnosis import Diagnosis, Improvement, Proof, Step
+from daest.model.diagnosis import Diagnosis, DisturbanceCurve, Improvement, Proof, Step
 from daest.model.fit import Agreement, FitResult
 
 SCREENED = 20  # entries of the screen that are listed
@@ -14,7 +14,6 @@ SCREENED = 20  # entries of the screen that are listed
 
 def document(diagnosis: Diagnosis, models: Mapping[str, Written] | None = None) -> dict[str, Any]:
     """`models`: the extended models by candidate name."""
-    curve = diagnosis.disturbance
     return {
         "verdict": diagnosis.verdict,
         "message": diagnosis.message,
@@ -46,18 +45,22 @@ def document(diagnosis: Diagnosis, models: Mapping[str, Written] | None = None) 
             }
             for g in diagnosis.places
         ],
-        "disturbance": None
-        if curve is None
-        else {
-            "place": curve.place,
-            "variable": curve.variable,
-            "unit": curve.unit,
-            "variable_unit": curve.variable_unit,
-            "explained": curve.explained,
-            "curve": [list(map(float, row)) for row in zip(curve.x, curve.w, curve.std, strict=True)],
-        },
+        "disturbance": _curve(diagnosis.disturbance),
         "next_experiment": diagnosis.next_experiment,
         "seconds": diagnosis.seconds,
+    }
+
+
+def _curve(curve: DisturbanceCurve | None) -> dict[str, Any] | None:
+    if curve is None:
+        return None
+    return {
+        "place": curve.place,
+        "variable": curve.variable,
+        "unit": curve.unit,
+        "variable_unit": curve.variable_unit,
+        "explained": curve.explained,
+        "curve": [list(map(float, row)) for row in zip(curve.x, curve.w, curve.std, strict=True)],
     }
 
 
@@ -125,6 +128,7 @@ def _step(step: Step, model: str | None) -> dict[str, Any]:
         "component": None if proof is None else proof.candidate.name,
         "equivalent_places": [] if proof is None else list(proof.equivalent),
         **_errors(step.fit),
+        "disturbance": None if step.diagnosis is None else _curve(step.diagnosis.disturbance),
         "verdict": "baseline" if proof is None else proof.verdict,
         "remark": step.remark,
         "log_likelihood": step.fit.log_likelihood,

@@ -10,6 +10,7 @@ import numpy as np
 
 from daest.errors import EstimationError
 from daest.model.estimates import FilterResult
+from daest.model.experiment import Experiment
 
 
 def document(result: FilterResult) -> dict[str, Any]:
@@ -47,6 +48,42 @@ def document(result: FilterResult) -> dict[str, Any]:
         else {"median": float(np.median(effective)), "least": float(effective.min())},
         "undetermined": [result.names[i] for i in np.flatnonzero(np.isinf(result.std[-1]))],
         "messages": list(result.messages),
+    }
+
+
+def shown(result: FilterResult, experiment: Experiment, only: Sequence[str] = ()) -> list[str]:
+    """The variables that a picture shows: `only`, else the measured outputs."""
+    return list(only) or [name for name in experiment.output_names if name in result.names]
+
+
+def described(result: FilterResult, experiment: Experiment, names: Sequence[str]) -> list[dict[str, Any]]:
+    """What the columns of `series` are."""
+    return [
+        {
+            "name": name,
+            "unit": result.units[_column(result, name)],
+            "measured": name in experiment.output_names,
+            "used": name in result.measure,
+        }
+        for name in names
+    ]
+
+
+def series(result: FilterResult, experiment: Experiment, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """`time` (n_samples,), and `values`, `std` and `measured` (n_samples, n_names), NaN where nothing is
+    known."""
+    columns = [_column(result, name) for name in names]
+    measured = [
+        experiment.outputs[:, experiment.output_names.index(name)]
+        if name in experiment.output_names
+        else np.full(result.time.size, np.nan)
+        for name in names
+    ]
+    return {
+        "time": result.time,
+        "values": result.values[:, columns],
+        "std": result.std[:, columns],
+        "measured": np.array(measured).reshape(len(names), -1).T,
     }
 
 

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+import scipy.sparse as sp
+
+from daest.model.linear import LinearDAE, Matrix
 from daest.model.noise import NoisePlace, NoiseReport
 from daest.report.documents.parts import decision_entry, equation_entry
 
@@ -30,6 +34,20 @@ def document(report: NoiseReport) -> dict[str, Any]:
         "tolerance": report.tolerance,
         "decisions": [decision_entry(decision) for decision in report.decisions],
     }
+
+
+def structure(dae: LinearDAE) -> dict[str, Any]:
+    """Unknowns with their units, and the places [row, column] of E and J that are not zero."""
+    return {
+        "unknowns": [{"name": v.name, "unit": v.unit} for v in dae.unknowns],
+        "E": _pattern(dae.E),
+        "J": _pattern(dae.J),
+    }
+
+
+def _pattern(matrix: Matrix) -> list[list[int]]:
+    dense = sp.csr_array(matrix).toarray() if sp.issparse(matrix) else np.asarray(matrix)
+    return np.argwhere(dense != 0.0).tolist()
 
 
 def _noise(place: NoisePlace) -> dict[str, Any]:
