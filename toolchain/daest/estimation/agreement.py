@@ -4,6 +4,7 @@ prediction.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -53,4 +54,21 @@ def _agreement(
             spread += float(np.sum((measured - measured.mean()) ** 2)) if measured.size else 0.0
         rms[output.name] = float(np.sqrt(error / count))
         fits[output.name] = float(100.0 * (1.0 - np.sqrt(error / spread))) if spread > 0.0 else None
+    return Agreement(fits, rms)
+
+
+def agreement_of(
+    names: Sequence[str], measured: Sequence[np.ndarray], errors: Sequence[np.ndarray] | None
+) -> Agreement:
+    """Agreement from the errors of all experiments (n_samples, n_y), NaN where missing; None: no errors."""
+    fits: dict[str, float | None] = dict.fromkeys(names)
+    rms: dict[str, float | None] = dict.fromkeys(names)
+    for j, name in enumerate(names if errors is not None else ()):
+        assert errors is not None
+        left = np.concatenate([e[np.isfinite(e[:, j]), j] for e in errors])
+        seen = [m[np.isfinite(m[:, j]), j] for m in measured]
+        spread = sum(float(np.sum((m - m.mean()) ** 2)) for m in seen if m.size)
+        if left.size:
+            rms[name] = float(np.sqrt(np.mean(left**2)))
+            fits[name] = float(100.0 * (1.0 - np.sqrt(np.sum(left**2) / spread))) if spread > 0.0 else None
     return Agreement(fits, rms)

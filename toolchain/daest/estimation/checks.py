@@ -83,14 +83,15 @@ def check_records(family: StateSpaceFamily, records: tuple[Record, ...], n_unkno
         )
 
 
-def check_start(unknowns: Unknowns, start: Evaluation | None, n_observed: int) -> None:
-    """Errors `identify-no-start`, `identify-no-influence`, `identify-unidentifiable`."""
+def check_start(
+    unknowns: Unknowns, start: Evaluation | None, n_observed: int, piece: Evaluation | None = None
+) -> None:
+    """Errors `identify-no-start`, `identify-no-influence`, `identify-unidentifiable`.
+
+    A `piece` of the same data must agree that a direction is flat.
+    """
     if start is None:
-        raise EstimationError(
-            "identify-no-start",
-            "the model cannot be evaluated at the start values: its outputs are not finite",
-            remedy="check the start values (an unstable model overflows in a long simulation; then use pem)",
-        )
+        raise no_start()
     names = [c.name for c in unknowns.coordinates]
     dead = without_influence(start.information, n_observed)
     if np.any(dead):
@@ -102,7 +103,7 @@ def check_start(unknowns: Unknowns, start: Evaluation | None, n_observed: int) -
             remedy="fix it to a known value (--fix), or measure an output that it moves",
         )
     flat = flat_directions(start.information)
-    if flat.shape[1]:
+    if flat.shape[1] and (piece is None or flat_directions(piece.information).shape[1]):
         direction = np.abs(flat[:, 0])
         involved = [n for n, w in zip(names, direction, strict=True) if w > 1e-3 * np.max(direction)]
         raise EstimationError(
@@ -111,6 +112,16 @@ def check_start(unknowns: Unknowns, start: Evaluation | None, n_observed: int) -
             where=", ".join(involved),
             remedy="fix one of them to a known value (--fix NAME=VALUE)",
         )
+
+
+def no_start() -> EstimationError:
+    """Error `identify-no-start`."""
+    return EstimationError(
+        "identify-no-start",
+        "the model cannot be simulated at the start values: it fails, or its outputs are not finite",
+        remedy="check the start values of parameters and states; smooth discontinuities with a width; "
+        "an unstable model overflows in a long simulation (use pem then)",
+    )
 
 
 def _is_constant(signal: np.ndarray) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 
 from daest.errors import EstimationError
 from daest.estimation import trajectories
+from daest.estimation.agreement import agreement_of
 from daest.estimation.coordinates import Coordinate, Unknowns
 from daest.estimation.ekf import EkfLikelihood, ekf_likelihood, run_ekf
 from daest.estimation.filter_task import Directions, Noise, Record, Start, record
@@ -387,20 +388,6 @@ def _agreements(
         data = record(problem.model, experiment.time, experiment.inputs, experiment.outputs, first.hold)
         run = run_ekf(problem.model, data, theta, noise, Start(start, 1e-2 * wide), problem.longest)
         predicted.append(run.innovations)
-    return {"estimation": _agreement(names, measured, simulated)}, {
-        "estimation": _agreement(names, measured, predicted)
+    return {"estimation": agreement_of(names, measured, simulated)}, {
+        "estimation": agreement_of(names, measured, predicted)
     }
-
-
-def _agreement(names: list[str], measured: list[np.ndarray], errors: list[np.ndarray] | None) -> Agreement:
-    fits: dict[str, float | None] = dict.fromkeys(names)
-    rms: dict[str, float | None] = dict.fromkeys(names)
-    for j, name in enumerate(names if errors is not None else []):
-        assert errors is not None
-        left = np.concatenate([e[np.isfinite(e[:, j]), j] for e in errors])
-        seen = [m[np.isfinite(m[:, j]), j] for m in measured]
-        spread = sum(float(np.sum((m - m.mean()) ** 2)) for m in seen if m.size)
-        if left.size:
-            rms[name] = float(np.sqrt(np.mean(left**2)))
-            fits[name] = float(100.0 * (1.0 - np.sqrt(np.sum(left**2) / spread))) if spread > 0.0 else None
-    return Agreement(fits, rms)

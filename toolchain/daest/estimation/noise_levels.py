@@ -1,0 +1,185 @@
+"""The most likely noise levels of a nonlinear model, by the one-step predictions of an observer.
+
+The gain is the stationary Kalman gain of the average linearisation for the levels tried. It depends on the
+ratios of the levels alone; their common size follows from the innovations wherever no level is given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize
+
+from daest.estimation.observer import AverageModel, Observer, average_model, observer
+from daest.estimation.search import Found
+from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
+from daest.model.fit import Method
+from daest.systems.integrate import interval_inputs
+
+NOISE_EVALUATIONS = 40  # of the simplex search over noise levels in each round
+NOISE_SPREAD = np.log(10.0)  # first step of that search
+STD_SHARE = 0.1  # of that step: a measurement noise shows better than a process noise
+SCAN = (0.0, -2.3, -4.6, -9.2, -13.8)  # logs of common factors that a search over noise levels tries first
+
+
+@dataclass(frozen=True)
+class NonlinearSetup:
+    """What is searched: the problem without a gain, the method, and the noise levels known beforehand."""
+
+    problem: TrajectoryProblem
+    method: Method
+    intensity: np.ndarray  # (n_w,), NaN where unknown
+    estimate_intensity: np.ndarray  # (n_w,) bool
+    notes: tuple[str, ...]
+
+    @property
+    def given_std(self) -> np.ndarray:
+        """(n_y,), NaN where estimated."""
+        return self.problem.given_std
+
+    @property
+    def has_free_size(self) -> bool:
+        """Whether all levels can grow by a common factor."""
+        held = self.intensity[~self.estimate_intensity]
+        return bool(np.all(np.isnan(self.given_std)) and np.all(np.nan_to_num(held) == 0.0))
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Noise levels: intensity (n_w,) and measurement standard deviation (n_y,)."""
+
+    intensity: np.ndarray
+    measurement_std: np.ndarray
+
+    def times(self, size: float) -> Levels:
+        """All variances times `size`."""
+        return Levels(self.intensity * size, self.measurement_std * np.sqrt(size))
+
+
+@dataclass(frozen=True)
+class Ending:
+    """Where one search ended: the problem with its gain, and the noise levels behind the gain (None without
+    one)."""
+
+    problem: TrajectoryProblem
+    found: Found
+    levels: Levels | None
+
+
+def with_gain(
+    setup: NonlinearSetup,
+    z: np.ndarray,
+    known: Levels | None,
+    around: Levels | None = None,
+    evaluations: int = NOISE_EVALUATIONS,
+) -> tuple[TrajectoryProblem, Levels | None]:
+    """The problem with the gain of the most likely noise levels at the parameters z, and these levels.
+
+    Searched from `around`, by default from `known` levels and a first guess where there are none. Where no
+    level makes a gain, the problem as it is with `known`.
+    """
+    problem = setup.problem
+    average = average_along(problem, z)
+    start = around or _first_levels(setup, average, z, known)
+    q_free = np.flatnonzero(setup.estimate_intensity)
+    std_free = np.flatnonzero(np.isnan(setup.given_std))[1 if setup.has_free_size else 0 :]
+
+    def levels(logs: np.ndarray) -> Levels:
+        q, std = start.intensity.copy(), start.measurement_std.copy()
+        q[q_free] *= np.exp(logs[: q_free.size])
+        std[std_free] *= np.exp(logs[q_free.size :])
+        return Levels(q, std)
+
+    def value(logs: np.ndarray) -> float:
+        tried = levels(logs)
+        found = observer(average, tried.intensity, tried.measurement_std)
+        if found is None:
+            return np.inf
+        errors = prediction_errors(gained(problem, found), z)
+        return np.inf if errors is None else errors.negative_log_likelihood
+
+    best = _searched_logs(value, q_free.size, std_free.size, evaluations)
+    found_levels = levels(best)
+    found = observer(average, found_levels.intensity, found_levels.measurement_std)
+    if found is None:
+        return problem, known
+    sized = at_size_of_innovations(setup, gained(problem, found), z, found_levels, found)
+    return (problem, known) if sized is None else (gained(problem, found), sized)
+
+
+def gained(problem: TrajectoryProblem, found: Observer) -> TrajectoryProblem:
+    """The predictor with this gain. Its errors are innovations, of which no covariance is given."""
+    return replace(problem, gain=found.gain, given_std=np.full(problem.given_std.size, np.nan))
+
+
+def at_size_of_innovations(
+    setup: NonlinearSetup, problem: TrajectoryProblem, z: np.ndarray, levels: Levels, found: Observer
+) -> Levels | None:
+    """The levels, with the common size that the innovations tell where it is free; None where the predictor
+    fails."""
+    errors = prediction_errors(problem, z)
+    if errors is None:
+        return None
+    if not setup.has_free_size:
+        return levels
+    return levels.times(float(np.mean(np.diagonal(errors.covariance) / np.diagonal(found.innovation_cov))))
+
+
+def average_along(problem: TrajectoryProblem, z: np.ndarray) -> AverageModel:
+    """Average linearisation along the longest experiment."""
+    longest = int(np.argmax([e.n_samples for e in problem.experiments]))
+    experiment = problem.experiments[longest]
+    errors = prediction_errors(problem, z)
+    assert errors is not None
+    u0, _ = interval_inputs(problem.model.explicit, experiment.time, experiment.inputs, problem.hold)
+    ubar = np.vstack([u0, u0[-1:]])
+    states = errors.trajectories[longest].states
+    return average_model(problem.model.explicit, problem.theta(z), experiment.time, states, ubar)
+
+
+def _first_levels(
+    setup: NonlinearSetup, average: AverageModel, z: np.ndarray, known: Levels | None
+) -> Levels:
+    rough = _rough_std(setup.problem, z)
+    intensity = setup.intensity if known is None else known.intensity
+    intensity = np.where(np.isnan(intensity), _unit_intensity(average, rough), intensity)
+    return Levels(intensity, np.where(np.isnan(setup.given_std), rough, setup.given_std))
+
+
+def _searched_logs(value: object, n_intensity: int, n_std: int, evaluations: int) -> np.ndarray:
+    """Logs of the factors: the best common factor of a scan, then a simplex search."""
+    assert callable(value)
+    if not n_intensity + n_std:
+        return np.zeros(0)
+    scanned = [np.concatenate([np.full(n_intensity, s), np.zeros(n_std)]) for s in SCAN]
+    best = min(scanned, key=value)
+    if not evaluations:
+        return best
+    steps = NOISE_SPREAD * np.diag([1.0] * n_intensity + [STD_SHARE] * n_std)
+    options = {
+        "maxfev": evaluations,
+        "initial_simplex": np.vstack([best, best - steps]),
+        "xatol": 0.05,
+        "fatol": 0.1,
+    }
+    return minimize(value, best, method="Nelder-Mead", options=options).x
+
+
+def _rough_std(problem: TrajectoryProblem, z: np.ndarray) -> np.ndarray:
+    """The white part of the simulation errors, from second differences."""
+    errors = prediction_errors(problem, z)
+    assert errors is not None
+    second = np.concatenate([np.diff(e, 2, axis=0) for e in errors.errors])
+    fine = np.sqrt(np.nanmean(second**2, axis=0) / 6.0)
+    whole = np.sqrt(np.diagonal(errors.covariance))
+    return np.where(np.isfinite(fine) & (fine > 0.0), np.minimum(fine, whole), whole)
+
+
+def _unit_intensity(average: AverageModel, std: np.ndarray) -> np.ndarray:
+    """Intensity of each noise that moves the outputs in one period by about their measurement noise."""
+    step = np.abs(average.C @ average.G) * np.sqrt(average.period)
+    two_steps = np.abs(average.C @ average.A @ average.G) * average.period**1.5
+    reach = np.maximum(step, two_steps) / std[:, None]
+    largest = reach.max(axis=0, initial=0.0)
+    return 1.0 / np.where(largest > 0.0, largest, 1.0) ** 2

@@ -1,0 +1,187 @@
+"""From the end of a nonlinear search to a FitResult: estimates, uncertainty, noise levels, agreement."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from daest.estimation import trajectories
+from daest.estimation.agreement import agreement_of
+from daest.estimation.coordinates import Coordinate
+from daest.estimation.identifiability import (
+    WEAK_RELATIVE_STD,
+    correlation,
+    covariance,
+    output_error_covariance,
+    weak_directions,
+    without_influence,
+)
+from daest.estimation.noise_levels import Ending, Levels, NonlinearSetup
+from daest.estimation.nonlinear_start import consistent_states, fit_initial_states, limits
+from daest.estimation.result import bound_of, message_of
+from daest.estimation.scores import Scores, scores
+from daest.estimation.search import minimise
+from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
+from daest.model.experiment import Experiment
+from daest.model.explicit import ExplicitModel
+from daest.model.fit import Agreement, FitResult, FittedInitialState, FittedNoise, FittedParameter
+
+AGREEMENT_ITERATIONS = 10  # of the search for the initial states that an agreement is judged from
+
+
+def agreement(end: Ending, experiments: tuple[Experiment, ...], *, with_gain: bool) -> Agreement:
+    """Agreement from the best initial state of each experiment, parameters held."""
+    problem = end.problem if with_gain else replace(end.problem, gain=None)
+    n = len(problem.unknowns.coordinates)
+    parameters = end.found.z[:n]
+    problem = replace(problem, experiments=experiments)
+    if experiments is end.problem.experiments:
+        z = end.found.z
+    else:
+        x0 = consistent_states(problem, parameters) / problem.state_scale
+        z = fit_initial_states(problem, np.concatenate([parameters, x0.ravel()]))
+    lower, upper = limits(problem)
+    lower[:n] = upper[:n] = parameters
+    found = minimise(trajectories.objective(problem), z, lower, upper, AGREEMENT_ITERATIONS)
+    errors = None if found is None else prediction_errors(problem, found.z)
+    names = [o.name for o in problem.model.explicit.flat.outputs]
+    measured = [e.outputs for e in experiments]
+    return agreement_of(names, measured, None if errors is None else errors.errors)
+
+
+def nonlinear_result(
+    setup: NonlinearSetup,
+    ends: list[Ending],
+    simulated: dict[str, Agreement],
+    one_step: dict[str, Agreement],
+) -> FitResult:
+    """The best of `ends`, with its uncertainty by report (2): inverse information, or the sandwich for
+    coloured residuals of a simulation."""
+    end = ends[0]
+    problem, unknowns, found = end.problem, end.problem.unknowns, end.found
+    n = len(unknowns.coordinates)
+    explicit = problem.model.explicit
+    errors = prediction_errors(problem, found.z, with_slopes=True)
+    assert errors is not None
+    parts = all_scores(problem, errors)
+    slopes = unknowns.slopes(found.z[:n])
+    bounds = [bound_of(c, z) for c, z in zip(unknowns.coordinates, found.z[:n], strict=True)]
+    information = np.sum([np.tensordot(s.slopes, s.slopes, ((1, 2), (1, 2))) for s in parts], axis=0)
+    observed = [np.isfinite(e.outputs) for e in problem.experiments]
+    count = sum(int(o.sum()) for o in observed)
+    in_z = information * np.outer(slopes, slopes)
+    free = ~without_influence(in_z, count) & np.array([b is None for b in bounds], dtype=bool)
+    notes = list(setup.notes)
+    if setup.method == "oe":
+        uncertain = output_error_covariance(parts, observed, slopes, free)
+        cov_z = uncertain.covariance
+        if uncertain.is_coloured:
+            notes.append("the simulation residuals are not white; the standard errors account for that")
+    else:
+        cov_z = covariance(in_z, free)
+    cov = cov_z * np.outer(slopes, slopes)
+    values = unknowns.natural(found.z[:n])
+    std_errors = [float(np.sqrt(v)) if np.isfinite(v) and v >= 0.0 else None for v in np.diagonal(cov)]
+    weak = weak_directions(unknowns.coordinates, values, information, cov)
+    parameters = tuple(
+        _fitted_parameter(explicit, c, v, s, b)
+        for c, v, s, b in zip(unknowns.coordinates, values, std_errors, bounds, strict=True)
+    )
+    noises = fitted_noises(setup, end, errors.covariance, count)
+    periods = {e.period for e in problem.experiments}
+    theta = problem.theta(found.z)
+    return FitResult(
+        status=found.reason,
+        message=message_of(found, parameters, noises, weak, [e.found for e in ends]),
+        method=setup.method,
+        parameters=parameters,
+        theta={p.name: float(v) for p, v in zip(explicit.flat.parameters, theta, strict=True)},
+        noises=noises,
+        noise_model="white",
+        initial_states=_initial_states(problem, parts, found.z, cov),
+        correlation_names=tuple(c.name for c in unknowns.coordinates),
+        correlation=correlation(cov),
+        weak_directions=weak,
+        weak_threshold=WEAK_RELATIVE_STD,
+        log_likelihood=-found.evaluation.value,
+        start_log_likelihoods=tuple(-e.found.evaluation.value for e in ends),
+        simulated=simulated,
+        one_step=one_step,
+        n_samples=sum(e.n_samples for e in problem.experiments),
+        n_iterations=found.iterations,
+        seconds=0.0,
+        period=periods.pop() if len(periods) == 1 else None,
+        hold=problem.hold,
+        notes=tuple(notes),
+    )
+
+
+def all_scores(problem: TrajectoryProblem, errors: Errors) -> list[Scores]:
+    """Whitened residuals with slopes per unit of the parameters, initial states projected out."""
+    n = len(problem.unknowns.coordinates)
+    root = np.linalg.inv(np.linalg.cholesky(errors.covariance)).T
+    parts = []
+    for error, trajectory in zip(errors.errors, errors.trajectories, strict=True):
+        observed = np.isfinite(error)
+        change = np.where(observed, -trajectory.sensitivities.transpose(2, 0, 1), 0.0) @ root
+        residuals = np.where(observed, error, 0.0) @ root
+        parts.append(scores(residuals, -change[n:], change[:n]))
+    return parts
+
+
+def _fitted_parameter(
+    explicit: ExplicitModel, coordinate: Coordinate, value: float, std_error: float | None, bound: object
+) -> FittedParameter:
+    return FittedParameter(
+        name=coordinate.name,
+        value=float(value),
+        std_error=std_error,
+        initial=coordinate.initial,
+        unit=explicit.flat.parameters[coordinate.index].unit,
+        min=None if np.isinf(coordinate.lower) else coordinate.lower,
+        max=None if np.isinf(coordinate.upper) else coordinate.upper,
+        at_bound=bound,  # type: ignore[arg-type]
+    )
+
+
+def fitted_noises(
+    setup: NonlinearSetup, end: Ending, innovation_cov: np.ndarray, count: int
+) -> tuple[FittedNoise, ...]:
+    """Without a gain the errors are measurement noise; with one, the levels behind the gain."""
+    flat = end.problem.model.explicit.flat
+    levels = end.levels or Levels(np.full(len(flat.noises), np.nan), np.sqrt(np.diagonal(innovation_cov)))
+    std = levels.measurement_std
+    per_output = max(count / max(std.size, 1), 1.0)
+    process = (
+        FittedNoise(w.name, "process", float(q), None, w.unit, bool(estimated), None)
+        for w, q, estimated in zip(flat.noises, levels.intensity, setup.estimate_intensity, strict=True)
+        if np.isfinite(q)
+    )
+    measurement = (
+        FittedNoise(
+            o.name,
+            "measurement",
+            float(s),
+            float(s / np.sqrt(2.0 * per_output)) if np.isnan(given) else None,
+            o.unit,
+            bool(np.isnan(given)),
+            None,
+        )
+        for o, s, given in zip(flat.outputs, std, setup.given_std, strict=True)
+    )
+    return (*process, *measurement)
+
+
+def _initial_states(
+    problem: TrajectoryProblem, parts: Sequence[Scores], z: np.ndarray, cov: np.ndarray
+) -> tuple[FittedInitialState, ...]:
+    names = problem.model.explicit.state_names
+    result = []
+    for experiment, part, x0 in zip(problem.experiments, parts, problem.initial_states(z), strict=True):
+        spread = part.initial_slope @ np.nan_to_num(cov) @ part.initial_slope.T
+        with np.errstate(invalid="ignore"):
+            std = np.sqrt(np.diagonal(part.initial_cov) + np.diagonal(spread))
+        result.append(FittedInitialState(experiment.name, names, x0, std))
+    return tuple(result)

@@ -1,0 +1,130 @@
+"""Where the search of a nonlinear model starts: state scales, initial states, hold, further start points."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from daest.estimation import trajectories
+from daest.estimation.checks import check_start
+from daest.estimation.search import Evaluation, minimise
+from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
+from daest.model.experiment import Experiment
+from daest.model.fit import IdentifyOptions
+from daest.systems.initialize import initial_point
+from daest.systems.integrate import Hold
+
+FIRST_LENGTH = 500  # samples of the fit that finds the initial state before the whole record is used
+SHORT_LENGTH = 100  # samples that also must show a direction as flat before it is called unidentifiable
+INITIAL_ITERATIONS = 15
+HOLD_ITERATIONS = 6
+STATE_RANGE = 1e3  # initial states are searched within this many times their scale
+LOG_SPREAD = np.log(10.0)  # further start points: up to a factor 10 off, linear scales 3 scales off
+LINEAR_SPREAD = 3.0
+
+
+def started(problem: TrajectoryProblem) -> tuple[TrajectoryProblem, np.ndarray]:
+    """State scales from a first simulation, and initial states that fit the beginning of each experiment."""
+    unknowns = problem.unknowns
+    z = np.concatenate([unknowns.start, consistent_states(problem, unknowns.start).ravel()])
+    problem, z = scaled(problem, z)
+    return problem, fit_initial_states(problem, z)
+
+
+def consistent_states(problem: TrajectoryProblem, z_parameters: np.ndarray) -> np.ndarray:
+    """Initial states (n_experiments, n_states) that the model itself asks for."""
+    explicit, theta = problem.model.explicit, problem.theta(z_parameters)
+    return np.array([initial_point(explicit, theta, e.inputs[0])[0] for e in problem.experiments])
+
+
+def scaled(problem: TrajectoryProblem, z: np.ndarray) -> tuple[TrajectoryProblem, np.ndarray]:
+    """The problem with state scales read off a simulation, and z (given unscaled) in them."""
+    n = len(problem.unknowns.coordinates)
+    errors = prediction_errors(problem, z)
+    if errors is None:
+        return problem, z
+    size = np.max([np.max(np.abs(t.states), axis=0) for t in errors.trajectories], axis=0)
+    scale = np.where(np.isfinite(size) & (size > 0.0), size, 1.0)
+    x0 = z[n:].reshape(-1, scale.size) / scale
+    return replace(problem, state_scale=scale), np.concatenate([z[:n], x0.ravel()])
+
+
+def fit_initial_states(problem: TrajectoryProblem, z: np.ndarray) -> np.ndarray:
+    """z with the initial states that fit the first samples, parameters held."""
+    heads = tuple(head(e, FIRST_LENGTH) for e in problem.experiments)
+    n = len(problem.unknowns.coordinates)
+    lower, upper = limits(problem)
+    lower[:n] = upper[:n] = z[:n]
+    short = replace(problem, experiments=heads)
+    found = minimise(trajectories.objective(short), z, lower, upper, INITIAL_ITERATIONS)
+    return z if found is None else found.z
+
+
+def head(experiment: Experiment, n_samples: int) -> Experiment:
+    """The first samples, without columns that the model does not use."""
+    rows = slice(0, n_samples)
+    return replace(
+        experiment,
+        time=experiment.time[rows],
+        inputs=experiment.inputs[rows],
+        outputs=experiment.outputs[rows],
+        extra={},
+    )
+
+
+def limits(problem: TrajectoryProblem) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of the search vector."""
+    n_initial = len(problem.experiments) * problem.n_states
+    lower = np.concatenate([problem.unknowns.lower, np.full(n_initial, -STATE_RANGE)])
+    upper = np.concatenate([problem.unknowns.upper, np.full(n_initial, STATE_RANGE)])
+    return lower, upper
+
+
+def with_hold(
+    problem: TrajectoryProblem, z: np.ndarray, options: IdentifyOptions
+) -> tuple[TrajectoryProblem, np.ndarray]:
+    """The given hold, or the one with the higher likelihood after short fits."""
+    if options.hold is not None or not problem.model.explicit.flat.inputs:
+        return problem, z
+    if problem.model.explicit.input_derivatives:
+        return replace(problem, hold="foh"), z
+    lower, upper = limits(problem)
+    best: tuple[float, Hold, np.ndarray] | None = None
+    holds: tuple[Hold, Hold] = ("foh", "zoh")
+    for hold in holds:
+        found = minimise(
+            trajectories.objective(replace(problem, hold=hold)), z, lower, upper, HOLD_ITERATIONS
+        )
+        if found is not None and (best is None or found.evaluation.value < best[0]):
+            best = (found.evaluation.value, hold, found.z)
+    return (problem, z) if best is None else (replace(problem, hold=best[1]), best[2])
+
+
+def check_nonlinear_start(problem: TrajectoryProblem, z: np.ndarray) -> None:
+    """Errors of `check_start`. An unstable simulation drowns every direction but one in its growth: a
+    direction is flat only if a short piece agrees."""
+    short = replace(problem, experiments=tuple(head(e, SHORT_LENGTH) for e in problem.experiments))
+    observed = sum(int(np.isfinite(e.outputs).sum()) for e in problem.experiments)
+    whole, piece = (_of_parameters(part, z) for part in (problem, short))
+    check_start(problem.unknowns, whole, observed, piece)
+
+
+def _of_parameters(problem: TrajectoryProblem, z: np.ndarray) -> Evaluation | None:
+    """The start without the rows of the initial states."""
+    start = trajectories.objective(problem)(z, True)
+    n = len(problem.unknowns.coordinates)
+    return start and Evaluation(start.value, start.gradient[:n], start.information[:n, :n])
+
+
+def further_starts(problem: TrajectoryProblem, z: np.ndarray, options: IdentifyOptions) -> list[np.ndarray]:
+    """Random parameters around z, with initial states refitted."""
+    rng = np.random.default_rng(options.seed)
+    lower, upper = limits(problem)
+    spread = np.array([LOG_SPREAD if c.is_log else LINEAR_SPREAD for c in problem.unknowns.coordinates])
+    result = []
+    for _ in range(options.starts - 1):
+        moved = z.copy()
+        moved[: spread.size] += rng.uniform(-spread, spread)
+        result.append(fit_initial_states(problem, np.clip(moved, lower, upper)))
+    return result
