@@ -82,8 +82,8 @@ def test_prediction_error_finds_friction_and_noises_with_process_noise():
     fit = identified([record(1200, 2, 2e-4)], "pem")
     assert_true(fit, 0.1)
     levels = {n.name: n.value for n in fit.noises}
-    # The average linearisation takes friction for damping, which asks for more noise: the order is right.
-    assert 0.5e-4 < levels["torque"] < 8e-4
+    # The average linearisation takes friction for damping, which asks for up to twice the noise.
+    assert 1.5e-4 < levels["torque"] < 5e-4
     assert levels["angle"] == pytest.approx(SENSOR, rel=0.15)
     assert fit.one_step["estimation"].rms["angle"] < fit.simulated["estimation"].rms["angle"]
 

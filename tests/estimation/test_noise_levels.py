@@ -1,0 +1,95 @@
+"""The noise levels of a fit are those of its own predictor: an independent filter run with them predicts the
+same."""
+
+import numpy as np
+import pytest
+from nonlinear_models import experiment_of, linear_servo, oscillator
+
+from daest.estimation.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.ekf import run_ekf
+from daest.estimation.filter_task import Noise, Start, record
+from daest.estimation.identify_nonlinear import identify_nonlinear
+from daest.model.fit import IdentifyOptions
+from daest.systems.local_linear import local_model
+from daest.systems.simulate import simulate
+
+
+def recorded(explicit, intensities, stds, period, seed, n=1500):
+    rng = np.random.default_rng(seed)
+    time = period * np.arange(n)
+    u = np.repeat(rng.choice([-5.0, 5.0], n // 25), 25)[:, None]
+    options = {"noise": True, "seed": seed, "intensities": intensities}
+    y = simulate(explicit, (time, u), hold="zoh", **options).outputs
+    return experiment_of(explicit, time, u, y + np.array(stds) * rng.standard_normal(y.shape))
+
+
+def fitted(explicit, experiment, names, intensity=None, std=None):
+    """pem fit of `names`; intensity and std where given are held."""
+    flat = explicit.flat
+    values = dict(zip((p.name for p in flat.parameters), flat.theta_values, strict=True))
+    coordinates = tuple(parameter_coordinate(flat, n, 1.2 * values[n], (0.0, None)) for n in names)
+    n_w, n_y = len(flat.noises), len(flat.outputs)
+    unknowns = Unknowns(coordinates, flat.theta_values, np.zeros(n_w), np.ones(n_y))
+    q = np.full(n_w, np.nan) if intensity is None else np.array(intensity)
+    return identify_nonlinear(
+        explicit, unknowns, [experiment], "pem", q, np.isnan(q),
+        np.full(n_y, np.nan) if std is None else np.array(std), IdentifyOptions(hold="zoh"),
+    )  # fmt: skip
+
+
+def levels_of(fit):
+    return [np.array([n.value for n in fit.noises if n.kind == kind]) for kind in ("process", "measurement")]
+
+
+def filtered(explicit, experiment, fit):
+    """The extended Kalman filter at the estimate, started as the fit started."""
+    model = local_model(explicit, ())
+    theta = np.array([fit.theta[p.name] for p in explicit.flat.parameters])
+    intensity, std = levels_of(fit)
+    data = record(model, experiment.time, experiment.inputs, experiment.outputs, fit.hold)
+    noise = Noise(intensity, std**2)
+    start = fit.initial_states[0].values
+    # The fit predicts with the stationary gain from the first sample on.
+    settled = run_ekf(model, data, theta, noise, Start(start, 1e-4 * np.eye(start.size))).predicted_cov[-1]
+    return run_ekf(model, data, theta, noise, Start(start, settled))
+
+
+def assert_same_predictions(explicit, experiment, fit, rms, log_likelihood):
+    run = filtered(explicit, experiment, fit)
+    found = np.sqrt(np.mean(run.innovations**2, axis=0))
+    assert found == pytest.approx(np.array(list(fit.one_step["estimation"].rms.values())), rel=rms)
+    assert run.log_likelihood == pytest.approx(fit.log_likelihood, abs=log_likelihood)
+
+
+SERVO_NOISE, SERVO_STD = {"motor_noise": 1e-4, "disc_noise": 1e-4}, [0.02, 0.01]
+
+
+def servo_record():
+    explicit = linear_servo()
+    return explicit, recorded(explicit, SERVO_NOISE, SERVO_STD, 0.01, 3)
+
+
+@pytest.mark.parametrize("given", [{}, {"std": SERVO_STD}, {"intensity": [1e-4, 1e-4]}], ids=str)
+def test_filter_of_a_linear_model_predicts_as_the_fit(given):
+    """The same but for the first samples, where the filter settles a little later than the fit."""
+    explicit, experiment = servo_record()
+    fit = fitted(explicit, experiment, ("c", "d", "k"), **given)
+    assert_same_predictions(explicit, experiment, fit, 0.003, 2.0)
+    intensity, std = levels_of(fit)
+    assert list(given.get("std", std)) == list(std)
+    assert list(given.get("intensity", intensity)) == list(intensity)
+    estimated = [n.estimated for n in fit.noises]
+    assert estimated == [("intensity" not in given)] * 2 + [("std" not in given)] * 2
+    # Noises act on the speed a hundred times more than its sensor, which tells little of the latter.
+    assert intensity == pytest.approx(list(SERVO_NOISE.values()), rel=0.4)
+    assert std[1] == pytest.approx(SERVO_STD[1], rel=0.05)
+
+
+def test_filter_of_a_smooth_nonlinear_model_predicts_nearly_as_the_fit():
+    """The gain of the filter follows the motion, that of the fit is constant."""
+    explicit = oscillator()
+    experiment = recorded(explicit, {"w": 0.3}, [0.02], 0.05, 3)
+    fit = fitted(explicit, experiment, ("k", "d", "k3"))
+    assert_same_predictions(explicit, experiment, fit, 0.005, 5.0)
+    intensity, std = levels_of(fit)
+    assert intensity == pytest.approx([0.3], rel=0.3) and std == pytest.approx([0.02], rel=0.1)
