@@ -185,12 +185,12 @@ def full_turns(period=0.02, n=500, push=-8.0):
 def test_pendulum_in_cartesian_coordinates_turns_over_on_its_constraint():
     flat, chosen, redundant = pendulum()
     assert needs_redundant_states(flat)
-    assert chosen.n_states == 2 and redundant.explicit.n_states == 4
+    assert chosen.n_states == 2 and redundant.n_states == 4
     time, u, angle = full_turns()
     assert np.ptp(angle[:, 0]) > 2 * np.pi  # a full turn and more
     theta = flat.theta_values
     x0 = redundant_start(chosen, redundant, theta, u[0], np.zeros(0), 0.0)
-    engine = integrator(redundant.explicit, ("m", "d"), invariants=redundant.invariants)
+    engine = integrator(redundant, ("m", "d"))
     found = integrate(engine, time, u, theta, x0, hold="zoh", sensitivities=True, rtol=1e-8)
     nothing = np.zeros((1, time.size))
     residual = redundant.invariants(found.states.T, u.T, [], nothing, theta, time[None]).full()
@@ -225,7 +225,7 @@ def test_interpreted_projection_gives_the_same():
     x0 = redundant_start(chosen, redundant, theta, u[0], np.zeros(0), 0.0)
     runs = [
         integrate(
-            integrator(redundant.explicit, ("m",), invariants=redundant.invariants, compiled=compiled),
+            integrator(redundant, ("m",), compiled=compiled),
             time,
             u,
             theta,

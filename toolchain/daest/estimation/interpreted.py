@@ -13,15 +13,13 @@ import casadi as ca
 import numpy as np
 
 from daest.estimation.filter_task import NOT_FINITE, SINGULAR_INNOVATION, Directions, Task, raise_failure
+from daest.numerics.projection import MOST_STEPS, pull
 from daest.systems.integrate import IntegrationError
 from daest.systems.local_linear import LocalModel
 
 ORDER, RADIUS, MOST_DOUBLINGS = 10, 0.25, 60  # of the Taylor series, as in local_linear.c
 SINGULAR_PIVOT = 1e-14  # of its diagonal: the rounding of a covariance
-PROJECTIONS, PROJECTED = (
-    8,
-    1e-13,
-)  # steps onto invariants, and the step (relative to the scale) that ends them
+PROJECTED = 1e-13  # step onto invariants, relative to the scale, that ends the projection
 
 
 def ekf(
@@ -37,7 +35,7 @@ def ekf(
     data, model = task.data, task.model
     along = _Along.of(task, directions)
     x, P = along.mean(task.start.mean), along.constant(task.start.cov)
-    x[0], P[0], _ = project(task, x[0], P[0], data.u0[0], float(data.time[0]))
+    x, P, _ = _projected(task, along, x, P, data.u0[0], float(data.time[0]))
     for i, time in enumerate(data.time):
         predicted = (x[0].copy(), P[0].copy())
         seen = _see(model, x, data.u0[i], task.theta, time, along)
@@ -51,7 +49,7 @@ def ekf(
             else:
                 white[i, j] = log_variance[i, j] = 0.0
                 dwhite[i, :, j] = dlog[i, :, j] = 0.0
-        x[0], P[0], turn = project(task, x[0], P[0], data.u0[i], time)
+        x, P, turn = _projected(task, along, x, P, data.u0[i], time)
         flow = Flow(task, along, transition=np.eye(model.n_states))
         filtered = (x[0].copy(), P[0].copy())
         if i + 1 < data.time.size:
@@ -134,6 +132,13 @@ def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return result
 
 
+def _inverse(a: np.ndarray) -> np.ndarray:
+    result = np.empty_like(a)
+    result[0] = np.linalg.inv(a[0])
+    result[1:] = -result[0] @ a[1:] @ result[0]
+    return result
+
+
 def _applied(a: np.ndarray, v: np.ndarray) -> np.ndarray:
     return _product(a, v[..., None])[..., 0]
 
@@ -196,8 +201,8 @@ class Flow:
         for k in range(n):
             u = data.u0[i] + rise * k / n
             x, P = self._substep(i, x, P, u, rise / dt, float(data.time[i]) + k * dt / n, dt / n, dt)
-        x[0], P[0], along = project(self.task, x[0], P[0], data.u1[i], float(data.time[i + 1]))
-        self.transition = along @ self.transition
+        x, P, turn = _projected(self.task, self.along, x, P, data.u1[i], float(data.time[i + 1]))
+        self.transition = turn @ self.transition
         if not np.all(np.isfinite(x)):
             raise_failure(NOT_FINITE, self.task.model, data, i)
         return x, P
@@ -273,6 +278,28 @@ def _tail(A: np.ndarray, s: float, order: int) -> np.ndarray:
     return result / float(np.prod(np.arange(1, order + 1)))
 
 
+def _projected(
+    task: Task, along: _Along, x: np.ndarray, P: np.ndarray, u: np.ndarray, time: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`project` for jets, each step differentiated."""
+    model = task.model
+    if model.hold is None or not along.n:
+        x[0], P[0], turn = project(task, x[0], P[0], u, time)
+        return x, P, turn
+    m, n = model.hold.numel_out(0), model.n_states
+    for _ in range(MOST_STEPS):
+        g, R = along.jets(model.hold, model.dhold, x, (u, task.theta, time), [(m,), (m, n)])
+        weighted = _transposed(R) * task.scale[:, None] ** 2
+        gain = _product(weighted, _inverse(_product(R, weighted)))
+        step = _applied(gain, g)
+        x = x - step
+        if np.max(np.abs(step[0]) / task.scale) < PROJECTED:
+            break
+    turn = -_product(gain, R)
+    turn[0] += np.eye(n)
+    return x, _symmetric(_product(_product(turn, P), _transposed(turn))), turn[0]
+
+
 def project(
     task: Task, x: np.ndarray, P: np.ndarray, u: np.ndarray, time: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -280,18 +307,16 @@ def project(
     projection T of small changes (the identity where there are no invariants)."""
     if task.model.hold is None:
         return x, P, np.eye(x.size)
-    weight = task.scale**2
-    for _ in range(PROJECTIONS):
-        g, R = (np.array(part) for part in task.model.hold(x, u, task.theta, time))
-        R = R.reshape(g.size, x.size)
-        gain = np.linalg.solve(R * weight @ R.T, R * weight).T
-        shift = gain @ g.ravel()
-        x = x - shift
-        if np.max(np.abs(shift) / task.scale) < PROJECTED:
-            break
-    along = np.eye(x.size) - gain @ R
+    hold = task.model.hold
+
+    def invariants(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        g, R = (np.array(part) for part in hold(at, u, task.theta, time))
+        return g.ravel(), R.reshape(g.size, at.size)
+
+    pulled = pull(invariants, x, task.scale, PROJECTED)
+    along = pulled.along
     P = along @ P @ along.T
-    return x, (P + P.T) / 2, along
+    return pulled.x, (P + P.T) / 2, along
 
 
 def points_hold(task: Task, i: int, points: np.ndarray) -> np.ndarray:

@@ -31,7 +31,7 @@ from daest.model.explicit import ExplicitModel
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import Hold, IntegrationError, integrate, integrator
 from daest.systems.local_linear import LocalModel, internal_function, internal_names, local_model
-from daest.systems.redundant import matching_states, needs_redundant_states, redundant_model
+from daest.systems.redundant import good_everywhere, matching_states
 
 PARTICLES = 1000
 SUBSTEP_TOLERANCE = (
@@ -142,20 +142,19 @@ def _prepared(
     v0 = _first_slopes(explicit, time, inputs)
     x0, _ = initial_point(explicit, theta, inputs[0], v0, float(time[0]))
     mean, known_cov = (x0, None) if initial is None else _given_start(explicit, initial, x0)
-    invariants: ca.Function | None = None
     notes: tuple[str, ...] = ()
-    used = explicit
-    if needs_redundant_states(explicit.flat):
-        used, invariants, mean, known_cov = _redundant(explicit, mean, known_cov, theta, time, inputs, hold)
+    used = good_everywhere(explicit)
+    if used is not explicit:
+        mean, known_cov = _in_states_of(used, explicit, mean, known_cov, theta, time, inputs)
         notes = ("All differentiated variables are states, tied by the constraints of the model.",)
-    model = local_model(used, inside=kind == "particle", invariants=invariants, compiled=compiled)
+    model = local_model(used, inside=kind == "particle", compiled=compiled)
     data = record(model, time, inputs, outputs, hold)
-    size = _sizes(used, invariants, mean, theta, time, inputs, hold, compiled)
+    size = _sizes(used, mean, theta, time, inputs, hold, compiled)
     cov = (
         np.diag(size**2) if known_cov is None else np.where(np.isinf(known_cov), np.diag(size**2), known_cov)
     )
     start = Start(mean, cov)
-    if invariants is not None:
+    if used.invariants is not None:
         plain = Task.of(model, data, theta, noise, start, np.inf)
         start = Start(*project(plain, mean, cov, data.u0[0], float(time[0]))[:2])
     task = _Task(model, data, theta, noise, start, np.inf, notes)
@@ -181,19 +180,17 @@ def _given_start(
     return np.where(initial.is_unknown, x0, initial.mean), initial.cov
 
 
-def _redundant(
+def _in_states_of(
+    redundant: ExplicitModel,
     explicit: ExplicitModel,
     mean: np.ndarray,
     cov: np.ndarray | None,
     theta: np.ndarray,
     time: np.ndarray,
     inputs: np.ndarray,
-    hold: Hold,
-) -> tuple[ExplicitModel, ca.Function, np.ndarray, np.ndarray | None]:
-    """The model on all differentiated variables with its invariants, and the start in its states. A
-    covariance is carried over by the slopes of the internal variables; one with unknown states becomes
-    unknown as a whole."""
-    redundant = redundant_model(explicit.flat)
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """A start of `explicit` in the states of the redundant model. A covariance is carried over by the slopes
+    of the internal variables; one with unknown states becomes unknown as a whole."""
     u0, v0 = inputs[0], _first_slopes(explicit, time, inputs)
     arguments = (u0, v0, np.zeros(len(explicit.flat.noises)), theta, float(time[0]))
 
@@ -204,7 +201,7 @@ def _redundant(
 
     whole = states(mean)
     if cov is None or not np.all(np.isfinite(cov)):
-        return redundant.explicit, redundant.invariants, whole, None
+        return whole, None
     names = [v.name for v in explicit.flat.unknowns]
     x: ca.MX = ca.MX.sym("x", explicit.n_states)
     slopes = ca.jacobian(
@@ -212,13 +209,12 @@ def _redundant(
     )
     table = np.array(ca.Function("slopes", [x], [ca.densify(slopes)])(mean))
     rows = [*names, *(f"der({name})" for name in names)]
-    along = table[[rows.index(name) for name in redundant.explicit.state_names]]
-    return redundant.explicit, redundant.invariants, whole, along @ cov @ along.T
+    along = table[[rows.index(name) for name in redundant.state_names]]
+    return whole, along @ cov @ along.T
 
 
 def _sizes(
     explicit: ExplicitModel,
-    invariants: ca.Function | None,
     x0: np.ndarray,
     theta: np.ndarray,
     time: np.ndarray,
@@ -230,7 +226,7 @@ def _sizes(
     given and it does not move)."""
     nominal = {v.name: v.nominal for v in explicit.flat.unknowns}
     given = np.array([abs(nominal.get(name) or 0.0) for name in explicit.state_names])
-    engine = integrator(explicit, invariants=invariants, compiled=compiled)
+    engine = integrator(explicit, compiled=compiled)
     try:
         states = integrate(engine, time, inputs, theta, x0, hold=hold).states
         moved = np.ptp(states, axis=0)

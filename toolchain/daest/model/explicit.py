@@ -29,6 +29,8 @@ class ExplicitModel:
     `rhs` returns ẋ (n_states,); `variables` returns ξ (n,); `variable_derivatives` returns ξ' (n,) where the
     model determines it without differentiating the inputs further (NaN otherwise); `outputs` returns y.
     `is_symbolic` is True when all functions are plain SX expressions (no Newton iteration inside).
+    `invariants` returns g (m,): relations g = 0 that tie the states where there are more of them than degrees
+    of freedom (`systems.redundant`); None where the states are free.
     """
 
     flat: FlatModel
@@ -43,6 +45,7 @@ class ExplicitModel:
     n_differentiations: int  # how many equations were differentiated, counted with multiplicity
     structural_index: int
     largest_loop: int  # unknowns in the largest algebraic loop after tearing, 0 when there is none
+    invariants: ca.Function | None = None
 
     @property
     def n_states(self) -> int:

@@ -347,9 +347,9 @@ static void measure(Work *k, Model *m, const double *u, double t, const double *
 #if NG > 0
 /* Until a step is below a thousandth of the absolute tolerance. */
 static int project(Work *k, Model *m, const double *u, double t, const double *atol, double *S, int directions) {
-  double g[NG], R[NG * NX], by_p[NG * NP + 1], K[NX * NG], moved = 1.0;
+  double g[NG], R[NG * NX], by_p[NG * NP + 1], K[NX * NG], L[NG * NG], moved = 1.0;
   for (int step = 0; step < PROJECTIONS && moved > 1e-3; ++step)
-    if (call(daest_hold, m, k->x, u, t, g, R, by_p) || !projection_step(k->x, g, R, atol, K, &moved))
+    if (call(daest_hold, m, k->x, u, t, g, R, by_p) || !projection_step(k->x, g, R, atol, K, L, &moved))
       return NOT_FINITE;
   for (int d = 0; d < directions; ++d) {
     double along[NG];
@@ -418,12 +418,19 @@ int daest_simulate(long n, const double *time, const double *u0, const double *u
     if (directions > 0) memcpy(S, S0, sizeof(double) * NX * directions);
     status = DONE;
     double h = n > 1 ? 0.1 * (time[1] - time[0]) : 0.0;
+#if NG > 0
+    if (n > 0) status = project(k, &m, n > 1 ? u0 : u_last, time[0], atol, S, directions);
+#endif
     for (long i = 0; i < n && status == DONE; ++i) {
       memcpy(states + i * NX, k->x, sizeof(double) * NX);
       measure(k, &m, i + 1 < n ? u0 + i * NU : u_last, time[i], y ? y + i * NY : 0,
               gain ? gain + i * gain_stride : 0, S, directions, predicted + i * NY,
               sens ? sens + i * NY * directions : 0);
       info[1] = i;
+#if NG > 0
+      if (gain) status = project(k, &m, i + 1 < n ? u0 + i * NU : u_last, time[i], atol, S, directions);
+      if (status) break;
+#endif
       if (i + 1 == n) break;
       Interval s = {time[i], time[i + 1], u0 + i * NU, u1 + i * NU};
       /* A jump of the input between intervals makes the old collocation polynomial a poor start. */

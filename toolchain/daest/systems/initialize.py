@@ -40,9 +40,9 @@ def initial_point(
     """States x0 (n_states,) and internal variables ξ0 (n,) at time t0 with inputs u0 and input derivatives
     v0.
 
-    Conditions: values `given` by name, fixed start values of all variables, initial equations. Freedom that
-    these leave is taken up by the start values of the states (0 where there is none), states with a start
-    first. Solved by damped Gauss-Newton steps from the start values; one step if the model is affine.
+    Conditions: values `given` by name, fixed start values of all variables, initial equations, and relations
+    that tie the states. Freedom that these leave is taken up by the start values of the states (0 where there
+    is none), states with a start first. Solved by damped Gauss-Newton steps from the start values; one step if the model is affine.
 
     Defaults: parameter values, start values of the inputs, 0. Raises ModelError `initial-overdetermined` or
     `initial-not-solved`, with the conditions that cannot be met."""
@@ -86,6 +86,13 @@ def _conditions(explicit: ExplicitModel, given: dict[str, float], arguments: tup
         rows.append(_initial_residual(explicit, x, variables, arguments))
         texts += [equation.text for equation in flat.initial_equations]
         places += [equation.place for equation in flat.initial_equations]
+    if explicit.invariants is not None:
+        tied = explicit.invariants(x, *arguments)
+        rows.append(tied)
+        texts += [
+            f"constraint {i + 1} between {', '.join(explicit.state_names)}" for i in range(tied.numel())
+        ]
+        places += [None] * tied.numel()
     stacked = ca.vertcat(ca.MX(0, 1), *rows)
     function = ca.Function("conditions", [x], [ca.densify(stacked), ca.densify(ca.jacobian(stacked, x))])
     return Conditions(function, tuple(texts), tuple(places))

@@ -21,6 +21,7 @@ import numpy as np
 from daest.errors import FmuError, ModelError, NumericalError
 from daest.fmu.compiler import build_shared
 from daest.model.explicit import ExplicitModel
+from daest.numerics.projection import pull
 
 Hold = Literal["zoh", "foh"]
 
@@ -28,7 +29,7 @@ RTOL = 1e-6  # relative local error of a step; the global error of a stable mode
 ATOL_OF_SCALE = 1e-2  # absolute tolerance: this part of rtol times the state's nominal value
 MAX_STEPS_PER_INTERVAL = 2_000
 MEAN_STEPS_PER_INTERVAL = 50  # over a whole record: an unstable trajectory is given up early
-PROJECTIONS, PROJECTED = 8, 1e-3  # steps onto invariants; the step, in absolute tolerances, that ends them
+PROJECTED = 1e-3  # step onto invariants, in absolute tolerances, that ends the projection
 INTERPRETED_STEPS = 4  # per sample interval, without a C compiler
 _FAILURES = {
     1: "the step size became too small: a singularity, or a discontinuity that is not smoothed",
@@ -85,16 +86,14 @@ def integrator(
     explicit: ExplicitModel,
     names: Sequence[str] = (),
     *,
-    invariants: ca.Function | None = None,
     compiled: bool = True,
 ) -> Integrator:
     """Build the functions of `explicit` once; compile them if a C compiler is found and `compiled` is set.
 
-    `invariants` (x, u, v, w, theta, t) -> g (m,): relations g = 0 between the states (`systems.redundant`),
-    onto which every sample is projected. Raises ModelError `unknown-parameter` for a name that is no
-    parameter.
+    The start, every sample and every corrected state are projected onto the invariants of the model, if it has any. Raises ModelError
+    `unknown-parameter` for a name that is no parameter.
     """
-    rhs, sens, out, hold = _model_functions(explicit, tuple(names), invariants)
+    rhs, sens, out, hold = _model_functions(explicit, tuple(names))
     library = None
     if compiled:
         try:
@@ -106,7 +105,7 @@ def integrator(
 
 
 def _model_functions(
-    explicit: ExplicitModel, names: tuple[str, ...], invariants: ca.Function | None
+    explicit: ExplicitModel, names: tuple[str, ...]
 ) -> tuple[ca.Function, ca.Function, ca.Function, ca.Function | None]:
     known = [p.name for p in explicit.flat.parameters]
     missing = [name for name in names if name not in known]
@@ -128,8 +127,8 @@ def _model_functions(
         "daest_sens": [ca.jacobian(f, x), ca.jacobian(f, chosen)],
         "daest_out": [h, ca.jacobian(h, x), ca.jacobian(h, chosen)],
     }
-    if invariants is not None:
-        g = invariants(*at)
+    if explicit.invariants is not None:
+        g = explicit.invariants(*at)
         results["daest_hold"] = [g, ca.jacobian(g, x).T, ca.jacobian(g, chosen).T]
     inner = [
         ca.Function(f"inner_{name}", [x, ubar, chosen, theta, t], list(map(ca.densify, expressions)))
@@ -300,6 +299,7 @@ def _run_interpreted(model: Integrator, run: _Run) -> Trajectory:
     sens = np.empty((n, n_y, run.directions))
     S, x = run.start_sensitivities, run.x0.copy()
     n_p = len(model.names)
+    x, S = _projected(model, run, run.u0[0] if n > 1 else run.u_last[0], run.time[0], x, S)
     for i in range(n):
         states[i] = x
         u = run.u0[i] if i + 1 < n else run.u_last[0]
@@ -310,6 +310,7 @@ def _run_interpreted(model: Integrator, run: _Run) -> Trajectory:
             sens[i][:, :n_p] += h_theta
         if run.correction is not None:
             x, S = _correct(run, i, x, S, outputs[i], sens[i])
+            x, S = _projected(model, run, u, run.time[i], x, S)
         if i + 1 == n:
             break
         ends = np.concatenate([[run.time[i], run.time[i + 1]], run.u0[i], run.u1[i]])
@@ -323,30 +324,27 @@ def _run_interpreted(model: Integrator, run: _Run) -> Trajectory:
         S = transition @ S
         if run.directions:
             S[:, :n_p] += drive
-        if model.hold is not None:
-            x, S = _projected(model, run, i, x, S)
+        x, S = _projected(model, run, run.u1[i], run.time[i + 1], x, S)
     return Trajectory(states, outputs, sens, INTERPRETED_STEPS * (n - 1))
 
 
 def _projected(
-    model: Integrator, run: _Run, i: int, x: np.ndarray, S: np.ndarray
+    model: Integrator, run: _Run, u: np.ndarray, time: float, x: np.ndarray, S: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """State and sensitivities after interval i on the invariants, by shortest steps in the sizes of the
-    states."""
-    assert model.hold is not None
-    weight = run.atol**2
-    for _ in range(PROJECTIONS):
-        g, R, by_p = (np.array(part) for part in model.hold(x, run.u1[i], run.theta, run.time[i + 1]))
-        R = R.T
-        gain = np.linalg.solve(R * weight @ R.T, R * weight).T
-        step = gain @ g.ravel()
-        x = x - step
-        if np.all(np.abs(step) < PROJECTED * run.atol):
-            break
-    change = R @ S
+    """State and sensitivities on the invariants of the model, by shortest steps in the sizes of the states."""
+    if model.hold is None:
+        return x, S
+
+    def invariants(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        g, R, _ = (np.array(part) for part in model.hold(at, u, run.theta, time))  # type: ignore[misc]
+        return g.ravel(), R.T
+
+    pulled = pull(invariants, x, run.atol, PROJECTED)
+    by_p = np.array(model.hold(pulled.x, u, run.theta, time)[2])
+    change = pulled.slopes @ S
     if run.directions:
         change[:, : len(model.names)] += by_p.T
-    return x, S - gain @ change
+    return pulled.x, S - pulled.gain @ change
 
 
 def _correct(

@@ -38,6 +38,7 @@ class LocalModel:
     dflow: ca.Function | None  # (…, dx, dp) -> differentials of the results of flow
     dsee: ca.Function | None
     hold: ca.Function | None  # (x, ū, theta, t) -> g, ∂g/∂x: invariants g = 0
+    dhold: ca.Function | None
     inside: ca.Function | None  # (x, ū, theta, t) -> internal variables
     library: ctypes.CDLL | None
 
@@ -64,14 +65,13 @@ def local_model(
     *,
     tangents: bool = False,
     inside: bool = False,
-    invariants: ca.Function | None = None,
     compiled: bool = True,
 ) -> LocalModel:
     """Build the functions of `explicit`.
 
     `tangents`: with derivatives along parameters `names`, noises and initial states; `inside`: with the
-    internal variables (all unknowns, then the outputs that are no unknowns); `invariants` (x, u, v, w, theta,
-    t) -> g (m,): relations g = 0 between the states, onto which every estimate is projected.
+    internal variables (all unknowns, then the outputs that are no unknowns). Every estimate is projected onto
+    the invariants of the model, if it has any.
 
     Raises ModelError `unknown-parameter`; EstimationError `output-white-noise` where an output contains white
     noise directly.
@@ -83,13 +83,14 @@ def local_model(
         parts.differential("daest_dflow", flow, ("x", "ubar", "slope", "theta", "t")) if tangents else None
     )
     dsee = parts.differential("daest_dsee", see, ("x", "ubar", "theta", "t")) if tangents else None
-    hold = None if invariants is None else parts.hold(invariants)
+    hold = None if explicit.invariants is None else parts.hold(explicit.invariants)
+    dhold = (
+        parts.differential("daest_dhold", hold, ("x", "ubar", "theta", "t")) if tangents and hold else None
+    )
     variables = parts.inside() if inside else None
     outer = parts.outer
-    dflow, dsee, hold, variables = (None if f is None else outer(f) for f in (dflow, dsee, hold, variables))
-    model = LocalModel(
-        explicit, tuple(names), outer(flow), outer(see), dflow, dsee, hold, variables, library=None
-    )
+    optional = [None if f is None else outer(f) for f in (dflow, dsee, hold, dhold, variables)]
+    model = LocalModel(explicit, tuple(names), outer(flow), outer(see), *optional, library=None)
     return replace(model, library=_library(model)) if compiled else model
 
 
@@ -204,7 +205,7 @@ class _Parts:
     def outer(self, function: ca.Function) -> ca.Function:
         """The function of all parameters: the chosen ones are read from theta."""
         s = self.symbols
-        n_tail = 2 if function.name() in ("daest_dflow", "daest_dsee") else 0
+        n_tail = 2 if function.name() in ("daest_dflow", "daest_dsee", "daest_dhold") else 0
         arguments = [type(s["x"]).sym(f"a{i}", function.numel_in(i)) for i in range(function.n_in())]
         chosen = len(arguments) - 1 - n_tail
         theta = arguments[chosen - 2]
@@ -229,9 +230,8 @@ def _library(model: LocalModel) -> ctypes.CDLL | None:
 
 def _source(model: LocalModel) -> str:
     generator = ca.CodeGenerator("model.c")
-    functions = [
-        f for f in (model.flow, model.see, model.dflow, model.dsee, model.hold, model.inside) if f is not None
-    ]
+    every = (model.flow, model.see, model.dflow, model.dsee, model.hold, model.dhold, model.inside)
+    functions = [f for f in every if f is not None]
     for function in functions:
         generator.add(function)
     sizes = {

@@ -11,7 +11,7 @@ projection).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -30,24 +30,22 @@ from daest.systems.sample_point import SamplePoint, nudged, sample_point
 from daest.systems.state_choice import StateChoice, choose_states, depends_on_place, singular_after_reduction
 
 
-@dataclass(frozen=True)
-class RedundantModel:
-    """`explicit` has more states than degrees of freedom; `invariants` (x, u, v, w, theta, t) -> g (m,), m of
-    them are tied by g = 0, independently wherever the model is regular."""
-
-    explicit: ExplicitModel
-    invariants: ca.Function
-
-
 def needs_redundant_states(flat: FlatModel) -> bool:
     """Whether states have to be chosen among variables whose constraint depends on where the model is."""
     system = expand(flat, find_aliases(flat))
     return depends_on_place(system, choose_states(system, sample_point(system)))
 
 
-def redundant_model(flat: FlatModel) -> RedundantModel:
-    """The model on all its differentiated variables; those that a constraint gives directly as a derivative
-    of another state (x' = v) are left out. Errors as `reduce_index`."""
+def good_everywhere(explicit: ExplicitModel) -> ExplicitModel:
+    """The model itself, or on all differentiated variables where its choice of states could become singular
+    on the way."""
+    return redundant_model(explicit.flat) if needs_redundant_states(explicit.flat) else explicit
+
+
+def redundant_model(flat: FlatModel) -> ExplicitModel:
+    """The model on all its differentiated variables with the `invariants` that tie them, independently
+    wherever the model is regular; variables that a constraint gives directly as a derivative of another state
+    (x' = v) are left out. Errors as `reduce_index`."""
     sigma = flat_signature(flat)
     check_structure(sigma, flat.equations, flat.unknowns, flat.name)
     system = expand(flat, find_aliases(flat))
@@ -85,7 +83,7 @@ def _solve(system: ExpandedSystem, choice: StateChoice, rows: list[int], point: 
         raise singular_after_reduction(system, [system.rows[rows[r]] for r in error.rows]) from error
 
 
-def _without_copies(explicit: ExplicitModel, invariants: ca.Function, orders: list[int]) -> RedundantModel:
+def _without_copies(explicit: ExplicitModel, invariants: ca.Function, orders: list[int]) -> ExplicitModel:
     """Leave out states that are derivatives and that an invariant with constant coefficients gives from
     others."""
     arguments = invariants.sx_in()
@@ -110,7 +108,7 @@ def _without_copies(explicit: ExplicitModel, invariants: ca.Function, orders: li
         result = value if chosen is None else value[chosen]
         return ca.Function(function.name(), inner, [result], ARGUMENTS, ["value"])
 
-    smaller = replace(
+    return replace(
         explicit,
         state_names=tuple(explicit.state_names[j] for j in kept),
         state_units=tuple(explicit.state_units[j] for j in kept),
@@ -118,13 +116,13 @@ def _without_copies(explicit: ExplicitModel, invariants: ca.Function, orders: li
         variables=reduced(explicit.variables),
         variable_derivatives=reduced(explicit.variable_derivatives),
         outputs=reduced(explicit.outputs),
+        invariants=held,
     )
-    return RedundantModel(smaller, held)
 
 
 def redundant_start(
     chosen: ExplicitModel,
-    redundant: RedundantModel,
+    redundant: ExplicitModel,
     theta: np.ndarray,
     u0: np.ndarray,
     v0: np.ndarray,
@@ -137,11 +135,11 @@ def redundant_start(
 
 
 def matching_states(
-    chosen: ExplicitModel, redundant: RedundantModel, x: np.ndarray, xi: np.ndarray, arguments: tuple
+    chosen: ExplicitModel, redundant: ExplicitModel, x: np.ndarray, xi: np.ndarray, arguments: tuple
 ) -> np.ndarray:
     """The states of the redundant model where the other one has states x and internal variables xi."""
     names = [v.name for v in chosen.flat.unknowns]
     known = dict(zip(names, xi, strict=True))
     rates = np.array(chosen.variable_derivatives(x, *arguments)).ravel()
     known.update({f"der({name})": rate for name, rate in zip(names, rates, strict=True)})
-    return np.array([known[name] for name in redundant.explicit.state_names])
+    return np.array([known[name] for name in redundant.state_names])

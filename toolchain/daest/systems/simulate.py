@@ -17,13 +17,14 @@ from daest.model.flat import FlatModel
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.model.simulation import Simulation
 from daest.numerics.exponential import covariance_integral, transition_integrals
+from daest.numerics.projection import pull
 from daest.numerics.recursions import linear_recursion
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import IntegrationError, integrate, integrator
 from daest.systems.linearize import is_affine_model
 from daest.systems.pantelides import name_equations
 from daest.systems.reduce import reduce_index
-from daest.systems.redundant import matching_states, needs_redundant_states, redundant_model
+from daest.systems.redundant import good_everywhere, matching_states
 from daest.systems.sample import sample
 from daest.systems.state_space import state_space, state_space_family
 
@@ -32,6 +33,7 @@ Recording = Experiment | tuple[np.ndarray, np.ndarray]
 
 RTOL = 1e-8  # relative local error of the adaptive integration
 SUBSTEPS = 4  # local linearisations per sample interval when a nonlinear model is simulated with noise
+PROJECTED = 1e-13  # step onto the constraints, relative to the states' nominal values, that ends it
 EQUAL_STEPS = 1e-9  # sample intervals that differ by less than this share are treated as one length
 
 
@@ -74,7 +76,9 @@ def simulate(
     Affine models are computed exactly by matrix exponentials; others by Radau IIA with adaptive steps at
     `rtol`. `noise` adds white noise with its intensity (`intensities` by name win over the model's) and
     measurement noise of the outputs' std: exactly sampled for affine models, else by local linearisation on
-    substeps (Itô). Where white noise reaches an output directly it is held over each sample, (43)-(45).
+    substeps (Itô). Where white noise reaches an output directly it is held over each sample, (43)-(45). Where
+    a choice of states would become singular on the way, all differentiated variables are states and every
+    step is pulled back onto the constraints.
 
     Raises ModelError `simulation-input`, `input-derivative-order`, `input-derivative-hold`,
     `noise-intensity-missing` and what `initial_point` raises; NumericalError `simulation-failed`.
@@ -85,14 +89,14 @@ def simulate(
     rng = np.random.default_rng(seed)
     w = np.zeros((task.time.size, len(explicit.flat.noises)))
     intensity = _intensities(explicit.flat, intensities or {}) if noise else np.zeros(0)
+    task = task if is_affine else _good_everywhere(task)
     with threadpool_limits(1):  # many small matrices: a second thread only waits
         if np.any(intensity > 0):
             states, w, method = (_affine_noisy if is_affine else _nonlinear_noisy)(task, intensity, rng)
         elif is_affine:
             states, method = _affine(task)
         else:
-            task, invariants = _good_everywhere(task)
-            states, method = _nonlinear(task, rtol, invariants)
+            states, method = _nonlinear(task, rtol)
     result = _collect(task, states, w, method)
     if not noise:
         return result
@@ -278,23 +282,22 @@ def _square_root(covariance: np.ndarray) -> np.ndarray:
     return safe[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-def _good_everywhere(task: _Task) -> tuple[_Task, ca.Function | None]:
+def _good_everywhere(task: _Task) -> _Task:
     """The task on all differentiated variables, with the invariants that tie them, where the choice of states
     could become singular on the way."""
-    if not needs_redundant_states(task.explicit.flat):
-        return task, None
-    redundant = redundant_model(task.explicit.flat)
+    redundant = good_everywhere(task.explicit)
+    if redundant is task.explicit:
+        return task
     w = np.zeros(len(task.explicit.flat.noises))
     arguments = (task.u[0], task.v[0], w, task.theta, float(task.time[0]))
     xi = np.array(task.explicit.variables(task.x0, *arguments)).ravel()
     x0 = matching_states(task.explicit, redundant, task.x0, xi, arguments)
-    return replace(task, explicit=redundant.explicit, x0=x0), redundant.invariants
+    return replace(task, explicit=redundant, x0=x0)
 
 
-def _nonlinear(task: _Task, rtol: float, invariants: ca.Function | None) -> tuple[np.ndarray, str]:
-    engine = integrator(task.explicit, invariants=invariants)
-    nominal = {v.name: v.nominal for v in task.explicit.flat.unknowns}
-    scale = np.array([abs(nominal.get(name) or 1.0) for name in task.explicit.state_names])
+def _nonlinear(task: _Task, rtol: float) -> tuple[np.ndarray, str]:
+    engine = integrator(task.explicit)
+    scale = _state_scale(task.explicit)
     try:
         run = integrate(
             engine, task.time, task.u, task.theta, task.x0, hold=task.hold, rtol=rtol, state_scale=scale
@@ -302,7 +305,7 @@ def _nonlinear(task: _Task, rtol: float, invariants: ca.Function | None) -> tupl
     except IntegrationError as error:
         raise _failed(error.time, error.what) from error
     how = f"adaptive steps, rtol {rtol:g}" if engine.library is not None else "fixed steps"
-    held = "" if invariants is None else ", projected on the constraints"
+    held = "" if task.explicit.invariants is None else ", projected on the constraints"
     return run.states, f"Radau IIA order 5, {how}, {task.hold}{held}"
 
 
@@ -319,7 +322,7 @@ def _nonlinear_noisy(
     task: _Task, intensity: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, str]:
     """States, mean noise of every interval, method; noise that reaches an output is held over each sample."""
-    slopes = _slope_function(task.explicit)
+    slopes, hold = _slope_function(task.explicit), _hold_function(task.explicit)
     arguments = task.explicit.outputs.mx_in()
     held = bool(ca.jacobian_sparsity(task.explicit.outputs(*arguments), arguments[3]).nnz())
     states = np.empty((task.time.size, task.x0.size))
@@ -328,17 +331,19 @@ def _nonlinear_noisy(
     w = rng.standard_normal((task.time.size, intensity.size)) * np.sqrt(intensity / lengths[:, None])
     for k in range(task.steps.size):
         states[k + 1], mean = _noisy_interval(
-            slopes, task, k, states[k], w[k] if held else None, intensity, rng
+            slopes, hold, task, k, states[k], w[k] if held else None, intensity, rng
         )
         w[k] = w[k] if held else mean
         if not np.all(np.isfinite(states[k + 1])):
             raise _failed(float(task.time[k]), "the model gives no finite derivative")
     kind = "held over a sample" if held else "white"
-    return states, w, f"local linearisation, {SUBSTEPS} substeps, {task.hold}, noise {kind}"
+    pulled = "" if hold is None else ", projected on the constraints"
+    return states, w, f"local linearisation, {SUBSTEPS} substeps, {task.hold}, noise {kind}{pulled}"
 
 
 def _noisy_interval(
     slopes: ca.Function,
+    hold: ca.Function | None,
     task: _Task,
     k: int,
     x: np.ndarray,
@@ -360,6 +365,9 @@ def _noisy_interval(
         white = intensity if held is None else None
         x, increment = _local_step(slopes, x, at, step / SUBSTEPS, white, rng)
         total += increment
+        end = (number + 1.0) / SUBSTEPS
+        then = (task.u[k] + end * rise, task.v[k], w, task.theta, task.time[k] + end * step)
+        x = _on_constraints(hold, task.explicit, x, then)
     return x, total / step
 
 
@@ -369,6 +377,38 @@ def _slope_function(explicit: ExplicitModel) -> ca.Function:
     f: Any = explicit.rhs(*arguments)
     parts = [f, ca.jacobian(f, arguments[0]), ca.jacobian(f, arguments[3])]
     return ca.Function("slopes", arguments, [ca.densify(part) for part in parts])
+
+
+def _hold_function(explicit: ExplicitModel) -> ca.Function | None:
+    """(x, u, v, w, theta, t) -> g, ∂g/∂x; None where the states are free."""
+    if explicit.invariants is None:
+        return None
+    arguments = explicit.invariants.sx_in()
+    g = explicit.invariants(*arguments)
+    return ca.Function("hold", arguments, [ca.densify(g), ca.densify(ca.jacobian(g, arguments[0]))])
+
+
+def _on_constraints(
+    hold: ca.Function | None, explicit: ExplicitModel, x: np.ndarray, at: tuple
+) -> np.ndarray:
+    """The state with (u, v, w, theta, t) = `at` on the constraints that tie its components."""
+    if hold is None or not np.all(np.isfinite(x)):
+        return x
+
+    def invariants(state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        g, R = (part.full() for part in hold(state, *at))
+        return g.ravel(), R
+
+    try:
+        return pull(invariants, x, _state_scale(explicit), PROJECTED).x
+    except np.linalg.LinAlgError as error:
+        raise _failed(float(at[-1]), "the constraints of the model depend on each other") from error
+
+
+def _state_scale(explicit: ExplicitModel) -> np.ndarray:
+    """Nominal sizes (n_states,), 1 where none is given."""
+    nominal = {v.name: v.nominal for v in explicit.flat.unknowns}
+    return np.array([abs(nominal.get(name) or 1.0) for name in explicit.state_names])
 
 
 def _local_step(
