@@ -25,6 +25,7 @@ from daest.systems.sample import Hold
 SHORTEST_LOAD = 2.0  # sampling periods: a faster load is white noise
 LONGEST_LOAD = 0.25  # of the record: a slower one is a constant
 FIRST_LOAD = 20.0  # sampling periods, start of the search
+HOLDS: tuple[Hold, ...] = ("foh", "zoh")
 GIVEN_LOADS = (5.0, 50.0)  # sampling periods, where the data do not determine a time constant
 
 
@@ -73,7 +74,9 @@ class Null:
 def fit_null(
     flat: FlatModel, nodes: Sequence[Site], experiments: Sequence[Experiment], hold: Hold | None
 ) -> Null:
-    """Fit the null to the experiments. The parameters that `flat` marks are estimated.
+    """Fit the null to the experiments. The parameters that `flat` marks are estimated. Without `hold`, the more
+    likely one is taken: the loads must be there when the holds are compared, for half a sample of delay is
+    little beside a load, but a finding once the load is explained.
 
     A load that buys no likelihood has size 0 in the end. Raises what `identify` raises, and EstimationError
     `diagnose-no-place` when no load would show in the outputs.
@@ -89,25 +92,33 @@ def fit_null(
     period = float(np.median(np.diff(time)))
     duration = float(sum(e.time[-1] - e.time[0] for e in experiments))
     longest = LONGEST_LOAD * duration
-    bounds = {f"load_{i + 1}.T": (SHORTEST_LOAD * period, longest) for i in range(len(places))}
-    physical = tuple(p.name for p in flat.parameters if p.estimate)
     loaded = with_loads(flat, places, [FIRST_LOAD * period] * len(places))
+    fits = [_loaded_fit(loaded, experiments, one, period, longest) for one in ((hold,) if hold else HOLDS)]
+    best = max(fits, key=lambda fit: fit.log_likelihood)
+    return _at_estimate(loaded, best, places, tuple(experiments))
+
+
+def _loaded_fit(
+    loaded: FlatModel, experiments: Sequence[Experiment], hold: Hold, period: float, longest: float
+) -> FitResult:
+    times = [p.name for p in loaded.parameters if p.name.startswith("load_")]
+    bounds = {name: (SHORTEST_LOAD * period, longest) for name in times}
+    physical = tuple(p.name for p in loaded.parameters if p.estimate)
     try:
         options = IdentifyOptions(method="pem", estimate=(*physical, *bounds), bounds=bounds, hold=hold)
-        fit = identify(loaded, experiments, options)
+        return identify(loaded, experiments, options)
     except EstimationError as error:
         if not str(error.where).startswith("load_"):
             raise
         # Nothing in the data tells the time constants apart: the most likely of a few.
-        fit = _with_given_time_constants(loaded, physical, experiments, hold, period, longest)
-    return _at_estimate(loaded, fit, places, tuple(experiments))
+        return _with_given_time_constants(loaded, physical, experiments, hold, period, longest)
 
 
 def _with_given_time_constants(
     loaded: FlatModel,
     physical: tuple[str, ...],
     experiments: Sequence[Experiment],
-    hold: Hold | None,
+    hold: Hold,
     period: float,
     longest: float,
 ) -> FitResult:
