@@ -16,6 +16,7 @@ estimate = ["run1.csv", "run2.csv"]
 validate = "run3.csv"
 inputs = { u = "voltage" }
 outputs = { omega = "speed", disc.phi = "angle" }
+time = "t"
 from = 1
 to = 9.5
 resample = 0.05
@@ -54,6 +55,7 @@ def test_everything_is_read(tmp_path):
     assert project.validate == (tmp_path / "run3.csv",)
     assert project.inputs == {"u": "voltage"}
     assert project.outputs == {"omega": "speed", "disc.phi": "angle"}
+    assert project.time == "t"
     assert project.preparation.start == 1.0 and project.preparation.stop == 9.5
     assert project.preparation.period == 0.05 and project.preparation.detrend == "mean"
     assert project.hold == "foh"

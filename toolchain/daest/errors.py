@@ -144,8 +144,12 @@ EXPLANATIONS: dict[str, str] = {
         "rows of numbers."
     ),
     "data-encoding": (
-        "The file is not UTF-8 text. Save it as UTF-8; many spreadsheet programs offer this when they write "
-        "CSV."
+        "The file is no text: neither UTF-8, nor UTF-16 with a byte order mark, nor Windows-1252. Save it as "
+        "UTF-8; many spreadsheet programs offer this when they write CSV."
+    ),
+    "data-frame": (
+        "A Dataset of several dimensions is no recording: every signal must have one value per time. Select "
+        "the variables with the dimension time alone."
     ),
     "data-infinite": "A column holds an infinite number. A missing value is an empty cell.",
     "data-input-gap": (
@@ -159,6 +163,14 @@ EXPLANATIONS: dict[str, str] = {
     "data-missing-file": (
         "A recording that was named on the command line or in daest.toml does not exist. Paths in "
         "daest.toml count from the folder of that file."
+    ),
+    "data-needs-h5py": (
+        "MATLAB files of version 7.3 are HDF5 files, read with h5py, which is an optional part of the "
+        "installation: pip install 'daest[hdf5]'. Files up to version 7 need nothing."
+    ),
+    "data-needs-openpyxl": (
+        "Excel workbooks are read with openpyxl, which is an optional part of the installation: pip install "
+        "'daest[excel]'. CSV needs nothing."
     ),
     "data-needs-pyarrow": (
         "Parquet files are read through pandas and pyarrow, which are optional parts of the installation: "
@@ -198,6 +210,10 @@ EXPLANATIONS: dict[str, str] = {
     "data-too-few-rows": "The recording, or what is left of it after cutting and resampling, is too short.",
     "data-two-time-columns": (
         "Several columns are the time by their names (time, time_s, time_ms). Keep one and rename the others."
+    ),
+    "data-unit-twice": (
+        "A unit stands in the header of a column and another one in the row below it, so it is unknown "
+        "which one is meant. Keep one of them."
     ),
     "data-unknown-column": (
         "A column that was named, or that an input of the model needs, does not exist in the recording. "
@@ -657,6 +673,18 @@ EXPLANATIONS: dict[str, str] = {
         "The linear model has no unique solution: a combination of its equations vanishes, though each "
         "unknown can be assigned to an equation. The message names that combination; one of these "
         "equations repeats or contradicts the others, or a parameter that is zero has removed a term."
+    ),
+    "prior-mean": (
+        "The mean of a prior lies outside the bounds of its parameter, or is not positive although the "
+        "parameter is searched on a logarithmic scale, where the mean is the median of a lognormal density."
+    ),
+    "prior-std": (
+        "The standard deviation of a prior is zero, negative or not finite. A parameter that is known "
+        "exactly is fixed, not given a prior."
+    ),
+    "prior-unused": (
+        "A prior was given for a parameter that is not among the estimated ones, where it would have no "
+        "effect."
     ),
     "rank-not-finite": (
         "A matrix of the linear model holds an infinite or undefined number, so its rank cannot be "

@@ -61,6 +61,24 @@ def parse_unit(text: str) -> Factors:
     return {symbol: exponent for symbol, exponent in factors.items() if exponent}
 
 
+def is_unit_expression(text: str) -> bool:
+    """Whether the text is written like a unit, known or not."""
+    try:
+        parse_unit(text)
+    except DataError:
+        return False
+    return True
+
+
+def is_known_unit(text: str) -> bool:
+    """Whether the text is a unit expression of which every symbol is known."""
+    try:
+        _in_base_units(parse_unit(text), text)
+    except DataError:
+        return False
+    return bool(text.strip())
+
+
 def conversion(given: str, wanted: str) -> Conversion:
     """The conversion from unit `given` to unit `wanted`.
 

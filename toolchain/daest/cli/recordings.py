@@ -92,7 +92,9 @@ def driving_data(
     preparation = replace(options.preparation(project), split=None)
     chosen = list(paths) or list(project.estimate)
     _require(chosen)
-    return read_experiments(chosen, *_signals(flat, project), preparation, outputs_required=False)
+    return read_experiments(
+        chosen, *_signals(flat, project), preparation, outputs_required=False, time=project.time
+    )
 
 
 def _require(paths: Sequence[Path]) -> None:
@@ -107,7 +109,7 @@ def _require(paths: Sequence[Path]) -> None:
 def _read(
     flat: FlatModel, project: Project, paths: Sequence[Path], preparation: Preparation
 ) -> list[Experiment]:
-    experiments = read_experiments(paths, *_signals(flat, project), preparation)
+    experiments = read_experiments(paths, *_signals(flat, project), preparation, time=project.time)
     for experiment in experiments:
         for remark in experiment.notes:
             note(f"{experiment.name}: {remark}")

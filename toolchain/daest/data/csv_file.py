@@ -1,110 +1,163 @@
-"""CSV files: one header row, then numbers; an empty cell is a missing value."""
+"""CSV files as any tool writes them: separator, decimal mark, encoding, comments and header are found."""
 
 from __future__ import annotations
 
 import csv
-import io
+import re
+from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-
-from daest.data.problems import raise_collected
-from daest.data.table import Column, Table, duplicate_columns, split_header
+from daest.data.grid import Grid, cell_number, grid_table
+from daest.data.table import Table
 from daest.errors import DataError, Place
 
-_SEPARATORS = (",", ";", "\t")
+SPACES = " "  # any white space between cells
+SEPARATORS = (",", ";", "\t", "|", SPACES)
+COMMENTS = ("#", "%", "//")
+ENCODINGS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf": "utf-8-sig"}
+_LOOKED_AT = 400  # lines, spread over the file, from which separator and decimal mark are told
+_EXCEL = re.compile(r"sep=(.)\r?$")  # first line of a CSV file of Excel
+_GAP = re.compile(r"\s+(?![\[(])")  # a unit in brackets belongs to the name before it
 
 
 def read_csv(path: Path) -> Table:
-    """The table of a CSV file. The separator is the one of , ; or tab that the header uses most.
+    """The table of a CSV file.
 
-    Raises DataError: `data-empty-file`, `data-encoding`, `data-no-header`, `data-ragged-row`,
-    `data-duplicate-column`, all problems of the rows at once.
+    Cells are parted by , ; | tab or white space, whichever makes most of them numbers; a decimal comma is
+    read where commas do not part cells. Lines that begin with # % or // are comments. The text is UTF-8,
+    UTF-16 with a byte order mark, or else Windows-1252. Raises DataError `data-empty-file`, `data-encoding`,
+    `data-unreadable-file`, and what `grid_table` raises.
     """
-    text = _decoded(path)
-    header_text = text.split("\n", 1)[0]
-    separator = max(_SEPARATORS, key=header_text.count)
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True)
-    rows, lines = [], []
-    for row in reader:
-        if row and any(cell.strip() for cell in row):
-            rows.append(row)
-            lines.append(reader.line_num)
-    header = [cell.strip() for cell in rows[0]]
-    _check_header(header, path)
-    body, body_lines = rows[1:], np.array(lines[1:], dtype=int)
-    _check_widths(body, body_lines, len(header), path)
-    cells = list(zip(*body, strict=True)) if body else [()] * len(header)
-    columns = tuple(_column(i, header[i], cells[i]) for i in range(len(header)))
-    table = Table(str(path), columns, body_lines)
-    raise_collected(duplicate_columns(table), str(path))
-    return table
-
-
-def _decoded(path: Path) -> str:
-    raw = path.read_bytes()
+    text, notes = _decoded(path)
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    excel = _EXCEL.match(lines[0])
+    if excel:
+        lines[0] = ""
+    shown = [line for line in lines if line.strip() and not _is_comment(line)]
+    if not shown:
+        raise _empty(path)
+    separator = excel[1] if excel else _separator(shown)
+    decimal = _decimal(shown, separator)
+    if decimal == ",":
+        notes = (*notes, "numbers read with a decimal comma")
     try:
-        text = raw.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = raw.count(b"\n", 0, error.start) + 1
+        rows, numbers = _rows(lines, separator)
+    except csv.Error as error:
         raise DataError(
-            "data-encoding",
-            f"byte {raw[error.start]:#04x} is not UTF-8 text",
-            where=Place(str(path), line),
-            remedy="save the file as UTF-8",
-        ) from error
-    if not text.strip():
-        raise DataError(
-            "data-empty-file",
-            "the file is empty",
+            "data-unreadable-file",
+            f"not a CSV file: {error}",
             where=Place(str(path)),
-            remedy="a recording needs a header row and at least two rows of numbers",
-        )
-    return text
+            remedy="look for a quotation mark that is not closed, or save the recording again",
+        ) from error
+    remarks = _remarks(lines, separator, numbers[0])
+    return grid_table(Grid(rows, numbers, decimal, remarks, notes), path)
 
 
-def _check_header(header: list[str], path: Path) -> None:
-    if all(_number(cell) is not None for cell in header):
-        raise DataError(
-            "data-no-header",
-            "the first row holds numbers, not names",
-            where=Place(str(path), 1),
-            remedy="add a header row such as: time,u,omega [rad/s]",
-        )
-
-
-def _check_widths(rows: list[list[str]], lines: np.ndarray, width: int, path: Path) -> None:
-    problems = [
-        DataError(
-            "data-ragged-row",
-            f"{len(row)} cells where the header has {width}",
-            where=Place(str(path), int(line)),
-            remedy="write every row with as many cells as the header (an empty cell is a missing value)",
-        )
-        for row, line in zip(rows, lines, strict=True)
-        if len(row) != width
-    ]
-    raise_collected(problems, str(path))
-
-
-def _column(index: int, header: str, cells: tuple[str, ...]) -> Column:
-    name, unit = split_header(header)
+def _decoded(path: Path) -> tuple[str, tuple[str, ...]]:
+    raw = path.read_bytes()
+    encoding = next((name for mark, name in ENCODINGS.items() if raw.startswith(mark)), "utf-8")
+    notes: tuple[str, ...] = ()
     try:
-        return Column(name, unit, np.array(cells, dtype=float), (), index + 1)
-    except ValueError:
-        pass  # a missing value or a text: look at every cell
-    numbers = [_number(cell) for cell in cells]
-    values = np.array([np.nan if number is None else number for number in numbers], dtype=float)
-    texts = tuple(
-        (row, cell.strip())
-        for row, (cell, number) in enumerate(zip(cells, numbers, strict=True))
-        if number is None and cell.strip()
+        text = raw.decode(encoding)
+    except UnicodeDecodeError as error:
+        if encoding == "utf-16" or b"\0" in raw:
+            raise _not_text(path, raw, error) from error
+        try:
+            text = raw.decode("cp1252")
+        except UnicodeDecodeError as other:
+            raise _not_text(path, raw, other) from other
+        notes = ("the text is not UTF-8; read as Windows-1252",)
+    if "\0" in text:
+        raise _not_text(path, raw, None)
+    if not text.strip():
+        raise _empty(path)
+    return text, notes
+
+
+def _not_text(path: Path, raw: bytes, error: UnicodeDecodeError | None) -> DataError:
+    at = error.start if error is not None else max(raw.find(b"\0"), 0)
+    return DataError(
+        "data-encoding",
+        f"byte {raw[at]:#04x} is not UTF-8 text",
+        where=Place(str(path), raw.count(b"\n", 0, at) + 1),
+        remedy="save the file as UTF-8",
     )
-    return Column(name, unit, values, texts, index + 1)
 
 
-def _number(cell: str) -> float | None:
-    try:
-        return float(cell)
-    except ValueError:
-        return None
+def _empty(path: Path) -> DataError:
+    return DataError(
+        "data-empty-file",
+        "the file is empty",
+        where=Place(str(path)),
+        remedy="a recording needs a header row and at least two rows of numbers",
+    )
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(COMMENTS)
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    """One line as cells; a cell of several lines is not looked at here."""
+    if separator == SPACES:
+        return _GAP.split(line.strip())
+    return line.replace('"', "").split(separator)
+
+
+def _separator(lines: list[str]) -> str:
+    """The separator with which the largest share of the cells are numbers; in doubt the one that the first
+    line uses most."""
+    sample = lines[:: max(1, len(lines) // _LOOKED_AT)]
+    scores = {}
+    for separator in SEPARATORS:
+        rows = [_cells(line, separator) for line in sample]
+        decimals = (".",) if separator == "," else (".", ",")
+        scores[separator] = max(_score(rows, decimal) for decimal in decimals)
+    best = max(SEPARATORS, key=lambda separator: scores[separator])
+    if scores[best] > 0:
+        return best
+    return max(SEPARATORS[:-1], key=lines[0].count)
+
+
+def _score(rows: list[list[str]], decimal: str) -> float:
+    """Share of the written cells in rows of two or more cells that are numbers, over all rows."""
+    wide = [row for row in rows if len(row) > 1]
+    cells = [cell.strip() for row in wide for cell in row if cell.strip()]
+    numbers = sum(cell_number(cell, decimal) is not None for cell in cells)
+    return len(wide) / len(rows) * numbers / len(cells) if cells else 0.0
+
+
+def _decimal(lines: list[str], separator: str) -> str:
+    """The comma where it parts no cells, some numbers have one and none has a point."""
+    if separator == "," or not any("," in line for line in lines):
+        return "."
+    cells = [cell.strip() for line in lines for cell in _cells(line, separator)]
+    commas = sum("," in cell and cell_number(cell, ",") is not None for cell in cells)
+    points = sum("." in cell and cell_number(cell, ".") is not None for cell in cells)
+    return "," if commas and not points else "."
+
+
+def _rows(lines: list[str], separator: str) -> tuple[list[list[str]], list[int]]:
+    """Rows with anything in them, and the line where each ends."""
+    if separator == SPACES:
+        found = [(_GAP.split(line.strip()), n) for n, line in enumerate(_shown(lines), 1)]
+    else:
+        reader = csv.reader(_shown(lines), delimiter=separator, skipinitialspace=True)
+        found = [(row, reader.line_num) for row in reader]
+    kept = [(row, n) for row, n in found if any(cell.strip() for cell in row)]
+    return [row for row, _ in kept], [n for _, n in kept]
+
+
+def _shown(lines: list[str]) -> Iterator[str]:
+    """The lines with comments blank, so that they keep their numbers."""
+    for line in lines:
+        yield "\n" if _is_comment(line) else f"{line}\n"
+
+
+def _remarks(lines: list[str], separator: str, first: int) -> list[tuple[list[str], int]]:
+    """Comment lines above line `first`, without their mark, as cells."""
+    found = []
+    for number, line in enumerate(lines[: first - 1], 1):
+        if _is_comment(line):
+            found.append((_cells(line.lstrip(" \t#%/"), separator), number))
+    return found

@@ -3,29 +3,34 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from daest.data.result_file import is_result, result_table
 from daest.data.table import Column, Table
 from daest.errors import DataError, Place
 
+_HDF5 = b"\x89HDF\r\n\x1a\n"  # a file of version 7.3 has it behind a header of 512 bytes
+_HEADER = 512
+
 
 def read_mat(path: Path) -> Table:
-    """The table of a MATLAB file up to version 7. Raises DataError `data-unreadable-file` or
-    `data-empty-file`."""
-    from scipy.io import loadmat
+    """The table of a MATLAB file of any version, or of a result of Dymola or OpenModelica.
 
-    try:
-        content = loadmat(path, squeeze_me=True, struct_as_record=False)
-    except (NotImplementedError, ValueError, OSError) as error:
-        raise DataError(
-            "data-unreadable-file",
-            f"the MATLAB file cannot be read: {error}",
-            where=Place(str(path)),
-            remedy="save it in MATLAB with: save(name, '-v7')",
-        ) from error
-    vectors = _vectors({name: value for name, value in content.items() if not name.startswith("__")})
+    Raises DataError `data-unreadable-file`, `data-needs-h5py` or `data-empty-file`.
+    """
+    with path.open("rb") as file:
+        head = file.read(_HEADER + len(_HDF5))
+    if head.startswith(_HDF5) or head[_HEADER:] == _HDF5:
+        vectors = _hdf5_vectors(path)
+    else:
+        content = _content(path)
+        if is_result(content):
+            return result_table(content, path)
+        vectors = _vectors(content)
     if not vectors:
         raise DataError(
             "data-empty-file",
@@ -41,7 +46,19 @@ def read_mat(path: Path) -> Table:
     return Table(str(path), columns, None)
 
 
-def _vectors(content: dict[str, object]) -> dict[str, np.ndarray]:
+def _content(path: Path) -> dict[str, Any]:
+    """The variables of a file up to version 7."""
+    from scipy.io import loadmat
+
+    try:
+        content = loadmat(path, squeeze_me=True, struct_as_record=False)
+    # A damaged file makes the reader fail in many ways.
+    except Exception as error:
+        raise _unreadable(path, error, "save it in MATLAB with: save(name, '-v7')") from error
+    return {name: value for name, value in content.items() if not name.startswith("__")}
+
+
+def _vectors(content: Mapping[str, Any]) -> dict[str, np.ndarray]:
     found: dict[str, np.ndarray] = {}
     for name, value in content.items():
         if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "fiub":
@@ -49,3 +66,40 @@ def _vectors(content: dict[str, object]) -> dict[str, np.ndarray]:
         elif hasattr(value, "_fieldnames"):
             found.update(_vectors({field: getattr(value, field) for field in value._fieldnames}))
     return found
+
+
+def _hdf5_vectors(path: Path) -> dict[str, np.ndarray]:
+    """The vectors of a file of version 7.3, which is HDF5; structs are groups there."""
+    try:
+        import h5py
+    except ImportError as error:
+        raise DataError(
+            "data-needs-h5py",
+            "reading MATLAB files of version 7.3 needs h5py, which is not installed",
+            where=Place(str(path)),
+            remedy="pip install 'daest[hdf5]', or save it in MATLAB with: save(name, '-v7')",
+        ) from error
+    found: dict[str, np.ndarray] = {}
+
+    def visit(name: str, item: Any) -> None:
+        # MATLAB keeps the targets of its references in #refs#; empty arrays are marked.
+        if not isinstance(item, h5py.Dataset) or name.startswith("#") or "MATLAB_empty" in item.attrs:
+            return
+        if item.dtype.kind in "fiub" and item.size > 1 and item.size == max(item.shape, default=0):
+            found[name.rsplit("/", 1)[-1]] = np.asarray(item).ravel()
+
+    try:
+        with h5py.File(path, "r") as file:
+            file.visititems(visit)
+    except Exception as error:
+        raise _unreadable(path, error, "save it in MATLAB with: save(name, '-v7')") from error
+    return found
+
+
+def _unreadable(path: Path, error: Exception, remedy: str) -> DataError:
+    return DataError(
+        "data-unreadable-file",
+        f"the MATLAB file cannot be read: {error}",
+        where=Place(str(path)),
+        remedy=remedy,
+    )

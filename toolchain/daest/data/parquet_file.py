@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
-from daest.data.table import Column, Table, split_header
+from daest.data.frame import frame_table
+from daest.data.table import Table
 from daest.errors import DataError, Place
 
 
@@ -30,15 +29,4 @@ def read_parquet(path: Path) -> Table:
             where=Place(str(path)),
             remedy="save it again, or as CSV",
         ) from error
-    return Table(str(path), tuple(_column(str(name), frame[name]) for name in frame.columns), None)
-
-
-def _column(header: str, series: object) -> Column:
-    import pandas as pd
-
-    name, unit = split_header(header)
-    numbers = pd.to_numeric(series, errors="coerce")
-    values = np.asarray(numbers, dtype=float)
-    given = np.asarray(pd.notna(series))
-    texts = tuple((int(row), str(series.iloc[row])) for row in np.nonzero(given & np.isnan(values))[0])  # type: ignore[attr-defined]
-    return Column(name, unit, values, texts)
+    return frame_table(frame, str(path))

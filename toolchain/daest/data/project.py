@@ -14,6 +14,7 @@ from daest.data.prepare import Preparation
 from daest.data.problems import raise_collected
 from daest.data.table import nearest
 from daest.errors import ConfigError, DaestError, Place
+from daest.model.prior import Prior
 
 FILE_NAME = "daest.toml"
 Scale = Literal["auto", "linear", "log"]
@@ -30,6 +31,7 @@ class ParameterSetting:
     min: float | None = None
     max: float | None = None
     scale: Scale | None = None
+    prior: Prior | None = None
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,7 @@ class Project:
     validate: tuple[Path, ...] = ()
     inputs: Mapping[str, str] = field(default_factory=dict)
     outputs: Mapping[str, str] = field(default_factory=dict)
+    time: str | None = None  # column of the time, where it is not called so
     preparation: Preparation = field(default_factory=Preparation)
     hold: Hold | None = None
     parameters: Mapping[str, ParameterSetting] = field(default_factory=dict)
@@ -146,6 +149,7 @@ class _Reader:
             validate=self._paths(data, "data", "validate"),
             inputs=self._map(data, "inputs"),
             outputs=self._map(data, "outputs"),
+            time=self._value(data, "data", "time", str, _TEXT),
             preparation=preparation,
             hold=self._choice(data, "data", "hold", ("zoh", "foh")),
             parameters=parameters,
@@ -172,7 +176,7 @@ class _Reader:
             return Preparation()
 
     def _parameter(self, section: str, name: str, entry: dict[str, Any]) -> ParameterSetting:
-        self._known(entry, f"{section}.{name}", ("estimate", "start", "value", "min", "max", "scale"))
+        self._known(entry, f"{section}.{name}", _PARAMETER_KEYS)
         place = f"{section}.{name}"
         start, value = self._number(entry, place, "start"), self._number(entry, place, "value")
         if start is not None and value is not None:
@@ -185,9 +189,32 @@ class _Reader:
             min=self._number(entry, place, "min"),
             max=self._number(entry, place, "max"),
             scale=self._choice(entry, place, "scale", ("auto", "linear", "log")),
+            prior=self._prior(entry, place, name),
         )
         self._check_bounds(name, place, setting)
         return setting
+
+    def _prior(self, entry: dict[str, Any], place: str, name: str) -> Prior | None:
+        """`prior = { mean = .., std = .. }`."""
+        given = entry.get("prior")
+        if given is None:
+            return None
+        if not isinstance(given, dict):
+            self._wrong_type(place, "prior", "a table, as in { mean = 1.0, std = 0.1 }")
+            return None
+        inner = f"{place}.prior"
+        self._known(given, inner, ("mean", "std"))
+        mean, std = self._number(given, inner, "mean"), self._number(given, inner, "std")
+        problem = None
+        if mean is None or std is None:
+            problem = f"the prior of '{name}' has no {'mean' if mean is None else 'std'}"
+        elif not (math.isfinite(mean) and math.isfinite(std) and std > 0.0):
+            problem = f"the prior of '{name}' needs a finite mean and a std above 0"
+        if problem is not None:
+            self._problem("config-value", problem, place, "prior", "as in prior = { mean = 1.0, std = 0.1 }")
+            return None
+        assert mean is not None and std is not None
+        return Prior(mean, std)
 
     def _check_bounds(self, name: str, place: str, setting: ParameterSetting) -> None:
         low = -math.inf if setting.min is None else setting.min
@@ -298,12 +325,14 @@ class _Reader:
         return Place(str(self.file), _line_of(self.lines, section, key))
 
 
+_PARAMETER_KEYS = ("estimate", "start", "value", "min", "max", "scale", "prior")
 _DATA_KEYS = (
     "estimate",
     "validate",
     "split",
     "inputs",
     "outputs",
+    "time",
     "from",
     "to",
     "resample",

@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from daest.data.csv_file import read_csv
+from daest.data.excel_file import read_excel
+from daest.data.frame import frame_table, is_frame
 from daest.data.mat_file import read_mat
 from daest.data.parquet_file import read_parquet
 from daest.data.prepare import Preparation, prepare, regular_times
 from daest.data.problems import raise_collected
+from daest.data.stamps import with_seconds
 from daest.data.table import Column, Table, nearest, time_unit
 from daest.errors import DataError, Place
 from daest.model.experiment import Experiment
@@ -24,6 +28,8 @@ _READERS: dict[str, Callable[[Path], Table]] = {
     ".tsv": read_csv,
     ".mat": read_mat,
     ".parquet": read_parquet,
+    ".xlsx": read_excel,
+    ".dat": read_csv,
 }
 _FEWEST_ROWS = 2
 _TEXTS_SHOWN = 3  # of one column; the rest is counted
@@ -40,24 +46,27 @@ class Signal:
 
 
 def read_experiments(
-    paths: Sequence[Path | str],
+    paths: Sequence[Any],
     inputs: Sequence[Signal],
     outputs: Sequence[Signal],
     preparation: Preparation | None = None,
     *,
     outputs_required: bool = True,
+    time: str | None = None,
 ) -> list[Experiment]:
     """One experiment per file, with every signal of `inputs` and `outputs` in that order and in its unit.
 
-    It is named after its file, by the whole path where two files have the same name.
+    It is named after its file, by the whole path where two files have the same name. A pandas DataFrame or
+    an xarray Dataset may stand in place of a path; those are called `data 1`, `data 2` by their position.
+    `time` names the column of the time where it is not called so.
 
     An output that a file has no column for is all NaN there, unless a column was named for it. Raises
     DataError with all problems of a file at once: missing columns, units that do not fit, texts, time that
     does not increase, gaps in inputs; and `data-no-output` if `outputs_required` and a file has none of them.
     """
     experiments = [
-        _read_experiment(Path(path), inputs, outputs, preparation or Preparation(), outputs_required)
-        for path in paths
+        _matched(table, inputs, outputs, preparation or Preparation(), outputs_required, time)
+        for table in map(_table, paths, range(1, len(paths) + 1))
     ]
     stems = [experiment.name for experiment in experiments]
     return [
@@ -67,7 +76,7 @@ def read_experiments(
 
 
 def read_table(path: Path) -> Table:
-    """The columns of a .csv, .mat or .parquet file. Raises DataError if it is missing, unreadable or
+    """The columns of a file of any kind that is read. Raises DataError if it is missing, unreadable or
     empty."""
     if not path.is_file():
         what = "is a folder, not a file" if path.is_dir() else "does not exist"
@@ -119,15 +128,19 @@ def _neighbours(path: Path) -> list[str]:
     return [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
 
 
-def _read_experiment(
-    path: Path,
+def _table(source: Any, position: int) -> Table:
+    return frame_table(source, f"data {position}") if is_frame(source) else read_table(Path(source))
+
+
+def _matched(
+    table: Table,
     inputs: Sequence[Signal],
     outputs: Sequence[Signal],
     preparation: Preparation,
     outputs_required: bool,
+    time: str | None,
 ) -> Experiment:
-    table = read_table(path)
-    time_column = _time_column(table)
+    time_column = find_time(table, time)
     problems = _time_problems(table, time_column)
     matched: dict[str, Column] = {}
     for signal in inputs:
@@ -151,7 +164,7 @@ def _experiment(
 ) -> Experiment:
     problems: list[DataError] = []
     notes: list[str] = []
-    time = conversion(time_unit(time_column) or "s", "s")(time_column.values)
+    time = conversion(time_unit(time_column) or time_column.unit or "s", "s")(time_column.values)
     keep = _window(table, time, preparation)
     missing = np.full(time.shape, np.nan)
 
@@ -169,11 +182,11 @@ def _experiment(
         _check_output(table, matched.get(signal.name), y[:, i], notes, problems)
     raise_collected(problems, table.file)
     time, time_notes = regular_times(time[keep])
-    used = {id(column) for column in matched.values()} | {id(time_column)}
+    used = {column.position or column.name for column in (*matched.values(), time_column)}
     extra = {
         column.name: column.values[keep]
         for column in table.columns
-        if id(column) not in used and column.name and not column.texts
+        if (column.position or column.name) not in used and column.name and not column.texts
     }
     experiment = Experiment(
         Path(table.file).stem,
@@ -183,9 +196,25 @@ def _experiment(
         tuple(signal.name for signal in inputs),
         tuple(signal.name for signal in outputs),
         extra,
-        (*notes, *time_notes),
+        (*table.notes, *notes, *time_notes),
     )
     return prepare(experiment, preparation)
+
+
+def find_time(table: Table, name: str | None = None) -> Column:
+    """The column of the time: the one called `name`, else the only one that is so by its name; dates turned
+    into seconds. Raises DataError `data-no-time`, `data-two-time-columns` or `data-unknown-column`."""
+    if name is None:
+        return with_seconds(_time_column(table))
+    column = table.find(name)
+    if column is None:
+        raise DataError(
+            "data-unknown-column",
+            f"there is no column '{name}' (named for the time); the columns are {', '.join(table.names)}",
+            where=table.place(),
+            remedy=nearest(name, table.names) or 'name another: [data] time = "column" in daest.toml',
+        )
+    return with_seconds(column)
 
 
 def _time_column(table: Table) -> Column:
@@ -204,7 +233,7 @@ def _time_column(table: Table) -> Column:
         f"there is no column 'time' or 'time_s'; the columns are {', '.join(table.names)}",
         where=table.place(),
         remedy=nearest("time", table.names).replace("did you mean", "rename the column of the seconds: is it")
-        or "call the column with the seconds 'time' (or 'time [ms]')",
+        or "call the column with the seconds 'time' (or 'time [ms]'), or name it: [data] time = \"column\"",
     )
 
 

@@ -10,10 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from daest.errors import DataError, Place
+from daest.quantities import is_known_unit
 
 # `x[1]` is an array element, `x[1] [V]` and `T[degC]` carry a unit: a unit stands behind a space, or is no
-# number.
+# number. In round brackets (`speed (rad/s)`) it is one only if it is a known unit.
 _HEADER = re.compile(r"^(?P<name>.*?)(?:\s+\[(?P<unit>[^\]]*)\]|\[(?P<tight>[^\]\d][^\]]*)\])\s*$")
+_ROUND = re.compile(r"^(?P<name>[^()]*[^()\s])\s*\((?P<unit>[^()]+)\)$")
 _TIME = re.compile(r"^time(?:_(?P<unit>s|ms|us|min|h))?$", re.IGNORECASE)
 
 
@@ -36,18 +38,21 @@ class Column:
 @dataclass(frozen=True)
 class Table:
     """All columns of a file; `lines` (n_rows,) are line numbers for messages, None where a file has no
-    lines."""
+    lines, and `header_line` is that of the names. `notes` say how the file was read where that was not
+    plain."""
 
     file: str
     columns: tuple[Column, ...]
     lines: np.ndarray | None
+    header_line: int = 1
+    notes: tuple[str, ...] = ()
 
     def place(self, row: int | None = None, column: Column | None = None) -> Place:
         """Where a row (counted from 0) stands; the header without one."""
         position = column.position if column is not None and column.position else None
         if self.lines is None:
             return Place(self.file)
-        line = 1 if row is None else int(self.lines[row])
+        line = self.header_line if row is None else int(self.lines[row])
         return Place(self.file, line, position)
 
     def find(self, name: str) -> Column | None:
@@ -67,9 +72,16 @@ def split_header(text: str) -> tuple[str, str | None]:
     none."""
     match = _HEADER.match(text.strip())
     if match is None:
-        return text.strip(), None
+        return _split_round(text.strip())
     unit = match["unit"] if match["unit"] is not None else match["tight"]
     return match["name"].strip(), unit.strip()
+
+
+def _split_round(text: str) -> tuple[str, str | None]:
+    match = _ROUND.match(text)
+    if match is None or not is_known_unit(match["unit"]):
+        return text, None
+    return match["name"], match["unit"].strip()
 
 
 def time_unit(column: Column) -> str | None:

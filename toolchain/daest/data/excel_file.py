@@ -1,0 +1,57 @@
+"""Excel workbooks (.xlsx): the first sheet that holds anything, read like a CSV file."""
+
+from __future__ import annotations
+
+import datetime
+from pathlib import Path
+from typing import Any
+
+from daest.data.grid import Grid, grid_table
+from daest.data.table import Table
+from daest.errors import DataError, Place
+
+
+def read_excel(path: Path) -> Table:
+    """The table of a workbook. Raises DataError `data-needs-openpyxl`, `data-unreadable-file`,
+    `data-empty-file`, and what `grid_table` raises."""
+    try:
+        import openpyxl
+    except ImportError as error:
+        raise DataError(
+            "data-needs-openpyxl",
+            "reading Excel files needs openpyxl, which is not installed",
+            where=Place(str(path)),
+            remedy="pip install 'daest[excel]', or save the recording as CSV",
+        ) from error
+    try:
+        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+        sheets = [(sheet.title, list(sheet.iter_rows(values_only=True))) for sheet in book.worksheets]
+        book.close()
+    # A damaged archive makes the reader fail in many ways.
+    except Exception as error:
+        raise DataError(
+            "data-unreadable-file",
+            f"the Excel file cannot be read: {error}",
+            where=Place(str(path)),
+            remedy="save it again, or as CSV",
+        ) from error
+    for title, sheet in sheets:
+        rows = [[_text(value) for value in row] for row in sheet]
+        numbered = [(row, line) for line, row in enumerate(rows, 1) if any(row)]
+        if numbered:
+            notes = (f"sheet '{title}' of {len(sheets)}",) if len(sheets) > 1 else ()
+            return grid_table(Grid([r for r, _ in numbered], [n for _, n in numbered], notes=notes), path)
+    raise DataError(
+        "data-empty-file",
+        "the workbook is empty",
+        where=Place(str(path)),
+        remedy="a recording needs a header row and at least two rows of numbers",
+    )
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, datetime.datetime | datetime.date | datetime.time):
+        return value.isoformat()
+    return repr(value) if isinstance(value, float) else str(value).strip()
