@@ -9,10 +9,11 @@ import fmu_models as models
 import numpy as np
 import pytest
 from fmu_archives import member
+from fmu_instance import open_instance
 
 from daest.errors import FmuError
 from daest.fmu.export import export_fmu, validate
-from daest.fmu.instance import open_instance
+from daest.fmu.instance import Refusal
 from daest.fmu.load import load_fmu
 from daest.model.flat import Equation, FlatModel, Output, Parameter, Variable
 
@@ -162,10 +163,9 @@ def test_algebraic_variables_cannot_be_set_in_ode_mode(tank_fmu):
     model = load_fmu(tank_fmu)
     with (
         open_instance(model) as instance,
-        pytest.raises(FmuError, match="cannot be set in this mode") as caught,
+        pytest.raises(Refusal, match="cannot be set in this mode"),
     ):
         instance.set([model.named("q").value_reference], [1.0])
-    assert caught.value.code == "fmu-call-failed"
 
 
 def test_saved_state_brings_the_instance_back(drive_fmu):

@@ -1,6 +1,5 @@
 """E, J, K, B, C from FMUs: through the residuals of the binary, and without them."""
 
-import contextlib
 import sys
 import zipfile
 from pathlib import Path
@@ -17,6 +16,7 @@ from daest.fmu.description import DAE_FOLDER, MANIFEST
 from daest.fmu.linearize import available_sources, cross_check_fmu, linearize_fmu, matrices_apart
 from daest.fmu.load import load_fmu
 from daest.fmu.points import difference
+from daest.fmu.runner import Evaluated
 from daest.systems.linearize import linear_dae_function, linearize
 
 TIGHT = 1e-12
@@ -235,25 +235,30 @@ TABLE = {2: (-3.0, 1.0, 0.0, 7.0), 5: (1.0, 1.0, 0.0, 0.0), 6: (-2.0, 1.0, 5.0, 
 COLUMNS = {1: 0, 3: 1, 4: 2}
 
 
-class SemiExplicitInstance:
+class SemiExplicitRunner:
     """x' = -3 x + a + 7, 0 = r = a - 2 x + 5 u - 1, y = x + a, as an importer sees it in DAE mode."""
 
     def __init__(self, model):
         self.model = model
-        self.values = {1: 0.0, 3: 0.0, 4: 0.0}
 
-    def set_time(self, time):
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
         pass
 
-    def set(self, references, values):
-        self.values.update(zip(references, values, strict=True))
+    def evaluate(self, points, read, parameters, *, dae_mode):
+        assert dae_mode
+        rows = np.zeros((len(points.times), 4))
+        rows[:, 3] = 1.0
+        for reference, column in COLUMNS.items():
+            rows[:, column] = points.values[:, points.set.index(reference)]
+        return Evaluated((rows @ np.array([TABLE[r] for r in read]).T)[None])
 
-    def get(self, references):
-        point = np.array([self.values[1], self.values[3], self.values[4], 1.0])
-        return np.array([np.dot(TABLE[r], point) for r in references])
-
-    def directional(self, unknowns, known):
-        return np.array([TABLE[u][COLUMNS[known]] for u in unknowns])
+    def differentiate(self, points, unknowns, knowns, parameters, *, dae_mode):
+        assert dae_mode
+        table = [[TABLE[u][COLUMNS[k]] for k in knowns] for u in unknowns]
+        return np.array(table).reshape(1, 1, len(unknowns), len(knowns))
 
 
 def test_semi_explicit_manifest_of_another_tool(tmp_path, monkeypatch):
@@ -261,8 +266,7 @@ def test_semi_explicit_manifest_of_another_tool(tmp_path, monkeypatch):
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("modelDescription.xml", SEMI_EXPLICIT)
         archive.writestr(f"{DAE_FOLDER}/{MANIFEST}", SEMI_EXPLICIT_MANIFEST)
-    fake = lambda model, *_, **__: contextlib.nullcontext(SemiExplicitInstance(model))  # noqa: E731
-    monkeypatch.setattr(residual_form, "open_instance", fake)
+    monkeypatch.setattr(residual_form, "Runner", SemiExplicitRunner)
     dae = linearize_fmu(path)
     assert dae.source == "fmi-ls-dae"
     assert [v.name for v in dae.unknowns] == ["x", "a"]

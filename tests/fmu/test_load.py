@@ -3,13 +3,14 @@
 import re
 import zipfile
 
+import numpy as np
 import pytest
 from fmu_archives import changed, member
 
 from daest.errors import FmuError
-from daest.fmu.instance import open_instance
 from daest.fmu.linearize import linearize_fmu
 from daest.fmu.load import load_fmu
+from daest.fmu.runner import Points, Runner
 
 DESCRIPTION = "modelDescription.xml"
 MANIFEST = "extra/org.fmi-standard.fmi-ls-dae/fmi-ls-manifest.xml"
@@ -37,6 +38,12 @@ def code(path):
         load_fmu(path)
     assert caught.value.what
     return caught.value.code
+
+
+def ask(path):
+    """Load the binary and ask it for nothing."""
+    with Runner(load_fmu(path)) as runner:
+        runner.evaluate(Points((), np.zeros((1, 0)), np.zeros((1, 0)), np.zeros(1)), ())
 
 
 def test_files_that_are_no_fmu(tmp_path):
@@ -92,8 +99,16 @@ def test_xml_that_is_not_accepted(tmp_path, description):
 def test_other_kinds_of_fmu(tmp_path):
     assert code(fmu_with(tmp_path, '<fmiModelDescription fmiVersion="1.0"/>')) == "fmu-fmi-1"
     assert code(fmu_with(tmp_path, '<fmiModelDescription fmiVersion="9.0"/>')) == "fmu-version"
-    only_cs = fmi3(exchange='<CoSimulation modelIdentifier="m"/>')
-    assert code(fmu_with(tmp_path, only_cs)) == "fmu-co-simulation-only"
+    only_scheduled = fmi3(exchange='<ScheduledExecution modelIdentifier="m"/>')
+    assert code(fmu_with(tmp_path, only_scheduled)) == "fmu-scheduled-only"
+
+
+def test_co_simulation_has_no_linear_model(tmp_path):
+    only_cs = fmu_with(tmp_path, fmi3(exchange='<CoSimulation modelIdentifier="m"/>'))
+    assert load_fmu(only_cs).kind == "co-simulation"
+    with pytest.raises(FmuError) as caught:
+        linearize_fmu(only_cs)
+    assert caught.value.code == "fmu-co-simulation-only"
 
 
 def test_array_states_are_refused_by_name(tmp_path):
@@ -157,8 +172,8 @@ def test_binary_that_is_no_library(drive_fmu, tmp_path):
     if name not in zipfile.ZipFile(drive_fmu).namelist():
         pytest.skip("libraries end otherwise on this system")
     path = changed(drive_fmu, tmp_path / "b.fmu", replace={name: b"not a library"})
-    with pytest.raises(FmuError) as caught, open_instance(load_fmu(path)):
-        pass
+    with pytest.raises(FmuError) as caught:
+        ask(path)
     assert caught.value.code == "fmu-binary-not-loaded"
 
 
@@ -166,9 +181,9 @@ def test_binary_of_another_model_is_refused(drive_fmu, tmp_path):
     text = member(drive_fmu, DESCRIPTION)
     other = re.sub(r'instantiationToken="[^"]*"', 'instantiationToken="{other}"', text)
     path = changed(drive_fmu, tmp_path / "t.fmu", replace={DESCRIPTION: other.encode()})
-    with pytest.raises(FmuError, match="token") as caught, open_instance(load_fmu(path)):
-        pass
-    assert caught.value.code == "fmu-binary-not-loaded"
+    with pytest.raises(FmuError, match="token") as caught:
+        ask(path)
+    assert caught.value.code == "fmu-call-failed"
 
 
 ALGEBRAIC = '<AlgebraicVariables><AlgebraicVariable valueReference="3"/></AlgebraicVariables>'

@@ -359,11 +359,17 @@ EXPLANATIONS: dict[str, str] = {
         "the model can be evaluated are the usual cause."
     ),
     "fmu-co-simulation-only": (
-        "A Co-Simulation FMU brings its own solver and does not show its equations, so nothing can be "
-        "linearised or estimated with them. Export it for Model Exchange."
+        "An FMU for Co-Simulation integrates its equations by itself and shows no states and no "
+        "derivatives. It can be simulated, identified by output error and compared; matrices, noise "
+        "verdicts and filters need Model Exchange."
     ),
     "fmu-code-generation": (
         "CasADi could not write C code for the index-reduced model. The message names the operation."
+    ),
+    "fmu-crashed": (
+        "The code inside an FMU crashed. It runs in a process of its own, so that nothing else was "
+        "harmed. The message says what it was doing; other parameter values, inputs or an operating point "
+        "may help, else the tool that wrote it must mend it."
     ),
     "fmu-dae-not-square": (
         "The fmi-ls-dae manifest of the FMU lists another number of residuals than of unknowns, so it "
@@ -371,14 +377,30 @@ EXPLANATIONS: dict[str, str] = {
     ),
     "fmu-damaged": "The archive of the FMU is damaged. Export or copy it again.",
     "fmu-empty-file": "The FMU is a file of length zero; the export or the copy was interrupted.",
+    "fmu-exited": (
+        "The code inside an FMU ended its process instead of answering. Some tools do so when a licence "
+        "or a file is missing; the message shows what it printed last."
+    ),
     "fmu-fmi-1": (
         "FMI 1.0 knows no derivatives with respect to inputs and states. Export the FMU as FMI 2.0 or 3.0."
+    ),
+    "fmu-hangs": (
+        "A single call into the FMU did not come back in time. The environment variable DAEST_FMU_SECONDS "
+        "sets how long a call may take (60 s by default)."
     ),
     "fmu-headers-missing": (
         "The C headers of FMI are taken from the package fmpy, which is not installed completely."
     ),
     "fmu-inconsistent": (
         "The modelDescription.xml of the FMU contradicts itself: a reference that names nothing, say."
+    ),
+    "fmu-limit": (
+        "DAEST_FMU_SECONDS and DAEST_FMU_MEMORY (in MB) set the limits of the process that runs an FMU; "
+        "both are positive numbers."
+    ),
+    "fmu-memory": (
+        "The process that runs the FMU reached its limit of memory. The environment variable "
+        "DAEST_FMU_MEMORY sets it, in MB (8590 by default)."
     ),
     "fmu-missing-file": "The FMU that was named does not exist.",
     "fmu-name-twice": (
@@ -395,6 +417,10 @@ EXPLANATIONS: dict[str, str] = {
     "fmu-not-written": "The FMU could not be written to the place that was named.",
     "fmu-platform-unknown": (
         "FMUs are compiled for linux64, win64, darwin64, linux-arm64, win-arm64 and darwin-arm64."
+    ),
+    "fmu-scheduled-only": (
+        "The FMU offers Scheduled Execution alone, which has no continuous time. Export it for Model "
+        "Exchange."
     ),
     "fmu-source": (
         "The source of the matrices of an FMU is one of symbolic, fmi-ls-dae, directional derivatives and "
@@ -420,6 +446,10 @@ EXPLANATIONS: dict[str, str] = {
     "fmu-without-residuals": (
         "The FMU does not carry its equations as residuals (layered standard fmi-ls-dae). Its directional "
         "derivatives can be used instead."
+    ),
+    "fmu-writes-too-much": (
+        "The FMU logged, printed or wrote to a file without end, and was stopped at 67 MB. Switch off its "
+        "logging where it is exported."
     ),
     "fmu-xml": (
         "An XML file of the FMU is not well-formed, or declares a document type. No FMU needs one, and "

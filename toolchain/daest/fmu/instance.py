@@ -1,210 +1,332 @@
-"""A running FMU behind one small interface, FMI 2.0 and 3.0: set, get, differentiate."""
+"""A loaded FMU behind one small interface, FMI 2.0 and 3.0. Foreign code: only `fmu.worker` uses this."""
 
 from __future__ import annotations
 
+import ctypes
 import os
-import platform
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from daest.errors import FmuError
-from daest.fmu.archive import unpacked
-from daest.fmu.compiler import native_platform
-from daest.model.fmu import FmuModel
-
 # Event iteration of a model that never settles is given up after this many rounds.
 MOST_EVENT_ROUNDS = 100
+# Of a log, this many messages are kept for the user, each cut to a length.
+KEPT_MESSAGES = 5
+LONGEST_MESSAGE = 500
+# FMI states: ok and warning are answers; discard, error and fatal are refusals.
+_WARNING, _FATAL = 1, 4
+
+_POINTER, _SIZE, _DOUBLE, _INT = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_double, ctypes.c_int
+
+
+@dataclass(frozen=True)
+class Binary:
+    """What is needed to load and run the library of an FMU; can be written as JSON.
+
+    `kind` is "exchange" or "co-simulation". `states` and `enable` (the switch of fmi-ls-dae, None without)
+    are value references. `reports_steps` tells that the FMU wants to know of completed steps.
+    """
+
+    folder: str
+    identifier: str
+    token: str
+    fmi_major: int
+    kind: Literal["exchange", "co-simulation"]
+    states: tuple[int, ...]
+    n_event_indicators: int
+    reports_steps: bool
+    enable: int | None = None
+
+
+class Refusal(Exception):
+    """The FMU refused a call; the text holds its own words. `is_fatal`: it cannot be used any more."""
+
+    def __init__(self, text: str, is_fatal: bool = False) -> None:
+        super().__init__(text)
+        self.is_fatal = is_fatal
+
+
+class Log:
+    """The last messages of an FMU. `full` is called when there have been more than `limit` characters."""
+
+    def __init__(self, limit: float = np.inf, full: Callable[[], None] = lambda: None) -> None:
+        self._kept: deque[str] = deque(maxlen=KEPT_MESSAGES)
+        self._left, self._full = limit, full
+
+    def add(self, text: Any) -> None:
+        words = text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
+        self._left -= len(words)
+        if self._left < 0:
+            self._full()
+        self._kept.append(words.strip()[:LONGEST_MESSAGE])
+
+    def taken(self) -> str:
+        """The messages since the last time, as one text."""
+        words = "; ".join(w for w in self._kept if w)
+        self._kept.clear()
+        return words
 
 
 class Instance:
-    """An FMU in continuous-time mode at a point that can be moved. Made by `open_instance`.
+    """One instance of an FMU, from instantiation to continuous-time (or step) mode.
 
-    Value references are those of Float64 (FMI 2: Real) variables. All methods raise FmuError
-    `fmu-call-failed` with the FMU's own words.
+    Value references are those of Float64 (FMI 2: Real) variables. Methods raise `Refusal`.
     """
 
-    def __init__(self, model: FmuModel, unit: Any, messages: list[str]) -> None:
-        self.model = model
-        self._unit = unit
-        self._messages = messages
-        self._is_fmi3 = model.fmi_version.startswith("3")
+    def __init__(self, binary: Binary, log: Log) -> None:
+        self.binary = binary
+        self._log = log
+        self._unit = _loaded(binary)
+        self._is_fmi3 = binary.fmi_major == 3
+        self.n_states = len(binary.states)
+        self.n_event_indicators = binary.n_event_indicators
+        self.next_event: float | None = None
+        self._functions: dict[str, Callable[..., int]] = {}
+        self._references: dict[tuple[int, ...], np.ndarray] = {}
+
+    # ----------------------------------------------------------------------------------- life cycle
+
+    def start(
+        self,
+        parameters: tuple[Sequence[int], Sequence[float]] = ((), ()),
+        time: float = 0.0,
+        dae_mode: bool = False,
+        inputs: tuple[Sequence[int], Sequence[float]] = ((), ()),
+    ) -> None:
+        """A new instance with the given parameter and input values, initialised and settled at `time`."""
+        self.free()
+        unit = self._unit
+        self._try(unit.instantiate, **self._callbacks())
+        if dae_mode and self.binary.enable is not None:
+            self._try(unit.enterConfigurationMode)
+            self._try(unit.setBoolean, [self.binary.enable], [True])
+            self._try(unit.exitConfigurationMode)
+        self.set(*parameters)
+        if self._is_fmi3:
+            self._try(unit.enterInitializationMode, None, time)
+        else:
+            self._try(unit.setupExperiment, startTime=time)
+            self._try(unit.enterInitializationMode)
+        self.set(*inputs)
+        self._try(unit.exitInitializationMode)
+        if self.binary.kind == "exchange":
+            if self._is_fmi3:
+                self.n_event_indicators = int(self._try(unit.getNumberOfEventIndicators))
+            self._iterate()
+            self._try(unit.enterContinuousTimeMode)
+        elif self._is_fmi3:
+            pass  # without event mode, FMI 3 goes from initialisation straight to step mode
+
+    def free(self) -> None:
+        """Give the instance back, if there is one."""
+        if self._unit.component:
+            if self._is_fmi3:
+                self._unit.fmi3FreeInstance(self._unit.component)
+            else:
+                self._unit.fmi2FreeInstance(self._unit.component)
+            self._unit.component = None
+
+    def _callbacks(self) -> dict[str, Any]:
+        if self._is_fmi3:
+            return {"logMessage": lambda *told: self._log.add(told[3])}
+        return {"callbacks": _fmi2_callbacks(self._log)}
+
+    # --------------------------------------------------------------------------------------- events
+
+    def settle(self) -> bool:
+        """Event mode and back: discrete variables fit the states, which may have been changed (True)."""
+        self._try(self._unit.enterEventMode)
+        changed = self._iterate()
+        self._try(self._unit.enterContinuousTimeMode)
+        return changed
+
+    def _iterate(self) -> bool:
+        """Update discrete states until nothing changes; remembers the time of the next event."""
+        update = self._unit.updateDiscreteStates if self._is_fmi3 else self._unit.newDiscreteStates
+        changed = False
+        for _ in range(MOST_EVENT_ROUNDS):
+            again, terminate, _, states_changed, has_next, next_time = self._try(update)
+            changed = changed or bool(states_changed)
+            if terminate:
+                raise Refusal(self._words("the FMU asked for the end of the simulation"))
+            if not again:
+                self.next_event = float(next_time) if has_next else None
+                return changed
+        raise Refusal(f"its event iteration does not end within {MOST_EVENT_ROUNDS} rounds")
+
+    def completed_step(self) -> bool:
+        """Tell the FMU of a completed step; True if it wants event mode."""
+        if not self.binary.reports_steps:
+            return False
+        wants_event, terminate = self._try(self._unit.completedIntegratorStep)
+        if terminate:
+            raise Refusal(self._words("the FMU asked for the end of the simulation"))
+        return bool(wants_event)
+
+    # --------------------------------------------------------------------------------------- values
 
     def get(self, references: Sequence[int]) -> np.ndarray:
         """Values, shape (len(references),)."""
-        if not references:
-            return np.zeros(0)
-        read = self._unit.getFloat64 if self._is_fmi3 else self._unit.getReal
-        return np.array(self._try(read, list(references)), dtype=float)
+        values = np.zeros(len(references))
+        if values.size:
+            vr = self._array_of(references)
+            self._call("GetFloat64" if self._is_fmi3 else "GetReal", *self._pairs(vr, values))
+        return values
 
     def set(self, references: Sequence[int], values: Sequence[float] | np.ndarray) -> None:
-        if references:
-            write = self._unit.setFloat64 if self._is_fmi3 else self._unit.setReal
-            self._try(write, list(references), [float(v) for v in values])
+        if len(references):
+            vr, given = self._array_of(references), np.ascontiguousarray(values, dtype=float)
+            self._call("SetFloat64" if self._is_fmi3 else "SetReal", *self._pairs(vr, given))
+
+    def _pairs(self, vr: np.ndarray, values: np.ndarray) -> tuple[Any, ...]:
+        pairs = (_POINTER(vr.ctypes.data), _SIZE(vr.size), _POINTER(values.ctypes.data))
+        return (*pairs, _SIZE(values.size)) if self._is_fmi3 else pairs
+
+    def set_time(self, time: float) -> None:
+        self._call("SetTime", _DOUBLE(time))
 
     def set_states(self, values: np.ndarray) -> None:
-        """Continuous states in the order of `model.states`; time is set again so that nothing stays stale."""
-        import ctypes
+        """Continuous states in the order of `binary.states`."""
+        if self.n_states:
+            given = np.ascontiguousarray(values, dtype=float)
+            self._call("SetContinuousStates", _POINTER(given.ctypes.data), _SIZE(self.n_states))
 
-        count = len(values)
-        if count:
-            self._try(self._unit.setContinuousStates, (ctypes.c_double * count)(*values), count)
-        self.set_time(0.0)
+    def states(self) -> np.ndarray:
+        return self._vector("GetContinuousStates", self.n_states)
 
     def rates(self) -> np.ndarray:
         """The derivatives of the continuous states."""
-        import ctypes
+        name = "GetContinuousStateDerivatives" if self._is_fmi3 else "GetDerivatives"
+        return self._vector(name, self.n_states)
 
-        count = len(self.model.states)
-        buffer = (ctypes.c_double * count)()
-        if count:
-            read = self._unit.getContinuousStateDerivatives if self._is_fmi3 else self._unit.getDerivatives
-            self._try(read, buffer, count)
-        return np.array(buffer[:])
+    def indicators(self) -> np.ndarray:
+        return self._vector("GetEventIndicators", self.n_event_indicators)
 
-    def set_time(self, time: float) -> None:
-        self._try(self._unit.setTime, time)
+    def nominals(self) -> np.ndarray:
+        """Sizes of the states; 1 where the FMU has no usable one (zero, negative, not finite)."""
+        try:
+            found = self._vector("GetNominalsOfContinuousStates", self.n_states)
+        except Refusal:
+            return np.ones(self.n_states)
+        return np.where(np.isfinite(found) & (found > 0.0), found, 1.0)
+
+    def _vector(self, name: str, size: int) -> np.ndarray:
+        values = np.zeros(size)
+        if size:
+            self._call(name, _POINTER(values.ctypes.data), _SIZE(size))
+        return values
 
     def directional(self, unknowns: Sequence[int], known: int) -> np.ndarray:
-        """∂unknowns/∂known, shape (len(unknowns),). Ask only if the model declares that it provides it."""
-        if not unknowns:
-            return np.zeros(0)
-        return np.array(
-            self._try(self._unit.getDirectionalDerivative, list(unknowns), [known], [1.0]), dtype=float
-        )
-
-    def _try(self, call: Callable[..., Any], *arguments: Any) -> Any:
-        try:
-            return call(*arguments)
-        except Exception as problem:  # fmpy raises bare exceptions
-            raise self._failed(getattr(call, "__name__", "a function"), problem) from problem
-
-    def _failed(self, name: str, problem: Exception) -> FmuError:
-        words = "; ".join(self._messages[-3:]) or str(problem)
-        return FmuError(
-            "fmu-call-failed",
-            f"The FMU refused {name}: {words.rstrip('.')}.",
-            where=str(self.model.path),
-            remedy="Choose parameter values and an operating point at which the model can be evaluated.",
-        )
-
-
-@contextmanager
-def open_instance(
-    model: FmuModel, parameters: tuple[Sequence[int], Sequence[float]] = ((), ()), dae_mode: bool = False
-) -> Iterator[Instance]:
-    """An instance with the given parameter values, past its initialization and event iteration, at time 0.
-
-    `dae_mode` sets the structural parameter of fmi-ls-dae first.
-    Errors (FmuError): `fmu-without-binary`, `fmu-binary-not-loaded`, `fmu-call-failed`.
-    """
-    folders = (_binary_folder(model), "resources/")
-    with unpacked(model.path, folders) as folder:
-        (folder / "resources").mkdir(exist_ok=True)
-        unit, messages = _load(model, folder)
-        instance = Instance(model, unit, messages)
-        try:
-            _start(instance, parameters, dae_mode)
-            yield instance
-        finally:
-            if unit.component:
-                unit.freeInstance()
+        """∂unknowns/∂known, shape (len(unknowns),). Ask only if the FMU declares that it provides it."""
+        result, seed = np.zeros(len(unknowns)), np.ones(1)
+        if result.size:
+            asked, moved = self._array_of(unknowns), self._array_of((known,))
+            arguments = [
+                _POINTER(asked.ctypes.data),
+                _SIZE(asked.size),
+                _POINTER(moved.ctypes.data),
+                _SIZE(1),
+            ]
+            if self._is_fmi3:
+                arguments += [
+                    _POINTER(seed.ctypes.data),
+                    _SIZE(1),
+                    _POINTER(result.ctypes.data),
+                    _SIZE(result.size),
+                ]
             else:
-                unit.freeLibrary()
+                arguments += [_POINTER(seed.ctypes.data), _POINTER(result.ctypes.data)]
+            self._call("GetDirectionalDerivative", *arguments)
+        return result
+
+    def step(self, time: float, length: float) -> None:
+        """One step of a Co-Simulation FMU."""
+        if not self._is_fmi3:
+            self._call("DoStep", _DOUBLE(time), _DOUBLE(length), _INT(1))
+            return
+        event, terminate, early, reached = (ctypes.c_bool(), ctypes.c_bool(), ctypes.c_bool(), _DOUBLE())
+        ends = [ctypes.byref(end) for end in (event, terminate, early, reached)]
+        self._call("DoStep", _DOUBLE(time), _DOUBLE(length), ctypes.c_bool(True), *ends)
+        if terminate.value:
+            raise Refusal(self._words("the FMU asked for the end of the simulation"))
+
+    # ---------------------------------------------------------------------------------------- calls
+
+    def _array_of(self, references: Sequence[int]) -> np.ndarray:
+        key = tuple(references)
+        if key not in self._references:
+            self._references[key] = np.array(key, dtype=np.uint32)
+        return self._references[key]
+
+    def _call(self, name: str, *arguments: Any) -> None:
+        full = f"fmi{self.binary.fmi_major}{name}"
+        function = self._functions.get(full)
+        if function is None:
+            # A handle of its own: fmpy gives its handles argument types that suit its calls alone.
+            function = ctypes.CFUNCTYPE(_INT)((full, self._unit.dll))
+            self._functions[full] = function
+        status = function(_POINTER(self._unit.component), *arguments)
+        if status > _WARNING:
+            raise Refusal(f"{full}: {self._words('it gave no reason')}", status == _FATAL)
+
+    def _try(self, call: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
+        try:
+            return call(*arguments, **named)
+        except Refusal:
+            raise
+        except Exception as problem:  # fmpy raises bare exceptions
+            is_fatal = getattr(problem, "status", None) == _FATAL
+            name = getattr(call, "__name__", "a function")
+            raise Refusal(f"{name}: {self._words(str(problem))}", is_fatal) from problem
+
+    def _words(self, otherwise: str) -> str:
+        return (self._log.taken() or otherwise).rstrip(".")
 
 
-def _binary_folder(model: FmuModel) -> str:
-    """`binaries/<platform>/` of this machine."""
-    here = native_platform()
-    names = (here.tuple_name,) if model.fmi_version.startswith("3") else (_fmi2_platform(),)
-    for name in names:
-        if name in model.platforms:
-            return f"binaries/{name}/"
-    has = f"it has {', '.join(model.platforms)}" if model.platforms else "it has none at all"
-    raise FmuError(
-        "fmu-without-binary",
-        f"The FMU has no binary for this platform ({names[0]}); {has}.",
-        where=str(model.path),
-        remedy=f"Export it again for this platform: `daest export MODEL.mo --platform {here.short_name}`.",
-    )
-
-
-def _fmi2_platform() -> str:
-    system = {"Linux": "linux", "Windows": "win", "Darwin": "darwin"}.get(
-        platform.system(), platform.system()
-    )
-    return f"{system}64"
-
-
-def _load(model: FmuModel, folder: Path) -> tuple[Any, list[str]]:
+def _loaded(binary: Binary) -> Any:
     arguments = {
-        "guid": model.token,
-        "unzipDirectory": str(folder),
-        "modelIdentifier": model.model_identifier,
-        "instanceName": model.model_identifier,
+        "guid": binary.token,
+        "unzipDirectory": binary.folder,
+        "modelIdentifier": binary.identifier,
+        "instanceName": binary.identifier,
+        "libraryPath": str(library_path(Path(binary.folder), binary.identifier)),
+        "requireFunctions": False,
     }
-    messages: list[str] = []
     folder_now = os.getcwd()  # fmpy changes it, and stays there if the library cannot be loaded
     try:
-        if model.fmi_version.startswith("3"):
-            from fmpy.fmi3 import FMU3Model
+        if binary.fmi_major == 3:
+            from fmpy.fmi3 import FMU3Model, FMU3Slave
 
-            unit = FMU3Model(**arguments)
-            unit.instantiate(logMessage=lambda *told: messages.append(_decoded(told[3])))
-        else:
-            from fmpy.fmi2 import FMU2Model
+            return (FMU3Model if binary.kind == "exchange" else FMU3Slave)(**arguments)
+        from fmpy.fmi2 import FMU2Model, FMU2Slave
 
-            unit = FMU2Model(**arguments)
-            unit.instantiate(callbacks=_fmi2_callbacks(messages))
+        return (FMU2Model if binary.kind == "exchange" else FMU2Slave)(**arguments)
     except Exception as problem:
-        raise FmuError(
-            "fmu-binary-not-loaded",
-            f"The binary of the FMU cannot be used: {'; '.join(messages) or problem}",
-            where=str(model.path),
-            remedy="It may need a library that is missing here; export the FMU for this platform again.",
-        ) from problem
+        raise Refusal(str(problem), is_fatal=True) from problem
     finally:
         os.chdir(folder_now)
-    return unit, messages
 
 
-def _decoded(text: Any) -> str:
-    return text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
+def library_path(folder: Path, identifier: str) -> Path:
+    """The library below `folder`/binaries; there is one platform in an unpacked FMU."""
+    for suffix in (".so", ".dll", ".dylib"):
+        for found in folder.glob(f"binaries/*/{identifier}{suffix}"):
+            return found
+    raise Refusal("there is no library", is_fatal=True)
 
 
-def _fmi2_callbacks(messages: list[str]) -> Any:
+def _fmi2_callbacks(log: Log) -> Any:
     """fmpy's callbacks with a logger of ours: its own prints to standard output."""
-    import ctypes
-
     from fmpy import fmi2
     from fmpy.logging import addLoggerProxy
 
     callbacks = fmi2.fmi2CallbackFunctions()
-    callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(lambda *told: messages.append(_decoded(told[4])))
+    callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(lambda *told: log.add(told[4]))
     callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
     callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
     addLoggerProxy(ctypes.byref(callbacks))  # writes the values into the message
     return callbacks
-
-
-def _start(instance: Instance, parameters: tuple[Sequence[int], Sequence[float]], dae_mode: bool) -> None:
-    model, unit, attempt = instance.model, instance._unit, instance._try
-    if dae_mode and model.manifest is not None and model.manifest.enable is not None:
-        attempt(unit.enterConfigurationMode)
-        attempt(unit.setBoolean, [model.manifest.enable], [True])
-        attempt(unit.exitConfigurationMode)
-    instance.set(*parameters)
-    if instance._is_fmi3:
-        attempt(unit.enterInitializationMode, None, 0.0)
-    else:
-        attempt(unit.setupExperiment)
-        attempt(unit.enterInitializationMode)
-    attempt(unit.exitInitializationMode)
-    iterate = unit.updateDiscreteStates if instance._is_fmi3 else unit.newDiscreteStates
-    for _ in range(MOST_EVENT_ROUNDS):
-        if not attempt(iterate)[0]:
-            break
-    attempt(unit.enterContinuousTimeMode)

@@ -7,6 +7,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 from xml.parsers import expat
 
 from daest.errors import FmuError
@@ -29,7 +30,7 @@ def load_fmu(path: str | Path) -> FmuModel:
     checked.
 
     Errors (FmuError): those of `open_archive`; `fmu-without-description`; `fmu-xml` (not well-formed, or with
-    a document type, which only attacks need); `fmu-fmi-1`; `fmu-version`; `fmu-co-simulation-only`;
+    a document type, which only attacks need); `fmu-fmi-1`; `fmu-version`; `fmu-scheduled-only`;
     `fmu-array-variable`; `fmu-inconsistent`.
     """
     with open_archive(path) as archive:
@@ -88,17 +89,12 @@ def parse_xml(data: bytes, where: str) -> ET.Element:
 def _model(path: Path, root: ET.Element, archive: Archive) -> FmuModel:
     version = root.get("fmiVersion", "")
     _check_version(path, root, version)
-    exchange = root.find("ModelExchange")
-    if exchange is None:
-        raise FmuError(
-            "fmu-co-simulation-only",
-            "The FMU is for Co-Simulation only: it integrates its equations by itself and hides them.",
-            where=str(path),
-            remedy="Export it for Model Exchange.",
-        )
+    exchange, kind = _interface(root, path)
     reader = _read_fmi2 if version.startswith("2") else _read_fmi3
     variables, rates, notes = reader(root, path)
     merged = _merge(variables)
+    if kind == "co-simulation":
+        rates = ()  # what it says about states cannot be set or read
     states = tuple(merged[rate].derivative_of for rate in rates)
     identifier = exchange.get("modelIdentifier", "")
     provides = exchange.get(
@@ -124,7 +120,30 @@ def _model(path: Path, root: ET.Element, archive: Archive) -> FmuModel:
         manifest=None,
         has_symbolic_model=symbolic <= set(archive.names),
         notes=notes,
+        kind=kind,
+        reports_steps=_reports_steps(exchange, version),
     )
+
+
+def _interface(root: ET.Element, path: Path) -> tuple[ET.Element, Literal["exchange", "co-simulation"]]:
+    """Model Exchange where the FMU has it, else Co-Simulation."""
+    exchange, simulation = root.find("ModelExchange"), root.find("CoSimulation")
+    if exchange is not None:
+        return exchange, "exchange"
+    if simulation is not None:
+        return simulation, "co-simulation"
+    raise FmuError(
+        "fmu-scheduled-only",
+        "The FMU offers neither Model Exchange nor Co-Simulation.",
+        where=str(path),
+        remedy="Export it for Model Exchange.",
+    )
+
+
+def _reports_steps(exchange: ET.Element, version: str) -> bool:
+    if version.startswith("2"):
+        return exchange.get("completedIntegratorStepNotNeeded", "false") not in ("true", "1")
+    return exchange.get("needsCompletedIntegratorStep", "false") in ("true", "1")
 
 
 def _check_version(path: Path, root: ET.Element, version: str) -> None:
@@ -145,7 +164,8 @@ def _check_version(path: Path, root: ET.Element, version: str) -> None:
 
 
 def _event_indicators(root: ET.Element) -> int:
-    return int(root.get("numberOfEventIndicators", "0")) or len(root.findall("ModelStructure/EventIndicator"))
+    told = root.get("numberOfEventIndicators", "")
+    return int(told) if _is_count(told) else len(root.findall("ModelStructure/EventIndicator"))
 
 
 def _platforms(names: Iterable[str], identifier: str) -> tuple[str, ...]:
@@ -238,7 +258,8 @@ def _read_fmi2(root: ET.Element, path: Path) -> tuple[list[FmuVariable], tuple[i
 
 
 def _check_rates(rates: tuple[int, ...], variables: Iterable[FmuVariable], path: Path) -> None:
-    known = {v.value_reference for v in variables if v.derivative_of is not None}
+    present = {v.value_reference for v in variables}
+    known = {v.value_reference for v in variables if v.derivative_of in present}
     missing = [vr for vr in rates if vr not in known]
     if missing:
         raise FmuError(
@@ -272,14 +293,19 @@ def _variable(
         min=_number(attribute("min")),
         max=_number(attribute("max")),
         nominal=_number(attribute("nominal")) or None,
-        derivative_of=int(derivative) if derivative and derivative.isdigit() else None,
+        derivative_of=int(derivative) if derivative and _is_count(derivative) else None,
         annotations={a.get("type", ""): a.text or "" for a in element.findall("Annotations/Annotation")},
     )
 
 
+def _is_count(text: str) -> bool:
+    """A number that FMI allows as value reference, index or count: 32 bits, digits of ASCII."""
+    return text.isascii() and text.isdigit() and len(text) <= 10 and int(text) < 2**32
+
+
 def _integer(element: ET.Element, key: str, path: Path) -> int:
     text = element.get(key, "")
-    if not text.isdigit():
+    if not _is_count(text):
         name = element.get("name") or element.tag
         raise FmuError(
             "fmu-inconsistent",
@@ -336,7 +362,7 @@ def _manifest(manifest: ET.Element, description: ET.Element) -> DaeManifest:
 
 
 def _references(text: str | None) -> tuple[int, ...]:
-    return tuple(int(r) for r in re.findall(r"\d+", text or ""))
+    return tuple(int(r) for r in re.findall(r"\b[0-9]{1,10}\b", text or ""))
 
 
 def _enable(manifest: ET.Element, description: ET.Element) -> int | None:
@@ -353,5 +379,6 @@ def _enable(manifest: ET.Element, description: ET.Element) -> int | None:
         return None
     for boolean in description.findall("ModelVariables/Boolean"):
         if named in (boolean.get("name"), boolean.get("valueReference")):
-            return int(boolean.get("valueReference", "0"))
+            references = _references(boolean.get("valueReference"))
+            return references[0] if references else None
     return None

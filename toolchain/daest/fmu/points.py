@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Protocol
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -16,14 +15,6 @@ DIFFERENCE_NOISE = 1e-7
 DIFFERENCE_FLOOR = 1e-6
 # Central differences are best near the cube root of the machine precision.
 STEP = float(np.finfo(float).eps ** (1 / 3))
-
-
-class Movable(Protocol):
-    """A thing whose variables can be read and set by value reference."""
-
-    def get(self, references: Sequence[int]) -> np.ndarray: ...
-
-    def set(self, references: Sequence[int], values: Sequence[float] | np.ndarray) -> None: ...
 
 
 def probe_point(size: int, seed: int) -> np.ndarray:
@@ -55,15 +46,21 @@ def difference(these: Sequence[np.ndarray], those: Sequence[np.ndarray], floor: 
     return largest
 
 
-def central_differences(
-    rows: Callable[[], np.ndarray], unit: Movable, known: int, nominal: float | None
-) -> np.ndarray:
-    """∂rows/∂known by central differences with a step relative to the value and its nominal size."""
-    value = float(unit.get([known])[0])
-    step = STEP * max(abs(value), abs(nominal or 1.0))
-    sides = []
-    for side in (value + step, value - step):
-        unit.set([known], [side])
-        sides.append(rows())
-    unit.set([known], [value])
-    return (sides[0] - sides[1]) / ((value + step) - (value - step))
+def moved_points(point: np.ndarray, nominal: Sequence[float | None]) -> np.ndarray:
+    """Points for central differences at `point` (k,), shape (2 k, k): entry i moved up in row 2 i and down in
+    row 2 i + 1, by a step relative to the value and its nominal size."""
+    rows = np.repeat(point[None, :], 2 * point.size, axis=0)
+    for i, size in enumerate(nominal):
+        step = STEP * max(abs(point[i]), abs(size or 1.0))
+        rows[2 * i, i] += step
+        rows[2 * i + 1, i] -= step
+    return rows
+
+
+def central_differences(points: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """∂values/∂point (n, k) from the values (2 k, n) at the points of `moved_points`."""
+    k = points.shape[1]
+    columns = [
+        (values[2 * i] - values[2 * i + 1]) / (points[2 * i, i] - points[2 * i + 1, i]) for i in range(k)
+    ]
+    return np.array(columns).reshape(k, values.shape[1]).T

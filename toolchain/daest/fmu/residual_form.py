@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from daest.errors import FmuError
 from daest.fmu import words
-from daest.fmu.instance import Instance, open_instance
 from daest.fmu.layout import derivative_name
 from daest.fmu.points import (
     AFFINE_TOLERANCE,
@@ -17,9 +16,12 @@ from daest.fmu.points import (
     DIFFERENCE_NOISE,
     central_differences,
     difference,
+    moved_points,
     point_value,
     probe_point,
 )
+from daest.fmu.runner import Points, Runner
+from daest.fmu.semi_explicit import changed_parameters, refuse_hidden, refused
 from daest.model.fmu import FmuModel
 from daest.model.linear import LinearDAE
 
@@ -112,15 +114,17 @@ def linearize_residuals(model: FmuModel, theta: np.ndarray, at: Mapping[str, flo
     """The linear DAE through the FMU's residuals. See `linearize_fmu`."""
     form = residual_form(model)
     start = _start_point(model, form, at)
-    with open_instance(model, (model.parameters, theta.tolist()), dae_mode=True) as instance:
+    refuse_hidden(model, "a linear model")
+    with Runner(model) as runner:
+        instance = _Residuals(runner, form, changed_parameters(model, theta))
         zero = _Point(
             np.zeros(len(form.unknowns)), np.zeros(len(form.unknowns)), np.zeros(len(form.inputs)), 0.0
         )
-        matrices = _matrices_if_affine(instance, form, zero)
+        matrices = _matrices_if_affine(instance, zero)
         is_affine = matrices is not None
         if matrices is None:
-            matrices = _matrices(instance, form, start)
-        offset, output_offset = _offsets(instance, form, zero if is_affine else start, matrices)
+            matrices = _matrices(instance, start)
+        offset, output_offset = _offsets(instance, zero if is_affine else start, matrices)
     E, J, K, B, C, D, H = matrices
     names = [model.variables[vr] for vr in form.unknowns]
     explicit = [model.variables[vr] for vr in form.explicit]
@@ -159,50 +163,79 @@ def _start_point(model: FmuModel, form: ResidualForm, at: Mapping[str, float] | 
     return _Point(xi, rates, u, 0.0)
 
 
-def _go(instance: Instance, form: ResidualForm, point: _Point) -> None:
-    instance.set_time(point.time)
-    known = [(r, value) for r, value in zip(form.rates, point.rates, strict=True) if r is not None]
-    instance.set([r for r, _ in known], [value for _, value in known])
-    instance.set(form.unknowns, point.xi)
-    instance.set(form.inputs, point.u)
-    instance.set(form.noises, np.zeros(len(form.noises)))
+@dataclass(frozen=True)
+class _Residuals:
+    """The FMU in DAE mode with its parameter values."""
 
+    runner: Runner
+    form: ResidualForm
+    parameters: tuple[tuple[int, ...], np.ndarray]
 
-def _rows(instance: Instance, form: ResidualForm) -> np.ndarray:
-    """(-f; F; h): the right-hand sides of the states the FMU computes, then residuals, then outputs."""
-    rates = [_rate_reference(instance.model, s) for s in form.explicit]
-    return np.concatenate([-instance.get(rates), instance.get(form.residuals), instance.get(form.outputs)])
+    @property
+    def model(self) -> FmuModel:
+        return self.runner.model
+
+    @property
+    def set(self) -> tuple[int, ...]:
+        """What a point sets: rates, unknowns, inputs, noises."""
+        form = self.form
+        rates = [r for r in form.rates if r is not None]
+        return (*rates, *form.unknowns, *form.inputs, *form.noises)
+
+    @property
+    def read(self) -> tuple[int, ...]:
+        """The right-hand sides of the states the FMU computes, then residuals, then outputs."""
+        rates = [_rate_reference(self.model, s) for s in self.form.explicit]
+        return (*rates, *self.form.residuals, *self.form.outputs)
+
+    @property
+    def sign(self) -> np.ndarray:
+        """Rows are (-f; F; h)."""
+        sign = np.ones(len(self.read))
+        sign[: len(self.form.explicit)] = -1.0
+        return sign
+
+    def values_at(self, point: _Point) -> np.ndarray:
+        """Values of `set`."""
+        rates = [value for r, value in zip(self.form.rates, point.rates, strict=True) if r is not None]
+        return np.concatenate([rates, point.xi, point.u, np.zeros(len(self.form.noises))])
+
+    def points(self, rows: np.ndarray, time: float) -> Points:
+        return Points(self.set, rows, np.zeros((len(rows), 0)), np.full(len(rows), time))
+
+    def rows(self, values: np.ndarray, time: float) -> np.ndarray:
+        """(-f; F; h) at every row of values of `set`. FmuError `fmu-call-failed`."""
+        found = self.runner.evaluate(self.points(values, time), self.read, self.parameters, dae_mode=True)
+        if found.problem is not None:
+            raise refused(self.model, found.problem)
+        return found.values[0] * self.sign
+
+    def slopes(self, point: _Point) -> dict[int, np.ndarray]:
+        """Known value reference -> the derivative of all rows with respect to it."""
+        values = self.values_at(point)
+        if self.model.provides_directional_derivatives:
+            table = self.runner.differentiate(
+                self.points(values[None], point.time), self.read, self.set, self.parameters, dae_mode=True
+            )[0, 0]
+            table = table * self.sign[:, None]
+        else:
+            moved = moved_points(values, [self.model.variables[vr].nominal for vr in self.set])
+            table = central_differences(moved, self.rows(moved, point.time))
+        return dict(zip(self.set, table.T, strict=True))
 
 
 def _rate_reference(model: FmuModel, state: int) -> int:
     return next(vr for vr, v in model.variables.items() if v.derivative_of == state)
 
 
-def _column(instance: Instance, form: ResidualForm) -> Callable[[int], np.ndarray]:
-    """known -> the derivative of all rows with respect to it."""
-    model = instance.model
-    rates = [_rate_reference(model, s) for s in form.explicit]
-    unknowns = [*rates, *form.residuals, *form.outputs]
-    sign = np.ones(len(unknowns))
-    sign[: len(rates)] = -1.0
-    if model.provides_directional_derivatives:
-        return lambda known: sign * instance.directional(unknowns, known)
-
-    def by_differences(known: int) -> np.ndarray:
-        nominal = model.variables[known].nominal
-        return central_differences(lambda: _rows(instance, form), instance, known, nominal)
-
-    return by_differences
-
-
-def _matrices(instance: Instance, form: ResidualForm, point: _Point) -> tuple[np.ndarray, ...]:
+def _matrices(instance: _Residuals, point: _Point) -> tuple[np.ndarray, ...]:
     """E, J, K, B, C, D, H at a point."""
-    _go(instance, form, point)
-    column, n = _column(instance, form), len(form.unknowns)
+    form = instance.form
+    slopes, n = instance.slopes(point), len(form.unknowns)
 
     def columns(references: Sequence[int | None]) -> np.ndarray:
         empty = np.zeros(n + len(form.outputs))
-        found = [empty if r is None else column(r) for r in references]
+        found = [empty if r is None else slopes[r] for r in references]
         return np.array(found).reshape(len(found), empty.size).T
 
     E = columns(form.rates)[:n]
@@ -212,14 +245,12 @@ def _matrices(instance: Instance, form: ResidualForm, point: _Point) -> tuple[np
     return E, 0.0 - by_xi[:n], 0.0 - by_u[:n], 0.0 - by_w[:n], by_xi[n:], by_u[n:], by_w[n:]
 
 
-def _matrices_if_affine(
-    instance: Instance, form: ResidualForm, zero: _Point
-) -> tuple[np.ndarray, ...] | None:
+def _matrices_if_affine(instance: _Residuals, zero: _Point) -> tuple[np.ndarray, ...] | None:
     """The matrices at zero if they are the same at a far point and another time, else None."""
-    n, n_u = len(form.unknowns), len(form.inputs)
+    n, n_u = len(instance.form.unknowns), len(instance.form.inputs)
     far = _Point(probe_point(n, 1), probe_point(n, 2), probe_point(n_u, 3), 1.0)
     try:
-        here, there = _matrices(instance, form, zero), _matrices(instance, form, far)
+        here, there = _matrices(instance, zero), _matrices(instance, far)
     except FmuError:
         return None  # a model that cannot be evaluated at such points is not affine
     if not all(np.isfinite(m).all() for m in (*here, *there)):
@@ -232,15 +263,15 @@ def _matrices_if_affine(
 
 
 def _offsets(
-    instance: Instance, form: ResidualForm, point: _Point, matrices: tuple[np.ndarray, ...]
+    instance: _Residuals, point: _Point, matrices: tuple[np.ndarray, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
     """What is left of E ξ' = J ξ + K u + offset and y = C ξ + D u + output_offset when the signals are
     zero.
     """
     E, J, K, _, C, D, _ = matrices
-    _go(instance, form, point)
+    form = instance.form
     n = len(form.unknowns)
-    rows = _rows(instance, form)
+    rows = instance.rows(instance.values_at(point)[None], point.time)[0]
     known = np.zeros(
         n
     )  # the rates that stand in F; where the FMU computes x' itself, x' is not part of the row

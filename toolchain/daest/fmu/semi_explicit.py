@@ -9,9 +9,17 @@ import numpy as np
 
 from daest.errors import FmuError
 from daest.fmu import words
-from daest.fmu.instance import Instance, open_instance
 from daest.fmu.layout import derivative_name
-from daest.fmu.points import DIFFERENCE_FLOOR, DIFFERENCE_NOISE, STEP, difference, point_value, probe_point
+from daest.fmu.points import (
+    DIFFERENCE_FLOOR,
+    DIFFERENCE_NOISE,
+    central_differences,
+    difference,
+    moved_points,
+    point_value,
+    probe_point,
+)
+from daest.fmu.runner import Points, Runner
 from daest.model.flat import Equation
 from daest.model.fmu import FmuModel
 from daest.model.linear import LinearDAE
@@ -87,14 +95,12 @@ def linearize_semi_explicit(
     form = semi_explicit_form(model)
     x, u = _start_point(model, form, at)
     offer = allow_directional and model.provides_directional_derivatives
-    with open_instance(model, (model.parameters, theta.tolist())) as instance:
-        found = jacobians(instance, form, x, u, offer)
-        far = _far_differences(instance, form)
-        _go(instance, form, x, u)
-        values = _values(instance, form)
+    refuse_hidden(model, "a linear model")
+    changed = changed_parameters(model, theta)
+    with Runner(model) as runner:
+        found, values = jacobians(runner, form, x, u, offer, changed)
+        is_affine = is_affine_there(runner, form, found.differences, changed)
     chosen, source, notes = _choose(found, offer)
-    apart = np.inf if far is None else difference([found.differences], [far], DIFFERENCE_FLOOR)
-    is_affine = apart <= DIFFERENCE_NOISE
     return _assemble(
         model,
         form,
@@ -108,21 +114,67 @@ def linearize_semi_explicit(
     )
 
 
+def refuse_hidden(model: FmuModel, what: str) -> None:
+    """FmuError `fmu-co-simulation-only` for an FMU that has no states to be seen."""
+    if model.kind == "co-simulation":
+        raise FmuError(
+            "fmu-co-simulation-only",
+            "The FMU is for Co-Simulation only: it integrates its equations by itself and hides them; there "
+            f"is no {what}.",
+            where=str(model.path),
+            remedy="Export it for Model Exchange; simulate, identify --method oe and compare work as it is.",
+        )
+
+
+def changed_parameters(model: FmuModel, theta: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
+    """The parameters whose values differ from those that the FMU starts with, and these values (1, n)."""
+    starts = [model.variables[vr].start for vr in model.parameters]
+    pairs = zip(model.parameters, theta, starts, strict=True)
+    changed = [(vr, value) for vr, value, start in pairs if value != (0.0 if start is None else start)]
+    return tuple(vr for vr, _ in changed), np.array([[value for _, value in changed]])
+
+
 def jacobians(
-    instance: Instance, form: SemiExplicitForm, x: np.ndarray, u: np.ndarray, offer: bool
-) -> Jacobians:
-    """Both kinds of derivatives at a point; directional ones only where the FMU declares them."""
-    differences = _differences(instance, form, x, u)
+    runner: Runner,
+    form: SemiExplicitForm,
+    x: np.ndarray,
+    u: np.ndarray,
+    offer: bool,
+    parameters: tuple[tuple[int, ...], np.ndarray],
+    time: float = 0.0,
+) -> tuple[Jacobians, np.ndarray]:
+    """Both kinds of derivatives at a point, and the values (ẋ, z) there; directional derivatives only where
+    the FMU declares them."""
+    differences, values, problem = _differences(runner, form, x, u, parameters, time)
+    if not np.all(np.isfinite(values)) and problem is not None:
+        raise refused(runner.model, problem)
     directional = None
     if offer:
-        _go(instance, form, x, u)
-        unknowns = [*form.rates, *form.variables]
+        knowns = (*form.states, *form.drivers)
         try:
-            columns = [instance.directional(unknowns, known) for known in (*form.states, *form.drivers)]
-            directional = np.array(columns).reshape(len(columns), len(unknowns)).T
-        except FmuError:
+            directional = runner.differentiate(
+                Points(form.drivers, u[None], x[None], np.array([time])), (*form.rates, *form.variables),
+                knowns, parameters, settle=_settles(runner.model),
+            )[0, 0]  # fmt: skip
+        except FmuError as refusal:
+            if refusal.code != "fmu-call-failed":
+                raise
             directional = None  # refused for some variable: the differences stand for all
-    return Jacobians(directional, differences)
+    return Jacobians(directional, differences), values
+
+
+def refused(model: FmuModel, problem: str) -> FmuError:
+    return FmuError(
+        "fmu-call-failed",
+        f"The FMU refused {problem}.",
+        where=str(model.path),
+        remedy="Choose parameter values and an operating point at which the model can be evaluated.",
+    )
+
+
+def _settles(model: FmuModel) -> bool:
+    """Discrete variables must be made to fit a point only where there are events."""
+    return model.n_event_indicators > 0
 
 
 def _choose(found: Jacobians, offer: bool) -> tuple[np.ndarray, str, tuple[str, ...]]:
@@ -157,45 +209,54 @@ def _start_point(
     return x, np.concatenate([u, np.zeros(len(form.noises))])
 
 
-def _go(instance: Instance, form: SemiExplicitForm, x: np.ndarray, u: np.ndarray) -> None:
-    instance.set(form.drivers, u)
-    instance.set_states(x)
-
-
-def _values(instance: Instance, form: SemiExplicitForm) -> np.ndarray:
-    """(ẋ, z): variables are read before the derivatives, because some tools leave aliases of states stale."""
-    z = instance.get(form.variables)
-    return np.concatenate([instance.rates(), z])
-
-
-def _differences(instance: Instance, form: SemiExplicitForm, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+def _differences(
+    runner: Runner,
+    form: SemiExplicitForm,
+    x: np.ndarray,
+    u: np.ndarray,
+    parameters: tuple[tuple[int, ...], np.ndarray],
+    time: float,
+) -> tuple[np.ndarray, np.ndarray, str | None]:
+    """∂(ẋ, z)/∂(x, u) by central differences, the values (ẋ, z) at the point, and what was refused."""
     references = (*form.states, *form.drivers)
-    nominal = [instance.model.variables[vr].nominal or 1.0 for vr in references]
     point = np.concatenate([x, u])
-    columns = []
-    for i, size in enumerate(nominal):
-        step = STEP * max(abs(point[i]), abs(size))
-        sides = []
-        for side in (point[i] + step, point[i] - step):
-            moved = point.copy()
-            moved[i] = side
-            _go(instance, form, moved[: x.size], moved[x.size :])
-            sides.append(_values(instance, form))
-        columns.append((sides[0] - sides[1]) / ((point[i] + step) - (point[i] - step)))
-    return np.array(columns).reshape(len(columns), len(form.rates) + len(form.variables)).T
+    moved = moved_points(point, [runner.model.variables[vr].nominal for vr in references])
+    rows = np.vstack([point, moved])
+    n_x = x.size
+    found = runner.evaluate(
+        Points(form.drivers, rows[:, n_x:], rows[:, :n_x], np.full(len(rows), time)), form.variables,
+        parameters, rates=True, settle=_settles(runner.model),
+    )  # fmt: skip
+    # Variables come first: some tools leave aliases of states stale once the derivatives are read.
+    n_z = len(form.variables)
+    values = np.hstack([found.values[0][:, n_z:], found.values[0][:, :n_z]])
+    return central_differences(moved, values[1:]), values[0], found.problem
 
 
-def _far_differences(instance: Instance, form: SemiExplicitForm) -> np.ndarray | None:
-    """The same differences at a far point, to see whether the model is affine; None where it cannot be
-    evaluated.
+def is_affine_there(
+    runner: Runner,
+    form: SemiExplicitForm,
+    here: np.ndarray,
+    parameters: tuple[tuple[int, ...], np.ndarray],
+) -> bool:
+    """Whether the differences are the same at a far point and another time, and the values what they give.
+
+    A model that cannot be evaluated there, or that crashes, is not affine.
     """
+    far = (probe_point(len(form.states), 1), probe_point(len(form.drivers), 2))
     try:
-        found = _differences(
-            instance, form, probe_point(len(form.states), 1), probe_point(len(form.drivers), 2)
-        )
+        there, values, _ = _differences(runner, form, *far, parameters, 1.0)
+        _, origin, _ = _differences(runner, form, *(np.zeros_like(part) for part in far), parameters, 0.0)
     except FmuError:
-        return None
-    return found if np.isfinite(found).all() else None
+        return False
+    if not (np.all(np.isfinite(there)) and np.all(np.isfinite(origin)) and np.all(np.isfinite(values))):
+        return False
+    predicted = origin + here @ np.concatenate(far)
+    sizes = np.abs(here) @ np.abs(np.concatenate(far)) + np.abs(origin)
+    offset_apart = np.max(np.abs(values - predicted) / np.maximum(sizes, DIFFERENCE_FLOOR), initial=0.0)
+    return bool(
+        difference([here], [there], DIFFERENCE_FLOOR) <= DIFFERENCE_NOISE and offset_apart <= DIFFERENCE_NOISE
+    )
 
 
 def _assemble(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 
 @dataclass(frozen=True)
@@ -54,10 +55,12 @@ class DaeManifest:
 
 @dataclass(frozen=True)
 class FmuModel:
-    """The description of a Model Exchange FMU. Variables are merged by value reference.
+    """The description of an FMU. Variables are merged by value reference.
 
     `states`, `derivatives` (in the same order), `inputs`, `outputs` and `parameters` are value references;
-    `platforms` the folders below `binaries` that hold the library.
+    `platforms` the folders below `binaries` that hold the library. `kind` "co-simulation" is an FMU that
+    offers nothing else: it has no states that could be seen. `reports_steps`: it wants to hear of every step
+    of the integrator.
     """
 
     path: Path
@@ -78,6 +81,8 @@ class FmuModel:
     manifest: DaeManifest | None
     has_symbolic_model: bool
     notes: tuple[str, ...] = ()
+    kind: Literal["exchange", "co-simulation"] = "exchange"
+    reports_steps: bool = False
 
     def named(self, name: str) -> FmuVariable | None:
         """The variable of that name or alias."""

@@ -1,0 +1,461 @@
+"""Run an FMU in a process of its own, with limits on time, memory and what it writes.
+
+An FMU is foreign code: whatever it does ends in one message here, and never in this process.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import queue
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import weakref
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from daest.errors import FmuError
+from daest.fmu.archive import open_archive
+from daest.fmu.compiler import native_platform
+from daest.fmu.instance import Binary
+from daest.fmu.wire import read_message, write_message
+from daest.model.fmu import FmuModel
+
+# Environment variables that change the limits.
+SECONDS_VARIABLE, MEMORY_VARIABLE = "DAEST_FMU_SECONDS", "DAEST_FMU_MEMORY"
+LOG_STATUS = 97
+SHOWN_LOG = 500  # characters of what the FMU printed last
+RTOL = 1e-8
+
+
+@dataclass(frozen=True)
+class Limits:
+    """`seconds` that a single call into the FMU may take, `memory` of its process and `written` by it in
+    bytes."""
+
+    seconds: float = 60.0
+    memory: int = 8 * 1024**3
+    written: int = 64 * 1024**2
+
+    @classmethod
+    def from_environment(cls) -> Limits:
+        """The defaults, or what DAEST_FMU_SECONDS and DAEST_FMU_MEMORY (in MB) say. FmuError `fmu-limit`."""
+        seconds = _positive(SECONDS_VARIABLE, cls.seconds)
+        return cls(seconds, int(_positive(MEMORY_VARIABLE, cls.memory / 1e6) * 1e6))
+
+
+def _positive(variable: str, default: float) -> float:
+    text = os.environ.get(variable)
+    with contextlib.suppress(ValueError):
+        value = default if text is None else float(text)
+        if 0.0 < value < float("inf"):
+            return value
+    raise FmuError(
+        "fmu-limit",
+        f"{variable} is `{text}`, which is no positive number.",
+        remedy=f"Write for example {variable}={default:g}, or leave it out.",
+    )
+
+
+@dataclass(frozen=True)
+class Points:
+    """Where a model is evaluated: values (m, len(set)) of the variables `set`, states (m, n_x) or (m, 0) to
+    leave them, times (m,)."""
+
+    set: tuple[int, ...]
+    values: np.ndarray
+    states: np.ndarray
+    times: np.ndarray
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What drives simulations: inputs (n - 1, n_u) at both ends of every interval, u_last (n_u,) at the last
+    sample; `read` are recorded. `laws` as in `fmu.laws`, without their sizes. `measurements` (n, n_y) of the
+    first n_y of `read` and `gain` (n_x, n_y) correct the states at every sample."""
+
+    time: np.ndarray
+    inputs: tuple[int, ...]
+    u0: np.ndarray
+    u1: np.ndarray
+    u_last: np.ndarray
+    read: tuple[int, ...]
+    laws: tuple[Mapping[str, Any], ...] = ()
+    measurements: np.ndarray | None = None
+    gain: np.ndarray | None = None
+    rtol: float = RTOL
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Why and when the simulation number `number` stopped."""
+
+    reason: str
+    time: float
+    number: int
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """values (s, n, n_read) and states (s, n, n_x); NaN where a simulation stopped."""
+
+    values: np.ndarray
+    states: np.ndarray
+    n_events: int
+    stopped: Stop | None
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """values (s, m, n_read + n_x): variables, then rates; NaN where the FMU refused, `problem` says why."""
+
+    values: np.ndarray
+    problem: str | None = None
+
+
+class Runner:
+    """An FMU ready to answer; its process starts with the first request and stays for the next ones.
+
+    Errors of all requests (FmuError): `fmu-without-binary`, `fmu-binary-not-loaded`, `fmu-call-failed`,
+    `fmu-crashed`, `fmu-exited`, `fmu-hangs`, `fmu-memory`, `fmu-writes-too-much`. After one of them the next
+    request starts a new process.
+    """
+
+    def __init__(self, model: FmuModel, limits: Limits | None = None) -> None:
+        self.model = model
+        self.limits = limits or Limits.from_environment()
+        self._process: _Process | None = None
+
+    def __enter__(self) -> Runner:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the process and remove its folder."""
+        if self._process is not None:
+            self._process.close()
+            self._process = None
+
+    def evaluate(
+        self,
+        points: Points,
+        read: Sequence[int],
+        parameters: tuple[Sequence[int], np.ndarray] = ((), np.zeros((1, 0))),
+        *,
+        rates: bool = False,
+        dae_mode: bool = False,
+        settle: bool = False,
+    ) -> Evaluated:
+        """Values at every point for every row of parameter values (s, n_p). `settle`: discrete variables fit
+        the first point, and stay so at the others."""
+        header = {"request": "evaluate", "read": list(read), "rates": rates}
+        reply, tables = self._ask(
+            {**header, **_mode(points, parameters, dae_mode, settle)}, _tables(points, parameters)
+        )
+        return Evaluated(tables["values"], reply["problem"])
+
+    def differentiate(
+        self,
+        points: Points,
+        unknowns: Sequence[int],
+        knowns: Sequence[int],
+        parameters: tuple[Sequence[int], np.ndarray] = ((), np.zeros((1, 0))),
+        *,
+        dae_mode: bool = False,
+        settle: bool = False,
+    ) -> np.ndarray:
+        """The FMU's directional derivatives (s, m, n_unknown, n_known). Ask only where they are declared."""
+        header = {"request": "differentiate", "unknowns": list(unknowns), "knowns": list(knowns)}
+        _, tables = self._ask(
+            {**header, **_mode(points, parameters, dae_mode, settle)}, _tables(points, parameters)
+        )
+        return tables["derivatives"]
+
+    def simulate(
+        self,
+        drive: Drive,
+        parameters: tuple[Sequence[int], np.ndarray],
+        x0: np.ndarray | None = None,
+        sizes: np.ndarray | None = None,
+    ) -> Simulated:
+        """One simulation per row of parameter values (s, n_p), with initial states x0 (s, n_x) (None: those
+        of the FMU) and sizes (s, n_laws) of the laws."""
+        names, values = parameters
+        if sizes is None:
+            sizes = np.zeros((len(values), len(drive.laws)))
+        header = {
+            "request": "simulate", "parameters": list(names), "inputs": list(drive.inputs),
+            "read": list(drive.read), "laws": [dict(law) for law in drive.laws], "rtol": drive.rtol,
+            "fresh": x0 is None or self.model.kind != "exchange",
+        }  # fmt: skip
+        tables = {"parameters": values, "sizes": sizes, "time": drive.time, "u0": drive.u0, "u1": drive.u1,
+                  "u_last": drive.u_last}  # fmt: skip
+        optional = {"x0": x0, "measurements": drive.measurements, "gain": drive.gain}
+        tables |= {name: table for name, table in optional.items() if table is not None}
+        reply, found = self._ask(header, tables)
+        stop = reply["stopped"]
+        stopped = None if stop is None else Stop(stop["what"], stop["time"], stop["set"])
+        return Simulated(found["values"], found["states"], reply["n_events"], stopped)
+
+    def _ask(
+        self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
+    ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        if self._process is None:
+            self._process = _Process(self.model, self.limits)
+        try:
+            return self._process.ask(header, arrays)
+        except BaseException:
+            self.close()
+            raise
+
+
+def _mode(points: Points, parameters: tuple[Sequence[int], np.ndarray], dae_mode: bool, settle: bool) -> dict:
+    return {
+        "set": list(points.set),
+        "parameters": list(parameters[0]),
+        "dae_mode": dae_mode,
+        "settle": settle,
+    }
+
+
+def _tables(points: Points, parameters: tuple[Sequence[int], np.ndarray]) -> dict[str, np.ndarray]:
+    return {
+        "parameters": parameters[1],
+        "points": points.values,
+        "states": points.states,
+        "times": points.times,
+    }
+
+
+@dataclass
+class _Heard:
+    """What the worker said last about what it is doing."""
+
+    stage: str = "was loaded"
+    time: float | None = None
+    replies: queue.SimpleQueue = field(default_factory=queue.SimpleQueue)
+
+    def doing(self) -> str:
+        return self.stage if self.time is None else f"{self.stage} (t = {self.time:g} s)"
+
+
+class _Process:
+    """A worker with the unpacked FMU in a temporary folder."""
+
+    def __init__(self, model: FmuModel, limits: Limits) -> None:
+        self._model, self._limits = model, limits
+        self._folder = tempfile.TemporaryDirectory(prefix="daest-fmu-", ignore_cleanup_errors=True)
+        root = Path(self._folder.name)
+        self._log = root / "printed.log"
+        try:
+            binary = unpacked_binary(model, root / "fmu")
+            environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
+                           "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}  # fmt: skip
+            self._child = subprocess.Popen(
+                [sys.executable, "-m", "daest.fmu.worker", str(self._log)],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+                cwd=root, env=environment, start_new_session=True,
+            )  # fmt: skip
+        except BaseException:
+            self._folder.cleanup()
+            raise
+        self._close = weakref.finalize(self, _end, self._child, self._folder)
+        self._heard = _Heard()
+        threading.Thread(target=_listen, args=(self._child.stdout, self._heard.replies), daemon=True).start()
+        opening = {"binary": asdict(binary), "memory": limits.memory, "written": limits.written}
+        self._write(opening, {})
+
+    def close(self) -> None:
+        self._close()
+
+    def ask(
+        self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
+    ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        self._write(header, arrays)
+        deadline = time.monotonic() + self._limits.seconds
+        while True:
+            try:
+                reply = self._heard.replies.get(timeout=max(deadline - time.monotonic(), 0.001))
+            except queue.Empty:
+                raise self._hangs() from None
+            if reply is None:
+                raise self._died()
+            told, tables = reply
+            if told["kind"] == "alive":
+                deadline = time.monotonic() + self._limits.seconds
+                self._heard.stage, self._heard.time = told["stage"], told["time"]
+            elif told["kind"] == "done":
+                return told, tables
+            else:
+                raise self._memory() if told["kind"] == "memory" else self._refused(told["what"])
+
+    def _write(self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
+        assert self._child.stdin is not None
+        with contextlib.suppress(BrokenPipeError):  # its end is told where the reply is awaited
+            write_message(self._child.stdin, header, arrays)  # type: ignore[arg-type]
+
+    # --------------------------------------------------------------------------------------- endings
+
+    def _refused(self, what: str) -> FmuError:
+        if self._heard.stage == "was loaded":
+            return FmuError(
+                "fmu-binary-not-loaded",
+                f"The binary of the FMU cannot be used: {what}.",
+                where=str(self._model.path),
+                remedy="It may need a library that is missing here; export the FMU for this platform again.",
+            )
+        return FmuError(
+            "fmu-call-failed",
+            f"The FMU refused {what}.",
+            where=str(self._model.path),
+            remedy="Choose parameter values, inputs and an operating point where the model can be evaluated.",
+        )
+
+    def _hangs(self) -> FmuError:
+        seconds = self._limits.seconds
+        return self._error(
+            "fmu-hangs",
+            f"The FMU did not come back within {seconds:g} s when it {self._heard.doing()}, and was stopped.",
+            f"Set {SECONDS_VARIABLE} to more seconds if it only is slow; else report it to the tool that "
+            "wrote the FMU.",
+        )
+
+    def _memory(self) -> FmuError:
+        return self._error(
+            "fmu-memory",
+            f"The FMU needs more than {self._limits.memory / 1e6:.0f} MB of memory when it "
+            f"{self._heard.doing()}.",
+            f"Set {MEMORY_VARIABLE} (in MB) to allow more.",
+        )
+
+    def _died(self) -> FmuError:
+        status, peak = _status_and_peak(self._child)
+        doing = self._heard.doing()
+        report = "Report it to the tool that wrote the FMU; try other parameter values or inputs."
+        if status == LOG_STATUS or -status == getattr(signal, "SIGXFSZ", 0):
+            return self._error(
+                "fmu-writes-too-much",
+                f"The FMU logged or wrote more than {self._limits.written / 1e6:.0f} MB when it {doing}, and "
+                "was stopped.",
+                report,
+            )
+        if status >= 0 and peak < 0.8 * self._limits.memory:
+            return self._error(
+                "fmu-exited", f"The FMU ended its process (exit status {status}) when it {doing}.", report
+            )
+        if peak >= 0.8 * self._limits.memory:
+            return self._memory()
+        try:
+            name = signal.Signals(-status).name
+        except ValueError:
+            name = f"signal {-status}"
+        return self._error("fmu-crashed", f"The FMU crashed ({name}) when it {doing}.", report)
+
+    def _error(self, code: str, what: str, remedy: str) -> FmuError:
+        printed = _tail(self._log)
+        return FmuError(
+            code, f"{what} It printed last: {printed}" if printed else what,
+            where=str(self._model.path), remedy=remedy,
+        )  # fmt: skip
+
+
+def _listen(stream: Any, replies: queue.SimpleQueue) -> None:
+    """Hand on the replies; None at the end, also when what comes is no message."""
+    with contextlib.suppress(EOFError, ValueError, KeyError, TypeError, OSError):
+        while True:
+            replies.put(read_message(stream))
+    replies.put(None)
+
+
+def _status_and_peak(child: subprocess.Popen) -> tuple[int, int]:
+    """Exit status (negative: signal) and the largest resident memory in bytes of a process that ended."""
+    before = _children_peak()
+    try:
+        status = child.wait(timeout=5.0)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        status = child.wait()
+    after = _children_peak()
+    return status, after if after > before else 0
+
+
+def _children_peak() -> int:
+    with contextlib.suppress(ImportError):
+        import resource
+
+        unit = 1 if sys.platform == "darwin" else 1024
+        return resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * unit
+    return 0
+
+
+def _tail(path: Path) -> str:
+    try:
+        with path.open("rb") as stream:
+            stream.seek(max(0, path.stat().st_size - SHOWN_LOG))
+            text = stream.read().decode("utf-8", "replace")
+    except OSError:
+        return ""
+    words = " ".join("".join(c if c.isprintable() else " " for c in text).split())
+    return words[-SHOWN_LOG:]
+
+
+def _end(child: subprocess.Popen, folder: tempfile.TemporaryDirectory) -> None:
+    """Kill the worker and what it may have started, and remove the folder."""
+    with contextlib.suppress(OSError, AttributeError):
+        os.killpg(child.pid, signal.SIGKILL)
+    with contextlib.suppress(OSError):
+        child.kill()
+    child.wait()
+    for stream in (child.stdin, child.stdout):
+        with contextlib.suppress(OSError, AttributeError):
+            stream.close()  # type: ignore[union-attr]
+    folder.cleanup()
+
+
+# ------------------------------------------------------------------------------------------------- unpacking
+
+
+def unpacked_binary(model: FmuModel, folder: Path) -> Binary:
+    prefix = binary_folder(model)
+    with open_archive(model.path) as archive:
+        archive.unpack(folder, (prefix, "resources/"))
+    (folder / "resources").mkdir(parents=True, exist_ok=True)
+    manifest = model.manifest
+    return Binary(
+        folder=str(folder),
+        identifier=model.model_identifier,
+        token=model.token,
+        fmi_major=int(model.fmi_version[0]),
+        kind=model.kind,
+        states=model.states,
+        n_event_indicators=model.n_event_indicators,
+        reports_steps=model.reports_steps,
+        enable=None if manifest is None else manifest.enable,
+    )
+
+
+def binary_folder(model: FmuModel) -> str:
+    """`binaries/<platform>/` of this machine. FmuError `fmu-without-binary`."""
+    here = native_platform()
+    fmi2_names = {"linux": "linux64", "windows": "win64", "darwin": "darwin64"}
+    system = here.tuple_name.rpartition("-")[2]
+    name = here.tuple_name if model.fmi_version.startswith("3") else fmi2_names[system]
+    if name in model.platforms:
+        return f"binaries/{name}/"
+    has = f"it has {', '.join(model.platforms)}" if model.platforms else "it has none at all"
+    raise FmuError(
+        "fmu-without-binary",
+        f"The FMU has no binary for this platform ({name}); {has}.",
+        where=str(model.path),
+        remedy=f"Export it again for this platform ({here.short_name}).",
+    )

@@ -1,0 +1,263 @@
+"""The process that runs an FMU: `python -m daest.fmu.worker LOG`, spoken to by `fmu.runner`.
+
+Whatever the FMU does (crash, hang, exit, print without end) happens here. What it prints goes to the file
+LOG, whose size is limited; requests and answers go over the original standard input and output.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from daest.fmu.instance import Binary, Instance, Log, Refusal
+from daest.fmu.laws import Law
+from daest.fmu.trajectory import Recorded, Stopped, Task, run
+from daest.fmu.wire import read_message, write_message
+
+# Exit status of a worker whose FMU logged too much.
+LOG_STATUS = 97
+# The caller hears at most this often that the work goes on.
+ALIVE_SECONDS = 0.2
+
+
+def main() -> None:
+    requests, replies = _private_streams(sys.argv[1])
+    opening, _ = read_message(requests)
+    _limit(opening["memory"], opening["written"])
+    session = Session(
+        Binary(**{**opening["binary"], "states": tuple(opening["binary"]["states"])}),
+        opening["written"],
+        replies,
+    )
+    while True:
+        try:
+            header, arrays = read_message(requests)
+        except EOFError:
+            os._exit(0)  # without the FMU's own code that runs at exit
+        session.answer(header, arrays)
+
+
+def _private_streams(log: str) -> tuple[BinaryIO, BinaryIO]:
+    """The pipes to the caller, out of reach of an FMU that prints or reads."""
+    requests, replies = os.dup(0), os.dup(1)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    written = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    os.dup2(nothing, 0)
+    os.dup2(written, 1)
+    os.dup2(written, 2)
+    return os.fdopen(requests, "rb"), os.fdopen(replies, "wb")
+
+
+def _limit(memory: int, written: int) -> None:
+    """Bounds that the system keeps, where it can: address space, size of files, no core dumps."""
+    with contextlib.suppress(ImportError):
+        import resource
+
+        for name, value in (("RLIMIT_CORE", 0), ("RLIMIT_FSIZE", written), ("RLIMIT_AS", memory)):
+            with contextlib.suppress(ValueError, OSError, AttributeError):
+                resource.setrlimit(getattr(resource, name), (value, value))
+    if sys.platform.startswith("linux"):
+        import ctypes
+
+        with contextlib.suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG: no orphan in an endless loop
+
+
+class Session:
+    """One FMU, with the instance that answered last."""
+
+    def __init__(self, binary: Binary, log_limit: int, replies: BinaryIO) -> None:
+        self._binary, self._replies = binary, replies
+        self._log = Log(log_limit, lambda: os._exit(LOG_STATUS))
+        self._instance: Instance | None = None
+        self._kept: Any = None  # what the instance was started with, while nothing has changed it
+        self._told = 0.0
+
+    def answer(self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
+        """One request, one reply: results, or why there are none."""
+        work = {"evaluate": self._evaluate, "differentiate": self._differentiate, "simulate": self._simulate}
+        try:
+            reply, tables = work[header["request"]](header, arrays)
+            self._send({"kind": "done", **reply}, tables)
+        except Refusal as problem:
+            self._kept = None
+            self._send({"kind": "refused", "what": str(problem)})
+        except MemoryError:
+            self._kept = None
+            self._send({"kind": "memory"})
+
+    def _send(self, header: Mapping[str, Any], tables: Mapping[str, np.ndarray] | None = None) -> None:
+        write_message(self._replies, header, tables)
+
+    def _alive(self, stage: str, at: float | None = None) -> None:
+        now = time.monotonic()
+        if now - self._told > ALIVE_SECONDS:
+            self._told = now
+            self._send({"kind": "alive", "stage": stage, "time": at})
+
+    def _stage(self, stage: str) -> None:
+        self._send({"kind": "alive", "stage": stage, "time": None})
+
+    def _loaded(self) -> Instance:
+        if self._instance is None:
+            self._stage("was loaded")
+            self._instance = Instance(self._binary, self._log)
+        return self._instance
+
+    def _started(
+        self,
+        header: Mapping[str, Any],
+        values: np.ndarray,
+        time: float,
+        dae_mode: bool = False,
+        inputs: tuple[Sequence[int], np.ndarray] = ((), np.zeros(0)),
+    ) -> Instance:
+        """The instance with parameter `values`, as it is after its initialisation."""
+        key = (tuple(values), time, dae_mode, tuple(inputs[1]))
+        instance = self._loaded()
+        if self._kept != key:
+            self._kept = None
+            self._stage("was initialised")
+            instance.start((header["parameters"], values), time, dae_mode, inputs)
+            self._kept = key
+        return instance
+
+    # ------------------------------------------------------------------------------------- requests
+
+    def _evaluate(self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> tuple[dict, dict]:
+        """Values at points: parameters (s, n_p), points (m, n_set), states (m, n_x), times (m,) -> values
+        (s, m, n_read + n_x), NaN where the FMU refuses a point; the first refusal in words."""
+        sets, points, states, times = (arrays[k] for k in ("parameters", "points", "states", "times"))
+        n_rates = len(self._binary.states) if header["rates"] else 0
+        values = np.full((len(sets), len(times), len(header["read"]) + n_rates), np.nan)
+        problem = None
+        for s, parameters in enumerate(sets):
+            instance = self._started(header, parameters, 0.0, header["dae_mode"])
+            for m in range(len(times)):
+                self._alive("was evaluated")
+                try:
+                    values[s, m] = _values_at(
+                        instance, header, points[m], states[m], times[m], settle=header["settle"] and m == 0
+                    )
+                except Refusal as refusal:
+                    if refusal.is_fatal:
+                        raise
+                    problem = problem or str(refusal)
+        if header["settle"]:
+            self._kept = None  # its discrete variables belong to the first point
+        return {"problem": problem}, {"values": values}
+
+    def _differentiate(
+        self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
+    ) -> tuple[dict, dict]:
+        """Directional derivatives at points, arguments as `_evaluate`: (s, m, n_unknown, n_known)."""
+        sets, points, states, times = (arrays[k] for k in ("parameters", "points", "states", "times"))
+        found = np.full((len(sets), len(times), len(header["unknowns"]), len(header["knowns"])), np.nan)
+        for s, parameters in enumerate(sets):
+            instance = self._started(header, parameters, 0.0, header["dae_mode"])
+            for m in range(len(times)):
+                settle = header["settle"] and m == 0
+                _values_at(
+                    instance, {**header, "read": [], "rates": False}, points[m], states[m], times[m], settle
+                )
+                for column, known in enumerate(header["knowns"]):
+                    self._alive("was differentiated")
+                    found[s, m, :, column] = instance.directional(header["unknowns"], known)
+        if header["settle"]:
+            self._kept = None
+        return {}, {"derivatives": found}
+
+    def _simulate(self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> tuple[dict, dict]:
+        """Simulations: parameters (s, n_p), x0 (s, n_x) or none, sizes of laws (s, n_laws) -> values (s, n,
+        n_read), states (s, n, n_x), NaN where one stopped; the first stop in words with its time."""
+        sets, starts, sizes = arrays["parameters"], arrays.get("x0"), arrays["sizes"]
+        n, n_x = arrays["time"].size, len(self._binary.states)
+        values, states = (
+            np.full((len(sets), n, len(header["read"])), np.nan),
+            np.full((len(sets), n, n_x), np.nan),
+        )
+        events, stopped = 0, None
+        for s, parameters in enumerate(sets):
+            task = _task(header, arrays, sizes[s])
+            inputs = (header["inputs"], task.u0[0] if n > 1 else task.u_last)
+            if header["fresh"]:
+                self._kept = None
+            try:
+                instance = self._started(header, parameters, float(task.time[0]), False, inputs)
+                clean = self._kept
+                self._kept = None
+                x0 = None if starts is None else starts[s]
+                found = run(instance, task, x0, lambda now: self._alive("was simulated", now))
+                values[s], states[s] = found.values, found.states
+                events += found.n_events
+                self._kept = clean if self._is_memoryless(found, starts) else None
+            except Stopped as stop:
+                stopped = stopped or {"what": str(stop), "time": stop.time, "set": s}
+                self._kept = None
+        return {"stopped": stopped, "n_events": events}, {"values": values, "states": states}
+
+    def _is_memoryless(self, found: Recorded, starts: np.ndarray | None) -> bool:
+        """The instance can be used again: its state is all that it remembers, and will be given."""
+        binary = self._binary
+        indicators = self._instance.n_event_indicators if self._instance else 1
+        return (
+            starts is not None
+            and binary.kind == "exchange"
+            and not (indicators or found.n_events or binary.reports_steps)
+        )
+
+
+def _values_at(
+    instance: Instance,
+    header: Mapping[str, Any],
+    point: np.ndarray,
+    states: np.ndarray,
+    time: float,
+    settle: bool,
+) -> np.ndarray:
+    """Variables, then rates. Time is set last, and variables are read first: in some tools outputs that alias
+    states are stale after the derivatives have been read."""
+
+    def go() -> None:
+        instance.set_time(float(time))
+        instance.set(header["set"], point)
+        if states.size:
+            instance.set_states(states)
+        instance.set_time(float(time))
+
+    go()
+    if settle:
+        instance.settle()
+        go()
+    values = instance.get(header["read"])
+    return np.concatenate([values, instance.rates()]) if header["rates"] else values
+
+
+def _task(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray], sizes: np.ndarray) -> Task:
+    laws = tuple(
+        Law(law["name"], law["input"], tuple(law["reads"]), float(size), tuple(law["shape"]))
+        for law, size in zip(header["laws"], sizes, strict=True)
+    )
+    return Task(
+        time=arrays["time"],
+        inputs=tuple(header["inputs"]),
+        u0=arrays["u0"],
+        u1=arrays["u1"],
+        u_last=arrays["u_last"],
+        read=tuple(header["read"]),
+        rtol=header["rtol"],
+        laws=laws,
+        measurements=arrays.get("measurements"),
+        gain=arrays.get("gain"),
+    )
+
+
+if __name__ == "__main__":
+    main()
