@@ -53,6 +53,33 @@ def test_fix_and_estimate(folder, daest):
     assert list(only["parameters"]) == ["k"]
 
 
+def test_prior_of_the_project_and_of_the_command(folder, daest):
+    project = PROJECT + "[parameters]\nT = { prior = { mean = 0.1, std = 1e-6 } }\n"
+    (folder / "daest.toml").write_text(project)
+    document = json.loads(daest("identify", "--hold", "zoh", "--format", "json")[1])
+    assert document["parameters"]["T"]["prior"] == {"mean": 0.1, "std": 1e-6}
+    assert document["parameters"]["T"]["value"] == pytest.approx(0.1, rel=1e-4)
+    assert document["parameters"]["k"]["prior"] is None
+    code, out, _ = daest("identify", "--hold", "zoh", "--prior", "T=0.2,1e-6")
+    assert code == 0 and "prior 0.2 ± 1e-06" in out
+
+
+@pytest.mark.parametrize(
+    ("given", "code"),
+    [
+        ("T", "option-assignment"),
+        ("T=0.1", "option-assignment"),
+        ("T=0.1,nan", "option-assignment"),
+        ("=0.1,0.1", "option-assignment"),
+        ("T=0.1,0", "prior-std"),
+        ("nothing=0.1,1", "unknown-parameter"),
+    ],
+)
+def test_bad_prior(folder, daest, given, code):
+    exit_code, out, err = daest("identify", "run1.csv", "--model", "Lag.mo", "--prior", given)
+    assert exit_code == 2 and f"error[{code}]" in err and not out
+
+
 def test_split_takes_the_place_of_validation_files(fitted, daest):
     document = json.loads(daest("identify", "--split", "0.5", "--hold", "zoh", "--format", "json")[1])
     assert document["n_samples"] == 200

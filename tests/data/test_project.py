@@ -4,6 +4,7 @@ import pytest
 
 from daest.data.project import ParameterSetting, load_project
 from daest.errors import ConfigError
+from daest.model.prior import Prior
 
 FULL = """\
 [model]
@@ -67,6 +68,17 @@ def test_everything_is_read(tmp_path):
     assert project.results == tmp_path / "results"
 
 
+@pytest.mark.parametrize("name", ['"spring.c"', "spring.c"])
+@pytest.mark.parametrize("before", ["", "estimate = true, "])
+def test_prior_of_a_parameter(tmp_path, name, before):
+    (tmp_path / "daest.toml").write_text(
+        f"[parameters]\n{name} = {{ {before}prior = {{ mean = 0.04, std = 2e-3 }} }}\n"
+    )
+    setting = load_project(tmp_path).parameters["spring.c"]
+    assert setting.prior == Prior(0.04, 2e-3)
+    assert setting.estimate == (True if before else None)
+
+
 def test_no_file_is_an_empty_project(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     project = load_project()
@@ -90,6 +102,10 @@ BAD_FILES = [
     ("[parameters]\nR = 4.6\n", "config-type", 2, "value = 1.0"),
     ("[parameters]\nR = { start = 5, max = 4 }\n", "config-value", 2, "outside its bounds"),
     ("[parameters]\nR = { min = 5, max = 4 }\n", "config-value", 2, "min 5"),
+    ("[parameters]\nR = { prior = 4 }\n", "config-type", 2, "mean = 1.0"),
+    ("[parameters]\nR = { prior = { mean = 4 } }\n", "config-value", 2, "no std"),
+    ("[parameters]\nR = { prior = { mean = 4, std = 0 } }\n", "config-value", 2, "std above 0"),
+    ("[parameters]\nR = { prior = { mean = 4, std = 1, sigma = 1 } }\n", "config-unknown-key", 2, "sigma"),
     ("[parameters]\n\n\"a.b\" = { start = 5, value = 4 }\n", "config-value", 3, "a start and a value"),
     ("[noise.measurement]\nphi = { std = -1 }\n", "config-value", 2, "negative"),
     ("[noise.measurement]\nphi = { intensity = 1 }\n", "config-unknown-key", 2, "std"),

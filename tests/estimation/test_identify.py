@@ -351,7 +351,7 @@ def test_document_is_plain_json_without_nan(shared_data):
     assert json.loads(json.dumps(content, allow_nan=False)) == content
     assert content["schema"] == "daest/identify/1"
     assert set(content["parameters"]["J1"]) == {
-        "value", "std_error", "initial", "unit", "min", "max", "at_bound",
+        "value", "std_error", "initial", "unit", "min", "max", "at_bound", "prior",
     }  # fmt: skip
     assert set(content["fit_percent"]) == {"estimation", "validation"}
     assert set(content["one_step"]["rms"]["validation"]) == {"omega", "phi"}

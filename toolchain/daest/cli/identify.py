@@ -19,6 +19,7 @@ from daest.cli.options import (
     format_option,
     output_option,
     plot_option,
+    priors,
     project_option,
     seed_option,
     split_option,
@@ -65,6 +66,13 @@ class Identified:
 )
 @click.option("--fix", metavar="NAME=VALUE", multiple=True, help="Hold a parameter at a value.")
 @click.option(
+    "--prior",
+    "given_priors",
+    metavar="NAME=MEAN,STD",
+    multiple=True,
+    help="What is known of a parameter beforehand (lognormal where it is searched on a log scale).",
+)
+@click.option(
     "--starts",
     type=click.IntRange(min=1),
     default=1,
@@ -85,6 +93,7 @@ def command(
     likelihood: Any,
     estimate: tuple[str, ...],
     fix: tuple[str, ...],
+    given_priors: tuple[str, ...],
     starts: int,
     class_name: str | None,
     libraries: tuple[Path, ...],
@@ -114,6 +123,7 @@ def command(
         likelihood=likelihood,
         estimate=estimate or None,
         fix=assignments(fix, "--fix"),
+        prior=priors(given_priors),
         hold=data_choice.known_hold(project),
         starts=starts,
         seed=seed,

@@ -177,6 +177,7 @@ def _with_setting(
         min=parameter.min if setting.min is None else setting.min,
         max=parameter.max if setting.max is None else setting.max,
         scale=parameter.scale if setting.scale is None else setting.scale,
+        prior=setting.prior or parameter.prior,
     )
     below = changed.min is not None and changed.value < changed.min
     above = changed.max is not None and changed.value > changed.max

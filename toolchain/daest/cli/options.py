@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import click
 
 from daest.errors import ConfigError
+from daest.model.prior import Prior
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -106,6 +107,26 @@ split_option = click.option(
 def assignments(given: tuple[str, ...], option: str) -> dict[str, float]:
     """NAME=VALUE pairs of an option that may be repeated. Raises ConfigError `option-assignment`."""
     return dict(_assignment(text, option) for text in given)
+
+
+def priors(given: tuple[str, ...]) -> dict[str, Prior]:
+    """NAME=MEAN,STD of --prior, which may be repeated. Raises ConfigError `option-assignment`."""
+    return dict(_prior(text) for text in given)
+
+
+def _prior(text: str) -> tuple[str, Prior]:
+    name, _, values = text.partition("=")
+    try:
+        mean, std = (float(value) for value in values.split(","))
+    except ValueError:
+        mean = std = math.nan
+    if not name.strip() or not (math.isfinite(mean) and math.isfinite(std)):
+        raise ConfigError(
+            "option-assignment",
+            f"--prior {text}: not of the form NAME=MEAN,STD",
+            remedy="for example --prior spring.c=0.04,0.002",
+        )
+    return name.strip(), Prior(mean, std)
 
 
 def _assignment(text: str, option: str) -> tuple[str, float]:

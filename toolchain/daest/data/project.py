@@ -203,7 +203,9 @@ class _Reader:
             self._wrong_type(place, "prior", "a table, as in { mean = 1.0, std = 0.1 }")
             return None
         inner = f"{place}.prior"
-        self._known(given, inner, ("mean", "std"))
+        for key in given.keys() - {"mean", "std"}:
+            what = f"'{key}' is not known in the prior of '{name}'"
+            self._problem("config-unknown-key", what, place, "prior", "known are mean, std")
         mean, std = self._number(given, inner, "mean"), self._number(given, inner, "std")
         problem = None
         if mean is None or std is None:
@@ -346,11 +348,18 @@ def _flattened(table: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]
     name."""
     pairs: list[tuple[str, Any]] = []
     for key, entry in table.items():
-        if isinstance(entry, dict) and entry and all(isinstance(inner, dict) for inner in entry.values()):
+        if _is_part_of_a_name(entry):
             pairs += _flattened(entry, f"{prefix}{key}.")
         else:
             pairs.append((f"{prefix}{key}", entry))
     return pairs
+
+
+def _is_part_of_a_name(entry: Any) -> bool:
+    """A table of tables, unless it is the setting `{ prior = { mean = .., std = .. } }`."""
+    if not isinstance(entry, dict) or not entry or not all(isinstance(v, dict) for v in entry.values()):
+        return False
+    return set(entry) != {"prior"} or any(isinstance(v, dict) for v in entry["prior"].values())
 
 
 def _flattened_map(table: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:

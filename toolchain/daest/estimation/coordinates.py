@@ -9,6 +9,7 @@ import numpy as np
 
 from daest.model.flat import FlatModel
 from daest.model.linear import StateSpaceFamily
+from daest.model.prior import Prior
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,7 @@ class Coordinate:
     scale: float
     lower: float
     upper: float
+    prior: Prior | None = None
 
     def searched(self, value: float) -> float:
         """z of a value."""
@@ -114,4 +116,5 @@ def parameter_coordinate(
         scale=parameter_scale(value, parameter.nominal),
         lower=float(max(lower, 0.0) if is_log and value > 0.0 else lower),
         upper=float(upper),
+        prior=parameter.prior,
     )

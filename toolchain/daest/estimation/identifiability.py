@@ -74,16 +74,21 @@ def covariance(information: np.ndarray, free: np.ndarray) -> np.ndarray:
 
 
 def output_error_covariance(
-    parts: list[Scores], observed: list[np.ndarray], slopes: np.ndarray, free: np.ndarray
+    parts: list[Scores],
+    observed: list[np.ndarray],
+    slopes: np.ndarray,
+    free: np.ndarray,
+    prior_precision: np.ndarray,
 ) -> Uncertainty:
     """Covariance of output-error estimates in z: the inverse information, or the sandwich for coloured
     residuals.
 
     Residuals of a simulation are white only if nothing but measurement noise separates model and data.
-    Otherwise cov = I⁻¹ M I⁻¹ with M the covariance of the score under the residuals' own spectrum.
+    Otherwise cov = I⁻¹ M I⁻¹ with M the covariance of the score under the residuals' own spectrum. The
+    precision of the priors in z (p,) is part of I and of M.
     """
     information = sum(np.tensordot(s.slopes, s.slopes, ((1, 2), (1, 2))) for s in parts)
-    information = information * np.outer(slopes, slopes)
+    information = information * np.outer(slopes, slopes) + np.diag(prior_precision)
     inverse = covariance(information, free)
     lowest = min(
         (
@@ -97,6 +102,7 @@ def output_error_covariance(
     if lowest * tests >= WHITE_LEVEL:
         return Uncertainty(inverse, False)
     moment = sum(coloured_moment(s.slopes, s.residuals) for s in parts) * np.outer(slopes, slopes)
+    moment = moment + np.diag(prior_precision)
     filled = np.nan_to_num(inverse)
     sandwich = filled @ moment @ filled
     sandwich[np.isnan(inverse)] = np.nan

@@ -19,6 +19,7 @@ from daest.estimation.ekf_likelihood import identify_by_ekf
 from daest.estimation.identify_nonlinear import identify_nonlinear
 from daest.estimation.noise_start import better_noise, with_noise
 from daest.estimation.output_error import Problem
+from daest.estimation.priors import coordinate_with_prior
 from daest.estimation.records import Record, in_model_order, make_record, observed_counts, part_of
 from daest.estimation.result import end_scores, fit_result
 from daest.estimation.search import Evaluation, Found, minimise
@@ -28,6 +29,7 @@ from daest.model.flat import FlatModel
 from daest.model.linear import StateSpaceFamily
 from daest.numerics.statistics import whiteness_p_value
 from daest.systems.reduce import reduce_index
+from daest.systems.redundant import good_everywhere
 from daest.systems.sample import Hold
 from daest.systems.state_space import state_space, state_space_family
 
@@ -102,10 +104,12 @@ def _identified_nonlinear(
     n_w, n_y = len(family.noises), len(family.outputs)
     estimated = np.array([setup.process[i] for i in range(n_w)], dtype=bool)
     searched = np.array([setup.measurement[j] for j in range(n_y)], dtype=bool)
-    by_ekf = setup.method == "pem" and options.likelihood == "ekf"
+    explicit = good_everywhere(reduce_index(flat))
+    # States that constraints tie have no observer with a constant gain.
+    by_ekf = setup.method == "pem" and (options.likelihood == "ekf" or explicit.invariants is not None)
     search = identify_by_ekf if by_ekf else identify_nonlinear
     return search(
-        reduce_index(flat),
+        explicit,
         setup.problem.unknowns,
         [in_model_order(e, family) for e in estimation],
         setup.method,
@@ -183,6 +187,10 @@ def _unknowns(family: StateSpaceFamily, options: IdentifyOptions) -> tuple[np.nd
     if names is None:
         names = tuple(p.name for p in family.parameters if p.estimate)
     names = tuple(n for n in names if n not in options.fix)
+    for name in options.prior:
+        known_name(name, known, "parameter")
+        if name not in names:
+            raise _prior_without_use(name)
     indices = [known_name(n, known, "parameter") for n in names]
     if not names:
         raise EstimationError(
@@ -194,9 +202,19 @@ def _unknowns(family: StateSpaceFamily, options: IdentifyOptions) -> tuple[np.nd
     for name, index in zip(names, indices, strict=True):
         parameter = family.parameters[index]
         bounds = options.bounds.get(name, (parameter.min, parameter.max))
-        coordinates.append(parameter_coordinate(family, name, float(theta[index]), bounds))
-        check_bounds(coordinates[-1])
+        coordinate = parameter_coordinate(family, name, float(theta[index]), bounds)
+        check_bounds(coordinate)
+        coordinates.append(coordinate_with_prior(coordinate, options.prior.get(name, parameter.prior)))
     return theta, Unknowns(tuple(coordinates), theta, np.zeros(0), np.zeros(0))
+
+
+def _prior_without_use(name: str) -> EstimationError:
+    return EstimationError(
+        "prior-unused",
+        f"{name} has a prior but is not estimated",
+        where=name,
+        remedy=f"estimate it (--estimate {name}), or leave the prior out",
+    )
 
 
 def _noise_choices(

@@ -36,6 +36,7 @@ from daest.estimation.nonlinear_start import (
     with_hold,
 )
 from daest.estimation.observer import observer
+from daest.estimation.priors import prior_penalty
 from daest.estimation.search import minimise
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
@@ -197,9 +198,12 @@ def _rescanned(setup: NonlinearSetup, end: Ending, warm: WarmStart) -> Ending:
     around = replace(setup, problem=end.problem)
     problem, levels = with_gain(around, end.found.z, warm.levels, warm.levels, evaluations=0)
     errors = prediction_errors(problem, end.found.z)
-    if errors is None or errors.negative_log_likelihood >= end.found.evaluation.value:
+    if errors is None:
         return end
-    evaluation = replace(end.found.evaluation, value=errors.negative_log_likelihood)
+    value = errors.negative_log_likelihood + prior_penalty(problem.unknowns, end.found.z)
+    if value >= end.found.evaluation.value:
+        return end
+    evaluation = replace(end.found.evaluation, value=value)
     return Ending(problem, replace(end.found, evaluation=evaluation), levels)
 
 

@@ -21,6 +21,7 @@ from daest.estimation.predictor import (
     innovations,
     kalman_gains,
 )
+from daest.estimation.priors import with_priors
 from daest.estimation.records import Record
 from daest.estimation.scores import Scores, initial_state, scores
 from daest.estimation.search import Evaluation
@@ -40,7 +41,7 @@ class Predicted:
 
 
 def objective(problem: Problem) -> Callable[[np.ndarray, bool], Evaluation | None]:
-    """Negative log-likelihood over all search coordinates."""
+    """Negative log-likelihood and priors over all search coordinates."""
 
     def evaluate(z: np.ndarray, with_slopes: bool) -> Evaluation | None:
         predicted = predict(problem, z, with_slopes)
@@ -61,7 +62,7 @@ def objective(problem: Problem) -> Callable[[np.ndarray, bool], Evaluation | Non
             return None
         return Evaluation(predicted.negative_log_likelihood, gradient, information)
 
-    return evaluate
+    return with_priors(evaluate, problem.unknowns)
 
 
 def predict(problem: Problem, z: np.ndarray, with_slopes: bool = False) -> Predicted | None:

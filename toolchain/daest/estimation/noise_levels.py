@@ -3,9 +3,9 @@
 The gain is the stationary Kalman gain of the average linearisation for the levels tried. It depends on the
 ratios of the levels alone; their common size follows from the innovations wherever no level is given.
 
-An average slope takes friction for damping, and damping hides noise: with Coulomb friction that sticks now and
-then the intensity comes out up to twice too large, while the gain, the predictions and the parameters are
-right. The extended filter (`ekf_likelihood`) has no such bias.
+An average slope takes friction for damping, and damping hides noise: with Coulomb friction that sticks now
+and then the intensity comes out up to twice too large, while the gain, the predictions and the parameters
+are right. The extended filter (`ekf_likelihood`) has no such bias.
 """
 
 from __future__ import annotations

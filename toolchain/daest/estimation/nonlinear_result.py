@@ -20,6 +20,7 @@ from daest.estimation.identifiability import (
 )
 from daest.estimation.noise_levels import Ending, Levels, NonlinearSetup
 from daest.estimation.nonlinear_start import consistent_states, fit_initial_states, limits
+from daest.estimation.priors import log_likelihood, prior_precisions
 from daest.estimation.result import bound_of, message_of
 from daest.estimation.scores import Scores, scores
 from daest.estimation.search import minimise
@@ -71,11 +72,11 @@ def nonlinear_result(
     information = np.sum([np.tensordot(s.slopes, s.slopes, ((1, 2), (1, 2))) for s in parts], axis=0)
     observed = [np.isfinite(e.outputs) for e in problem.experiments]
     count = sum(int(o.sum()) for o in observed)
-    in_z = information * np.outer(slopes, slopes)
+    in_z = information * np.outer(slopes, slopes) + np.diag(prior_precisions(unknowns))
     free = ~without_influence(in_z, count) & np.array([b is None for b in bounds], dtype=bool)
     notes = list(setup.notes)
     if setup.method == "oe":
-        uncertain = output_error_covariance(parts, observed, slopes, free)
+        uncertain = output_error_covariance(parts, observed, slopes, free, prior_precisions(unknowns))
         cov_z = uncertain.covariance
         if uncertain.is_coloured:
             notes.append("the simulation residuals are not white; the standard errors account for that")
@@ -84,7 +85,7 @@ def nonlinear_result(
     cov = cov_z * np.outer(slopes, slopes)
     values = unknowns.natural(found.z[:n])
     std_errors = [float(np.sqrt(v)) if np.isfinite(v) and v >= 0.0 else None for v in np.diagonal(cov)]
-    weak = weak_directions(unknowns.coordinates, values, information, cov)
+    weak = weak_directions(unknowns.coordinates, values, in_z / np.outer(slopes, slopes), cov)
     parameters = tuple(
         _fitted_parameter(explicit, c, v, s, b)
         for c, v, s, b in zip(unknowns.coordinates, values, std_errors, bounds, strict=True)
@@ -105,8 +106,8 @@ def nonlinear_result(
         correlation=correlation(cov),
         weak_directions=weak,
         weak_threshold=WEAK_RELATIVE_STD,
-        log_likelihood=-found.evaluation.value,
-        start_log_likelihoods=tuple(-e.found.evaluation.value for e in ends),
+        log_likelihood=log_likelihood(unknowns, found),
+        start_log_likelihoods=tuple(log_likelihood(unknowns, e.found) for e in ends),
         simulated=simulated,
         one_step=one_step,
         n_samples=sum(e.n_samples for e in problem.experiments),
@@ -143,6 +144,7 @@ def _fitted_parameter(
         min=None if np.isinf(coordinate.lower) else coordinate.lower,
         max=None if np.isinf(coordinate.upper) else coordinate.upper,
         at_bound=bound,  # type: ignore[arg-type]
+        prior=coordinate.prior,
     )
 
 

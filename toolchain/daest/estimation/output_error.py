@@ -20,6 +20,7 @@ from daest.estimation.predictor import (
     innovation_slopes,
     innovations,
 )
+from daest.estimation.priors import with_priors
 from daest.estimation.records import Record, observed_counts
 from daest.estimation.scores import Scores, initial_state, scores
 from daest.estimation.search import Evaluation
@@ -59,7 +60,7 @@ class Simulated:
 
 
 def objective(problem: Problem) -> Callable[[np.ndarray, bool], Evaluation | None]:
-    """Negative log-likelihood over the search coordinates of the parameters (no noise coordinates)."""
+    """Negative log-likelihood and priors over the coordinates of the parameters (no noise coordinates)."""
 
     def evaluate(z: np.ndarray, with_slopes: bool) -> Evaluation | None:
         theta, _, std = problem.unknowns.values(z)
@@ -80,7 +81,7 @@ def objective(problem: Problem) -> Callable[[np.ndarray, bool], Evaluation | Non
             return None
         return Evaluation(value, gradient, information)
 
-    return evaluate
+    return with_priors(evaluate, problem.unknowns)
 
 
 def simulate(

@@ -18,6 +18,7 @@ from daest.estimation.identifiability import (
     without_influence,
 )
 from daest.estimation.output_error import Problem
+from daest.estimation.priors import log_likelihood, prior_precisions
 from daest.estimation.records import observed_counts
 from daest.estimation.scores import Scores
 from daest.estimation.search import Found
@@ -88,8 +89,8 @@ def fit_result(
         correlation=correlation(judged.cov),
         weak_directions=weak,
         weak_threshold=WEAK_RELATIVE_STD,
-        log_likelihood=-best.evaluation.value,
-        start_log_likelihoods=tuple(-end.evaluation.value for end in ends),
+        log_likelihood=log_likelihood(problem.unknowns, best),
+        start_log_likelihoods=tuple(log_likelihood(problem.unknowns, end) for end in ends),
         simulated=simulated,
         one_step=one_step,
         n_samples=sum(int(r.recorded.size) for r in problem.records),
@@ -156,7 +157,8 @@ def _uncertainty(
     if method == "pem":
         return Uncertainty(covariance(information, free), False)
     observed = [r.observed for r in problem.records]
-    return output_error_covariance(parts, observed, problem.unknowns.slopes(best.z), free)
+    precision = prior_precisions(problem.unknowns)
+    return output_error_covariance(parts, observed, problem.unknowns.slopes(best.z), free, precision)
 
 
 def bound_of(coordinate: Coordinate, z: float) -> Bound | None:
@@ -195,6 +197,7 @@ def _parameters(problem: Problem, judged: Judged) -> tuple[FittedParameter, ...]
                 min=None if np.isinf(coordinate.lower) else coordinate.lower,
                 max=None if np.isinf(coordinate.upper) else coordinate.upper,
                 at_bound=judged.bounds[i],
+                prior=coordinate.prior,
             )
         )
     return tuple(result)

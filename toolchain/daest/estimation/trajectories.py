@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daest.estimation.coordinates import Unknowns
+from daest.estimation.priors import with_priors
 from daest.estimation.search import Evaluation
 from daest.model.experiment import Experiment
 from daest.systems.integrate import (
@@ -74,7 +75,7 @@ class Errors:
 
 
 def objective(problem: TrajectoryProblem) -> Callable[[np.ndarray, bool], Evaluation | None]:
-    """Negative log-likelihood over the search vector; None where the model cannot be integrated."""
+    """Negative log-likelihood and priors over the search vector; None where an integration fails."""
 
     def evaluate(z: np.ndarray, with_slopes: bool) -> Evaluation | None:
         errors = prediction_errors(problem, z, with_slopes)
@@ -88,7 +89,7 @@ def objective(problem: TrajectoryProblem) -> Callable[[np.ndarray, bool], Evalua
             return None
         return Evaluation(errors.negative_log_likelihood, gradient, information)
 
-    return evaluate
+    return with_priors(evaluate, problem.unknowns)
 
 
 def prediction_errors(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = False) -> Errors | None:

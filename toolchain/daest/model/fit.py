@@ -8,6 +8,8 @@ from typing import Literal
 
 import numpy as np
 
+from daest.model.prior import Prior
+
 Method = Literal["oe", "pem"]
 Status = Literal["converged", "stalled", "iteration limit"]
 Bound = Literal["min", "max"]
@@ -27,9 +29,10 @@ class IdentifyOptions:
     """How to identify; None leaves a choice to the model or to the data.
 
     `estimate` names the parameters to find (None: those that the model marks). `fix` gives other
-    parameters a value, `start` start values, `bounds` (min, max) in place of the model's. `process_noise`
-    and `measurement_noise` are by noise and output name. `hold` None tries foh and zoh and takes the
-    better one. `starts` searches from that many start points, seeded by `seed`; without `second_look` a fit
+    parameters a value, `start` start values, `bounds` (min, max) and `prior` in place of the model's.
+    `process_noise` and `measurement_noise` are by noise and output name. `hold` None tries foh and zoh and
+    takes the better one. `starts` searches from that many start points, seeded by `seed`; without
+    `second_look` a fit
     that leaves coloured residuals is not tried again from elsewhere. `likelihood` is that of the one-step
     predictions of a nonlinear model ("pem"): by an observer with a constant gain, or by the extended Kalman
     filter, which suits smooth models and estimates the noise exactly. `split` in (0, 1) keeps that first part
@@ -41,6 +44,7 @@ class IdentifyOptions:
     fix: Mapping[str, float] = field(default_factory=dict)
     start: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
+    prior: Mapping[str, Prior] = field(default_factory=dict)
     process_noise: Mapping[str, NoiseChoice] = field(default_factory=dict)
     measurement_noise: Mapping[str, NoiseChoice] = field(default_factory=dict)
     hold: Literal["foh", "zoh"] | None = None
@@ -64,6 +68,7 @@ class FittedParameter:
     min: float | None
     max: float | None
     at_bound: Bound | None
+    prior: Prior | None = None
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from daest.errors import Place
+from daest.model.prior import Prior
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,7 @@ class Parameter:
     estimate: bool = False
     scale: Literal["auto", "linear", "log"] = "auto"
     place: Place | None = None
+    prior: Prior | None = None
 
 
 @dataclass(frozen=True)

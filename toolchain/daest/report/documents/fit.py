@@ -62,6 +62,7 @@ def _parameter(p: FittedParameter) -> dict[str, Any]:
         "min": p.min,
         "max": p.max,
         "at_bound": p.at_bound,
+        "prior": p.prior and {"mean": p.prior.mean, "std": p.prior.std},
     }
 
 

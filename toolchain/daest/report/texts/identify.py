@@ -55,12 +55,19 @@ def _parameters(parameters: Mapping[str, Mapping[str, Any]]) -> RenderableType:
                 _relative(p),
                 p["unit"],
                 number(p["initial"]),
-                f"at its {p['at_bound']}" if p["at_bound"] else "",
+                _remark(p),
             )
             for name, p in parameters.items()
         ),
         text_columns=(0, 4, 6),
     )
+
+
+def _remark(p: Mapping[str, Any]) -> str:
+    remarks = [f"at its {p['at_bound']}"] if p["at_bound"] else []
+    prior = p.get("prior")
+    remarks += [f"prior {number(prior['mean'])} ± {number(prior['std'], 2)}"] if prior else []
+    return ", ".join(remarks)
 
 
 def _relative(p: Mapping[str, Any]) -> str:
