@@ -18,11 +18,15 @@ from daest.estimation import trajectories
 from daest.estimation.agreement import agreement_of
 from daest.estimation.coordinates import Coordinate, Unknowns
 from daest.estimation.ekf import EkfLikelihood, ekf_likelihood, run_ekf
+from daest.estimation.ekf_start import best_start, with_lost_ones
 from daest.estimation.filter_task import Directions, Noise, Record, Start, record
 from daest.estimation.identifiability import correlation, covariance, weak_directions, without_influence
 from daest.estimation.identify_nonlinear import identify_nonlinear
+from daest.estimation.priors import log_likelihood, with_priors
+from daest.estimation.profile import Searched, Tell, silent, with_profiles
 from daest.estimation.result import bound_of, message_of
 from daest.estimation.search import Evaluation, Found, minimise
+from daest.estimation.ties import Beginning, with_ties
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
 from daest.model.explicit import ExplicitModel
@@ -109,7 +113,7 @@ def _directions(problem: EkfProblem, z: np.ndarray, std: np.ndarray) -> Directio
 
 
 def objective(problem: EkfProblem) -> Callable[[np.ndarray, bool], Evaluation | None]:
-    """Negative log-likelihood over the search vector; None where the filter cannot run."""
+    """Negative log-likelihood, priors and ties over the search vector; None where the filter cannot run."""
 
     def evaluate(z: np.ndarray, with_slopes: bool) -> Evaluation | None:
         parts = likelihoods(problem, z, with_slopes)
@@ -120,7 +124,11 @@ def objective(problem: EkfProblem) -> Callable[[np.ndarray, bool], Evaluation | 
             return None
         return _assembled(problem, z, parts, value) if with_slopes else Evaluation(value)
 
-    return evaluate
+    explicit = problem.model.explicit
+    n_u = len(explicit.flat.inputs)
+    beginnings = [Beginning(r.u0[0, :n_u], r.u0[0, n_u:], float(r.time[0])) for r in problem.records]
+    tied = with_ties(evaluate, explicit, problem.unknowns, problem.state_scale, beginnings)
+    return with_priors(tied, problem.unknowns)
 
 
 def _assembled(
@@ -147,27 +155,45 @@ def identify_by_ekf(
     given_std: np.ndarray,
     options: IdentifyOptions,
     validation: Sequence[Experiment] = (),
+    tell: Tell = silent,
 ) -> FitResult:
     """As `identify_nonlinear`, whose prediction-error estimate it starts from, by maximum likelihood.
 
     Standard errors of parameters and noises are those of the Fisher information. Method "oe" is left to
-    `identify_nonlinear`. Where the model is not smooth over a few substeps of a sample, or the filter
+    `identify_nonlinear`. A model with invariants is simulated first: its states, which constraints tie, have
+    no observer with a constant gain. Where the model is not smooth over a few substeps of a sample, or the filter
     predicts worse than the observer, the result of `identify_nonlinear` is returned with a note.
     """
     began = time.perf_counter()
-    first = identify_nonlinear(
-        explicit, unknowns, experiments, method, intensity, estimate_intensity, given_std, options, validation
-    )
+    task = (explicit, unknowns, experiments, method, intensity, estimate_intensity, given_std)
     if method == "oe":
-        return first
+        return identify_nonlinear(*task, options, validation, tell=tell)
+    first = identify_nonlinear(*task, replace(options, profile=()), validation, tell=tell)
     problem, z = _problem(explicit, unknowns, experiments, estimate_intensity, given_std, first)
-    ends = _search(problem, z, options)
-    if ends is None or -ends[1].evaluation.value < first.log_likelihood - WORSE:
+    given = _given_start(problem, z, unknowns, experiments)
+    starts = [with_lost_ones(problem.unknowns, z, given), given]
+    if explicit.invariants is not None and not np.all(estimate_intensity):
+        starts += _wide_ends(explicit, unknowns, experiments, given_std, first, options)
+    ends = _search(problem, best_start(objective(problem), problem.unknowns, starts), given, options)
+    if ends is None or log_likelihood(ends[0].unknowns, ends[1]) < first.log_likelihood - WORSE:
         note = "not smooth enough for the extended filter: predictions of an observer"
+        if options.profile:
+            first = identify_nonlinear(*task, options, validation, tell=tell)
         return replace(first, notes=(*first.notes, note), seconds=time.perf_counter() - began)
     problem, found = ends
     result = _result(problem, found, first, unknowns, experiments, validation)
+    if options.profile:
+        searched = Searched(objective(problem), problem.unknowns, *_limits(problem), found)
+        result = with_profiles(result, searched, options.profile, tell)
     return replace(result, seconds=time.perf_counter() - began)
+
+
+def _limits(problem: EkfProblem) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of the search vector."""
+    n_initial = len(problem.records) * problem.state_scale.size
+    lower = np.concatenate([problem.unknowns.lower, np.full(n_initial, -STATE_RANGE)])
+    upper = np.concatenate([problem.unknowns.upper, np.full(n_initial, STATE_RANGE)])
+    return lower, upper
 
 
 def _problem(
@@ -204,6 +230,36 @@ def _problem(
     return EkfProblem(model, records, searched, size), np.concatenate([searched.start, (x0 / size).ravel()])
 
 
+def _wide_ends(
+    explicit: ExplicitModel,
+    unknowns: Unknowns,
+    experiments: Sequence[Experiment],
+    given_std: np.ndarray,
+    first: FitResult,
+    options: IdentifyOptions,
+) -> list[np.ndarray]:
+    """Where a search ends whose noise may be as wide as a bad start needs it; without its intensities."""
+    every = np.ones(len(explicit.flat.noises), dtype=bool)
+    problem, z = _problem(explicit, unknowns, experiments, every, given_std, first)
+    given = _given_start(problem, z, unknowns, experiments)
+    start = best_start(objective(problem), problem.unknowns, [given])
+    ends = _search(problem, start, given, options)
+    return [] if ends is None else [np.delete(ends[1].z, problem.unknowns.of_kind("process"))]
+
+
+def _given_start(
+    problem: EkfProblem, z: np.ndarray, unknowns: Unknowns, experiments: Sequence[Experiment]
+) -> np.ndarray:
+    """The parameters that the user started from, and the initial states that the model asks for there."""
+    given = [c.searched(c.initial) for c in unknowns.coordinates if c.kind == "parameter"]
+    start = z.copy()
+    start[problem.unknowns.of_kind("parameter")] = given
+    theta = problem.unknowns.values(start[: problem.n_unknowns])[0]
+    x0 = [initial_point(problem.model.explicit, theta, e.inputs[0])[0] for e in experiments]
+    start[problem.n_unknowns :] = (np.array(x0) / problem.state_scale).ravel()
+    return start
+
+
 def _noise(name: str, kind: str, index: int, value: float) -> Coordinate:
     bounds = (value / NOISE_RANGE, value * NOISE_RANGE)
     return Coordinate(name, kind, index, value, True, 1.0, *bounds)  # type: ignore[arg-type]
@@ -222,9 +278,11 @@ def _sizes(
     return np.where(size > 0.0, size, 1.0)
 
 
-def _search(problem: EkfProblem, z: np.ndarray, options: IdentifyOptions) -> tuple[EkfProblem, Found] | None:
+def _search(
+    problem: EkfProblem, z: np.ndarray, given: np.ndarray, options: IdentifyOptions
+) -> tuple[EkfProblem, Found] | None:
     """The optimum, with substeps so short that halving them does not change the likelihood there; None where
-    no allowed substep is short enough."""
+    no allowed substep is short enough. `given` is the search vector that the user started from."""
     found: Found | None = None
     for _ in range(ROUNDS):
         finer = with_substeps(problem, z)
@@ -239,6 +297,11 @@ def _search(problem: EkfProblem, z: np.ndarray, options: IdentifyOptions) -> tup
         again = minimise(objective(problem), z, lower, upper, options.max_iterations)
         if again is None:
             break
+        revived = with_lost_ones(problem.unknowns, again.z, given)
+        if revived is not again.z:
+            second = minimise(objective(problem), revived, lower, upper, options.max_iterations)
+            better = second is not None and second.evaluation.value < again.evaluation.value
+            again = second if second is not None and better else again
         found, z = again, again.z
     return None if found is None else (problem, found)
 
@@ -290,6 +353,7 @@ def _result(
             limits[c.name][2],
             *limits[c.name][:2],
             bounds[i],
+            c.prior,
         )
         for i, c in enumerate(searched.coordinates)
         if c.kind == "parameter"
@@ -318,8 +382,8 @@ def _result(
         correlation_names=tuple(c.name for c in coordinates),
         correlation=correlation(cov[np.ix_(own, own)]),
         weak_directions=weak,
-        log_likelihood=-found.evaluation.value,
-        start_log_likelihoods=(-found.evaluation.value,),
+        log_likelihood=log_likelihood(searched, found),
+        start_log_likelihoods=(log_likelihood(searched, found),),
         simulated=simulated,
         one_step=one_step,
         n_iterations=found.iterations,

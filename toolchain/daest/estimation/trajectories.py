@@ -16,6 +16,7 @@ import numpy as np
 from daest.estimation.coordinates import Unknowns
 from daest.estimation.priors import with_priors
 from daest.estimation.search import Evaluation
+from daest.estimation.ties import Beginning, with_ties
 from daest.model.experiment import Experiment
 from daest.systems.integrate import (
     RTOL,
@@ -25,6 +26,7 @@ from daest.systems.integrate import (
     Integrator,
     Trajectory,
     integrate,
+    interval_inputs,
 )
 
 WORST_CONDITION = 1e14  # of the errors' covariance: beyond, the trajectory has run away
@@ -75,7 +77,7 @@ class Errors:
 
 
 def objective(problem: TrajectoryProblem) -> Callable[[np.ndarray, bool], Evaluation | None]:
-    """Negative log-likelihood and priors over the search vector; None where an integration fails."""
+    """Negative log-likelihood, priors and ties over the search vector; None where an integration fails."""
 
     def evaluate(z: np.ndarray, with_slopes: bool) -> Evaluation | None:
         errors = prediction_errors(problem, z, with_slopes)
@@ -89,7 +91,20 @@ def objective(problem: TrajectoryProblem) -> Callable[[np.ndarray, bool], Evalua
             return None
         return Evaluation(errors.negative_log_likelihood, gradient, information)
 
-    return with_priors(evaluate, problem.unknowns)
+    explicit = problem.model.explicit
+    beginnings = [_beginning(problem, experiment) for experiment in problem.experiments]
+    tied = with_ties(evaluate, explicit, problem.unknowns, problem.state_scale, beginnings)
+    return with_priors(tied, problem.unknowns)
+
+
+def _beginning(problem: TrajectoryProblem, experiment: Experiment) -> Beginning:
+    n_u = experiment.inputs.shape[1]
+    head = slice(0, 2)
+    ubar, _ = interval_inputs(
+        problem.model.explicit, experiment.time[head], experiment.inputs[head], problem.hold
+    )
+    first = ubar[0] if ubar.size else experiment.inputs[0]
+    return Beginning(experiment.inputs[0], first[n_u:], float(experiment.time[0]))
 
 
 def prediction_errors(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = False) -> Errors | None:

@@ -12,8 +12,8 @@ MOST_STEPS = 8
 
 @dataclass(frozen=True)
 class Pulled:
-    """The state (n,) on the invariants; `slopes` R = ∂g/∂x (m, n) and `gain` K = W Rᵀ (R W Rᵀ)⁻¹ (n, m) there,
-    W the squared sizes of the states. Small changes are projected by I - K R."""
+    """The state (n,) on the invariants, with `slopes` R = ∂g/∂x (m, n) and `gain` K = W Rᵀ (R W Rᵀ)⁻¹ (n, m)
+    there, W the squared sizes of the states. Small changes are projected by I - K R."""
 
     x: np.ndarray
     gain: np.ndarray

@@ -42,7 +42,8 @@ def initial_point(
 
     Conditions: values `given` by name, fixed start values of all variables, initial equations, and relations
     that tie the states. Freedom that these leave is taken up by the start values of the states (0 where there
-    is none), states with a start first. Solved by damped Gauss-Newton steps from the start values; one step if the model is affine.
+    is none), states with a start first. Solved by damped Gauss-Newton steps from the start values; one step
+    if the model is affine.
 
     Defaults: parameter values, start values of the inputs, 0. Raises ModelError `initial-overdetermined` or
     `initial-not-solved`, with the conditions that cannot be met."""

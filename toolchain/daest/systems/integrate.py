@@ -90,8 +90,8 @@ def integrator(
 ) -> Integrator:
     """Build the functions of `explicit` once; compile them if a C compiler is found and `compiled` is set.
 
-    The start, every sample and every corrected state are projected onto the invariants of the model, if it has any. Raises ModelError
-    `unknown-parameter` for a name that is no parameter.
+    The start, every sample and every corrected state are projected onto the invariants of the model, if it
+    has any. Raises ModelError `unknown-parameter` for a name that is no parameter.
     """
     rhs, sens, out, hold = _model_functions(explicit, tuple(names))
     library = None
@@ -331,7 +331,7 @@ def _run_interpreted(model: Integrator, run: _Run) -> Trajectory:
 def _projected(
     model: Integrator, run: _Run, u: np.ndarray, time: float, x: np.ndarray, S: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """State and sensitivities on the invariants of the model, by shortest steps in the sizes of the states."""
+    """State and sensitivities on the invariants of the model, by shortest steps in sizes of the states."""
     if model.hold is None:
         return x, S
 
