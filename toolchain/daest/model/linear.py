@@ -7,6 +7,7 @@ carry the constants (a gravity load, say), E ξ' = J ξ + K u + B w + offset.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -85,6 +86,38 @@ class StandardForm:
     def n_dynamic(self) -> int:
         return self.A.shape[0]
 
+    @property
+    def left_dynamic(self) -> np.ndarray:
+        """P1, the rows of P that belong to z1: (n_dynamic, n)."""
+        return self.left[: self.n_dynamic]
+
+    @property
+    def right_dynamic(self) -> np.ndarray:
+        """Q1, the columns of Q that belong to z1: (n, n_dynamic)."""
+        return self.right[:, : self.n_dynamic]
+
+
+@dataclass(frozen=True)
+class SparseForm:
+    """What the standard form says of a large model, without a basis for z2: z1' = A z1 + P1 b w and
+    ξ = Q1 z1 + Σ maps[i] b w^(i), maps[i] = -Q2 N^i P2, for any column b.
+
+    z1 are the unknowns `states` (rows of Q1 that form an identity). `maps[0]` holds only the rows of unknowns
+    that outputs contain, and the columns of equations that inputs, noises or offsets enter.
+    """
+
+    states: np.ndarray
+    left_dynamic: sp.csr_array  # P1 (n_dynamic, n)
+    right_dynamic: sp.csr_array  # Q1 (n, n_dynamic)
+    A: sp.csr_array  # (n_dynamic, n_dynamic)
+    maps: tuple[sp.csc_array, ...]  # `index` of them, (n, n) each
+    index: int
+    decisions: tuple[RankDecision, ...]
+
+    @property
+    def n_dynamic(self) -> int:
+        return self.A.shape[0]
+
 
 @dataclass(frozen=True)
 class StateSpace:
@@ -134,6 +167,8 @@ class StateSpaceFamily:
     parameters: tuple[Parameter, ...]
     matrices: ca.Function
     is_affine: bool
+    # (theta, columns) -> ∂M/∂θ_columns for every matrix; None: by CasADi.
+    derivatives: Callable[[np.ndarray, tuple[int, ...]], list[np.ndarray]] | None = None
 
 
 @dataclass(frozen=True)

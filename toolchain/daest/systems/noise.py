@@ -12,15 +12,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg as sla
 import scipy.sparse as sp
 
 from daest.errors import ConfigError
-from daest.model.linear import LinearDAE, RankDecision, StandardForm
+from daest.model.linear import LinearDAE, RankDecision, SparseForm, StandardForm
 from daest.model.noise import NoisePlace, NoiseReport
 from daest.numerics.pencils import unit_scaling
 from daest.numerics.ranks import decide_rank, default_tolerance
-from daest.systems.split import split
+from daest.systems.nilpotent import Nilpotent, RowSpace, nilpotent_part
+from daest.systems.standard_form import standard_form
 
 NO_NOISE = 1e-9
 """Part of the largest gain from a noise to differentiated noise in an unknown, in scaled equations and
@@ -35,13 +35,13 @@ class NoiseGains:
     """What a noise (or an input) with the column b (n,) does to ξ without a state between, in model units.
 
     ξ = Q1 z1 + Σ maps[i] b w^(i), where maps[i] = -Q2 N^i P2 (n, n), i = 0 … index-1: from `maps[1]` on the
-    noise is differentiated. `forbidden` (rank N, n): orthonormal rows, |forbidden b| is the projection norm
-    of (41). `rows` and `columns` scale equations and unknowns to comparable size; `largest`[i] is the largest
-    scaled column of maps[i], what rounding errors are relative to.
+    noise is differentiated; `maps[0]` of a large model is restricted as in `SparseForm`. `forbidden`.norm(b)
+    is the projection norm of (41). `rows` and `columns` scale equations and unknowns to comparable size;
+    `largest`[i] is the largest scaled column of maps[i], what rounding errors are relative to.
     """
 
-    forbidden: np.ndarray
-    maps: tuple[np.ndarray, ...]
+    forbidden: RowSpace
+    maps: tuple[sp.csc_array, ...]
     rows: np.ndarray
     columns: np.ndarray
     largest: tuple[float, ...]
@@ -58,21 +58,31 @@ class NoiseGains:
         size = np.linalg.norm(self.rows * b) * self.largest[1] if len(self.maps) > 1 else 0.0
         return float(np.linalg.norm(self._product(1, b) / self.columns) / size) if size > 0 else 0.0
 
+    def unit_strengths(self) -> np.ndarray:
+        """`strength` of every equation, shape (n,)."""
+        if len(self.maps) < 2 or self.largest[1] == 0.0:
+            return np.zeros(self.rows.size)
+        return _column_norms(_scaled(self.maps[1], self.rows, self.columns)) / self.largest[1]
+
     def _product(self, i: int, b: np.ndarray) -> np.ndarray:
         """maps[i] b over the few equations that b acts on."""
-        used = np.flatnonzero(b)
-        return self.maps[i][:, used] @ b[used]
+        matrix, value = self.maps[i], np.zeros(b.size)
+        for k in np.flatnonzero(b):
+            span = slice(matrix.indptr[k], matrix.indptr[k + 1])
+            value[matrix.indices[span]] += matrix.data[span] * b[k]
+        return value
 
 
 def in_outputs(C: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
     """C times `unknowns` (n,); sums that cancel to rounding are zero."""
-    value, size = C @ unknowns, np.abs(C) @ np.abs(unknowns)
+    used = np.flatnonzero(unknowns)
+    value, size = C[:, used] @ unknowns[used], np.abs(C[:, used]) @ np.abs(unknowns[used])
     return np.where(np.abs(value) > default_tolerance(len(unknowns)) * size, value, 0.0)
 
 
 def noise_report(
     dae: LinearDAE,
-    form: StandardForm | None = None,
+    form: StandardForm | SparseForm | None = None,
     at: Sequence[int | str] = (),
     tolerance: float | None = None,
 ) -> NoiseReport:
@@ -86,15 +96,15 @@ def noise_report(
     scaled equations and unknowns (`NO_NOISE`): units make no difference. With `tolerance` it is forbidden
     when the projection norm of the model as it stands exceeds it.
     """
-    form = split(dae) if form is None else form
-    singular_values, decision = _nilpotent_rank(form)
-    gains = noise_gains(dae, form, decision.rank)
-    identity = np.eye(dae.n)
-    verdicts = [verdict(dae, gains, b, dae.equations[i].text, tolerance) for i, b in enumerate(identity)]
+    form = standard_form(dae) if form is None else form
+    nilpotent = nilpotent_part(dae, form, unit_scaling(dae.E, dae.J))
+    gains = noise_gains(dae, form, nilpotent)
+    verdicts = _unit_verdicts(dae, gains, tolerance)
     allowed = [place.admissible for place in verdicts]
-    places = tuple(_with_advice(dae, place, allowed) for place in verdicts)
+    neighbours = neighbourhood(dae)
+    places = tuple(_with_advice(dae, place, allowed, neighbours) for place in verdicts)
     noises = {
-        noise.name: _with_advice(dae, verdict(dae, gains, column, noise.name, tolerance), allowed)
+        noise.name: _with_advice(dae, verdict(dae, gains, column, noise.name, tolerance), allowed, neighbours)
         for noise, column in zip(dae.noises, dae.B.T, strict=True)
     }
     return NoiseReport(
@@ -104,39 +114,41 @@ def noise_report(
         asked=tuple(_asked(dae, at, places, noises)),
         n_dynamic=form.n_dynamic,
         index=form.index,
-        N_singular_values=tuple(singular_values.tolist()),
-        decisions=(*form.decisions, decision, _verdict_decision(gains, places, tolerance)),
+        N_singular_values=tuple(nilpotent.singular_values.tolist()),
+        decisions=(*form.decisions, nilpotent.decision, _verdict_decision(gains, places, tolerance)),
         tolerance=tolerance,
     )
 
 
-def _nilpotent_rank(form: StandardForm) -> tuple[np.ndarray, RankDecision]:
-    """Singular values of N, zeros for the dropped ones, and the decision."""
-    values = sla.svdvals(form.N) if form.N.size else np.empty(0)
-    norm = float(values.max(initial=0.0))
-    decision = decide_rank("N of the standard form", values, max(form.N.shape[0], 1), norm)
-    return np.where(np.arange(values.size) < decision.rank, values, 0.0), decision
+def noise_gains(
+    dae: LinearDAE, form: StandardForm | SparseForm, nilpotent: Nilpotent | None = None
+) -> NoiseGains:
+    """The maps from a noise column to differentiated noise and to outputs."""
+    scaling = unit_scaling(dae.E, dae.J)
+    nilpotent = nilpotent_part(dae, form, scaling) if nilpotent is None else nilpotent
+    maps = form.maps if isinstance(form, SparseForm) else _dense_maps(form)
+    maps = maps or (sp.csc_array((dae.n, dae.n)),)
+    largest = tuple(
+        float(_column_norms(_scaled(part, scaling.rows, scaling.columns)).max(initial=0.0)) for part in maps
+    )
+    return NoiseGains(nilpotent.row_space, maps, scaling.rows, scaling.columns, largest)
 
 
-def noise_gains(dae: LinearDAE, form: StandardForm, rank: int | None = None) -> NoiseGains:
-    """The maps from a noise column to differentiated noise and to outputs; `rank` is that of N."""
-    n1 = form.n_dynamic
-    P2, Q2 = form.left[n1:], form.right[:, n1:]
-    rank = _nilpotent_rank(form)[1].rank if rank is None else rank
-    V1 = sla.svd(form.N)[2][:rank] if rank else np.empty((0, P2.shape[0]))
-    forbidden = sla.qr((V1 @ P2).T, mode="economic")[0].T if rank else np.empty((0, dae.n))
+def _dense_maps(form: StandardForm) -> tuple[sp.csc_array, ...]:
+    P2, Q2 = form.left[form.n_dynamic :], form.right[:, form.n_dynamic :]
     maps, power = [], np.eye(form.N.shape[0])
     for _ in range(max(form.index, 1)):
-        maps.append(-Q2 @ power @ P2)
+        maps.append(sp.csc_array(-Q2 @ power @ P2))
         power = form.N @ power
-    scaling = unit_scaling(dae.E, dae.J)
-    scaled = [part / scaling.columns[:, None] / scaling.rows for part in maps]
-    largest = tuple(_largest_column(part) for part in scaled)
-    return NoiseGains(forbidden, tuple(maps), scaling.rows, scaling.columns, largest)
+    return tuple(maps)
 
 
-def _largest_column(matrix: np.ndarray) -> float:
-    return float(np.linalg.norm(matrix, axis=0).max(initial=0.0))
+def _scaled(part: sp.csc_array, rows: np.ndarray, columns: np.ndarray) -> sp.csc_array:
+    return sp.csc_array(sp.diags_array(1.0 / columns) @ part @ sp.diags_array(1.0 / rows))
+
+
+def _column_norms(matrix: sp.csc_array) -> np.ndarray:
+    return np.sqrt(matrix.multiply(matrix).sum(axis=0)).ravel()
 
 
 def verdict(
@@ -144,10 +156,28 @@ def verdict(
 ) -> NoisePlace:
     """Verdict on the noise column b (n,), without advice."""
     size = float(np.linalg.norm(b))
-    norm = float(np.linalg.norm(gains.forbidden @ b)) / size if size > 0 else 0.0
+    norm = gains.forbidden.norm(b) / size if size > 0 else 0.0
     admissible = gains.strength(b) <= NO_NOISE if tolerance is None else norm <= tolerance
+    return _place(dae, gains, b, name, norm, admissible)
+
+
+def _unit_verdicts(dae: LinearDAE, gains: NoiseGains, tolerance: float | None) -> list[NoisePlace]:
+    """`verdict` on noise on every single equation."""
+    norms = gains.forbidden.unit_norms()
+    admissible = gains.unit_strengths() <= NO_NOISE if tolerance is None else norms <= tolerance
+    b, places = np.zeros(dae.n), []
+    for i, equation in enumerate(dae.equations):
+        b[i] = 1.0
+        places.append(_place(dae, gains, b, equation.text, float(norms[i]), bool(admissible[i])))
+        b[i] = 0.0
+    return places
+
+
+def _place(
+    dae: LinearDAE, gains: NoiseGains, b: np.ndarray, name: str, norm: float, admissible: bool
+) -> NoisePlace:
     orders = [] if admissible else [gains.part(i, b) != 0.0 for i in range(1, len(gains.maps))]
-    reached = np.any(orders, axis=0) if orders else np.zeros(dae.n, dtype=bool)
+    reached = np.any(orders, axis=0) if orders else np.zeros(0, dtype=bool)
     return NoisePlace(
         name=name,
         equations=tuple(int(i) for i in np.flatnonzero(b)),
@@ -163,10 +193,10 @@ def verdict(
 def _white_outputs(dae: LinearDAE, gains: NoiseGains, b: np.ndarray, name: str) -> tuple[str, ...]:
     """Outputs that contain the noise itself, through ξ or, for a noise of the model, through H."""
     value = in_outputs(dae.C, gains.part(0, b))
-    names = [noise.name for noise in dae.noises]
-    if name in names:
-        value = value + dae.H[:, names.index(name)]
-    return tuple(output.name for output, v in zip(dae.outputs, value, strict=True) if v != 0.0)
+    own = [k for k, noise in enumerate(dae.noises) if noise.name == name]
+    if own:
+        value = value + dae.H[:, own[0]]
+    return tuple(dae.outputs[k].name for k in np.flatnonzero(value))
 
 
 def _verdict_decision(
@@ -176,15 +206,34 @@ def _verdict_decision(
     if tolerance is not None:
         norms = np.array([place.projection_norm for place in places])
         return decide_rank("projection norms of the equations", norms, 1, 1.0, tolerance)
-    strengths = np.array([gains.strength(b) for b in np.eye(len(places))])
+    strengths = gains.unit_strengths()
     return decide_rank("differentiated noise, equation by equation (scaled)", strengths, 1, 1.0, NO_NOISE)
 
 
-def _with_advice(dae: LinearDAE, place: NoisePlace, allowed: Sequence[bool]) -> NoisePlace:
-    return replace(place, advice=_advice(dae, place, allowed))
+@dataclass(frozen=True)
+class Neighbourhood:
+    """Which unknowns an equation contains, which equations contain an unknown, and which equations contain
+    derivatives."""
+
+    by_equation: sp.csr_array
+    by_unknown: sp.csr_array
+    has_derivative: np.ndarray
 
 
-def _advice(dae: LinearDAE, place: NoisePlace, allowed: Sequence[bool]) -> str:
+def neighbourhood(dae: LinearDAE) -> Neighbourhood:
+    """The graph of equations and unknowns of a model."""
+    E = sp.csr_array(sp.csr_array(dae.E) != 0)
+    pattern = sp.csr_array(E + sp.csr_array(sp.csr_array(dae.J) != 0))
+    return Neighbourhood(pattern, sp.csr_array(pattern.T), np.diff(E.indptr) > 0)
+
+
+def _with_advice(
+    dae: LinearDAE, place: NoisePlace, allowed: Sequence[bool], neighbours: Neighbourhood
+) -> NoisePlace:
+    return replace(place, advice=_advice(dae, place, allowed, neighbours))
+
+
+def _advice(dae: LinearDAE, place: NoisePlace, allowed: Sequence[bool], neighbours: Neighbourhood) -> str:
     """What to do instead, or what to mind; empty where nothing is to be said."""
     if place.admissible:
         if not place.white_outputs:
@@ -194,32 +243,31 @@ def _advice(dae: LinearDAE, place: NoisePlace, allowed: Sequence[bool]) -> str:
         "a first-order low-pass filter" if place.order < 2 else f"a low-pass filter of order {place.order}"
     )
     coloured = f"pass the noise through {filters} first (coloured noise)"
-    near = _nearest_admissible(dae, place.equations, allowed)
+    near = _nearest_admissible(neighbours, place.equations, allowed)
     if not near:
         return f"No equation nearby may carry white noise: {coloured}."
     texts = " or ".join(f"`{dae.equations[i].text}`" for i in near)
     return f"Put the noise on {texts}, where it is integrated before it gets here, or {coloured}."
 
 
-def _nearest_admissible(dae: LinearDAE, start: Sequence[int], allowed: Sequence[bool]) -> list[int]:
+def _nearest_admissible(
+    neighbours: Neighbourhood, start: Sequence[int], allowed: Sequence[bool]
+) -> list[int]:
     """The nearest admissible equations with a derivative, by steps over shared unknowns; the nearest ring
     only."""
-    pattern = sp.csr_array((np.abs(sp.csr_array(dae.E)) + np.abs(sp.csr_array(dae.J))) != 0)
-    by_unknown = sp.csr_array(pattern.T)
-    has_derivative = np.diff(sp.csr_array(sp.csr_array(dae.E) != 0).indptr) > 0
     seen, ring = set(start), list(start)
     while ring:
-        unknowns = np.unique(np.concatenate([_row(pattern, i) for i in ring]))
-        ring = sorted({int(i) for j in unknowns for i in _row(by_unknown, j)} - seen)
+        unknowns = {j for i in ring for j in _row(neighbours.by_equation, i)}
+        ring = sorted({i for j in unknowns for i in _row(neighbours.by_unknown, j)} - seen)
         seen.update(ring)
-        found = [i for i in ring if allowed[i] and has_derivative[i]]
+        found = [i for i in ring if allowed[i] and neighbours.has_derivative[i]]
         if found:
             return found[:NAMED_PLACES]
     return []
 
 
-def _row(pattern: sp.csr_array, i: int) -> np.ndarray:
-    return pattern.indices[pattern.indptr[i] : pattern.indptr[i + 1]]
+def _row(pattern: sp.csr_array, i: int) -> list[int]:
+    return pattern.indices[pattern.indptr[i] : pattern.indptr[i + 1]].tolist()
 
 
 def _asked(

@@ -25,6 +25,14 @@ from daest.systems.pantelides import Signature, check_structure
 LISTED = 8
 """Equations or unknowns that an error message lists before it says how many more there are."""
 
+ITERATED = 1000
+"""From this many equations on the null vector of a singular pencil is found by inverse iteration."""
+
+INVERSE_ITERATIONS = 4
+
+VANISHES = 1e-9
+"""Norm of the combination of scaled equations that counts as zero in `null_vector`."""
+
 NULL_VECTOR_SHARE = 0.05
 """Equations with at least this part of the largest entry of a null vector are named."""
 
@@ -89,14 +97,12 @@ def _check_structure(dae: LinearDAE) -> None:
 
 def dependent_equations(dae: LinearDAE) -> ModelError:
     """The error of a singular pencil, naming the equations of the null vector of sE - J at a random s."""
-    E, J = sp.csr_array(dae.E), sp.csr_array(dae.J)
-    scaling = unit_scaling(E, J)
-    E, J = apply_scaling(scaling, E, J)
-    s = np.random.default_rng(0).uniform(0.5, 2.0)  # any s that is no pole would do
-    u, _, _ = sla.svd(sp.csr_array(s * E - J).toarray())
-    weights = u[:, -1] * scaling.rows
+    scaling = unit_scaling(dae.E, dae.J)
+    vector = _last_left_vector(_at_random_point(dae)) if dae.n < ITERATED else null_vector(dae)
+    vector = np.ones(dae.n) if vector is None else vector
+    weights = vector * scaling.rows
     weights = weights / np.max(np.abs(weights))
-    share = np.abs(u[:, -1]) / np.max(np.abs(u[:, -1]))
+    share = np.abs(vector) / np.max(np.abs(vector))
     order = [int(i) for i in np.argsort(-share, kind="stable") if share[i] >= NULL_VECTOR_SHARE]
     places = [dae.equations[i].place for i in order]
     return ModelError(
@@ -111,6 +117,37 @@ def dependent_equations(dae: LinearDAE) -> ModelError:
         where=next((place for place in places if place is not None), None),
         remedy="one of these equations repeats the others, or contradicts them: remove or correct it",
     )
+
+
+def _at_random_point(dae: LinearDAE) -> sp.csr_array:
+    """sE - J of the scaled pencil at a random s: any s that is no pole would do."""
+    E, J = sp.csr_array(dae.E), sp.csr_array(dae.J)
+    E, J = apply_scaling(unit_scaling(E, J), E, J)
+    return sp.csr_array(np.random.default_rng(0).uniform(0.5, 2.0) * E - J)
+
+
+def _last_left_vector(matrix: sp.csr_array) -> np.ndarray:
+    return sla.svd(matrix.toarray())[0][:, -1]
+
+
+def null_vector(dae: LinearDAE) -> np.ndarray | None:
+    """The combination of equations (n,), scaled, that vanishes at a random s; None if there is none.
+
+    Inverse iteration with the sparse factors of a slightly disturbed matrix; a null vector leaves
+    `VANISHES` at most.
+    """
+    matrix = _at_random_point(dae)
+    rng = np.random.default_rng(1)
+    disturbed = matrix + sp.diags_array(VANISHES * 0.1 * rng.uniform(0.5, 1.0, dae.n))
+    try:
+        factors = spla.splu(sp.csc_array(disturbed))
+    except RuntimeError:  # a zero pivot all the same: no vector can be computed this way
+        return None
+    vector = rng.normal(size=dae.n)
+    for _ in range(INVERSE_ITERATIONS):
+        vector = factors.solve(factors.solve(vector), trans="T")
+        vector /= np.linalg.norm(vector)
+    return vector if np.linalg.norm(matrix.T @ vector) <= VANISHES else None
 
 
 def _weighted(dae: LinearDAE, weights: np.ndarray, order: list[int]) -> list[str]:

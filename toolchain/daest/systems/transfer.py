@@ -8,7 +8,7 @@ import numpy as np
 import scipy.linalg as sla
 
 from daest.errors import ModelError
-from daest.model.linear import LinearDAE, StandardForm, StateSpace
+from daest.model.linear import LinearDAE, Matrix, SparseForm, StandardForm, StateSpace
 from daest.numerics.pencils import split_pencil
 from daest.systems.noise import NoiseGains, in_outputs, noise_gains, noise_report, verdict
 
@@ -34,26 +34,26 @@ class TransferFunction:
         return complex(np.polyval(self.num, s) / np.polyval(self.den, s))
 
 
-def poles(form: StandardForm) -> np.ndarray:
+def poles(form: StandardForm | SparseForm) -> np.ndarray:
     """Finite eigenvalues of sE - J, sorted by real and imaginary part; complex, shape (n_dynamic,)."""
-    return np.sort_complex(_eigenvalues(form.A))
+    return np.sort_complex(_eigenvalues(_dense(form.A)))
 
 
-def transfer_functions(dae: LinearDAE, form: StandardForm) -> list[TransferFunction]:
+def transfer_functions(dae: LinearDAE, form: StandardForm | SparseForm) -> list[TransferFunction]:
     """One minimal transfer function per input and output, inputs outermost.
 
     The rational part is C Q1 (sI - A)⁻¹ P1 K, reduced per channel; -C Q2 N^i P2 K are the coefficients of s^i
     of the polynomial part, plus D.
     """
-    n1 = form.n_dynamic
-    B1, C1 = form.left[:n1] @ dae.K, dae.C @ form.right[:, :n1]
+    A = _dense(form.A)
+    B1, C1 = form.left_dynamic @ dae.K, dae.C @ form.right_dynamic
     gains = noise_gains(dae, form)
     result = []
     for j, u in enumerate(dae.inputs):
         polynomial = [in_outputs(dae.C, gains.part(i, dae.K[:, j])) for i in range(len(gains.maps))]
         polynomial[0] = polynomial[0] + dae.D[:, j]
         for i, y in enumerate(dae.outputs):
-            num, den = _channel(form.A, B1[:, j], C1[i], np.array([part[i] for part in polynomial]))
+            num, den = _channel(A, B1[:, j], C1[i], np.array([part[i] for part in polynomial]))
             result.append(TransferFunction(u.name, y.name, num, den))
     return result
 
@@ -88,6 +88,10 @@ def _numerator(A: np.ndarray, b: np.ndarray, c: np.ndarray, d: float, den: np.nd
     return float((value * np.polyval(den, s) / np.polyval(monic, s)).real) * monic
 
 
+def _dense(matrix: Matrix) -> np.ndarray:
+    return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
+
+
 def _eigenvalues(A: np.ndarray) -> np.ndarray:
     """Eigenvalues; those that are zero to rounding, relative to the norm of the balanced matrix, are zero."""
     if A.size == 0:
@@ -120,7 +124,7 @@ def _reachable(A: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray,
     return H[:m, :m], (Q.T @ b)[:m], (c @ Q)[:m]
 
 
-def state_space_from_form(dae: LinearDAE, form: StandardForm) -> StateSpace:
+def state_space_from_form(dae: LinearDAE, form: StandardForm | SparseForm) -> StateSpace:
     """State space (6) with ū = (u, v): v holds the input derivatives that z2 = -Σ N^i D1 u^(i) really
     contains.
 
@@ -129,7 +133,7 @@ def state_space_from_form(dae: LinearDAE, form: StandardForm) -> StateSpace:
     gains = noise_gains(dae, form)
     _refuse_differentiated(dae, form, gains)
     n1, n_u = form.n_dynamic, len(dae.inputs)
-    P1, Q1 = form.left[:n1], form.right[:, :n1]
+    P1, Q1 = _dense(form.left_dynamic), _dense(form.right_dynamic)
     extra = [
         (j, i) for i in range(1, len(gains.maps)) for j in range(n_u) if np.any(gains.part(i, dae.K[:, j]))
     ]
@@ -146,7 +150,7 @@ def state_space_from_form(dae: LinearDAE, form: StandardForm) -> StateSpace:
         noise_names=tuple(w.name for w in dae.noises),
         output_names=tuple(y.name for y in dae.outputs),
         unknown_names=tuple(v.name for v in dae.unknowns),
-        A=form.A,
+        A=_dense(form.A),
         B=np.hstack([P1 @ dae.K, np.zeros((n1, len(extra)))]),
         G=P1 @ dae.B,
         b=P1 @ dae.offset,
@@ -165,7 +169,7 @@ def _columns(n_rows: int, columns: list[np.ndarray]) -> np.ndarray:
     return np.column_stack(columns) if columns else np.zeros((n_rows, 0))
 
 
-def _refuse_differentiated(dae: LinearDAE, form: StandardForm, gains: NoiseGains) -> None:
+def _refuse_differentiated(dae: LinearDAE, form: StandardForm | SparseForm, gains: NoiseGains) -> None:
     for noise, column in zip(dae.noises, dae.B.T, strict=True):
         if verdict(dae, gains, column, noise.name).admissible:
             continue

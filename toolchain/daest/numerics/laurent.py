@@ -1,0 +1,250 @@
+"""Expansion of (sE - J)⁻¹ in powers of s at infinity, for large sparse pencils: one sparse factorisation.
+
+With the canonical offsets c, d of the signature matrix (J. Pryce, BIT 41, 2001) the matrix diag(s^c) (sE - J)
+diag(s^-d) = Â0 + Â1 s⁻¹ + … has no positive powers, and where Â0, the system Jacobian, is regular, so has its
+inverse X0 + X1 s⁻¹ + …:
+
+    X0 = Â0⁻¹,  Xk = -Â0⁻¹ (Â1 X(k-1) + … + Âk X0),  [(sE - J)⁻¹]_ji = Σk Xk_ji s^(c_i - d_j - k).
+
+So det(sE - J) has degree Σd - Σc, and no rank of a subspace is ever decided: the only decision is that Â0 is
+regular. Where values cancel what the structure promises, it is not, and the dense staircase must be used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+from scipy.sparse.csgraph import breadth_first_order
+
+from daest.errors import NumericalError
+from daest.model.linear import RankDecision
+from daest.numerics.matching import Offsets, canonical_offsets, find_defect
+from daest.numerics.ranks import default_tolerance
+
+CHUNK = 256
+"""Columns that are solved for at a time: memory is this many dense vectors per order."""
+
+ROUNDING = 1e-13
+"""Entries below this part of the largest of their column of all Xk are rounding errors of its solution."""
+
+
+@dataclass(frozen=True)
+class SparseSystem:
+    """A regular sparse matrix (n, n), its factors, `partner`: the column matched to every row, and `graph`:
+    the edge i -> k where row k contains the partner of row i."""
+
+    matrix: sp.csr_array
+    factors: Any
+    partner: np.ndarray
+    graph: sp.csr_array
+
+    def solve(self, right: sp.csc_array) -> sp.csc_array:
+        """matrix⁻¹ right, restricted to the rows that `right` reaches: what it does not reach is exactly
+        zero."""
+        rows = self._reached(np.unique(right.indices))
+        if 2 * rows.size > right.shape[0]:
+            return sp.csc_array(self.factors.solve(right.toarray()))
+        unknowns = self.partner[rows]
+        block = sp.csc_array(self.matrix[rows][:, unknowns])
+        values = (
+            sp.coo_array(spla.splu(block).solve(right[rows].toarray())) if rows.size else sp.coo_array((0, 0))
+        )
+        places = (unknowns[values.coords[0]], values.coords[1])
+        return sp.csc_array((values.data, places), shape=right.shape)
+
+    def _reached(self, start: np.ndarray) -> np.ndarray:
+        """Rows on paths from the rows `start`, found from one more vertex with edges to all of them."""
+        n = self.graph.shape[0]
+        pointers = np.append(self.graph.indptr, self.graph.nnz + start.size)
+        indices = np.concatenate([self.graph.indices, start])
+        graph = sp.csr_array((np.ones(indices.size, np.int8), indices, pointers), shape=(n + 1, n + 1))
+        order = breadth_first_order(graph, n, return_predecessors=False)
+        return np.sort(order[order < n])
+
+
+@dataclass(frozen=True)
+class Expansion:
+    """`rows` and `columns` are the offsets c and d; `lower` holds Â1, Â2, …; `jacobian` is Â0."""
+
+    rows: np.ndarray
+    columns: np.ndarray
+    jacobian: SparseSystem
+    lower: tuple[sp.csr_array, ...]
+    decision: RankDecision
+
+    @property
+    def degree(self) -> int:
+        """Degree of det(sE - J): the number of finite eigenvalues."""
+        return int(self.columns.sum() - self.rows.sum())
+
+    @property
+    def highest_power(self) -> int:
+        """No higher power of s occurs in the inverse."""
+        return int(self.rows.max(initial=0))
+
+    @property
+    def transposed(self) -> Expansion:
+        """The expansion of (sE - J)⁻ᵀ in the same form: offsets -d and -c."""
+        partner = np.argsort(self.jacobian.partner)
+        system = sparse_system(sp.csr_array(self.jacobian.matrix.T), partner)
+        return Expansion(
+            -self.columns, -self.rows, system, tuple(sp.csr_array(m.T) for m in self.lower), self.decision
+        )
+
+
+def expand_at_infinity(E: sp.csr_array, J: sp.csr_array, tolerance: float | None = None) -> Expansion:
+    """Expansion for square sparse E and J, scaled to entries of about one.
+
+    Â0 counts as regular when 1 / ‖Â0⁻¹‖₁ (estimated) exceeds `tolerance` ‖Â0‖₁, None for 256 n eps. Raises
+    NumericalError `system-jacobian-singular` otherwise, and where no assignment of equations to unknowns
+    exists.
+    """
+    entries, offsets = _offsets(E, J)
+    row, column, power, value = entries
+    lag = offsets.columns[column] - offsets.rows[row] - power
+    n = E.shape[0]
+    parts = [
+        sp.csr_array((value[lag == k], (row[lag == k], column[lag == k])), shape=(n, n))
+        for k in range(int(lag.max(initial=0)) + 1)
+    ]
+    system = sparse_system(parts[0], offsets.column_of)
+    return Expansion(offsets.rows, offsets.columns, system, tuple(parts[1:]), _regular(system, tolerance))
+
+
+def _offsets(
+    E: sp.csr_array, J: sp.csr_array
+) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], Offsets]:
+    """All entries (row, column, power of s, value) of sE - J, and the canonical offsets."""
+    first, second = sp.coo_array(E), sp.coo_array(J)
+    row = np.concatenate([first.coords[0], second.coords[0]])
+    column = np.concatenate([first.coords[1], second.coords[1]])
+    power = np.repeat([1, 0], [first.data.size, second.data.size])
+    value = np.concatenate([first.data, -second.data])
+    kept = value != 0.0
+    row, column, power, value = row[kept], column[kept], power[kept], value[kept]
+    n = E.shape[0]
+    highest = sp.coo_array(sp.csr_array((power + 1, (row, column)), shape=(n, n)))  # 3: both E and J have one
+    if find_defect(sp.csr_array(highest)) is not None:
+        raise _singular("no assignment of equations to unknowns exists")
+    orders = np.minimum(highest.data, 2) - 1
+    return (row, column, power, value), canonical_offsets(highest.coords[0], highest.coords[1], orders, n)
+
+
+def sparse_system(matrix: sp.csr_array, partner: np.ndarray) -> SparseSystem:
+    """The system of a regular matrix whose row i is matched to column partner[i]: a perfect matching.
+
+    Raises NumericalError `system-jacobian-singular` when a pivot is zero.
+    """
+    try:
+        factors = spla.splu(sp.csc_array(matrix))
+    except RuntimeError as error:  # the way in which SuperLU tells of a zero pivot
+        raise _singular("a pivot is zero") from error
+    return SparseSystem(matrix, factors, partner, sp.csr_array(matrix[:, partner].T))
+
+
+def _regular(system: SparseSystem, tolerance: float | None) -> RankDecision:
+    """The decision that Â0 is regular; 1-norms of it and of its inverse stand for the singular values."""
+    n = system.matrix.shape[0]
+    inverse: Any = spla.LinearOperator(
+        (n, n),
+        matvec=system.factors.solve,
+        rmatvec=lambda x: system.factors.solve(x, trans="T"),
+        dtype=float,
+    )
+    norm = float(abs(system.matrix).sum(axis=0).max())
+    smallest = 1.0 / float(spla.onenormest(inverse))
+    threshold = (default_tolerance(n) if tolerance is None else tolerance) * norm
+    if not smallest > threshold:
+        raise _singular(f"1 / |inverse| is {smallest:.1e}, threshold {threshold:.1e}")
+    return RankDecision(
+        "system Jacobian of the structure (1-norms)", (norm, smallest), threshold, n, float("inf")
+    )
+
+
+def _singular(reason: str) -> NumericalError:
+    return NumericalError(
+        "system-jacobian-singular",
+        f"The structure alone does not tell the index: the system Jacobian is singular ({reason}).",
+        remedy="Look for equations that repeat others, or state the model with fewer of them.",
+    )
+
+
+def inverse_columns(
+    expansion: Expansion, wanted: np.ndarray, powers: Sequence[int]
+) -> dict[int, sp.csc_array]:
+    """Columns `wanted` of the coefficients of s^m in (sE - J)⁻¹, m in `powers`; each (n, len(wanted))."""
+    parts: dict[int, list[sp.coo_array]] = {m: [] for m in powers}
+    for offset in np.unique(expansion.rows[wanted]):
+        members = np.flatnonzero(expansion.rows[wanted] == offset)
+        for start in range(0, members.size, CHUNK):
+            chunk = members[start : start + CHUNK]
+            for m, block in _chunk(expansion, wanted[chunk], int(offset), powers):
+                parts[m].append(_placed(block, chunk, wanted.size))
+    shape = (expansion.rows.size, wanted.size)
+    return {m: _joined(blocks, shape) for m, blocks in parts.items()}
+
+
+def inverse_rows(expansion: Expansion, wanted: np.ndarray, powers: Sequence[int]) -> dict[int, sp.csr_array]:
+    """Rows `wanted` of the coefficients of s^m in (sE - J)⁻¹, m in `powers`; each (len(wanted), n)."""
+    found = inverse_columns(expansion.transposed, wanted, powers)
+    return {m: sp.csr_array(part.T) for m, part in found.items()}
+
+
+def _chunk(
+    expansion: Expansion, wanted: np.ndarray, offset: int, powers: Sequence[int]
+) -> Iterator[tuple[int, sp.coo_array]]:
+    """Coefficients for columns that share the offset c: those of s^m stand in row j of X_k, k = c - d_j -
+    m."""
+    lag = offset - expansion.columns
+    n_terms = int(lag.max(initial=0)) - min(powers) + 1
+    for k, term in enumerate(_terms(expansion, wanted, n_terms)):
+        row, column = term.coords
+        for m in powers:
+            here = lag[row] - m == k
+            yield m, sp.coo_array((term.data[here], (row[here], column[here])), shape=term.shape)
+
+
+def _terms(expansion: Expansion, wanted: np.ndarray, n_terms: int) -> list[sp.coo_array]:
+    """Columns `wanted` of X0, X1, …, rounding errors set to zero."""
+    places = (wanted, np.arange(wanted.size))
+    right = sp.csc_array((np.ones(wanted.size), places), shape=(expansion.rows.size, wanted.size))
+    terms: list[sp.csc_array] = []
+    for k in range(max(n_terms, 0)):
+        if k:
+            parts = [
+                expansion.lower[i - 1] @ terms[k - i] for i in range(1, min(k, len(expansion.lower)) + 1)
+            ]
+            right = sp.csc_array(-sum(parts[1:], parts[0])) if parts else sp.csc_array(right.shape)
+            right.eliminate_zeros()
+        terms.append(expansion.jacobian.solve(right) if right.nnz else sp.csc_array(right.shape))
+    largest = np.max([_largest(term) for term in terms], axis=0) if terms else np.zeros(wanted.size)
+    return [_above(sp.coo_array(term), ROUNDING * largest) for term in terms]
+
+
+def _largest(matrix: sp.csc_array) -> np.ndarray:
+    """Largest size of an entry of each column."""
+    return abs(matrix).max(axis=0).toarray().ravel()
+
+
+def _above(matrix: sp.coo_array, limits: np.ndarray) -> sp.coo_array:
+    """The entries above the limit of their column."""
+    row, column = matrix.coords
+    kept = np.abs(matrix.data) > limits[column]
+    return sp.coo_array((matrix.data[kept], (row[kept], column[kept])), shape=matrix.shape)
+
+
+def _placed(block: sp.coo_array, columns: np.ndarray, n_columns: int) -> sp.coo_array:
+    row, column = block.coords
+    return sp.coo_array((block.data, (row, columns[column])), shape=(block.shape[0], n_columns))
+
+
+def _joined(blocks: Sequence[sp.coo_array], shape: tuple[int, int]) -> sp.csc_array:
+    if not blocks:
+        return sp.csc_array(shape)
+    row, column = (np.concatenate([block.coords[i] for block in blocks]) for i in (0, 1))
+    return sp.csc_array((np.concatenate([block.data for block in blocks]), (row, column)), shape=shape)

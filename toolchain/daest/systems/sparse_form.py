@@ -1,0 +1,140 @@
+"""Standard form of large models, sparse from end to end: dynamic part and maps to differentiated signals.
+
+(sE - J)⁻¹ = Q1 (sI - A)⁻¹ P1 + Σ maps[i] s^i: the coefficients of s^i are those of `numerics.laurent`, and
+that of s⁻¹ is Q1 P1, from which z1 is chosen among the unknowns that occur differentiated. Orthonormal bases
+of z2, which are what is dense in the form of `systems.split`, are never made.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from daest.errors import NumericalError
+from daest.model.linear import LinearDAE, RankDecision, SparseForm
+from daest.numerics.laurent import Expansion, expand_at_infinity, inverse_columns, inverse_rows, sparse_system
+from daest.numerics.pencils import Scaling, apply_scaling, unit_scaling
+from daest.numerics.sparse_basis import independent_block
+
+NEGLIGIBLE = 1e-12
+"""Part of the largest entry of its row or column up to which an entry of Q1 or A is a rounding error."""
+
+
+@dataclass(frozen=True)
+class ScaledExpansion:
+    """The expansion of the pencil scaled by powers of two: coefficients of s^m in the units of the model are
+    columns · part · rows / time^m."""
+
+    scaling: Scaling
+    expansion: Expansion
+    E: sp.csr_array
+    J: sp.csr_array
+
+
+def scaled_expansion(dae: LinearDAE, tolerance: float | None = None) -> ScaledExpansion:
+    """Raises NumericalError `system-jacobian-singular` where values cancel what the structure promises."""
+    E, J = sp.csr_array(dae.E), sp.csr_array(dae.J)
+    scaling = unit_scaling(E, J)
+    E, J = apply_scaling(scaling, E, J)
+    return ScaledExpansion(scaling, expand_at_infinity(E, J, tolerance), E, J)
+
+
+def sparse_form(dae: LinearDAE, tolerance: float | None = None) -> SparseForm:
+    """The sparse standard form. Raises NumericalError `system-jacobian-singular`."""
+    scaled = scaled_expansion(dae, tolerance)
+    differentiated, decisions = _differentiated(scaled, tolerance)
+    states, P1, Q1 = _dynamic(scaled)
+    A = _without_rounding(P1 @ scaled.J @ Q1)
+    maps = (_direct(scaled, dae), *differentiated) if dae.n > states.size else ()
+    rows, columns, time = (
+        sp.diags_array(scaled.scaling.rows),
+        scaled.scaling.columns,
+        scaled.scaling.time,
+    )
+    own = columns[states]
+    return SparseForm(
+        states=states,
+        left_dynamic=sp.csr_array(sp.diags_array(own * time) @ P1 @ rows),
+        right_dynamic=sp.csr_array(sp.diags_array(columns) @ Q1 @ sp.diags_array(1.0 / own)),
+        A=sp.csr_array(sp.diags_array(own * time) @ A @ sp.diags_array(1.0 / own)),
+        maps=tuple(
+            sp.csc_array(sp.diags_array(columns / time**m) @ part @ rows) for m, part in enumerate(maps)
+        ),
+        index=len(maps),
+        decisions=(scaled.expansion.decision, *decisions),
+    )
+
+
+def _differentiated(
+    scaled: ScaledExpansion, tolerance: float | None
+) -> tuple[list[sp.csc_array], list[RankDecision]]:
+    """Coefficients of s, s², … up to the highest that is not zero, and the decisions on that."""
+    expansion = scaled.expansion
+    wanted = np.flatnonzero(expansion.rows > 0)
+    powers = range(1, expansion.highest_power + 1)
+    found = inverse_columns(expansion, wanted, powers)
+    sizes = {m: float(abs(part).max()) if part.nnz else 0.0 for m, part in found.items()}
+    threshold = (NEGLIGIBLE if tolerance is None else tolerance) * max(sizes.values(), default=0.0)
+    decisions = [
+        RankDecision(f"largest coefficient of s^{m}", (size,), threshold, int(size > threshold), float("inf"))
+        for m, size in sizes.items()
+    ]
+    last = max((m for m in powers if sizes[m] > threshold), default=0)
+    return [_spread(found[m], wanted, expansion.rows.size) for m in range(1, last + 1)], decisions
+
+
+def _spread(part: sp.csc_array, columns: np.ndarray, n: int) -> sp.csc_array:
+    """The columns at their places in an (n, n) matrix."""
+    entries = sp.coo_array(part)
+    places = (entries.coords[0], columns[entries.coords[1]])
+    return sp.csc_array((entries.data, places), shape=(part.shape[0], n))
+
+
+def _direct(scaled: ScaledExpansion, dae: LinearDAE) -> sp.csc_array:
+    """Coefficient of s⁰: rows of unknowns in outputs, columns of equations with inputs, noises or offsets."""
+    n = dae.n
+    seen = np.flatnonzero(np.any(dae.C != 0.0, axis=0))
+    used = np.flatnonzero(np.any(dae.K != 0.0, axis=1) | np.any(dae.B != 0.0, axis=1) | (dae.offset != 0.0))
+    columns = _spread(inverse_columns(scaled.expansion, used, [0])[0], used, n)
+    rows = inverse_rows(scaled.expansion, seen, [0])[0]
+    others = np.ones(n)
+    others[used] = 0.0
+    by_row = _spread(sp.csc_array((rows @ sp.diags_array(others)).T), seen, n).T
+    return sp.csc_array(columns + by_row)
+
+
+def _dynamic(scaled: ScaledExpansion) -> tuple[np.ndarray, sp.csr_array, sp.csr_array]:
+    """(states, P1, Q1) of the scaled pencil, Q1 with an identity in the rows `states`."""
+    expansion, E = scaled.expansion, scaled.E
+    n, degree = E.shape[0], expansion.degree
+    if degree == 0:
+        return np.empty(0, dtype=int), sp.csr_array((0, n)), sp.csr_array((n, 0))
+    rates = np.flatnonzero(np.diff(sp.csc_array(E).indptr) > 0)
+    equations = np.flatnonzero(np.diff(E.indptr) > 0)
+    residues = inverse_columns(expansion, equations, [-1])[-1]
+    projector = sp.csr_array(residues @ E[equations][:, rates])  # on the finite subspace, other columns zero
+    picked, opposite = independent_block(sp.csr_array(projector[rates]))
+    if picked.size != degree:
+        raise NumericalError(
+            "system-jacobian-singular",
+            f"The structure tells of {degree} finite modes, the values of {picked.size}.",
+            remedy="Check the parameters for values many orders of magnitude too large or too small.",
+        )
+    order = np.argsort(rates[picked])
+    states, opposite = rates[picked][order], opposite[order]
+    span = sp.csc_array(projector[:, opposite])
+    # Q1 = span · (span in the rows of the states)⁻¹, solved for as the transposed system
+    system = sparse_system(sp.csr_array(span.T[:, states]), np.arange(degree))
+    Q1 = _without_rounding(sp.csr_array(system.solve(sp.csc_array(span.T)).T))
+    return states, inverse_rows(expansion, states, [-1])[-1], Q1
+
+
+def _without_rounding(matrix: sp.csr_array) -> sp.csr_array:
+    """The matrix without entries below `NEGLIGIBLE` times the largest of their row."""
+    entries = sp.coo_array(matrix)
+    largest = abs(sp.csr_array(matrix)).max(axis=1).toarray().ravel()
+    kept = np.abs(entries.data) > NEGLIGIBLE * largest[entries.coords[0]]
+    row, column = entries.coords
+    return sp.csr_array((entries.data[kept], (row[kept], column[kept])), shape=matrix.shape)

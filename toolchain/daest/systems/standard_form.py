@@ -1,0 +1,43 @@
+"""The standard form of a model of any size: dense with bases for all of it, or sparse with what is needed."""
+
+from __future__ import annotations
+
+from daest.errors import ModelError, NumericalError
+from daest.model.linear import LinearDAE, SparseForm, StandardForm
+from daest.systems.sparse_form import sparse_form
+from daest.systems.split import dependent_equations, null_vector, split
+
+SPARSE_LIMIT = 500
+"""From this many equations on the sparse form is made."""
+
+DENSE_LIMIT = 4000
+"""Up to this many equations the dense staircase decides where the structure does not tell the index: some
+three minutes and 2 GB."""
+
+
+def standard_form(dae: LinearDAE, tolerance: float | None = None) -> StandardForm | SparseForm:
+    """`split` for small models, `sparse_form` for large ones where values do not contradict the structure.
+
+    Raises what `split` raises, and ModelError `model-too-large` where only dense algebra could decide.
+    """
+    if dae.n < SPARSE_LIMIT:
+        return split(dae, tolerance)
+    try:
+        return sparse_form(dae, tolerance)
+    except NumericalError as error:
+        if error.code != "system-jacobian-singular":
+            raise
+        return _dense_form(dae, tolerance, error)
+
+
+def _dense_form(dae: LinearDAE, tolerance: float | None, reason: NumericalError) -> StandardForm:
+    if dae.n <= DENSE_LIMIT:
+        return split(dae, tolerance)
+    if null_vector(dae) is not None:
+        raise dependent_equations(dae) from reason
+    raise ModelError(
+        "model-too-large",
+        f"the index of this model cannot be told from its structure, and the dense way would take some "
+        f"{80e-9 * dae.n**2:.0f} GB and {3.0 * (dae.n / DENSE_LIMIT) ** 3:.0f} minutes for {dae.n} equations",
+        remedy=f"split the model, or write its constraints with fewer equations; {reason.what}",
+    ) from reason
