@@ -23,6 +23,7 @@ from daest.errors import DaestError
 # used.
 COMMANDS = {
     "init": "Write a daest.toml for a model and a recording.",
+    "check": "Look for faults in recordings, before a model is fitted.",
     "demo": "Copy a shipped example into a folder and run it.",
     "export": "Write a model as an FMU that carries its DAE.",
     "linearize": "E, J, K, B, C, D of a model, with names, units and places.",
@@ -35,6 +36,7 @@ COMMANDS = {
     "diagnose": "Which physical effect a model lacks, and where.",
     "extend": "Write a Modelica model that extends another by one effect.",
     "improve": "Add what is missing, effect by effect, as Modelica models.",
+    "report": "One HTML page of everything that has been found out.",
     "explain": "Explain a message by its code.",
 }
 # Threads inside the linear algebra of small matrices cost more than they bring. Read when numpy loads.
@@ -109,7 +111,7 @@ def run(arguments: Sequence[str]) -> int:
         leave_broken_pipe()
         return 0
     except Exception as error:
-        click.echo(_internal(error), err=True)
+        click.echo(_of_binary(error) or _internal(error), err=True)
         _show_traceback()
         return 2
 
@@ -118,6 +120,13 @@ def leave_broken_pipe() -> None:
     """The reader of stdout has gone (`| head`): nothing more is written, and the interpreter must not
     complain."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _of_binary(error: Exception) -> str:
+    """The words of an FMU whose call failed inside CasADi, which reports errors in its own way."""
+    functions = sys.modules.get("daest.fmu.binary_functions")
+    failure = functions.taken_failure() if functions and isinstance(error, RuntimeError) else None
+    return str(failure or "")
 
 
 def _internal(error: Exception) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 from daest.data.problems import raise_collected
 from daest.data.project import NoiseSetting, ParameterSetting, Project
 from daest.data.table import nearest
-from daest.errors import ConfigError, DaestError, FmuError, ModelError, Place
+from daest.errors import ConfigError, DaestError, ModelError, Place
 from daest.model.flat import FlatModel, Parameter
 
 _MODELICA = ".mo"
@@ -102,12 +102,9 @@ def _load(source: Path, class_name: str | None, libraries: Sequence[Path]) -> Fl
 
     flat = symbolic_model(source)
     if flat is None:
-        raise FmuError(
-            "fmu-no-symbolic-model",
-            "the FMU carries no symbolic model, which this command needs",
-            where=Place(str(source)),
-            remedy="use the Modelica source, or an FMU of daest export (linearize and noise read any FMU)",
-        )
+        from daest.fmu.binary_form import BinaryForm
+
+        return BinaryForm(source).flat()
     return flat
 
 

@@ -173,6 +173,10 @@ def _variables(problem: TrajectoryProblem, errors: Errors | None) -> tuple[np.nd
     result = []
     for experiment, trajectory in zip(problem.experiments, errors.trajectories, strict=True):
         ubar = _ubar(explicit, experiment, problem.hold)
+        if explicit.flat.given is not None:
+            along = (experiment.time, ubar, theta, trajectory.states)
+            result.append(explicit.flat.given.variables_along(explicit.flat, *along))
+            continue
         w = np.zeros((len(explicit.flat.noises), experiment.n_samples))
         columns = (trajectory.states.T, ubar[:, :n_u].T, ubar[:, n_u:].T, w, theta, experiment.time[None, :])
         result.append(explicit.variables(*columns).full().T)

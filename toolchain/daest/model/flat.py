@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from daest.errors import Place
+from daest.model.given import GivenForm
 from daest.model.prior import Prior
 
 
@@ -108,7 +109,8 @@ class FlatModel:
     (n×1), `u`, `w`, `theta` and `time`. Row signs are those of `lhs - rhs` of the source. n equations, n
     unknowns: a top-level output that only names an expression, y = h(ξ), is no unknown; it stands in
     `output_expressions` as in (1b) of the report. `initial_residual` are the initial equations, in the same
-    symbols; fixed start values are told by `Variable.fixed`.
+    symbols; fixed start values are told by `Variable.fixed`. `given` takes the place of equations that
+    nobody has.
     """
 
     name: str
@@ -132,6 +134,7 @@ class FlatModel:
     derived_values: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     source: str = ""
     description: str = ""
+    given: GivenForm | None = None
 
     def __post_init__(self) -> None:
         sizes = {

@@ -103,7 +103,7 @@ def declare(
     if estimate is not None:
         flat = _with_estimated(flat, estimate)
     if noises is not None:
-        flat = _with_noises(flat, noises)
+        flat = flat.given.with_noises(flat, noises) if flat.given else _with_noises(flat, noises)
     if noise_std is not None:
         flat = _with_noise_std(flat, noise_std)
     return flat if estimate_noise is None else _with_estimated_noise(flat, estimate_noise)

@@ -48,6 +48,10 @@ def initial_point(
     Defaults: parameter values, start values of the inputs, 0. Raises ModelError `initial-overdetermined` or
     `initial-not-solved`, with the conditions that cannot be met."""
     arguments = _arguments(explicit, theta, u0, v0, t0)
+    if explicit.flat.given is not None:
+        u, v, _, values, _ = arguments
+        x = explicit.flat.given.start(explicit.flat, values, np.concatenate([u, v]), t0, given or {})
+        return x, explicit.variables(x, *arguments).full().ravel()
     conditions = _conditions(explicit, dict(given or {}), arguments)
     start, wish = _start_values(explicit, arguments)
     x = _solve(conditions, start, wish)

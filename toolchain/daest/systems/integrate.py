@@ -95,7 +95,7 @@ def integrator(
     """
     rhs, sens, out, hold = _model_functions(explicit, tuple(names))
     library = None
-    if compiled:
+    if compiled and explicit.flat.given is None:
         try:
             library = _compile(rhs, sens, out, hold)
         except FmuError as error:
@@ -260,7 +260,17 @@ def integrate(
     directions = model.n_directions if sensitivities else 0
     atol = rtol * ATOL_OF_SCALE * scale
     run = _Run(time, u0, u1, u_last, theta, x0, directions, rtol, atol, correction)
+    if model.explicit.flat.given is not None:
+        return _run_given(model, run, scale)
     return _run_interpreted(model, run) if model.library is None else _run_radau(model, run)
+
+
+def _run_given(model: Integrator, run: _Run, scale: np.ndarray) -> Trajectory:
+    """By the integrator of a model without equations."""
+    flat = model.explicit.flat
+    assert flat.given is not None
+    options = {"sensitivities": run.directions > 0, "state_scale": scale}
+    return Trajectory(*flat.given.integrate(flat, model.names, run, options), n_steps=0)
 
 
 def _run_radau(model: Integrator, run: _Run) -> Trajectory:

@@ -52,6 +52,8 @@ def linearize(
     values = flat.theta_values if theta is None else np.asarray(theta, dtype=float)
     if values.shape != (len(flat.parameters),):
         raise ValueError(f"theta has shape {values.shape}, expected {(len(flat.parameters),)}")
+    if flat.given is not None:
+        return flat.given.linearize(flat, values, at)
     is_affine = is_affine_model(flat)
     point = operating_point(flat, at)
     matrices = [_array(m) for m in linear_dae_function(flat, at)(values)]
@@ -88,6 +90,8 @@ def linear_dae_function(flat: FlatModel, at: Mapping[str, float] | None = None) 
 
 def is_affine_model(flat: FlatModel) -> bool:
     """True when F and h are affine in (ξ', ξ, u, w) with coefficients that do not depend on time. Exact."""
+    if flat.given is not None:
+        return flat.given.is_affine
     signals = ca.vertcat(flat.derivatives, flat.xi, flat.u, flat.w)
     both = ca.vertcat(flat.residual, flat.output_expressions)
     return bool(ca.is_linear(both, signals)) and not bool(ca.depends_on(both, flat.time))

@@ -76,6 +76,8 @@ def local_model(
     Raises ModelError `unknown-parameter`; EstimationError `output-white-noise` where an output contains white
     noise directly.
     """
+    if explicit.flat.given is not None:
+        return _given_model(explicit, tangents or inside)
     parts = _Parts.of(explicit, tuple(names))
     _refuse_direct_noise(explicit)
     flow, see = parts.flow(), parts.see()
@@ -92,6 +94,21 @@ def local_model(
     optional = [None if f is None else outer(f) for f in (dflow, dsee, hold, dhold, variables)]
     model = LocalModel(explicit, tuple(names), outer(flow), outer(see), *optional, library=None)
     return replace(model, library=_library(model)) if compiled else model
+
+
+def _given_model(explicit: ExplicitModel, needs_more: bool) -> LocalModel:
+    """A model without equations has slopes at points, and no more."""
+    given = explicit.flat.given
+    assert given is not None
+    if needs_more:
+        raise EstimationError(
+            "given-form-without-tangents",
+            f"{explicit.flat.name} has no equations, and a particle filter or a likelihood by the extended "
+            "Kalman filter needs them",
+            remedy="use --kind ekf or ukf; identify with --method oe, or --method pem and its observer",
+        )
+    flow, see = given.local_functions(explicit.flat)
+    return LocalModel(explicit, (), flow, see, None, None, None, None, None, library=None)
 
 
 def internal_names(explicit: ExplicitModel) -> tuple[str, ...]:

@@ -26,6 +26,8 @@ def reduce_index(flat: FlatModel) -> ExplicitModel:
     Newton iterations.
 
     Raises ModelError: `structurally-singular`, `singular-after-reduction`, `noise-differentiated`."""
+    if flat.given is not None:
+        return flat.given.explicit(flat)
     sigma = flat_signature(flat)
     check_structure(sigma, flat.equations, flat.unknowns, flat.name)
     in_source = differentiations(sigma)

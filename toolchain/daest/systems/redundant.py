@@ -32,6 +32,8 @@ from daest.systems.state_choice import StateChoice, choose_states, depends_on_pl
 
 def needs_redundant_states(flat: FlatModel) -> bool:
     """Whether states have to be chosen among variables whose constraint depends on where the model is."""
+    if flat.given is not None:
+        return False
     system = expand(flat, find_aliases(flat))
     return depends_on_place(system, choose_states(system, sample_point(system)))
 
@@ -39,7 +41,9 @@ def needs_redundant_states(flat: FlatModel) -> bool:
 def good_everywhere(explicit: ExplicitModel) -> ExplicitModel:
     """The model itself, or on all differentiated variables where its choice of states could become singular
     on the way."""
-    return redundant_model(explicit.flat) if needs_redundant_states(explicit.flat) else explicit
+    if explicit.invariants is not None or not needs_redundant_states(explicit.flat):
+        return explicit
+    return redundant_model(explicit.flat)
 
 
 def redundant_model(flat: FlatModel) -> ExplicitModel:

@@ -304,6 +304,8 @@ def _nonlinear(task: _Task, rtol: float) -> tuple[np.ndarray, str]:
         )
     except IntegrationError as error:
         raise _failed(error.time, error.what) from error
+    if task.explicit.flat.given is not None:
+        return run.states, f"{task.explicit.flat.given.method}, {task.hold}"
     how = f"adaptive steps, rtol {rtol:g}" if engine.library is not None else "fixed steps"
     held = "" if task.explicit.invariants is None else ", projected on the constraints"
     return run.states, f"Radau IIA order 5, {how}, {task.hold}{held}"
@@ -437,14 +439,31 @@ def _local_step(
     return moved + draw[intensity.size :], draw[: intensity.size]
 
 
-def _collect(task: _Task, states: np.ndarray, w: np.ndarray, method: str) -> Simulation:
-    explicit, flat = task.explicit, task.explicit.flat
+def _values(task: _Task, states: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs (n_samples, n_y) and internal variables (n_samples, n)."""
+    explicit = task.explicit
     columns = (states.T, task.u.T, task.v.T, w.T, task.theta, task.time[None, :])
     try:
         # Adding zero turns the -0.0 of negated aliases into 0.0.
         outputs, variables = (f(*columns).full().T + 0.0 for f in (explicit.outputs, explicit.variables))
     except RuntimeError as error:
         raise _failed(float(task.time[-1]), "an internal variable has no solution") from error
+    return outputs, variables
+
+
+def _given_values(task: _Task, states: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same of a model without equations: its outputs are variables."""
+    flat = task.explicit.flat
+    assert flat.given is not None
+    ubar = np.hstack([task.u, task.v])
+    variables = flat.given.variables_along(flat, task.time, ubar, task.theta, states)
+    names = [v.name for v in flat.unknowns]
+    return variables[:, [names.index(o.name) for o in flat.outputs]], variables
+
+
+def _collect(task: _Task, states: np.ndarray, w: np.ndarray, method: str) -> Simulation:
+    explicit, flat = task.explicit, task.explicit.flat
+    outputs, variables = (_given_values if flat.given else _values)(task, states, w)
     signals: list[Any] = [*flat.inputs, *flat.unknowns, *flat.noises, *flat.outputs]
     units = {signal.name: signal.unit for signal in signals}
     return Simulation(

@@ -32,6 +32,9 @@ def state_space_family(
     Exact for affine models. A nonlinear model is linearised at the operating point `at` (values of states and
     inputs by name; those not named come from the consistent initial point at the inputs' start values), with
     w = 0, v = 0 and t = 0; the offsets make the linear model exact at that point, for every θ."""
+    given = model.flat if isinstance(model, ExplicitModel) else model
+    if given.given is not None:
+        return given.given.family(given, at)
     explicit = model if isinstance(model, ExplicitModel) else reduce_index(model)
     flat = explicit.flat
     affine = is_affine_model(flat)
@@ -116,6 +119,9 @@ def state_space_derivatives(
                 remedy=f"there are {', '.join(near)}",
             )
     columns = tuple(known.index(name) for name in names)
+    if family.derivatives is not None:
+        found = zip(MATRICES, family.derivatives(theta, columns), strict=True)
+        return {name: m[:, :, 0] if name in VECTORS else m for name, m in found}
     stacked = _derivative_function(family.matrices, columns)(theta).full().T
     result, start = {}, 0
     for i, name in enumerate(MATRICES):

@@ -1,0 +1,573 @@
+"""An FMU without equations as a model: its functions are asked of the binary, in its own process."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from daest.errors import FmuError, ModelError
+from daest.fmu import words
+from daest.fmu.binary_functions import PointFunction, model_function, parameter_function
+from daest.fmu.load import load_fmu
+from daest.fmu.points import DIFFERENCE_FLOOR, central_differences, difference, moved_points
+from daest.fmu.runner import RTOL, Drive, Points, Runner, Simulated
+from daest.fmu.semi_explicit import (
+    TRUST,
+    SemiExplicitForm,
+    is_affine_there,
+    jacobians,
+    linearize_semi_explicit,
+    refuse_hidden,
+    refused,
+    semi_explicit_form,
+)
+from daest.model.explicit import ExplicitModel, InputDerivative
+from daest.model.flat import Equation, FlatModel, NoiseInput
+from daest.model.fmu import FmuModel
+from daest.model.linear import LinearDAE, StateSpaceFamily
+from daest.systems.integrate import IntegrationError
+
+# Relative step of the differences of simulations: far above the error of the integrator (RTOL of the
+# runner), far below what bends.
+SIMULATION_STEP = 1e-4
+# Relative step of the differences of matrices in the parameters.
+PARAMETER_STEP = 1e-5
+TIME_STEP = 1e-5
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """(ẋ, z) at a point with its derivatives: values (n,), by_x (n, n_x), by_drivers (n, n_d), by_time (n,);
+    n = n_x + n_z. First axes may be added (sets of parameters, points)."""
+
+    values: np.ndarray
+    by_x: np.ndarray
+    by_drivers: np.ndarray
+    by_time: np.ndarray
+
+
+class BinaryForm:
+    """The `GivenForm` of an FMU. The process of the FMU starts when something is asked, and stays."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.model: FmuModel = load_fmu(path)
+        self.hides_states = self.model.kind == "co-simulation"
+        self.form: SemiExplicitForm = semi_explicit_form(self.model)
+        self._runner: Runner | None = None
+        self._columns = {
+            name: i
+            for i, vr in enumerate((*self.form.states, *self.form.variables))
+            for name in (self.model.variables[vr].name, *self.model.variables[vr].aliases)
+        }
+
+    def __reduce__(self) -> tuple:
+        return BinaryForm, (self.model.path,)
+
+    @property
+    def runner(self) -> Runner:
+        if self._runner is None:
+            self._runner = Runner(self.model)
+        return self._runner
+
+    # ------------------------------------------------------------------------------------- the model
+
+    def flat(self) -> FlatModel:
+        """Names, units, start values and parameter values; no equation can be evaluated."""
+        inner = [self.model.variables[vr] for vr in (*self.form.states, *self.form.variables)]
+        inputs, _, noises = words.inputs_and_noises(self.model)
+        n_x = len(self.form.states)
+        parameters = words.parameters_of(self.model, self._parameter_starts().tolist())
+        equations = [words.rate_equation(v) for v in inner[:n_x]]
+        equations += [Equation(f"{v.name} = g", "binding", v.name) for v in inner[n_x:]]
+        outputs = tuple(words.output_of(self.model.variables[vr]) for vr in self.form.outputs)
+        return FlatModel(
+            name=self.model.model_name or self.model.path.stem,
+            unknowns=tuple(words.variable_of(v) for v in inner),
+            inputs=tuple(words.variable_of(self.model.variables[vr]) for vr in inputs),
+            noises=tuple(words.noise_of(self.model.variables[vr]) for vr in noises),
+            parameters=parameters,
+            outputs=outputs,
+            equations=tuple(equations),
+            derivatives=ca.SX.sym("derivatives", len(inner)),
+            xi=ca.SX.sym("xi", len(inner)),
+            u=ca.SX.sym("u", len(inputs)),
+            w=ca.SX.sym("w", len(noises)),
+            theta=ca.SX.sym("theta", len(parameters)),
+            time=ca.SX.sym("time"),
+            residual=ca.SX(np.full(len(inner), np.nan)),
+            output_expressions=ca.SX(np.full(len(outputs), np.nan)),
+            source=str(self.model.path),
+            given=self,
+        )
+
+    def _parameter_starts(self) -> np.ndarray:
+        """Start values; what the description leaves out is asked of the FMU itself."""
+        starts = np.array(
+            [np.nan if (s := self.model.variables[vr].start) is None else s for vr in self.model.parameters]
+        )
+        unknown = [vr for vr, start in zip(self.model.parameters, starts, strict=True) if np.isnan(start)]
+        if unknown:
+            nowhere = Points((), np.zeros((1, 0)), np.zeros((1, 0)), np.zeros(1))
+            found = self.runner.evaluate(nowhere, unknown)
+            starts[np.isnan(starts)] = np.nan_to_num(found.values[0, 0])
+        return starts
+
+    @property
+    def method(self) -> str:
+        return "the FMU's own steps" if self.hides_states else f"CVODE (BDF) on the FMU, rtol {RTOL:g}"
+
+    @cached_property
+    def is_affine(self) -> bool:
+        """ẋ and all variables are affine in states and inputs, and do not depend on time."""
+        if self.hides_states or self.model.n_event_indicators:
+            return False
+        x, u = np.zeros(len(self.form.states)), np.zeros(len(self.form.drivers))
+        none = ((), np.zeros((1, 0)))
+        try:
+            here, _ = jacobians(self.runner, self.form, x, u, False, none)
+        except FmuError as problem:
+            if problem.code == "fmu-call-failed":
+                return False
+            raise
+        return bool(np.all(np.isfinite(here.differences))) and is_affine_there(
+            self.runner, self.form, here.differences, none
+        )
+
+    @cached_property
+    def trusts_directional(self) -> bool:
+        """The FMU declares directional derivatives, and they agree with differences at its start."""
+        if not self.model.provides_directional_derivatives or self.hides_states:
+            return False
+        x = self._start_states(self._parameter_starts(), np.zeros(len(self.form.drivers)), 0.0)
+        none = ((), np.zeros((1, 0)))
+        found, _ = jacobians(self.runner, self.form, x, np.zeros(len(self.form.drivers)), True, none)
+        if found.directional is None:
+            return False
+        return difference([found.directional], [found.differences], DIFFERENCE_FLOOR) <= TRUST
+
+    # ------------------------------------------------------------------------------------ given form
+
+    def with_noises(self, flat: FlatModel, noises: Mapping[str, float | None]) -> FlatModel:
+        """White noise enters at inputs and at state derivatives, called by the name of the state. ModelError
+        `noise-place-unknown`."""
+        units = {v.name: v.unit for v in flat.inputs}
+        present = {w.name: w for w in flat.noises}
+        for name, intensity in noises.items():
+            known = present.get(name) or NoiseInput(
+                name, unit=units.get(name, ""), estimate=intensity is None
+            )
+            present[name] = replace(known, intensity=intensity)
+        made = tuple(present.values())
+        changed = replace(flat, noises=made, w=ca.SX.sym("w", len(made)))
+        self._noise_places(changed)
+        return changed
+
+    def linearize(self, flat: FlatModel, theta: np.ndarray, at: Mapping[str, float] | None) -> LinearDAE:
+        dae = linearize_semi_explicit(self.model, theta, at, allow_directional=True)
+        return replace(dae, parameters=flat.parameters)
+
+    def explicit(self, flat: FlatModel) -> ExplicitModel:
+        """The FMU as ẋ = f with CasADi functions that ask the binary; derivatives with respect to θ are not
+        among them."""
+        sizes = self._sizes(flat)
+        n_x, rows = len(self.form.states), self._output_rows(flat)
+        outputs = np.array(rows, dtype=int)
+
+        def values(*arguments: np.ndarray) -> np.ndarray:
+            return self._with_noise(flat, *arguments)
+
+        def slopes(*arguments: np.ndarray) -> tuple[np.ndarray, ...]:
+            return self._blocks(flat, *arguments)
+
+        def function(name: str, chosen: np.ndarray) -> ca.Function:
+            return model_function(
+                name,
+                sizes,
+                chosen.size,
+                lambda *a: values(*a)[chosen],
+                lambda *a: [b[chosen] for b in slopes(*a)],
+            )
+
+        everything = np.arange(n_x + len(self.form.variables))
+        n_inner = len(flat.unknowns)
+        # The rates stand first, then the variables; unknowns are the states themselves, then the variables.
+        variables = model_function(
+            "variables", sizes, n_inner,
+            lambda *a: np.concatenate([a[0], values(*a)[n_x:]]),
+            lambda *a: [_with_identity(b[n_x:], i, n_x) for i, b in enumerate(slopes(*a))],
+        )  # fmt: skip
+        outputs_function = model_function(
+            "outputs", sizes, outputs.size,
+            lambda *a: np.concatenate([a[0], values(*a)[n_x:]])[outputs],
+            lambda *a: [_with_identity(b[n_x:], i, n_x)[outputs] for i, b in enumerate(slopes(*a))],
+        )  # fmt: skip
+        names = tuple(v.name for v in flat.unknowns[:n_x])
+        nothing = np.full(n_inner, np.nan)
+        return ExplicitModel(
+            flat=flat,
+            state_names=names,
+            state_units=tuple(v.unit for v in flat.unknowns[:n_x]),
+            input_derivatives=self._input_derivatives(flat),
+            rhs=function("rhs", everything[:n_x]),
+            variables=variables,
+            variable_derivatives=model_function(
+                "variable_derivatives", sizes, n_inner,
+                lambda *a: np.concatenate([values(*a)[:n_x], nothing[n_x:]]), None,
+            ),
+            outputs=outputs_function,
+            is_symbolic=False,
+            n_differentiations=0,
+            structural_index=1 if len(flat.unknowns) > n_x else 0,
+            largest_loop=0,
+        )  # fmt: skip
+
+    def family(self, flat: FlatModel, at: Mapping[str, float] | None) -> StateSpaceFamily:
+        """Matrices by differences of the binary, and their derivatives by differences in θ."""
+        refuse_hidden(self.model, "a state space")
+        explicit = self.explicit(flat)
+        x, u = self._point(flat, at)
+
+        def matrices(theta: np.ndarray) -> list[np.ndarray]:
+            return self._matrices(flat, theta[None], x, u)[0]
+
+        def derivatives(theta: np.ndarray, columns: tuple[int, ...]) -> list[np.ndarray]:
+            """∂M/∂θ_i for every matrix, (n_columns, *shape)."""
+            sets, steps = self._moved_parameters(flat, theta, columns, PARAMETER_STEP)
+            found = self._matrices(flat, sets, x, u)
+            up, down = found[0::2], found[1::2]
+            return [
+                np.array([(a[k] - b[k]) / (2 * h) for a, b, h in zip(up, down, steps, strict=True)])
+                for k in range(len(found[0]))
+            ]
+
+        shapes = [m.shape for m in self._matrices(flat, flat.theta_values[None], x, u)[0]]
+        return StateSpaceFamily(
+            state_names=explicit.state_names,
+            state_units=explicit.state_units,
+            unknowns=flat.unknowns,
+            inputs=flat.inputs,
+            input_derivatives=tuple((d.index, d.order) for d in explicit.input_derivatives),
+            noises=flat.noises,
+            outputs=flat.outputs,
+            parameters=flat.parameters,
+            matrices=parameter_function(len(flat.parameters), shapes, matrices),
+            is_affine=self.is_affine,
+            derivatives=derivatives,
+        )
+
+    def start(
+        self, flat: FlatModel, theta: np.ndarray, u: np.ndarray, time: float, given: Mapping[str, float]
+    ) -> np.ndarray:
+        names = [v.name for v in flat.unknowns[: len(self.form.states)]]
+        unknown = [name for name in given if name not in names]
+        if unknown:
+            raise ModelError(
+                "unknown-variable",
+                f"the FMU has no state {unknown[0]} to start",
+                remedy=f"its states are {', '.join(names)}" if names else "it shows no states",
+            )
+        drivers = np.zeros(len(self.form.drivers))
+        drivers[: u.size] = u
+        x = self._start_states(theta, drivers, time)
+        return np.array([given.get(name, value) for name, value in zip(names, x, strict=True)])
+
+    def integrate(
+        self, flat: FlatModel, names: tuple[str, ...], drive: Any, options: Mapping[str, Any]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Sensitivities by central differences of whole simulations, all in one request."""
+        known = [p.name for p in flat.parameters]
+        columns = tuple(known.index(name) for name in names)
+        theta, x0 = drive.theta, drive.x0
+        sets, starts, steps = theta[None], x0[None], np.zeros(0)
+        if options["sensitivities"]:
+            moved, steps = self._moved_parameters(flat, theta, columns, SIMULATION_STEP)
+            turned, more = _moved_states(x0, options["state_scale"], SIMULATION_STEP)
+            sets = np.vstack([sets, moved, np.repeat(theta[None], len(turned), axis=0)])
+            starts = np.vstack([starts, np.repeat(x0[None], len(moved), axis=0), turned])
+            steps = np.concatenate([steps, more])
+        columns = (*self.form.states, *self.form.variables)
+        read = tuple(columns[row] for row in self._output_rows(flat))
+        request = self._drive(drive.time, drive.u0, drive.u1, drive.u_last, read)
+        if drive.correction is not None:
+            request = replace(request, measurements=drive.correction.measurements, gain=drive.correction.gain)
+        found = self._simulated(request, sets, starts)
+        outputs = found.values
+        changes = (outputs[1::2] - outputs[2::2]) / (2 * steps)[:, None, None]
+        return found.states[0], outputs[0], np.moveaxis(changes, 0, 2)
+
+    def variables_along(
+        self, flat: FlatModel, time: np.ndarray, ubar: np.ndarray, theta: np.ndarray, states: np.ndarray
+    ) -> np.ndarray:
+        if self.hides_states:
+            request = self._drive(time, ubar[:-1], ubar[1:], ubar[-1], self.form.variables)
+            return self._simulated(request, theta[None], None).values[0]
+        points = Points(self.form.drivers[: ubar.shape[1]], ubar, states, time)
+        found = self.runner.evaluate(points, self.form.variables, self._parameters(theta[None]))
+        return np.hstack([states, found.values[0]])
+
+    def local_functions(self, flat: FlatModel) -> tuple[PointFunction, PointFunction]:
+        refuse_hidden(self.model, "a filter")
+        n_x = len(self.form.states)
+        rows = np.array(self._output_rows(flat), dtype=int)
+        n_w = len(flat.noises)
+
+        def flow(
+            x: np.ndarray, ubar: np.ndarray, slope: np.ndarray, theta: np.ndarray, t: np.ndarray
+        ) -> list:
+            found = self._slopes(theta, x, ubar, float(t[0]))
+            ramp = found.by_drivers[:n_x, : ubar.size] @ slope + found.by_time[:n_x]
+            by_w = self._by_noise(flat, found.by_drivers)[:n_x]
+            return [found.values[:n_x], found.by_x[:n_x].ravel(), ramp, by_w.reshape(n_x * n_w)]
+
+        def see(x: np.ndarray, ubar: np.ndarray, theta: np.ndarray, t: np.ndarray) -> list:
+            found = self._slopes(theta, x, ubar, float(t[0]))
+            values = np.concatenate([x, found.values[n_x:]])[rows]
+            by_x = np.vstack([np.eye(n_x), found.by_x[n_x:]])[rows]
+            return [values, by_x.ravel()]
+
+        return PointFunction(flow), PointFunction(see)
+
+    # ---------------------------------------------------------------------------------------- pieces
+
+    def _sizes(self, flat: FlatModel) -> tuple[int, ...]:
+        n_v = len(self._input_derivatives(flat))
+        return (len(self.form.states), len(flat.inputs), n_v, len(flat.noises), len(flat.parameters), 1)
+
+    def _input_derivatives(self, flat: FlatModel) -> tuple[InputDerivative, ...]:
+        """Inputs of the FMU that are derivatives of others, in the order of its references."""
+        names = [v.name for v in flat.inputs]
+        _, rates, _ = words.inputs_and_noises(self.model)
+        found = []
+        for reference in rates:
+            base, order = words.base_and_order(self.model.variables[reference].name)
+            found.append(InputDerivative(names.index(base), order))
+        return tuple(found)
+
+    def _output_rows(self, flat: FlatModel) -> list[int]:
+        """Positions of the outputs among states and variables. ModelError `output-unknown`."""
+        missing = [o.name for o in flat.outputs if o.name not in self._columns]
+        if missing:
+            raise ModelError(
+                "output-unknown",
+                f"the FMU has no variable {missing[0]}",
+                where=str(self.model.path),
+                remedy="name an output or a continuous variable of the FMU",
+            )
+        return [self._columns[o.name] for o in flat.outputs]
+
+    def _parameters(self, sets: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
+        """The parameters that differ anywhere from the FMU's own start values, and their values."""
+        starts = np.array(
+            [np.nan if (s := self.model.variables[vr].start) is None else s for vr in self.model.parameters]
+        )
+        sets = np.asarray(sets, dtype=float).reshape(len(sets), starts.size)
+        chosen = np.flatnonzero(np.any(sets != starts, axis=0))
+        return tuple(self.model.parameters[i] for i in chosen), sets[:, chosen]
+
+    def _start_states(self, theta: np.ndarray, drivers: np.ndarray, time: float) -> np.ndarray:
+        """States after the FMU's own initialisation."""
+        n_x = len(self.form.states)
+        if not n_x:
+            return np.zeros(0)
+        none = np.zeros((0, drivers.size))
+        drive = Drive(np.array([time]), self.form.drivers, none, none, drivers, ())
+        found = self.runner.simulate(drive, self._parameters(theta[None]))
+        if found.stopped is not None:
+            raise refused(self.model, found.stopped.reason)
+        return found.states[0, 0]
+
+    def _drive(
+        self, time: np.ndarray, u0: np.ndarray, u1: np.ndarray, u_last: np.ndarray, read: Sequence[int]
+    ) -> Drive:
+        inputs = self.form.inputs
+        return Drive(time, inputs, u0, u1, np.ravel(u_last), tuple(read))
+
+    def _simulated(self, request: Drive, sets: np.ndarray, starts: np.ndarray | None) -> Simulated:
+        found = self.runner.simulate(request, self._parameters(sets), None if self.hides_states else starts)
+        if found.stopped is not None:
+            raise IntegrationError(found.stopped.reason, found.stopped.time)
+        return found
+
+    def _point(self, flat: FlatModel, at: Mapping[str, float] | None) -> tuple[np.ndarray, np.ndarray]:
+        """States and drivers that matrices are computed at: zero for an affine model."""
+        drivers = np.zeros(len(self.form.drivers))
+        if self.is_affine:
+            return np.zeros(len(self.form.states)), drivers
+        at = dict(at or {})
+        for i, given in enumerate(flat.inputs):
+            drivers[i] = at.get(given.name, given.start or 0.0)
+        x = self._start_states(flat.theta_values, drivers, 0.0)
+        names = [v.name for v in flat.unknowns[: x.size]]
+        return np.array([at.get(n, value) for n, value in zip(names, x, strict=True)]), drivers
+
+    def _moved_parameters(
+        self, flat: FlatModel, theta: np.ndarray, columns: Sequence[int], share: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Parameter values moved up and down, one after the other, (2 n_columns, p), and the steps."""
+        sets, steps = [], []
+        for column in columns:
+            parameter = flat.parameters[column]
+            size = max(abs(theta[column]), abs(parameter.nominal or 0.0)) or 1.0
+            steps.append(share * size)
+            for sign in (1.0, -1.0):
+                moved = theta.copy()
+                moved[column] += sign * steps[-1]
+                sets.append(moved)
+        return np.array(sets).reshape(-1, theta.size), np.array(steps)
+
+    def _matrices(
+        self, flat: FlatModel, sets: np.ndarray, x: np.ndarray, drivers: np.ndarray
+    ) -> list[list[np.ndarray]]:
+        """A, B, G, b, C, D, H, d, X, U, W, x0 for every set of parameters."""
+        n_x, rows = x.size, np.array(self._output_rows(flat), dtype=int)
+        n_u = len(self.form.inputs)
+        all_slopes = self._slopes_of_sets(sets, x, drivers)
+        result = []
+        for found in all_slopes:
+            by_w = self._by_noise(flat, found.by_drivers)
+            A, B, G = found.by_x[:n_x], found.by_drivers[:n_x, :n_u], by_w[:n_x]
+            X = np.vstack([np.eye(n_x), found.by_x[n_x:]])
+            U = np.vstack([np.zeros((n_x, n_u)), found.by_drivers[n_x:, :n_u]])
+            W = np.vstack([np.zeros((n_x, by_w.shape[1])), by_w[n_x:]])
+            inner = np.concatenate([x, found.values[n_x:]])
+            b = found.values[:n_x] - A @ x - B @ drivers[:n_u]
+            x0 = inner - X @ x - U @ drivers[:n_u]
+            result.append(
+                [A, B, G, b[:, None], X[rows], U[rows], W[rows], x0[rows][:, None], X, U, W, x0[:, None]]
+            )
+        return result
+
+    def _slopes_of_sets(self, sets: np.ndarray, x: np.ndarray, drivers: np.ndarray) -> list[Slopes]:
+        """Slopes without time at one point for many sets of parameters, in one request."""
+        point, n_x = np.concatenate([x, drivers]), x.size
+        nominal = [self.model.variables[vr].nominal for vr in (*self.form.states, *self.form.drivers)]
+        if self.is_affine:  # differences of any length are exact: long ones lose the fewest digits
+            sizes = np.array([abs(size or 1.0) for size in nominal])
+            moved = np.repeat(point[None], 2 * point.size, axis=0)
+            for i, size in enumerate(sizes):
+                moved[2 * i, i] += size
+                moved[2 * i + 1, i] -= size
+        else:
+            moved = moved_points(point, nominal)
+        rows = np.vstack([point, moved])
+        values = self._rows(sets, rows[:, :n_x], rows[:, n_x:], np.zeros(len(rows)))
+        slopes = []
+        for table in values:
+            jacobian = central_differences(moved, table[1:])
+            slopes.append(Slopes(table[0], jacobian[:, :n_x], jacobian[:, n_x:], np.zeros(table.shape[1])))
+        return slopes
+
+    def _rows(self, sets: np.ndarray, x: np.ndarray, drivers: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """(ẋ, z) of every set at every point, (s, m, n_x + n_z). FmuError `fmu-call-failed`."""
+        found = self.runner.evaluate(
+            Points(self.form.drivers, drivers, x, time), self.form.variables, self._parameters(sets),
+            rates=True, settle=self.model.n_event_indicators > 0,
+        )  # fmt: skip
+        if found.problem is not None and not np.all(np.isfinite(found.values)):
+            raise refused(self.model, found.problem)
+        n_z = len(self.form.variables)
+        return np.concatenate([found.values[:, :, n_z:], found.values[:, :, :n_z]], axis=2)
+
+    def _slopes(self, theta: np.ndarray, x: np.ndarray, ubar: np.ndarray, time: float) -> Slopes:
+        """Values and slopes at one point, time included, in one request."""
+        drivers = np.zeros(len(self.form.drivers))
+        drivers[: ubar.size] = ubar
+        point = np.concatenate([x, drivers, [time]])
+        references = (*self.form.states, *self.form.drivers)
+        nominal = [self.model.variables[vr].nominal for vr in references]
+        n_x, n = x.size, point.size
+        directional = self.trusts_directional
+        moved = moved_points(point, [*nominal, 1.0])
+        moved = moved[-2:] if directional else moved
+        rows = np.vstack([point, moved])
+        values = self._rows(theta[None], rows[:, :n_x], rows[:, n_x : n - 1], rows[:, -1])[0]
+        if not directional:
+            jacobian = central_differences(moved, values[1:])
+            return Slopes(values[0], jacobian[:, :n_x], jacobian[:, n_x:-1], jacobian[:, -1])
+        by_time = (values[1] - values[2]) / (rows[1, -1] - rows[2, -1])
+        jacobian = self.runner.differentiate(
+            Points(self.form.drivers, drivers[None], x[None], np.array([time])),
+            (*self.form.rates, *self.form.variables), references, self._parameters(theta[None]),
+        )[0, 0]  # fmt: skip
+        return Slopes(values[0], jacobian[:, :n_x], jacobian[:, n_x:], by_time)
+
+    def _noise_places(self, flat: FlatModel) -> list[tuple[bool, int]]:
+        """For every noise, whether it adds to a driver, and to which; else to which rate. ModelError
+        `noise-place-unknown`."""
+        drivers = {self.model.variables[vr].name: i for i, vr in enumerate(self.form.drivers)}
+        states = {v.name: i for i, v in enumerate(flat.unknowns[: len(self.form.states)])}
+        places = []
+        for noise in flat.noises:
+            name = noise.name.removeprefix("der(").removesuffix(")")
+            if noise.name in drivers:
+                places.append((True, drivers[noise.name]))
+            elif name in states:
+                places.append((False, states[name]))
+            else:
+                raise _no_noise_place(noise.name, [*drivers, *(f"der({s})" for s in states)], self.model)
+        return places
+
+    def _by_noise(self, flat: FlatModel, by_drivers: np.ndarray) -> np.ndarray:
+        """∂(ẋ, z)/∂w (n, n_w)."""
+        columns = np.zeros((by_drivers.shape[0], len(flat.noises)))
+        for k, (is_driver, i) in enumerate(self._noise_places(flat)):
+            if is_driver:
+                columns[:, k] = by_drivers[:, i]
+            else:
+                columns[i, k] = 1.0
+        return columns
+
+    def _with_noise(
+        self, flat: FlatModel, x: np.ndarray, u: np.ndarray, v: np.ndarray, w: np.ndarray,
+        theta: np.ndarray, time: np.ndarray,
+    ) -> np.ndarray:  # fmt: skip
+        drivers = np.zeros(len(self.form.drivers))
+        drivers[: u.size + v.size] = np.concatenate([u, v])
+        added = np.zeros(len(self.form.states))
+        for (is_driver, i), value in zip(self._noise_places(flat), w, strict=True):
+            (drivers if is_driver else added)[i] += value
+        row = self._rows(theta[None], x[None], drivers[None], np.ravel(time))[0, 0]
+        row[: x.size] += added
+        return row
+
+    def _blocks(
+        self, flat: FlatModel, x: np.ndarray, u: np.ndarray, v: np.ndarray, w: np.ndarray,
+        theta: np.ndarray, time: np.ndarray,
+    ) -> tuple[np.ndarray, ...]:  # fmt: skip
+        """∂(ẋ, z)/∂(x, u, v, w, θ, t); that with respect to θ is not given, and zero."""
+        found = self._slopes(theta, x, np.concatenate([u, v]), float(np.ravel(time)[0]))
+        by_w = self._by_noise(flat, found.by_drivers)
+        n = found.values.size
+        by_u, by_v = found.by_drivers[:, : u.size], found.by_drivers[:, u.size : u.size + v.size]
+        return found.by_x, by_u, by_v, by_w, np.zeros((n, theta.size)), found.by_time[:, None]
+
+
+def _with_identity(block: np.ndarray, argument: int, n_x: int) -> np.ndarray:
+    """Rows of the states themselves before those of the variables."""
+    own = np.eye(n_x) if argument == 0 else np.zeros((n_x, block.shape[1]))
+    return np.vstack([own, block])
+
+
+def _moved_states(x0: np.ndarray, scale: np.ndarray | None, share: float) -> tuple[np.ndarray, np.ndarray]:
+    sizes = np.ones(x0.size) if scale is None else np.abs(scale)
+    steps = share * np.maximum(np.abs(x0), sizes)
+    moved = np.repeat(x0[None], 2 * x0.size, axis=0)
+    for i, step in enumerate(steps):
+        moved[2 * i, i] += step
+        moved[2 * i + 1, i] -= step
+    return moved, steps
+
+
+def _no_noise_place(name: str, places: Sequence[str], model: FmuModel) -> ModelError:
+    return ModelError(
+        "noise-place-unknown",
+        f"`{name}` is no place for white noise in this FMU",
+        where=str(model.path),
+        remedy=f"white noise can enter at its inputs and state derivatives: {', '.join(places[:12])}",
+    )
