@@ -80,6 +80,25 @@ def test_bad_prior(folder, daest, given, code):
     assert exit_code == 2 and f"error[{code}]" in err and not out
 
 
+def test_profile_in_text_json_and_picture(fitted, daest):
+    code, out, err = daest("identify", "--hold", "zoh", "--profile", "T", "--profile-plot", "profile.png")
+    assert code == 0 and "Profile likelihood" in out and "95 %" in out
+    assert "profile of T (1 of 1)" in err
+    assert (fitted / "profile.png").read_bytes().startswith(b"\x89PNG")
+    document = json.loads(daest("identify", "--hold", "zoh", "--profile", "all", "--format", "json")[1])
+    assert set(document["profiles"]) == set(TRUE)
+    for name, profile in document["profiles"].items():
+        found = document["parameters"][name]
+        assert profile["lower"] < found["value"] < profile["upper"]
+        width = profile["upper"] - profile["lower"]
+        assert width == pytest.approx(2 * 1.96 * found["std_error"], rel=0.1)
+
+
+def test_profile_of_an_unknown_name(fitted, daest):
+    code, out, err = daest("identify", "--profile", "nothing")
+    assert code == 2 and "error[profile-not-estimated]" in err and not out
+
+
 def test_split_takes_the_place_of_validation_files(fitted, daest):
     document = json.loads(daest("identify", "--split", "0.5", "--hold", "zoh", "--format", "json")[1])
     assert document["n_samples"] == 200

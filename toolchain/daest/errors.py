@@ -92,6 +92,74 @@ EXPLANATIONS: dict[str, str] = {
         "The file of --at must hold parameters (as results/fit.json does) or an operating point under the "
         "key at, values by the names of unknowns and inputs."
     ),
+    "check-clock-duplicate": (
+        "Two samples of a recording have the same time, so that nothing can be said about what happened "
+        "between them. Recorders that write faster than their clock ticks do this. Remove one of them, or "
+        "number the rows."
+    ),
+    "check-clock-gap": (
+        "Single samples are left out. Filters and identification take the times as they are; an input is "
+        "unknown in the gap, and is taken as held or as a straight line."
+    ),
+    "check-clock-jitter": (
+        "The samples are not at equal distances. That is taken into account everywhere; only ARX models and "
+        "the stationary filter need even times, which --resample makes."
+    ),
+    "check-clock-jump": (
+        "The time jumps by many steps: the recorder was paused, or two recordings were put one behind the "
+        "other. Make two files of it, which are two experiments, or cut with --from and --to."
+    ),
+    "check-clock-order": (
+        "The time goes back or is missing in some rows. Sort the rows; two recordings belong in two files."
+    ),
+    "check-clock-rate": (
+        "The two halves of a recording have different sampling periods. Was the recorder set anew, or is "
+        "the time not in seconds throughout?"
+    ),
+    "check-constant": (
+        "A column never changes. An output that does not move tells nothing about any parameter: the sensor "
+        "may be off."
+    ),
+    "check-dropouts": (
+        "A signal jumps to one and the same value for a few samples and comes back: a loose contact, or a "
+        "value that the recorder writes where it has none. Leave those cells empty, which means that the "
+        "sample is missing."
+    ),
+    "check-lag": (
+        "One column is another one, later by a fixed time. That may be the machine; if both are sensors of "
+        "one quantity, their clocks differ, and identification would put the lag into the parameters. Shift "
+        "one column, or let daest diagnose try a delay."
+    ),
+    "check-missing": (
+        "Some values of a column are missing. Outputs may lack values; inputs must be known at every time."
+    ),
+    "check-outliers": (
+        "Single samples lie far from their neighbours, farther than noise does. Least squares follow them. "
+        "Leave those cells empty if the machine cannot have moved so."
+    ),
+    "check-polarity": (
+        "A signal moves the other way than it should: against the model at any likely value of its "
+        "parameters, or against another column of the same quantity. Look at the sensor's wiring and the "
+        "sign convention of the model; multiply the column by -1, or the parameter that is a gain."
+    ),
+    "check-quantised": (
+        "A signal changes in steps of its resolution. The error of a sample then is neither Gaussian nor "
+        "independent of its neighbours, and the standard errors of an estimate are too small. A finer "
+        "sensor, or --resample to a longer period, helps."
+    ),
+    "check-saturation": (
+        "A signal runs into a limit and stays there, and comes back as fast as it went: the range of the "
+        "sensor or of the recorder. Leave those cells empty, or cut with --from and --to. A command that is "
+        "limited and recorded as such is in order."
+    ),
+    "check-stuck": (
+        "A signal stands still to the last digit although its noise shows elsewhere, or jumps when it goes "
+        "on: the sensor or its transmission had stopped. Leave those cells empty."
+    ),
+    "check-text": ("Some cells of a column hold a text where numbers are expected."),
+    "check-unusable": (
+        "The recording cannot be used with the model; the message says why, as daest identify would."
+    ),
     "compare-bootstrap-noise": (
         "A bootstrap simulates records with the model, noise included, so that every output needs a known "
         "measurement noise: identify the model first, or give it in the model or under [noise.measurement]."
@@ -716,13 +784,20 @@ EXPLANATIONS: dict[str, str] = {
         "A prior was given for a parameter that is not among the estimated ones, where it would have no "
         "effect."
     ),
+    "profile-not-estimated": (
+        "A profile likelihood was asked for a parameter that is not among the estimated ones."
+    ),
     "rank-not-finite": (
         "A matrix of the linear model holds an infinite or undefined number, so its rank cannot be "
         "decided. Check the parameter values."
     ),
+    "report-nothing": (
+        "There is nothing to report on: no daest.toml that names a model, and no result. Run daest report in "
+        "the folder of a project, or name its daest.toml with -p."
+    ),
     "results-unreadable": (
-        "A file in results/ (or one named with --at) is missing, damaged or not JSON. daest identify writes "
-        "it anew."
+        "A file in results/ (or one named with --at) is missing, damaged or not of the form that daest "
+        "writes. The command that made it writes it anew; for fit.json that is daest identify."
     ),
     "several-problems": (
         "A file has several problems of different kinds; the message lists them all with their own codes."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,10 +26,12 @@ from daest.cli.options import (
     split_option,
 )
 from daest.cli.output import emit, keep_inputs, note, whole_file
+from daest.cli.progress import progress
 from daest.cli.recordings import DataOptions, training_data
 from daest.cli.results import fitted, save_fit
 from daest.data.project import Project, load_project
 from daest.estimation.identify import identify
+from daest.estimation.profile import ALL, silent
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import FlatModel
@@ -73,6 +76,18 @@ class Identified:
     help="What is known of a parameter beforehand (lognormal where it is searched on a log scale).",
 )
 @click.option(
+    "--profile",
+    metavar="NAME",
+    multiple=True,
+    help="Profile likelihood of this parameter, or of all: an interval without any assumption of its shape.",
+)
+@click.option(
+    "--profile-plot",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Draw the profiles (.png, .svg or .pdf).",
+)
+@click.option(
     "--starts",
     type=click.IntRange(min=1),
     default=1,
@@ -94,6 +109,8 @@ def command(
     estimate: tuple[str, ...],
     fix: tuple[str, ...],
     given_priors: tuple[str, ...],
+    profile: tuple[str, ...],
+    profile_plot: Path | None,
     starts: int,
     class_name: str | None,
     libraries: tuple[Path, ...],
@@ -124,6 +141,7 @@ def command(
         estimate=estimate or None,
         fix=assignments(fix, "--fix"),
         prior=priors(given_priors),
+        profile=profile or ((ALL,) if profile_plot is not None else ()),
         hold=data_choice.known_hold(project),
         starts=starts,
         seed=seed,
@@ -131,6 +149,8 @@ def command(
     found = identified(project, model, data, data_choice, options, class_name, libraries)
     if plot is not None:
         _draw(found, plot)
+    if profile_plot is not None:
+        _draw_profiles(found, profile_plot)
     emit(found.document, "identify", form, output, texts.text)
 
 
@@ -150,7 +170,8 @@ def identified(
         flat = load_model(project, source, class_name, libraries)
     flat, estimation, validation = training_data(flat, project, data, data_options)
     options = options or IdentifyOptions(hold=data_options.known_hold(project))
-    result = identify(flat, estimation, options, validation)
+    with progress() if options.profile else nullcontext(silent) as tell:
+        result = identify(flat, estimation, options, validation, tell)
     document = documents.document(result)
     origin = made_from(project, [source], training_files(project, data))
     path = save_fit(project, source, flat.name, document, origin)
@@ -158,6 +179,14 @@ def identified(
     if not result.is_converged:
         note(f"not converged: {result.message}")
     return Identified(result, document, flat, source, estimation, validation)
+
+
+def _draw_profiles(found: Identified, plot: Path) -> None:
+    from daest.report.figures import save
+    from daest.report.profile_figure import profile_figure
+
+    with whole_file(plot) as temporary:
+        save(profile_figure(found.result), temporary)
 
 
 def _draw(found: Identified, plot: Path) -> None:

@@ -20,6 +20,7 @@ from daest.estimation.identify_nonlinear import identify_nonlinear
 from daest.estimation.noise_start import better_noise, with_noise
 from daest.estimation.output_error import Problem
 from daest.estimation.priors import coordinate_with_prior
+from daest.estimation.profile import Searched, Tell, check_profile_names, silent, with_profiles
 from daest.estimation.records import Record, in_model_order, make_record, observed_counts, part_of
 from daest.estimation.result import end_scores, fit_result
 from daest.estimation.search import Evaluation, Found, minimise
@@ -61,22 +62,24 @@ def identify(
     experiments: Sequence[Experiment],
     options: IdentifyOptions | None = None,
     validation: Sequence[Experiment] = (),
+    tell: Tell = silent,
 ) -> FitResult:
     """Find the parameters of `model` that explain `experiments`, with their uncertainty.
 
     "oe" minimises the simulation error (2), weighted by maximum likelihood; "pem" maximises the
     likelihood of the one-step predictions of the Kalman filter, process and measurement noise included.
     Default: "pem" for a model that declares process noise, else "oe". Initial states are estimated per
-    experiment; those of validation records too. Raises EstimationError (codes in `estimation.checks`) and
-    DataError.
+    experiment; those of validation records too. `tell` hears what is being done. Raises EstimationError
+    (codes in `estimation.checks`, `priors` and `profile`) and DataError.
     """
     began = time.perf_counter()
     options = options or IdentifyOptions()
     family = model if isinstance(model, StateSpaceFamily) else state_space_family(model)
     estimation, held_back = _divided(tuple(experiments), tuple(validation), options.split)
     setup = _setup(family, tuple(make_record(e, family) for e in estimation), options)
+    check_profile_names(options.profile, setup.problem.unknowns)
     if isinstance(model, FlatModel) and not family.is_affine:
-        return _identified_nonlinear(model, family, setup, estimation, held_back, options)
+        return _identified_nonlinear(model, family, setup, estimation, held_back, options, tell)
     setup = replace(setup, problem=replace(setup.problem, hold=_chosen_hold(setup, options)))
     _check_start(setup)
     problem, ends = _search(setup, options)
@@ -90,7 +93,13 @@ def identify(
     result = fit_result(problem, setup.method, ends, setup.measurement, simulated, one_step, setup.notes)
     initial = {c.name: c.initial for c in setup.problem.unknowns.coordinates}
     parameters = tuple(replace(p, initial=initial[p.name]) for p in result.parameters)
-    return replace(result, parameters=parameters, seconds=time.perf_counter() - began)
+    result = replace(result, parameters=parameters)
+    if options.profile:
+        objective = (likelihood if setup.method == "pem" else output_error).objective(problem)
+        unknowns = problem.unknowns
+        searched = Searched(objective, unknowns, unknowns.lower, unknowns.upper, ends[0])
+        result = with_profiles(result, searched, options.profile, tell)
+    return replace(result, seconds=time.perf_counter() - began)
 
 
 def _identified_nonlinear(
@@ -100,6 +109,7 @@ def _identified_nonlinear(
     estimation: tuple[Experiment, ...],
     validation: tuple[Experiment, ...],
     options: IdentifyOptions,
+    tell: Tell,
 ) -> FitResult:
     n_w, n_y = len(family.noises), len(family.outputs)
     estimated = np.array([setup.process[i] for i in range(n_w)], dtype=bool)
@@ -118,6 +128,7 @@ def _identified_nonlinear(
         np.where(searched, np.nan, setup.given_std),
         options,
         [in_model_order(e, family) for e in validation],
+        tell=tell,
     )
 
 

@@ -37,6 +37,7 @@ from daest.estimation.nonlinear_start import (
 )
 from daest.estimation.observer import observer
 from daest.estimation.priors import prior_penalty
+from daest.estimation.profile import Searched, Tell, silent, with_profiles
 from daest.estimation.search import minimise
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
@@ -82,6 +83,7 @@ def identify_nonlinear(
     options: IdentifyOptions,
     validation: Sequence[Experiment] = (),
     warm: WarmStart | None = None,
+    tell: Tell = silent,
 ) -> FitResult:
     """Fit `unknowns` (parameters) of a nonlinear model; experiments are in the model's order of signals.
 
@@ -109,6 +111,9 @@ def identify_nonlinear(
         simulated["validation"] = agreement(best, tuple(validation), with_gain=False)
         one_step["validation"] = agreement(best, tuple(validation), with_gain=True)
     result = nonlinear_result(setup, ends, simulated, one_step)
+    if options.profile:
+        searched = Searched(trajectories.objective(best.problem), unknowns, *limits(best.problem), best.found)
+        result = with_profiles(result, searched, options.profile, tell)
     return replace(result, seconds=time.perf_counter() - began)
 
 

@@ -13,6 +13,7 @@ from daest.model.prior import Prior
 Method = Literal["oe", "pem"]
 Status = Literal["converged", "stalled", "iteration limit"]
 Bound = Literal["min", "max"]
+ProfileEnd = Literal["found", "bound", "open", "failed"]
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,8 @@ class IdentifyOptions:
     that leaves coloured residuals is not tried again from elsewhere. `likelihood` is that of the one-step
     predictions of a nonlinear model ("pem"): by an observer with a constant gain, or by the extended Kalman
     filter, which suits smooth models and estimates the noise exactly. `split` in (0, 1) keeps that first part
-    of every experiment for the estimation and the rest for the validation.
+    of every experiment for the estimation and the rest for the validation. `profile` names parameters whose
+    profile likelihood is wanted, ("all",) every estimated one; the gain of an observer is held in it.
     """
 
     method: Method | None = None
@@ -54,6 +56,7 @@ class IdentifyOptions:
     second_look: bool = True
     likelihood: Literal["observer", "ekf"] = "observer"
     split: float | None = None
+    profile: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -118,6 +121,27 @@ class Agreement:
 
 
 @dataclass(frozen=True)
+class Profile:
+    """Profile likelihood of one parameter: at `values` (m,), increasing, the log-likelihood re-optimised over
+    everything else lies drops / 2 below the best.
+
+    The confidence interval of `level` reaches to where the drop is `threshold`. An end is "found"; or a
+    "bound" of the parameter that lies inside; or None and "open", where no value is unlikely enough; or None
+    and "failed", where the model cannot be evaluated any further out.
+    """
+
+    name: str
+    values: np.ndarray
+    drops: np.ndarray
+    threshold: float
+    level: float
+    lower: float | None
+    upper: float | None
+    lower_end: ProfileEnd
+    upper_end: ProfileEnd
+
+
+@dataclass(frozen=True)
 class FitResult:
     """The result of `identify`.
 
@@ -148,6 +172,7 @@ class FitResult:
     period: float | None
     hold: Literal["foh", "zoh"]
     notes: tuple[str, ...] = ()
+    profiles: tuple[Profile, ...] = ()
 
     @property
     def is_converged(self) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from daest.model.fit import Agreement, FitResult, FittedNoise, FittedParameter
+from daest.model.fit import Agreement, FitResult, FittedNoise, FittedParameter, Profile
 
 SCHEMA = "daest/identify/1"
 
@@ -50,6 +50,20 @@ def document(result: FitResult) -> dict[str, Any]:
         "period": result.period,
         "hold": result.hold,
         "notes": list(result.notes),
+        "profiles": {p.name: _profile(p) for p in result.profiles},
+    }
+
+
+def _profile(p: Profile) -> dict[str, Any]:
+    return {
+        "level": p.level,
+        "lower": p.lower,
+        "upper": p.upper,
+        "lower_end": p.lower_end,
+        "upper_end": p.upper_end,
+        "threshold": p.threshold,
+        "values": p.values.tolist(),
+        "drops": p.drops.tolist(),
     }
 
 

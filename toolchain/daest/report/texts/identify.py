@@ -31,6 +31,9 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
         yield indented(note)
     yield heading("Parameters")
     yield _parameters(document["parameters"])
+    if document.get("profiles"):
+        yield heading("Profile likelihood")
+        yield _profiles(document)
     yield heading("Noise")
     yield _noise(document["noise"])
     for direction in document["weak_directions"]:
@@ -61,6 +64,38 @@ def _parameters(parameters: Mapping[str, Mapping[str, Any]]) -> RenderableType:
         ),
         text_columns=(0, 4, 6),
     )
+
+
+def _profiles(document: Mapping[str, Any]) -> RenderableType:
+    """Intervals of the profiles; an end that was not found says why."""
+    parameters = document["parameters"]
+    return table(
+        ("name", "from", "estimate", "to", "unit", "level", ""),
+        (
+            (
+                name,
+                number(p["lower"], 6),
+                number(parameters[name]["value"], 6),
+                number(p["upper"], 6),
+                parameters[name]["unit"],
+                f"{100 * p['level']:g} %",
+                ", ".join(
+                    f"{side} {_END_TEXTS[p[end]]}"
+                    for side, end in (("below", "lower_end"), ("above", "upper_end"))
+                    if p[end] in _END_TEXTS
+                ),
+            )
+            for name, p in document["profiles"].items()
+        ),
+        text_columns=(0, 4, 6),
+    )
+
+
+_END_TEXTS = {
+    "open": "open: the data set no limit",
+    "bound": "limited by its bound",
+    "failed": "the model cannot be evaluated further out",
+}
 
 
 def _remark(p: Mapping[str, Any]) -> str:

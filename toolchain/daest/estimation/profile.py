@@ -1,0 +1,234 @@
+"""Profile likelihood: how far one parameter can move while everything else follows.
+
+For every value of the parameter the objective is minimised over all other unknowns (initial states too),
+each time from where the last value ended. The interval holds the values whose log-likelihood (with priors)
+lies less than χ²(1) / 2 below the best. Noise that the objective estimates is estimated anew at every value.
+Where residuals of a simulation are coloured, χ² is multiplied by the factor by which the colour widens the
+variance of the estimate (Chandler and Bate, Biometrika 94, 2007).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from daest.errors import EstimationError
+from daest.estimation.coordinates import Unknowns
+from daest.estimation.search import Found, Objective, minimise
+from daest.model.fit import FitResult, Profile, ProfileEnd
+
+ALL = "all"  # in place of a name: every estimated parameter
+LEVEL = 0.95
+STEPS_TO_END = 3.0  # steps that a parabola would need to the end of the interval
+MOST_GROWTH = 3.0  # of a step from one value to the next, and of its shrinking
+FIRST_STEP = 0.1  # in z, where the data give none
+MOST_POINTS = 25  # on each side
+MOST_HALVINGS = 6  # of a step to where the objective has no value
+MOST_REFINEMENTS = 8
+AT_END = 0.01  # of the threshold: how well its crossing is found
+LOG_RANGE = np.log(1e3)  # an interval that is wider than this on one side counts as open
+LINEAR_RANGE = 100.0  # the same for a linear coordinate, in its scale
+ITERATIONS = 30
+CONVERGED_GAIN = 1e-4  # in log-likelihood, of the searches over the other unknowns
+BETTER = 0.05  # a value this much more likely than the estimate is a better optimum
+
+Tell = Callable[[str], None]
+
+
+def silent(_text: str) -> None:
+    """Tells nobody."""
+
+
+@dataclass(frozen=True)
+class Searched:
+    """A search that ended: objective, unknowns (the first coordinates of z), bounds of z, and the end."""
+
+    objective: Objective
+    unknowns: Unknowns
+    lower: np.ndarray
+    upper: np.ndarray
+    found: Found
+
+
+def check_profile_names(names: Sequence[str], unknowns: Unknowns) -> None:
+    """Error `profile-not-estimated`."""
+    estimated = unknowns.parameter_names()
+    for name in names:
+        if name not in (*estimated, ALL):
+            raise EstimationError(
+                "profile-not-estimated",
+                f"{name} has no profile, since it is not estimated",
+                where=name,
+                remedy=f"estimated are {', '.join(estimated)}; {ALL} means each of them",
+            )
+
+
+def with_profiles(result: FitResult, search: Searched, names: Sequence[str], tell: Tell) -> FitResult:
+    """The result with the profiles of the named parameters."""
+    estimated = search.unknowns.parameter_names()
+    chosen = [name for name in estimated if name in names or ALL in names]
+    profiles, notes = [], []
+    for number, name in enumerate(chosen, start=1):
+        tell(f"profile of {name} ({number} of {len(chosen)})")
+        profile = _profile(result, search, estimated.index(name))
+        profiles.append(profile)
+        if np.min(profile.drops) < -2.0 * BETTER:
+            best = profile.values[np.argmin(profile.drops)]
+            notes.append(f"a better optimum lies near {name} = {best:.6g}: start there, or use --starts")
+    return replace(result, profiles=tuple(profiles), notes=(*result.notes, *notes))
+
+
+def _profile(result: FitResult, search: Searched, index: int) -> Profile:
+    coordinate = search.unknowns.coordinates[index]
+    factor = _colour_factor(result, search, index)
+    threshold = float(chi2.ppf(LEVEL, 1)) * factor
+    sides = [_Side(search, index, direction, threshold).walked() for direction in (-1.0, 1.0)]
+    centre = (search.found.z[index], 0.0)
+    points = sorted([*sides[0].points, centre, *sides[1].points])
+    values = np.array([coordinate.natural(z) for z, _ in points])
+    ends = [None if side.crossing is None else coordinate.natural(side.crossing) for side in sides]
+    return Profile(
+        name=coordinate.name,
+        values=values,
+        drops=np.array([drop for _, drop in points]),
+        threshold=threshold,
+        level=LEVEL,
+        lower=ends[0],
+        upper=ends[1],
+        lower_end=sides[0].end,
+        upper_end=sides[1].end,
+    )
+
+
+def _colour_factor(result: FitResult, search: Searched, index: int) -> float:
+    """Variance of the estimate over the inverse information, above 1 for coloured residuals alone."""
+    std_error = next(
+        p.std_error for p in result.parameters if p.name == search.unknowns.coordinates[index].name
+    )
+    step = _standard_step(search, index)
+    if result.method != "oe" or std_error is None or step is None:
+        return 1.0
+    slope = search.unknowns.slopes(search.found.z[: len(search.unknowns.coordinates)])[index]
+    return max(1.0, float((std_error / slope / step) ** 2))
+
+
+def _standard_step(search: Searched, index: int) -> float | None:
+    """Square root of the inverse information in z; None where there is none."""
+    information = search.found.evaluation.information
+    scale = np.sqrt(np.diagonal(information))
+    active = scale > 0.0
+    if not active[index]:
+        return None
+    scaled = information[np.ix_(active, active)] / np.outer(scale[active], scale[active])
+    place = int(np.sum(active[:index]))
+    variance = np.linalg.pinv(scaled, hermitian=True)[place, place]
+    return float(np.sqrt(max(variance, 0.0)) / scale[index]) or None
+
+
+class _Side:
+    """Steps from the estimate in one direction until the drop reaches the threshold."""
+
+    def __init__(self, search: Searched, index: int, direction: float, threshold: float) -> None:
+        self.search, self.index, self.direction, self.threshold = search, index, direction, threshold
+        self.points: list[tuple[float, float]] = []
+        self.crossing: float | None = None
+        self.end: ProfileEnd = "open"
+
+    def walked(self) -> _Side:
+        root = np.sqrt(self.threshold)
+        here, at, size = self.search.found, 0.0, self._first_step(root)
+        for _ in range(MOST_POINTS):
+            there, size = self._next(here, size)
+            if there is None:
+                self.end = "failed"
+                return self
+            reached = self._root_drop(there)
+            if reached >= root:
+                self.crossing, self.end = self._refined(here, there), "found"
+                return self
+            if self._at_bound(there.z[self.index]):
+                self.crossing, self.end = float(there.z[self.index]), "bound"
+                return self
+            if abs(there.z[self.index] - self.search.found.z[self.index]) >= self._range():
+                return self
+            slope = max(reached - at, 0.0) / abs(there.z[self.index] - here.z[self.index])
+            wanted = root / STEPS_TO_END / slope if slope > 0.0 else np.inf
+            size = float(np.clip(wanted, size / MOST_GROWTH, size * MOST_GROWTH))
+            here, at = there, reached
+        return self
+
+    def _first_step(self, root: float) -> float:
+        standard = _standard_step(self.search, self.index) or FIRST_STEP
+        return min(standard * root / STEPS_TO_END, self._range() / STEPS_TO_END)
+
+    def _range(self) -> float:
+        return LOG_RANGE if self.search.unknowns.coordinates[self.index].is_log else LINEAR_RANGE
+
+    def _at_bound(self, z: float) -> bool:
+        bound = self.search.lower if self.direction < 0 else self.search.upper
+        return bool(self.direction * (z - bound[self.index]) >= 0.0)
+
+    def _next(self, here: Found, size: float) -> tuple[Found | None, float]:
+        """The minimum one step on, with shorter steps where the objective has no value."""
+        for _ in range(MOST_HALVINGS):
+            there = self._minimum(here, here.z[self.index] + self.direction * size)
+            if there is not None:
+                self.points.append((float(there.z[self.index]), self._drop(there)))
+                return there, size
+            size /= 2.0
+        return None, size
+
+    def _minimum(self, here: Found, value: float) -> Found | None:
+        """The minimum with the coordinate held at `value`, searched from where its tangent leads."""
+        i, search = self.index, self.search
+        value = float(np.clip(value, search.lower[i], search.upper[i]))
+        start = here.z + _tangent(here.evaluation.information, i) * (value - here.z[i])
+        lower, upper = search.lower.copy(), search.upper.copy()
+        lower[i] = upper[i] = value
+        for first in (start, here.z):
+            found = minimise(search.objective, first, lower, upper, ITERATIONS, CONVERGED_GAIN)
+            if found is not None:
+                return found
+        return None
+
+    def _drop(self, there: Found) -> float:
+        return float(2.0 * (there.evaluation.value - self.search.found.evaluation.value))
+
+    def _root_drop(self, there: Found) -> float:
+        return float(np.sqrt(max(self._drop(there), 0.0)))
+
+    def _refined(self, inside: Found, outside: Found) -> float:
+        """The crossing of the threshold; the root of the drop is nearly straight. False position, with the
+        Illinois weight, between two ends that are re-optimised."""
+        root = np.sqrt(self.threshold)
+        a, fa = inside.z[self.index], self._root_drop(inside) - root
+        b, fb = outside.z[self.index], self._root_drop(outside) - root
+        for _ in range(MOST_REFINEMENTS):
+            z = a - fa * (b - a) / (fb - fa)
+            there = self._minimum(inside, z)
+            if there is None:
+                break
+            self.points.append((float(z), self._drop(there)))
+            f = self._root_drop(there) - root
+            if abs(self._drop(there) - self.threshold) < AT_END * self.threshold:
+                break
+            if f * fb < 0.0:
+                a, fa = b, fb
+            else:
+                fa /= 2.0
+            b, fb = z, f
+        return float(z)
+
+
+def _tangent(information: np.ndarray, index: int) -> np.ndarray:
+    """dz / dz_i along which the others stay optimal to first order."""
+    others = np.flatnonzero((np.arange(len(information)) != index) & (np.diagonal(information) > 0.0))
+    scale = np.sqrt(np.diagonal(information)[others])
+    part = information[np.ix_(others, others)] / np.outer(scale, scale)
+    direction = np.zeros(len(information))
+    direction[others] = -np.linalg.lstsq(part, information[others, index] / scale, rcond=1e-10)[0] / scale
+    direction[index] = 1.0
+    return direction
