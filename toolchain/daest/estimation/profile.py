@@ -31,6 +31,7 @@ MOST_REFINEMENTS = 8
 AT_END = 0.01  # of the threshold: how well its crossing is found
 LOG_RANGE = np.log(1e3)  # an interval that is wider than this on one side counts as open
 LINEAR_RANGE = 100.0  # the same for a linear coordinate, in its scale
+LARGEST_MOVE = 1.0  # in z, of another unknown along the tangent
 ITERATIONS = 30
 CONVERGED_GAIN = 1e-4  # in log-likelihood, of the searches over the other unknowns
 BETTER = 0.05  # a value this much more likely than the estimate is a better optimum
@@ -185,14 +186,17 @@ class _Side:
         """The minimum with the coordinate held at `value`, searched from where its tangent leads."""
         i, search = self.index, self.search
         value = float(np.clip(value, search.lower[i], search.upper[i]))
-        start = here.z + _tangent(here.evaluation.information, i) * (value - here.z[i])
+        move = _tangent(here.evaluation.information, i) * (value - here.z[i])
+        # Along what the data hardly tell, a tangent may lead anywhere.
+        move[np.abs(move) > LARGEST_MOVE] = 0.0
         lower, upper = search.lower.copy(), search.upper.copy()
         lower[i] = upper[i] = value
-        for first in (start, here.z):
-            found = minimise(search.objective, first, lower, upper, ITERATIONS, CONVERGED_GAIN)
-            if found is not None:
-                return found
-        return None
+        starts = [np.clip(start, lower, upper) for start in (here.z + move, here.z)]
+        valued = [(there.value, n) for n, z in enumerate(starts) if (there := search.objective(z, False))]
+        if not valued:
+            return None
+        start = starts[min(valued)[1]]
+        return minimise(search.objective, start, lower, upper, ITERATIONS, CONVERGED_GAIN)
 
     def _drop(self, there: Found) -> float:
         return float(2.0 * (there.evaluation.value - self.search.found.evaluation.value))

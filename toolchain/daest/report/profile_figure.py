@@ -53,6 +53,7 @@ def _draw(ax: Axes, profile: Profile, parameter: FittedParameter) -> None:
     ax.set_xlabel(f"{profile.name} [{parameter.unit or '1'}]", fontsize=9)
     ax.set_ylabel("2 (log L best - log L)", fontsize=8)
     ax.tick_params(labelsize=7)
+    ax.locator_params(axis="x", nbins=3)
     ax.set_title(_title(profile), fontsize=9)
 
 
