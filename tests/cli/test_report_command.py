@@ -1,0 +1,335 @@
+"""`daest report`: the parts of the page, what is said of those that are missing, that user texts are harmless,
+and that a browser shows it without a complaint."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import html5lib
+import numpy as np
+import pytest
+from lag_data import LAG, recording, write_csv
+
+EVIL = "<script>alert('x')</script><img src=x onerror=alert(1)>"
+PROJECT = """\
+[model]
+source = "Lag.mo"
+[data]
+estimate = ["run1.csv"]
+validate = ["run2.csv"]
+hold = "zoh"
+"""
+PARTS = (
+    "model",
+    "noise",
+    "estimation",
+    "comparison",
+    "residuals",
+    "failures",
+    "filter",
+    "diagnosis",
+    "ledger",
+    "modelica",
+    "origin",
+)
+MOST_BYTES = 6_000_000
+NAMESPACE = "{http://www.w3.org/1999/xhtml}"
+
+
+@pytest.fixture
+def project(folder):
+    (folder / "daest.toml").write_text(PROJECT)
+    return folder
+
+
+@pytest.fixture
+def told(project, daest):
+    """A project in which the quick commands have run."""
+    for command in ("identify", "noise", "compare", "filter"):
+        code, _, err = daest(command)
+        assert code == 0, err
+    return project
+
+
+def parsed(path: Path):
+    """The tree of a page that an HTML5 parser finds without fault."""
+    return html5lib.HTMLParser(strict=True).parse(path.read_text(encoding="utf-8"))
+
+
+def elements(tree, name: str):
+    return list(tree.iter(NAMESPACE + name))
+
+
+def text_of(tree, part: str) -> str:
+    (section,) = [e for e in elements(tree, "section") if e.get("id") == part]
+    return " ".join(" ".join(section.itertext()).split())
+
+
+def is_missing(tree, part: str) -> bool:
+    return "Not here yet:" in text_of(tree, part)
+
+
+def test_nothing_to_report_on(tmp_path, monkeypatch, daest):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = daest("report")
+    assert code == 2 and "error[report-nothing]" in err and out == ""
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_new_project_has_its_model_and_is_told_what_to_run(project, daest):
+    assert daest("report")[0] == 0
+    tree = parsed(project / "report.html")
+    assert [e.get("id") for e in elements(tree, "section")] == list(PARTS)
+    assert not is_missing(tree, "model")
+    made_by = {"noise": "noise", "estimation": "identify", "comparison": "compare", "filter": "filter"}
+    made_by |= {"diagnosis": "diagnose", "ledger": "improve", "modelica": "improve"}
+    for part, command in made_by.items():
+        assert is_missing(tree, part) and f"daest {command}" in text_of(tree, part)
+    assert "T*der(x) = k*u - x" in text_of(tree, "model")
+
+
+def test_results_are_shown_with_their_numbers(told, daest):
+    assert daest("report", "-o", "page.html")[0] == 0
+    tree = parsed(told / "page.html")
+    present = [part for part in PARTS if not is_missing(tree, part)]
+    assert present == [*PARTS[:7], "origin"]
+    fit = json.loads((told / "results" / "fit.json").read_text())
+    for parameter in fit["parameters"].values():
+        assert f"{parameter['value']:.6g}" in text_of(tree, "estimation")
+    digest = next(f["sha256"] for f in fit["made_from"]["files"] if f["path"] == "run1.csv")
+    assert digest[:16] in text_of(tree, "origin") and "unchanged" in text_of(tree, "origin")
+
+
+def test_page_is_one_file_of_bearable_size(told, daest):
+    assert daest("report")[0] == 0
+    page = told / "report.html"
+    assert page.stat().st_size < MOST_BYTES
+    tree = parsed(page)
+    for element in tree.iter():
+        if not isinstance(element.tag, str):
+            continue
+        for name in ("src", "href", "action", "data", "poster", "srcset"):
+            value = element.get(name)
+            assert value is None or value.startswith(("#", "data:")), (element.tag, value)
+    for style in elements(tree, "style"):
+        assert "url(" not in style.text and "@import" not in style.text
+
+
+def test_series_of_the_plots_are_those_of_the_results(told, daest):
+    daest("report")
+    scripts = [s for s in elements(parsed(told / "report.html"), "script") if s.get("data-plot")]
+    targets = {s.get("data-plot") for s in scripts}
+    assert {"plot-structure", "plot-parameters", "plot-compare-0", "plot-filter", "plot-white-0"} <= targets
+    item = next(s.text for s in scripts if s.get("data-plot") == "plot-compare-0")
+    assert json.loads(item)["doc"]["roots"]
+    ids = {e.get("id") for e in elements(parsed(told / "report.html"), "div")}
+    assert targets <= ids
+    with np.load(told / "results" / "comparison.npz") as series:
+        assert series["0.measured"].shape == (300, 1) == series["0.0.simulated"].shape
+
+
+def test_texts_of_the_user_are_harmless(folder, daest):
+    evil = LAG.replace('"Time constant"', json.dumps(EVIL)).replace("First-order lag", EVIL.replace('"', ""))
+    (folder / "Lag.mo").write_text(evil)
+    (folder / "daest.toml").write_text(PROJECT.replace("run2.csv", "</script><b>.csv"))
+    (folder / "</script><b>.csv").parent.mkdir(exist_ok=True)
+    write_csv(folder / "</script><b>.csv", *recording(300, 2))
+    for command in ("identify", "compare", "filter", "report"):
+        code, _, err = daest(command)
+        assert code == 0, err
+    tree = parsed(folder / "report.html")
+    assert EVIL in "".join(elements(tree, "main")[0].itertext())
+    assert not elements(tree, "img") and not elements(tree, "b")
+    assert not [
+        s for s in elements(tree, "script") if "alert('x')" in (s.text or "") and not s.get("data-plot")
+    ]
+
+
+def test_texts_inside_results_are_harmless(told, daest):
+    path = told / "results" / "fit.json"
+    document = json.loads(path.read_text())
+    document["message"] = EVIL
+    document["parameters"][EVIL] = document["parameters"].pop("T")
+    path.write_text(json.dumps(document))
+    assert daest("report")[0] == 0
+    page = (told / "report.html").read_text()
+    assert "<script>alert" not in page and "<img" not in page
+    parsed(told / "report.html")
+
+
+@pytest.mark.parametrize("name", ["fit.json", "comparison.json", "filter.json", "noise.json"])
+@pytest.mark.parametrize("content", ["{", "[]", '{"schema": "x"}'])
+def test_damaged_results_are_named(told, daest, name, content):
+    (told / "results" / name).write_text(content)
+    code, out, err = daest("report")
+    assert code == 2 and "error[results-unreadable]" in err and "Traceback" not in err
+    assert not (told / "report.html").exists()
+
+
+def test_series_that_are_gone_are_named(told, daest):
+    (told / "results" / "comparison.npz").unlink()
+    code, _, err = daest("report")
+    assert code == 2 and "comparison.npz" in err and "daest compare" in err
+
+
+def test_a_file_that_changed_since_is_told(told, daest):
+    write_csv(told / "run1.csv", *recording(400, 7))
+    (told / "run2.csv").unlink()
+    assert daest("report")[0] == 0
+    said = text_of(parsed(told / "report.html"), "origin")
+    assert "changed" in said and "missing" in said
+
+
+def test_a_model_that_cannot_be_read_leaves_the_rest(told, daest):
+    (told / "Lag.mo").write_text("model Lag\n")
+    assert daest("report")[0] == 0
+    tree = parsed(told / "report.html")
+    assert is_missing(tree, "model") and not is_missing(tree, "estimation")
+    assert "The model cannot be read" in " ".join(tree.itertext())
+
+
+def test_diagnosis_and_ledger(told, daest):
+    """Documents of a diagnosis and an improvement, as those commands write them."""
+    results = told / "results"
+    (results / "improve").mkdir()
+    model = LAG + '\nmodel Lag_Drag "Lag with drag"\n  extends Lag;\nend Lag_Drag;\n'
+    (results / "improve" / "step1_Drag.mo").write_text(model)
+    curve = {
+        "place": "axle",
+        "variable": "x",
+        "unit": "N",
+        "variable_unit": "V",
+        "explained": 0.9,
+        "curve": [[-1.0, -2.0, 0.1], [0.0, 0.0, 0.1], [1.0, 2.0, 0.1]],
+    }
+    diagnosis = {
+        "verdict": "supported",
+        "message": "Drag at axle.",
+        "baseline": {"rms": {"validation": {"y": 0.2}}},
+        "candidates": [
+            {
+                "effect": "Drag",
+                "at": "axle",
+                "equivalent_places": ["wheel"],
+                "parameters": {"k": {"value": 2.0, "std_error": 0.1, "unit": "N"}},
+                "rms": {"validation": {"y": 0.02}},
+                "delta_bic": 99.0,
+                "verdict": "supported",
+                "reason": "",
+                "model": model,
+            }
+        ],
+        "screen": {"best": [{"effect": "Drag", "at": "axle", "score": 9.0}]},
+        "disturbance": curve,
+        "outputs": {"y": "V"},
+        "next_experiment": "",
+    }
+    steps = [
+        {"added": None, "at": None, "component": None, "rms": {"validation": {"y": 0.2}}, "parameters": {}},
+        {
+            "added": "Drag",
+            "at": "axle",
+            "component": "drag",
+            "rms": {"validation": {"y": 0.02}},
+            "delta_bic": 99.0,
+            "parameters": {"drag.k": {"value": 2.0, "std_error": 0.1, "unit": "N"}},
+            "disturbance": curve,
+            "model": "step1_Drag.mo",
+        },
+    ]
+    ledger = {"steps": steps, "outputs": {"y": "V"}, "reason": "Nothing is missing."}
+    (results / "diagnosis.json").write_text(json.dumps(diagnosis))
+    (results / "improve" / "ledger.json").write_text(json.dumps(ledger))
+    assert daest("report")[0] == 0
+    tree = parsed(told / "report.html")
+    assert not any(is_missing(tree, part) for part in PARTS)
+    assert "k = 2 ± 0.1 N" in text_of(tree, "ledger") and "Drag" in text_of(tree, "diagnosis")
+    marked = [e for e in elements(tree, "span") if e.get("class") == "hll"]
+    said = ["".join(e.itertext()).strip() for e in marked]
+    assert said == ['model Lag_Drag "Lag with drag"', "extends Lag;", "end Lag_Drag;"]
+    plots = {s.get("data-plot") for s in elements(tree, "script")}
+    assert {"plot-screen", "plot-curve", "plot-curve-1", "plot-staircase-0"} <= plots
+
+
+def test_palette_is_seen_on_both_grounds():
+    from daest.report.page.plots import COLORS, MEASURED
+
+    style = (Path(__file__).parents[2] / "toolchain/daest/report/page/style.css").read_text()
+    grounds = re.findall(r"--surface: (#\w+)", style)
+    inks = re.findall(r"--ink: (#\w+)", style)
+    softs = re.findall(r"--soft: (#\w+)", style)
+    assert len(grounds) == 3
+    for ground, ink, soft in zip(grounds, inks, softs, strict=True):
+        assert min(contrast(ground, ink), contrast(ground, soft)) >= 4.5
+        assert min(contrast(ground, color) for color in (*COLORS, MEASURED)) >= 3.0
+
+
+def contrast(one: str, other: str) -> float:
+    """Contrast of WCAG 2.1."""
+
+    def luminance(color: str) -> float:
+        parts = np.array([int(color[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+        linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+        return float(linear @ [0.2126, 0.7152, 0.0722])
+
+    low, high = sorted((luminance(one), luminance(other)))
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """A headless Chromium; tests that need one skip without it."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    found = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    with sync_api.sync_playwright() as playwright:
+        try:
+            launched = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        except sync_api.Error:
+            pytest.skip("no Chromium is installed")
+        yield launched
+        launched.close()
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1280, 390])
+def test_a_browser_shows_it_without_complaint(told, daest, browser, scheme, width):
+    daest("report")
+    context = browser.new_context(color_scheme=scheme, viewport={"width": width, "height": 800}, offline=True)
+    page = context.new_page()
+    complaints, requests = [], []
+    page.on("console", lambda m: complaints.append(m.text) if m.type in ("error", "warning") else None)
+    page.on("pageerror", lambda e: complaints.append(str(e)))
+    page.on("request", lambda r: requests.append(r.url))
+    page.goto((told / "report.html").as_uri())
+    page.wait_for_selector("html[data-ready]", timeout=20_000)
+    assert complaints == []
+    assert [url for url in requests if not url.startswith(("file:", "data:"))] == []
+    assert page.evaluate("document.documentElement.scrollWidth") == width
+    ground = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert ground == ("rgb(255, 255, 255)" if scheme == "light" else "rgb(17, 22, 29)")
+    context.close()
+
+
+@pytest.mark.browser
+def test_keyboard_moves_and_zooms(told, daest, browser):
+    daest("report")
+    page = browser.new_page()
+    page.goto((told / "report.html").as_uri())
+    page.wait_for_selector("html[data-ready]", timeout=20_000)
+    start = "Bokeh.documents.flatMap(d => [...d.all_models]).find(m => m.name === 'compare').x_range"
+    page.focus("#plot-compare-0")
+    before = page.evaluate(f"[{start}.start, {start}.end]")
+    page.keyboard.press("+")
+    zoomed = page.evaluate(f"[{start}.start, {start}.end]")
+    assert zoomed[1] - zoomed[0] == pytest.approx(0.8 * (before[1] - before[0]))
+    page.keyboard.press("ArrowRight")
+    moved = page.evaluate(f"[{start}.start, {start}.end]")
+    assert moved[0] - zoomed[0] == pytest.approx(0.1 * (zoomed[1] - zoomed[0]))
+    page.keyboard.press("0")
+    page.wait_for_timeout(300)
+    assert page.evaluate(f"[{start}.start, {start}.end]") == pytest.approx(before)
+    page.close()

@@ -1,0 +1,189 @@
+"""`daest report`: one HTML page of what stands in `results/`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from daest.cli.options import class_options, example, project_option
+from daest.cli.output import keep_inputs, note, write_text
+from daest.cli.results import LATEST, find_fit, fitted, read_document
+from daest.data.project import Project, load_project
+from daest.errors import ConfigError, DaestError, Place
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from daest.model.flat import FlatModel
+    from daest.report.page.material import Traced
+
+PAGE = "report.html"
+# Part of the page -> document in results/, and the command that writes it.
+DOCUMENTS = {
+    "noise": ("noise.json", "noise"),
+    "fit": (LATEST, "identify"),
+    "comparison": ("comparison.json", "compare"),
+    "filter": ("filter.json", "filter"),
+    "diagnosis": ("diagnosis.json", "diagnose"),
+    "ledger": ("improve/ledger.json", "improve"),
+}
+SERIES = ("comparison", "filter")
+
+
+@click.command("report", epilog=example("daest report -o report.html"))
+@click.option(
+    "-o",
+    "--output",
+    metavar="FILE",
+    type=click.Path(path_type=Path, allow_dash=True),
+    default=PAGE,
+    help=f"Write the page there; - is stdout (default: {PAGE}).",
+)
+@class_options
+@project_option
+def command(
+    output: Path, class_name: str | None, libraries: tuple[Path, ...], project_file: Path | None
+) -> None:
+    """Write one HTML page of the project: model, noise, estimates, comparison, diagnosis, what was added.
+
+    It shows what the other commands have left in results/, says which one makes what is missing, and opens
+    without a network.
+    """
+    project = load_project(project_file)
+    keep_inputs(output, [project.source, *project.estimate, *project.validate])
+    write_text(report_page(project, class_name, libraries), output)
+    if str(output) != "-":
+        note(f"the report is in {output}")
+
+
+def report_page(project: Project, class_name: str | None = None, libraries: tuple[Path, ...] = ()) -> str:
+    """HTML of the report. Raises ConfigError `report-nothing`, `results-unreadable`."""
+    from daest.report.page.material import Material
+    from daest.report.page.render import page
+
+    documents = _documents(project)
+    if not documents and project.source is None:
+        raise ConfigError(
+            "report-nothing",
+            "there is neither a daest.toml with a model nor a result to report on",
+            where=Place(str(project.results)),
+            remedy="go to the folder of the project, or name its daest.toml with -p; daest init writes one",
+        )
+    flat, remarks = _model(project, class_name, libraries)
+    ledger = documents.get("ledger")
+    material = Material(
+        title=project.folder.resolve().name if flat is None else flat.name,
+        version=_version(),
+        flat=flat,
+        base=_text(project.source),
+        sources=_sources(project, ledger),
+        comparison_series=_series(project, "comparison", documents),
+        filter_series=_series(project, "filter", documents),
+        trace=_trace(project, documents),
+        versions=_versions(documents),
+        remarks=remarks,
+        **documents,
+    )
+    try:
+        return page(material)
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        raise ConfigError(
+            "results-unreadable",
+            f"a document is not of the form that daest writes: {type(error).__name__} {error}",
+            where=Place(str(project.results)),
+            remedy="run the commands again that made the documents there",
+        ) from error
+
+
+def _documents(project: Project) -> dict[str, dict[str, Any]]:
+    paths = {part: project.results / name for part, (name, _) in DOCUMENTS.items()}
+    return {part: read_document(path) for part, path in paths.items() if path.is_file()}
+
+
+def _model(
+    project: Project, class_name: str | None, libraries: tuple[Path, ...]
+) -> tuple[FlatModel | None, tuple[str, ...]]:
+    """The model with the values of its fit, or why there is none."""
+    if project.source is None:
+        return None, ()
+    from daest.cli.models import load_model
+
+    try:
+        flat = load_model(project, None, class_name, libraries)
+        fit = find_fit(project, project.source, flat.name)
+    except DaestError as problem:
+        return None, (f"The model cannot be read: {problem.what}",)
+    return (flat if fit is None else fitted(flat, fit[1])), ()
+
+
+def _series(project: Project, part: str, documents: Mapping[str, dict[str, Any]]) -> dict[str, np.ndarray]:
+    """The arrays beside a document. Raises ConfigError `results-unreadable`."""
+    if part not in documents:
+        return {}
+    import zipfile
+
+    import numpy as np
+
+    path = project.results / f"{part}.npz"
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise ConfigError(
+            "results-unreadable",
+            f"the series cannot be read: {error}",
+            where=Place(str(path)),
+            remedy=f"write them anew with daest {DOCUMENTS[part][1]}",
+        ) from error
+
+
+def _sources(project: Project, ledger: Mapping[str, Any] | None) -> dict[str, str]:
+    """The models of an improvement, by file name, that still stand beside its ledger."""
+    if ledger is None:
+        return {}
+    folder = project.results / "improve"
+    names = [step.get("model") for step in ledger.get("steps", [])]
+    texts = {name: _text(folder / name) for name in names if name and Path(name).name == name}
+    return {name: text for name, text in texts.items() if text is not None}
+
+
+def _text(path: Path | None) -> str | None:
+    if path is None or path.suffix != ".mo" or not path.is_file():
+        return None
+    return path.read_text(encoding="utf-8-sig", errors="replace")
+
+
+def _versions(documents: Mapping[str, dict[str, Any]]) -> dict[str, dict[str, str]]:
+    found = {}
+    for part, document in documents.items():
+        origin = document.get("made_from")
+        if origin:
+            versions = {"daest": origin["daest"], "Python": origin["python"], **origin["packages"]}
+            found[f"daest {DOCUMENTS[part][1]}"] = versions
+    return found
+
+
+def _trace(project: Project, documents: Mapping[str, dict[str, Any]]) -> tuple[Traced, ...]:
+    """The files behind the results, each content once, with what has become of it."""
+    from daest.cli.kept import fingerprint
+    from daest.report.page.material import Traced
+
+    used: dict[tuple[str, str, str], list[str]] = {}
+    for part, document in documents.items():
+        for file in document.get("made_from", {}).get("files", []):
+            used.setdefault((file["role"], file["path"], file["sha256"]), []).append(DOCUMENTS[part][1])
+    traced = []
+    for (role, path, digest), commands in sorted(used.items()):
+        now = project.folder / path
+        state = "missing" if not now.is_file() else "same" if fingerprint(now) == digest else "changed"
+        traced.append(Traced(role, path, digest, state, tuple(commands)))
+    return tuple(traced)
+
+
+def _version() -> str:
+    from daest import __version__
+
+    return __version__

@@ -1,0 +1,24 @@
+"""Modelica as highlighted HTML, with the lines that are new marked."""
+
+from __future__ import annotations
+
+from difflib import SequenceMatcher
+
+CLASS = "modelica"  # of the enclosing element
+
+
+def added_lines(text: str, base: str) -> list[int]:
+    """Numbers, from 1, of the lines of `text` that `base` does not have."""
+    old, new = base.splitlines(), text.splitlines()
+    blocks = SequenceMatcher(None, old, new, autojunk=False).get_matching_blocks()
+    kept = {line for _, start, size in blocks for line in range(start, start + size)}
+    return [i + 1 for i in range(len(new)) if i not in kept and new[i].strip()]
+
+
+def highlighted(text: str, new: list[int]) -> str:
+    """HTML of a Modelica text with every character of it escaped; lines `new`, from 1, are marked."""
+    from pygments import highlight
+    from pygments.formatters import HtmlFormatter
+    from pygments.lexers import ModelicaLexer
+
+    return highlight(text, ModelicaLexer(), HtmlFormatter(cssclass=CLASS, hl_lines=new))

@@ -1,0 +1,467 @@
+"""Interactive plots of a report. Colours of axes and text are those of the page, by its style sheet; those of
+the data are seen on a light and on a dark ground."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from bokeh.embed import json_item
+from bokeh.layouts import gridplot
+from bokeh.models import (
+    BoxAnnotation,
+    ColumnDataSource,
+    FixedTicker,
+    HoverTool,
+    LabelSet,
+    LayoutDOM,
+    Range1d,
+    Span,
+)
+from bokeh.plotting import figure
+
+from daest.report.page.material import Document, Series
+from daest.report.page.thinning import thinned
+from daest.report.spectra import autocorrelation, spectrum
+
+# At least 3:1 against the ground of both schemes; told apart by the common kinds of colour blindness, and by
+# dashes where lines lie on each other.
+COLORS = ("#2b7fc4", "#cf5f12", "#2c8c64", "#a066c4", "#9a7b12", "#7d8590")
+MEASURED = "#7d8590"
+ALARM = "#cf5f12"
+DASHES = ("solid", "dashed", "dotdash", "dotted", "dashdot", "solid")
+BAND = 1.96  # standard deviations to either side of a 95 % band
+MOST_POINTS = 4000  # of a series
+MOST_IN_ALL = 120_000  # points of all series of a kind of plot
+NARROW, MIDDLE, TALL = 190, 240, 300  # px
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A plot to embed. `label` says in words what is seen; `note` what the reader must know, as HTML-free
+    text."""
+
+    id: str
+    label: str
+    item: str  # JSON
+    note: str = ""
+
+
+def comparison_plots(document: Document, series: Series) -> Iterator[Plot]:
+    """Per recording: measured and simulated values of every output, and below them the errors."""
+    outputs, models = document["outputs"], [m["name"] for m in document["models"]]
+    most = _points(len(document["data"]) * len(outputs) * (1 + 2 * len(models)))
+    for r, recording in enumerate(document["data"]):
+        time, measured = series[f"{r}.time"], series[f"{r}.measured"]
+        simulated = [series[f"{r}.{m}.simulated"] for m in range(len(models))]
+        figures: list[Any] = []
+        for i, (name, unit) in enumerate(outputs.items()):
+            shared = figures[0].x_range if figures else None
+            values = _figure("", _titled(name, unit), MIDDLE, shared)
+            values.name = "compare"
+            _dots(values, time, measured[:, i], "measured", most)
+            errors = _figure("", _titled("error", unit), NARROW, values.x_range)
+            for m, model in enumerate(models):
+                _line(values, time, simulated[m][:, i], model, m, most)
+                _line(errors, time, measured[:, i] - simulated[m][:, i], model, m, most, legend=False)
+            errors.add_layout(Span(location=0.0, dimension="width", line_color=MEASURED, line_width=1))
+            _mark_windows(errors, document, name, recording)
+            _legend(values)
+            figures += [values, errors]
+        figures[-1].xaxis.axis_label = "time [s]"
+        yield Plot(
+            f"plot-compare-{r}",
+            f"Measured and simulated {', '.join(outputs)} of {recording} against time, errors below",
+            _item(_stacked(figures)),
+            _thinning_note(time.size, most),
+        )
+
+
+def _mark_windows(plot: Any, document: Document, output: str, recording: str) -> None:
+    """Stretches of time in which the error is larger than elsewhere."""
+    for finding in (f for model in document["models"] for f in model["where"]):
+        if finding["kind"] == "time" and finding["output"] == output and finding["data"] in (None, recording):
+            box = _shade(ALARM, 0.15, left=finding["low"], right=finding["high"])
+            plot.add_layout(box)
+
+
+def frequency_plots(document: Document, series: Series) -> Iterator[Plot]:
+    """Amplitude density of every measured output and of its simulation errors, first recording."""
+    for i, (name, unit) in enumerate(document["outputs"].items()):
+        time, measured = series["0.time"], series["0.measured"][:, i]
+        found = spectrum(time, measured)
+        if found is None:
+            continue
+        plot = _figure("frequency [Hz]", f"{name} [{unit or '1'}/√Hz]", TALL, None, "log", "log")
+        plot.line(*found, color=MEASURED, line_width=2, legend_label="measured")
+        for m, model in enumerate(document["models"]):
+            error = spectrum(time, measured - series[f"0.{m}.simulated"][:, i])
+            if error is not None:
+                _plain_line(plot, *error, f"error of {model['name']}", m)
+        _legend(plot)
+        yield Plot(
+            f"plot-frequency-{i}", f"Spectrum of {name} and of the errors of its simulation", _item(plot)
+        )
+
+
+def residual_plots(document: Document, series: Series) -> Iterator[Plot]:
+    """Autocorrelation of the one-step errors and growth of the error with the horizon, by output."""
+    recordings = range(len(document["data"]))
+    period = float(np.median(np.diff(series["0.time"]))) if series["0.time"].size > 1 else 1.0
+    for i, (name, unit) in enumerate(document["outputs"].items()):
+        white = _figure("lag [s]", f"autocorrelation of {name} [1]", TALL)
+        growth = _figure("predicted over [s]", _titled(f"rms error of {name}", unit), TALL, None, "log")
+        for m, model in enumerate(document["models"]):
+            residuals = [
+                series[f"{r}.{m}.residuals"][:, i] for r in recordings if f"{r}.{m}.residuals" in series
+            ]
+            if residuals:
+                values, band = autocorrelation(residuals)
+                _plain_line(
+                    white, period * np.arange(1, values.size + 1), values, model["name"], m, dots=True
+                )
+                white.add_layout(_shade(MEASURED, 0.2, bottom=-band, top=band))
+            ahead = [(h["seconds"], h["rms"][name]) for h in model["growth"] if h["rms"][name] is not None]
+            if ahead:
+                _plain_line(growth, *_columns(ahead), model["name"], m, True)
+            whole = model["rms"][name]
+            if whole is not None:
+                color = COLORS[m % len(COLORS)]
+                growth.add_layout(
+                    Span(location=whole, dimension="width", line_color=color, line_dash="dashed")
+                )
+        if white.renderers:
+            _legend(white)
+            label = f"Autocorrelation of the one-step errors of {name}; grey: 99 % band if white"
+            yield Plot(f"plot-white-{i}", label, _item(white))
+        if growth.renderers:
+            growth.y_range.start = 0.0
+            _legend(growth)
+            label = f"Error of predictions of {name} against their horizon; dashed: of the whole simulation"
+            yield Plot(f"plot-growth-{i}", label, _item(growth))
+
+
+def filter_plot(document: Document, series: Series) -> Plot | None:
+    """Estimates with their 95 % bands, and the measurements."""
+    time, figures = series["time"], list[Any]()
+    most = _points(4 * len(document["series"]))
+    for i, column_ in enumerate(document["series"]):
+        shared = figures[0].x_range if figures else None
+        used = "" if column_["used"] or not column_["measured"] else " (not used)"
+        plot = _figure("", _titled(column_["name"] + used, column_["unit"]), MIDDLE, shared)
+        value, std = series["values"][:, i], series["std"][:, i]
+        known = np.isfinite(std)
+        low, high = (np.where(known, value + side * BAND * std, np.nan) for side in (-1, 1))
+        at = np.union1d(thinned(low, most // 2), thinned(high, most // 2))
+        if column_["measured"]:
+            _dots(plot, time, series["measured"][:, i], "measured", most)
+        plot.varea(time[at], low[at], high[at], color=COLORS[0], alpha=0.25, legend_label="95 %")
+        _line(plot, time, value, "smoothed" if document["smoothed"] else "filtered", 0, most)
+        plot.y_range = Range1d(*_limits(value, series["measured"][:, i]))
+        _legend(plot)
+        figures.append(plot)
+    if not figures:
+        return None
+    figures[-1].xaxis.axis_label = "time [s]"
+    names = ", ".join(c["name"] for c in document["series"])
+    return Plot(
+        "plot-filter",
+        f"Estimates of {names} against time with their 95 % bands",
+        _item(_stacked(figures)),
+        _thinning_note(time.size, most),
+    )
+
+
+def parameter_plot(document: Document) -> Plot | None:
+    """95 % interval of every parameter, in percent of its estimate."""
+    rows = [
+        (name, 100.0 * BAND * p["std_error"] / abs(p["value"]))
+        for name, p in document["parameters"].items()
+        if p["std_error"] is not None and p["value"]
+    ]
+    if not rows:
+        return None
+    names = [name for name, _ in rows][::-1]
+    widths = np.array([width for _, width in rows][::-1])
+    plot = figure(
+        y_range=names,
+        height=70 + 26 * len(names),
+        sizing_mode="stretch_width",
+        x_axis_label="95 % interval around the estimate [%]",
+        tools="save",
+        toolbar_location="above",
+    )
+    plot.toolbar.logo = None
+    source = ColumnDataSource({"name": names, "low": -widths, "high": widths})
+    plot.hbar("name", left="low", right="high", height=0.45, color=COLORS[0], fill_alpha=0.35, source=source)
+    plot.scatter(x=[0.0] * len(names), y=names, size=7, color=COLORS[0])
+    plot.add_tools(HoverTool(tooltips=[("", "@name"), ("95 %", "± @high{0.000} %")]))
+    label = "Uncertainty of every parameter: " + ", ".join(f"{n} ± {w:.2g} %" for n, w in rows)
+    return Plot("plot-parameters", label, _item(plot))
+
+
+def structure_plot(document: Document, groups: Sequence[str], columns: Sequence[str]) -> Plot:
+    """Equations (rows) and unknowns (columns) by component: squares where E has an entry, dots where J has;
+    rows that may not carry white noise in the colour of an alarm. `groups` and `columns` are the component of
+    every row and column, in an order that keeps components together."""
+    equations, structure = document["equations"], document["structure"]
+    row_order, column_order = _grouped(groups), _grouped(columns)
+    row_of = {index: place for place, index in enumerate(row_order)}
+    column_of = {index: place for place, index in enumerate(column_order)}
+    plot = _figure("unknowns by component", "equations by component", 640)
+    plot.x_range = Range1d(-1, len(columns))
+    plot.y_range = Range1d(len(groups), -1)
+    for index, equation in enumerate(equations):
+        if not equation["admissible"]:
+            place = row_of[index]
+            plot.add_layout(_shade(ALARM, 0.16, bottom=place - 0.5, top=place + 0.5))
+    names = [u["name"] for u in structure["unknowns"]]
+    for key, marker, size, fill in (("J", "circle", 7, 0.0), ("E", "square", 8, 1.0)):
+        for forbidden, color in ((False, COLORS[0]), (True, ALARM)):
+            places = [(r, c) for r, c in structure[key] if equations[r]["admissible"] is not forbidden]
+            source = ColumnDataSource(
+                {
+                    "x": [column_of[c] for _, c in places],
+                    "y": [row_of[r] for r, _ in places],
+                    "equation": [equations[r]["text"] for r, _ in places],
+                    "origin": [equations[r]["origin"] for r, _ in places],
+                    "unknown": [("der of " if key == "E" else "") + names[c] for _, c in places],
+                    "verdict": ["no white noise here" if forbidden else "white noise may enter"]
+                    * len(places),
+                }
+            )
+            plot.scatter("x", "y", source=source, marker=marker, size=size, color=color, fill_alpha=fill)
+    plot.add_tools(
+        HoverTool(tooltips=[("", "@equation"), ("of", "@origin"), ("", "@unknown"), ("", "@verdict")])
+    )
+    _mark_groups(plot.xaxis[0], plot, [columns[i] for i in column_order], "height")
+    _mark_groups(plot.yaxis[0], plot, [groups[i] for i in row_order], "width")
+    plot.xaxis.major_label_orientation = 0.9
+    count = sum(not e["admissible"] for e in equations)
+    label = f"{len(equations)} equations and their unknowns by component; {count} may not carry white noise"
+    return Plot("plot-structure", label, _item(plot))
+
+
+def _mark_groups(axis: Any, plot: Any, names: Sequence[str], dimension: str) -> None:
+    """The name of every group at its middle, and a line between groups."""
+    starts = [i for i in range(len(names)) if i == 0 or names[i] != names[i - 1]]
+    ends = [*starts[1:], len(names)]
+    middles = [(a + b - 1) / 2 for a, b in zip(starts, ends, strict=True)]
+    axis.ticker = FixedTicker(ticks=middles)
+    axis.major_label_overrides = {m: names[s] for m, s in zip(middles, starts, strict=True)}
+    plot.grid.visible = False
+    for start in starts[1:]:
+        line = Span(location=start - 0.5, dimension=dimension, line_color=MEASURED, line_alpha=0.35)
+        plot.add_layout(line)
+
+
+def curve_plot(identity: str, curve: Mapping[str, Any]) -> Plot:
+    """An unexplained load against the variable that explains it best."""
+    x, w, std = np.array(curve["curve"], dtype=float).reshape(-1, 3).T
+    unit, variable_unit = curve["unit"] or "1", curve["variable_unit"] or "1"
+    plot = _figure(f"{curve['variable']} [{variable_unit}]", f"unexplained load [{unit}]", TALL)
+    plot.add_layout(Span(location=0.0, dimension="width", line_color=MEASURED, line_width=1))
+    plot.varea(x, w - BAND * std, w + BAND * std, color=COLORS[0], alpha=0.25, legend_label="95 %")
+    plot.line(x, w, color=COLORS[0], line_width=2, legend_label=f"load at {curve['place']}")
+    plot.scatter(x, w, color=COLORS[0], size=5)
+    _legend(plot)
+    label = f"Unexplained load at {curve['place']} against {curve['variable']}"
+    return Plot(identity, label, _item(plot))
+
+
+def staircase_plots(ledger: Document) -> Iterator[Plot]:
+    """Validation error of every output from step to step."""
+    steps = ledger["steps"]
+    names = ["as it is" if s["added"] is None else f"{i}. + {s['added']}" for i, s in enumerate(steps)]
+    for i, (output, unit) in enumerate(ledger["outputs"].items()):
+        errors = [step["rms"].get("validation", {}).get(output) for step in steps]
+        if all(e is None for e in errors):
+            continue
+        plot = figure(
+            x_range=names,
+            height=TALL,
+            sizing_mode="stretch_width",
+            y_axis_label=_titled(f"rms error of {output}", unit),
+            tools="save",
+            toolbar_location="above",
+        )
+        plot.toolbar.logo = None
+        heights = [np.nan if e is None else e for e in errors]
+        places = ["" if s["at"] is None else f"at {s['at']}" for s in steps]
+        texts = ["" if e is None else f"{e:.3g}" for e in errors]
+        source = ColumnDataSource({"step": names, "error": heights, "place": places, "text": texts})
+        color = COLORS[i % len(COLORS)]
+        plot.vbar("step", top="error", width=0.98, color=color, fill_alpha=0.35, source=source)
+        plot.add_layout(_bar_labels(source))
+        plot.y_range = Range1d(0.0, 1.2 * max((e for e in errors if e is not None), default=1.0) or 1.0)
+        plot.xgrid.visible = False
+        plot.xaxis.major_label_orientation = 0.5
+        plot.add_tools(HoverTool(tooltips=[("", "@step @place"), ("rms", "@error")]))
+        label = f"Error of {output} on validation data from step to step: " + ", ".join(texts)
+        yield Plot(f"plot-staircase-{i}", label, _item(plot))
+
+
+def _bar_labels(source: Any) -> Any:
+    return LabelSet(
+        x="step",
+        y="error",
+        text="text",
+        source=source,
+        text_align="center",
+        y_offset=3,
+        text_font_size="12px",
+    )
+
+
+def screen_plot(document: Document) -> Plot | None:
+    """The highest scores of the screen, accepted candidates in colour."""
+    accepted = {(c["effect"], c["at"]) for c in document["candidates"] if c["verdict"] != "rejected"}
+    best: dict[tuple[str, str], float] = {}
+    for entry in document["screen"]["best"]:
+        best.setdefault((entry["effect"], entry["at"]), entry["score"])
+    if not best:
+        return None
+    rows = list(best.items())[:12][::-1]
+    names = [f"{effect} at {at}" for (effect, at), _ in rows]
+    plot = figure(
+        y_range=names,
+        height=80 + 24 * len(names),
+        sizing_mode="stretch_width",
+        x_axis_label="score of the screen [standard deviations]",
+        tools="save",
+        toolbar_location="above",
+    )
+    plot.toolbar.logo = None
+    colors = [COLORS[0] if key in accepted else MEASURED for key, _ in rows]
+    source = ColumnDataSource({"name": names, "score": [score for _, score in rows], "color": colors})
+    plot.hbar("name", right="score", height=0.6, color="color", fill_alpha=0.6, source=source)
+    plot.x_range.start = 0
+    plot.add_tools(HoverTool(tooltips=[("", "@name"), ("score", "@score{0.0}")]))
+    return Plot("plot-screen", "Scores of the screen: " + "; ".join(names[::-1]), _item(plot))
+
+
+def _figure(
+    x_label: str,
+    y_label: str,
+    height: int,
+    x_range: Any = None,
+    x_axis: str = "linear",
+    y_axis: str = "linear",
+) -> Any:
+    """A figure as wide as the page. Dragging zooms; the wheel scrolls the page until it is switched on."""
+    options: dict[str, Any] = {} if x_range is None else {"x_range": x_range}
+    plot = figure(
+        height=height,
+        sizing_mode="stretch_width",
+        x_axis_label=x_label or None,
+        y_axis_label=y_label,
+        x_axis_type=x_axis,
+        y_axis_type=y_axis,
+        tools="box_zoom,pan,wheel_zoom,zoom_in,zoom_out,reset,save",
+        toolbar_location="above",
+        active_drag="box_zoom",
+        active_scroll=None,
+        output_backend="canvas",
+        **options,
+    )
+    plot.toolbar.logo = None
+    return plot
+
+
+def _columns(pairs: Sequence[tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
+    table = np.array(pairs, dtype=float)
+    return table[:, 0], table[:, 1]
+
+
+def _level(value: float, color: str) -> Any:
+    return Span(location=value, dimension="width", line_color=color, line_dash="dashed")
+
+
+def _shade(color: str, alpha: float, **sides: float) -> Any:
+    """A box between `sides`."""
+    return BoxAnnotation(line_color=None, fill_color=color, fill_alpha=alpha, **sides)
+
+
+def _dots(plot: Any, x: np.ndarray, y: np.ndarray, name: str, most: int) -> None:
+    at = thinned(y, most)
+    plot.scatter(x[at], y[at].astype(np.float32), size=3, color=MEASURED, legend_label=name, line_color=None)
+
+
+def _line(
+    plot: Any, x: np.ndarray, y: np.ndarray, name: str, number: int, most: int, legend: bool = True
+) -> None:
+    at = thinned(y, most)
+    _plain_line(plot, x[at], y[at].astype(np.float32), name if legend else "", number)
+
+
+def _plain_line(plot: Any, x: np.ndarray, y: np.ndarray, name: str, number: int, dots: bool = False) -> None:
+    color, dash = COLORS[number % len(COLORS)], DASHES[number % len(DASHES)]
+    named = {"legend_label": name} if name else {}
+    line = plot.line(x, y, color=color, line_dash=dash, line_width=1.6, **named)
+    if dots:
+        plot.scatter(x, y, color=color, size=4)
+    plot.add_tools(HoverTool(renderers=[line], tooltips=[("", name or "error"), ("x", "$x"), ("y", "$y")]))
+
+
+def _legend(plot: Any) -> None:
+    """The legend above the plot, where it hides nothing."""
+    for legend in list(plot.legend):
+        legend.click_policy = "hide"
+        legend.orientation = "horizontal"
+        legend.background_fill_alpha, legend.border_line_alpha = 0.0, 0.0
+        legend.padding, legend.margin, legend.label_text_font_size = 2, 0, "12px"
+        plot.center.remove(legend)
+        plot.add_layout(legend, "above")
+
+
+def _stacked(figures: Sequence[Any]) -> Any:
+    """Figures below each other with one bar of tools."""
+    return gridplot(
+        [[plot] for plot in figures],
+        sizing_mode="stretch_width",
+        toolbar_location="above",
+        merge_tools=True,
+        toolbar_options={"logo": None},
+    )
+
+
+def _item(layout: LayoutDOM) -> str:
+    """JSON of a layout; no text in it can end the script element that it stands in."""
+    text = json.dumps(json_item(layout))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _titled(name: str, unit: str) -> str:
+    return f"{name} [{unit or '1'}]"
+
+
+def _points(n_series: int) -> int:
+    return max(200, min(MOST_POINTS, MOST_IN_ALL // max(n_series, 1)))
+
+
+def _thinning_note(n_samples: int, most: int) -> str:
+    if n_samples <= most:
+        return ""
+    return (
+        f"Of {n_samples} samples of a series at most {most} are drawn: the smallest and the largest of every "
+        "stretch of equal length, so that no peak is lost."
+    )
+
+
+def _limits(*signals: np.ndarray) -> tuple[float, float]:
+    """A range that shows all but the most extreme 1 % at either end: an unknown start makes the first
+    estimates wild."""
+    known = [s[np.isfinite(s)] for s in signals]
+    quantiles = [np.quantile(s, (0.01, 0.99)) for s in known if s.size]
+    low, high = min((q[0] for q in quantiles), default=0.0), max((q[1] for q in quantiles), default=1.0)
+    margin = 0.25 * (high - low) or 1.0
+    return float(low - margin), float(high + margin)
+
+
+def _grouped(groups: Sequence[str]) -> list[int]:
+    """Indices ordered by the first appearance of their group."""
+    first = {name: i for i, name in reversed(list(enumerate(groups)))}
+    return sorted(range(len(groups)), key=lambda i: (first[groups[i]], i))

@@ -1,0 +1,53 @@
+"""The report as one HTML page that loads nothing."""
+
+from __future__ import annotations
+
+import re
+from importlib import resources
+
+from markupsafe import Markup, escape
+
+from daest.report.console import number, percent
+from daest.report.page.material import Material
+from daest.report.page.sections import headline, places, sections
+
+ROOM = "daest.report.page"
+QUOTED = re.compile("`([^`]*)`")
+
+
+def page(material: Material) -> str:
+    """HTML of the report. Every text of the user's is escaped; styles, scripts and plots stand in the page.
+
+    Raises KeyError, TypeError or ValueError for a document that no command wrote.
+    """
+    from jinja2 import Environment, PackageLoader
+
+    environment = Environment(loader=PackageLoader(ROOM, "."), autoescape=True, trim_blocks=True)
+    environment.filters["number"] = number
+    environment.filters["percent"] = percent
+    environment.filters["quoted"] = _quoted
+    environment.globals["places"] = places
+    return environment.get_template("page.html.jinja").render(
+        material=material,
+        headline=headline(material),
+        sections=sections(material),
+        style=_text("style.css"),
+        script=_text("page.js"),
+        library=_library(),
+    )
+
+
+def _quoted(text: str) -> Markup:
+    """The text, escaped, with what stands between backquotes as code."""
+    return Markup(QUOTED.sub(r"<code>\1</code>", str(escape(text))))
+
+
+def _library() -> str:
+    """The drawing library, without the end of a script element in its texts."""
+    from bokeh.resources import Resources
+
+    return Resources(mode="inline", components=["bokeh"]).js_raw[0].replace("</script", "<\\/script")
+
+
+def _text(name: str) -> str:
+    return resources.files(ROOM).joinpath(name).read_text(encoding="utf-8")

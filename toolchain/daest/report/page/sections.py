@@ -1,0 +1,302 @@
+"""The parts of a report as values that the template writes out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from daest.model.flat import FlatModel
+from daest.report.console import number
+from daest.report.page import plots
+from daest.report.page.material import Document, Material
+from daest.report.page.modelica_text import added_lines, highlighted
+from daest.report.page.plots import Plot
+
+CONNECTIONS = "connections"
+TESTS = {
+    "whiteness": "whiteness",
+    "input_independence": "independence of the inputs",
+    "variable_independence": "independence of internal variables",
+    "nis": "size (normalised innovations squared)",
+}
+MOST_PLACES = 12  # of a list of places
+
+
+@dataclass(frozen=True)
+class Group:
+    """A component with its equations, each as text and place in the source."""
+
+    name: str
+    equations: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page. `made_by` is the command that makes what is missing; `present` tells whether there
+    is anything. `content` is what the template of this part reads."""
+
+    id: str
+    title: str
+    made_by: str
+    present: bool
+    content: Mapping[str, Any] = field(default_factory=dict)
+    plots: tuple[Plot, ...] = ()
+
+
+def sections(material: Material) -> list[Section]:
+    """All parts in the order of the story. Raises KeyError, TypeError or ValueError for a document that no
+    command wrote."""
+    return [
+        _model(material.flat),
+        _noise(material.noise),
+        _estimation(material.fit),
+        _comparison(material),
+        _residuals(material),
+        _failures(material.comparison),
+        _filter(material),
+        _diagnosis(material.diagnosis),
+        _improvement(material),
+        _modelica(material),
+        _origin(material),
+    ]
+
+
+def headline(material: Material) -> list[tuple[str, str]]:
+    """The answer at a glance: pairs of a short label and a sentence."""
+    found: list[tuple[str, str]] = []
+    if material.fit is not None:
+        found.append(("fit", _fit_sentence(material.fit)))
+    if material.comparison is not None:
+        verdicts = [f"{m['name']}: {m['verdict'] or 'not tested'}" for m in material.comparison["models"]]
+        found.append(("data against model", "; ".join(verdicts)))
+    if material.diagnosis is not None:
+        found.append(("diagnosis", f"{material.diagnosis['verdict']}. {material.diagnosis['message']}"))
+    if material.ledger is not None:
+        found.append(("improvement", _ledger_sentence(material.ledger)))
+    return found
+
+
+def _fit_sentence(fit: Document) -> str:
+    part = "validation" if "validation" in fit["fit_percent"] else "estimation"
+    fits = [f"{name} {_percent(v)} %" for name, v in fit["fit_percent"].get(part, {}).items()]
+    return f"{', '.join(fits)} of the {part} data simulated"
+
+
+def _ledger_sentence(ledger: Document) -> str:
+    added = [f"{s['added']} at {s['at']}" for s in ledger["steps"] if s["added"]]
+    if not added:
+        return f"Nothing added: {ledger['reason']}"
+    first, last = (ledger["steps"][i]["rms"].get("validation", {}) for i in (0, -1))
+    falls = [
+        f"{name} from {number(first.get(name), 3)} to {number(last.get(name), 3)} {unit}"
+        for name, unit in ledger["outputs"].items()
+    ]
+    return f"Added {', then '.join(added)}. Error on validation data: {'; '.join(falls)}"
+
+
+def _model(flat: FlatModel | None) -> Section:
+    if flat is None:
+        return Section("model", "The model", 'a daest.toml that names it, `[model] source = "..."`', False)
+    groups: dict[str, list[tuple[str, str]]] = {}
+    for equation in flat.equations:
+        place = equation.place
+        where = "" if place is None else f"{_file_name(place.file)}:{place.line or ''}".rstrip(":")
+        groups.setdefault(component(equation.origin), []).append((equation.text, where))
+    content = {
+        "name": flat.name,
+        "description": flat.description,
+        "groups": [Group(name, tuple(rows)) for name, rows in groups.items()],
+        "n": flat.n,
+        "inputs": flat.inputs,
+        "outputs": flat.outputs,
+        "noises": flat.noises,
+        "parameters": flat.parameters,
+        "unknowns": flat.unknowns,
+    }
+    return Section("model", "The model", "", True, content)
+
+
+def component(origin: str) -> str:
+    """The component that an equation belongs to; connections, between several, are one group."""
+    return CONNECTIONS if "," in origin or not origin else origin
+
+
+def _noise(document: Document | None) -> Section:
+    title = "Where white noise may enter"
+    if document is None:
+        return Section("noise", title, "`daest noise` makes it", False)
+    forbidden = [e for e in document["equations"] if not e["admissible"]]
+    advice: dict[str, list[str]] = {}
+    for equation in forbidden:
+        advice.setdefault(equation["advice"], []).append(equation["text"])
+    groups = [component(e["origin"]) for e in document["equations"]]
+    names = [u["name"] for u in document["structure"]["unknowns"]]
+    columns = [name.partition(".")[0] if "." in name else "top level" for name in names]
+    content = {"document": document, "forbidden": forbidden, "advice": list(advice.items())}
+    plot = plots.structure_plot(document, groups, columns)
+    return Section("noise", title, "", True, content, (plot,))
+
+
+def _estimation(fit: Document | None) -> Section:
+    if fit is None:
+        return Section("estimation", "Parameters and their uncertainty", "`daest identify` makes it", False)
+    rows = [{"name": name, **p, "percent": _relative(p)} for name, p in fit["parameters"].items()]
+    correlation = fit["correlation"]
+    kept = [i for i, row in enumerate(correlation["matrix"]) if any(v is not None for v in row)]
+    plot = plots.parameter_plot(fit)
+    content = {
+        "fit": fit,
+        "rows": rows,
+        "names": [correlation["names"][i] for i in kept],
+        "matrix": [[correlation["matrix"][i][j] for j in kept] for i in kept],
+        "agreement": list(_agreement(fit)),
+    }
+    return Section(
+        "estimation", "Parameters and their uncertainty", "", True, content, (plot,) if plot else ()
+    )
+
+
+def _agreement(fit: Document) -> Iterator[tuple[str, str, Any, Any, Any, Any]]:
+    """Rows part, output, fit and rms of the simulation, fit and rms of the one-step predictions."""
+    steps = fit["one_step"]
+    for part, by_output in fit["fit_percent"].items():
+        for output, percent in by_output.items():
+            ahead = {kind: steps[kind].get(part, {}).get(output) for kind in ("fit_percent", "rms")}
+            yield part, output, percent, fit["rms"][part][output], ahead["fit_percent"], ahead["rms"]
+
+
+def _comparison(material: Material) -> Section:
+    document, title = material.comparison, "Measured against model"
+    if document is None:
+        return Section("comparison", title, "`daest compare` makes it", False)
+    drawn = tuple(plots.comparison_plots(document, material.comparison_series))
+    spectra = tuple(plots.frequency_plots(document, material.comparison_series))
+    content = {"document": document, "spectra": spectra}
+    return Section("comparison", title, "", True, content, drawn)
+
+
+def _residuals(material: Material) -> Section:
+    document, title = material.comparison, "What the errors say: residual tests"
+    if document is None or not any(model["tests"] for model in document["models"]):
+        return Section("residuals", title, "`daest compare` makes it", False)
+    rows = [
+        {"model": model["name"], "test": kind, "output": output, **test}
+        for model in document["models"]
+        for kind, by_output in model["tests"].items()
+        for output, test in by_output.items()
+    ]
+    drawn = tuple(plots.residual_plots(document, material.comparison_series))
+    return Section("residuals", title, "", True, {"rows": rows, "document": document, "tests": TESTS}, drawn)
+
+
+def _failures(document: Document | None) -> Section:
+    title = "Where it fails"
+    if document is None:
+        return Section("failures", title, "`daest compare` makes it", False)
+    rows = [{"model": model["name"], **finding} for model in document["models"] for finding in model["where"]]
+    return Section("failures", title, "", True, {"rows": rows, "several": len(document["models"]) > 1})
+
+
+def _filter(material: Material) -> Section:
+    document, title = material.filter, "States and internal variables"
+    if document is None:
+        return Section("filter", title, "`daest filter` makes it", False)
+    plot = plots.filter_plot(document, material.filter_series)
+    return Section("filter", title, "", True, {"document": document}, (plot,) if plot else ())
+
+
+def _diagnosis(document: Document | None) -> Section:
+    title = "What is missing: the diagnosis"
+    if document is None:
+        return Section("diagnosis", title, "`daest diagnose` makes it", False)
+    curve = document["disturbance"]
+    drawn = [plots.screen_plot(document)]
+    drawn += [plots.curve_plot("plot-curve", curve)] if curve else []
+    content = {"document": document, "outputs": document["outputs"], "curve": curve}
+    return Section("diagnosis", title, "", True, content, tuple(plot for plot in drawn if plot))
+
+
+def _improvement(material: Material) -> Section:
+    ledger, title = material.ledger, "The ledger: step by step"
+    if ledger is None:
+        return Section("ledger", title, "`daest improve` makes it", False)
+    curves = [
+        (i, step["disturbance"], plots.curve_plot(f"plot-curve-{i}", step["disturbance"]))
+        for i, step in enumerate(ledger["steps"])
+        if step.get("disturbance")
+    ]
+    content = {
+        "document": ledger,
+        "rows": [{**step, "sizes": _sizes(step)} for step in ledger["steps"]],
+        "curves": curves,
+    }
+    return Section("ledger", title, "", True, content, tuple(plots.staircase_plots(ledger)))
+
+
+def _sizes(step: Mapping[str, Any]) -> str:
+    """The parameters of the effect that a step added."""
+    if not step["component"]:
+        return ""
+    prefix = f"{step['component']}."
+    own = {n.removeprefix(prefix): p for n, p in step["parameters"].items() if n.startswith(prefix)}
+    return ", ".join(f"{name} = {_with_error(p)}" for name, p in own.items())
+
+
+def _with_error(p: Mapping[str, Any]) -> str:
+    error = "" if p["std_error"] is None else f" ± {p['std_error']:.2g}"
+    return f"{p['value']:.4g}{error} {p['unit']}".strip()
+
+
+def _modelica(material: Material) -> Section:
+    title = "The extended model as Modelica"
+    texts = dict(material.sources) or _proposed(material.diagnosis)
+    if not texts:
+        return Section(
+            "modelica",
+            title,
+            "`daest improve` makes it, and `daest diagnose` where it finds an effect",
+            False,
+        )
+    base, shown = material.base or "", []
+    for name, text in texts.items():
+        new = added_lines(text, base)
+        addition = "\n".join(text.splitlines()[new[0] - 1 : new[-1]]) if new else ""
+        shown.append(
+            {"name": name, "addition": highlighted(addition, []), "whole": highlighted(text, new), "new": new}
+        )
+        base = text if material.sources else base
+    return Section("modelica", title, "", True, {"texts": shown})
+
+
+def _proposed(diagnosis: Document | None) -> dict[str, str]:
+    """Models that a diagnosis proposes, by what they add."""
+    if diagnosis is None:
+        return {}
+    return {f"{c['effect']} at {c['at']}": c["model"] for c in diagnosis["candidates"] if c.get("model")}
+
+
+def _origin(material: Material) -> Section:
+    content = {"versions": material.versions, "trace": material.trace}
+    return Section("origin", "To do it again", "`daest identify` makes it", bool(material.versions), content)
+
+
+def _relative(parameter: Mapping[str, Any]) -> float | None:
+    if parameter["std_error"] is None or not parameter["value"]:
+        return None
+    return 100.0 * parameter["std_error"] / abs(parameter["value"])
+
+
+def _percent(value: Any) -> str:
+    return "-" if value is None or not math.isfinite(value) else f"{value:.1f}"
+
+
+def _file_name(path: str) -> str:
+    return path.replace("\\", "/").rpartition("/")[2]
+
+
+def places(names: Sequence[str]) -> str:
+    """Names with commas, the rest counted."""
+    shown = ", ".join(names[:MOST_PLACES])
+    return shown if len(names) <= MOST_PLACES else f"{shown} and {len(names) - MOST_PLACES} more"

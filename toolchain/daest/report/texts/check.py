@@ -1,0 +1,47 @@
+"""The data check as text: the columns of every recording, and what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from rich.console import RenderableType
+from rich.text import Text
+
+from daest.report.console import heading, indented, number, rendered, table
+
+
+def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
+    return rendered(_parts(document), width, color)
+
+
+def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+    for recording in document["recordings"]:
+        period = recording["period"]
+        every = "at uneven times" if period is None else f"every {period:.6g} s"
+        span = f"{recording['start']:.6g} s to {recording['stop']:.6g} s"
+        yield heading(recording["name"])
+        yield Text(f"{recording['n_samples']} samples {every}, {span}")
+        yield table(
+            ("column", "unit", "role", "values", "min", "max", "resolution", "noise"),
+            (_row(column) for column in recording["columns"]),
+            text_columns=(0, 1, 2),
+        )
+        if not recording["findings"]:
+            yield indented("nothing found")
+        for finding in recording["findings"]:
+            at = "" if finding["time"] is None else f" (from {finding['time']:.6g} s)"
+            yield indented(f"{finding['level']}[{finding['code']}]: {finding['text']}{at}")
+
+
+def _row(column: Mapping[str, Any]) -> tuple[str, ...]:
+    return (
+        column["name"],
+        column["unit"] or "",
+        column["role"] or "",
+        str(column["n_values"]),
+        number(column["min"]),
+        number(column["max"]),
+        number(column["resolution"], 3),
+        number(column["noise_std"], 3),
+    )
