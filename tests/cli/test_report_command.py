@@ -1,5 +1,5 @@
-"""`daest report`: the parts of the page, what is said of those that are missing, that user texts are harmless,
-and that a browser shows it without a complaint."""
+"""`daest report`: the parts of the page, what is said of those that are missing, that texts of the user are
+harmless, and that a browser shows it without a complaint."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ def test_texts_inside_results_are_harmless(told, daest):
 @pytest.mark.parametrize("content", ["{", "[]", '{"schema": "x"}'])
 def test_damaged_results_are_named(told, daest, name, content):
     (told / "results" / name).write_text(content)
-    code, out, err = daest("report")
+    code, _, err = daest("report")
     assert code == 2 and "error[results-unreadable]" in err and "Traceback" not in err
     assert not (told / "report.html").exists()
 
