@@ -113,8 +113,8 @@ EXPLANATIONS: dict[str, str] = {
         "The time goes back or is missing in some rows. Sort the rows; two recordings belong in two files."
     ),
     "check-clock-rate": (
-        "The two halves of a recording have different sampling periods. Was the recorder set anew, or is "
-        "the time not in seconds throughout?"
+        "The two halves of a recording have different sampling periods: the recorder was set anew, or "
+        "the time is not in seconds throughout."
     ),
     "check-constant": (
         "A column never changes. An output that does not move tells nothing about any parameter: the sensor "

@@ -104,6 +104,11 @@ def note(text: str) -> None:
     click.echo(f"note: {text}", err=True)
 
 
+def warn(code: str, text: str) -> None:
+    """A doubt about the input that daest explain knows, on stderr."""
+    click.echo(f"warning[{code}]: {text}", err=True)
+
+
 def _usual_mode(path: Path) -> int:
     if path.exists():
         return path.stat().st_mode & 0o777

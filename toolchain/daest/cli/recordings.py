@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Literal
 
 from daest.cli.models import with_outputs
-from daest.cli.output import note
-from daest.data.prepare import Preparation, split_all
+from daest.cli.output import note, warn
+from daest.data.check import check_experiment
+from daest.data.prepare import Preparation, prepare, split_all
 from daest.data.project import Hold, Project
 from daest.data.read import Signal, measured_names, read_experiments, select_outputs
 from daest.errors import ConfigError
@@ -109,11 +110,26 @@ def _require(paths: Sequence[Path]) -> None:
 def _read(
     flat: FlatModel, project: Project, paths: Sequence[Path], preparation: Preparation
 ) -> list[Experiment]:
-    experiments = read_experiments(paths, *_signals(flat, project), preparation, time=project.time)
-    for experiment in experiments:
-        for remark in experiment.notes:
+    """The recordings, looked at as they are, then prepared; remarks and warnings go to stderr."""
+    raw = replace(preparation, period=None, detrend="none")
+    experiments = []
+    for experiment in read_experiments(paths, *_signals(flat, project), raw, time=project.time):
+        for finding in check_experiment(experiment).warnings:
+            warn(finding.code, f"{experiment.name}: {finding.sentence}")
+        prepared = prepare(experiment, preparation)
+        for remark in prepared.notes:
             note(f"{experiment.name}: {remark}")
+        experiments.append(prepared)
     return experiments
+
+
+def measured_recordings(
+    flat: FlatModel, project: Project, paths: Sequence[Path]
+) -> tuple[FlatModel, list[Experiment]]:
+    """The recordings as they are, and the model with its measured outputs alone; nothing is said."""
+    experiments = read_experiments(paths, *_signals(flat, project), time=project.time)
+    names = measured_names(experiments)
+    return with_outputs(flat, names), [select_outputs(experiment, names) for experiment in experiments]
 
 
 def _signals(flat: FlatModel, project: Project) -> tuple[list[Signal], list[Signal]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -9,8 +10,9 @@ from typing import Literal
 from daest.data.read import Signal
 from daest.data.table import Column, Table, time_unit
 from daest.errors import DataError
-from daest.quantities import conversion
+from daest.quantities import conversion, is_known_unit
 
+_BEHIND = re.compile(r"_(?P<unit>[^_]+?)(?:_per_(?P<per>[^_]+))?$")
 How = Literal["name", "similar name", "unit"]
 
 
@@ -47,18 +49,23 @@ def _fits(signal: Signal, column: Column, how: How, others: Sequence[Signal]) ->
         names = {column.name.lower(), _stem(column.name).lower()}
         return signal.name.lower() in names or signal.name.rsplit(".", 1)[-1].lower() in names
     rivals = [other for other in others if other is not signal and _same_kind(other.unit, signal.unit)]
-    return not rivals and bool(signal.unit) and _same_kind(_unit(column), signal.unit)
+    return not rivals and bool(signal.unit) and _same_kind(column_unit(column), signal.unit)
 
 
 def _stem(name: str) -> str:
     return name.rsplit("_", 1)[0] if "_" in name else name
 
 
-def _unit(column: Column) -> str:
-    """The unit in the header, else what stands behind the last underscore (`motor_force_N`)."""
+def column_unit(column: Column) -> str:
+    """The unit in the header, else the known one behind the last underscore of the name (`motor_force_N`,
+    `speed_rad_per_s`), else the empty text."""
     if column.unit is not None:
         return column.unit
-    return column.name.rsplit("_", 1)[1] if "_" in column.name else ""
+    behind = _BEHIND.search(column.name)
+    if behind is None:
+        return ""
+    unit = f"{behind['unit']}/{behind['per']}" if behind["per"] else behind["unit"]
+    return unit if is_known_unit(unit) else ""
 
 
 def _same_kind(given: str, wanted: str) -> bool:

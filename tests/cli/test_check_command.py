@@ -1,0 +1,57 @@
+"""`daest check`, and the warnings of commands that read recordings."""
+
+import json
+
+import numpy as np
+from lag_data import recording, write_csv
+
+
+def test_a_good_recording(folder, daest):
+    code, out, _ = daest("check", "run1.csv", "run2.csv", "--model", "Lag.mo", "--format", "json")
+    document = json.loads(out)
+    assert code == 0 and document["schema"] == "daest/check/1" and document["n_warnings"] == 0
+    first = document["recordings"][0]
+    assert [c["role"] for c in first["columns"]] == ["input", "output"]
+    assert first["period"] == 0.05 and first["findings"] == []
+    code, out, _ = daest("check", "run1.csv")
+    assert code == 0 and "400 samples every 0.05 s" in out and "nothing found" in out
+
+
+def test_wrong_polarity_is_told_by_the_model(folder, daest):
+    time, u, y = recording(400, 1)
+    write_csv(folder / "bad.csv", time, u, -y)
+    assert daest("check", "bad.csv")[0] == 0
+    code, out, _ = daest("check", "bad.csv", "--model", "Lag.mo")
+    assert code == 1 and "check-polarity" in out and "y moves against the model" in out
+
+
+def test_what_identify_would_refuse_is_a_finding(folder, daest):
+    text = (folder / "run1.csv").read_text()
+    (folder / "bad.csv").write_text(text.replace("time,u,y", "time,u [A],y").replace("\n0.15,", "\n0.1,", 1))
+    code, out, _ = daest("check", "bad.csv", "--model", "Lag.mo", "--format", "json")
+    found = {f["code"]: f for f in json.loads(out)["recordings"][0]["findings"]}
+    assert code == 1 and set(found) == {"check-unusable", "check-clock-duplicate", "check-clock-gap"}
+    assert found["check-unusable"]["text"].startswith("the recording cannot be used")
+    assert found["check-clock-duplicate"]["time"] == 0.1
+
+
+def test_identify_warns_and_goes_on(folder, daest):
+    time, u, y = recording(400, 1)
+    y[[100, 250]] += 40.0
+    write_csv(folder / "bad.csv", time, u, y)
+    code, out, err = daest("identify", "bad.csv", "--model", "Lag.mo", "--format", "json")
+    assert code == 0 and json.loads(out)["schema"] == "daest/identify/1"
+    assert "warning[check-outliers]: bad: y has 2 outlier(s)" in err
+    _, _, err = daest("compare", "Lag.mo", "--data", "bad.csv")
+    assert "warning[check-outliers]" in err
+    # The look is at the recording as it is: resampling would hide the outliers.
+    _, _, err = daest("compare", "Lag.mo", "--data", "bad.csv", "--resample", "0.1")
+    assert "warning[check-outliers]" in err
+
+
+def test_no_recording_and_no_time(folder, daest):
+    code, _, err = daest("check")
+    assert code == 2 and "data-not-given" in err
+    write_csv(folder / "bad.csv", np.arange(3.0), np.arange(3.0), np.arange(3.0), "a,u,y")
+    code, _, err = daest("check", "bad.csv")
+    assert code == 2 and "data-no-time" in err

@@ -1,0 +1,87 @@
+"""`daest check`: what is wrong with recordings, before a model is fitted to them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from daest.cli.options import class_options, example, format_option, output_option, project_option
+from daest.cli.output import emit, keep_inputs
+from daest.data.project import Project, load_project
+from daest.errors import ConfigError, DaestError
+from daest.model.flat import FlatModel
+from daest.model.quality import DataCheck, Finding, Role
+
+
+@click.command("check", epilog=example("daest check run1.csv", "daest check run1.csv --model Servo.mo"))
+@click.argument("data", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--model", type=click.Path(path_type=Path), help="A .mo file or an .fmu (default: daest.toml).")
+@class_options
+@project_option
+@format_option
+@output_option
+def command(
+    data: tuple[Path, ...],
+    model: Path | None,
+    class_name: str | None,
+    libraries: tuple[Path, ...],
+    project_file: Path | None,
+    form: str,
+    output: Path | None,
+) -> int:
+    """Look for faults in the recordings DATA (default: those of daest.toml).
+
+    Gaps and jumps of the clock, saturation, stuck sensors, outliers, drop-outs, coarse steps, lags between
+    columns. With a model also units that do not fit, and outputs of the wrong polarity. Exit code 1 if there
+    is a warning.
+    """
+    from daest.report.documents import check as documents
+    from daest.report.texts import check as texts
+
+    project = load_project(project_file)
+    paths = list(data) or [*project.estimate, *project.validate]
+    if not paths:
+        raise ConfigError(
+            "data-not-given",
+            "no recording is given",
+            remedy='name a .csv file, or write [data] estimate = ["run.csv"] in daest.toml',
+        )
+    keep_inputs(output, paths)
+    flat = None
+    if model is not None or project.source is not None:
+        from daest.cli.models import load_model
+
+        flat = load_model(project, model, class_name, libraries)
+    checks = [checked(path, project, flat) for path in paths]
+    emit(documents.document(checks), "check", form, output, texts.text)
+    return int(any(check.warnings for check in checks))
+
+
+def checked(path: Path, project: Project, flat: FlatModel | None) -> DataCheck:
+    """The check of one file, against the model if there is one. Raises DataError where it cannot be read."""
+    from daest.data.check import check_table
+    from daest.data.read import read_table
+
+    table = read_table(path)
+    if flat is None:
+        return check_table(table, {}, project.time)
+    roles: dict[str, Role] = {project.inputs.get(v.name, v.name): "input" for v in flat.inputs}
+    roles.update({project.outputs.get(y.name, y.name): "output" for y in flat.outputs})
+    check = check_table(table, roles, project.time)
+    return replace(check, findings=(*_against(path, project, flat), *check.findings))
+
+
+def _against(path: Path, project: Project, flat: FlatModel) -> Sequence[Finding]:
+    """What the model says about a recording; what makes it unreadable is one of the findings."""
+    from daest.cli.recordings import measured_recordings
+    from daest.data.polarity import polarity_findings
+
+    try:
+        measured, experiments = measured_recordings(flat, project, [path])
+    except DaestError as problem:
+        text = f"cannot be used with the model: {problem.what}"
+        return [Finding("check-unusable", "warning", None, text, subject="the recording")]
+    return polarity_findings(measured, experiments[0])

@@ -1,0 +1,108 @@
+"""A look at a recording before a model is fitted to it: its clock, its columns, and pairs of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from daest.data.clock import clock_findings
+from daest.data.faults import Samples, column_findings
+from daest.data.match import column_unit
+from daest.data.pairs import Series, pair_findings
+from daest.data.prepare import GRID_TOLERANCE
+from daest.data.read import find_time
+from daest.data.table import Table, time_unit
+from daest.model.experiment import Experiment
+from daest.model.quality import ColumnSummary, DataCheck, Finding, Role
+from daest.quantities import conversion
+
+
+@dataclass(frozen=True)
+class _Column:
+    name: str
+    unit: str | None
+    role: Role | None
+    values: np.ndarray
+
+
+def check_table(table: Table, roles: Mapping[str, Role] | None = None, time: str | None = None) -> DataCheck:
+    """All columns of numbers in a file. `roles` says which columns (by name) are an input or an output of a
+    model; `time` names the column of the time. Raises DataError where there is no time."""
+    time_column = find_time(table, time)
+    seconds = conversion(time_unit(time_column) or time_column.unit or "s", "s")(time_column.values)
+    roles = roles or {}
+    columns = [
+        _Column(c.name, column_unit(c) or None, roles.get(c.name), c.values)
+        for c in table.columns
+        if c.name and c.name != time_column.name and len(c.texts) < c.values.size
+    ]
+    texts = [
+        Finding("check-text", "warning", c.name, f"holds {len(c.texts)} text(s), {c.texts[0][1]!r} first")
+        for c in table.columns
+        if c.texts and c.name != time_column.name and (len(c.texts) < c.values.size or c.name in roles)
+    ]
+    return _checked(Path(table.file).stem, seconds, columns, texts)
+
+
+def check_experiment(experiment: Experiment) -> DataCheck:
+    """The inputs and outputs of a recording."""
+    inputs = zip(experiment.input_names, experiment.inputs.T, strict=True)
+    outputs = zip(experiment.output_names, experiment.outputs.T, strict=True)
+    columns = [_Column(name, None, "input", values) for name, values in inputs]
+    columns += [_Column(name, None, "output", values) for name, values in outputs]
+    return _checked(experiment.name, experiment.time, columns, [])
+
+
+def _checked(name: str, time: np.ndarray, columns: Sequence[_Column], found: list[Finding]) -> DataCheck:
+    findings = [*clock_findings(time), *found]
+    summaries = []
+    for column in columns:
+        known = np.isfinite(column.values) & np.isfinite(time)
+        samples = Samples(column.name, column.role, time[known], column.values[known])
+        summaries.append(_summary(column, samples))
+        if samples.values.size:
+            findings += column_findings(samples, int((~known).sum()))
+        else:
+            findings.append(Finding("check-missing", "warning", column.name, "holds no value"))
+    findings += _pairs(time, columns)
+    known_time = time[np.isfinite(time)]
+    start, stop = (float(known_time[0]), float(known_time[-1])) if known_time.size else (0.0, 0.0)
+    ordered = tuple(sorted(findings, key=lambda finding: finding.level != "warning"))
+    return DataCheck(name, time.size, start, stop, _period(time), tuple(summaries), ordered)
+
+
+def _summary(column: _Column, samples: Samples) -> ColumnSummary:
+    values = samples.values
+    low, high = (float(values.min()), float(values.max())) if values.size else (None, None)
+    several = values.size > 1
+    resolution = samples.resolution if several else None
+    noise = samples.noise if several else None
+    return ColumnSummary(column.name, column.unit, column.role, values.size, low, high, resolution, noise)
+
+
+def _period(time: np.ndarray) -> float | None:
+    steps = np.diff(time)
+    if not steps.size or not np.all(steps > 0):
+        return None
+    step = float((time[-1] - time[0]) / steps.size)
+    return float(f"{step:.9g}") if float(np.max(np.abs(steps - step))) < GRID_TOLERANCE * step else None
+
+
+def _pairs(time: np.ndarray, columns: Sequence[_Column]) -> list[Finding]:
+    steps = np.diff(time)
+    if time.size < 2 or not np.all(steps > 0):
+        return []
+    period = float(np.median(steps))
+    n = int((time[-1] - time[0]) / period) + 1
+    if n > 4 * time.size:  # a pause longer than the recording
+        return []
+    grid = time[0] + period * np.arange(n)
+    series = [
+        Series(c.name, c.unit, np.interp(grid, time, c.values))
+        for c in columns
+        if c.unit and np.all(np.isfinite(c.values))
+    ]
+    return pair_findings(series, period)

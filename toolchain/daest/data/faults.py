@@ -1,0 +1,267 @@
+"""Faults of one column, told from its own values: saturation, a stuck sensor, outliers, drop-outs.
+
+Every rule asks for what a healthy signal does not do; where rest, steps or limits of a command look the same,
+nothing is said.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from daest.data.clock import JITTER, unevenness
+from daest.model.quality import Finding, Level, Role
+
+FEWEST = 50  # values below which nothing is said but that a column is constant
+LEVELS = 10  # a signal of no more different values is a switch, not a measurement
+# White noise shows if third differences change sign in this share (white noise: 0.77; a sine with n samples a
+# period: 2 / n) and the noise is this many steps of the resolution (rounding: 0.3).
+SIGN_CHANGES = 0.6
+NOISE_STEPS = 1.5
+DIGITS = 1e-5  # noise below this share of the largest value is that of written digits
+# A sensor with visible noise is stuck if this many neighbours agree where elsewhere no more than this share
+# of them do; without, if its value also jumps at the end by this many of the largest other steps.
+STUCK = 20
+STUCK_EQUAL = 0.1
+STUCK_JUMP = 5.0
+# Saturation: share of all values at the limit, how many times more than at any other value, and the slope
+# before and after in units of the median step.
+AT_LIMIT = 0.002
+PILE = 5.0
+EDGE = 0.3
+# A spike of one or two samples, in units of the spread (1.4826 MAD) of what a median filter takes away; of
+# what only RARE of the samples exceed, or of the resolution; and of the largest step among its neighbours.
+SPIKE = 10.0
+SPIKE_BEYOND = 4.0
+SPIKE_STEPS = 3.0
+RARE = 0.005
+NEIGHBOURS = 12  # samples on either side
+NEIGHBOURS_AGREE = 0.3
+LONGEST_DROP = 20  # samples
+# Steps of the resolution in the range, below which a measurement is coarse, and the share of single steps
+# among its changes that make it so.
+COARSE = 64
+SINGLE_STEPS = 0.8
+LATTICE = 0.02  # largest deviation of a distance from a multiple of the smallest one
+MANY_MISSING = 0.2
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The finite values (n,) of a column at their times (s)."""
+
+    name: str
+    role: Role | None
+    time: np.ndarray
+    values: np.ndarray
+
+    @cached_property
+    def levels(self) -> tuple[np.ndarray, np.ndarray]:
+        """Different values, and how often each stands."""
+        return np.unique(self.values, return_counts=True)
+
+    @cached_property
+    def runs(self) -> tuple[np.ndarray, np.ndarray]:
+        """First index and length of every run of equal values."""
+        starts = np.append(0, np.nonzero(np.diff(self.values))[0] + 1)
+        return starts, np.diff(np.append(starts, self.values.size))
+
+    @cached_property
+    def steps(self) -> np.ndarray:
+        """Sizes of the changes from sample to sample, without those that are none."""
+        steps = np.abs(np.diff(self.values))
+        return steps[steps > 0]
+
+    @cached_property
+    def resolution(self) -> float | None:
+        """Distance of the lattice on which the values stand; None where they do not."""
+        gaps = np.diff(self.levels[0])
+        if gaps.size == 0:
+            return None
+        smallest = float(np.quantile(gaps, 0.05))
+        ratio = gaps / smallest
+        off = np.abs(ratio - np.round(ratio))
+        return smallest if float(np.max(off / np.maximum(ratio, 1.0))) < LATTICE else None
+
+    @cached_property
+    def noise(self) -> float | None:
+        """Standard deviation of white noise on the signal; None where none shows, or times are uneven."""
+        if unevenness(self.time) > JITTER:
+            return None
+        moving = self.values[np.append(True, np.diff(self.values) != 0)]
+        third = np.diff(moving, 3)
+        if third.size < FEWEST:
+            return None
+        changes = float(np.mean(third[1:] * third[:-1] < 0))
+        # The third difference of white noise has 20 times its variance.
+        size = 1.4826 * float(np.median(np.abs(third))) / np.sqrt(20.0)
+        step = self.resolution or 0.0
+        least = max(NOISE_STEPS * step, DIGITS * float(np.max(np.abs(self.values))))
+        return size if changes > SIGN_CHANGES and size > least else None
+
+
+def column_findings(samples: Samples, n_missing: int) -> list[Finding]:
+    """What is wrong with a column of which `n_missing` further values are missing."""
+    found = _missing(samples, n_missing)
+    n_levels = samples.levels[0].size
+    if n_levels == 1:
+        level: Level = "warning" if samples.role == "output" else "note"
+        text = f"is constant at {samples.values[0]:.6g}"
+        return [*found, Finding("check-constant", level, samples.name, text)]
+    if samples.values.size < FEWEST or n_levels <= LEVELS:
+        return found
+    if samples.role == "input":
+        return found + _saturation(samples)
+    # A value that a signal drops to, or is limited to, is neither an outlier nor where a sensor got stuck.
+    special = _drops(samples) or _saturation(samples)
+    spikes = [] if special and special[0].code == "check-dropouts" else _outliers(samples)
+    return [*found, *special, *spikes, *([] if special else _stuck(samples)), *_coarse(samples)]
+
+
+def _missing(samples: Samples, n_missing: int) -> list[Finding]:
+    if not n_missing:
+        return []
+    share = n_missing / (n_missing + samples.values.size)
+    level: Level = "warning" if share > MANY_MISSING or samples.role == "input" else "note"
+    text = f"lacks {n_missing} value(s), {100 * share:.2g} %"
+    return [Finding("check-missing", level, samples.name, text, count=n_missing)]
+
+
+def _saturation(samples: Samples) -> list[Finding]:
+    values, (levels, counts) = samples.values, samples.levels
+    found = []
+    for at_end, name in ((-1, "upper"), (0, "lower")):
+        limit, count = levels[at_end], counts[at_end]
+        others = counts[1:-1].max()
+        # Zero is where many signals rest: a flow, the sun, a duty cycle.
+        if limit == 0 or count < max(LEVELS, AT_LIMIT * values.size) or count < PILE * others:
+            continue
+        starts, lengths = samples.runs
+        at_limit = (values[starts] == limit) & (lengths >= 2)
+        if at_limit.sum() < 2 or _edge(samples, starts[at_limit], lengths[at_limit]) < EDGE:
+            continue
+        share = 100 * count / values.size
+        text = (
+            f"stays at its {name} limit {limit:.6g} in {share:.2g} % of the samples ({at_limit.sum()} times)"
+        )
+        level: Level = "warning" if samples.role == "output" else "note"
+        first = float(samples.time[starts[at_limit][0]])
+        found.append(Finding("check-saturation", level, samples.name, text, first, int(count)))
+    return found
+
+
+def _edge(samples: Samples, starts: np.ndarray, lengths: np.ndarray) -> float:
+    """Median slope just outside the runs, in units of the median step: a signal that comes to rest is slow
+    there, a held one has no slope, a clipped one moves as ever."""
+    before = starts[starts >= 2]
+    ends = starts + lengths
+    after = ends[ends < samples.values.size - 1]
+    values = samples.values
+    slopes = np.append(
+        np.abs(values[before - 1] - values[before - 2]), np.abs(values[after + 1] - values[after])
+    )
+    return float(np.median(slopes) / np.median(samples.steps)) if slopes.size else 0.0
+
+
+def _stuck(samples: Samples) -> list[Finding]:
+    starts, lengths = samples.runs
+    values = samples.values
+    suspects = np.nonzero(lengths >= STUCK)[0]
+    if samples.noise is not None:
+        equal = (values.size - starts.size - int((lengths[suspects] - 1).sum())) / values.size
+        stuck = suspects if equal < STUCK_EQUAL else suspects[:0]
+        # A machine comes to rest at zero in small steps, a dead sensor in a large one.
+        at_rest = (values[starts[stuck]] == 0) & ~_jumped(samples, starts[stuck], lengths[stuck])
+        stuck = stuck[~at_rest]
+    else:
+        ends = starts + lengths
+        inside = suspects[ends[suspects] < values.size]
+        jumps = np.abs(values[ends[inside]] - values[starts[inside]])
+        largest = np.sort(samples.steps)[: -max(1, inside.size)].max(initial=np.inf)
+        stuck = inside[(jumps > STUCK_JUMP * largest) & (values[starts[inside]] != 0)]
+    if not stuck.size:
+        return []
+    longest = stuck[np.argmax(lengths[stuck])]
+    last = starts[longest] + lengths[longest] - 1
+    duration = samples.time[last] - samples.time[starts[longest]]
+    text = f"stands still at {values[starts[longest]]:.6g} for {duration:.4g} s, every digit the same"
+    if stuck.size > 1:
+        text += f" ({stuck.size} such stretches)"
+    at = float(samples.time[starts[stuck[0]]])
+    return [Finding("check-stuck", "warning", samples.name, text, at, int(stuck.size))]
+
+
+def _jumped(samples: Samples, starts: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """Whether the steps into and out of the runs are both large among those of the signal."""
+    sizes = np.abs(np.diff(samples.values, prepend=samples.values[0], append=samples.values[-1]))
+    large = STUCK_JUMP * float(np.quantile(samples.steps, 0.9))
+    return (sizes[starts] > large) & (sizes[starts + lengths] > large)
+
+
+def _spread(samples: Samples) -> tuple[np.ndarray, float]:
+    """What a median filter of five samples takes away, and the size beyond which it is a spike."""
+    from scipy.ndimage import median_filter
+
+    rest = samples.values - median_filter(samples.values, 5, mode="nearest")
+    sizes = np.abs(rest)
+    usual = 1.4826 * float(np.median(sizes))
+    rare = max(float(np.quantile(sizes, 1 - RARE)), samples.resolution or 0.0)
+    return rest, max(SPIKE * usual, SPIKE_BEYOND * rare)
+
+
+def _outliers(samples: Samples) -> list[Finding]:
+    rest, limit = _spread(samples)
+    values = samples.values
+    spikes = np.nonzero(np.abs(rest) > limit)[0]
+    spikes = spikes[(spikes >= 2) & (spikes < values.size - 2)]
+    # The values on both sides must agree: an edge is no spike.
+    apart = np.abs(values[spikes + 2] - values[spikes - 2])
+    spikes = spikes[apart < NEIGHBOURS_AGREE * np.abs(rest[spikes])]
+    spikes = np.array([i for i in spikes if abs(rest[i]) > SPIKE_STEPS * _steps_around(values, i)], dtype=int)
+    if not spikes.size or spikes.size > RARE * values.size:
+        return []
+    worst = spikes[np.argmax(np.abs(rest[spikes]))]
+    text = f"has {spikes.size} outlier(s), the largest {values[worst]:.6g} at {samples.time[worst]:.6g} s"
+    return [
+        Finding("check-outliers", "warning", samples.name, text, float(samples.time[spikes[0]]), spikes.size)
+    ]
+
+
+def _steps_around(values: np.ndarray, i: int) -> float:
+    """The largest step among the neighbours of sample `i`, the two on either side left out."""
+    before, after = values[max(0, i - NEIGHBOURS) : i - 1], values[i + 2 : i + 1 + NEIGHBOURS]
+    return float(max(np.abs(np.diff(part)).max(initial=0.0) for part in (before, after)))
+
+
+def _drops(samples: Samples) -> list[Finding]:
+    """Short visits to one and the same value, far from what stands before and after."""
+    starts, lengths = samples.runs
+    values = samples.values
+    inner = (starts > 0) & (starts + lengths < values.size) & (lengths <= LONGEST_DROP)
+    starts, lengths = starts[inner], lengths[inner]
+    before, there, after = values[starts - 1], values[starts], values[starts + lengths]
+    depth = np.minimum(np.abs(there - before), np.abs(there - after))
+    _, limit = _spread(samples)
+    usual = np.quantile(samples.steps, 0.9)
+    dropped = (depth > max(limit, SPIKE_BEYOND * usual)) & (np.abs(after - before) < NEIGHBOURS_AGREE * depth)
+    targets, counts = np.unique(there[dropped], return_counts=True)
+    if not targets.size or counts.max() < 3 or counts.max() < 0.8 * counts.sum():
+        return []
+    target = targets[np.argmax(counts)]
+    which = dropped & (there == target)
+    text = f"drops out to {target:.6g} {counts.max()} times, {int(lengths[which].sum())} samples in all"
+    first = float(samples.time[starts[which][0]])
+    return [Finding("check-dropouts", "warning", samples.name, text, first, int(counts.max()))]
+
+
+def _coarse(samples: Samples) -> list[Finding]:
+    step = samples.resolution
+    if step is None or float(np.mean(samples.steps < 1.5 * step)) < SINGLE_STEPS:
+        return []
+    low, high = samples.levels[0][[0, -1]]
+    n_steps = round((high - low) / step)
+    level: Level = "warning" if n_steps < COARSE else "note"
+    text = f"is quantised in steps of {step:.4g}, {n_steps} in its range: its errors are no white noise"
+    return [Finding("check-quantised", level, samples.name, text, count=n_steps)]
