@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from daest.cli.recordings import DataOptions
+from daest.cli.options import DataOptions
 from daest.data.prepare import Preparation
 from daest.data.project import Project
 

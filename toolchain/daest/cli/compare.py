@@ -13,19 +13,20 @@ import numpy as np
 from daest.cli.kept import keep, made_from, unseen_files
 from daest.cli.models import load_model, model_source, with_outputs
 from daest.cli.options import (
-    class_options,
+    DataOptions,
+    ModelOptions,
     data_options,
     example,
     format_option,
+    model_options,
     output_option,
     plot_option,
-    project_option,
     seed_option,
 )
 from daest.cli.output import emit, keep_inputs, whole_file
-from daest.cli.recordings import DataOptions, unseen_data
+from daest.cli.recordings import unseen_data
 from daest.cli.results import find_fit, fitted
-from daest.data.project import Hold, Project, load_project
+from daest.data.project import Hold, Project
 from daest.diagnosis.compare import LEAST_BOOTSTRAPS, Candidate, compare_models
 from daest.errors import ConfigError, Place
 from daest.model.comparison import Comparison
@@ -56,9 +57,8 @@ class Compared:
 )
 @click.option("--fail-below", type=float, metavar="PERCENT", help="Exit 1 if a model fits an output worse.")
 @click.option("--fail-if-falsified", is_flag=True, help="Exit 1 if the data contradict a model.")
-@class_options
+@model_options
 @data_options
-@project_option
 @format_option
 @output_option
 @plot_option
@@ -70,14 +70,8 @@ def command(
     bootstrap: int | None,
     fail_below: float | None,
     fail_if_falsified: bool,
-    class_name: str | None,
-    libraries: tuple[Path, ...],
-    start: float | None,
-    stop: float | None,
-    period: float | None,
-    detrend: Any,
-    hold: Any,
-    project_file: Path | None,
+    model_options: ModelOptions,
+    data_options: DataOptions,
     form: str,
     output: Path | None,
     plot: Path | None,
@@ -87,16 +81,15 @@ def command(
     fit; whether the data contradict it, and where it fails."""
     from daest.report.texts import compare as texts
 
-    project = load_project(project_file)
+    project = model_options.project()
     keep_inputs(output, [*models, *data])
-    options = DataOptions(start, stop, period, detrend, None, hold)
     found = compared(
         project,
         models,
         data,
-        options,
-        class_name,
-        libraries,
+        data_options,
+        model_options.class_name,
+        model_options.libraries,
         refit=refit,
         bootstrap=bootstrap or 0,
         seed=seed,

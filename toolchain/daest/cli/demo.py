@@ -35,7 +35,7 @@ def command(name: str | None, form: str) -> None:
 def _run(name: str) -> dict[str, Any]:
     from daest.cli.compare import compared
     from daest.cli.identify import identified
-    from daest.cli.recordings import DataOptions
+    from daest.cli.options import DataOptions
     from daest.data.examples import copy_example
     from daest.data.project import load_project
 

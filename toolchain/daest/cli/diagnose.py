@@ -13,22 +13,22 @@ import click
 from daest.cli.kept import made_from, training_files
 from daest.cli.models import load_model, model_source
 from daest.cli.options import (
-    class_options,
-    data_options,
+    DataOptions,
+    ModelOptions,
     example,
     format_option,
+    model_options,
     output_option,
     plot_option,
-    project_option,
     seed_option,
-    split_option,
+    split_data_options,
 )
 from daest.cli.output import emit, keep_inputs, note, to_json, whole_file, with_schema
 from daest.cli.progress import progress
-from daest.cli.recordings import DataOptions, training_data
+from daest.cli.recordings import training_data
 from daest.cli.results import find_fit, parameter_values
 from daest.data.prepare import split_all
-from daest.data.project import Project, load_project
+from daest.data.project import Project
 from daest.errors import EstimationError, ModelError
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
@@ -78,10 +78,8 @@ class Case:
 @click.option(
     "--jobs", type=click.IntRange(min=1), metavar="N", help="Refits at a time (default: one per core)."
 )
-@class_options
-@data_options
-@split_option
-@project_option
+@model_options
+@split_data_options
 @format_option
 @output_option
 @plot_option
@@ -92,15 +90,8 @@ def command(
     effects: tuple[str, ...],
     places: tuple[str, ...],
     jobs: int | None,
-    class_name: str | None,
-    libraries: tuple[Path, ...],
-    start: float | None,
-    stop: float | None,
-    period: float | None,
-    detrend: Any,
-    hold: Any,
-    split: float | None,
-    project_file: Path | None,
+    model_options: ModelOptions,
+    data_options: DataOptions,
     form: str,
     output: Path | None,
     plot: Path | None,
@@ -114,16 +105,16 @@ def command(
     """
     from daest.report.texts import diagnose as texts
 
-    project = load_project(project_file)
+    project = model_options.project()
     keep_inputs(output, [*data, model])
     case = opened(
         project,
         model,
         data,
-        DataOptions(start, stop, period, detrend, split, hold),
+        data_options,
         Search(effects, places, jobs, seed),
-        class_name,
-        libraries,
+        model_options.class_name,
+        model_options.libraries,
     )
     diagnosis = diagnosed(case)
     document = written_document(case, diagnosis)

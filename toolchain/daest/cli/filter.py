@@ -13,19 +13,20 @@ import numpy as np
 from daest.cli.kept import keep, made_from, unseen_files
 from daest.cli.models import load_model, model_source
 from daest.cli.options import (
-    class_options,
+    DataOptions,
+    ModelOptions,
     data_options,
     example,
     format_option,
+    model_options,
     output_option,
     plot_option,
-    project_option,
     seed_option,
 )
 from daest.cli.output import emit, keep_inputs, note, whole_file, write_text
-from daest.cli.recordings import DataOptions, unseen_data
+from daest.cli.recordings import unseen_data
 from daest.cli.results import find_fit, fitted
-from daest.data.project import Project, load_project
+from daest.data.project import Project
 from daest.errors import ConfigError, EstimationError
 from daest.estimation.filter import run_filter
 from daest.estimation.nonlinear_filter import PARTICLES, run_nonlinear_filter
@@ -63,9 +64,8 @@ ESTIMATES = "estimates.csv"
 )
 @click.option("--smooth", is_flag=True, help="Estimate from the whole recording instead of the past.")
 @click.option("--only", metavar="NAME", multiple=True, help="Write this variable alone.")
-@class_options
+@model_options
 @data_options
-@project_option
 @format_option
 @output_option
 @plot_option
@@ -78,14 +78,8 @@ def command(
     particles: int,
     smooth: bool,
     only: tuple[str, ...],
-    class_name: str | None,
-    libraries: tuple[Path, ...],
-    start: float | None,
-    stop: float | None,
-    period: float | None,
-    detrend: Any,
-    hold: Any,
-    project_file: Path | None,
+    model_options: ModelOptions,
+    data_options: DataOptions,
     form: str,
     output: Path | None,
     plot: Path | None,
@@ -98,10 +92,11 @@ def command(
     """
     from daest.report.texts import filter as texts
 
-    project = load_project(project_file)
+    project = model_options.project()
     keep_inputs(output, [data, model])
-    options = DataOptions(start, stop, period, detrend, None, hold)
-    flat, experiment, known_hold = _prepared(project, model, class_name, libraries, data, options)
+    flat, experiment, known_hold = _prepared(
+        project, model, model_options.class_name, model_options.libraries, data, data_options
+    )
     chosen = kind or ("time-varying" if is_affine_model(flat) else "ekf")
     wanted = _Wanted(list(measure) or None, smooth, known_hold, particles, seed)
     result = _estimated(flat, experiment, chosen, wanted)

@@ -13,23 +13,23 @@ import click
 from daest.cli.kept import made_from, training_files
 from daest.cli.models import load_model, model_source
 from daest.cli.options import (
+    DataOptions,
+    ModelOptions,
     assignments,
-    class_options,
-    data_options,
     example,
     format_option,
+    model_options,
     output_option,
     plot_option,
     priors,
-    project_option,
     seed_option,
-    split_option,
+    split_data_options,
 )
 from daest.cli.output import emit, keep_inputs, note, whole_file
 from daest.cli.progress import progress
-from daest.cli.recordings import DataOptions, training_data
+from daest.cli.recordings import training_data
 from daest.cli.results import fitted, save_fit
-from daest.data.project import Project, load_project
+from daest.data.project import Project
 from daest.estimation.identify import identify
 from daest.estimation.profile import ALL, silent
 from daest.model.experiment import Experiment
@@ -88,15 +88,19 @@ class Identified:
     help="Draw the profiles (.png, .svg or .pdf).",
 )
 @click.option(
+    "--shooting",
+    metavar="SEGMENTS",
+    type=click.IntRange(min=1),
+    help="Multiple shooting of a nonlinear model (default: where a simulation over the whole record fails).",
+)
+@click.option(
     "--starts",
     type=click.IntRange(min=1),
     default=1,
     help="Number of start points (default: 1, and more when the residuals are not white).",
 )
-@class_options
-@data_options
-@split_option
-@project_option
+@model_options
+@split_data_options
 @format_option
 @output_option
 @plot_option
@@ -111,16 +115,10 @@ def command(
     given_priors: tuple[str, ...],
     profile: tuple[str, ...],
     profile_plot: Path | None,
+    shooting: int | None,
     starts: int,
-    class_name: str | None,
-    libraries: tuple[Path, ...],
-    start: float | None,
-    stop: float | None,
-    period: float | None,
-    detrend: Any,
-    hold: Any,
-    split: float | None,
-    project_file: Path | None,
+    model_options: ModelOptions,
+    data_options: DataOptions,
     form: str,
     output: Path | None,
     plot: Path | None,
@@ -132,9 +130,8 @@ def command(
     """
     from daest.report.texts import identify as texts
 
-    project = load_project(project_file)
+    project = model_options.project()
     keep_inputs(output, [*data, model])
-    data_choice = DataOptions(start, stop, period, detrend, split, hold)
     options = IdentifyOptions(
         method=method,
         likelihood=likelihood,
@@ -142,11 +139,14 @@ def command(
         fix=assignments(fix, "--fix"),
         prior=priors(given_priors),
         profile=profile or ((ALL,) if profile_plot is not None else ()),
-        hold=data_choice.known_hold(project),
+        hold=data_options.known_hold(project),
+        shooting=shooting,
         starts=starts,
         seed=seed,
     )
-    found = identified(project, model, data, data_choice, options, class_name, libraries)
+    found = identified(
+        project, model, data, data_options, options, model_options.class_name, model_options.libraries
+    )
     if plot is not None:
         _draw(found, plot)
     if profile_plot is not None:

@@ -10,19 +10,17 @@ import click
 
 from daest.cli.diagnose import Case, Search, context, opened, origin
 from daest.cli.options import (
-    class_options,
-    data_options,
+    DataOptions,
+    ModelOptions,
     example,
     format_option,
-    project_option,
+    model_options,
     seed_option,
-    split_option,
+    split_data_options,
 )
 from daest.cli.output import emit, note, to_json, whole_file, with_schema
 from daest.cli.progress import progress
-from daest.cli.recordings import DataOptions
 from daest.cli.results import read_document
-from daest.data.project import load_project
 from daest.errors import ConfigError, DaestError, Place
 
 if TYPE_CHECKING:
@@ -59,10 +57,8 @@ CLOSE = 0.05  # relative difference of errors up to which a written model counts
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder of the models and the ledger (default: results/improve).",
 )
-@class_options
-@data_options
-@split_option
-@project_option
+@model_options
+@split_data_options
 @format_option
 @seed_option
 def command(
@@ -73,15 +69,8 @@ def command(
     places: tuple[str, ...],
     jobs: int | None,
     folder: Path | None,
-    class_name: str | None,
-    libraries: tuple[Path, ...],
-    start: float | None,
-    stop: float | None,
-    period: float | None,
-    detrend: Any,
-    hold: Any,
-    split: float | None,
-    project_file: Path | None,
+    model_options: ModelOptions,
+    data_options: DataOptions,
     form: str,
     seed: int,
 ) -> None:
@@ -92,17 +81,17 @@ def command(
     """
     from daest.report.texts import improve as texts
 
-    project = load_project(project_file)
+    project = model_options.project()
     folder = folder or project.results / FOLDER
     _require_own(folder)
     case = opened(
         project,
         model,
         data,
-        DataOptions(start, stop, period, detrend, split, hold),
+        data_options,
         Search(effects, places, jobs, seed),
-        class_name,
-        libraries,
+        model_options.class_name,
+        model_options.libraries,
     )
     document = improved(case, folder, max_effects)
     emit(document, "improve", form, None, texts.text)

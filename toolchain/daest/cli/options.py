@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import click
 
 from daest.errors import ConfigError
 from daest.model.prior import Prior
+
+if TYPE_CHECKING:
+    from daest.data.prepare import Preparation
+    from daest.data.project import Hold, Project
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -27,6 +33,74 @@ def _stacked(*decorators: Callable[[Any], Any]) -> Callable[[Command], Command]:
         return function
 
     return apply
+
+
+def gathered(
+    name: str, kind: Callable[..., Any], *options: Callable[[Any], Any]
+) -> Callable[[Command], Command]:
+    """The options as one argument `name` of the command: `kind`, called with the value of each."""
+
+    def apply(function: Command) -> Command:
+        def call(*arguments: Any, **values: Any) -> Any:
+            own = {key: values.pop(key) for key in names}
+            return function(*arguments, **{name: kind(**own)}, **values)
+
+        functools.update_wrapper(call, function)
+        before = len(getattr(call, "__click_params__", []))
+        applied: Any = _stacked(*options)(call)
+        # click keeps the options of a command in this list until it builds the command.
+        names = [option.name for option in applied.__click_params__[before:]]
+        return cast(Command, applied)
+
+    return apply
+
+
+@dataclass(frozen=True)
+class ModelOptions:
+    """Where a command finds its model beside the name of the file: class, libraries and project file."""
+
+    class_name: str | None
+    libraries: tuple[Path, ...]
+    project_file: Path | None
+
+    def project(self) -> Project:
+        """The project file, or an empty project. Raises what `load_project` raises."""
+        from daest.data.project import load_project
+
+        return load_project(self.project_file)
+
+
+@dataclass(frozen=True)
+class DataOptions:
+    """What the command line says about the data; None leaves the word to daest.toml."""
+
+    start: float | None = None
+    stop: float | None = None
+    period: float | None = None
+    detrend: Literal["none", "mean", "linear"] | None = None
+    split: float | None = None
+    hold: Literal["zoh", "foh"] | None = None
+
+    def preparation(self, project: Project) -> Preparation:
+        """Options of the command line before those of daest.toml."""
+        from daest.data.prepare import Preparation
+
+        given = project.preparation
+        return Preparation(
+            start=given.start if self.start is None else self.start,
+            stop=given.stop if self.stop is None else self.stop,
+            period=given.period if self.period is None else self.period,
+            detrend=given.detrend if self.detrend is None else self.detrend,
+            split=given.split if self.split is None else self.split,
+        )
+
+    def known_hold(self, project: Project) -> Hold | None:
+        """What the inputs do between samples: the option, else straight lines after resampling (a filtered
+        input is no longer held, whatever the original was), else what daest.toml says of the recording; None
+        if unknown."""
+        if self.hold is not None:
+            return self.hold
+        return "foh" if self.preparation(project).period is not None else project.hold
 
 
 project_option = click.option(
@@ -54,7 +128,7 @@ output_option = click.option(
 seed_option = click.option(
     "--seed", type=click.IntRange(min=0), default=0, help="Seed of all random numbers (default: 0)."
 )
-class_options = _stacked(
+_class_options = (
     click.option("--class", "class_name", metavar="NAME", help="Class to use if the file holds several."),
     click.option(
         "-L",
@@ -66,6 +140,8 @@ class_options = _stacked(
         help="Folder of Modelica libraries; MODELICAPATH is read too.",
     ),
 )
+class_options = _stacked(*_class_options)
+model_options = gathered("model_options", ModelOptions, *_class_options, project_option)
 set_option = click.option(
     "--set",
     "settings",
@@ -82,7 +158,7 @@ hold_option = click.option(
     type=click.Choice(["zoh", "foh"]),
     help="Inputs between samples: held, or on straight lines (default: foh).",
 )
-data_options = _stacked(
+_data_options = (
     click.option("--from", "start", type=float, metavar="TIME", help="Use the recording from here on [s]."),
     click.option("--to", "stop", type=float, metavar="TIME", help="Use the recording up to here [s]."),
     click.option(
@@ -99,9 +175,11 @@ data_options = _stacked(
     ),
     hold_option,
 )
-split_option = click.option(
+_split_option = click.option(
     "--split", type=float, metavar="SHARE", help="Share for estimation; the rest validates, e.g. 0.5."
 )
+data_options = gathered("data_options", DataOptions, *_data_options)
+split_data_options = gathered("data_options", DataOptions, *_data_options, _split_option)
 
 
 def assignments(given: tuple[str, ...], option: str) -> dict[str, float]:

@@ -3,52 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 from daest.cli.models import with_outputs
+from daest.cli.options import DataOptions
 from daest.cli.output import note, warn
 from daest.data.check import check_experiment
 from daest.data.prepare import Preparation, prepare, split_all
-from daest.data.project import Hold, Project
+from daest.data.project import Project
 from daest.data.read import Signal, measured_names, read_experiments, select_outputs
 from daest.errors import ConfigError
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
-
-Detrend = Literal["none", "mean", "linear"]
-
-
-@dataclass(frozen=True)
-class DataOptions:
-    """What the command line says about the data; None leaves the word to daest.toml."""
-
-    start: float | None = None
-    stop: float | None = None
-    period: float | None = None
-    detrend: Detrend | None = None
-    split: float | None = None
-    hold: Hold | None = None
-
-    def preparation(self, project: Project) -> Preparation:
-        """Options of the command line before those of daest.toml."""
-        given = project.preparation
-        return Preparation(
-            start=given.start if self.start is None else self.start,
-            stop=given.stop if self.stop is None else self.stop,
-            period=given.period if self.period is None else self.period,
-            detrend=given.detrend if self.detrend is None else self.detrend,
-            split=given.split if self.split is None else self.split,
-        )
-
-    def known_hold(self, project: Project) -> Hold | None:
-        """What the inputs do between samples: the option, else straight lines after resampling (a filtered
-        input is no longer held, whatever the original was), else what daest.toml says of the recording; None
-        if unknown."""
-        if self.hold is not None:
-            return self.hold
-        return "foh" if self.preparation(project).period is not None else project.hold
 
 
 def training_data(

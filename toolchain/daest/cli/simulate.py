@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import click
 
 from daest.cli.models import load_model, model_source
 from daest.cli.options import (
-    class_options,
+    DataOptions,
+    ModelOptions,
     data_options,
     example,
     format_option,
+    model_options,
     output_option,
-    project_option,
     seed_option,
     set_option,
 )
 from daest.cli.output import emit, keep_inputs, note, write_text
-from daest.cli.recordings import DataOptions, driving_data
+from daest.cli.recordings import driving_data
 from daest.cli.results import find_fit, fitted
-from daest.data.project import load_project
 from daest.model.flat import FlatModel
 from daest.model.simulation import Simulation
 from daest.report.csv_text import csv_text
@@ -38,9 +37,8 @@ from daest.systems.simulate import simulate
     "--all", "all_variables", is_flag=True, help="Write every internal variable, not the outputs alone."
 )
 @set_option
-@class_options
+@model_options
 @data_options
-@project_option
 @format_option
 @output_option
 @seed_option
@@ -50,14 +48,8 @@ def command(
     noise: bool,
     all_variables: bool,
     settings: Mapping[str, float],
-    class_name: str | None,
-    libraries: Sequence[Path],
-    start: float | None,
-    stop: float | None,
-    period: float | None,
-    detrend: Any,
-    hold: Any,
-    project_file: Path | None,
+    model_options: ModelOptions,
+    data_options: DataOptions,
     form: str,
     output: Path | None,
     seed: int,
@@ -66,18 +58,17 @@ def command(
 
     Parameters are those of results/fit.json if it is a fit of this model, else those of the model.
     """
-    project = load_project(project_file)
+    project = model_options.project()
     keep_inputs(output, [inputs, model])
     source = model_source(project, model)
-    flat = load_model(project, source, class_name, libraries)
+    flat = load_model(project, source, model_options.class_name, model_options.libraries)
     fit = find_fit(project, source, flat.name)
     if fit is not None:
         note(f"parameters of {fit[0]}")
         flat = fitted(flat, fit[1])
     flat = _with_settings(flat, settings)
-    options = DataOptions(start, stop, period, detrend, None, hold)
-    recording = driving_data(flat, project, [inputs] if inputs else [], options)[0]
-    chosen = options.known_hold(project) or (fit[1].get("hold") if fit else None) or "foh"
+    recording = driving_data(flat, project, [inputs] if inputs else [], data_options)[0]
+    chosen = data_options.known_hold(project) or (fit[1].get("hold") if fit else None) or "foh"
     result = simulate(flat, recording, hold=chosen, noise=noise, seed=seed if noise else None)
     _write(result, form, output, all_variables)
 

@@ -14,8 +14,8 @@ class Finding:
     """One thing that was seen. A `warning` is probably a fault of the recording, a `note` something to know.
 
     `code` is explained by `daest explain`; `column` is None for what concerns no single one; `at` is the
-    first time (s) and `count` how many samples, runs or steps there are. `text` is a sentence without its subject,
-    which is the column, else `subject`.
+    first time (s) and `count` how many samples, runs or steps there are. `text` is a sentence without its
+    subject, which is the column, else `subject`.
     """
 
     code: str
