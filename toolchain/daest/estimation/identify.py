@@ -94,6 +94,9 @@ def identify(
     initial = {c.name: c.initial for c in setup.problem.unknowns.coordinates}
     parameters = tuple(replace(p, initial=initial[p.name]) for p in result.parameters)
     result = replace(result, parameters=parameters)
+    if options.shooting:
+        note = "no multiple shooting: the initial states of a linear model are eliminated exactly"
+        result = replace(result, notes=(*result.notes, note))
     if options.profile:
         objective = (likelihood if setup.method == "pem" else output_error).objective(problem)
         unknowns = problem.unknowns

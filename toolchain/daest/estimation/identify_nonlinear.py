@@ -9,6 +9,7 @@ compared.
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -39,6 +40,7 @@ from daest.estimation.observer import observer
 from daest.estimation.priors import prior_penalty
 from daest.estimation.profile import Searched, Tell, silent, with_profiles
 from daest.estimation.search import minimise
+from daest.estimation.shooting import Cut, default_segments, search_by_shooting, start_of
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
 from daest.model.explicit import ExplicitModel
@@ -52,6 +54,8 @@ ROUGH_GAIN = 1.0
 WARM_GAIN = 0.02  # predicted gain in log-likelihood at which a warm search ends
 WARM_ROUNDS = 4
 ENOUGH_GAIN = 1.0  # in log-likelihood: a round that gains less is the last
+POOR = 0.5  # of the spread of an output: a simulation that leaves more is tried by multiple shooting
+SAME_END = 1.0  # in log-likelihood, between the joined segments and the simulation that they lead to
 NEARLY_NONE = 1e-6  # of the noise intensity of a similar model
 
 
@@ -99,7 +103,7 @@ def identify_nonlinear(
     if warm is None:
         problem, z = started(problem)
         problem, z = with_hold(problem, z, options)
-        check_nonlinear_start(problem, z)
+        check_nonlinear_start(problem, z, may_be_cut=method == "oe" and options.shooting != 1)
         setup = replace(setup, problem=problem)
         ends = _search(setup, z, options)
     else:
@@ -111,7 +115,10 @@ def identify_nonlinear(
         simulated["validation"] = agreement(best, tuple(validation), with_gain=False)
         one_step["validation"] = agreement(best, tuple(validation), with_gain=True)
     result = nonlinear_result(setup, ends, simulated, one_step)
-    if options.profile:
+    if options.profile and best.cut is not None:
+        note = "no profile likelihood: the model is too unstable to be simulated from one initial state"
+        result = replace(result, notes=(*result.notes, note))
+    elif options.profile:
         searched = Searched(trajectories.objective(best.problem), unknowns, *limits(best.problem), best.found)
         result = with_profiles(result, searched, options.profile, tell)
     return replace(result, seconds=time.perf_counter() - began)
@@ -120,21 +127,72 @@ def identify_nonlinear(
 def _search(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions) -> list[Ending]:
     starts = [z, *further_starts(setup.problem, z, options)]
     ends = [end for start in starts if (end := _search_from(setup, start, options)) is not None]
+    if not ends:
+        raise no_start()
     return sorted(ends, key=lambda end: end.found.evaluation.value)
 
 
 def _search_from(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions) -> Ending | None:
+    simulated = _simulated(setup, z, options)
+    if simulated is None or setup.method == "oe" or simulated.cut is not None:
+        return simulated
+    setup, found = replace(setup, problem=simulated.problem), simulated.found
     problem = setup.problem
     lower, upper = limits(problem)
-    found = minimise(trajectories.objective(problem), z, lower, upper, options.max_iterations)
-    if found is None or setup.method == "oe":
-        return None if found is None else Ending(problem, found, None)
     levels: Levels | None = None
     for _ in range(NOISE_ROUNDS):
         problem, levels = with_gain(setup, found.z, levels)
         again = minimise(trajectories.objective(problem), found.z, lower, upper, options.max_iterations)
         found = again or found
-    return _settled(setup, Ending(problem, found, levels), options)
+    return _settled(setup, Ending(problem, found, levels, notes=simulated.notes), options)
+
+
+def _simulated(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions) -> Ending | None:
+    """The end of an output-error search: over the whole records, by multiple shooting where that is wanted,
+    or by the better of both where the former fails."""
+    problem, shooting = setup.problem, options.shooting
+    single = None
+    if shooting is None or shooting == 1:
+        lower, upper = limits(problem)
+        found = minimise(trajectories.objective(problem), z, lower, upper, options.max_iterations)
+        single = None if found is None else Ending(problem, found, None)
+    if shooting == 1 or (shooting is None and (setup.method == "pem" or not _is_poor(single))):
+        return single
+    n_segments = shooting or default_segments(problem.experiments)
+    cut = search_by_shooting(problem, z, n_segments, options.max_iterations)
+    ends = [end for end in (single, _uncut(problem, cut, n_segments, options)) if end is not None]
+    return min(ends, key=lambda end: end.found.evaluation.value, default=None)
+
+
+def _is_poor(end: Ending | None) -> bool:
+    """Whether a search by simulation did not converge, or left an output largely unexplained."""
+    if end is None or end.found.reason != "converged":
+        return True
+    errors = prediction_errors(end.problem, end.found.z)
+    assert errors is not None
+    y = np.concatenate([e.outputs for e in end.problem.experiments])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # an output without a value
+        left, spread = np.nanstd(np.concatenate(errors.errors), axis=0), np.nanstd(y, axis=0)
+    return bool(np.any(left > POOR * spread))
+
+
+def _uncut(
+    problem: TrajectoryProblem, cut: Cut | None, n_segments: int, options: IdentifyOptions
+) -> Ending | None:
+    """The end of multiple shooting as a simulation of the whole records, searched on from there; the cut one
+    where the model is too unstable for that."""
+    if cut is None:
+        return None
+    note = (f"found by multiple shooting ({n_segments} segments)",)
+    problem = replace(problem, state_scale=cut.shooting.problem.state_scale)
+    z = start_of(cut.shooting, cut.found.z)
+    lower, upper = limits(problem)
+    found = minimise(trajectories.objective(problem), z, lower, upper, options.max_iterations)
+    if found is not None and found.evaluation.value < cut.found.evaluation.value + SAME_END:
+        return Ending(problem, found, None, notes=note)
+    unstable = "too unstable to be simulated from one initial state: errors are those of the joined segments"
+    return Ending(problem, replace(cut.found, z=z), None, cut, (*note, unstable))
 
 
 def _settled(setup: NonlinearSetup, end: Ending, options: IdentifyOptions) -> Ending:

@@ -17,6 +17,7 @@ from scipy.optimize import minimize
 
 from daest.estimation.observer import AverageModel, Observer, average_model, observer
 from daest.estimation.search import Found
+from daest.estimation.shooting import Cut
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
 from daest.model.fit import Method
 from daest.systems.integrate import interval_inputs
@@ -64,11 +65,13 @@ class Levels:
 @dataclass(frozen=True)
 class Ending:
     """Where one search ended: the problem with its gain, and the noise levels behind the gain (None without
-    one)."""
+    one). `cut` is the end of multiple shooting where no simulation over a whole record comes that far."""
 
     problem: TrajectoryProblem
     found: Found
     levels: Levels | None
+    cut: Cut | None = None
+    notes: tuple[str, ...] = ()
 
 
 def with_gain(

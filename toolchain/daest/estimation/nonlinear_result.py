@@ -24,6 +24,7 @@ from daest.estimation.priors import log_likelihood, prior_precisions
 from daest.estimation.result import bound_of, message_of
 from daest.estimation.scores import Scores, scores
 from daest.estimation.search import minimise
+from daest.estimation.shooting import whole_errors
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
 from daest.model.explicit import ExplicitModel
@@ -34,6 +35,10 @@ AGREEMENT_ITERATIONS = 10  # of the search for the initial states that an agreem
 
 def agreement(end: Ending, experiments: tuple[Experiment, ...], *, with_gain: bool) -> Agreement:
     """Agreement from the best initial state of each experiment, parameters held."""
+    names = [o.name for o in end.problem.model.explicit.flat.outputs]
+    measured = [e.outputs for e in experiments]
+    if end.cut is not None and experiments is end.problem.experiments:
+        return agreement_of(names, measured, whole_errors(end.cut)[0].errors)
     problem = end.problem if with_gain else replace(end.problem, gain=None)
     n = len(problem.unknowns.coordinates)
     parameters = end.found.z[:n]
@@ -47,8 +52,6 @@ def agreement(end: Ending, experiments: tuple[Experiment, ...], *, with_gain: bo
     lower[:n] = upper[:n] = parameters
     found = minimise(trajectories.objective(problem), z, lower, upper, AGREEMENT_ITERATIONS)
     errors = None if found is None else prediction_errors(problem, found.z)
-    names = [o.name for o in problem.model.explicit.flat.outputs]
-    measured = [e.outputs for e in experiments]
     return agreement_of(names, measured, None if errors is None else errors.errors)
 
 
@@ -64,9 +67,7 @@ def nonlinear_result(
     problem, unknowns, found = end.problem, end.problem.unknowns, end.found
     n = len(unknowns.coordinates)
     explicit = problem.model.explicit
-    errors = prediction_errors(problem, found.z, with_slopes=True)
-    assert errors is not None
-    parts = all_scores(problem, errors)
+    errors, parts = _judged_errors(end)
     slopes = unknowns.slopes(found.z[:n])
     bounds = [bound_of(c, z) for c, z in zip(unknowns.coordinates, found.z[:n], strict=True)]
     information = np.sum([np.tensordot(s.slopes, s.slopes, ((1, 2), (1, 2))) for s in parts], axis=0)
@@ -74,7 +75,7 @@ def nonlinear_result(
     count = sum(int(o.sum()) for o in observed)
     in_z = information * np.outer(slopes, slopes) + np.diag(prior_precisions(unknowns))
     free = ~without_influence(in_z, count) & np.array([b is None for b in bounds], dtype=bool)
-    notes = list(setup.notes)
+    notes = [*setup.notes, *end.notes]
     if setup.method == "oe":
         uncertain = output_error_covariance(parts, observed, slopes, free, prior_precisions(unknowns))
         cov_z = uncertain.covariance
@@ -117,6 +118,14 @@ def nonlinear_result(
         hold=problem.hold,
         notes=tuple(notes),
     )
+
+
+def _judged_errors(end: Ending) -> tuple[Errors, list[Scores]]:
+    if end.cut is not None:
+        return whole_errors(end.cut, with_slopes=True)
+    errors = prediction_errors(end.problem, end.found.z, with_slopes=True)
+    assert errors is not None
+    return errors, all_scores(end.problem, errors)
 
 
 def all_scores(problem: TrajectoryProblem, errors: Errors) -> list[Scores]:

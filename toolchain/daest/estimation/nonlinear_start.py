@@ -101,12 +101,14 @@ def with_hold(
     return (problem, z) if best is None else (replace(problem, hold=best[1]), best[2])
 
 
-def check_nonlinear_start(problem: TrajectoryProblem, z: np.ndarray) -> None:
+def check_nonlinear_start(problem: TrajectoryProblem, z: np.ndarray, may_be_cut: bool) -> None:
     """Errors of `check_start`. An unstable simulation drowns every direction but one in its growth: a
-    direction is flat only if a short piece agrees."""
+    direction is flat only if a short piece agrees. Where the record may be cut, the piece is enough."""
     short = replace(problem, experiments=tuple(head(e, SHORT_LENGTH) for e in problem.experiments))
     observed = sum(int(np.isfinite(e.outputs).sum()) for e in problem.experiments)
     whole, piece = (_of_parameters(part, z) for part in (problem, short))
+    if whole is None and may_be_cut:
+        whole, observed = piece, sum(int(np.isfinite(e.outputs).sum()) for e in short.experiments)
     check_start(problem.unknowns, whole, observed, piece)
 
 

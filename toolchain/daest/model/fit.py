@@ -39,6 +39,8 @@ class IdentifyOptions:
     filter, which suits smooth models and estimates the noise exactly. `split` in (0, 1) keeps that first part
     of every experiment for the estimation and the rest for the validation. `profile` names parameters whose
     profile likelihood is wanted, ("all",) every estimated one; the gain of an observer is held in it.
+    `shooting` cuts every record of a nonlinear model into that many segments with initial states of their own
+    (multiple shooting); None does so for an output-error search that fails over the whole records, 1 never.
     """
 
     method: Method | None = None
@@ -57,6 +59,7 @@ class IdentifyOptions:
     likelihood: Literal["observer", "ekf"] = "observer"
     split: float | None = None
     profile: tuple[str, ...] = ()
+    shooting: int | None = None
 
 
 @dataclass(frozen=True)

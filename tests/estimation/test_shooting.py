@@ -1,0 +1,194 @@
+"""Multiple shooting against the truth where single shooting fails, and against independent least squares."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from nonlinear_models import experiment_of, explicit_from, oscillator
+from scipy.linalg import expm
+from scipy.optimize import least_squares
+
+from daest.estimation.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.identify_nonlinear import identify_nonlinear
+from daest.estimation.shooting import _tied, search_by_shooting, shooting_of, start_of
+from daest.estimation.trajectories import TrajectoryProblem
+from daest.model.fit import IdentifyOptions
+from daest.systems.integrate import integrator
+from daest.systems.simulate import simulate
+
+
+def pendulum():
+    """J w' = u - d w - mgl sin(phi), angle measured."""
+    return explicit_from(
+        ("phi", "w"),
+        {"J": 1.0, "d": 0.05, "mgl": 9.0},
+        lambda x, u, w, p, t: [x[1], (u[0] - p[1] * x[1] - p[2] * ca.sin(x[0])) / p[0]],
+        {"angle": lambda x, u, p: x[0]},
+    )
+
+
+def turning(seed=0, n=800):
+    """A motor drives the pendulum through thirty turns; 20 s at 25 ms."""
+    explicit = pendulum()
+    rng = np.random.default_rng(seed)
+    time = 0.025 * np.arange(n)
+    u = np.repeat(rng.choice([-6.0, 6.0, 0.0, 9.0], n // 40), 40)[:, None]
+    y = simulate(explicit, (time, u), hold="zoh").outputs
+    return explicit, experiment_of(explicit, time, u, y + 0.02 * rng.standard_normal(y.shape))
+
+
+def unknowns_of(explicit, **start):
+    coordinates = tuple(parameter_coordinate(explicit.flat, n, v, (0.0, None)) for n, v in start.items())
+    return Unknowns(coordinates, explicit.flat.theta_values, np.zeros(0), np.ones(1))
+
+
+def fit_of(explicit, experiments, shooting=None, hold="zoh", profile=(), **start):
+    n_w = len(explicit.flat.noises)
+    return identify_nonlinear(
+        explicit, unknowns_of(explicit, **start), experiments, "oe", np.full(n_w, np.nan),
+        np.ones(n_w, dtype=bool), np.array([np.nan]),
+        IdentifyOptions(hold=hold, shooting=shooting, profile=profile),
+    )  # fmt: skip
+
+
+def problem_of(explicit, experiments, **start):
+    unknowns = unknowns_of(explicit, **start)
+    model = integrator(explicit, unknowns.parameter_names())
+    return TrajectoryProblem(
+        model, tuple(experiments), "zoh", unknowns, np.ones(explicit.n_states), np.array([np.nan])
+    )
+
+
+FAR = [{"J": 1.5, "d": 0.3, "mgl": 4.0}, {"J": 2.5, "d": 0.01, "mgl": 20.0}]
+
+
+@pytest.mark.parametrize("start", FAR, ids=["light", "heavy"])
+def test_pendulum_through_many_turns_is_found_from_a_far_start(start):
+    explicit, experiment = turning()
+    assert np.ptp(experiment.outputs) > 20 * 2 * np.pi
+    truth = dict(zip(("J", "d", "mgl"), explicit.flat.theta_values, strict=True))
+    single = fit_of(explicit, [experiment], 1, **start)
+    assert abs(single.theta["mgl"] / truth["mgl"] - 1.0) > 0.3
+    fit = fit_of(explicit, [experiment], **start)
+    assert fit.status == "converged" and "found by multiple shooting (20 segments)" in fit.notes
+    for p in fit.parameters:
+        assert abs(p.value - truth[p.name]) < 4.0 * p.std_error and p.std_error < 0.01 * p.value
+    assert fit.simulated["estimation"].rms["angle"] == pytest.approx(0.02, rel=4 / np.sqrt(1600))
+    assert fit.log_likelihood > single.log_likelihood + 1000.0
+
+
+def test_shooting_ends_where_an_easy_single_search_does():
+    explicit = oscillator()
+    rng = np.random.default_rng(1)
+    time = 0.05 * np.arange(500)
+    u = np.repeat(rng.choice([-6.0, 6.0], 25), 20)[:, None]
+    y = simulate(explicit, (time, u), hold="zoh").outputs + 0.02 * rng.standard_normal((500, 1))
+    y[100:120] = np.nan
+    start = {"k": 3.5, "d": 0.6, "k3": 1.5}
+    single, several = (fit_of(explicit, [experiment_of(explicit, time, u, y)], n, **start) for n in (1, 7))
+    assert several.log_likelihood == pytest.approx(single.log_likelihood, abs=1e-3)
+    for a, b in zip(single.parameters, several.parameters, strict=True):
+        assert a.value == pytest.approx(b.value, abs=0.01 * a.std_error)
+        assert a.std_error == pytest.approx(b.std_error, rel=1e-3)
+    assert not single.notes and several.notes == ("found by multiple shooting (7 segments)",)
+
+
+def test_two_records_are_cut_apart():
+    explicit, first = turning(0, 400)
+    _, second = turning(1, 320)
+    problem = problem_of(explicit, [first, second], J=1.0, d=0.05, mgl=9.0)
+    shooting = shooting_of(problem, 4)
+    assert shooting.groups == ((0, 1, 2, 3), (4, 5, 6, 7))
+    assert shooting.pairs == [(0, 1), (1, 2), (2, 3), (4, 5), (5, 6), (6, 7)]
+    seen = [np.isfinite(e.outputs[:, 0]).sum() for e in shooting.problem.experiments]
+    assert sum(seen[:4]) == 400 and sum(seen[4:]) == 320
+    for i, j in shooting.pairs:
+        a, b = shooting.problem.experiments[i], shooting.problem.experiments[j]
+        assert a.time[-1] == b.time[0]
+    fit = fit_of(explicit, [first, second], 10, J=1.5, d=0.3, mgl=4.0)
+    assert fit.theta["mgl"] == pytest.approx(9.0, rel=0.02) and len(fit.initial_states) == 2
+
+
+def test_objective_has_the_gradient_of_its_value():
+    explicit, experiment = turning(2, 200)
+    shooting = shooting_of(problem_of(explicit, [experiment], J=1.2, d=0.1, mgl=7.0), 4)
+    rng = np.random.default_rng(0)
+    multipliers = rng.standard_normal((3, 2))
+    objective = _tied(shooting, multipliers, 50.0)
+    z = np.concatenate([shooting.problem.unknowns.start, rng.standard_normal(8)])
+    here, h = objective(z, True), 1e-5
+    numeric = [
+        (objective(z + h * e, False).value - objective(z - h * e, False).value) / (2 * h)
+        for e in np.eye(z.size)
+    ]
+    assert here.gradient == pytest.approx(np.array(numeric), rel=1e-3, abs=1e-4 * np.max(np.abs(numeric)))
+    assert np.linalg.eigvalsh(here.information).min() > -1e-9 * np.linalg.eigvalsh(here.information).max()
+
+
+# A model so unstable that no simulation follows it: exp(2 · 20) = 2e17
+
+
+RATE, GAIN, SENSOR = 2.0, 1.0, 0.01
+PERIOD, SAMPLES = 0.05, 400
+
+
+def unstable_record(seed=0):
+    """x' = a x + b u, kept near zero by feedback of the measurement and moved by steps."""
+    rng = np.random.default_rng(seed)
+    steps = np.repeat(rng.choice([-1.0, 1.0], SAMPLES // 20), 20)
+    flow = expm(np.array([[RATE, GAIN], [0.0, 0.0]]) * PERIOD)
+    x, u, y = 0.1, np.zeros(SAMPLES), np.zeros(SAMPLES)
+    for k in range(SAMPLES):
+        y[k] = x + SENSOR * rng.standard_normal()
+        u[k] = -6.0 * y[k] + 3.0 * steps[k]
+        x = flow[0] @ [x, u[k]]
+    explicit = explicit_from(
+        ("x",), {"a": RATE, "b": GAIN}, lambda x, u, w, p, t: [p[0] * x[0] + p[1] * u[0]],
+        {"y": lambda x, u, p: x[0]},
+    )  # fmt: skip
+    return explicit, experiment_of(explicit, PERIOD * np.arange(SAMPLES), u[:, None], y[:, None])
+
+
+def backwards(u, y):
+    """Least squares over a, b and the last state: backwards in time the model is stable."""
+
+    def residuals(z):
+        flow = expm(np.array([[z[0], z[1]], [0.0, 0.0]]) * PERIOD)
+        x, found = z[2], np.zeros(y.size)
+        found[-1] = x
+        for k in range(y.size - 2, -1, -1):
+            x = (x - flow[0, 1] * u[k]) / flow[0, 0]
+            found[k] = x
+        return y - found
+
+    found = least_squares(residuals, [RATE, GAIN, y[-1]], jac="3-point", x_scale=[1.0, 1.0, 0.1])
+    scale = np.mean(found.fun**2)
+    return found.x, np.sqrt(scale * np.diagonal(np.linalg.inv(found.jac.T @ found.jac)))
+
+
+def test_unstable_model_is_identified_from_joined_segments():
+    explicit, experiment = unstable_record()
+    fit = fit_of(explicit, [experiment], a=3.0, b=0.5)
+    values, errors = backwards(experiment.inputs[:, 0], experiment.outputs[:, 0])
+    assert fit.status == "converged" and any("too unstable" in note for note in fit.notes)
+    for p, value, error in zip(fit.parameters, values, errors, strict=False):
+        assert p.value == pytest.approx(value, abs=0.02 * error)
+        assert p.std_error == pytest.approx(error, rel=0.02)
+    assert fit.simulated["estimation"].rms["y"] == pytest.approx(SENSOR, rel=0.15)
+    (state,) = fit.initial_states
+    assert state.values[0] == pytest.approx(0.1, abs=4 * state.std_errors[0]) and state.std_errors[0] < SENSOR
+
+
+def test_unstable_model_has_no_profile_but_says_so():
+    explicit, experiment = unstable_record()
+    fit = fit_of(explicit, [experiment], profile=("a",), a=3.0, b=0.5)
+    assert not fit.profiles and any(note.startswith("no profile likelihood") for note in fit.notes)
+
+
+def test_continuous_solution_starts_where_the_record_does():
+    explicit, experiment = turning()
+    problem = problem_of(explicit, [experiment], J=1.5, d=0.3, mgl=4.0)
+    cut = search_by_shooting(problem, np.concatenate([problem.unknowns.start, np.zeros(2)]), 20, 60)
+    z = start_of(cut.shooting, cut.found.z)
+    assert z.size == 5
+    assert problem.unknowns.natural(z[:3]) == pytest.approx([1.0, 0.05, 9.0], rel=0.02)
+    assert z[3:] * cut.shooting.problem.state_scale == pytest.approx([0.0, 0.0], abs=0.05)
