@@ -19,6 +19,10 @@ LARGEST_RANK = 2000
 """Rank of N up to which the singular values of a sparse form are computed: dense algebra of this size."""
 
 
+DENSE_SHARE = 0.05
+"""From this share of non-zero entries on, products are formed as those of dense matrices."""
+
+
 @dataclass(frozen=True)
 class RowSpace:
     """The row space of N P2: columns b that `rows` (rank N, n) maps to zero are admissible. `gram` solves
@@ -90,7 +94,14 @@ def _of_sparse(dae: LinearDAE, form: SparseForm, scaling: Scaling) -> Nilpotent:
 def _row_space(rows: sp.csr_array) -> RowSpace:
     lengths = np.sqrt(rows.multiply(rows).sum(axis=1)).ravel()
     rows = sp.csr_array(sp.diags_array(1.0 / lengths) @ rows)
-    return RowSpace(rows, spla.splu(sp.csc_array(rows @ rows.T)))
+    return RowSpace(rows, spla.splu(sp.csc_array(_product(rows, rows.T))))
+
+
+def _product(left: sp.csr_array, right: sp.csc_array) -> np.ndarray | sp.csr_array:
+    """left · right, by dense algebra where the factors are nearly full."""
+    if left.nnz > DENSE_SHARE * left.shape[0] * left.shape[1]:
+        return np.asarray(left.toarray() @ right.toarray())
+    return left @ right
 
 
 def _singular_values(dae: LinearDAE, form: SparseForm, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -102,13 +113,18 @@ def _singular_values(dae: LinearDAE, form: SparseForm, rows: np.ndarray, columns
     T = form.maps[1]
     T_c, T_r = sp.csc_array(T[:, columns]), sp.csr_array(T)[rows]
     right = T_r @ sp.csr_array(dae.J)
-    left_gram = (T_c.T @ T_c).toarray() - _inside(form.right_dynamic, T_c)
+    left_gram = _full(_product(T_c.T, T_c)) - _inside(form.right_dynamic, T_c)
     lengths = np.sqrt(right.multiply(right).sum(axis=1)).ravel()
-    right_gram = (sp.diags_array(1.0 / lengths) @ right @ right.T @ sp.diags_array(1.0 / lengths)).toarray()
+    right = sp.csr_array(sp.diags_array(1.0 / lengths) @ right)
+    right_gram = _full(_product(right, right.T))
     root = lengths[:, None] * sla.cholesky(right_gram, lower=True)
     middle = spla.splu(sp.csc_array(T_r[:, columns])).solve(root)
     squares = sla.eigvalsh(middle.T @ left_gram @ middle)[::-1]
     return np.sqrt(np.maximum(squares, 0.0))
+
+
+def _full(matrix: np.ndarray | sp.csr_array) -> np.ndarray:
+    return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
 
 
 def _inside(Q1: sp.csr_array, T_c: sp.csc_array) -> np.ndarray:

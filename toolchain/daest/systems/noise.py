@@ -8,11 +8,13 @@ rows.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from daest.errors import ConfigError
 from daest.model.linear import LinearDAE, RankDecision, SparseForm, StandardForm
@@ -64,6 +66,15 @@ class NoiseGains:
             return np.zeros(self.rows.size)
         return _column_norms(_scaled(self.maps[1], self.rows, self.columns)) / self.largest[1]
 
+    def unit_part(self, i: int, equation: int) -> tuple[np.ndarray, np.ndarray]:
+        """`part` of the unit column of one equation: the unknowns concerned, in order, and the values."""
+        matrix = self.maps[i]
+        span = slice(matrix.indptr[equation], matrix.indptr[equation + 1])
+        unknowns, values = matrix.indices[span], matrix.data[span]
+        limit = (NO_NOISE if i else default_tolerance(self.rows.size)) * self.largest[i]
+        kept = np.abs(values) > limit * self.rows[equation] * self.columns[unknowns]
+        return unknowns[kept], values[kept]
+
     def _product(self, i: int, b: np.ndarray) -> np.ndarray:
         """maps[i] b over the few equations that b acts on."""
         matrix, value = self.maps[i], np.zeros(b.size)
@@ -76,10 +87,18 @@ class NoiseGains:
 def in_outputs(C: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
     """C times `unknowns` (n,); sums that cancel to rounding are zero."""
     used = np.flatnonzero(unknowns)
-    value, size = C[:, used] @ unknowns[used], np.abs(C[:, used]) @ np.abs(unknowns[used])
-    return np.where(np.abs(value) > default_tolerance(len(unknowns)) * size, value, 0.0)
+    return _in_outputs(C, used, unknowns[used])
 
 
+def _in_outputs(C: np.ndarray, used: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """C times a column with `values` at the unknowns `used`."""
+    if used.size == 0:
+        return np.zeros(C.shape[0])
+    value, size = C[:, used] @ values, np.abs(C[:, used]) @ np.abs(values)
+    return np.where(np.abs(value) > default_tolerance(C.shape[1]) * size, value, 0.0)
+
+
+@threadpool_limits.wrap(limits=1)  # many small solutions: a second thread only waits
 def noise_report(
     dae: LinearDAE,
     form: StandardForm | SparseForm | None = None,
@@ -158,45 +177,54 @@ def verdict(
     size = float(np.linalg.norm(b))
     norm = gains.forbidden.norm(b) / size if size > 0 else 0.0
     admissible = gains.strength(b) <= NO_NOISE if tolerance is None else norm <= tolerance
-    return _place(dae, gains, b, name, norm, admissible)
+
+    def part(i: int) -> tuple[np.ndarray, np.ndarray]:
+        value = gains.part(i, b)
+        return np.flatnonzero(value), value[value != 0.0]
+
+    place = NoisePlace(name, tuple(np.flatnonzero(b).tolist()), admissible, norm, 0, (), (), "")
+    own = [k for k, noise in enumerate(dae.noises) if noise.name == name]
+    return _with_reach(dae, place, part, len(gains.maps), dae.H[:, own[0]] if own else None)
 
 
 def _unit_verdicts(dae: LinearDAE, gains: NoiseGains, tolerance: float | None) -> list[NoisePlace]:
     """`verdict` on noise on every single equation."""
     norms = gains.forbidden.unit_norms()
     admissible = gains.unit_strengths() <= NO_NOISE if tolerance is None else norms <= tolerance
-    b, places = np.zeros(dae.n), []
-    for i, equation in enumerate(dae.equations):
-        b[i] = 1.0
-        places.append(_place(dae, gains, b, equation.text, float(norms[i]), bool(admissible[i])))
-        b[i] = 0.0
+    places = []
+    for k, equation in enumerate(dae.equations):
+        place = NoisePlace(equation.text, (k,), bool(admissible[k]), float(norms[k]), 0, (), (), "")
+        part = partial(_unit_part, gains, k)
+        places.append(_with_reach(dae, place, part, len(gains.maps), None))
     return places
 
 
-def _place(
-    dae: LinearDAE, gains: NoiseGains, b: np.ndarray, name: str, norm: float, admissible: bool
+def _unit_part(gains: NoiseGains, equation: int, i: int) -> tuple[np.ndarray, np.ndarray]:
+    return gains.unit_part(i, equation)
+
+
+def _with_reach(
+    dae: LinearDAE,
+    place: NoisePlace,
+    part: Callable[[int], tuple[np.ndarray, np.ndarray]],
+    n_maps: int,
+    direct: np.ndarray | None,
 ) -> NoisePlace:
-    orders = [] if admissible else [gains.part(i, b) != 0.0 for i in range(1, len(gains.maps))]
-    reached = np.any(orders, axis=0) if orders else np.zeros(0, dtype=bool)
-    return NoisePlace(
-        name=name,
-        equations=tuple(int(i) for i in np.flatnonzero(b)),
-        admissible=admissible,
-        projection_norm=norm,
-        order=max((i for i, present in enumerate(orders, start=1) if present.any()), default=0),
-        differentiated=tuple(dae.unknowns[i].name for i in np.flatnonzero(reached)),
-        white_outputs=_white_outputs(dae, gains, b, name) if admissible else (),
-        advice="",
+    """The place with what the noise reaches: unknowns through its derivatives, or outputs by itself.
+
+    `part(i)` are the unknowns, and the values, that contain the derivative i; `direct` (n_y,) is what the
+    noise adds to outputs without an unknown between.
+    """
+    if place.admissible:
+        value = _in_outputs(dae.C, *part(0)) + (0.0 if direct is None else direct)
+        return replace(place, white_outputs=tuple(dae.outputs[k].name for k in np.flatnonzero(value)))
+    orders = [part(i)[0] for i in range(1, n_maps)]
+    reached = np.unique(np.concatenate([*orders, np.empty(0, dtype=int)]))
+    return replace(
+        place,
+        order=max((i for i, unknowns in enumerate(orders, start=1) if unknowns.size), default=0),
+        differentiated=tuple(dae.unknowns[j].name for j in reached.tolist()),
     )
-
-
-def _white_outputs(dae: LinearDAE, gains: NoiseGains, b: np.ndarray, name: str) -> tuple[str, ...]:
-    """Outputs that contain the noise itself, through ξ or, for a noise of the model, through H."""
-    value = in_outputs(dae.C, gains.part(0, b))
-    own = [k for k, noise in enumerate(dae.noises) if noise.name == name]
-    if own:
-        value = value + dae.H[:, own[0]]
-    return tuple(dae.outputs[k].name for k in np.flatnonzero(value))
 
 
 def _verdict_decision(

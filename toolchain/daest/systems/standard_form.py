@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
 from daest.errors import ModelError, NumericalError
 from daest.model.linear import LinearDAE, SparseForm, StandardForm
 from daest.systems.sparse_form import sparse_form
@@ -23,7 +25,8 @@ def standard_form(dae: LinearDAE, tolerance: float | None = None) -> StandardFor
     if dae.n < SPARSE_LIMIT:
         return split(dae, tolerance)
     try:
-        return sparse_form(dae, tolerance)
+        with threadpool_limits(1):  # many small solutions: a second thread only waits
+            return sparse_form(dae, tolerance)
     except NumericalError as error:
         if error.code != "system-jacobian-singular":
             raise
