@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import NoReturn
@@ -17,23 +18,23 @@ INTERRUPTED = 130  # exit code of a command that Ctrl-C ends
 
 @contextmanager
 def progress() -> Iterator[Callable[[str], None]]:
-    """A function that shows what is being done. Ctrl-C ends the program at once: a refit in another thread
-    would otherwise have to come to its end first."""
+    """A function that shows what is being done. A text that ends in `(3 of 12)` moves a bar, and the
+    time that is left is told from the parts that are done.
+
+    Ctrl-C ends the program at once: a refit in another thread would otherwise have to come to its end first.
+    """
     if not sys.stderr.isatty():
         with _ending_at_once(lambda: None):
             yield lambda text: click.echo(text, err=True)
         return
     from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    console = Console(stderr=True)
-    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-    with (
-        Progress(*columns, console=console, transient=True) as bar,
-        _ending_at_once(lambda: console.show_cursor(True)),
-    ):
+    from daest.cli.bar import moving_bar, show
+
+    bar = moving_bar(Console(stderr=True), time.monotonic)
+    with bar, _ending_at_once(lambda: bar.console.show_cursor(True)):
         task = bar.add_task("starting", total=None)
-        yield lambda text: bar.update(task, description=text)
+        yield lambda text: show(bar, task, text)
 
 
 @contextmanager
