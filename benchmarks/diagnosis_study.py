@@ -36,7 +36,7 @@ from scipy.stats import beta
 
 from daest.diagnosis.diagnose import DiagnoseOptions, diagnose
 from daest.errors import DaestError
-from daest.model.diagnosis import Diagnosis
+from daest.model.diagnosis import Diagnosis, FreeForm
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.modelica.compile import compile_model
@@ -328,7 +328,7 @@ def one_run(case: Case, seed: int, samples: int, with_peers: bool) -> Run:
     flat = model(case.plant)
     began = time.perf_counter()
     try:
-        found = diagnose(flat, library, [truth.experiment], options=DiagnoseOptions(hold="zoh", jobs=1))
+        found = diagnose(flat, library, [truth.experiment], options=DiagnoseOptions(jobs=1))
     except DaestError as error:
         found = None
         verdict, claimed, right, curve, p_value = f"error {error.code}", (), False, None, None
@@ -358,29 +358,35 @@ def one_run(case: Case, seed: int, samples: int, with_peers: bool) -> Run:
 
 def curve_match(found: Diagnosis, truth: Truth) -> float | None:
     """Share of bins in which the true mean load lies within 3 standard deviations of the measured curve."""
-    curve, signals = found.disturbance, truth.signals
-    if curve is None or found.verdict != "unknown effect" or not signals:
+    form, signals = found.disturbance, truth.signals
+    if form is None or found.verdict != "unknown effect" or not signals:
         return None
     half = signals["w"].size // 2
     J, d = (found.baseline.theta[name] for name in ("J", "d"))
     # Refitted parameters have taken their part of the hidden torque.
     left = (signals["hidden"] + (J - 0.5) * signals["a"] + (d - 0.3) * signals["w"])[:half]
-    best = max(
-        ((name, sign) for name in ("w", "phi", "u", "a") for sign in (1.0, -1.0)),
-        key=lambda pair: _likeness(curve.x, pair[1] * signals[pair[0]][:half]),
-    )
-    # The bins hold equally many samples each, whatever unit the variable has.
-    groups = np.array_split(np.argsort(best[1] * signals[best[0]][:half]), curve.x.size)
-    inside = [
-        abs(left[g].mean() - w) < 3.0 * std for g, w, std in zip(groups, curve.w, curve.std, strict=True)
-    ]
-    return float(np.mean(inside))
+    known = {"w": "rotor.w", "phi": "rotor.phi", "u": "u", "a": "rotor.a"}
+    names = {model_name: name for name, model_name in known.items()}
+    if form.variable not in names or (form.sign_of and form.sign_of not in names):
+        return 0.0
+    x = signals[names[form.variable]][:half]
+    sign = np.sign(signals[names[form.sign_of]][:half]) if form.sign_of else 1.0
+    # The truth as the same curve: harmonics of an angle that turns round, else straight lines.
+    rows = harmonics if turns_round(form) else partial(lines_between, form.x)
+    true = rows(form.x) @ np.linalg.lstsq(rows(x) * np.reshape(sign, (-1, 1)), left, rcond=None)[0]
+    return float(np.mean(np.abs(true - form.w) < 3.0 * form.std))
 
 
-def _likeness(x: np.ndarray, signal: np.ndarray) -> float:
-    """Correlation of bin centres with those that the signal has: tells which variable a curve is over."""
-    centres = [group.mean() for group in np.array_split(np.sort(signal), x.size)]
-    return float(np.corrcoef(x, centres)[0, 1])
+def turns_round(form: FreeForm) -> bool:
+    return form.variable_unit == "rad" and np.isclose(2.0 * form.x[-1] - form.x[-2] - form.x[0], 2.0 * np.pi)
+
+
+def harmonics(x: np.ndarray) -> np.ndarray:
+    return np.column_stack([np.ones_like(x), *(f(k * x) for k in (1, 2, 3) for f in (np.cos, np.sin))])
+
+
+def lines_between(knots: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return np.column_stack([np.interp(x, knots, row) for row in np.eye(knots.size)])
 
 
 # Peers ------------------------------------------------------------------------------------------------------

@@ -5,23 +5,29 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hidden_plants import model, rubbing, some_effects
+from hidden_plants import model, rotor_record, rubbing, some_effects
 
 from daest.diagnosis.candidates import pairs
+from daest.diagnosis.diagnose import DiagnoseOptions, begin
 from daest.diagnosis.disturbance import place_gains, smoothed_load
+from daest.diagnosis.free_forms import covers, free_forms
+from daest.diagnosis.null import grown
 from daest.diagnosis.proof import (
     Trial,
     _failed_gate,
     _inside,
     _simulates_better,
+    _wrong_law,
+    is_significant,
     prepare,
     prove,
     ranked,
     trials,
 )
-from daest.diagnosis.screen import run_null, screen
+from daest.diagnosis.screen import law_response, run_null, screen
 from daest.model.diagnosis import Screen, Screened
 from daest.modelica.sites import sites
+from daest.systems.reduce import reduce_index
 
 
 @cache
@@ -43,6 +49,7 @@ def proved(name="CoulombFriction"):
         prepared,
         stand.null.experiments,
         stand.validation,
+        run,
         smoothed_load(stand.null, run, place_gains(stand.null, run)),
         screened().n_screened,
     )
@@ -56,6 +63,7 @@ def test_size_of_coulomb_friction_and_parameters_are_right():
         assert abs(found[name].value - true) < 3.5 * found[name].std_error
     assert proof.verdict == "supported" and proof.reason == ""
     assert proof.explained > 0.5 and proof.delta_bic > 20.0 and proof.p_value < 1e-6
+    assert not is_significant(proof.left, proof.delta_log_likelihood)
 
 
 def test_validation_error_falls_to_the_noise_of_the_plant():
@@ -160,7 +168,8 @@ def test_ranking():
 
 def test_without_a_load_everything_is_explained():
     stand, (prepared, _) = rubbing(), proved()
-    proof = prove(stand.null, stand.baseline, prepared, stand.null.experiments, stand.validation, None)
+    run = run_null(stand.null)
+    proof = prove(stand.null, stand.baseline, prepared, stand.null.experiments, stand.validation, run, None)
     assert proof.explained == 1.0
 
 
@@ -180,3 +189,57 @@ def test_kinks_are_sharper_in_the_proof_than_in_the_screen():
     values = {p.name: p.value for p in prepared.flat.parameters}
     assert values[f"{candidate.name}.w_s"] == pytest.approx(0.3 * candidate.shape["w_s"])
     assert values[f"{candidate.name}.tau_c"] > 0.0
+
+
+@cache
+def misread():
+    """Friction that depends on the angle, read as Coulomb friction."""
+    record, _ = rotor_record(2000, seed=12, coulomb=lambda phi: 0.2 * (1.0 + 0.8 * np.sin(phi)))
+    stand = begin(model(), [record], (), DiagnoseOptions(hold="zoh"))
+    run = run_null(stand.null)
+    load = smoothed_load(stand.null, run, place_gains(stand.null, run))
+    found = screen(stand.null, run, pairs(some_effects("CoulombFriction"), sites(model())))
+    prepared = prepare(stand.null.flat, stand.null.estimated, trials(found, 1.0, 1)[0])
+    return stand, run, prepared, prove(
+        stand.null, stand.baseline, prepared, stand.null.experiments, stand.validation, run, load
+    )  # fmt: skip
+
+
+def test_law_that_leaves_a_curve_which_would_say_all_is_refused():
+    stand, run, prepared, proof = misread()
+    assert proof.delta_bic > 20.0, "Coulomb friction looks very likely"
+    assert proof.verdict == "rejected"
+    fit = proof.fit
+    after = grown(stand.null, prepared.flat, reduce_index(prepared.flat), fit, stand.null.experiments)
+    left = free_forms(after, run_null(after), ["rotor.phi", "rotor.w", "u"])[0]
+    assert left.label == "rotor.phi and the sign of rotor.w"
+    assert "still follows rotor.phi" in _wrong_law(
+        stand.null, run, prepared, fit, proof.delta_log_likelihood, left
+    )
+    # A small rest is how a law is rounded.
+    assert _wrong_law(stand.null, run, prepared, fit, 100.0 * left.log_likelihood_gain, left) == ""
+
+
+def test_curve_over_another_variable_does_not_cover_the_law():
+    stand, run, prepared, proof = misread()
+    response = law_response(stand.null, run, prepared.trial.candidate, proof.fit.theta)
+    forms = {f.label: f for f in free_forms(stand.null, run)}
+    assert covers(stand.null, run, forms["rotor.phi and the sign of rotor.w"], response) > 0.9
+    assert covers(stand.null, run, forms["rotor.phi"], response) < 0.3
+
+
+def test_law_with_fewer_parameters_is_preferred_when_it_says_as_much():
+    _, simple = proved()
+    more = (*simple.fit.parameters, simple.fit.parameters[0])
+    rich = replace(
+        simple,
+        fit=replace(simple.fit, parameters=more),
+        delta_log_likelihood=1.01 * simple.delta_log_likelihood,
+        delta_bic=simple.delta_bic + 20.0,
+    )
+    first, second = ranked([rich, simple])
+    assert first.candidate == simple.candidate and len(first.fit.parameters) < len(more)
+    assert first.verdict == "supported"
+    assert second.verdict == "rejected" and "nearly as much with fewer parameters" in second.reason
+    better = replace(rich, delta_log_likelihood=1.2 * simple.delta_log_likelihood)
+    assert len(ranked([simple, better])[0].fit.parameters) == len(more)

@@ -8,7 +8,7 @@ from hidden_plants import library, model, quiet, rotor_null, rotor_record, rubbi
 from scipy.stats import kstest
 
 from daest.diagnosis.candidates import attachable, pairs, with_shapes
-from daest.diagnosis.screen import _nuisance, _projected, _responses, run_null, screen
+from daest.diagnosis.screen import _responses, nuisance, projected, run_null, screen
 from daest.errors import EstimationError
 from daest.modelica.sites import sites
 from daest.systems.integrate import Correction, integrate, integrator
@@ -119,12 +119,12 @@ def test_responses_are_derivatives_of_the_predictor():
 
 def test_projection_leaves_nothing_of_the_parameters():
     null, run = quiet()
-    nuisance = _nuisance(run, len(null.estimated))
-    rest, share = _projected(nuisance, nuisance)
-    assert np.max(share[np.linalg.norm(nuisance, axis=1) > 0.0]) < 1e-5
-    white = np.random.default_rng(0).standard_normal((1, nuisance.shape[1]))
-    rest, _ = _projected(white, nuisance)
-    scaled = nuisance / np.linalg.norm(nuisance, axis=1)[:, None]
+    directions = nuisance(run, len(null.estimated))
+    rest, share = projected(directions, directions)
+    assert np.max(share[np.linalg.norm(directions, axis=1) > 0.0]) < 1e-5
+    white = np.random.default_rng(0).standard_normal((1, directions.shape[1]))
+    rest, _ = projected(white, directions)
+    scaled = directions / np.linalg.norm(directions, axis=1)[:, None]
     assert np.max(np.abs(scaled @ rest[0])) < 1e-5
 
 

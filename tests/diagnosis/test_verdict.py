@@ -10,7 +10,7 @@ from hidden_plants import model, rubbing, some_effects
 
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.verdict import Evidence, decide
-from daest.model.diagnosis import DisturbanceCurve, Load, PlaceGain, Proof, Screen, Screened
+from daest.model.diagnosis import FreeForm, Load, PlaceGain, Proof, Screen, Screened
 from daest.model.fit import Agreement, FittedParameter
 from daest.modelica.sites import sites
 
@@ -48,7 +48,10 @@ def evidence(
     entry = Screened(candidate("CoulombFriction"), 6.0, (0.1,), p_value, False, 0.02)
     load = Load("load_1", "rotor.flange_a", ("rotor.flange_a",), 1.0, size, "N.m")
     x = np.linspace(-1.0, 1.0, 16)
-    curve = DisturbanceCurve("rotor.flange_a", "rotor.w", "N.m", "rad/s", x, np.sign(x), 0.1 + 0 * x, 0.6)
+    form = FreeForm(
+        0, "rotor.flange_a", "rotor.w", "", "N.m", "rad/s", 80.0, 8, 1e-9 if related else 0.3, x, np.sign(x),
+        0.1 + 0 * x,
+    )  # fmt: skip
     return Evidence(
         model(),
         SimpleNamespace(loads=(load,)),
@@ -57,8 +60,7 @@ def evidence(
         Screen((entry,), np.eye(1), p_value, 12, ()),
         tuple(proofs),
         (PlaceGain(("rotor.flange_a", "bearing"), gain, size, "N.m"),),
-        curve,
-        related,
+        form,
         fitted or {},
     )
 
@@ -112,7 +114,7 @@ def test_contradicted_parameter_is_off():
 def test_unnamed_effect_that_follows_a_variable_is_unknown(cause):
     found = decide(evidence(related=True, **cause))
     assert found.name == "unknown effect"
-    assert "follows rotor.w (60 % of its variance)" in found.message
+    assert "follows rotor.w (p = 1e-09)" in found.message
     assert "bearing, which the sensors cannot tell apart" in found.message
 
 
@@ -127,4 +129,22 @@ def test_unrelated_load_is_external():
 
 
 def test_rejected_proofs_are_no_claim():
-    assert decide(evidence(proofs=[proof(verdict="rejected")])).name == "external disturbance"
+    found = decide(evidence(proofs=[proof(verdict="rejected")], p_value=0.1))
+    assert found.name == "external disturbance"
+
+
+def test_significant_search_without_a_proof_cannot_tell():
+    found = decide(evidence(proofs=[proof(verdict="rejected")]))
+    assert found.name == "cannot tell" and "CoulombFriction at rotor.flange_a: no" in found.message
+    assert "longer" in found.next_experiment
+
+
+def test_nearest_law_of_the_library_is_named_beside_an_unknown_effect():
+    found = decide(evidence(proofs=[proof(verdict="rejected")], related=True))
+    assert found.name == "unknown effect" and "nearest of the library is CoulombFriction" in found.message
+
+
+def test_second_effect_behind_a_supported_one_is_told():
+    form = evidence(related=True).form
+    found = decide(evidence(proofs=[replace(proof(), left=form)]))
+    assert found.name == "supported" and "Something else is missing besides" in found.message

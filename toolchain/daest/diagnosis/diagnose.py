@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from itertools import count
 from threading import Lock
 
 import casadi as ca
@@ -20,7 +21,8 @@ from scipy.linalg import LinAlgWarning
 
 from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.candidates import pairs
-from daest.diagnosis.disturbance import SmoothedLoad, best_curve, place_gains, smoothed_load
+from daest.diagnosis.disturbance import SmoothedLoad, place_gains, smoothed_load
+from daest.diagnosis.free_forms import free_forms
 from daest.diagnosis.null import Null, fit_null, grown, refit
 from daest.diagnosis.proof import Prepared, prepare, prove, ranked, trials
 from daest.diagnosis.rivals import dynamic_trials, richer_laws
@@ -38,6 +40,7 @@ from daest.systems.sample import Hold
 
 SCREEN_LEVEL = 0.05  # corrected p-value of a score below which a candidate goes to the proof
 MOST_TRIALS = 5
+RICHER_LEVEL = 0.5  # corrected p-value of what the best candidate leaves, below which richer laws are tried
 CLEARLY_WORSE = 100.0  # log-likelihood below the best accepted candidate at which a refit is not pursued
 FEWEST_SAMPLES = 200
 SAME_SIGNAL = (
@@ -140,10 +143,11 @@ def _examined(
     gains = place_gains(null, run)
     load = smoothed_load(null, run, gains)
     proofs = _proofs(stand, run, load, found, candidates, chosen_library, options, progress)
-    curve, is_related = (None, False) if load is None else best_curve(null, run, load, options.seed)
+    forms = free_forms(null, run)
+    form = forms[0] if forms else None
     decided = verdicts.decide(
         verdicts.Evidence(
-            stand.declared, null, run, stand.baseline, found, proofs, gains, curve, is_related, options.fitted
+            stand.declared, null, run, stand.baseline, found, proofs, gains, form, options.fitted
         )
     )
     return Diagnosis(
@@ -153,7 +157,7 @@ def _examined(
         proofs=proofs,
         screen=found,
         places=gains,
-        disturbance=curve,
+        disturbance=form,
         validation=stand.baseline.simulated.get("validation"),
         next_experiment=decided.next_experiment,
         seconds=time.perf_counter() - stand.began,
@@ -251,19 +255,20 @@ def _proofs(
     """The best candidates refitted, in parallel; a candidate that is clearly worse than one before is cut
     short."""
     null = stand.null
-    lock, best = Lock(), [-np.inf]
+    lock, best, numbers = Lock(), [-np.inf], count(1)
 
     def one(prepared: Prepared) -> Proof | None:
-        candidate = prepared.trial.candidate
+        candidate, number = prepared.trial.candidate, next(numbers)
 
         def work() -> Proof:
-            progress(f"refitting with {candidate.label}")
+            progress(f"refitting with {candidate.label} ({number} of {len(chosen)})")
             return prove(
                 null,
                 stand.baseline,
                 prepared,
                 fed(null.experiments, candidate),
                 fed(stand.validation, candidate),
+                run,
                 load,
                 found.n_screened,
                 best[0] - CLEARLY_WORSE,
@@ -288,7 +293,12 @@ def _proofs(
     with ThreadPoolExecutor(max_workers=max(options.jobs, 1)) as pool:
         proofs = [proof for proof in pool.map(one, chosen) if proof is not None]
         accepted = [p for p in ranked(proofs) if p.verdict != "rejected"]
-        if accepted:
+        if accepted and _leaves_something(accepted[0]):
             richer = richer_laws(null, run, accepted[0], library, proofs)
             proofs += [proof for proof in pool.map(one, richer) if proof is not None]
     return ranked(proofs)
+
+
+def _leaves_something(proof: Proof) -> bool:
+    """Whether the rest of the load follows a variable a little more than by chance: a richer law may do."""
+    return proof.left is None or proof.left.p_value < RICHER_LEVEL

@@ -74,9 +74,10 @@ class Null:
 def fit_null(
     flat: FlatModel, nodes: Sequence[Site], experiments: Sequence[Experiment], hold: Hold | None
 ) -> Null:
-    """Fit the null to the experiments. The parameters that `flat` marks are estimated. Without `hold`, the more
-    likely one is taken: the loads must be there when the holds are compared, for half a sample of delay is
-    little beside a load, but a finding once the load is explained.
+    """Fit the null to the experiments. The parameters that `flat` marks are estimated.
+
+    Without `hold`, the more likely one is taken: the loads must be there when the holds are compared, for
+    half a sample of delay is little beside a load, but a finding once the load is explained.
 
     A load that buys no likelihood has size 0 in the end. Raises what `identify` raises, and EstimationError
     `diagnose-no-place` when no load would show in the outputs.
@@ -102,7 +103,7 @@ def _loaded_fit(
     loaded: FlatModel, experiments: Sequence[Experiment], hold: Hold, period: float, longest: float
 ) -> FitResult:
     times = [p.name for p in loaded.parameters if p.name.startswith("load_")]
-    bounds = {name: (SHORTEST_LOAD * period, longest) for name in times}
+    bounds = dict.fromkeys(times, (SHORTEST_LOAD * period, longest))
     physical = tuple(p.name for p in loaded.parameters if p.estimate)
     try:
         options = IdentifyOptions(method="pem", estimate=(*physical, *bounds), bounds=bounds, hold=hold)

@@ -9,9 +9,11 @@ import numpy as np
 from scipy.stats import chi2
 
 from daest.diagnosis.disturbance import SmoothedLoad, smoothed_at
+from daest.diagnosis.free_forms import covers, free_forms
 from daest.diagnosis.null import Null, grown, loads_of, refit
-from daest.diagnosis.screen import run_null
-from daest.model.diagnosis import Candidate, Proof, Screen
+from daest.diagnosis.screen import NullObserver, law_response, run_null
+from daest.errors import DaestError
+from daest.model.diagnosis import Candidate, FreeForm, Proof, Screen
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, FittedParameter
 from daest.model.flat import FlatModel
@@ -24,7 +26,12 @@ SAME_BIC = 6.0  # a candidate that is worse by less is not clearly worse (3 unit
 LEAST_EXPLAINED = 0.5  # of the load's size that an accepted effect must do away with
 PARTLY_EXPLAINED = 0.35  # enough where the simulation of unseen data becomes much better besides
 BETTER = 0.7  # simulation error relative to the one without the effect
+LEFT_LEVEL = 1e-3  # corrected p-value below which the rest of the load certainly follows a variable
+LEFT_SHARE = 0.1  # of the effect's own gain in log-likelihood: less is how a law is rounded, not another law
+COVERED = 0.75  # share of a law's score that a free form explains, from which the law is a part of the form
+SIMPLER = 0.97  # of the gain in log-likelihood that a law with fewer parameters must reach to be preferred
 LEAST_SIGNIFICANCE = 3.0  # standard errors that the size must stand off its null
+SHARED_SIGNIFICANCE = 2.0  # where estimated shapes share in it, and the likelihood tells more than one error
 BIC_GAIN = 10.0  # "very strong" evidence (Kass & Raftery 1995)
 SHARPER = 0.3  # the proof rounds kinks over this part of what the screen rounds them over
 
@@ -113,14 +120,15 @@ def prove(
     prepared: Prepared,
     experiments: Sequence[Experiment],
     validation: Sequence[Experiment],
+    run: NullObserver,
     load: SmoothedLoad | None,
     n_screened: int = 1,
     hopeless: float = -np.inf,
 ) -> Proof:
     """Refit one candidate and judge it against the null refitted the same way.
 
-    `experiments` are the null's with the signals that the effect needs; `n_screened` candidates were
-    searched. Raises what `refit` raises.
+    `run` is the null's observer and `load` its largest load; `experiments` are the null's with the signals
+    that the effect needs; `n_screened` candidates were searched. Raises what `refit` raises.
     """
     explicit = reduce_index(prepared.flat)
     fed = replace(null, experiments=tuple(experiments))
@@ -129,8 +137,13 @@ def prove(
     n_own = len(prepared.names) - len(null.estimated)
     n_observed = sum(int(np.isfinite(e.outputs).sum()) for e in null.experiments)
     delta_bic = float(2.0 * gain - n_own * np.log(n_observed))
-    explained = _explained(null_fit, grown(fed, prepared.flat, explicit, fit, experiments), load)
+    with_effect = grown(fed, prepared.flat, explicit, fit, experiments)
+    after = run_null(with_effect)
+    explained = _explained(null_fit, with_effect, after, load)
     reason = _failed_gate(prepared, fit, delta_bic, explained, _simulates_better(null_fit, fit))
+    left = None if reason else _left(null, with_effect, after)
+    if left is not None and not reason:
+        reason = _wrong_law(fed, run, prepared, fit, gain, left)
     parameters = tuple(replace(p, value=fit.theta.get(p.name, p.value)) for p in prepared.flat.parameters)
     return Proof(
         candidate=prepared.trial.candidate,
@@ -144,10 +157,41 @@ def prove(
         not_separable_from=(),
         verdict="rejected" if reason else "supported",
         reason=reason,
+        left=left,
     )
 
 
-def _explained(null_fit: FitResult, null: Null, before: SmoothedLoad | None) -> float:
+def _left(null: Null, with_effect: Null, after: NullObserver) -> FreeForm | None:
+    """The form that the load follows best which is left beside the effect, over variables of the model as it
+    was."""
+    known = [v.name for v in (*null.flat.unknowns, *null.flat.inputs)]
+    forms = free_forms(with_effect, after, known)
+    return forms[0] if forms else None
+
+
+def _wrong_law(
+    null: Null, run: NullObserver, prepared: Prepared, fit: FitResult, gain: float, left: FreeForm
+) -> str:
+    """Why the law is not the right one: what it leaves follows a variable, and a single curve over that
+    variable would say all that the law says, too. Empty where the rest is small, unrelated, or the law of
+    something else that is missing besides."""
+    if not is_significant(left, gain):
+        return ""
+    try:
+        response = law_response(null, run, prepared.trial.candidate, fit.theta)
+    except DaestError:
+        return ""
+    if covers(null, run, left, response) < COVERED:
+        return ""
+    return f"another law acts there: what it leaves still follows {left.label} (p = {left.p_value:.1g})"
+
+
+def is_significant(left: FreeForm, gain: float) -> bool:
+    """Whether what is left beside an effect that gained `gain` in log-likelihood is worth a further look."""
+    return left.p_value < LEFT_LEVEL and left.log_likelihood_gain > LEFT_SHARE * gain
+
+
+def _explained(null_fit: FitResult, null: Null, run: NullObserver, before: SmoothedLoad | None) -> float:
     """Share of the unexplained loads that is gone with the effect in the model: of their sizes in the noise
     model, or of the smoothed course (rms) of the one that matters most, whichever is more. 1 where the null
     needed no load: there was none to explain.
@@ -160,7 +204,7 @@ def _explained(null_fit: FitResult, null: Null, before: SmoothedLoad | None) -> 
     was, now = (np.array([load.size for load in loads_of(f, null.places)]) for f in (null_fit, null.fit))
     left = np.minimum(now / np.where(was > 0.0, was, np.inf), 1.0)
     shares = [float(1.0 - np.sum(was**2 * left) / np.sum(was**2)) if np.any(was > 0.0) else 1.0]
-    after = smoothed_at(null, run_null(null), before.index)
+    after = smoothed_at(null, run, before.index)
     size = float(np.sqrt(np.mean(before.values**2)))
     if after is not None and size > 0.0:
         shares.append(1.0 - float(np.sqrt(np.mean(after.values**2))) / size)
@@ -184,7 +228,10 @@ def _failed_gate(
         size = found.get(f"{candidate.name}.{parameter.name}")
         if size is None:
             continue
-        reason = _weak_size(size, parameter.null or 0.0)
+        shares = sum(p.estimate for p in candidate.effect.parameters) > len(candidate.effect.sizes)
+        reason = _weak_size(
+            size, parameter.null or 0.0, SHARED_SIGNIFICANCE if shares else LEAST_SIGNIFICANCE
+        )
         if not reason:
             return ""
         reasons.append(reason)
@@ -200,12 +247,12 @@ def _simulates_better(before: FitResult, after: FitResult) -> bool:
     return bool(pairs) and all(rms is not None and rms <= BETTER * was for rms, was in pairs)
 
 
-def _weak_size(size: FittedParameter, null: float) -> str:
+def _weak_size(size: FittedParameter, null: float, least: float) -> str:
     if size.at_bound:
         return f"its size rests at its bound ({size.at_bound} = {size.value:.4g})"
     if size.std_error is None:
         return "the data do not determine its size"
-    if abs(size.value - null) < LEAST_SIGNIFICANCE * size.std_error:
+    if abs(size.value - null) < least * size.std_error:
         return f"its size is not significant ({size.value:.4g} ± {size.std_error:.2g} {size.unit})"
     return ""
 
@@ -216,8 +263,8 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     accepted = [p for p in order if p.verdict == "supported"]
     if not accepted:
         return tuple(order)
-    best = accepted[0]
-    close = [p for p in accepted if best.delta_bic - p.delta_bic <= SAME_BIC]
+    best = _simplest(accepted)
+    close = [p for p in accepted if abs(best.delta_bic - p.delta_bic) <= SAME_BIC]
     result = []
     for proof in order:
         if proof.verdict == "rejected":
@@ -230,5 +277,21 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
         else:
             worse = best.delta_bic - proof.delta_bic
             reason = f"{best.candidate.label} explains the data better (BIC {worse:.0f})"
+            if worse < 0.0:
+                reason = f"{best.candidate.label} says nearly as much with fewer parameters"
             result.append(replace(proof, verdict="rejected", reason=reason))
-    return tuple(result)
+    return tuple(sorted(result, key=lambda p: (p.verdict == "rejected", -p.delta_bic)))
+
+
+def _simplest(accepted: Sequence[Proof]) -> Proof:
+    """The best by BIC, or one at the same place with fewer parameters that gains nearly as much: with much
+    data, the way in which a law is rounded is significant, too."""
+    best = accepted[0]
+    simpler = [
+        p
+        for p in accepted
+        if p.candidate.site == best.candidate.site
+        and len(p.fit.parameters) < len(best.fit.parameters)
+        and p.delta_log_likelihood > SIMPLER * best.delta_log_likelihood
+    ]
+    return min(simpler, key=lambda p: len(p.fit.parameters), default=best)

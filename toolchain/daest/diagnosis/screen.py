@@ -9,8 +9,8 @@ exactly.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, cast
 
@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import ndtri_exp
 from scipy.stats import chi2, norm
 
-from daest.diagnosis.candidates import attachable, with_shapes
+from daest.diagnosis.candidates import attachable, attached, with_shapes
 from daest.diagnosis.null import Null
 from daest.errors import EstimationError
 from daest.estimation.observer import AverageModel, average_model, observer
@@ -37,6 +37,7 @@ from daest.systems.integrate import (
     integrator,
     interval_inputs,
 )
+from daest.systems.reduce import reduce_index
 
 ABSORBED = 0.02  # part of a response that no refitted parameter explains, below which parameters do it all
 RANK = 1e-7  # singular values of the scaled nuisance directions below this are no direction
@@ -146,13 +147,13 @@ def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed:
         )
     usable, refused_shapes, explicit = attachable(null.flat, shaped)
     responses, columns = _responses(null, run, explicit, usable)
-    nuisance = _nuisance(run, len(null.estimated))
+    directions = nuisance(run, len(null.estimated))
     return _scored(
-        usable, columns, run.whitened, nuisance, responses, (*skipped, *refused, *refused_shapes), seed
+        usable, columns, run.whitened, directions, responses, (*skipped, *refused, *refused_shapes), seed
     )
 
 
-def _nuisance(run: NullObserver, n_parameters: int) -> np.ndarray:
+def nuisance(run: NullObserver, n_parameters: int) -> np.ndarray:
     """Slopes over the parameters (common to all experiments) and over each experiment's initial state."""
     parameters = np.concatenate(
         [o.slopes[:n_parameters].reshape(n_parameters, -1) for o in run.observed], axis=1
@@ -180,22 +181,47 @@ def _responses(
     ends = np.cumsum([0, *(len(c.effect.sizes) for c in candidates)])
     rows = [slice(a, b) for a, b in pairwise(ends.tolist())]
     drives = _drive_function(explicit, names)
-    average = run.average
     basis = _basis(null, run, explicit)
-    eye = np.eye(average.A.shape[0])
-    flow = transition_integrals(average.A, average.period)
-    closed = flow.transition @ (eye - run.gain @ average.C)
     parts = []
     for experiment, observed in zip(null.experiments, run.observed, strict=True):
         g, _ = _drives(null, explicit, drives, experiment, observed.filtered, basis)
         # What a sensor effect does to an innovation must not know that innovation.
         _, direct = _drives(null, explicit, drives, experiment, observed.predicted, basis)
-        drive = g @ flow.first.T - (direct @ run.gain.T) @ flow.transition.T
-        states = linear_recursion(closed, drive[:, :-1], np.zeros(eye.shape[0]))
-        change = states @ average.C.T + direct
-        change = np.where(np.isfinite(experiment.outputs), change, 0.0)
-        parts.append((change @ run.root.T).reshape(len(names), -1))
+        parts.append(innovation_responses(run, experiment, g, direct))
     return np.concatenate(parts, axis=1), rows
+
+
+def law_response(
+    null: Null, run: NullObserver, candidate: Candidate, theta: Mapping[str, float]
+) -> np.ndarray:
+    """Response (1, m) of the whitened innovations to an effect with the sizes and shape of `theta`. Raises
+    what attaching raises, for effects that have no derivative at size zero too."""
+    effect = candidate.effect
+    shape = {name: theta.get(f"{candidate.name}.{name}", value) for name, value in candidate.shape.items()}
+    placed = replace(candidate, shape=shape)
+    responses, _ = _responses(null, run, reduce_index(attached(null.flat, [placed])), [placed])
+    weights = [theta.get(f"{candidate.name}.{p.name}", 0.0) - (p.null or 0.0) for p in effect.sizes]
+    return np.array(weights)[None] @ responses
+
+
+def innovation_responses(
+    run: NullObserver, experiment: Experiment, g: np.ndarray, direct: np.ndarray | None = None
+) -> np.ndarray:
+    """Responses (k, n_samples · n_y) of the whitened innovations to the drives g (k, n_samples, n) of the
+    states' rates and `direct` (k, n_samples, n_y) of the outputs, through the observer's error dynamics."""
+    average = run.average
+    eye = np.eye(average.A.shape[0])
+    flow = transition_integrals(average.A, average.period)
+    closed = flow.transition @ (eye - run.gain @ average.C)
+    drive = g @ flow.first.T
+    if direct is not None:
+        drive = drive - (direct @ run.gain.T) @ flow.transition.T
+    states = linear_recursion(closed, drive[:, :-1], np.zeros(eye.shape[0]))
+    change = states @ average.C.T
+    if direct is not None:
+        change = change + direct
+    change = np.where(np.isfinite(experiment.outputs), change, 0.0)
+    return (change @ run.root.T).reshape(g.shape[0], -1)
 
 
 def _basis(null: Null, run: NullObserver, explicit: ExplicitModel) -> np.ndarray:
@@ -275,16 +301,16 @@ def _scored(
     candidates: Sequence[Candidate],
     rows: Sequence[slice],
     white: np.ndarray,
-    nuisance: np.ndarray,
+    directions: np.ndarray,
     responses: np.ndarray,
     skipped: tuple[tuple[str, str], ...],
     seed: int,
 ) -> Screen:
-    rest, share = _projected(responses, nuisance)
+    rest, share = projected(responses, directions)
     norms = np.linalg.norm(rest, axis=1)
     seen = (share >= ABSORBED) & (norms > 0.0)
     unit = np.where(seen[:, None], rest / np.where(norms > 0.0, norms, 1.0)[:, None], 0.0)
-    spread = _score_spread(unit, white)
+    spread = score_spread(unit, white)
     z = np.where(seen, unit @ white / spread, 0.0)
     correlation = unit @ unit.T
     tests = [_Test(c, r, correlation, seen) for c, r in zip(candidates, rows, strict=True)]
@@ -349,10 +375,10 @@ class _Test:
         return self._inverse @ z[self.rows]
 
 
-def _projected(responses: np.ndarray, nuisance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def projected(responses: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Responses with what the nuisance directions explain removed, and the share that is left of each."""
-    scale = np.linalg.norm(nuisance, axis=1)
-    used = nuisance[scale > 0.0] / scale[scale > 0.0, None]
+    scale = np.linalg.norm(directions, axis=1)
+    used = directions[scale > 0.0] / scale[scale > 0.0, None]
     values, vectors = np.linalg.eigh(used @ used.T)
     kept = values > RANK**2 * values.max(initial=0.0)
     basis = (vectors[:, kept] / np.sqrt(values[kept])).T @ used
@@ -361,7 +387,7 @@ def _projected(responses: np.ndarray, nuisance: np.ndarray) -> tuple[np.ndarray,
     return rest, np.linalg.norm(rest, axis=1) / np.where(size > 0.0, size, 1.0)
 
 
-def _score_spread(unit: np.ndarray, white: np.ndarray) -> np.ndarray:
+def score_spread(unit: np.ndarray, white: np.ndarray) -> np.ndarray:
     """Standard deviation of each score under the innovations' own spectrum (1 where they are white)."""
     coefficients, cov = autoregression(white[:, None])
     if coefficients.shape[0] == 0:

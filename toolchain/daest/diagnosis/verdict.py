@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from daest.diagnosis.null import Null
+from daest.diagnosis.proof import is_significant
 from daest.diagnosis.screen import NullObserver
-from daest.model.diagnosis import DisturbanceCurve, PlaceGain, Proof, Screen, VerdictName
+from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, VerdictName
 from daest.model.fit import FitResult
 from daest.model.flat import FlatModel
 from daest.numerics.statistics import whiteness_p_value
@@ -19,6 +20,7 @@ CERTAIN = 1e-3  # corrected p-value of the screen below which something is missi
 LOAD_GAIN = 10.0  # log-likelihood that a load must buy to be a finding
 EXPECTED_NOISE = 10.0  # times the declared intensity: noise up to that is what the model expects
 WHITE_LEVEL = 1e-4  # p-value below which the innovations of the null are certainly not white
+NEAR = 10.0  # BIC gain above which a rejected candidate is worth a word
 CHANGED = 3.0  # standard errors that a refitted parameter must move to be off
 
 
@@ -33,8 +35,7 @@ class Evidence:
     screen: Screen
     proofs: tuple[Proof, ...]
     gains: tuple[PlaceGain, ...]
-    curve: DisturbanceCurve | None
-    is_related: bool
+    form: FreeForm | None  # the one that the load of the null follows best
     fitted: Mapping[str, float]
 
 
@@ -54,10 +55,12 @@ def decide(evidence: Evidence) -> Decided:
         return _cannot_tell(accepted)
     if _simulates_to_noise(evidence):
         return _nothing(evidence)
-    if evidence.screen.p_value > CERTAIN and not _has_unexpected_load(evidence):
+    form = evidence.form
+    is_related = form is not None and form.p_value < CERTAIN
+    if evidence.screen.p_value > CERTAIN and not is_related and not _has_unexpected_load(evidence):
         return _nothing(evidence)
-    if evidence.is_related and evidence.curve is not None:
-        return _unknown(evidence, evidence.curve)
+    if form is not None and is_related:
+        return _unknown(evidence, form)
     if _is_coloured(evidence):
         return Decided(
             "unknown effect",
@@ -65,6 +68,9 @@ def decide(evidence: Evidence) -> Decided:
             f"were admitted at {_load_places(evidence)}, and no effect of the library explains them.",
             "Excite the machine over a wider band of frequencies, and measure a motion or a current between.",
         )
+    near = [p for p in evidence.proofs if p.delta_bic > NEAR]
+    if evidence.screen.p_value < CERTAIN and near:
+        return _not_proven(evidence, near)
     return Decided(
         "external disturbance",
         f"An unexplained load acts at {_load_places(evidence)}, but it is related to no variable of the "
@@ -84,6 +90,8 @@ def _supported(evidence: Evidence, proof: Proof) -> str:
     text = f"{proof.candidate.label}: {values}; supported."
     if proof.equivalent:
         text += f" The sensors cannot tell it from the same effect at {_listed(proof.equivalent)}."
+    if proof.left is not None and is_significant(proof.left, proof.delta_log_likelihood):
+        text += f" Something else is missing besides: what is left follows {proof.left.label}."
     return text + _errors(evidence, proof)
 
 
@@ -113,6 +121,17 @@ def _cannot_tell(accepted: list[Proof]) -> Decided:
         "cannot tell",
         f"One of {_listed(tuple(names))} is missing; these data do not separate them.",
         separate,
+    )
+
+
+def _not_proven(evidence: Evidence, near: list[Proof]) -> Decided:
+    reasons = "; ".join(f"{p.candidate.label}: {p.reason}" for p in near[:2])
+    return Decided(
+        "cannot tell",
+        f"Something is missing (p = {evidence.screen.p_value:.1g} for the whole search), but these data do "
+        f"not prove what. {reasons}.",
+        "Record longer and with larger amplitudes: the effect is small beside the noise and the loads of "
+        "this record.",
     )
 
 
@@ -178,13 +197,16 @@ def _moved(evidence: Evidence) -> list[str]:
     return result
 
 
-def _unknown(evidence: Evidence, curve: DisturbanceCurve) -> Decided:
-    return Decided(
-        "unknown effect",
-        f"An effect that the library does not hold acts at {_load_places(evidence)}: the unexplained load "
-        f"follows {curve.variable} ({100 * curve.explained:.0f} % of its variance); its curve is given.",
-        f"Record {curve.variable} over a wider range, slowly and in both directions, to tell its form.",
+def _unknown(evidence: Evidence, form: FreeForm) -> Decided:
+    nearest = next((p for p in evidence.proofs if p.delta_bic > NEAR), None)
+    text = (
+        f"An effect that the library does not hold acts at {_group(evidence.gains[form.load])}: the "
+        f"unexplained load follows {form.label} (p = {form.p_value:.1g}); the curve is given."
     )
+    if nearest is not None:
+        text += f" The nearest of the library is {nearest.candidate.label}, but {nearest.reason}."
+    record = f"Record {form.variable} over a wider range, slowly and in both directions, to tell its form."
+    return Decided("unknown effect", text, record)
 
 
 def _is_coloured(evidence: Evidence) -> bool:
@@ -199,11 +221,14 @@ def _is_coloured(evidence: Evidence) -> bool:
 
 def _load_places(evidence: Evidence) -> str:
     found = [g for g in evidence.gains if g.log_likelihood_gain > LOAD_GAIN] or list(evidence.gains)
-    best = max(found, key=lambda g: g.log_likelihood_gain)
+    return _group(max(found, key=lambda g: g.log_likelihood_gain))
+
+
+def _group(gain: PlaceGain) -> str:
     others = (
-        f" (or {_listed(best.group[1:])}, which the sensors cannot tell apart)" if len(best.group) > 1 else ""
+        f" (or {_listed(gain.group[1:])}, which the sensors cannot tell apart)" if len(gain.group) > 1 else ""
     )
-    return f"{best.group[0]}{others}"
+    return f"{gain.group[0]}{others}"
 
 
 def _listed(names: tuple[str, ...], most: int = 4) -> str:

@@ -82,9 +82,41 @@ class Screen:
 
 
 @dataclass(frozen=True)
+class FreeForm:
+    """The load at `place` (number `load` of the null) as a curve w(x) ± std over `variable`, times the sign
+    of the speed `sign_of` if that is given; of an angle that turns round, over one turn.
+
+    `statistic` is chi-squared with `degrees` when the load does not follow the variable; `p_value` is
+    corrected for the search over all forms.
+    """
+
+    load: int
+    place: str
+    variable: str
+    sign_of: str
+    unit: str
+    variable_unit: str
+    statistic: float
+    degrees: int
+    p_value: float
+    x: np.ndarray
+    w: np.ndarray
+    std: np.ndarray
+
+    @property
+    def label(self) -> str:
+        return f"{self.variable} and the sign of {self.sign_of}" if self.sign_of else self.variable
+
+    @property
+    def log_likelihood_gain(self) -> float:
+        """What the form would buy, without what as many useless parameters buy."""
+        return max(0.5 * (self.statistic - self.degrees), 0.0)
+
+
+@dataclass(frozen=True)
 class Proof:
     """A candidate built into the model and refitted. `explained` is the share of the load's size that
-    vanished."""
+    vanished; `left` the form that the rest of the load follows best."""
 
     candidate: Candidate
     flat: FlatModel
@@ -97,20 +129,7 @@ class Proof:
     not_separable_from: tuple[str, ...]
     verdict: CandidateVerdict
     reason: str
-
-
-@dataclass(frozen=True)
-class DisturbanceCurve:
-    """What the unexplained load does against the variable that explains it best: w ± std at x."""
-
-    place: str
-    variable: str
-    unit: str
-    variable_unit: str
-    x: np.ndarray
-    w: np.ndarray
-    std: np.ndarray
-    explained: float  # share of the load's variance that the curve explains, cross-validated
+    left: FreeForm | None = None
 
 
 @dataclass(frozen=True)
@@ -134,7 +153,7 @@ class Diagnosis:
     proofs: tuple[Proof, ...]
     screen: Screen
     places: tuple[PlaceGain, ...]
-    disturbance: DisturbanceCurve | None
+    disturbance: FreeForm | None
     validation: Agreement | None
     next_experiment: str
     seconds: float

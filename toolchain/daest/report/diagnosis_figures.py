@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from daest.model.diagnosis import Diagnosis, DisturbanceCurve, Screened
+from daest.model.diagnosis import Diagnosis, FreeForm, Screened
 from daest.report.figures import BAND, LINES, PANEL, WIDTH
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 BARS = 12  # of the screen
 GREY = "0.75"
-RELATED = 0.0  # a curve that explains no variance is not drawn
+RELATED = 1e-3  # p-value of a curve below which it is drawn
 
 
 def diagnosis_figure(diagnosis: Diagnosis, units: Mapping[str, str]) -> Figure:
@@ -25,7 +25,7 @@ def diagnosis_figure(diagnosis: Diagnosis, units: Mapping[str, str]) -> Figure:
     from matplotlib.figure import Figure
 
     curve = diagnosis.disturbance
-    drawn = curve is not None and curve.explained > RELATED
+    drawn = curve is not None and curve.p_value < RELATED
     heights = (
         [0.5 + 0.22 * BARS] + ([PANEL + 0.4] if diagnosis.proofs else []) + ([1.6 * PANEL] if drawn else [])
     )
@@ -70,14 +70,15 @@ def _draw_errors(diagnosis: Diagnosis, units: Mapping[str, str], part: Any) -> N
     axes[0].set_yticks(range(len(labels)), labels, fontsize=7)
 
 
-def _draw_curve(curve: DisturbanceCurve, ax: Axes) -> None:
+def _draw_curve(curve: FreeForm, ax: Axes) -> None:
     low, high = curve.w - BAND * curve.std, curve.w + BAND * curve.std
     ax.fill_between(curve.x, low, high, color=LINES[0], alpha=0.25, lw=0, label="95 %")
     ax.plot(curve.x, curve.w, color=LINES[0], lw=1.2, marker=".", label=f"load at {curve.place}")
     ax.axhline(0.0, color="0.8", lw=0.6, zorder=0)
     ax.set_xlabel(f"{curve.variable} [{curve.variable_unit or '1'}]")
-    ax.set_ylabel(f"unexplained load [{curve.unit or '1'}]")
-    ax.set_title(f"explains {100 * curve.explained:.0f} % of the load's variance", fontsize=9)
+    where = f", where {curve.sign_of} > 0" if curve.sign_of else ""
+    ax.set_ylabel(f"unexplained load [{curve.unit or '1'}]{where}", fontsize=8)
+    ax.set_title(f"the load follows {curve.label} (p = {curve.p_value:.1g})", fontsize=9)
     ax.legend(fontsize=7)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from daest.diagnosis.written import Written
-from daest.model.diagnosis import Diagnosis, DisturbanceCurve, Improvement, Proof, Step
+from daest.model.diagnosis import Diagnosis, FreeForm, Improvement, Proof, Step
 from daest.model.fit import Agreement, FitResult
 
 SCREENED = 20  # entries of the screen that are listed
@@ -51,7 +51,7 @@ def document(diagnosis: Diagnosis, models: Mapping[str, Written] | None = None) 
     }
 
 
-def _curve(curve: DisturbanceCurve | None) -> dict[str, Any] | None:
+def _curve(curve: FreeForm | None) -> dict[str, Any] | None:
     if curve is None:
         return None
     return {
@@ -59,7 +59,9 @@ def _curve(curve: DisturbanceCurve | None) -> dict[str, Any] | None:
         "variable": curve.variable,
         "unit": curve.unit,
         "variable_unit": curve.variable_unit,
-        "explained": curve.explained,
+        "sign_of": curve.sign_of or None,
+        "label": curve.label,
+        "p_value": curve.p_value,
         "curve": [list(map(float, row)) for row in zip(curve.x, curve.w, curve.std, strict=True)],
     }
 

@@ -149,12 +149,19 @@ def grouped(names: Sequence[str]) -> str:
 
 def _disturbance(disturbance: Mapping[str, Any]) -> Iterator[RenderableType]:
     yield heading(
-        f"Unexplained load at {disturbance['place']} against {disturbance['variable']}, which explains "
-        f"{100 * disturbance['explained']:.0f} % of its variance"
+        f"Unexplained load at {disturbance['place']} follows {disturbance['label']} "
+        f"(p = {disturbance['p_value']:.1g})"
     )
     units = disturbance["variable_unit"] or "1", disturbance["unit"] or "1"
     rows = [
         (number(x, 3), number(w, 3), "-" if s is None else number(BAND * s, 2))
         for x, w, s in disturbance["curve"]
     ]
-    yield table((f"{disturbance['variable']} [{units[0]}]", f"load [{units[1]}]", "± 95 %"), rows, ())
+    yield table(
+        (f"{disturbance['variable']} [{units[0]}]", _load_label(disturbance, units[1]), "± 95 %"), rows, ()
+    )
+
+
+def _load_label(disturbance: Mapping[str, Any], unit: str) -> str:
+    sign_of = disturbance["sign_of"]
+    return f"load [{unit}] where {sign_of} > 0" if sign_of else f"load [{unit}]"

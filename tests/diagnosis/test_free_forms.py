@@ -1,0 +1,79 @@
+"""Loads as curves over model variables: the right variable, the true curve, and no relation where none is."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hidden_plants import PERIOD, quiet, rotor_null, rotor_record
+from scipy.stats import kstest
+
+from daest.diagnosis.free_forms import free_forms, internal_variables
+
+
+@cache
+def pushed(seed=11):
+    record, truth = rotor_record(1000, seed=seed, load=(0.2, 1.0), noise=0.0)
+    return *rotor_null(record), truth
+
+
+@cache
+def bumpy():
+    """Friction that depends on the angle, which no effect describes."""
+    record, truth = rotor_record(1000, seed=12, coulomb=lambda phi: 0.2 * (1.0 + 0.8 * np.sin(phi)))
+    return *rotor_null(record), truth
+
+
+def test_external_load_and_quiet_record_follow_nothing():
+    for null, run in (pushed()[:2], quiet()):
+        assert free_forms(null, run)[0].p_value > 1e-3
+
+
+def test_p_values_are_uniform_or_larger_when_nothing_is_related():
+    """Of one form over many records, so that they are independent."""
+    found = []
+    for seed in range(20, 32):
+        null, run, _ = pushed(seed)
+        forms = free_forms(null, run)
+        form = next(f for f in forms if f.label == "u")
+        found.append(min(1.0, form.p_value / len(forms)) if form.p_value < 1.0 else 1.0)
+    assert kstest(found, "uniform", alternative="greater").pvalue > 1e-3
+
+
+def test_friction_that_depends_on_the_angle_is_found_with_its_curve():
+    null, run, truth = bumpy()
+    form = free_forms(null, run)[0]
+    assert (form.variable, form.sign_of) == ("rotor.phi", "rotor.w")
+    assert form.p_value < 1e-6
+    assert (form.place, form.unit, form.variable_unit) == ("rotor.flange_a", "N.m", "rad")
+    values = {p.name: p.value for p in null.fit.parameters}
+    phi, w = truth["phi"], truth["w"]
+    # Refitted parameters have taken their part of the friction.
+    left = -0.2 * (1 + 0.8 * np.sin(phi)) * np.tanh(w / 0.02)
+    left += (values["d"] - 0.3) * w + (values["J"] - 0.5) * np.gradient(w, PERIOD)
+    true = harmonics(form.x) @ np.linalg.lstsq(harmonics(phi) * np.sign(w)[:, None], left, rcond=None)[0]
+    assert np.mean(np.abs(form.w - true) < 3.0 * form.std) >= 0.85
+    assert np.corrcoef(form.w, true)[0, 1] > 0.8
+
+
+def harmonics(x):
+    return np.column_stack([np.ones_like(x), *(f(k * x) for k in (1, 2, 3) for f in (np.cos, np.sin))])
+
+
+def test_search_can_be_restricted():
+    null, run, _ = bumpy()
+    assert {f.label for f in free_forms(null, run, ["u", "rotor.w"])} == {
+        "u",
+        "rotor.w",
+        "u and the sign of rotor.w",
+    }
+
+
+def test_variables_do_not_contain_the_load():
+    null, run, _ = pushed()
+    variables = internal_variables(null, run)
+    assert "u" in variables and "load_1" not in variables
+    assert np.std(run.observed[0].filtered[:, run.state_names.index("load_1")]) > 0.05
+    # Without the load the rotor obeys J a = u - d w.
+    values = {p.name: p.value for p in null.fit.parameters}
+    torque = values["J"] * variables["rotor.a"] + values["d"] * variables["rotor.w"]
+    assert torque == pytest.approx(variables["u"], abs=1e-9)

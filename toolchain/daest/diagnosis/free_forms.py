@@ -1,0 +1,231 @@
+"""Free forms: does an unexplained load follow some variable of the model, whatever the law?
+
+A load at a place is written as a curve over one variable, or over one variable with the sign of a speed, on a
+few basis functions. Like the effects of the screen, the basis functions at size zero are sent through the
+observer's error dynamics, and what refitted parameters would do is projected out: the score test of each form
+is calibrated, the loads of the null being part of the hypothesis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from daest.diagnosis.null import Null
+from daest.diagnosis.screen import (
+    ABSORBED,
+    NullObserver,
+    innovation_responses,
+    nuisance,
+    projected,
+    score_spread,
+)
+from daest.model.diagnosis import FreeForm
+
+KNOTS = 8  # of a curve, with equally many samples between each two
+HARMONICS = 3  # of an angle that turns round
+TURN = 2.0 * np.pi
+N_ANGLES = 16  # at which the curve over a turn is shown
+SPEED_UNITS = ("rad/s", "m/s")
+ANGLE_UNIT = "rad"
+RANK = 1e-8  # of the largest eigenvalue: directions of a form that its own basis does not tell apart
+SOFT = 0.05  # of a speed's rms over which its sign changes
+SAME_COURSE = 1e-6  # 1 - |correlation| of two variables that are one, up to offset and factor
+
+Key = tuple[int, str, str]  # load, variable, speed whose sign multiplies the curve
+
+
+@dataclass(frozen=True)
+class Basis:
+    """Basis functions along one experiment (k, n_samples), and their values (k, m) at the abscissae x (m,)
+    that show the curve."""
+
+    course: np.ndarray
+    x: np.ndarray
+    shown: np.ndarray
+
+
+def free_forms(null: Null, run: NullObserver, variables: Iterable[str] | None = None) -> tuple[FreeForm, ...]:
+    """All forms at all places of loads, the largest gain first. `variables` restricts the search by name."""
+    tables = _tables(null, run)
+    wanted = None if variables is None else set(variables)
+    shared = [
+        (name, speed)
+        for name, speed in (tables[0] if tables else {})
+        if all((name, speed) in table for table in tables)
+        and (wanted is None or (name in wanted and (not speed or speed in wanted)))
+    ]
+    directions = nuisance(run, len(null.estimated))
+    forms = []
+    for index in range(len(null.loads)):
+        for name, speed in shared:
+            own = [table[name, speed] for table in tables]
+            responses = _responses(null, run, index, own)
+            forms.append(_tested(null, (index, name, speed), own[0], responses, directions, run.whitened))
+    corrected = [replace(f, p_value=min(1.0, len(forms) * f.p_value)) for f in forms]
+    return tuple(sorted(corrected, key=lambda form: -form.log_likelihood_gain))
+
+
+def covers(null: Null, run: NullObserver, form: FreeForm, response: np.ndarray) -> float:
+    """Share of a law's score (squared) that the free form also explains, given its response (1, m) on the
+    whitened innovations: 1 where the law is a special case of the form."""
+    tables = _tables(null, run)
+    own = [table[form.variable, form.sign_of] for table in tables]
+    basis = _responses(null, run, form.load, own)
+    directions = nuisance(run, len(null.estimated))
+    alone, left = (
+        projected(response, d)[0] for d in (directions, np.vstack([directions, _independent(basis)]))
+    )
+    return 1.0 - min(_score(left, run.whitened) / max(_score(alone, run.whitened), 1e-12), 1.0)
+
+
+def _score(rest: np.ndarray, white: np.ndarray) -> float:
+    size = float(np.sum(rest**2))
+    return float((rest @ white).item() ** 2 / size) if size > 0.0 else 0.0
+
+
+def _independent(responses: np.ndarray) -> np.ndarray:
+    """Orthonormal rows that span the responses."""
+    size, turn = np.linalg.eigh(responses @ responses.T)
+    usable = size > RANK * size.max(initial=0.0)
+    return (turn[:, usable] / np.sqrt(size[usable])).T @ responses
+
+
+def _responses(null: Null, run: NullObserver, index: int, own: Sequence[Basis]) -> np.ndarray:
+    """Responses (k, m) of the whitened innovations to the basis functions as loads."""
+    row = run.state_names.index(null.loads[index].name)
+    entry = run.average.A[:, row].copy()
+    entry[row] = 0.0  # the load's own decay
+    parts = [
+        innovation_responses(run, experiment, basis.course[:, :, None] * entry)
+        for experiment, basis in zip(null.experiments, own, strict=True)
+    ]
+    return np.concatenate(parts, axis=1)
+
+
+def _tables(null: Null, run: NullObserver) -> list[dict[tuple[str, str], Basis]]:
+    """Basis functions of every experiment by variable and speed."""
+    units = {v.name: v.unit for v in (*null.flat.unknowns, *null.flat.inputs)}
+    courses = [internal_variables(null, run, i) for i in range(len(null.experiments))]
+    limits = {
+        name: np.concatenate([c[name] for c in courses])
+        for name in courses[0]
+        if all(name in c for c in courses)
+    }
+    return [_bases({name: c[name] for name in limits}, limits, units) for c in courses]
+
+
+def _bases(
+    variables: Mapping[str, np.ndarray], whole: Mapping[str, np.ndarray], units: Mapping[str, str]
+) -> dict[tuple[str, str], Basis]:
+    speeds = {
+        n: np.tanh(x / (SOFT * np.sqrt(np.mean(whole[n] ** 2))))
+        for n, x in variables.items()
+        if units.get(n) in SPEED_UNITS and np.min(whole[n]) < 0.0 < np.max(whole[n])
+    }
+    found = {}
+    for name, x in variables.items():
+        basis = _basis(x, whole[name], units.get(name, ""))
+        if basis.x.size < 2:
+            continue
+        found[name, ""] = basis
+        for speed, sign in speeds.items():
+            if speed != name:
+                found[name, speed] = replace(basis, course=basis.course * sign)
+    return found
+
+
+def _basis(x: np.ndarray, whole: np.ndarray, unit: str) -> Basis:
+    """Harmonics of an angle that turns round, else hat functions between quantiles."""
+    if unit == ANGLE_UNIT and np.ptp(whole) > TURN:
+        angles = np.arange(N_ANGLES) * TURN / N_ANGLES
+        return Basis(_harmonics(x), angles, _harmonics(angles))
+    knots = np.unique(np.quantile(whole, np.linspace(0.0, 1.0, KNOTS)))
+    eye = np.eye(knots.size)
+    return Basis(np.array([np.interp(x, knots, row) for row in eye]), knots, eye)
+
+
+def _harmonics(x: np.ndarray) -> np.ndarray:
+    orders = np.arange(1, HARMONICS + 1)[:, None]
+    return np.vstack([np.ones_like(x)[None], np.cos(orders * x), np.sin(orders * x)])
+
+
+def _tested(
+    null: Null,
+    key: Key,
+    basis: Basis,
+    responses: np.ndarray,
+    directions: np.ndarray,
+    white: np.ndarray,
+) -> FreeForm:
+    index, variable, speed = key
+    size, turn = np.linalg.eigh(responses @ responses.T)
+    usable = size > RANK * size.max(initial=0.0)
+    # In directions of unit response, what is left of one is its sine against the parameters' directions.
+    frame = (turn[:, usable] / np.sqrt(size[usable])).T
+    values, vectors = np.linalg.eigh(_gram(projected(frame @ responses, directions)[0]))
+    kept = values > ABSORBED**2
+    unit, _ = projected((vectors[:, kept] / np.sqrt(values[kept])).T @ frame @ responses, directions)
+    z = unit @ white / score_spread(unit, white) if np.any(kept) else np.zeros(0)
+    statistic, degrees = float(z @ z), max(int(kept.sum()), 1)
+    # The curve at the null's parameters: what they took stays theirs.
+    weights = frame.T @ (frame @ responses @ white)
+    cov = frame.T @ frame
+    units = {v.name: v.unit for v in (*null.flat.unknowns, *null.flat.inputs)}
+    return FreeForm(
+        load=index,
+        place=null.loads[index].place,
+        variable=variable,
+        sign_of=speed,
+        unit=null.loads[index].unit,
+        variable_unit=units.get(variable, ""),
+        statistic=statistic,
+        degrees=degrees,
+        p_value=float(chi2.sf(statistic, degrees)),
+        x=basis.x,
+        w=weights @ basis.shown,
+        std=np.sqrt(np.einsum("im,ij,jm->m", basis.shown, cov, basis.shown)),
+    )
+
+
+def _gram(rows: np.ndarray) -> np.ndarray:
+    return rows @ rows.T
+
+
+def internal_variables(null: Null, run: NullObserver, experiment: int = 0) -> dict[str, np.ndarray]:
+    """Every distinct internal variable along the filtered trajectory, by name (n_samples,), as the model
+    without the loads has it: a variable that contains the load would explain the load."""
+    explicit = null.explicit
+    one = null.experiments[experiment]
+    n = one.n_samples
+    u = one.inputs.T
+    v, w = np.zeros((explicit.rhs.numel_in(2), n)), np.zeros((explicit.rhs.numel_in(3), n))
+    theta = np.tile(null.theta[:, None], (1, n))
+    loads = {load.name for load in null.loads}
+    states = run.observed[experiment].filtered * [name not in loads for name in run.state_names]
+    values = np.array(explicit.variables.map(n)(states.T, u, v, w, theta, one.time))
+    found: dict[str, np.ndarray] = dict(zip(one.input_names, one.inputs.T, strict=True))
+    seen = [_normalised(x) for x in found.values()]
+    # Of proportional variables a state is named, else a motion, not the torque or flow that goes with it.
+    own = set(explicit.state_names)
+    in_order = sorted(
+        zip(explicit.flat.unknowns, values, strict=True),
+        key=lambda pair: (pair[0].name not in own, pair[0].is_flow),
+    )
+    for variable, row in in_order:
+        if variable.name in loads or not np.all(np.isfinite(row)) or np.ptp(row) == 0.0:
+            continue
+        shape = _normalised(row)
+        if all(abs(shape @ other) < 1.0 - SAME_COURSE for other in seen):
+            found[variable.name] = row
+            seen.append(shape)
+    return found
+
+
+def _normalised(x: np.ndarray) -> np.ndarray:
+    centred = x - x.mean()
+    size = np.linalg.norm(centred)
+    return centred / size if size > 0.0 else centred
