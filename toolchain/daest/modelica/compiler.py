@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 import threading
@@ -56,7 +57,11 @@ class Job:
 
 
 def with_room(work: Callable[[], T]) -> T:
-    """`work()` with a deep stack. Exceptions come through."""
+    """`work()` with a deep stack. Exceptions come through.
+
+    The garbage collector rests: the trees of a large model are millions of objects without a cycle, and it
+    would look through all of them again and again.
+    """
     result: list[T] = []
     problem: list[BaseException] = []
 
@@ -68,6 +73,8 @@ def with_room(work: Callable[[], T]) -> T:
 
     size, limit = threading.stack_size(_STACK_BYTES), sys.getrecursionlimit()
     sys.setrecursionlimit(max(limit, _RECURSION_LIMIT))
+    is_collecting = gc.isenabled()
+    gc.disable()
     try:
         thread = threading.Thread(target=run, name="daest-modelica")
         thread.start()
@@ -75,6 +82,8 @@ def with_room(work: Callable[[], T]) -> T:
     finally:
         threading.stack_size(size)
         sys.setrecursionlimit(limit)
+        if is_collecting:
+            gc.enable()
     if problem:
         raise problem[0]
     return result[0]

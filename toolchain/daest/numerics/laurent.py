@@ -148,7 +148,7 @@ def sparse_system(matrix: sp.csr_array, partner: np.ndarray) -> SparseSystem:
 
 
 def _regular(system: SparseSystem, tolerance: float | None) -> RankDecision:
-    """The decision that Â0 is regular; 1-norms of it and of its inverse stand for the singular values."""
+    """The decision that Â0 is regular, by its smallest singular value in the 1-norm."""
     n = system.matrix.shape[0]
     inverse: Any = spla.LinearOperator(
         (n, n),
@@ -161,9 +161,7 @@ def _regular(system: SparseSystem, tolerance: float | None) -> RankDecision:
     threshold = (default_tolerance(n) if tolerance is None else tolerance) * norm
     if not smallest > threshold:
         raise _singular(f"1 / |inverse| is {smallest:.1e}, threshold {threshold:.1e}")
-    return RankDecision(
-        "system Jacobian of the structure (1-norms)", (norm, smallest), threshold, n, float("inf")
-    )
+    return RankDecision("system Jacobian, 1 / |inverse|", (smallest,), threshold, 1, float("inf"))
 
 
 def _singular(reason: str) -> NumericalError:

@@ -54,7 +54,7 @@ def _gap(values: np.ndarray, rank: int) -> float:
 
 def is_doubtful(decision: RankDecision) -> bool:
     """True when the kept singular values are not clearly above the dropped ones and the threshold."""
-    if decision.rank == 0:
+    if decision.rank == 0 or len(decision.singular_values) < decision.rank:  # nothing kept, or not computed
         return False
     kept = decision.singular_values[decision.rank - 1]
     return decision.gap < CLEAR_GAP or kept < CLEAR_GAP * decision.threshold

@@ -6,15 +6,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
-from daest.model.linear import LinearDAE
+from daest.model.linear import LinearDAE, Matrix
 
 
 def save_arrays(dae: LinearDAE, path: Path) -> None:
-    """All matrices and offsets, the parameter values, and the names of rows and columns, in .npz or .mat."""
+    """All matrices and offsets, the parameter values, and the names of rows and columns, in .npz or .mat.
+
+    E and J of a large model are sparse: a sparse matrix in .mat, in .npz the arrays `E_shape`, `E_row`,
+    `E_column` and `E_value` in place of `E`.
+    """
     arrays: dict[str, Any] = {
-        "E": _dense(dae.E),
-        "J": _dense(dae.J),
+        **_sparse_or_dense("E", dae.E, path.suffix),
+        **_sparse_or_dense("J", dae.J, path.suffix),
         "K": dae.K,
         "B": dae.B,
         "C": dae.C,
@@ -41,5 +46,15 @@ def save_arrays(dae: LinearDAE, path: Path) -> None:
     savemat(path, {**arrays, **{key: np.array(value, dtype=object) for key, value in names.items()}})
 
 
-def _dense(matrix: object) -> np.ndarray:
-    return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()  # type: ignore[attr-defined]
+def _sparse_or_dense(name: str, matrix: Matrix, suffix: str) -> dict[str, Any]:
+    if isinstance(matrix, np.ndarray):
+        return {name: matrix}
+    if suffix == ".mat":
+        return {name: sp.csc_matrix(matrix)}
+    entries = sp.coo_array(matrix)
+    return {
+        f"{name}_shape": np.array(matrix.shape),
+        f"{name}_row": entries.coords[0],
+        f"{name}_column": entries.coords[1],
+        f"{name}_value": entries.data,
+    }

@@ -17,6 +17,11 @@ EXACT = 1e-10
 as only exact pole-zero cancellations are taken out."""
 
 
+HIGHEST_ORDER = 200
+"""Up to this many finite modes transfer functions are formed: coefficients of higher polynomials say nothing
+in double precision."""
+
+
 @dataclass(frozen=True)
 class TransferFunction:
     """G(s) = num(s) / den(s) from one input to one output; coefficients with the highest power first.
@@ -43,8 +48,10 @@ def transfer_functions(dae: LinearDAE, form: StandardForm | SparseForm) -> list[
     """One minimal transfer function per input and output, inputs outermost.
 
     The rational part is C Q1 (sI - A)⁻¹ P1 K, reduced per channel; -C Q2 N^i P2 K are the coefficients of s^i
-    of the polynomial part, plus D.
+    of the polynomial part, plus D. None at all for models of more than `HIGHEST_ORDER` modes.
     """
+    if form.n_dynamic > HIGHEST_ORDER:
+        return []
     A = _dense(form.A)
     B1, C1 = form.left_dynamic @ dae.K, dae.C @ form.right_dynamic
     gains = noise_gains(dae, form)

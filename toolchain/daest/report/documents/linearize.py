@@ -9,17 +9,19 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from daest.model.linear import LinearDAE, Matrix, StandardForm
+from daest.model.linear import LinearDAE, Matrix, SparseForm, StandardForm
 from daest.report.documents.parts import decision_entry, equation_entry
 from daest.systems.linearize import ThetaEntry
-from daest.systems.transfer import TransferFunction, poles
+from daest.systems.transfer import HIGHEST_ORDER, TransferFunction, poles
 
 SCHEMA = "daest/linearize/1"
+
+MATRICES = ("E", "J", "K", "B", "C", "D", "H")
 
 
 def document(
     dae: LinearDAE,
-    form: StandardForm,
+    form: StandardForm | SparseForm,
     functions: Sequence[TransferFunction] = (),
     theta: Sequence[ThetaEntry] = (),
     cross_check: Mapping[str, float] | None = None,
@@ -50,7 +52,8 @@ def document(
             }
             for p in dae.parameters
         ],
-        **{name: _rows(getattr(dae, name)) for name in ("E", "J", "K", "B", "C", "D", "H")},
+        "matrix_format": "triplets" if sp.issparse(dae.E) else "rows",
+        **{name: _matrix(getattr(dae, name), sp.issparse(dae.E)) for name in MATRICES},
         "offset": dae.offset.tolist(),
         "output_offset": dae.output_offset.tolist(),
         "n_equations": dae.n,
@@ -66,7 +69,7 @@ def document(
         "cross_check": differences.get("largest"),
         "cross_checks": {pair: value for pair, value in differences.items() if pair != "largest"},
         "decisions": [decision_entry(decision) for decision in form.decisions],
-        "notes": list(dae.notes),
+        "notes": _notes(dae, form),
     }
 
 
@@ -78,6 +81,18 @@ def _units(dae: LinearDAE) -> dict[str, str]:
     }
 
 
-def _rows(matrix: Matrix) -> list[list[float]]:
-    dense = sp.csr_array(matrix).toarray() if sp.issparse(matrix) else np.asarray(matrix)
-    return [[float(value) for value in row] for row in dense]
+def _matrix(matrix: Matrix, is_large: bool) -> list[list[float]] | dict[str, Any]:
+    """Rows of numbers; of large models the entries that are not zero, as shape, row, column and value."""
+    if not is_large:
+        return np.asarray(matrix, dtype=float).tolist()
+    entries = sp.coo_array(matrix)
+    kept = entries.data != 0.0
+    row, column = (index[kept].tolist() for index in entries.coords)
+    return {"shape": list(matrix.shape), "row": row, "column": column, "value": entries.data[kept].tolist()}
+
+
+def _notes(dae: LinearDAE, form: StandardForm | SparseForm) -> list[str]:
+    if form.n_dynamic <= HIGHEST_ORDER:
+        return list(dae.notes)
+    reason = f"No transfer functions: polynomials of {form.n_dynamic} modes say nothing in double precision."
+    return [*dae.notes, reason]

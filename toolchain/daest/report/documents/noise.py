@@ -46,8 +46,7 @@ def structure(dae: LinearDAE) -> dict[str, Any]:
 
 
 def _pattern(matrix: Matrix) -> list[list[int]]:
-    dense = sp.csr_array(matrix).toarray() if sp.issparse(matrix) else np.asarray(matrix)
-    return np.argwhere(dense != 0.0).tolist()
+    return np.column_stack(sp.csr_array(matrix).nonzero()).tolist()
 
 
 def _noise(place: NoisePlace) -> dict[str, Any]:

@@ -22,7 +22,8 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
         f"{document['n_equations']} equations, {document['n_dynamic']} dynamic, index {document['index']}; "
         f"{document['n_forbidden']} equations may not carry white noise"
     )
-    yield indented(f"singular values of N: {listed([number(value) for value in singular])}")
+    if document["N_singular_values"] or document["index"] < 2:
+        yield indented(f"singular values of N: {listed([number(value) for value in singular])}")
     forbidden = [e for e in document["equations"] if not e["admissible"]]
     if forbidden:
         yield heading("No white noise here")
