@@ -202,7 +202,8 @@ def test_diagnosis_and_ledger(told, daest):
         "variable": "x",
         "unit": "N",
         "variable_unit": "V",
-        "explained": 0.9,
+        "label": "x",
+        "p_value": 1e-9,
         "curve": [[-1.0, -2.0, 0.1], [0.0, 0.0, 0.1], [1.0, 2.0, 0.1]],
     }
     diagnosis = {

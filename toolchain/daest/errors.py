@@ -527,6 +527,13 @@ EXPLANATIONS: dict[str, str] = {
         "Every input is constant, so nothing excites the model and its parameters leave no trace in the "
         "outputs. Record with an input that varies over the frequencies of interest."
     ),
+    "identify-jump": (
+        "An equation contains a step (sign, if, floor) that depends on the state. The exact derivatives that "
+        "identification works with are blind to it: the size of a Coulomb friction written as sign(w) would "
+        "seem to have no influence. Round the step over a width that is small beside the motion: "
+        "tanh(w/width); about 1 % of the range of w is enough. Steps that only bend an equation, as an "
+        "absolute value or a limit, are allowed."
+    ),
     "identify-no-data": ("No recording was given to identify from."),
     "identify-no-influence": (
         "The measured outputs do not depend on a parameter that is to be estimated (their exact derivative "
@@ -772,6 +779,9 @@ EXPLANATIONS: dict[str, str] = {
         "unknown can be assigned to an equation. The message names that combination; one of these "
         "equations repeats or contradicts the others, or a parameter that is zero has removed a term."
     ),
+    "plot-format": (
+        "A picture was asked for in a format that is not written. Give a name that ends in .png, .svg or .pdf."
+    ),
     "prior-mean": (
         "The mean of a prior lies outside the bounds of its parameter, or is not positive although the "
         "parameter is searched on a logarithmic scale, where the mean is the median of a lognormal density."
@@ -798,6 +808,9 @@ EXPLANATIONS: dict[str, str] = {
     "results-unreadable": (
         "A file in results/ (or one named with --at) is missing, damaged or not of the form that daest "
         "writes. The command that made it writes it anew; for fit.json that is daest identify."
+    ),
+    "schema-unknown": (
+        "A schema describes the JSON document of a command. daest schema lists those that there are."
     ),
     "several-problems": (
         "A file has several problems of different kinds; the message lists them all with their own codes."

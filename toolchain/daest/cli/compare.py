@@ -23,7 +23,8 @@ from daest.cli.options import (
     plot_option,
     seed_option,
 )
-from daest.cli.output import emit, keep_inputs, whole_file
+from daest.cli.output import emit, keep_inputs
+from daest.cli.pictures import draw
 from daest.cli.recordings import unseen_data
 from daest.cli.results import find_fit, fitted
 from daest.data.project import Hold, Project
@@ -79,6 +80,7 @@ def command(
 ) -> int:
     """Error of every MODEL on recordings, in simulation and ahead of the data, with the parameters of its own
     fit; whether the data contradict it, and where it fails."""
+    from daest.report.comparison_figure import comparison_figure
     from daest.report.texts import compare as texts
 
     project = model_options.project()
@@ -94,11 +96,7 @@ def command(
         bootstrap=bootstrap or 0,
         seed=seed,
     )
-    if plot is not None:
-        from daest.report.figures import comparison_figure, save
-
-        with whole_file(plot) as temporary:
-            save(comparison_figure(found.comparison), temporary)
+    draw(plot, lambda: comparison_figure(found.comparison))
     sources = [model_source(project, path) for path in models] or [model_source(project, None)]
     origin = made_from(project, sources, unseen_files(project, data))
     keep(project, "comparison", "compare", found.document, origin, documents.series(found.comparison))

@@ -23,7 +23,8 @@ from daest.cli.options import (
     plot_option,
     seed_option,
 )
-from daest.cli.output import emit, keep_inputs, note, whole_file, write_text
+from daest.cli.output import emit, keep_inputs, note, write_text
+from daest.cli.pictures import draw
 from daest.cli.recordings import unseen_data
 from daest.cli.results import find_fit, fitted
 from daest.data.project import Project
@@ -90,6 +91,7 @@ def command(
     The table goes to results/estimates.csv or the file of -o, a summary to stdout. Parameters and noise are
     those of results/fit.json.
     """
+    from daest.report.filter_figure import filter_figure
     from daest.report.texts import filter as texts
 
     project = model_options.project()
@@ -101,17 +103,13 @@ def command(
     wanted = _Wanted(list(measure) or None, smooth, known_hold, particles, seed)
     result = _estimated(flat, experiment, chosen, wanted)
     text = csv_text(*documents.table(result, list(only) or None))
+    draw(plot, lambda: filter_figure(result, experiment, only))
     if output is not None and str(output) == "-":
         write_text(text, output)
         return
     target = output or project.results / ESTIMATES
     write_text(text, target)
     note(f"the estimates are in {target}")
-    if plot is not None:
-        from daest.report.figures import filter_figure, save
-
-        with whole_file(plot) as temporary:
-            save(filter_figure(result, experiment, only), temporary)
     document = documents.document(result)
     names = documents.shown(result, experiment, only)
     origin = made_from(project, [model_source(project, model)], unseen_files(project, [data] if data else []))

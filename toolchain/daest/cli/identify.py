@@ -25,7 +25,8 @@ from daest.cli.options import (
     seed_option,
     split_data_options,
 )
-from daest.cli.output import emit, keep_inputs, note, whole_file
+from daest.cli.output import emit, keep_inputs, note
+from daest.cli.pictures import checked, draw
 from daest.cli.progress import progress
 from daest.cli.recordings import training_data
 from daest.cli.results import fitted, save_fit
@@ -85,6 +86,7 @@ class Identified:
     "--profile-plot",
     metavar="FILE",
     type=click.Path(path_type=Path),
+    callback=checked,
     help="Draw the profiles (.png, .svg or .pdf).",
 )
 @click.option(
@@ -182,20 +184,17 @@ def identified(
 
 
 def _draw_profiles(found: Identified, plot: Path) -> None:
-    from daest.report.figures import save
     from daest.report.profile_figure import profile_figure
 
-    with whole_file(plot) as temporary:
-        save(profile_figure(found.result), temporary)
+    draw(plot, lambda: profile_figure(found.result))
 
 
 def _draw(found: Identified, plot: Path) -> None:
     from daest.diagnosis.compare import Candidate, compare_models
-    from daest.report.figures import comparison_figure, save
+    from daest.report.fit_figure import fit_figure
 
     result = found.result
     flat = fitted(found.flat, found.document)
     candidate = Candidate(flat.name, flat, len(result.parameters), result.hold, result.noise_model)
     comparison = compare_models([candidate], found.validation or found.estimation)
-    with whole_file(plot) as temporary:
-        save(comparison_figure(comparison), temporary)
+    draw(plot, lambda: fit_figure(result, comparison))

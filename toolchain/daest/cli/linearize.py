@@ -15,17 +15,21 @@ from daest.cli.options import (
     example,
     format_option,
     output_option,
+    plot_option,
     project_option,
     set_option,
 )
 from daest.cli.output import emit, keep_inputs, note, whole_file
+from daest.cli.pictures import draw
 from daest.data.project import load_project
+from daest.model.linear import SparseForm, StandardForm
 from daest.report.arrays import save_arrays
 from daest.report.documents import linearize as documents
+from daest.report.frequency_figure import linear_figure
 from daest.report.texts import linearize as texts
 from daest.systems.linearize import theta_entries
-from daest.systems.split import split
-from daest.systems.transfer import transfer_functions
+from daest.systems.standard_form import standard_form
+from daest.systems.transfer import TransferFunction, poles, transfer_functions
 
 ARRAYS = (".npz", ".mat")
 
@@ -47,6 +51,7 @@ ARRAYS = (".npz", ".mat")
 @project_option
 @format_option
 @output_option
+@plot_option
 def command(
     model: Path | None,
     settings: Mapping[str, float],
@@ -58,6 +63,7 @@ def command(
     project_file: Path | None,
     form: str,
     output: Path | None,
+    plot: Path | None,
 ) -> None:
     """E, J, K, B, C, D of MODEL (a .mo file or any FMU), with names, units and places; poles, transfer
     functions.
@@ -67,7 +73,10 @@ def command(
     project = load_project(project_file)
     keep_inputs(output, [model, at])
     linear = load_linear(project, model, class_name, libraries, settings, at, route)
-    document = _document(linear)
+    standard = standard_form(linear.dae)
+    functions = transfer_functions(linear.dae, standard)
+    document = _document(linear, standard, functions)
+    draw(plot, lambda: linear_figure(functions, poles(standard), document["units"]))
     if output is not None and output.suffix in ARRAYS:
         with whole_file(output) as temporary:
             save_arrays(linear.dae, temporary)
@@ -76,8 +85,8 @@ def command(
     emit(document, "linearize", form, output, partial(texts.text, symbolic=symbolic))
 
 
-def _document(linear: Linear) -> dict[str, Any]:
-    form = split(linear.dae)
+def _document(
+    linear: Linear, standard: StandardForm | SparseForm, functions: Sequence[TransferFunction]
+) -> dict[str, Any]:
     theta = theta_entries(linear.flat, linear.at) if linear.flat is not None else []
-    functions = transfer_functions(linear.dae, form)
-    return documents.document(linear.dae, form, functions, theta, linear.cross_check)
+    return documents.document(linear.dae, standard, functions, theta, linear.cross_check)

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import click
-import numpy as np
 
 from daest.cli.kept import keep, made_from
 from daest.cli.linear import load_linear
@@ -20,9 +19,11 @@ from daest.cli.options import (
     project_option,
     set_option,
 )
-from daest.cli.output import emit, keep_inputs, whole_file
+from daest.cli.output import emit, keep_inputs
+from daest.cli.pictures import draw
 from daest.data.project import load_project
 from daest.report.documents import noise as documents
+from daest.report.structure_figure import noise_figure
 from daest.report.texts import noise as texts
 from daest.systems.noise import noise_report
 
@@ -62,13 +63,7 @@ def command(
     keep_inputs(output, [model])
     dae = load_linear(project, model, class_name, libraries, settings, None).dae
     report = noise_report(dae, at=places, tolerance=tolerance)
-    if plot is not None:
-        from daest.report.figures import noise_figure, save
-
-        admissible = np.array([place.admissible for place in report.places], dtype=bool)
-        norms = np.array([place.projection_norm for place in report.places])
-        with whole_file(plot) as temporary:
-            save(noise_figure(dae, admissible, norms), temporary)
+    draw(plot, lambda: noise_figure(dae, report))
     document = documents.document(report)
     origin = made_from(project, [model_source(project, model)])
     keep(project, "noise", "noise", {**document, "structure": documents.structure(dae)}, origin)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import click
 
+from daest.cli.pictures import checked
 from daest.errors import ConfigError
 from daest.model.prior import Prior
 
@@ -24,6 +25,11 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 def example(*lines: str) -> str:
     """Epilog of a command: `lines` below the word Example, each on a line of its own."""
     return "\b\nExample:\n" + "\n".join(f"  {line}" for line in lines)
+
+
+def one_of(names: Callable[[], Iterable[str]]) -> Callable[..., list[str]]:
+    """Completion of an argument that is one of `names()`."""
+    return lambda _context, _parameter, begun: [name for name in names() if name.startswith(begun)]
 
 
 def _stacked(*decorators: Callable[[Any], Any]) -> Callable[[Command], Command]:
@@ -151,7 +157,11 @@ set_option = click.option(
     help="Value of a parameter.",
 )
 plot_option = click.option(
-    "--plot", metavar="FILE", type=click.Path(path_type=Path), help="Draw the result (.png, .svg or .pdf)."
+    "--plot",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    callback=checked,
+    help="Draw the result (.png, .svg or .pdf).",
 )
 hold_option = click.option(
     "--hold",

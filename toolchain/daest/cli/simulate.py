@@ -16,10 +16,12 @@ from daest.cli.options import (
     format_option,
     model_options,
     output_option,
+    plot_option,
     seed_option,
     set_option,
 )
 from daest.cli.output import emit, keep_inputs, note, write_text
+from daest.cli.pictures import draw
 from daest.cli.recordings import driving_data
 from daest.cli.results import find_fit, fitted
 from daest.model.flat import FlatModel
@@ -41,6 +43,7 @@ from daest.systems.simulate import simulate
 @data_options
 @format_option
 @output_option
+@plot_option
 @seed_option
 def command(
     model: Path | None,
@@ -52,12 +55,15 @@ def command(
     data_options: DataOptions,
     form: str,
     output: Path | None,
+    plot: Path | None,
     seed: int,
 ) -> None:
     """Drive MODEL (default: that of daest.toml) with the inputs of a recording and write its outputs as CSV.
 
     Parameters are those of results/fit.json if it is a fit of this model, else those of the model.
     """
+    from daest.report.simulation_figure import simulation_figure
+
     project = model_options.project()
     keep_inputs(output, [inputs, model])
     source = model_source(project, model)
@@ -70,6 +76,7 @@ def command(
     recording = driving_data(flat, project, [inputs] if inputs else [], data_options)[0]
     chosen = data_options.known_hold(project) or (fit[1].get("hold") if fit else None) or "foh"
     result = simulate(flat, recording, hold=chosen, noise=noise, seed=seed if noise else None)
+    draw(plot, lambda: simulation_figure(result, recording))
     _write(result, form, output, all_variables)
 
 

@@ -23,6 +23,8 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
+from daest.report.figures import shown_range
+from daest.report.groups import grouped, stretches
 from daest.report.page.material import Document, Series
 from daest.report.page.thinning import thinned
 from daest.report.spectra import autocorrelation, spectrum
@@ -160,7 +162,7 @@ def filter_plot(document: Document, series: Series) -> Plot | None:
             _dots(plot, time, series["measured"][:, i], "measured", most)
         plot.varea(time[at], low[at], high[at], color=COLORS[0], alpha=0.25, legend_label="95 %")
         _line(plot, time, value, "smoothed" if document["smoothed"] else "filtered", 0, most)
-        plot.y_range = Range1d(*_limits(value, series["measured"][:, i]))
+        plot.y_range = Range1d(*shown_range(value, std, series["measured"][:, i]))
         _legend(plot)
         figures.append(plot)
     if not figures:
@@ -208,16 +210,16 @@ def structure_plot(document: Document, groups: Sequence[str], columns: Sequence[
     rows that may not carry white noise in the colour of an alarm. `groups` and `columns` are the component of
     every row and column, in an order that keeps components together."""
     equations, structure = document["equations"], document["structure"]
-    row_order, column_order = _grouped(groups), _grouped(columns)
+    row_order, column_order = grouped(groups), grouped(columns)
     row_of = {index: place for place, index in enumerate(row_order)}
     column_of = {index: place for place, index in enumerate(column_order)}
     plot = _figure("unknowns by component", "equations by component", 640)
     plot.x_range = Range1d(-1, len(columns))
     plot.y_range = Range1d(len(groups), -1)
-    for index, equation in enumerate(equations):
-        if not equation["admissible"]:
-            place = row_of[index]
-            plot.add_layout(_shade(ALARM, 0.16, bottom=place - 0.5, top=place + 0.5))
+    allowed = [equations[index]["admissible"] for index in row_order]
+    for admissible, first, after in stretches(allowed):
+        if not admissible:
+            plot.add_layout(_shade(ALARM, 0.16, bottom=first - 0.5, top=after - 0.5))
     names = [u["name"] for u in structure["unknowns"]]
     for key, marker, size, fill in (("J", "circle", 7, 0.0), ("E", "square", 8, 1.0)):
         for forbidden, color in ((False, COLORS[0]), (True, ALARM)):
@@ -247,13 +249,12 @@ def structure_plot(document: Document, groups: Sequence[str], columns: Sequence[
 
 def _mark_groups(axis: Any, plot: Any, names: Sequence[str], dimension: str) -> None:
     """The name of every group at its middle, and a line between groups."""
-    starts = [i for i in range(len(names)) if i == 0 or names[i] != names[i - 1]]
-    ends = [*starts[1:], len(names)]
-    middles = [(a + b - 1) / 2 for a, b in zip(starts, ends, strict=True)]
+    runs = stretches(names)
+    middles = [(first + after - 1) / 2 for _, first, after in runs]
     axis.ticker = FixedTicker(ticks=middles)
-    axis.major_label_overrides = {m: names[s] for m, s in zip(middles, starts, strict=True)}
+    axis.major_label_overrides = {m: run[0] for m, run in zip(middles, runs, strict=True)}
     plot.grid.visible = False
-    for start in starts[1:]:
+    for _, start, _ in runs[1:]:
         line = Span(location=start - 0.5, dimension=dimension, line_color=MEASURED, line_alpha=0.35)
         plot.add_layout(line)
 
@@ -340,7 +341,11 @@ def screen_plot(document: Document) -> Plot | None:
     plot.hbar("name", right="score", height=0.6, color="color", fill_alpha=0.6, source=source)
     plot.x_range.start = 0
     plot.add_tools(HoverTool(tooltips=[("", "@name"), ("score", "@score{0.0}")]))
-    return Plot("plot-screen", "Scores of the screen: " + "; ".join(names[::-1]), _item(plot))
+    return Plot(
+        "plot-screen",
+        "Scores of the screen; effects that were not rejected in colour",
+        _item(plot),
+    )
 
 
 def _figure(
@@ -449,19 +454,3 @@ def _thinning_note(n_samples: int, most: int) -> str:
         f"Of {n_samples} samples of a series at most {most} are drawn: the smallest and the largest of every "
         "stretch of equal length, so that no peak is lost."
     )
-
-
-def _limits(*signals: np.ndarray) -> tuple[float, float]:
-    """A range that shows all but the most extreme 1 % at either end: an unknown start makes the first
-    estimates wild."""
-    known = [s[np.isfinite(s)] for s in signals]
-    quantiles = [np.quantile(s, (0.01, 0.99)) for s in known if s.size]
-    low, high = min((q[0] for q in quantiles), default=0.0), max((q[1] for q in quantiles), default=1.0)
-    margin = 0.25 * (high - low) or 1.0
-    return float(low - margin), float(high + margin)
-
-
-def _grouped(groups: Sequence[str]) -> list[int]:
-    """Indices ordered by the first appearance of their group."""
-    first = {name: i for i, name in reversed(list(enumerate(groups)))}
-    return sorted(range(len(groups)), key=lambda i: (first[groups[i]], i))

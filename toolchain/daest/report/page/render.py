@@ -20,21 +20,25 @@ def page(material: Material) -> str:
 
     Raises KeyError, TypeError or ValueError for a document that no command wrote.
     """
-    from jinja2 import Environment, PackageLoader
+    from jinja2 import Environment, PackageLoader, UndefinedError
 
     environment = Environment(loader=PackageLoader(ROOM, "."), autoescape=True, trim_blocks=True)
     environment.filters["number"] = number
     environment.filters["percent"] = percent
     environment.filters["quoted"] = _quoted
     environment.globals["places"] = places
-    return environment.get_template("page.html.jinja").render(
-        material=material,
-        headline=headline(material),
-        sections=sections(material),
-        style=_text("style.css"),
-        script=_text("page.js"),
-        library=_library(),
-    )
+    template = environment.get_template("page.html.jinja")
+    try:
+        return template.render(
+            material=material,
+            headline=headline(material),
+            sections=sections(material),
+            style=_text("style.css"),
+            script=_text("page.js"),
+            library=_library(),
+        )
+    except UndefinedError as error:
+        raise KeyError(str(error)) from error
 
 
 def _quoted(text: str) -> Markup:

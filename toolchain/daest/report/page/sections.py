@@ -9,18 +9,19 @@ from typing import Any
 
 from daest.model.flat import FlatModel
 from daest.report.console import number
+from daest.report.groups import component, owner
 from daest.report.page import plots
 from daest.report.page.material import Document, Material
 from daest.report.page.modelica_text import added_lines, highlighted
 from daest.report.page.plots import Plot
 
-CONNECTIONS = "connections"
 TESTS = {
     "whiteness": "whiteness",
     "input_independence": "independence of the inputs",
     "variable_independence": "independence of internal variables",
     "nis": "size (normalised innovations squared)",
 }
+MOST_DRAWN = 3000  # equations of a drawn structure
 MOST_PLACES = 12  # of a list of places
 
 
@@ -118,11 +119,6 @@ def _model(flat: FlatModel | None) -> Section:
     return Section("model", "The model", "", True, content)
 
 
-def component(origin: str) -> str:
-    """The component that an equation belongs to; connections, between several, are one group."""
-    return CONNECTIONS if "," in origin or not origin else origin
-
-
 def _noise(document: Document | None) -> Section:
     title = "Where white noise may enter"
     if document is None:
@@ -133,10 +129,10 @@ def _noise(document: Document | None) -> Section:
         advice.setdefault(equation["advice"], []).append(equation["text"])
     groups = [component(e["origin"]) for e in document["equations"]]
     names = [u["name"] for u in document["structure"]["unknowns"]]
-    columns = [name.partition(".")[0] if "." in name else "top level" for name in names]
+    columns = [owner(name) for name in names]
     content = {"document": document, "forbidden": forbidden, "advice": list(advice.items())}
-    plot = plots.structure_plot(document, groups, columns)
-    return Section("noise", title, "", True, content, (plot,))
+    drawn = (plots.structure_plot(document, groups, columns),) if len(groups) <= MOST_DRAWN else ()
+    return Section("noise", title, "", True, content, drawn)
 
 
 def _estimation(fit: Document | None) -> Section:
@@ -235,13 +231,13 @@ def _improvement(material: Material) -> Section:
     return Section("ledger", title, "", True, content, tuple(plots.staircase_plots(ledger)))
 
 
-def _sizes(step: Mapping[str, Any]) -> str:
+def _sizes(step: Mapping[str, Any]) -> list[str]:
     """The parameters of the effect that a step added."""
     if not step["component"]:
-        return ""
+        return []
     prefix = f"{step['component']}."
     own = {n.removeprefix(prefix): p for n, p in step["parameters"].items() if n.startswith(prefix)}
-    return ", ".join(f"{name} = {_with_error(p)}" for name, p in own.items())
+    return [f"{name} = {_with_error(p)}" for name, p in own.items()]
 
 
 def _with_error(p: Mapping[str, Any]) -> str:
