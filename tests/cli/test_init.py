@@ -55,3 +55,25 @@ def test_missing_model_or_data_writes_nothing(folder, daest):
     code, _, err = daest("init", "Lag.mo", "run3.csv")
     assert code == 2 and "data-missing-file" in err and "run1.csv" in err
     assert not (folder / "daest.toml").exists()
+
+
+def test_time_and_units_are_found(folder, daest):
+    rows = (folder / "run1.csv").read_text().splitlines()[1:]
+    lines = [f"{t},{1000 * float(u)},{y}" for t, u, y in (row.split(",") for row in rows)]
+    (folder / "odd.csv").write_text("\n".join(["t,u_mV,y", *lines]))
+    code, out, _ = daest("init", "Lag.mo", "odd.csv", "--format", "json")
+    document = json.loads(out)
+    assert code == 0 and document["time"] == "t" and document["units"] == {"u_mV": "mV"}
+    assert document["findings"] == []
+    project = load_project()
+    assert project.time == "t" and project.units == {"u_mV": "mV"} and project.inputs == {"u": "u_mV"}
+    code, out, err = daest("identify", "--format", "json")
+    assert code == 0, err
+    assert abs(json.loads(out)["parameters"]["k"]["value"] - 2.0) < 0.05
+
+
+def test_faults_of_the_recording_are_told_at_once(folder, daest):
+    text = (folder / "run1.csv").read_text().replace("\n0.15,", "\n0.1,", 1)
+    (folder / "bad.csv").write_text(text)
+    code, out, _ = daest("init", "Lag.mo", "bad.csv")
+    assert code == 0 and "warning[check-clock-duplicate]" in out

@@ -63,9 +63,9 @@ def command(
 def checked(path: Path, project: Project, flat: FlatModel | None) -> DataCheck:
     """The check of one file, against the model if there is one. Raises DataError where it cannot be read."""
     from daest.data.check import check_table
-    from daest.data.read import read_table
+    from daest.data.read import read_table, with_units
 
-    table = read_table(path)
+    table = with_units(read_table(path), project.units)
     if flat is None:
         return check_table(table, {}, project.time)
     roles: dict[str, Role] = {project.inputs.get(v.name, v.name): "input" for v in flat.inputs}

@@ -8,12 +8,18 @@ from typing import Any
 
 import click
 
-from daest.cli.options import example, format_option
+from daest.cli.options import example, format_option, one_of
 from daest.cli.output import emit, note
 
 
+def _names() -> list[str]:
+    from daest.data.examples import examples
+
+    return [example.name for example in examples()]
+
+
 @click.command("demo", epilog=example("daest demo servo"))
-@click.argument("name", required=False)
+@click.argument("name", required=False, shell_complete=one_of(_names))
 @format_option
 def command(name: str | None, form: str) -> None:
     """Copy the example NAME into a new folder NAME, identify its parameters, compare it with its data.

@@ -10,13 +10,13 @@ from typing import Any
 
 import click
 
-from daest.cli.options import example, format_option, output_option
+from daest.cli.options import example, format_option, one_of, output_option
 from daest.cli.output import emit
 from daest.errors import EXPLANATIONS, ConfigError
 
 
 @click.command("explain", epilog=example("daest explain data-time-not-increasing"))
-@click.argument("code", required=False)
+@click.argument("code", required=False, shell_complete=one_of(lambda: EXPLANATIONS))
 @format_option
 @output_option
 def command(code: str | None, form: str, output: Path | None) -> None:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from daest.cli.options import class_options, example, format_option, project_option
 from daest.cli.output import emit, whole_file
+
+if TYPE_CHECKING:
+    from daest.model.quality import DataCheck
 
 
 @click.command("init", epilog=example("daest init Servo.mo run1.csv", "daest identify"))
@@ -31,9 +34,10 @@ def command(
 
     Columns are matched with inputs and outputs by name, or proposed by unit. An existing file is not touched.
     """
+    from daest.cli.check import checked
     from daest.cli.models import load_model
-    from daest.data.match import match_columns
-    from daest.data.project import FILE_NAME, Project
+    from daest.data.match import match_columns, named_units, propose_time
+    from daest.data.project import FILE_NAME, Project, load_project
     from daest.data.read import Signal, read_table
     from daest.data.template import Draft, project_text
 
@@ -53,10 +57,14 @@ def command(
         tuple(matches[: len(inputs)]),
         tuple(matches[len(inputs) :]),
         tuple(column.header for column in tables[0].columns) if tables else (),
+        propose_time(tables[0]) if tables else None,
+        named_units(matches, tables[0]) if tables else {},
     )
     with whole_file(file) as temporary:
         temporary.write_text(project_text(draft), encoding="utf-8")
-    emit(_document(file, draft), "init", form, None, _text)
+    project = load_project(file)
+    checks = [checked(path, project, flat) for path in data]
+    emit(_document(file, draft, checks), "init", form, None, _text)
 
 
 def _refuse_existing(file: Path) -> None:
@@ -75,7 +83,9 @@ def _relative(path: Path, file: Path) -> str:
     return Path(os.path.relpath(path.resolve(), file.resolve().parent)).as_posix()
 
 
-def _document(file: Path, draft: Any) -> dict[str, Any]:
+def _document(file: Path, draft: Any, checks: Sequence[DataCheck]) -> dict[str, Any]:
+    from daest.report.documents.check import finding_entry
+
     return {
         "file": str(file),
         "model": draft.flat.name,
@@ -83,6 +93,9 @@ def _document(file: Path, draft: Any) -> dict[str, Any]:
         "outputs": {match.signal.name: match.column for match in draft.outputs},
         "estimate": [p.name for p in draft.flat.parameters if p.estimate],
         "noises": [noise.name for noise in draft.flat.noises],
+        "time": draft.time,
+        "units": dict(draft.units),
+        "findings": [finding_entry(finding) for check in checks for finding in check.findings],
     }
 
 
@@ -91,5 +104,10 @@ def _text(document: Mapping[str, Any], width: int, color: bool) -> str:
     for kind in ("inputs", "outputs"):
         for name, column in document[kind].items():
             lines.append(f"  {kind[:-1]} {name}: {column or 'NO COLUMN FITS, please complete the file'}")
+    if document["time"] is not None:
+        lines.append(f"  time: {document['time']}, please check")
+    for column, unit in document["units"].items():
+        lines.append(f"  unit of {column}: {unit}, please check")
     lines.append(f"  estimated parameters: {', '.join(document['estimate']) or 'none marked'}")
+    lines += [f"  {f['level']}[{f['code']}]: {f['text']}" for f in document["findings"]]
     return "\n".join(lines) + "\n"

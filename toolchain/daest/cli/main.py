@@ -38,6 +38,8 @@ COMMANDS = {
     "improve": "Add what is missing, effect by effect, as Modelica models.",
     "report": "One HTML page of everything that has been found out.",
     "explain": "Explain a message by its code.",
+    "schema": "The JSON Schema of what a command prints.",
+    "completion": "Completion of commands, options and names by the shell.",
 }
 # Threads inside the linear algebra of small matrices cost more than they bring. Read when numpy loads.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from daest.cli.models import with_outputs
 from daest.cli.options import DataOptions
@@ -61,7 +62,7 @@ def driving_data(
     chosen = list(paths) or list(project.estimate)
     _require(chosen)
     return read_experiments(
-        chosen, *_signals(flat, project), preparation, outputs_required=False, time=project.time
+        chosen, *_signals(flat, project), preparation, outputs_required=False, **_words(project)
     )
 
 
@@ -80,7 +81,7 @@ def _read(
     """The recordings, looked at as they are, then prepared; remarks and warnings go to stderr."""
     raw = replace(preparation, period=None, detrend="none")
     experiments = []
-    for experiment in read_experiments(paths, *_signals(flat, project), raw, time=project.time):
+    for experiment in read_experiments(paths, *_signals(flat, project), raw, **_words(project)):
         for finding in check_experiment(experiment).warnings:
             warn(finding.code, f"{experiment.name}: {finding.sentence}")
         prepared = prepare(experiment, preparation)
@@ -94,9 +95,14 @@ def measured_recordings(
     flat: FlatModel, project: Project, paths: Sequence[Path]
 ) -> tuple[FlatModel, list[Experiment]]:
     """The recordings as they are, and the model with its measured outputs alone; nothing is said."""
-    experiments = read_experiments(paths, *_signals(flat, project), time=project.time)
+    experiments = read_experiments(paths, *_signals(flat, project), **_words(project))
     names = measured_names(experiments)
     return with_outputs(flat, names), [select_outputs(experiment, names) for experiment in experiments]
+
+
+def _words(project: Project) -> dict[str, Any]:
+    """What daest.toml says about the columns of every file."""
+    return {"time": project.time, "units": project.units}
 
 
 def _signals(flat: FlatModel, project: Project) -> tuple[list[Signal], list[Signal]]:

@@ -7,7 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from daest.data.read import Signal
+from daest.data.stamps import with_seconds
 from daest.data.table import Column, Table, time_unit
 from daest.errors import DataError
 from daest.quantities import conversion, is_known_unit
@@ -23,6 +26,32 @@ class Match:
     signal: Signal
     column: str | None
     how: How | None
+
+
+_TIME_NAMES = ("t", "time", "zeit", "timestamp", "seconds", "sec", "elapsed")
+
+
+def propose_time(table: Table) -> str | None:
+    """A column for the time where none is called so: the one with a usual name, else the only one that
+    increases throughout. None where there is a time, or nothing to choose."""
+    if any(time_unit(column) is not None for column in table.columns):
+        return None
+    rising = [
+        c for c in map(with_seconds, table.columns) if c.values.size > 1 and np.all(np.diff(c.values) > 0)
+    ]
+    named = [c for c in rising if re.split(r"[\s_(\[]", c.name.lower())[0] in _TIME_NAMES]
+    chosen = named or rising
+    return chosen[0].name if len(chosen) == 1 else None
+
+
+def named_units(matches: Sequence[Match], table: Table) -> dict[str, str]:
+    """Units that the names of matched columns end with (`motor_force_kN`), by column, where they convert."""
+    found = {}
+    for match in matches:
+        column = table.find(match.column) if match.column is not None else None
+        if column is not None and column.unit is None and _same_kind(column_unit(column), match.signal.unit):
+            found[column.name] = column_unit(column)
+    return found
 
 
 def match_columns(signals: Sequence[Signal], table: Table) -> list[Match]:

@@ -58,6 +58,7 @@ class Project:
     inputs: Mapping[str, str] = field(default_factory=dict)
     outputs: Mapping[str, str] = field(default_factory=dict)
     time: str | None = None  # column of the time, where it is not called so
+    units: Mapping[str, str] = field(default_factory=dict)  # of columns whose header names none
     preparation: Preparation = field(default_factory=Preparation)
     hold: Hold | None = None
     parameters: Mapping[str, ParameterSetting] = field(default_factory=dict)
@@ -150,6 +151,7 @@ class _Reader:
             inputs=self._map(data, "inputs"),
             outputs=self._map(data, "outputs"),
             time=self._value(data, "data", "time", str, _TEXT),
+            units=self._map(data, "units"),
             preparation=preparation,
             hold=self._choice(data, "data", "hold", ("zoh", "foh")),
             parameters=parameters,
@@ -335,6 +337,7 @@ _DATA_KEYS = (
     "inputs",
     "outputs",
     "time",
+    "units",
     "from",
     "to",
     "resample",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -53,19 +53,28 @@ def read_experiments(
     *,
     outputs_required: bool = True,
     time: str | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> list[Experiment]:
     """One experiment per file, with every signal of `inputs` and `outputs` in that order and in its unit.
 
     It is named after its file, by the whole path where two files have the same name. A pandas DataFrame or
     an xarray Dataset may stand in place of a path; those are called `data 1`, `data 2` by their position.
-    `time` names the column of the time where it is not called so.
+    `time` names the column of the time where it is not called so, `units` the units of columns whose header
+    has none.
 
     An output that a file has no column for is all NaN there, unless a column was named for it. Raises
     DataError with all problems of a file at once: missing columns, units that do not fit, texts, time that
     does not increase, gaps in inputs; and `data-no-output` if `outputs_required` and a file has none of them.
     """
     experiments = [
-        _matched(table, inputs, outputs, preparation or Preparation(), outputs_required, time)
+        _matched(
+            with_units(table, units or {}),
+            inputs,
+            outputs,
+            preparation or Preparation(),
+            outputs_required,
+            time,
+        )
         for table in map(_table, paths, range(1, len(paths) + 1))
     ]
     stems = [experiment.name for experiment in experiments]
@@ -130,6 +139,23 @@ def _neighbours(path: Path) -> list[str]:
 
 def _table(source: Any, position: int) -> Table:
     return frame_table(source, f"data {position}") if is_frame(source) else read_table(Path(source))
+
+
+def with_units(table: Table, units: Mapping[str, str]) -> Table:
+    """The table with `units` (by column name) for columns whose header names none; columns that it lacks are
+    passed over. Raises DataError `data-unit-twice`."""
+    problems = [
+        DataError(
+            "data-unit-twice",
+            f"the header gives '{c.name}' the unit '{c.unit}', [data.units] '{units[c.name]}'",
+            where=table.place(None, c),
+            remedy="keep one of them",
+        )
+        for c in table.columns
+        if c.name in units and c.unit not in (None, units[c.name])
+    ]
+    raise_collected(problems, table.file)
+    return replace(table, columns=tuple(replace(c, unit=units.get(c.name, c.unit)) for c in table.columns))
 
 
 def _matched(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from daest.data.match import Match
 from daest.model.flat import FlatModel, Parameter
@@ -27,6 +27,8 @@ class Draft:
     inputs: tuple[Match, ...]
     outputs: tuple[Match, ...]
     columns: tuple[str, ...]
+    time: str | None = None  # column of the time, where none is called so
+    units: Mapping[str, str] = field(default_factory=dict)  # of columns, from their names
 
 
 def project_text(draft: Draft) -> str:
@@ -52,9 +54,15 @@ def _data(draft: Draft) -> Iterator[str]:
         yield '# estimate = ["run.csv"]\n# split = 0.5  # or: validate = ["other.csv"]'
     if draft.columns:
         yield f"# columns: {', '.join(draft.columns)}"
+    if draft.time is not None:
+        yield f"time = {_text(draft.time)}  # found by its values: please check"
     yield "# from, to [s], resample [s], detrend (none, mean, linear), hold (zoh, foh)"
     yield from _mapping("inputs", draft.inputs)
     yield from _mapping("outputs", draft.outputs)
+    if draft.units:
+        yield "\n[data.units]  # column = unit, from its name: please check"
+        for column, unit in draft.units.items():
+            yield f"{_key(column)} = {_text(unit)}"
 
 
 def _mapping(kind: str, matches: Sequence[Match]) -> Iterator[str]:

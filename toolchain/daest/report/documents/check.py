@@ -27,7 +27,7 @@ def _recording(check: DataCheck) -> dict[str, Any]:
         "stop": check.stop,
         "period": check.period,
         "columns": [_column(column) for column in check.columns],
-        "findings": [_finding(finding) for finding in check.findings],
+        "findings": [finding_entry(finding) for finding in check.findings],
     }
 
 
@@ -44,7 +44,8 @@ def _column(column: ColumnSummary) -> dict[str, Any]:
     }
 
 
-def _finding(finding: Finding) -> dict[str, Any]:
+def finding_entry(finding: Finding) -> dict[str, Any]:
+    """A finding; `text` is a whole sentence."""
     return {
         "code": finding.code,
         "level": finding.level,
