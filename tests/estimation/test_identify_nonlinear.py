@@ -1,5 +1,6 @@
 """Nonlinear identification on records of an independent simulator with set-valued friction."""
 
+import dataclasses
 from functools import cache
 
 import casadi as ca
@@ -7,11 +8,16 @@ import numpy as np
 import pytest
 from nonlinear_models import experiment_of, explicit_from
 
-from daest.errors import EstimationError
+from daest.errors import DaestError, EstimationError
+from daest.estimation import trajectories
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
 from daest.estimation.identify_nonlinear import WarmStart, identify_nonlinear
 from daest.estimation.records import part_of
 from daest.model.fit import IdentifyOptions
+from daest.model.flat import Equation
+from daest.systems.integrate import IntegrationError
+from daest.systems.reduce import reduce_index
+from daest.systems.simulate import simulate
 
 TRUE = {"J": 0.5, "d": 0.3, "stick": 0.15}
 PERIOD, SUBSTEPS, SENSOR = 0.05, 50, 0.005
@@ -166,3 +172,73 @@ def test_model_that_cannot_be_integrated_is_an_error():
     with pytest.raises(EstimationError) as caught:
         identified([record(400, 1, 0.0)], "oe", explicit=explicit, a=1.0)
     assert caught.value.code == "identify-no-start"
+
+
+def simulated(explicit, n=300, noise=0.005, seed=0, period=PERIOD, drive=1.0):
+    rng = np.random.default_rng(seed)
+    time = period * np.arange(n)
+    u = np.repeat(rng.uniform(0.0, drive, n // 20), 20)[:, None]
+    y = simulate(explicit, (time, u), hold="zoh").outputs
+    return experiment_of(explicit, time, u, y + noise * rng.standard_normal(y.shape))
+
+
+def test_search_steps_back_from_values_where_the_model_fails(monkeypatch):
+    """Beyond the root the rate is no number; the first step of the search leads there."""
+
+    def rhs(x, u, w, theta, t):
+        return [u[0] + w[0] - ca.sqrt(theta[0]) * x[0]]
+
+    explicit = explicit_from(("x",), {"a": 0.1}, rhs, {"y": lambda x, u, theta: x[0]}, ("torque",))
+    experiment = simulated(explicit)
+    failed = []
+    run = trajectories.integrated
+
+    def counted(problem, z, with_slopes=False):
+        try:
+            return run(problem, z, with_slopes)
+        except IntegrationError:
+            failed.append(problem.theta(z)[0])
+            raise
+
+    monkeypatch.setattr(trajectories, "integrated", counted)
+    fit = identified([experiment], "oe", explicit=explicit, a=3.0)
+    assert failed and max(failed) < 0.0
+    (a,) = fit.parameters
+    assert fit.status == "converged" and abs(a.value - 0.1) < 4.0 * a.std_error < 0.01
+
+
+def test_mass_that_vanishes_on_the_way_is_told_with_its_time():
+    """J cos(phi) is zero at a quarter turn, which the motion reaches at the start values."""
+
+    def rhs(x, u, w, theta, t):
+        return [x[1], (u[0] + w[0]) / (theta[0] * ca.cos(x[0]))]
+
+    explicit = explicit_from(("phi", "w"), {"J": 0.5}, rhs, {"y": lambda x, u, theta: x[0]}, ("torque",))
+    time = PERIOD * np.arange(200)
+    record = experiment_of(explicit, time, np.ones((200, 1)), np.zeros((200, 1)))
+    with pytest.raises(EstimationError) as caught:
+        identify_nonlinear(
+            explicit, unknowns_of(explicit, J=0.5), [record], "oe", np.array([np.nan]), np.array([True]),
+            np.array([np.nan]), IdentifyOptions(hold="zoh", shooting=1),
+        )  # fmt: skip
+    assert caught.value.code == "identify-no-start"
+    assert "stopped at t = " in caught.value.what and "singularity" in caught.value.what
+
+
+def test_start_without_consistent_values_is_told():
+    """No x makes exp(x) + 1 = 0."""
+    flat = explicit_from(
+        ("x",), {"a": 1.0}, lambda x, u, w, p, t: [u[0] + w[0] - p[0] * x[0]], {"y": lambda x, u, p: x[0]},
+        ("torque",),
+    ).flat  # fmt: skip
+    impossible = dataclasses.replace(
+        flat,
+        initial_equations=(Equation("exp(x) + 1 = 0", "component", ""),),
+        initial_residual=ca.exp(flat.xi[0]) + 1.0,
+    )
+    explicit = reduce_index(impossible)
+    time = PERIOD * np.arange(100)
+    record = experiment_of(explicit, time, np.ones((100, 1)), np.zeros((100, 1)))
+    with pytest.raises(DaestError) as caught:
+        identified([record], "oe", explicit=explicit, a=1.0)
+    assert caught.value.code == "initial-not-solved" and caught.value.remedy

@@ -114,11 +114,12 @@ def check_start(
         )
 
 
-def no_start() -> EstimationError:
-    """Error `identify-no-start`."""
+def no_start(reason: str = "") -> EstimationError:
+    """Error `identify-no-start`; `reason` is what the integrator said."""
     return EstimationError(
         "identify-no-start",
-        "the model cannot be simulated at the start values: it fails, or its outputs are not finite",
+        "the model cannot be simulated at the start values: "
+        + (reason or "it fails, or its outputs are not finite"),
         remedy="check the start values of parameters and states; smooth discontinuities with a width; "
         "an unstable model overflows in a long simulation (use pem then)",
     )

@@ -17,6 +17,7 @@ from daest.estimation.checks import check_bounds, check_records, check_start, kn
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
 from daest.estimation.ekf_likelihood import identify_by_ekf
 from daest.estimation.identify_nonlinear import identify_nonlinear
+from daest.estimation.jumps import check_jumps
 from daest.estimation.noise_start import better_noise, with_noise
 from daest.estimation.output_error import Problem
 from daest.estimation.priors import coordinate_with_prior
@@ -70,10 +71,12 @@ def identify(
     likelihood of the one-step predictions of the Kalman filter, process and measurement noise included.
     Default: "pem" for a model that declares process noise, else "oe". Initial states are estimated per
     experiment; those of validation records too. `tell` hears what is being done. Raises EstimationError
-    (codes in `estimation.checks`, `priors` and `profile`) and DataError.
+    (codes in `estimation.checks`, `jumps`, `priors` and `profile`) and DataError.
     """
     began = time.perf_counter()
     options = options or IdentifyOptions()
+    if isinstance(model, FlatModel):
+        check_jumps(model)
     family = model if isinstance(model, StateSpaceFamily) else state_space_family(model)
     estimation, held_back = _divided(tuple(experiments), tuple(validation), options.split)
     setup = _setup(family, tuple(make_record(e, family) for e in estimation), options)

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from daest.estimation import trajectories
-from daest.estimation.checks import check_start
+from daest.estimation.checks import check_start, no_start
 from daest.estimation.search import Evaluation, minimise
-from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
+from daest.estimation.trajectories import TrajectoryProblem, integrated, prediction_errors
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import Hold
+from daest.systems.integrate import Hold, IntegrationError
 
 FIRST_LENGTH = 500  # samples of the fit that finds the initial state before the whole record is used
 SHORT_LENGTH = 100  # samples that also must show a direction as flat before it is called unidentifiable
@@ -109,7 +109,18 @@ def check_nonlinear_start(problem: TrajectoryProblem, z: np.ndarray, may_be_cut:
     whole, piece = (_of_parameters(part, z) for part in (problem, short))
     if whole is None and may_be_cut:
         whole, observed = piece, sum(int(np.isfinite(e.outputs).sum()) for e in short.experiments)
+    if whole is None:
+        raise no_start(_failure(problem, z))
     check_start(problem.unknowns, whole, observed, piece)
+
+
+def _failure(problem: TrajectoryProblem, z: np.ndarray) -> str:
+    """Why the model cannot be simulated at z; empty when it can, but to no finite likelihood."""
+    try:
+        integrated(problem, z)
+    except IntegrationError as error:
+        return error.what
+    return ""
 
 
 def _of_parameters(problem: TrajectoryProblem, z: np.ndarray) -> Evaluation | None:

@@ -109,27 +109,10 @@ def _beginning(problem: TrajectoryProblem, experiment: Experiment) -> Beginning:
 
 def prediction_errors(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = False) -> Errors | None:
     """Run every experiment at z; None where an integration fails (the search then steps back)."""
-    theta = problem.theta(z)
-    trajectories = []
-    for experiment, x0 in zip(problem.experiments, problem.initial_states(z), strict=True):
-        correction = None if problem.gain is None else Correction(experiment.outputs, problem.gain)
-        try:
-            trajectories.append(
-                integrate(
-                    problem.model,
-                    experiment.time,
-                    experiment.inputs,
-                    theta,
-                    x0,
-                    hold=problem.hold,
-                    sensitivities=with_slopes,
-                    correction=correction,
-                    rtol=problem.rtol,
-                    state_scale=problem.state_scale,
-                )
-            )
-        except IntegrationError:
-            return None
+    try:
+        trajectories = integrated(problem, z, with_slopes)
+    except IntegrationError:
+        return None
     errors = tuple(e.outputs - t.outputs for e, t in zip(problem.experiments, trajectories, strict=True))
     with np.errstate(over="ignore", invalid="ignore"):
         covariance = _covariance(problem, errors)
@@ -137,6 +120,29 @@ def prediction_errors(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bo
             return None
         value = _negative_log_likelihood(errors, covariance)
     return Errors(errors, covariance, tuple(trajectories), value)
+
+
+def integrated(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = False) -> list[Trajectory]:
+    """Trajectories of every experiment at z. Raises IntegrationError."""
+    theta = problem.theta(z)
+    result = []
+    for experiment, x0 in zip(problem.experiments, problem.initial_states(z), strict=True):
+        correction = None if problem.gain is None else Correction(experiment.outputs, problem.gain)
+        result.append(
+            integrate(
+                problem.model,
+                experiment.time,
+                experiment.inputs,
+                theta,
+                x0,
+                hold=problem.hold,
+                sensitivities=with_slopes,
+                correction=correction,
+                rtol=problem.rtol,
+                state_scale=problem.state_scale,
+            )
+        )
+    return result
 
 
 def _covariance(problem: TrajectoryProblem, errors: tuple[np.ndarray, ...]) -> np.ndarray:

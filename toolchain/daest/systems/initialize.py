@@ -112,7 +112,8 @@ def _initial_residual(explicit: ExplicitModel, x: ca.MX, variables: ca.MX, argum
     used = sorted(set(ca.jacobian_sparsity(flat.initial_residual, flat.derivatives).get_triplet()[1]))
     # Derivatives that no initial equation uses may be undefined (NaN) and must not spoil the Jacobian.
     clean = ca.MX.zeros(len(flat.unknowns))
-    clean[used] = rates[used]
+    if used:
+        clean[used] = rates[used]
     return residual(clean, variables, u, w, theta, t)
 
 

@@ -1,0 +1,67 @@
+"""Equations that jump with the state are refused before a search; those that only bend are not."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from nonlinear_models import experiment_of, explicit_from
+
+from daest.errors import EXPLANATIONS, EstimationError
+from daest.estimation.identify import identify
+from daest.estimation.jumps import check_jumps
+from daest.model.fit import IdentifyOptions
+from daest.modelica.compile import compile_model
+
+MODEL = """
+model M
+  parameter Real J = 0.4 annotation(__Daest(estimate = true));
+  parameter Real tc = 0.1 annotation(__Daest(estimate = true));
+  input Real u;
+  Real w(start = 0, fixed = true);
+  output Real phi(start = 0, fixed = true);
+equation
+  w = der(phi);
+  J*der(w) = u - tc*LAW;
+end M;
+"""
+JUMPS = [
+    "sign(w)",
+    "(if w > 0 then 1 else -1)",
+    "(if w < 0.5*phi then w else w + 1)",
+    "floor(3*w)",
+    "sign(der(w))",
+]
+BENDS = ["abs(w)", "max(-1, min(1, w/0.01))", "tanh(w/1e-6)", "(if w > 0 then w^2 else -w)", "sign(w)*w"]
+ELSEWHERE = ["(if time > 2 then w else 2*w)", "sign(u)*w", "w"]
+
+
+def law_of(tmp_path, law):
+    path = tmp_path / "M.mo"
+    path.write_text(MODEL.replace("LAW", law))
+    return compile_model(path, "M")
+
+
+@pytest.mark.parametrize("law", JUMPS)
+def test_jump_is_named_with_its_equation_and_line(tmp_path, law):
+    with pytest.raises(EstimationError) as caught:
+        check_jumps(law_of(tmp_path, law))
+    error = caught.value
+    assert error.code == "identify-jump" and error.code in EXPLANATIONS
+    assert error.what.startswith("`J*der(w) = ") and error.where.line == 10
+    assert "tanh(w/width)" in error.remedy
+
+
+@pytest.mark.parametrize("law", BENDS + ELSEWHERE)
+def test_what_bends_or_jumps_in_time_is_allowed(tmp_path, law):
+    check_jumps(law_of(tmp_path, law))
+
+
+def test_identify_refuses_it_before_anything_else():
+    explicit = explicit_from(
+        ("phi", "w"), {"J": 0.5, "stick": 0.1},
+        lambda x, u, w, p, t: [x[1], (u[0] - p[1] * ca.sign(x[1])) / p[0]], {"y": lambda x, u, p: x[0]},
+    )  # fmt: skip
+    time = 0.05 * np.arange(100)
+    record = experiment_of(explicit, time, np.sin(time)[:, None], np.zeros((100, 1)))
+    with pytest.raises(EstimationError) as caught:
+        identify(explicit.flat, [record], IdentifyOptions(estimate=("J", "stick")))
+    assert caught.value.code == "identify-jump"
