@@ -9,7 +9,13 @@ from nonlinear_models import experiment_of, friction_servo, oscillator
 from scipy.stats import chi2
 
 from daest.estimation.coordinates import Coordinate, Unknowns
-from daest.estimation.ekf_likelihood import EkfProblem, identify_by_ekf, objective, with_substeps
+from daest.estimation.ekf_likelihood import (
+    SUBSTEP_CHANGE,
+    EkfProblem,
+    identify_by_ekf,
+    objective,
+    with_substeps,
+)
 from daest.estimation.filter_task import record
 from daest.estimation.identify_nonlinear import identify_nonlinear
 from daest.model.fit import IdentifyOptions
@@ -88,7 +94,7 @@ def test_a_point_that_cannot_be_filtered_has_no_value():
 
 def test_substeps_are_refined_until_the_likelihood_stays():
     explicit, experiments = recordings(0, n=100)
-    coarse = replace(experiments[0], time=16.0 * experiments[0].time)
+    coarse = replace(experiments[0], time=40.0 * experiments[0].time)
     unknowns = Unknowns(parameters(), explicit.flat.theta_values, np.array([0.3]), np.array([0.05]))
     model = local_model(explicit, unknowns.parameter_names(), tangents=True)
     z = np.concatenate([np.log(TRUE), [0.1, 0.0]])
@@ -100,7 +106,7 @@ def test_substeps_are_refined_until_the_likelihood_stays():
     assert found is not None
     halved = replace(found, longest=min(found.longest, 0.05) / 2)
     values = [objective(each)(z, False).value for each in (found, halved)]
-    assert abs(values[0] - values[1]) < 0.1 * (1 + 100 / 1000)
+    assert abs(values[0] - values[1]) < SUBSTEP_CHANGE * (1 + 100 / 1000)
     assert with_substeps(problem(coarse), z) is None  # far too coarse a record for the model
 
 
@@ -122,7 +128,7 @@ def test_finds_parameters_and_noises():
     assert found.log_likelihood >= observer.log_likelihood - 0.5
 
 
-def test_sharp_friction_is_left_to_the_observer():
+def test_sharp_friction_is_averaged_over_what_is_known_of_the_speed():
     explicit = friction_servo(stiffening=0.0, width=0.02)
     n = 400
     time = 0.005 * np.arange(n)
@@ -142,8 +148,17 @@ def test_sharp_friction_is_left_to_the_observer():
         np.array([0.02, 0.01]),
         IdentifyOptions(hold="zoh"),
     )
-    assert any("observer" in note for note in found.notes)
+    assert any("extended Kalman filter" in note for note in found.notes)
     assert found.parameters[0].value == pytest.approx(0.02, rel=0.1)
+
+
+def test_a_record_too_coarse_for_the_model_is_left_to_the_observer(monkeypatch):
+    explicit, experiments = recordings(0, n=300)
+    monkeypatch.setattr("daest.estimation.ekf_likelihood.TOLERATED", 0.0)
+    found = identified(identify_by_ekf, "pem", explicit, experiments)
+    assert any("not smooth enough" in note for note in found.notes)
+    observer = identified(identify_nonlinear, "pem", explicit, experiments)
+    assert [p.value for p in found.parameters] == [p.value for p in observer.parameters]
 
 
 def test_output_error_is_left_alone():

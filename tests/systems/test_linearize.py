@@ -15,6 +15,7 @@ from daest.systems.linearize import (
     operating_point,
     theta_entries,
 )
+from daest.systems.state_space import state_space, state_space_family
 
 
 def pendulum() -> Draft:
@@ -123,7 +124,22 @@ def test_constants_go_into_the_offset():
 def test_coefficients_that_depend_on_time_are_not_affine():
     m = Draft("Drifting", unknowns=["x"])
     m.equation("der(x) = -time*x")
-    assert not linearize(m.flat()).is_affine
+    dae = linearize(m.flat())
+    assert not dae.is_affine
+    assert any("t = 0 s" in note for note in dae.notes)
+
+
+def test_matrices_at_a_time():
+    m = Draft("Drifting", unknowns=["x"], parameters={"k": 3.0, "r": 0.1}, outputs={"y": "x*(1 + time)"})
+    m.equation("der(x) = -k*(1 + r*time)*x")
+    dae = linearize(m.flat(), at={"time": 5.0})
+    np.testing.assert_allclose(dae.J, [[-4.5]])
+    np.testing.assert_allclose(dae.C, [[6.0]])
+    assert any("t = 5 s" in note for note in dae.notes)
+    family = state_space_family(m.flat(), at={"time": 5.0})
+    np.testing.assert_allclose(state_space(family, m.flat().theta_values).A, [[-4.5]])
+    entry = next(e for e in theta_entries(m.flat(), {"time": 5.0}) if e.matrix == "J")
+    assert entry.parameters == ("k", "r") and "5" in entry.expression
 
 
 def test_derivatives_in_theta_are_exact():

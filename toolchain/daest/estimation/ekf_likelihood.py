@@ -18,7 +18,7 @@ from daest.estimation import trajectories
 from daest.estimation.agreement import agreement_of
 from daest.estimation.coordinates import Coordinate, Unknowns
 from daest.estimation.ekf import EkfLikelihood, ekf_likelihood, run_ekf
-from daest.estimation.ekf_start import best_start, with_lost_ones
+from daest.estimation.ekf_start import best_start, felt_intensity, with_lost_ones
 from daest.estimation.filter_task import Directions, Noise, Record, Start, record
 from daest.estimation.identifiability import correlation, covariance, weak_directions, without_influence
 from daest.estimation.identify_nonlinear import identify_nonlinear
@@ -45,11 +45,13 @@ from daest.systems.local_linear import LocalModel, local_model
 
 STATE_RANGE = 1e3  # initial states are searched within this many times their scale
 NOISE_RANGE = 1e6  # a noise is searched within this factor of its start, both ways
-SUBSTEP_CHANGE = (
-    0.1  # of the log-likelihood by halving the substeps: this, and this per 1000 samples, is allowed
-)
+# Of the log-likelihood by halving the substeps: this, and this per 1000 samples, is allowed.
+SUBSTEP_CHANGE = 0.2
 MOST_HALVINGS = 4  # a model that needs finer steps is not smooth on the scale of its samples
 WORSE = 2.0  # log-likelihood by which the filter may fall short of the observer that it started from
+NEARLY_NONE = 1e-3  # of the intensity that outputs feel: no estimated noise starts below
+START_SAMPLES, START_SUBSTEPS = 2000, 4  # of the record, and per sample, when starts are compared
+TOLERATED = 10.0  # times that change, where the shortest substeps still leave it: far below a standard error
 ROUNDS = 2  # of searching with a step of the linearisation that is checked afterwards
 
 
@@ -161,8 +163,8 @@ def identify_by_ekf(
 
     Standard errors of parameters and noises are those of the Fisher information. Method "oe" is left to
     `identify_nonlinear`. A model with invariants is simulated first: its states, which constraints tie, have
-    no observer with a constant gain. Where the model is not smooth over a few substeps of a sample, or the filter
-    predicts worse than the observer, the result of `identify_nonlinear` is returned with a note.
+    no observer with a constant gain. Where the model is not smooth over a few substeps of a sample, or the
+    filter predicts worse than the observer, the result of `identify_nonlinear` is returned with a note.
     """
     began = time.perf_counter()
     task = (explicit, unknowns, experiments, method, intensity, estimate_intensity, given_std)
@@ -174,7 +176,7 @@ def identify_by_ekf(
     starts = [with_lost_ones(problem.unknowns, z, given), given]
     if explicit.invariants is not None and not np.all(estimate_intensity):
         starts += _wide_ends(explicit, unknowns, experiments, given_std, first, options)
-    ends = _search(problem, best_start(objective(problem), problem.unknowns, starts), given, options)
+    ends = _search(problem, best_start(_rough_objective(problem), problem.unknowns, starts), given, options)
     if ends is None or log_likelihood(ends[0].unknowns, ends[1]) < first.log_likelihood - WORSE:
         note = "not smooth enough for the extended filter: predictions of an observer"
         if options.profile:
@@ -211,6 +213,13 @@ def _problem(
     flat = explicit.flat
     intensity = np.array([by_kind["process"].get(w.name, 0.0) for w in flat.noises])
     std = np.array([by_kind["measurement"][y.name] for y in flat.outputs])
+    theta = np.array([first.theta[p.name] for p in flat.parameters])
+    names = tuple(c.name for c in unknowns.coordinates if c.kind == "parameter")
+    model = local_model(explicit, names, tangents=True)
+    records = tuple(record(model, e.time, e.inputs, e.outputs, first.hold) for e in experiments)
+    x0 = np.array([state.values for state in first.initial_states])
+    least = NEARLY_NONE * felt_intensity(model, records[0], theta, x0[0], std)
+    intensity = np.where(estimate_intensity, np.maximum(intensity, least), intensity)
     coordinates = [replace(c, initial=values[c.name]) for c in unknowns.coordinates if c.kind == "parameter"]
     coordinates += [
         _noise(w.name, "process", i, intensity[i])
@@ -220,11 +229,7 @@ def _problem(
     coordinates += [
         _noise(y.name, "measurement", j, std[j]) for j, y in enumerate(flat.outputs) if np.isnan(given_std[j])
     ]
-    theta = np.array([first.theta[p.name] for p in flat.parameters])
     searched = Unknowns(tuple(coordinates), theta, intensity, std)
-    model = local_model(explicit, searched.parameter_names(), tangents=True)
-    records = tuple(record(model, e.time, e.inputs, e.outputs, first.hold) for e in experiments)
-    x0 = np.array([state.values for state in first.initial_states])
     # A state is as large as it becomes, which the filter tells; its first value is a start for that.
     size = _sizes(model, records, theta, Noise(intensity, std**2), x0)
     return EkfProblem(model, records, searched, size), np.concatenate([searched.start, (x0 / size).ravel()])
@@ -242,9 +247,20 @@ def _wide_ends(
     every = np.ones(len(explicit.flat.noises), dtype=bool)
     problem, z = _problem(explicit, unknowns, experiments, every, given_std, first)
     given = _given_start(problem, z, unknowns, experiments)
-    start = best_start(objective(problem), problem.unknowns, [given])
+    start = best_start(_rough_objective(problem), problem.unknowns, [given])
     ends = _search(problem, start, given, options)
     return [] if ends is None else [np.delete(ends[1].z, problem.unknowns.of_kind("process"))]
+
+
+def _rough_objective(problem: EkfProblem) -> Callable[[np.ndarray, bool], Evaluation | None]:
+    """Over the first samples alone, with a few substeps: enough to compare noise levels that differ by
+    factors."""
+    count = max(2, START_SAMPLES // len(problem.records))
+    heads = tuple(
+        Record(*(part[:count] for part in (r.time, r.u0, r.u1, r.outputs))) for r in problem.records
+    )
+    longest = float(np.median(np.concatenate([r.steps for r in heads]))) / START_SUBSTEPS
+    return objective(replace(problem, records=heads, longest=longest))
 
 
 def _given_start(
@@ -281,13 +297,12 @@ def _sizes(
 def _search(
     problem: EkfProblem, z: np.ndarray, given: np.ndarray, options: IdentifyOptions
 ) -> tuple[EkfProblem, Found] | None:
-    """The optimum, with substeps so short that halving them does not change the likelihood there; None where
-    no allowed substep is short enough. `given` is the search vector that the user started from."""
+    """The optimum, with substeps so short that halving them hardly changes the likelihood there; None where
+    the shortest allowed ones are far too long. `given` is the search vector that the user started from."""
     found: Found | None = None
     for _ in range(ROUNDS):
-        finer = with_substeps(problem, z)
-        if finer is None:
-            return None
+        # A start may be far from smooth where the optimum is not: the shortest substeps then have to do.
+        finer = with_substeps(problem, z) or replace(problem, longest=_shortest(problem))
         if found is not None and finer.longest >= problem.longest:
             break
         problem = finer
@@ -303,14 +318,15 @@ def _search(
             better = second is not None and second.evaluation.value < again.evaluation.value
             again = second if second is not None and better else again
         found, z = again, again.z
-    return None if found is None else (problem, found)
+    if found is None or _change_by_halving(problem, found.z) > TOLERATED * _allowed_change(problem):
+        return None
+    return problem, found
 
 
 def with_substeps(problem: EkfProblem, z: np.ndarray) -> EkfProblem | None:
     """Halve the longest substep until the log-likelihood changes by no more than SUBSTEP_CHANGE allows; None
     where MOST_HALVINGS are not enough."""
-    period = float(np.median(np.concatenate([data.steps for data in problem.records])))
-    allowed = SUBSTEP_CHANGE * (1.0 + sum(data.time.size for data in problem.records) / 1000.0)
+    period, allowed = _period(problem), _allowed_change(problem)
     longest = np.inf
     coarse = objective(replace(problem, longest=longest))(z, False)
     for halvings in range(1, MOST_HALVINGS + 2):
@@ -320,6 +336,26 @@ def with_substeps(problem: EkfProblem, z: np.ndarray) -> EkfProblem | None:
             return replace(problem, longest=min(longest, problem.longest))
         coarse, longest = fine, finer
     return None
+
+
+def _period(problem: EkfProblem) -> float:
+    return float(np.median(np.concatenate([data.steps for data in problem.records])))
+
+
+def _shortest(problem: EkfProblem) -> float:
+    return _period(problem) / 2**MOST_HALVINGS
+
+
+def _allowed_change(problem: EkfProblem) -> float:
+    return SUBSTEP_CHANGE * (1.0 + sum(data.time.size for data in problem.records) / 1000.0)
+
+
+def _change_by_halving(problem: EkfProblem, z: np.ndarray) -> float:
+    """Of the log-likelihood; infinite where the filter cannot run."""
+    half = min(problem.longest, _period(problem)) / 2
+    values = [objective(replace(problem, longest=step))(z, False) for step in (problem.longest, half)]
+    coarse, fine = values
+    return np.inf if coarse is None or fine is None else abs(coarse.value - fine.value)
 
 
 def _result(

@@ -103,13 +103,16 @@ class _Along:
         x: np.ndarray,
         arguments: tuple,
         shapes: list[tuple[int, ...]],
+        *more: np.ndarray,
     ) -> list[np.ndarray]:
-        """Results of a function of (x, *arguments) as jets of the given shapes."""
+        """Results of a function of (x, *arguments, *more) as jets of the given shapes; `more` are jets."""
+        given = [*arguments, *(part[0] for part in more)]
         try:
-            values = [function.call([x[0], *arguments])]
+            values = [function.call([x[0], *given])]
             for d in range(self.n):
                 assert differential is not None and self.directions is not None
-                values.append(differential.call([x[0], *arguments, x[1 + d], self.directions.parameters[d]]))
+                moved = [x[1 + d], self.directions.parameters[d], *(part[1 + d] for part in more)]
+                values.append(differential.call([x[0], *given, *moved]))
         except RuntimeError:  # a nonlinear equation inside the model has no solution
             return [np.full((1 + self.n, *shape), np.nan) for shape in shapes]
         return [
@@ -183,10 +186,17 @@ def _scaled(a: np.ndarray, factor: float, slopes: np.ndarray) -> np.ndarray:
 
 
 class Flow:
-    """Mean and covariance over sample intervals; `transition` and `noise` as in `ekf.EkfRun`."""
+    """Mean and covariance over sample intervals; `transition` and `noise` as in `ekf.EkfRun`. Sharp steps are
+    averaged over the covariance if `is_averaged`."""
 
-    def __init__(self, task: Task, along: _Along | None = None, transition: np.ndarray | None = None) -> None:
-        self.task = task
+    def __init__(
+        self,
+        task: Task,
+        along: _Along | None = None,
+        transition: np.ndarray | None = None,
+        is_averaged: bool = True,
+    ) -> None:
+        self.task, self.is_averaged = task, is_averaged
         self.along = _Along.of(task) if along is None else along
         n = task.model.n_states
         self.transition = np.eye(n) if transition is None else transition
@@ -221,12 +231,13 @@ class Flow:
         model, n, n_w = self.task.model, self.task.model.n_states, self.task.model.n_noises
         shapes = [(n,), (n, n), (n,), (n, n_w)]
         theta = self.task.theta
-        f, A, ramp, G = self.along.jets(model.flow, model.dflow, x, (u, slope, theta, t), shapes)
+        over = P if self.is_averaged else np.zeros_like(P)
+        f, A, ramp, G = self.along.jets(model.flow, model.dflow, x, (u, slope, theta, t), shapes, over)
         self._check(A, f, i)
         increment = _solved(f, A, ramp, np.zeros_like(A), h)[1]
         end = x + increment
         ahead = (u + slope * h, slope, theta, t + h)
-        _, A_end, _, G_end = self.along.jets(model.flow, model.dflow, end, ahead, shapes)
+        _, A_end, _, G_end = self.along.jets(model.flow, model.dflow, end, ahead, shapes, over)
         A, G = (A + A_end) / 2, (G + G_end) / 2
         self._check(A, f, i)
         weighted = G * self.along.intensity[0]
@@ -402,9 +413,11 @@ def _unscented_flow(
     before = points_hold(task, i, _sigma_points(x, P, spread))
     # Points that were moved onto invariants have another covariance, which is what a smoother must see.
     P = P if task.model.hold is None else (before - x).T * cov_weight @ (before - x)
-    centre = Flow(task)
+    centre = Flow(task, is_averaged=False)  # the points carry the distribution
     ends = [centre.over(i, x[None].copy(), np.zeros((1, n, n)))]
-    ends += [Flow(task).over(i, point[None].copy(), np.zeros((1, n, n))) for point in before[1:]]
+    ends += [
+        Flow(task, is_averaged=False).over(i, point[None].copy(), np.zeros((1, n, n))) for point in before[1:]
+    ]
     after = np.array([mean[0] for mean, _ in ends])
     mean = mean_weight @ after
     P_next = (after - mean).T * cov_weight @ (after - mean) + ends[0][1][0]

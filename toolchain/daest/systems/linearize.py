@@ -32,11 +32,12 @@ class ThetaEntry:
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """Values that the model is linearised at: ξ' and ξ (n,), u (n_u,). White noise is zero there."""
+    """Values that the model is linearised at: ξ' and ξ (n,), u (n_u,), time. White noise is zero there."""
 
     derivatives: np.ndarray
     xi: np.ndarray
     u: np.ndarray
+    time: float
     is_given: bool  # False: start values, because the caller gave none
 
 
@@ -45,9 +46,10 @@ def linearize(
 ) -> LinearDAE:
     """The linear DAE of `flat` at the parameters `theta` (None: the values of the model).
 
-    `at` maps unknowns, inputs and `der(name)` to the operating point; what it leaves out is at its start
-    value, or zero, and derivatives are zero. An affine model is the same everywhere, so there `at` has no
-    effect. For a nonlinear model without `at` the start values are used, and a note in the result says so.
+    `at` maps unknowns, inputs, `der(name)` and `time` to the operating point; what it leaves out is at its
+    start value, or zero, and derivatives and the time are zero. An affine model is the same everywhere, so
+    there `at` has no effect. For a nonlinear model without `at` the start values are used, and a note in the
+    result says so; another note tells the time where the equations contain it.
     """
     values = flat.theta_values if theta is None else np.asarray(theta, dtype=float)
     if values.shape != (len(flat.parameters),):
@@ -76,7 +78,7 @@ def linearize(
         offset=offset.toarray().ravel(),
         output_offset=output_offset.toarray().ravel(),
         is_affine=is_affine,
-        notes=_notes(is_affine, point),
+        notes=_notes(flat, is_affine, point),
     )
 
 
@@ -103,13 +105,14 @@ def operating_point(flat: FlatModel, at: Mapping[str, float] | None = None) -> O
     xi = [at.pop(v.name, v.start or 0.0) for v in flat.unknowns]
     u = [at.pop(v.name, v.start or 0.0) for v in flat.inputs]
     derivatives = [at.pop(f"der({v.name})", 0.0) for v in flat.unknowns]
+    time = at.pop("time", 0.0)
     if at:
         raise ConfigError(
             "operating-point-unknown-name",
             f"The operating point names {', '.join(sorted(at))}, which the model {flat.name} does not have.",
-            remedy="Use names of unknowns and inputs as `daest linearize` lists them, or `der(name)`.",
+            remedy="Use names of unknowns and inputs as `daest linearize` lists them, `der(name)` or `time`.",
         )
-    return OperatingPoint(np.array(derivatives), np.array(xi), np.array(u), is_given)
+    return OperatingPoint(np.array(derivatives), np.array(xi), np.array(u), time, is_given)
 
 
 def theta_entries(flat: FlatModel, at: Mapping[str, float] | None = None) -> list[ThetaEntry]:
@@ -145,10 +148,10 @@ def _closes_at_end(text: str) -> bool:
 
 
 def _matrices(flat: FlatModel, at: Mapping[str, float] | None) -> list[ca.SX]:
-    """E, J, K, B, C, D, H, offset, output_offset as SX in θ, at the operating point and time zero."""
+    """E, J, K, B, C, D, H, offset, output_offset as SX in θ, at the operating point."""
     zero = np.zeros(flat.n)
     point = (
-        OperatingPoint(zero, zero, np.zeros(len(flat.inputs)), is_given=True)
+        OperatingPoint(zero, zero, np.zeros(len(flat.inputs)), 0.0, is_given=True)
         if is_affine_model(flat)
         else operating_point(flat, at)
     )
@@ -164,7 +167,7 @@ def _matrices(flat: FlatModel, at: Mapping[str, float] | None) -> list[ca.SX]:
     offset = E @ ca.SX(point.derivatives) - J @ ca.SX(point.xi) - K @ ca.SX(point.u) - F
     output_offset = h - C @ ca.SX(point.xi) - D @ ca.SX(point.u)
     signals = ca.vertcat(flat.derivatives, flat.xi, flat.u, flat.w, flat.time)
-    values = ca.vertcat(point.derivatives, point.xi, point.u, np.zeros(len(flat.noises) + 1))
+    values = ca.vertcat(point.derivatives, point.xi, point.u, np.zeros(len(flat.noises)), point.time)
     expressions = [E, J, K, B, C, D, H, offset, output_offset]
     return [ca.sparsify(m) for m in ca.substitute(expressions, [signals], [ca.SX(values)])]
 
@@ -199,9 +202,16 @@ def _check_finite(flat: FlatModel, matrices: list[sp.csc_array]) -> None:
         )
 
 
-def _notes(is_affine: bool, point: OperatingPoint) -> tuple[str, ...]:
-    if is_affine or point.is_given:
-        return ()
-    return (
-        "The model is nonlinear: these are its matrices at the start values (no operating point was given).",
-    )
+def _notes(flat: FlatModel, is_affine: bool, point: OperatingPoint) -> tuple[str, ...]:
+    notes = []
+    if not is_affine and not point.is_given:
+        notes.append(
+            "The model is nonlinear: these are its matrices at the start values "
+            "(no operating point was given)."
+        )
+    if ca.depends_on(ca.vertcat(flat.residual, flat.output_expressions), flat.time):
+        notes.append(
+            f"The equations contain the time: these are the matrices at t = {point.time:g} s "
+            "(`time` of the operating point, --at)."
+        )
+    return tuple(notes)

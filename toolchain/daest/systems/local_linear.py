@@ -20,6 +20,7 @@ import numpy as np
 from daest.errors import EstimationError, FmuError, ModelError
 from daest.fmu.compiler import build_shared
 from daest.model.explicit import ExplicitModel
+from daest.systems.gaussian_average import averaged
 
 _WORK = ("arg", "res", "iw", "w")
 
@@ -33,9 +34,9 @@ class LocalModel:
 
     explicit: ExplicitModel
     names: tuple[str, ...]
-    flow: ca.Function  # (x, ū, dū/dt, theta, t) -> f, ∂f/∂x, ramp, ∂f/∂w
+    flow: ca.Function  # (x, ū, dū/dt, theta, t, P) -> E f, its ∂/∂x, ramp, ∂f/∂w; P (n, n): covariance of x
     see: ca.Function  # (x, ū, theta, t) -> h, ∂h/∂x
-    dflow: ca.Function | None  # (…, dx, dp) -> differentials of the results of flow
+    dflow: ca.Function | None  # (…, dx, dp, dP) -> differentials of the results of flow
     dsee: ca.Function | None
     hold: ca.Function | None  # (x, ū, theta, t) -> g, ∂g/∂x: invariants g = 0
     dhold: ca.Function | None
@@ -82,7 +83,9 @@ def local_model(
     _refuse_direct_noise(explicit)
     flow, see = parts.flow(), parts.see()
     dflow = (
-        parts.differential("daest_dflow", flow, ("x", "ubar", "slope", "theta", "t")) if tangents else None
+        parts.differential("daest_dflow", flow, ("x", "ubar", "slope", "theta", "t", "P"), "P")
+        if tangents
+        else None
     )
     dsee = parts.differential("daest_dsee", see, ("x", "ubar", "theta", "t")) if tangents else None
     hold = None if explicit.invariants is None else parts.hold(explicit.invariants)
@@ -91,8 +94,12 @@ def local_model(
     )
     variables = parts.inside() if inside else None
     outer = parts.outer
-    optional = [None if f is None else outer(f) for f in (dflow, dsee, hold, dhold, variables)]
-    model = LocalModel(explicit, tuple(names), outer(flow), outer(see), *optional, library=None)
+    dflow, dsee, hold, dhold, variables = (
+        None if f is None else outer(f) for f in (dflow, dsee, hold, dhold, variables)
+    )
+    model = LocalModel(
+        explicit, tuple(names), outer(flow), outer(see), dflow, dsee, hold, dhold, variables, library=None
+    )
     return replace(model, library=_library(model)) if compiled else model
 
 
@@ -167,6 +174,7 @@ class _Parts:
             "chosen": len(names),
         }
         symbols = {name: kind.sym(name, size) for name, size in {**sizes, "theta": n_theta, "t": 1}.items()}
+        symbols["P"] = kind.sym("P", sizes["x"], sizes["x"])
         return cls(explicit, tuple(known.index(name) for name in names), symbols)
 
     def at(self) -> tuple[Any, ...]:
@@ -185,15 +193,17 @@ class _Parts:
         noisy = ca.Function(f"{name}_noisy", [*(s[a] for a in arguments), s["chosen"], s["w"]], dense)
         given = [s[a] for a in arguments] + [s["chosen"]]
         quiet = noisy.call([*given, type(s["w"]).zeros(s["w"].numel())], True, False)
-        return ca.Function(name, given, quiet)
+        return ca.Function(name, given, quiet, [*arguments, "chosen"], _results(quiet))
 
     def flow(self) -> ca.Function:
+        """Sharp steps are averaged over the distribution of the state, except in models with Newton loops."""
         s = self.symbols
         f = self.explicit.rhs(*self.at())
+        f = averaged(f, s["x"], s["P"]) if self.explicit.is_symbolic else f
         moving = ca.vertcat(s["ubar"], s["t"])
         ramp = ca.jtimes(f, moving, ca.vertcat(s["slope"], 1))
         results = [f, _matrix(f, s["x"]), ramp, _matrix(f, s["w"])]
-        return self.function("daest_flow", ("x", "ubar", "slope", "theta", "t"), results)
+        return self.function("daest_flow", ("x", "ubar", "slope", "theta", "t", "P"), results)
 
     def see(self) -> ca.Function:
         h = self.explicit.outputs(*self.at())
@@ -207,28 +217,37 @@ class _Parts:
         values = internal_function(self.explicit)(*self.at())
         return self.function("daest_inside", ("x", "ubar", "theta", "t"), [values])
 
-    def differential(self, name: str, function: ca.Function, arguments: Sequence[str]) -> ca.Function:
+    def differential(
+        self, name: str, function: ca.Function, arguments: Sequence[str], *also: str
+    ) -> ca.Function:
+        """Along x, the chosen parameters, and `also` these arguments."""
         s = self.symbols
         kind = type(s["x"])
         dx, dp = kind.sym("dx", s["x"].numel()), kind.sym("dp", len(self.columns))
+        more = [kind.sym(f"d{a}", *s[a].shape) for a in also]
         given = [s[a] for a in arguments] + [s["chosen"]]
         results = function.call(given, True, False)
         whole = ca.vertcat(*[ca.vec(r) for r in results])
-        change = ca.densify(ca.jtimes(whole, ca.vertcat(s["x"], s["chosen"]), ca.vertcat(dx, dp)))
+        moved = ca.vertcat(s["x"], s["chosen"], *(ca.vec(s[a]) for a in also))
+        change = ca.densify(ca.jtimes(whole, moved, ca.vertcat(dx, dp, *map(ca.vec, more))))
         ends = np.cumsum([0, *(r.numel() for r in results)]).tolist()
         parts = [change[a:b] for a, b in pairwise(ends)]
-        return ca.Function(name, [*given, dx, dp], parts)
+        names = [*arguments, "chosen", "dx", "dp", *(f"d{a}" for a in also)]
+        return ca.Function(name, [*given, dx, dp, *more], parts, names, _results(parts))
 
     def outer(self, function: ca.Function) -> ca.Function:
         """The function of all parameters: the chosen ones are read from theta."""
         s = self.symbols
-        n_tail = 2 if function.name() in ("daest_dflow", "daest_dsee", "daest_dhold") else 0
-        arguments = [type(s["x"]).sym(f"a{i}", function.numel_in(i)) for i in range(function.n_in())]
-        chosen = len(arguments) - 1 - n_tail
-        theta = arguments[chosen - 2]
+        arguments = [type(s["x"]).sym(f"a{i}", *function.size_in(i)) for i in range(function.n_in())]
+        named = [function.name_in(i) for i in range(function.n_in())]
+        chosen, theta = named.index("chosen"), arguments[named.index("theta")]
         outer = arguments[:chosen] + arguments[chosen + 1 :]
         inner = [*arguments[:chosen], theta[list(self.columns)], *arguments[chosen + 1 :]]
         return ca.Function(function.name(), outer, function.call(inner, True, False))
+
+
+def _results(values: list[Any]) -> list[str]:
+    return [f"r{i}" for i in range(len(values))]
 
 
 def _matrix(value: Any, by: Any) -> Any:

@@ -39,9 +39,9 @@ def state_space_family(
     flat = explicit.flat
     affine = is_affine_model(flat)
     if affine:
-        x, u = np.zeros(explicit.n_states), np.zeros(len(flat.inputs))
+        x, u, time = np.zeros(explicit.n_states), np.zeros(len(flat.inputs)), 0.0
     else:
-        x, u = _operating_point(explicit, at)
+        x, u, time = _operating_point(explicit, at)
     return StateSpaceFamily(
         state_names=explicit.state_names,
         state_units=explicit.state_units,
@@ -51,24 +51,26 @@ def state_space_family(
         noises=flat.noises,
         outputs=flat.outputs,
         parameters=flat.parameters,
-        matrices=_matrix_function(explicit, x, u),
+        matrices=_matrix_function(explicit, x, u, time),
         is_affine=affine,
     )
 
 
 def _operating_point(
     explicit: ExplicitModel, at: Mapping[str, float] | None
-) -> tuple[np.ndarray, np.ndarray]:
-    u = operating_point(explicit.flat, at).u
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """States, inputs and time."""
+    point = operating_point(explicit.flat, at)
     at = at or {}
     if all(name in at for name in explicit.state_names):
-        return np.array([at[name] for name in explicit.state_names]), u
-    x, _ = initial_point(explicit, u0=u)
-    return np.array([at.get(name, value) for name, value in zip(explicit.state_names, x, strict=True)]), u
+        return np.array([at[name] for name in explicit.state_names]), point.u, point.time
+    x, _ = initial_point(explicit, u0=point.u, t0=point.time)
+    states = [at.get(name, value) for name, value in zip(explicit.state_names, x, strict=True)]
+    return np.array(states), point.u, point.time
 
 
-def _matrix_function(explicit: ExplicitModel, x0: np.ndarray, u0: np.ndarray) -> ca.Function:
-    """theta -> (A, B, G, b, C, D, H, d, X, U, W, x0), Jacobians at (x0, u0, v = 0, w = 0, t = 0)."""
+def _matrix_function(explicit: ExplicitModel, x0: np.ndarray, u0: np.ndarray, time: float) -> ca.Function:
+    """theta -> (A, B, G, b, C, D, H, d, X, U, W, x0), Jacobians at (x0, u0, v = 0, w = 0, time)."""
     kind: Any = ca.SX if explicit.rhs.is_a("SXFunction") else ca.MX
     arguments = [kind.sym(name, explicit.rhs.size1_in(i)) for i, name in enumerate(explicit.rhs.name_in())]
     x, u, v, w, theta, _ = arguments
@@ -81,7 +83,7 @@ def _matrix_function(explicit: ExplicitModel, x0: np.ndarray, u0: np.ndarray) ->
         slopes += [by_x, by_input, by_w, offset]
     general = ca.Function("general", arguments, [ca.densify(part) for part in slopes])
     parameter = kind.sym("theta", theta.numel())
-    point = [x0, u0, np.zeros(v.numel()), np.zeros(w.numel()), parameter, 0.0]
+    point = [x0, u0, np.zeros(v.numel()), np.zeros(w.numel()), parameter, time]
     return ca.Function(
         "matrices", [parameter], [ca.densify(m) for m in general(*point)], ["theta"], list(MATRICES)
     )
