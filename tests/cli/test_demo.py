@@ -28,12 +28,24 @@ def test_run(tmp_path, monkeypatch, daest):
     assert (tmp_path / "servo" / "results" / "fit.json").is_file()
 
 
-def test_example_without_recording_is_copied_alone(tmp_path, monkeypatch, daest):
+@pytest.mark.parametrize("name", [example.name for example in examples() if not example.has_recording])
+def test_example_without_recording_shows_its_noise(tmp_path, monkeypatch, daest, name):
     monkeypatch.chdir(tmp_path)
-    silent = next(example.name for example in examples() if not example.has_recording)
-    code, _, err = daest("demo", silent)
-    assert code == 0 and "no recording" in err
-    assert (tmp_path / silent / "daest.toml").is_file() and not (tmp_path / silent / "results").exists()
+    code, out, err = daest("demo", name, "--format", "json")
+    document = json.loads(out)
+    assert code == 0 and "no recording" in err and document["identify"] is None
+    assert document["noise"]["all_admissible"] and document["noise"]["equations"]
+    assert (tmp_path / name / "daest.toml").is_file() and not (tmp_path / name / "results").exists()
+    assert f"{document['noise']['n_equations']} equations" in daest("noise", "-p", f"{name}/daest.toml")[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [e.name for e in examples() if e.has_recording and e.name != "servo"])
+def test_every_example_runs(tmp_path, monkeypatch, daest, name):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = daest("demo", name, "--format", "json")
+    assert code == 0, err
+    assert json.loads(out)["compare"]["models"]
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from cart_data import CART
 from jsonschema import Draft202012Validator, ValidationError
 
 from daest.cli.main import COMMANDS
@@ -62,7 +63,6 @@ PRINTED = [
     ("linearize",),
     ("noise",),
     ("export", "-o", "lag.fmu"),
-    ("extend", "--effect", "Offset", "--at", "u", "-o", "new.mo"),
     ("effects",),
     ("simulate", "--to", "2"),
     ("identify",),
@@ -81,6 +81,15 @@ def test_what_commands_print(folder, daest):
         code, out, err = daest(*arguments, "--format", "json")
         assert code == 0, err
         assert json.loads(out)["schema"] == f"daest/{arguments[0]}/1"
+
+
+def test_extended_model(tmp_path, monkeypatch, daest):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "Cart.mo").write_text(CART)
+    place = ("--effect", "CoulombFriction", "--at", "cart.flange_a")
+    code, out, err = daest("extend", "Cart.mo", *place, "-o", "new.mo", "--format", "json")
+    assert code == 0, err
+    assert json.loads(out)["path"] == "new.mo"
 
 
 SHOWN = [

@@ -24,7 +24,7 @@ def _names() -> list[str]:
 def command(name: str | None, form: str) -> None:
     """Copy the example NAME into a new folder NAME, identify its parameters, compare it with its data.
 
-    Without NAME, list the examples. An example without a recording is copied alone.
+    Without NAME, list the examples. Of an example without a recording, the noise report is shown.
     """
     from daest.data.examples import examples
 
@@ -48,7 +48,7 @@ def _run(name: str) -> dict[str, Any]:
     folder = Path(name)
     if not copy_example(name, folder).has_recording:
         note(f"copied to {folder}; it has no recording to identify from, see its README.md")
-        return {"folder": str(folder), "identify": None, "compare": None}
+        return {"folder": str(folder), "identify": None, "compare": None, "noise": _noise(folder)}
     note(f"copied to {folder}; the same by hand: cd {folder}; daest identify; daest compare")
     project = load_project(folder)
     fit = identified(project, None, (), DataOptions())
@@ -56,7 +56,18 @@ def _run(name: str) -> dict[str, Any]:
         "folder": str(folder),
         "identify": fit.document,
         "compare": compared(project, (), (), DataOptions()).document,
+        "noise": None,
     }
+
+
+def _noise(folder: Path) -> dict[str, Any]:
+    """The noise report of the example's model."""
+    from daest.cli.linear import load_linear
+    from daest.data.project import load_project
+    from daest.report.documents import noise as documents
+    from daest.systems.noise import noise_report
+
+    return documents.document(noise_report(load_linear(load_project(folder), None, None, (), {}, None).dae))
 
 
 def _list_text(document: Mapping[str, Any], width: int, color: bool) -> str:
@@ -70,10 +81,10 @@ def _list_text(document: Mapping[str, Any], width: int, color: bool) -> str:
 
 
 def _run_text(document: Mapping[str, Any], width: int, color: bool) -> str:
-    from daest.report.texts import compare, identify
+    from daest.report.texts import compare, identify, noise
 
-    if document["identify"] is None:
-        return f"copied to {document['folder']}\n"
+    if document["noise"] is not None:
+        return noise.text(document["noise"], width, color)
     return "\n".join(
         (
             identify.text(document["identify"], width, color),
