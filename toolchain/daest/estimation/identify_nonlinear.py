@@ -158,6 +158,8 @@ def _simulated(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions) -
         single = None if found is None else Ending(problem, found, None)
     if shooting == 1 or (shooting is None and (setup.method == "pem" or not _is_poor(single))):
         return single
+    if not problem.n_states:  # nothing that a segment could start from
+        return single
     n_segments = shooting or default_segments(problem.experiments)
     cut = search_by_shooting(problem, z, n_segments, options.max_iterations)
     ends = [end for end in (single, _uncut(problem, cut, n_segments, options)) if end is not None]

@@ -11,11 +11,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from daest.errors import FmuError, ModelError
+from daest.errors import ModelError
 from daest.fmu import words
 from daest.fmu.binary_functions import PointFunction, model_function, parameter_function
 from daest.fmu.load import load_fmu
-from daest.fmu.points import DIFFERENCE_FLOOR, central_differences, difference, moved_points
+from daest.fmu.points import DIFFERENCE_FLOOR, central_differences, difference, long_points, moved_points
 from daest.fmu.runner import RTOL, Drive, Points, Runner, Simulated
 from daest.fmu.semi_explicit import (
     TRUST,
@@ -35,7 +35,9 @@ from daest.systems.integrate import IntegrationError
 
 # Relative step of the differences of simulations: far above the error of the integrator (RTOL of the
 # runner), far below what bends.
-SIMULATION_STEP = 1e-4
+SIMULATION_STEP = 1e-3
+# Relative tolerance of simulations in a search: differences of them must mean something.
+SEARCH_RTOL = 1e-7
 # Relative step of the differences of matrices in the parameters.
 PARAMETER_STEP = 1e-5
 TIME_STEP = 1e-5
@@ -127,17 +129,7 @@ class BinaryForm:
         """ẋ and all variables are affine in states and inputs, and do not depend on time."""
         if self.hides_states or self.model.n_event_indicators:
             return False
-        x, u = np.zeros(len(self.form.states)), np.zeros(len(self.form.drivers))
-        none = ((), np.zeros((1, 0)))
-        try:
-            here, _ = jacobians(self.runner, self.form, x, u, False, none)
-        except FmuError as problem:
-            if problem.code == "fmu-call-failed":
-                return False
-            raise
-        return bool(np.all(np.isfinite(here.differences))) and is_affine_there(
-            self.runner, self.form, here.differences, none
-        )
+        return is_affine_there(self.runner, self.form, ((), np.zeros((1, 0))))
 
     @cached_property
     def trusts_directional(self) -> bool:
@@ -280,7 +272,8 @@ class BinaryForm:
     def integrate(
         self, flat: FlatModel, names: tuple[str, ...], drive: Any, options: Mapping[str, Any]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Sensitivities by central differences of whole simulations, all in one request."""
+        """Sensitivities by central differences of whole simulations, all in one request. Options:
+        `sensitivities`; `state_scale` (n_states,); `with_states` puts the states behind the outputs."""
         known = [p.name for p in flat.parameters]
         columns = tuple(known.index(name) for name in names)
         theta, x0 = drive.theta, drive.x0
@@ -294,10 +287,13 @@ class BinaryForm:
         columns = (*self.form.states, *self.form.variables)
         read = tuple(columns[row] for row in self._output_rows(flat))
         request = self._drive(drive.time, drive.u0, drive.u1, drive.u_last, read)
+        request = replace(request, rtol=min(drive.rtol, SEARCH_RTOL))
         if drive.correction is not None:
             request = replace(request, measurements=drive.correction.measurements, gain=drive.correction.gain)
         found = self._simulated(request, sets, starts)
-        outputs = found.values
+        outputs = (
+            np.concatenate([found.values, found.states], axis=2) if options["with_states"] else found.values
+        )
         changes = (outputs[1::2] - outputs[2::2]) / (2 * steps)[:, None, None]
         return found.states[0], outputs[0], np.moveaxis(changes, 0, 2)
 
@@ -307,7 +303,9 @@ class BinaryForm:
         if self.hides_states:
             request = self._drive(time, ubar[:-1], ubar[1:], ubar[-1], self.form.variables)
             return self._simulated(request, theta[None], None).values[0]
-        points = Points(self.form.drivers[: ubar.shape[1]], ubar, states, time)
+        drivers = np.zeros((time.size, len(self.form.drivers)))
+        drivers[:, : ubar.shape[1]] = ubar
+        points = Points(self.form.drivers, drivers, states, time)
         found = self.runner.evaluate(points, self.form.variables, self._parameters(theta[None]))
         return np.hstack([states, found.values[0]])
 
@@ -447,14 +445,7 @@ class BinaryForm:
         """Slopes without time at one point for many sets of parameters, in one request."""
         point, n_x = np.concatenate([x, drivers]), x.size
         nominal = [self.model.variables[vr].nominal for vr in (*self.form.states, *self.form.drivers)]
-        if self.is_affine:  # differences of any length are exact: long ones lose the fewest digits
-            sizes = np.array([abs(size or 1.0) for size in nominal])
-            moved = np.repeat(point[None], 2 * point.size, axis=0)
-            for i, size in enumerate(sizes):
-                moved[2 * i, i] += size
-                moved[2 * i + 1, i] -= size
-        else:
-            moved = moved_points(point, nominal)
+        moved = (long_points if self.is_affine else moved_points)(point, nominal)
         rows = np.vstack([point, moved])
         values = self._rows(sets, rows[:, :n_x], rows[:, n_x:], np.zeros(len(rows)))
         slopes = []

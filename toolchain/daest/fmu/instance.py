@@ -203,8 +203,26 @@ class Instance:
         name = "GetContinuousStateDerivatives" if self._is_fmi3 else "GetDerivatives"
         return self._vector(name, self.n_states)
 
-    def indicators(self) -> np.ndarray:
-        return self._vector("GetEventIndicators", self.n_event_indicators)
+    # The inner loop of an integrator: everything is prepared, and vectors go by their addresses.
+
+    def writer(self, references: Sequence[int]) -> tuple[np.ndarray, Callable[[], None]]:
+        """A buffer and a call that sets the variables to what stands in it."""
+        buffer, vr = np.zeros(len(references)), self._array_of(references)
+        if not buffer.size:
+            return buffer, lambda: None
+        arguments = self._pairs(vr, buffer)
+        name = "SetFloat64" if self._is_fmi3 else "SetReal"
+        return buffer, lambda: self._call(name, *arguments)
+
+    def put_states(self, address: Any) -> None:
+        self._call("SetContinuousStates", address, _SIZE(self.n_states))
+
+    def take_rates(self, address: Any) -> None:
+        name = "GetContinuousStateDerivatives" if self._is_fmi3 else "GetDerivatives"
+        self._call(name, address, _SIZE(self.n_states))
+
+    def take_indicators(self, address: Any) -> None:
+        self._call("GetEventIndicators", address, _SIZE(self.n_event_indicators))
 
     def nominals(self) -> np.ndarray:
         """Sizes of the states; 1 where the FMU has no usable one (zero, negative, not finite)."""
@@ -263,14 +281,14 @@ class Instance:
         return self._references[key]
 
     def _call(self, name: str, *arguments: Any) -> None:
-        full = f"fmi{self.binary.fmi_major}{name}"
-        function = self._functions.get(full)
+        function = self._functions.get(name)
         if function is None:
             # A handle of its own: fmpy gives its handles argument types that suit its calls alone.
-            function = ctypes.CFUNCTYPE(_INT)((full, self._unit.dll))
-            self._functions[full] = function
+            function = ctypes.CFUNCTYPE(_INT)((f"fmi{self.binary.fmi_major}{name}", self._unit.dll))
+            self._functions[name] = function
         status = function(_POINTER(self._unit.component), *arguments)
         if status > _WARNING:
+            full = f"fmi{self.binary.fmi_major}{name}"
             raise Refusal(f"{full}: {self._words('it gave no reason')}", status == _FATAL)
 
     def _try(self, call: Callable[..., Any], *arguments: Any, **named: Any) -> Any:

@@ -57,6 +57,16 @@ def moved_points(point: np.ndarray, nominal: Sequence[float | None]) -> np.ndarr
     return rows
 
 
+def long_points(point: np.ndarray, nominal: Sequence[float | None]) -> np.ndarray:
+    """As `moved_points`, by steps of nominal size: exact for an affine model, and with the fewest digits
+    lost."""
+    rows = np.repeat(point[None, :], 2 * point.size, axis=0)
+    for i, size in enumerate(nominal):
+        rows[2 * i, i] += abs(size or 1.0)
+        rows[2 * i + 1, i] -= abs(size or 1.0)
+    return rows
+
+
 def central_differences(points: np.ndarray, values: np.ndarray) -> np.ndarray:
     """∂values/∂point (n, k) from the values (2 k, n) at the points of `moved_points`."""
     k = points.shape[1]

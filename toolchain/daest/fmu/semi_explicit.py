@@ -15,6 +15,7 @@ from daest.fmu.points import (
     DIFFERENCE_NOISE,
     central_differences,
     difference,
+    long_points,
     moved_points,
     point_value,
     probe_point,
@@ -99,7 +100,7 @@ def linearize_semi_explicit(
     changed = changed_parameters(model, theta)
     with Runner(model) as runner:
         found, values = jacobians(runner, form, x, u, offer, changed)
-        is_affine = is_affine_there(runner, form, found.differences, changed)
+        is_affine = is_affine_there(runner, form, changed)
     chosen, source, notes = _choose(found, offer)
     return _assemble(
         model,
@@ -234,29 +235,50 @@ def _differences(
 
 
 def is_affine_there(
-    runner: Runner,
-    form: SemiExplicitForm,
-    here: np.ndarray,
-    parameters: tuple[tuple[int, ...], np.ndarray],
+    runner: Runner, form: SemiExplicitForm, parameters: tuple[tuple[int, ...], np.ndarray]
 ) -> bool:
-    """Whether the differences are the same at a far point and another time, and the values what they give.
+    """Whether differences over long steps are the same at zero and at a far point and another time, and the
+    values there what they predict: differences of an affine model are exact, however long.
 
     A model that cannot be evaluated there, or that crashes, is not affine.
     """
-    far = (probe_point(len(form.states), 1), probe_point(len(form.drivers), 2))
+    zero = (np.zeros(len(form.states)), np.zeros(len(form.drivers)))
+    far = (probe_point(zero[0].size, 1), probe_point(zero[1].size, 2))
     try:
-        there, values, _ = _differences(runner, form, *far, parameters, 1.0)
-        _, origin, _ = _differences(runner, form, *(np.zeros_like(part) for part in far), parameters, 0.0)
+        here, origin = _long_differences(runner, form, zero, parameters, 0.0)
+        there, values = _long_differences(runner, form, far, parameters, 1.0)
     except FmuError:
         return False
-    if not (np.all(np.isfinite(there)) and np.all(np.isfinite(origin)) and np.all(np.isfinite(values))):
+    if not all(np.all(np.isfinite(m)) for m in (here, there, values, origin)):
         return False
-    predicted = origin + here @ np.concatenate(far)
-    sizes = np.abs(here) @ np.abs(np.concatenate(far)) + np.abs(origin)
-    offset_apart = np.max(np.abs(values - predicted) / np.maximum(sizes, DIFFERENCE_FLOOR), initial=0.0)
+    point = np.concatenate(far)
+    sizes = np.abs(here) @ np.abs(point) + np.abs(origin)
+    floor = max(DIFFERENCE_FLOOR * float(np.max(sizes, initial=0.0)), np.finfo(float).tiny)
+    apart = np.abs(values - origin - here @ point) / np.maximum(sizes, floor)
     return bool(
-        difference([here], [there], DIFFERENCE_FLOOR) <= DIFFERENCE_NOISE and offset_apart <= DIFFERENCE_NOISE
+        difference([here], [there], DIFFERENCE_FLOOR) <= DIFFERENCE_NOISE
+        and np.max(apart, initial=0.0) <= DIFFERENCE_NOISE
     )
+
+
+def _long_differences(
+    runner: Runner,
+    form: SemiExplicitForm,
+    at: tuple[np.ndarray, np.ndarray],
+    parameters: tuple[tuple[int, ...], np.ndarray],
+    time: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Differences over steps of nominal size around a point (x, u), and the values at it."""
+    n_x, point = at[0].size, np.concatenate(at)
+    moved = long_points(point, [runner.model.variables[vr].nominal for vr in (*form.states, *form.drivers)])
+    rows = np.vstack([point, moved])
+    found = runner.evaluate(
+        Points(form.drivers, rows[:, n_x:], rows[:, :n_x], np.full(len(rows), time)), form.variables,
+        parameters, rates=True, settle=_settles(runner.model),
+    )  # fmt: skip
+    n_z = len(form.variables)
+    values = np.hstack([found.values[0][:, n_z:], found.values[0][:, :n_z]])
+    return central_differences(moved, values[1:]), values[0]
 
 
 def _assemble(

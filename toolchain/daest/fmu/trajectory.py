@@ -5,7 +5,7 @@ Foreign code: only `fmu.worker` uses this.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -111,42 +111,57 @@ class _Drive:
 
     def __init__(self, instance: Instance, task: Task) -> None:
         self.instance, self.task = instance, task
-        self.interval = 0
         self.problem: Refusal | None = None
-        self._held: np.ndarray | None = None
-
-    def inputs_at(self, time: float) -> np.ndarray:
-        task, k = self.task, self.interval
-        if k >= task.u0.shape[0]:
-            return task.u_last
-        if task.is_held:
-            return task.u0[k]
-        if not task.time[k] <= time < task.time[k + 1]:
-            k = int(np.clip(np.searchsorted(task.time, time, "right") - 1, 0, task.u0.shape[0] - 1))
-        share = (time - task.time[k]) / (task.time[k + 1] - task.time[k])
-        return task.u0[k] + np.clip(share, 0.0, 1.0) * (task.u1[k] - task.u0[k])
-
-    def go(self, time: float, x: np.ndarray | None = None) -> None:
-        """Time first, then states and inputs, then the laws that read them."""
-        instance, task = self.instance, self.task
-        instance.set_time(time)
-        if x is not None:
-            instance.set_states(x)
-        u = self.inputs_at(time)
-        if not task.laws:
-            if task.inputs and not (self._held is not None and np.array_equal(u, self._held)):
-                instance.set(task.inputs, u)
-                self._held = u
-            return
-        instance.set(task.inputs, u)
-        u = u.copy()
-        for law in task.laws:
-            u[law.input] += law.value(instance.get(law.reads), time)
-        instance.set(task.inputs, u)
+        self._buffer, self._write = instance.writer(task.inputs)
+        self._rise = task.u1 - task.u0
+        self._lengths = np.diff(task.time).tolist()
+        self._times = task.time.tolist()
+        self._held_interval = -1
+        self.is_held = task.is_held
+        self.interval = 0
 
     def forget(self) -> None:
-        """Inputs must be set again: an event may have changed what the FMU keeps."""
-        self._held = None
+        """Inputs must be set again: an event or another interval may have changed what the FMU keeps."""
+        self._held_interval = -1
+
+    def move(self, time: float) -> None:
+        """Time and inputs, without what the laws add."""
+        self.instance.set_time(time)
+        task, k = self.task, self.interval
+        if not self._buffer.size:
+            return
+        if k >= len(self._lengths):
+            self._buffer[:] = task.u_last
+        elif self.is_held:
+            if self._held_interval == k:
+                return
+            self._held_interval = k
+            self._buffer[:] = task.u0[k]
+        else:
+            # The integrator looks beyond the end of an interval.
+            while k + 1 < len(self._lengths) and time > self._times[k + 1]:
+                k += 1
+            share = (time - self._times[k]) / self._lengths[k]
+            self._buffer[:] = task.u0[k] + min(max(share, 0.0), 1.0) * self._rise[k]
+        self._write()
+
+    def add_laws(self, time: float) -> None:
+        """What the laws add at the states that are set."""
+        if not self.task.laws:
+            return
+        added = [(law.input, law.value(self.instance.get(law.reads), time)) for law in self.task.laws]
+        for number, value in added:
+            self._buffer[number] += value
+        self._write()
+        self.forget()
+
+    def go(self, time: float, x: np.ndarray | None = None) -> None:
+        """Time, inputs and states, time again so that nothing is stale, then the laws that read them."""
+        self.move(time)
+        if x is not None:
+            self.instance.set_states(x)
+        self.instance.set_time(time)
+        self.add_laws(time)
 
 
 def _exchange(
@@ -165,6 +180,7 @@ def _exchange(
     for k in range(n):
         now = float(task.time[k])
         drive.interval = k
+        drive.forget()
         alive(now)
         try:
             x = integrator.x
@@ -207,12 +223,12 @@ class _Integrator:
         """Move `x` from `time` to `end`, through the events on the way."""
         instance, drive = self._instance, self._drive
         if (
-            drive.task.is_held
+            drive.is_held
             and interval
             and not np.array_equal(drive.task.u0[interval], drive.task.u0[interval - 1])
         ):
             self._fresh = False
-        if drive.task.is_held and instance.n_event_indicators and not self._fresh:
+        if drive.is_held and instance.n_event_indicators and not self._fresh:
             self._event(time, counted=False)
         events = 0
         while end - time > SAME_TIME * max(abs(end), 1.0):
@@ -256,6 +272,10 @@ class _Integrator:
                 f"that is too stiff ({error})",
                 time,
             ) from error
+        if self._drive.problem is not None:  # the integrator has found a way round
+            self._drive.problem = None
+        if self._instance.n_states:
+            self.x = np.ctypeslib.as_array(self._solver.px, (self._instance.n_states,)).copy()
         if not np.all(np.isfinite(self.x)):
             raise Stopped("a state is no finite number", time)
         return float(reached), bool(is_root)
@@ -289,39 +309,36 @@ class _Integrator:
     # What CVODE calls; a refusal is kept and told after it has given up.
 
     def apply(self, time: float) -> None:
-        """Inputs are set together with the states."""
+        """Inputs are set together with the time."""
 
     def _set_time(self, time: float) -> None:
-        self._time = float(time)
+        self._time = time
+        self._keep(self._drive.move, time)
 
     def _get_states(self, pointer: Any, size: int) -> None:
         np.ctypeslib.as_array(pointer, (size,))[:] = self.x
 
     def _set_states(self, pointer: Any, size: int) -> None:
-        self.x = np.ctypeslib.as_array(pointer, (size,)).copy()
+        self._keep(self._instance.put_states, pointer)
 
     def _get_nominals(self, pointer: Any, size: int) -> None:
         np.ctypeslib.as_array(pointer, (size,))[:] = ABSOLUTE_PART * self._instance.nominals()
 
     def _get_rates(self, pointer: Any, size: int) -> None:
-        values = np.ctypeslib.as_array(pointer, (size,))
-        try:
-            self._drive.go(self._time, self.x)
-            values[:] = self._instance.rates()
-        except Refusal as problem:
-            self._drive.problem = problem
-            values[:] = np.nan
+        self._keep(self._drive.add_laws, self._time)
+        if not self._keep(self._instance.take_rates, pointer):
+            np.ctypeslib.as_array(pointer, (size,))[:] = np.nan
 
     def _get_indicators(self, pointer: Any, size: int) -> None:
-        values = np.ctypeslib.as_array(pointer, (size,))
-        try:
-            self._drive.go(self._time, self.x if self._instance.n_states else None)
-            values[:] = self._instance.indicators()
-        except Refusal as problem:
-            self._drive.problem = problem
-            values[:] = np.nan
+        self._keep(self._drive.add_laws, self._time)
+        if not self._keep(self._instance.take_indicators, pointer):
+            np.ctypeslib.as_array(pointer, (size,))[:] = np.nan
 
-
-def references_of(laws: Sequence[Law]) -> tuple[int, ...]:
-    """All value references that laws read."""
-    return tuple(dict.fromkeys(reference for law in laws for reference in law.reads))
+    def _keep(self, call: Callable[..., None], argument: Any) -> bool:
+        if self._drive.problem is None:
+            try:
+                call(argument)
+                return True
+            except Refusal as problem:
+                self._drive.problem = problem
+        return False

@@ -120,7 +120,7 @@ class Session:
         inputs: tuple[Sequence[int], np.ndarray] = ((), np.zeros(0)),
     ) -> Instance:
         """The instance with parameter `values`, as it is after its initialisation."""
-        key = (tuple(values), time, dae_mode, tuple(inputs[1]))
+        key = (header["request"] == "simulate", tuple(values), time, dae_mode, tuple(inputs[1]))
         instance = self._loaded()
         if self._kept != key:
             self._kept = None

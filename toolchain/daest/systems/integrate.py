@@ -269,7 +269,8 @@ def _run_given(model: Integrator, run: _Run, scale: np.ndarray) -> Trajectory:
     """By the integrator of a model without equations."""
     flat = model.explicit.flat
     assert flat.given is not None
-    options = {"sensitivities": run.directions > 0, "state_scale": scale}
+    with_states = model.explicit.outputs.numel_out(0) > len(flat.outputs)
+    options = {"sensitivities": run.directions > 0, "state_scale": scale, "with_states": with_states}
     return Trajectory(*flat.given.integrate(flat, model.names, run, options), n_steps=0)
 
 
