@@ -24,6 +24,7 @@ from daest.cli.options import (
     split_data_options,
 )
 from daest.cli.output import emit, keep_inputs, note, to_json, whole_file, with_schema
+from daest.cli.pictures import draw
 from daest.cli.progress import progress
 from daest.cli.recordings import training_data
 from daest.cli.results import find_fit, parameter_values
@@ -103,6 +104,7 @@ def command(
     Without validation data the second half of every recording validates. The result is written to
     results/diagnosis.json; an interrupted run goes on where it was.
     """
+    from daest.report.diagnosis_figures import diagnosis_figure
     from daest.report.texts import diagnose as texts
 
     project = model_options.project()
@@ -118,12 +120,7 @@ def command(
     )
     diagnosis = diagnosed(case)
     document = written_document(case, diagnosis)
-    if plot is not None:
-        from daest.report.diagnosis_figures import diagnosis_figure
-        from daest.report.figures import save
-
-        with whole_file(plot) as temporary:
-            save(diagnosis_figure(diagnosis, document["outputs"]), temporary)
+    draw(plot, lambda: diagnosis_figure(diagnosis, document["outputs"]))
     emit(document, "diagnose", form, output, texts.text)
 
 

@@ -15,10 +15,12 @@ from daest.cli.options import (
     example,
     format_option,
     model_options,
+    plot_option,
     seed_option,
     split_data_options,
 )
 from daest.cli.output import emit, note, to_json, whole_file, with_schema
+from daest.cli.pictures import draw
 from daest.cli.progress import progress
 from daest.cli.results import read_document
 from daest.errors import ConfigError, DaestError, Place
@@ -60,6 +62,7 @@ CLOSE = 0.05  # relative difference of errors up to which a written model counts
 @model_options
 @split_data_options
 @format_option
+@plot_option
 @seed_option
 def command(
     data: tuple[Path, ...],
@@ -72,6 +75,7 @@ def command(
     model_options: ModelOptions,
     data_options: DataOptions,
     form: str,
+    plot: Path | None,
     seed: int,
 ) -> None:
     """Add missing effects one by one until nothing is missing or nothing helps.
@@ -79,6 +83,7 @@ def command(
     The folder gets the models step1_EFFECT.mo, step2_EFFECT.mo, ..., each extending the former, ledger.json
     and staircase.png, the error on validation data from step to step.
     """
+    from daest.report.diagnosis_figures import staircase_figure
     from daest.report.texts import improve as texts
 
     project = model_options.project()
@@ -94,6 +99,7 @@ def command(
         model_options.libraries,
     )
     document = improved(case, folder, max_effects)
+    draw(plot, lambda: staircase_figure(document))
     emit(document, "improve", form, None, texts.text)
 
 

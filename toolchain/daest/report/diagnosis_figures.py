@@ -2,36 +2,39 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from daest.model.diagnosis import Diagnosis, FreeForm, Screened
-from daest.report.figures import BAND, LINES, PANEL, WIDTH
+from daest.report import figures as style
+from daest.report.figures import BAND, LINES, PANEL, QUIET, SMALL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 BARS = 12  # of the screen
-GREY = "0.75"
+WRAPPED = 105  # characters of a line of the message
+LINES_OF_MESSAGE = 3
+DECADE = 10.0  # ratio of errors from which their axis is logarithmic
 RELATED = 1e-3  # p-value of a curve below which it is drawn
 
 
 def diagnosis_figure(diagnosis: Diagnosis, units: Mapping[str, str]) -> Figure:
     """Scores of the screen, validation errors of the candidates that were refitted, and the unexplained load
     against the variable that explains it best. `units` are those of the outputs."""
-    from matplotlib.figure import Figure
-
     curve = diagnosis.disturbance
     drawn = curve is not None and curve.p_value < RELATED
     heights = (
         [0.5 + 0.22 * BARS] + ([PANEL + 0.4] if diagnosis.proofs else []) + ([1.6 * PANEL] if drawn else [])
     )
-    figure = Figure(figsize=(WIDTH, sum(heights) + 0.3), layout="constrained")
-    figure.suptitle(diagnosis.verdict, fontsize=10)
-    parts = list(figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0])
+    message = "\n".join(textwrap.wrap(diagnosis.message, WRAPPED)[:LINES_OF_MESSAGE])
+    figure = style.figure(sum(heights) + 0.9)
+    figure.suptitle(f"{diagnosis.verdict}\n{message}", fontsize=9)
+    parts = style.parts(figure, heights)
     _draw_scores(diagnosis, parts.pop(0).subplots())
     if diagnosis.proofs:
         _draw_errors(diagnosis, units, parts.pop(0))
@@ -47,11 +50,12 @@ def _draw_scores(diagnosis: Diagnosis, ax: Axes) -> None:
         best.setdefault(entry.candidate.label, entry)
     labels = list(best)[:BARS]
     accepted = {p.candidate.label for p in diagnosis.proofs if p.verdict != "rejected"}
-    colors = [LINES[0] if label in accepted else GREY for label in labels]
+    colors = [LINES[0] if label in accepted else QUIET for label in labels]
     ax.barh(range(len(labels)), [best[label].score for label in labels], color=colors)
     ax.set_yticks(range(len(labels)), labels, fontsize=7)
     ax.set_ylim(max(len(labels), 1) - 0.4, -0.6)
     ax.set_xlabel("score of the screen [standard deviations]")
+    ax.set_title("all candidates, screened (colour: not rejected after its refit)", fontsize=9)
 
 
 def _draw_errors(diagnosis: Diagnosis, units: Mapping[str, str], part: Any) -> None:
@@ -64,33 +68,35 @@ def _draw_errors(diagnosis: Diagnosis, units: Mapping[str, str], part: Any) -> N
             f.simulated["validation"].rms.get(name) if "validation" in f.simulated else None for f in fits
         ]
         heights = [np.nan if v is None else v for v in values]
-        ax.barh(range(len(labels)), heights, color=[LINES[0] if a else GREY for a in accepted])
+        ax.barh(range(len(labels)), heights, color=[LINES[0] if a else QUIET for a in accepted])
+        ax.axvline(heights[0], color="black", lw=0.8, ls="--")
+        known = [h for h in heights if h > 0.0]
+        if known and max(known) > DECADE * min(known):
+            ax.set_xscale("log")
         ax.set_xlabel(f"validation rms {name} [{unit or '1'}]")
         ax.set_ylim(len(labels) - 0.4, -0.6)
-    axes[0].set_yticks(range(len(labels)), labels, fontsize=7)
+    axes[0].set_yticks(range(len(labels)), labels, fontsize=SMALL)
+    part.suptitle("the best, refitted (dashed: the model as it is)", fontsize=9)
 
 
 def _draw_curve(curve: FreeForm, ax: Axes) -> None:
     low, high = curve.w - BAND * curve.std, curve.w + BAND * curve.std
     ax.fill_between(curve.x, low, high, color=LINES[0], alpha=0.25, lw=0, label="95 %")
     ax.plot(curve.x, curve.w, color=LINES[0], lw=1.2, marker=".", label=f"load at {curve.place}")
-    ax.axhline(0.0, color="0.8", lw=0.6, zorder=0)
+    style.zero_line(ax)
     ax.set_xlabel(f"{curve.variable} [{curve.variable_unit or '1'}]")
     where = f", where {curve.sign_of} > 0" if curve.sign_of else ""
     ax.set_ylabel(f"unexplained load [{curve.unit or '1'}]{where}", fontsize=8)
-    ax.set_title(f"the load follows {curve.label} (p = {curve.p_value:.1g})", fontsize=9)
-    ax.legend(fontsize=7)
+    style.legend(ax, f"the load follows {curve.label} (p = {curve.p_value:.1g})")
 
 
 def staircase_figure(document: Mapping[str, Any]) -> Figure:
     """The document of an improvement: validation error of every output from step to step, with what was
     added."""
-    from matplotlib.figure import Figure
-
     steps, outputs = document["steps"], document["outputs"]
-    figure = Figure(figsize=(WIDTH, 1.3 * PANEL * len(outputs) + 0.4), layout="constrained")
+    figure = style.figure(1.3 * PANEL * len(outputs) + 0.4)
     axes = figure.subplots(len(outputs), 1, sharex=True, squeeze=False)[:, 0]
-    for ax, (name, unit), color in zip(axes, outputs.items(), _colors(len(outputs)), strict=True):
+    for ax, (name, unit), color in zip(axes, outputs.items(), style.colors(), strict=False):
         errors = [step["rms"].get("validation", {}).get(name) for step in steps]
         _draw_stairs(ax, [np.nan if e is None else e for e in errors], color)
         ax.set_ylabel(f"rms error {name} [{unit or '1'}]")
@@ -111,7 +117,3 @@ def _draw_stairs(ax: Axes, errors: list[float], color: str) -> None:
             )
     ax.set_xlim(edges[0], edges[-1])
     ax.set_ylim(0.0, 1.2 * max([e for e in errors if np.isfinite(e)], default=1.0))
-
-
-def _colors(count: int) -> list[str]:
-    return [LINES[i % len(LINES)] for i in range(count)]

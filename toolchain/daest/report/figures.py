@@ -30,6 +30,7 @@ QUIET = "0.75"  # what passed or does not count
 BAND = 1.96  # standard deviations to either side of a 95 % band
 WIDTH = 8.0  # inches
 PANEL = 1.9  # inches of height per panel
+DPI = 150
 SMALL = 7  # points of legends and of long names
 
 
@@ -73,13 +74,9 @@ def legend(ax: Axes, heading: str = "") -> None:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write the figure in the format of the suffix of `path`: no date in it, so that the same figure is the
-    same file."""
-    import matplotlib
-
-    metadata: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix, {})
-    with matplotlib.rc_context({"svg.hashsalt": "daest"}):
-        figure.savefig(path, dpi=150, metadata=metadata)
+    """Write the figure in the format of the suffix of `path`, without a date."""
+    dated: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    figure.savefig(path, dpi=DPI, metadata=dated.get(path.suffix, {}))
 
 
 def shown_range(value: np.ndarray, std: np.ndarray, measured: np.ndarray) -> tuple[float, float]:

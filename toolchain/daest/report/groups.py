@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import groupby
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -29,5 +30,9 @@ def grouped(groups: Sequence[str]) -> list[int]:
 
 def stretches(values: Sequence[T]) -> list[tuple[T, int, int]]:
     """Runs of equal values: the value, first index, index after the last."""
-    starts = [i for i in range(len(values)) if i == 0 or values[i] != values[i - 1]]
-    return [(values[a], a, b) for a, b in zip(starts, [*starts[1:], len(values)], strict=True)]
+    runs, start = [], 0
+    for value, members in groupby(values):
+        after = start + len(list(members))
+        runs.append((value, start, after))
+        start = after
+    return runs

@@ -262,8 +262,9 @@ def _mark_groups(axis: Any, plot: Any, names: Sequence[str], dimension: str) -> 
 def curve_plot(identity: str, curve: Mapping[str, Any]) -> Plot:
     """An unexplained load against the variable that explains it best."""
     x, w, std = np.array(curve["curve"], dtype=float).reshape(-1, 3).T
+    where = f", where {curve['sign_of']} > 0" if curve.get("sign_of") else ""
     unit, variable_unit = curve["unit"] or "1", curve["variable_unit"] or "1"
-    plot = _figure(f"{curve['variable']} [{variable_unit}]", f"unexplained load [{unit}]", TALL)
+    plot = _figure(f"{curve['variable']} [{variable_unit}]", f"unexplained load [{unit}]{where}", TALL)
     plot.add_layout(Span(location=0.0, dimension="width", line_color=MEASURED, line_width=1))
     plot.varea(x, w - BAND * std, w + BAND * std, color=COLORS[0], alpha=0.25, legend_label="95 %")
     plot.line(x, w, color=COLORS[0], line_width=2, legend_label=f"load at {curve['place']}")
