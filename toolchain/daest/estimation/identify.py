@@ -23,7 +23,7 @@ from daest.estimation.output_error import Problem
 from daest.estimation.priors import coordinate_with_prior
 from daest.estimation.profile import Searched, Tell, check_profile_names, silent, with_profiles
 from daest.estimation.records import Record, in_model_order, make_record, observed_counts, part_of
-from daest.estimation.result import end_scores, fit_result
+from daest.estimation.result import SAME_OPTIMUM, end_scores, fit_result
 from daest.estimation.search import Evaluation, Found, minimise
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions, Method, NoiseChoice
@@ -40,6 +40,7 @@ HOLD_SAMPLES = 4000  # of every recording that this comparison uses
 SIMULATION_ITERATIONS = 15  # of the output-error fit that a prediction-error fit starts from
 START_SPREAD = np.log(10.0)  # further start points: up to a factor 10 off, for linear scales 3 scales off
 LINEAR_SPREAD = 3.0
+SAME_SIMULATION = 0.1  # difference of log-likelihoods within which two simulations are one
 NOISE_ROUNDS = 3  # searches in a row, each after a noise had come to rest too low
 WHITE_LEVEL = 1e-3  # p-value below which residuals raise the doubt that the search ended in a local optimum
 DOUBT_STARTS = 2  # random start points that are tried then, besides the one that matches ARX models
@@ -298,15 +299,25 @@ def _noisy(setup: Setup, z: np.ndarray) -> Problem:
 
 
 def _search(setup: Setup, options: IdentifyOptions) -> tuple[Problem, list[Found]]:
-    """The problem that was searched, and the end of the search from every start, best first."""
+    """The problem that was searched, and the end of the search from every start, best first.
+
+    In doubt, other starts are tried until one leaves white residuals, or ends where the first one did: then
+    it is the model that leaves them coloured.
+    """
     unknowns = setup.problem.unknowns
-    pairs = [_search_from(setup, unknowns.start, options.max_iterations)]
+    first = _simulated_from(setup, unknowns.start, options.max_iterations)
+    pairs = [_search_from(setup, unknowns.start, first, options.max_iterations)]
     if options.starts > 1 or (options.second_look and _is_doubtful(setup, pairs[0])):
         matched = matched_start(setup.problem, options.seed)
         random = _random_starts(unknowns, max(options.starts - 1, DOUBT_STARTS), options.seed)
         for z in [*([] if matched is None else [matched]), *random]:
-            pairs.append(_search_from(setup, z, options.max_iterations))
-            if options.starts == 1 and not _is_doubtful(setup, pairs[-1]):
+            simulated = _simulated_from(setup, z, options.max_iterations)
+            # The same simulation leads on to the same likelihood.
+            again = pairs[0] if _is_same(first, simulated) else None
+            pairs.append(again or _search_from(setup, z, simulated, options.max_iterations))
+            if options.starts == 1 and (
+                _ends_alike(pairs[0], pairs[-1]) or not _is_doubtful(setup, pairs[-1])
+            ):
                 break
     ended = [pair for pair in pairs if pair is not None]
     if not ended:
@@ -315,12 +326,30 @@ def _search(setup: Setup, options: IdentifyOptions) -> tuple[Problem, list[Found
     return ended[0][0], [found for _, found in ended]
 
 
-def _search_from(setup: Setup, z: np.ndarray, max_iterations: int) -> tuple[Problem, Found] | None:
-    problem, unknowns = setup.problem, setup.problem.unknowns
+def _is_same(one: Found | None, other: Found | None) -> bool:
+    if one is None or other is None:
+        return False
+    return abs(one.evaluation.value - other.evaluation.value) < SAME_SIMULATION
+
+
+def _ends_alike(one: tuple[Problem, Found] | None, other: tuple[Problem, Found] | None) -> bool:
+    if one is None or other is None:
+        return False
+    return abs(one[1].evaluation.value - other[1].evaluation.value) < SAME_OPTIMUM
+
+
+def _simulated_from(setup: Setup, z: np.ndarray, max_iterations: int) -> Found | None:
+    """The end of the output-error search: the whole search, or where that of the likelihood begins."""
+    unknowns = setup.problem.unknowns
     iterations = max_iterations if setup.method == "oe" else SIMULATION_ITERATIONS
-    simulated = minimise(output_error.objective(problem), z, unknowns.lower, unknowns.upper, iterations)
+    return minimise(output_error.objective(setup.problem), z, unknowns.lower, unknowns.upper, iterations)
+
+
+def _search_from(
+    setup: Setup, z: np.ndarray, simulated: Found | None, max_iterations: int
+) -> tuple[Problem, Found] | None:
     if setup.method == "oe":
-        return None if simulated is None else (problem, simulated)
+        return None if simulated is None else (setup.problem, simulated)
     noisy = _noisy(setup, z if simulated is None else simulated.z)
     unknowns = noisy.unknowns
     objective, z = likelihood.objective(noisy), unknowns.start
