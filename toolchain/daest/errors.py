@@ -697,9 +697,17 @@ EXPLANATIONS: dict[str, str] = {
         "pre, sample, reinit, delay and the like. Replace it by smooth equations: tanh(x/width) for a "
         "switch, a first-order lag for a delay."
     ),
+    "needs-package": (
+        "What was asked for needs a package that is an optional part of the installation. The message names "
+        "the part: pip install 'daest[...]'."
+    ),
     "no-c-compiler": (
         "Exporting an FMU compiles C code. Install a compiler: pip install daest[compiler] brings one "
         "(zig), which also compiles for Windows and macOS; gcc or clang from the system work too."
+    ),
+    "noise-along-needs-equations": (
+        "Verdicts along a trajectory need the equations of the model, at every point of it. This FMU carries "
+        "none: take the .mo file, or an FMU that daest exported."
     ),
     "noise-differentiated": (
         "White noise has no time derivative. The constraints of the model force the equation with this noise "
@@ -710,6 +718,11 @@ EXPLANATIONS: dict[str, str] = {
         "A simulation with noise, or an estimate, needs the intensity of every white noise: its two-sided "
         "spectral density, in unit squared times seconds. Write intensity = ... in the annotation or in "
         "[noise.process] of daest.toml."
+    ),
+    "noise-nowhere-regular": (
+        "The linearised model is singular at every point of the trajectory that was looked at, so that nothing "
+        "can be said about noise. Some equations depend on each other there: look at one point with daest "
+        "linearize --at."
     ),
     "noise-place-unknown": (
         "The place named with --at is none of the model's equations (counted from 0), noises, components "

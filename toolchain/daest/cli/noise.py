@@ -11,6 +11,7 @@ from daest.cli.kept import keep, made_from
 from daest.cli.linear import load_linear
 from daest.cli.models import model_source
 from daest.cli.options import (
+    DataOptions,
     class_options,
     example,
     format_option,
@@ -21,7 +22,10 @@ from daest.cli.options import (
 )
 from daest.cli.output import emit, keep_inputs
 from daest.cli.pictures import draw
-from daest.data.project import load_project
+from daest.data.project import Project, load_project
+from daest.errors import ConfigError, Place
+from daest.model.flat import FlatModel
+from daest.model.noise import NoiseAlong
 from daest.report.documents import noise as documents
 from daest.report.structure_figure import noise_figure
 from daest.report.texts import noise as texts
@@ -37,6 +41,12 @@ from daest.systems.noise import noise_report
     help="Call equations admissible up to this projection norm (default: decided without units).",
 )
 @click.option("--at", "places", metavar="EQUATION|NAME", multiple=True, help="Ask for this place too.")
+@click.option(
+    "--along",
+    metavar="DATA",
+    type=click.Path(path_type=Path),
+    help="Judge a nonlinear model along its simulation under the inputs of this recording too.",
+)
 @set_option
 @class_options
 @project_option
@@ -47,6 +57,7 @@ def command(
     model: Path | None,
     tolerance: float | None,
     places: tuple[str, ...],
+    along: Path | None,
     settings: Mapping[str, float],
     class_name: str | None,
     libraries: Sequence[Path],
@@ -57,15 +68,42 @@ def command(
 ) -> int:
     """Say for every equation of MODEL whether white noise may act there.
 
-    Exit code 1 if a noise of the model, or a place that was asked for with --at, is not admissible.
+    Exit code 1 if a noise of the model, or a place that was asked for with --at, is not admissible, at the
+    operating point or anywhere along the recording of --along.
     """
     project = load_project(project_file)
-    keep_inputs(output, [model])
-    dae = load_linear(project, model, class_name, libraries, settings, None).dae
+    keep_inputs(output, [model, along])
+    linear = load_linear(project, model, class_name, libraries, settings, None)
+    dae = linear.dae
     report = noise_report(dae, at=places, tolerance=tolerance)
+    judged = None if along is None else _along(project, linear.flat, along, places, tolerance)
     draw(plot, lambda: noise_figure(dae, report))
-    document = documents.document(report)
+    document = documents.document(report, judged)
     origin = made_from(project, [model_source(project, model)])
     keep(project, "noise", "noise", {**document, "structure": documents.structure(dae)}, origin)
     emit(document, "noise", form, output, texts.text)
-    return int(not report.all_admissible)
+    return int(not report.all_admissible or (judged is not None and not judged.all_admissible))
+
+
+def _along(
+    project: Project,
+    flat: FlatModel | None,
+    data: Path,
+    places: Sequence[str],
+    tolerance: float | None,
+) -> NoiseAlong:
+    """Raises ConfigError `noise-along-needs-equations` for an FMU without equations."""
+    from daest.cli.recordings import driving_data
+    from daest.systems.noise_along import noise_along
+
+    if flat is None:
+        raise ConfigError(
+            "noise-along-needs-equations",
+            "the FMU carries no equations, which verdicts along a trajectory need",
+            where=Place(str(data)),
+            remedy="give the .mo file, or an FMU that daest exported",
+        )
+    options = DataOptions()
+    recording = driving_data(flat, project, [data], options)[0]
+    hold = options.known_hold(project) or "foh"
+    return noise_along(flat, recording, places, hold=hold, tolerance=tolerance)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from daest.model.flat import Equation
 from daest.model.linear import RankDecision
+from daest.model.shown import Framed
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class NoisePlace:
 
 
 @dataclass(frozen=True)
-class NoiseReport:
+class NoiseReport(Framed):
     """Theorem 3.1 for every equation, for every noise of the model and for the places that were asked for.
 
     `places` has one entry per entry of `equations`. `N_singular_values` are those of N in (24), zeros for the
@@ -57,3 +58,50 @@ class NoiseReport:
     def all_admissible(self) -> bool:
         """True when every noise of the model and every place that was asked for is admissible."""
         return all(place.admissible for place in (*self.annotated, *self.asked))
+
+
+@dataclass(frozen=True)
+class NoisePlaceAlong:
+    """The verdicts on one white noise at the points of a trajectory: the shares of points where it is not
+    admissible, the first of these in time (s) with its verdict, and the largest projection norm. `at_start`
+    is the verdict at the first point."""
+
+    name: str
+    equations: tuple[int, ...]
+    at_start: bool
+    forbidden_share: float
+    first_time: float | None
+    verdict: NoisePlace
+    largest_norm: float
+
+    @property
+    def admissible(self) -> bool:
+        """At every point."""
+        return self.forbidden_share == 0.0
+
+    @property
+    def is_mixed(self) -> bool:
+        """Admissible at some points and not at others."""
+        return 0.0 < self.forbidden_share < 1.0
+
+
+@dataclass(frozen=True)
+class NoiseAlong:
+    """Theorem 3.1 at points along a trajectory. `places`, `annotated` and `asked` as in NoiseReport.
+
+    `times` are those of the points judged; `unjudged` those where the linearised model is not regular, with
+    the reason. `structures` are the pairs (n_dynamic, index) that occur; one pair with `same_everywhere` for
+    an affine model, which needs no trajectory."""
+
+    times: tuple[float, ...]
+    unjudged: tuple[tuple[float, str], ...]
+    structures: tuple[tuple[int, int], ...]
+    places: tuple[NoisePlaceAlong, ...]
+    annotated: tuple[NoisePlaceAlong, ...]
+    asked: tuple[NoisePlaceAlong, ...]
+    same_everywhere: bool
+
+    @property
+    def all_admissible(self) -> bool:
+        """True when every noise of the model and every place that was asked for is so at every point."""
+        return not self.unjudged and all(place.admissible for place in (*self.annotated, *self.asked))

@@ -48,6 +48,8 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
             yield _noises(document[key])
             for advice in dict.fromkeys(entry["advice"] for entry in document[key] if entry["advice"]):
                 yield indented(advice)
+    if "along" in document:
+        yield from _along(document["along"], document["n_equations"])
     yield heading("Rank decisions")
     yield table(
         ("what", "rank", "threshold", "gap"),
@@ -56,6 +58,41 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
             for d in document["decisions"]
         ),
     )
+
+
+def _along(along: Mapping[str, Any], n_equations: int) -> Iterator[RenderableType]:
+    """Verdicts along a trajectory."""
+    yield heading("Along the trajectory")
+    if along["same_everywhere"]:
+        yield indented("The model is affine: the verdicts hold everywhere.")
+        return
+    times = along["times"]
+    structures = listed([f"{s['n_dynamic']} dynamic, index {s['index']}" for s in along["structures"]])
+    always = n_equations - len(along["equations"])
+    yield indented(
+        f"{len(times)} points, t = {number(times[0])} to {number(times[-1])} s: {structures}; {always} of "
+        f"{n_equations} equations may carry white noise at all of them"
+    )
+    for point in along["unjudged"]:
+        yield indented(f"t = {number(point['time'])} s could not be judged: {point['reason']}")
+    mixed = [e for e in along["equations"] if e["forbidden_share"] < 1.0]
+    named = [*along["annotated"], *along["asked"]]
+    if mixed or named:
+        yield table(
+            ("eq or noise", "", "not admissible", "first at", "largest norm", "would be differentiated in"),
+            (
+                (
+                    str(e.get("index", "")) or e["name"],
+                    e["name"] if "index" in e else "",
+                    f"{100 * e['forbidden_share']:.0f} %" if e["forbidden_share"] else "never",
+                    "" if e["first_time"] is None else f"{number(e['first_time'], 3)} s",
+                    number(e["largest_norm"], 3),
+                    listed(e["differentiated"], 3),
+                )
+                for e in (*mixed, *named)
+            ),
+            text_columns=(0, 1, 5),
+        )
 
 
 def _advice(forbidden: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:
