@@ -48,6 +48,8 @@ _PUBLIC = {
     "Signal": "daest.data.read",
     "read_experiments": "daest.data.read",
     "load_project": "daest.data.project",
+    "check_experiment": "daest.data.check",
+    "resample": "daest.data.prepare",
     # estimates
     "IdentifyOptions": "daest.model.fit",
     "identify": "daest.estimation.identify",

@@ -10,6 +10,7 @@ import numpy as np
 
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement
+from daest.model.shown import Framed
 
 Verdict = Literal["falsified", "not falsified"]
 
@@ -90,7 +91,7 @@ class ModelTrial:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Framed):
     """Models side by side, in the order in which they were given."""
 
     experiments: tuple[Experiment, ...]

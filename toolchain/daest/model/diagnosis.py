@@ -10,6 +10,7 @@ import numpy as np
 from daest.model.effects import Effect, Site
 from daest.model.fit import Agreement, FitResult
 from daest.model.flat import FlatModel
+from daest.model.shown import Framed
 
 VerdictName = Literal[
     "nothing missing",
@@ -144,7 +145,7 @@ class PlaceGain:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class Diagnosis(Framed):
     """The result of `diagnose`."""
 
     verdict: VerdictName
@@ -171,7 +172,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Improvement:
+class Improvement(Framed):
     """The rounds, the diagnosis that ended them, and why they ended."""
 
     steps: tuple[Step, ...]

@@ -7,6 +7,8 @@ from typing import Literal
 
 import numpy as np
 
+from daest.model.shown import Timed
+
 FilterKind = Literal["time-varying", "stationary"]
 NonlinearKind = Literal["ekf", "ukf", "particle"]
 
@@ -215,7 +217,7 @@ class ProcessNoiseEstimate:
 
 
 @dataclass(frozen=True)
-class FilterResult:
+class FilterResult(Timed):
     """Every internal variable of a model with its standard deviation, from a recording.
 
     values and std (n_samples, n_ξ) in `units`, one column per entry of `names` (all unknowns of the model,

@@ -6,12 +6,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from daest.model.shown import Timed
+
 UNIFORM = 1e-6  # relative deviation of a step from the sampling period
 TIME_RESOLUTION = 1e-9  # of written times, relative to the last one
 
 
 @dataclass(frozen=True)
-class Experiment:
+class Experiment(Timed):
     """A recording of inputs and outputs at strictly increasing times.
 
     `time` (n_samples,) in seconds; `inputs` (n_samples, n_u) without gaps, in the order of `input_names`

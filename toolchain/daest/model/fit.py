@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from daest.model.prior import Prior
+from daest.model.shown import Framed
 
 Method = Literal["oe", "pem"]
 Status = Literal["converged", "stalled", "iteration limit"]
@@ -145,7 +146,7 @@ class Profile:
 
 
 @dataclass(frozen=True)
-class FitResult:
+class FitResult(Framed):
     """The result of `identify`.
 
     `theta` holds every parameter of the model by name, estimated or not. `simulated` and `one_step` hold

@@ -9,19 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
 from daest.model.flat import Equation, NoiseInput, Output, Parameter, Variable
+from daest.model.shown import Shown, package
 
 Matrix: TypeAlias = np.ndarray | sp.csr_array
 
 
 @dataclass(frozen=True)
-class LinearDAE:
+class LinearDAE(Shown):
     """E ξ' = J ξ + K u + B w + offset;  y = C ξ + D u + H w + output_offset + e, at one θ and operating
     point.
 
@@ -120,7 +121,7 @@ class SparseForm:
 
 
 @dataclass(frozen=True)
-class StateSpace:
+class StateSpace(Shown):
     """ẋ = A x + B ū + G w + b,  y = C x + D ū + H w + d + e,  ξ = X x + U ū + W w + x0.
 
     ū = (u, v) stacks the inputs and the input derivatives `input_derivatives` [(input, order)]. Shapes: A (n,
@@ -146,6 +147,24 @@ class StateSpace:
     U: np.ndarray
     W: np.ndarray
     x0: np.ndarray
+
+    def to_control(self) -> Any:
+        """The `control.StateSpace` of python-control from ū to y, with the names of states, inputs and
+        outputs; an input derivative is called `der(u)`.
+
+        Noise and the constants b and d have no place there. Raises ConfigError `needs-package`.
+        """
+        derivatives = [f"{'der(' * k}{self.input_names[i]}{')' * k}" for i, k in self.input_derivatives]
+        return package("control", "control").ss(
+            self.A,
+            self.B,
+            self.C,
+            self.D,
+            states=list(self.state_names),
+            inputs=[*self.input_names, *derivatives],
+            outputs=list(self.output_names),
+            name="daest",
+        )
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from daest.model.shown import Framed
+
 Level = Literal["warning", "note"]
 Role = Literal["input", "output"]
 
@@ -48,7 +50,7 @@ class ColumnSummary:
 
 
 @dataclass(frozen=True)
-class DataCheck:
+class DataCheck(Framed):
     """A recording, its clock (period in s, None where uneven) and what was found."""
 
     name: str

@@ -7,9 +7,11 @@ from typing import Literal
 
 import numpy as np
 
+from daest.model.shown import Timed
+
 
 @dataclass(frozen=True)
-class Simulation:
+class Simulation(Timed):
     """Trajectories at `time` (n_samples,) in seconds, one row per sample, columns in the order of the names.
 
     `variables` are all internal variables ξ. With noise, `noises` (n_samples, n_w) is the mean of w(t) over
