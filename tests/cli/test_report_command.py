@@ -72,6 +72,17 @@ def is_missing(tree, part: str) -> bool:
     return "Not here yet:" in text_of(tree, part)
 
 
+def test_summary_says_what_is_missing(told, daest):
+    code, out, _ = daest("report")
+    assert code == 0 and "report.html" in out and "not in it: What is missing: the diagnosis" in out
+    assert "daest diagnose makes it" in out and "daest identify makes it" not in out
+    document = json.loads(daest("report", "--format", "json")[1])
+    present = {part["id"]: part["present"] for part in document["parts"]}
+    assert present["filter"] and not present["ledger"]
+    assert document["bytes"] == (told / "report.html").stat().st_size
+    assert daest("report", "-o", "-")[1].startswith("<!DOCTYPE html>")
+
+
 def test_nothing_to_report_on(tmp_path, monkeypatch, daest):
     monkeypatch.chdir(tmp_path)
     code, out, err = daest("report")

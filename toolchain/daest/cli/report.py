@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from daest.cli.options import class_options, example, project_option
-from daest.cli.output import keep_inputs, note, write_text
+from daest.cli.options import class_options, example, format_option, project_option
+from daest.cli.output import emit, keep_inputs, write_text
 from daest.cli.results import LATEST, find_fit, fitted, read_document
 from daest.data.project import Project, load_project
 from daest.errors import ConfigError, DaestError, Place
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from daest.model.flat import FlatModel
     from daest.report.page.material import Traced
+    from daest.report.page.sections import Section
 
 PAGE = "report.html"
 # Part of the page -> document in results/, and the command that writes it.
@@ -44,8 +45,9 @@ SERIES = ("comparison", "filter")
 )
 @class_options
 @project_option
+@format_option
 def command(
-    output: Path, class_name: str | None, libraries: tuple[Path, ...], project_file: Path | None
+    output: Path, class_name: str | None, libraries: tuple[Path, ...], project_file: Path | None, form: str
 ) -> None:
     """Write one HTML page of the project: model, noise, estimates, comparison, diagnosis, what was added.
 
@@ -54,15 +56,19 @@ def command(
     """
     project = load_project(project_file)
     keep_inputs(output, [project.source, *project.estimate, *project.validate])
-    write_text(report_page(project, class_name, libraries), output)
+    text, parts = report_page(project, class_name, libraries)
+    write_text(text, output)
     if str(output) != "-":
-        note(f"the report is in {output}")
+        emit(_document(output, text, parts), "report", form, None, _summary)
 
 
-def report_page(project: Project, class_name: str | None = None, libraries: tuple[Path, ...] = ()) -> str:
-    """HTML of the report. Raises ConfigError `report-nothing`, `results-unreadable`."""
+def report_page(
+    project: Project, class_name: str | None = None, libraries: tuple[Path, ...] = ()
+) -> tuple[str, list[Section]]:
+    """HTML of the report, and its parts. Raises ConfigError `report-nothing`, `results-unreadable`."""
     from daest.report.page.material import Material
     from daest.report.page.render import page
+    from daest.report.page.sections import sections
 
     documents = _documents(project)
     if not documents and project.source is None:
@@ -88,7 +94,8 @@ def report_page(project: Project, class_name: str | None = None, libraries: tupl
         **documents,
     )
     try:
-        return page(material)
+        parts = sections(material)
+        return page(material, parts), parts
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
         raise ConfigError(
             "results-unreadable",
@@ -96,6 +103,23 @@ def report_page(project: Project, class_name: str | None = None, libraries: tupl
             where=Place(str(project.results)),
             remedy="run the commands again that made the documents there",
         ) from error
+
+
+def _document(output: Path, text: str, parts: Sequence[Section]) -> dict[str, Any]:
+    return {
+        "path": str(output),
+        "bytes": len(text.encode()),
+        "parts": [
+            {"id": p.id, "title": p.title, "present": p.present, "missing": p.made_by or None} for p in parts
+        ],
+    }
+
+
+def _summary(document: Mapping[str, Any], width: int, color: bool) -> str:
+    missing = [part for part in document["parts"] if not part["present"]]
+    lines = [f"The report is in {document['path']} ({document['bytes'] / 1e6:.1f} MB)."]
+    lines += [f"  not in it: {part['title']}; {part['missing'].replace('`', '')}" for part in missing]
+    return "\n".join(lines) + "\n"
 
 
 def _documents(project: Project) -> dict[str, dict[str, Any]]:

@@ -59,6 +59,12 @@
   };
   paint();
   for (const query of ["(prefers-color-scheme: dark)", "print"]) matchMedia(query).addEventListener("change", paint);
-  addEventListener("beforeprint", () => document.querySelectorAll("details").forEach(d => d.open = true));
+  // Paper shows everything; afterwards the page is as it was.
+  let opened = [];
+  addEventListener("beforeprint", () => {
+    opened = [...document.querySelectorAll("details:not([open])")];
+    opened.forEach(part => part.open = true);
+  });
+  addEventListener("afterprint", () => opened.forEach(part => part.open = false));
   document.documentElement.dataset.ready = "true";
 })();

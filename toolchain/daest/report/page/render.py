@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from importlib import resources
 
 from markupsafe import Markup, escape
 
 from daest.report.console import number, percent
 from daest.report.page.material import Material
-from daest.report.page.sections import headline, places, sections
+from daest.report.page.sections import Section, headline, places
 
 ROOM = "daest.report.page"
 QUOTED = re.compile("`([^`]*)`")
 
 
-def page(material: Material) -> str:
-    """HTML of the report. Every text of the user's is escaped; styles, scripts and plots stand in the page.
+def page(material: Material, parts: Sequence[Section]) -> str:
+    """HTML of the report with its `parts`. Every text of the user's is escaped; styles, scripts and plots
+    stand in the page.
 
     Raises KeyError, TypeError or ValueError for a document that no command wrote.
     """
@@ -32,7 +34,7 @@ def page(material: Material) -> str:
         return template.render(
             material=material,
             headline=headline(material),
-            sections=sections(material),
+            sections=parts,
             style=_text("style.css"),
             script=_text("page.js"),
             library=_library(),

@@ -35,8 +35,8 @@ class Group:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page. `made_by` is the command that makes what is missing; `present` tells whether there
-    is anything. `content` is what the template of this part reads."""
+    """A part of the page. `present` tells whether there is anything; if not, `made_by` says what makes it.
+    `content` is what the template of this part reads."""
 
     id: str
     title: str
@@ -99,7 +99,8 @@ def _ledger_sentence(ledger: Document) -> str:
 
 def _model(flat: FlatModel | None) -> Section:
     if flat is None:
-        return Section("model", "The model", 'a daest.toml that names it, `[model] source = "..."`', False)
+        made_by = 'it takes a daest.toml with `[model] source = "..."`'
+        return Section("model", "The model", made_by, False)
     groups: dict[str, list[tuple[str, str]]] = {}
     for equation in flat.equations:
         place = equation.place
