@@ -16,6 +16,7 @@ from daest.modelica.class_choice import select_class
 from daest.modelica.compiler import Job, compile_source, modification, with_room
 from daest.modelica.library import library_roots
 from daest.modelica.parameters import is_parameter
+from daest.modelica.roots import readable_roots
 from daest.modelica.source import read_source
 
 __all__ = ["compile_model", "compile_text", "declare", "with_values"]
@@ -47,7 +48,8 @@ def compile_text(
 ) -> FlatModel:
     """As `compile_model`, of a text that stands, or is going to stand, in file `path`."""
     name = select_class(text, path, class_name)
-    job = Job(path, without_broken(text, path, name), name, library_roots(libraries))
+    roots = readable_roots(library_roots(libraries), text, path)
+    job = Job(path, without_broken(text, path, name), name, roots)
     return with_room(lambda: _compile(job, dict(overrides or {})))
 
 

@@ -17,6 +17,7 @@ import rumoca
 from daest.errors import ModelError
 from daest.modelica import adapter, failures
 from daest.modelica import syntax as s
+from daest.modelica.compiled import kept_or_compiled
 from daest.modelica.function_text import (
     FunctionText,
     called_functions,
@@ -27,6 +28,7 @@ from daest.modelica.function_text import (
 )
 from daest.modelica.outline import within
 from daest.modelica.parse import ParseError
+from daest.modelica.roots import Roots
 from daest.modelica.tokens import check_depth, place_of
 
 T = TypeVar("T")
@@ -52,7 +54,7 @@ class Job:
     path: Path
     text: bytes
     class_name: str
-    roots: tuple[Path, ...]
+    roots: Roots
     modification: str = ""
 
 
@@ -92,6 +94,11 @@ def with_room(work: Callable[[], T]) -> T:
 def compile_source(job: Job) -> s.FlatSource:
     """The flat form of a job, also when its equations and unknowns differ in number. Raises ModelError."""
     check_depth(str(job.path), job.text)
+    what = f"{job.class_name}({job.modification})"
+    return kept_or_compiled(job.text, what, job.path, job.roots.folders, lambda: _compiled_source(job))
+
+
+def _compiled_source(job: Job) -> s.FlatSource:
     found: list[FunctionText] = []
     shown = job
     while True:
@@ -254,11 +261,24 @@ def _quiet() -> Iterator[None]:
         os.close(nowhere)
 
 
+@contextmanager
+def _without_search_path() -> Iterator[None]:
+    """The compiler does not see MODELICAPATH inside the block: its folders are among the roots already, each
+    library once."""
+    path = os.environ.pop("MODELICAPATH", None)
+    try:
+        yield
+    finally:
+        if path is not None:
+            os.environ["MODELICAPATH"] = path
+
+
 def _session(job: Job, text: str, name: str, file: Path) -> tuple[dict[str, Any], list[Any]]:
-    session: Any = rumoca.Session(roots=[str(root) for root in job.roots])
+    with _without_search_path():
+        session: Any = rumoca.Session(roots=[str(root) for root in job.roots.folders])
     model: Any = None
     try:
-        with _quiet():
+        with _quiet(), _without_search_path():
             model = session.loads(text, model=name, filename=str(file))
             return model.to_dict("flat"), model.to_dict("dae")["source_map"]["files"]
     finally:
@@ -267,7 +287,13 @@ def _session(job: Job, text: str, name: str, file: Path) -> tuple[dict[str, Any]
 
 
 def _file_name(job: Job) -> Path:
-    return job.path.resolve() if _in_package(job) else _ALONE / job.path.name
+    file = job.roots.readable(job.path.resolve())
+    return file if _in_package(job) or _in_root(file, job) else _ALONE / job.path.name
+
+
+def _in_root(file: Path, job: Job) -> bool:
+    """Whether the file lies in a library folder, where the compiler finds it anyway."""
+    return any(file.is_relative_to(folder) for folder in job.roots.folders)
 
 
 def _in_package(job: Job) -> bool:
@@ -276,7 +302,8 @@ def _in_package(job: Job) -> bool:
 
 
 def _is_own(name: str, job: Job) -> bool:
-    return name in (str(_ALONE / job.path.name), str(job.path.resolve()))
+    file = job.path.resolve()
+    return name in (str(_ALONE / job.path.name), str(file), str(job.roots.readable(file)))
 
 
 def _own(files: list[Any], job: Job) -> tuple[int, ...]:
@@ -285,6 +312,6 @@ def _own(files: list[Any], job: Job) -> tuple[int, ...]:
 
 def _texts(files: list[Any], job: Job) -> dict[int, tuple[str, bytes]]:
     return {
-        number: (str(job.path), job.text) if _is_own(name, job) else (name, text.encode())
+        number: (str(job.path), job.text) if _is_own(name, job) else (job.roots.original(name), text.encode())
         for number, name, text in files
     }

@@ -40,6 +40,7 @@ from daest.modelica.compiler import Job, compile_source, with_room
 from daest.modelica.connectors import connectors_of
 from daest.modelica.library import library_roots
 from daest.modelica.outline import ClassHead, class_heads
+from daest.modelica.roots import readable_roots
 from daest.modelica.source import read_source
 from daest.modelica.text import text
 from daest.modelica.tokens import tokens
@@ -333,7 +334,8 @@ def _catalogue_text(sources: Sequence[_Source], supported: Sequence[bool]) -> by
 
 
 def _flat(content: bytes, roots: tuple[Path, ...]) -> FlatModel:
-    job = Job(Path(f"{_CATALOGUE}.mo"), content, _CATALOGUE, roots)
+    file = Path(f"{_CATALOGUE}.mo")
+    job = Job(file, content, _CATALOGUE, readable_roots(roots, content, file))
     return with_room(lambda: assemble(compile_source(job), str(job.path)))
 
 

@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from daest.errors import ConfigError, NumericalError
 from daest.model.flat import FlatModel
 from daest.model.linear import LinearDAE, Matrix
+from daest.systems.algebraic_start import agreed_start
 
 DENSE_LIMIT = 500
 """From this many equations on, E and J are kept sparse."""
@@ -47,7 +48,8 @@ def linearize(
     """The linear DAE of `flat` at the parameters `theta` (None: the values of the model).
 
     `at` maps unknowns, inputs, `der(name)` and `time` to the operating point; what it leaves out is at its
-    start value, or zero, and derivatives and the time are zero. An affine model is the same everywhere, so
+    start value, or zero (algebraic unknowns: at values that agree with these), and derivatives and the time
+    are zero. An affine model is the same everywhere, so
     there `at` has no effect. For a nonlinear model without `at` the start values are used, and a note in the
     result says so; another note tells the time where the equations contain it.
     """
@@ -100,8 +102,12 @@ def is_affine_model(flat: FlatModel) -> bool:
 
 
 def operating_point(flat: FlatModel, at: Mapping[str, float] | None = None) -> OperatingPoint:
-    """Operating point from `at`, start values and zeros. ConfigError for a name that does not exist."""
+    """Operating point from `at`, start values and zeros. ConfigError for a name that does not exist.
+
+    Algebraic unknowns of a nonlinear model that are not named take values that agree with the others.
+    """
     is_given, at = at is not None, dict(at or {})
+    held = np.array([v.name in at for v in flat.unknowns], dtype=bool)
     xi = [at.pop(v.name, v.start or 0.0) for v in flat.unknowns]
     u = [at.pop(v.name, v.start or 0.0) for v in flat.inputs]
     derivatives = [at.pop(f"der({v.name})", 0.0) for v in flat.unknowns]
@@ -112,7 +118,10 @@ def operating_point(flat: FlatModel, at: Mapping[str, float] | None = None) -> O
             f"The operating point names {', '.join(sorted(at))}, which the model {flat.name} does not have.",
             remedy="Use names of unknowns and inputs as `daest linearize` lists them, `der(name)` or `time`.",
         )
-    return OperatingPoint(np.array(derivatives), np.array(xi), np.array(u), time, is_given)
+    values, inputs = np.array(xi, dtype=float), np.array(u, dtype=float)
+    if flat.given is None and not is_affine_model(flat):
+        values = agreed_start(flat, values, inputs, time, held)
+    return OperatingPoint(np.array(derivatives), values, inputs, time, is_given)
 
 
 def theta_entries(flat: FlatModel, at: Mapping[str, float] | None = None) -> list[ThetaEntry]:
