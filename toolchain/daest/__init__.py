@@ -53,6 +53,7 @@ _PUBLIC = {
     # estimates
     "IdentifyOptions": "daest.model.fit",
     "identify": "daest.estimation.identify",
+    "fitted_model": "daest.estimation.fitted",
     "InitialState": "daest.model.estimates",
     "run_filter": "daest.estimation.filter",
     # models side by side, and what they lack

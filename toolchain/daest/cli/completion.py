@@ -13,14 +13,14 @@ VARIABLE = "_DAEST_COMPLETE"  # click's name for what the script sets
 
 @click.command(
     "completion",
-    epilog=example('eval "$(daest completion bash)"', "daest completion fish > daest.fish"),
+    epilog=example("daest completion fish > daest.fish", 'eval "$(daest completion bash)"'),
 )
 @click.argument("shell", type=click.Choice(SHELLS))
 @format_option
 def command(shell: str, form: str) -> None:
     """Print the script that makes SHELL complete daest's commands, options and names.
 
-    For good: the first line of the example in ~/.bashrc (zsh: ~/.zshrc); for fish the file in
+    For good: the line with eval in ~/.bashrc (zsh: ~/.zshrc); for fish the file in
     ~/.config/fish/completions.
     """
     from click.shell_completion import get_completion_class

@@ -1,0 +1,29 @@
+"""The model that a fit leaves: its parameters and noises put into the equations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from daest.model.fit import FitResult
+from daest.model.flat import FlatModel
+
+
+def fitted_model(flat: FlatModel, fit: FitResult) -> FlatModel:
+    """The model with all parameters of the fit, process intensities and measurement standard deviations.
+
+    An output-error fit has no process noise, and then the model has none. Names that one of both lacks are
+    passed over.
+    """
+    sizes = {(noise.kind, noise.name): noise.value for noise in fit.noises}
+    none = 0.0 if fit.method == "oe" else None
+    return replace(
+        flat,
+        parameters=tuple(replace(p, value=fit.theta.get(p.name, p.value)) for p in flat.parameters),
+        noises=tuple(
+            replace(w, intensity=sizes.get(("process", w.name), w.intensity if none is None else none))
+            for w in flat.noises
+        ),
+        outputs=tuple(
+            replace(y, noise_std=sizes.get(("measurement", y.name), y.noise_std)) for y in flat.outputs
+        ),
+    )
