@@ -62,3 +62,34 @@ def test_parameters_and_noise_of_a_driven_pendulum(pendulum, monkeypatch, capsys
     # A factor 2 is four standard errors of the intensity here.
     assert INTENSITY / 2 < found["noise"]["process"]["w"]["intensity"] < 2 * INTENSITY
     assert found["fit_percent"]["validation"]["phi"] < found["one_step"]["fit_percent"]["validation"]["phi"]
+
+
+def test_multiple_shooting_finds_what_a_simulation_over_the_record_does_not(pendulum, monkeypatch, capsys):
+    """The pendulum turns over: from the start values a simulation leaves the record for good."""
+    monkeypatch.chdir(pendulum)
+    arguments = ["identify", "run.csv", "--model", "Pendulum.mo", "--hold", "zoh", "--method", "oe"]
+    found = []
+    for segments in (1, 20):
+        assert run([*arguments, "--shooting", str(segments), "--format", "json"]) == 0
+        found.append(json.loads(capsys.readouterr().out))
+    assert "found by multiple shooting (20 segments)" in found[1]["notes"]
+    fits = [document["fit_percent"]["estimation"]["phi"] for document in found]
+    assert fits[0] < 10.0 and fits[1] > 90.0
+
+
+def test_prior_of_a_nonlinear_model(pendulum, monkeypatch, capsys):
+    monkeypatch.chdir(pendulum)
+    arguments = ["identify", "run.csv", "--model", "Pendulum.mo", "--hold", "zoh", "--format", "json"]
+    assert run([*arguments, "--prior", "J=0.03,0.00001"]) == 0
+    J = json.loads(capsys.readouterr().out)["parameters"]["J"]
+    assert J["prior"] == {"mean": 0.03, "std": 0.00001}
+    assert J["value"] == pytest.approx(0.03, abs=1e-4) and J["std_error"] <= 1.01e-5
+
+
+def test_step_in_the_model_is_refused(pendulum, monkeypatch, capsys):
+    monkeypatch.chdir(pendulum)
+    text = MODEL.replace("- mgl*sin(phi)", "- mgl*sin(phi) - 0.01*sign(v)")
+    (pendulum / "Pendulum.mo").write_text(text)
+    assert run(["identify", "run.csv", "--model", "Pendulum.mo"]) == 2
+    shown = capsys.readouterr().err
+    assert "error[identify-jump]" in shown and "Pendulum.mo:12" in shown

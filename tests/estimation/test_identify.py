@@ -7,7 +7,7 @@ import casadi as ca
 import hand_models as hand
 import numpy as np
 import pytest
-from scipy.signal import decimate
+from scipy.signal import decimate, lfilter
 
 from daest.errors import EXPLANATIONS, DaestError, EstimationError
 from daest.estimation.identify import identify
@@ -341,6 +341,19 @@ def test_noise_free_data_give_the_exact_parameters():
     result = identify(rig(), [hand.recording(model, u, [0.0, 0.0], 0)], IdentifyOptions(hold="foh"))
     for p in result.parameters:
         assert p.value == pytest.approx(TRUE[p.name], rel=1e-4)
+
+
+def test_two_starts_that_agree_end_the_search_for_a_better_optimum():
+    """Slow noise on the sensors leaves coloured residuals at the only optimum there is."""
+    quiet = simulated(1)
+    rng = np.random.default_rng(0)
+    slow = lfilter([1.0], [1.0, -0.95], 0.02 * rng.standard_normal(quiet.outputs.shape), axis=0)
+    experiment = replace(quiet, outputs=quiet.outputs + slow)
+    result = identify(rig(), [experiment], IdentifyOptions(method="oe", hold="foh"))
+    assert any("not white" in note for note in result.notes)
+    assert len(result.start_log_likelihoods) == 2 and "2 of 2 starts" in result.message
+    every = identify(rig(), [experiment], IdentifyOptions(method="oe", hold="foh", starts=3))
+    assert len(every.start_log_likelihoods) >= 3
 
 
 def test_document_is_plain_json_without_nan(shared_data):

@@ -191,6 +191,9 @@ def _uncut(
     z = start_of(cut.shooting, cut.found.z)
     lower, upper = limits(problem)
     found = minimise(trajectories.objective(problem), z, lower, upper, options.max_iterations)
+    if not cut.is_continuous:
+        gaps = "multiple shooting did not close all gaps: searched on from there over the whole records"
+        return None if found is None else Ending(problem, found, None, notes=(gaps,))
     if found is not None and found.evaluation.value < cut.found.evaluation.value + SAME_END:
         return Ending(problem, found, None, notes=note)
     unstable = "too unstable to be simulated from one initial state: errors are those of the joined segments"

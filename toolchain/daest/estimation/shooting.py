@@ -33,6 +33,7 @@ ROUNDS = 14
 ITERATIONS = 15  # of each round but the last
 LAST_ITERATIONS = 40
 CONTINUOUS = 1e-6  # largest gap, in units of the state scales, that counts as none
+NEARLY_CONTINUOUS = 1e-4  # largest gap of segments that still are joined
 STATE_ITERATIONS = 15  # of the fits of segments to the data, parameters held
 MOST_SEGMENTS = 20  # unless told otherwise
 FEWEST_SAMPLES = 10  # of a segment
@@ -60,6 +61,7 @@ class Cut:
 
     shooting: Shooting
     found: Found
+    is_continuous: bool
 
 
 def default_segments(experiments: tuple[Experiment, ...]) -> int:
@@ -121,8 +123,8 @@ def _with_states(explicit: ExplicitModel) -> ExplicitModel:
 def search_by_shooting(
     problem: TrajectoryProblem, z: np.ndarray, n_segments: int, max_iterations: int
 ) -> Cut | None:
-    """The end of the search, continuous up to CONTINUOUS; None where no segment can be simulated
-    or no continuous solution was found. z is the search vector of `problem`."""
+    """The end of the search; None where no segment can be simulated. z is the search vector of
+    `problem`."""
     shooting = shooting_of(problem, n_segments)
     p = len(problem.unknowns.coordinates)
     shooting, states = _states_near_data(shooting, z[:p], problem.initial_states(z))
@@ -147,10 +149,9 @@ def search_by_shooting(
         weight *= WEIGHT_GROWTH
     assert found is not None
     gaps = _gaps(shooting, z)
-    if gaps is None or np.max(np.abs(gaps), initial=0.0) > 100 * CONTINUOUS:
-        return None
+    closed = gaps is not None and np.max(np.abs(gaps), initial=0.0) <= NEARLY_CONTINUOUS
     plain = _tied(shooting, multipliers, 0.0 * weight)(z, True)
-    return None if plain is None else Cut(shooting, replace(found, evaluation=plain))
+    return None if plain is None else Cut(shooting, replace(found, evaluation=plain), closed)
 
 
 def start_of(shooting: Shooting, z: np.ndarray) -> np.ndarray:
