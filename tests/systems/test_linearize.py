@@ -1,5 +1,7 @@
 """Linearisation against finite differences of the residual, closed forms and the report's counts."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -140,6 +142,17 @@ def test_matrices_at_a_time():
     np.testing.assert_allclose(state_space(family, m.flat().theta_values).A, [[-4.5]])
     entry = next(e for e in theta_entries(m.flat(), {"time": 5.0}) if e.matrix == "J")
     assert entry.parameters == ("k", "r") and "5" in entry.expression
+
+
+@pytest.mark.parametrize("step", [ca.sign, ca.floor, lambda x: ca.if_else(x > 0, 1.0, -1.0)])
+def test_steps_are_not_affine(step):
+    m = Draft("Step", unknowns=["x"], inputs=["u"], parameters={"k": 2.0})
+    m.equation("der(x) = u - k*x")
+    flat = m.flat()
+    assert is_affine_model(flat)
+    assert is_affine_model(replace(flat, residual=flat.residual * (2.0 + step(flat.theta))))
+    for signal in (flat.xi, flat.u, flat.derivatives):
+        assert not is_affine_model(replace(flat, residual=flat.residual + step(signal)))
 
 
 def test_derivatives_in_theta_are_exact():

@@ -20,6 +20,12 @@ DENSE_LIMIT = 500
 MATRIX_NAMES = ("E", "J", "K", "B", "C", "D", "H", "offset", "output_offset")
 
 
+STEPS = frozenset(
+    getattr(ca, f"OP_{name}") for name in ("SIGN", "COPYSIGN", "FLOOR", "CEIL", "LT", "LE", "EQ", "NE")
+)
+"""Functions that are constant in pieces, whose derivative CasADi takes for zero."""
+
+
 @dataclass(frozen=True)
 class ThetaEntry:
     """An entry of a matrix that depends on parameters; row and column count from 0."""
@@ -98,7 +104,32 @@ def is_affine_model(flat: FlatModel) -> bool:
         return flat.given.is_affine
     signals = ca.vertcat(flat.derivatives, flat.xi, flat.u, flat.w)
     both = ca.vertcat(flat.residual, flat.output_expressions)
-    return bool(ca.is_linear(both, signals)) and not bool(ca.depends_on(both, flat.time))
+    if not ca.is_linear(both, signals) or ca.depends_on(both, flat.time):
+        return False
+    return not _has_steps(both, signals)
+
+
+def _has_steps(expressions: ca.SX, signals: ca.SX) -> bool:
+    """Whether a function that is constant in pieces acts on the signals: to CasADi sign(x) is linear in x."""
+    function = ca.Function("expressions", [signals, *_others(expressions, signals)], [expressions])
+    moving = [False] * function.sz_w()
+    for k in range(function.n_instructions()):
+        operation, source = function.instruction_id(k), function.instruction_input(k)
+        target = function.instruction_output(k)
+        if operation == ca.OP_INPUT:
+            moving[target[0]] = source[0] == 0
+        elif operation == ca.OP_CONST:
+            moving[target[0]] = False
+        elif operation != ca.OP_OUTPUT:
+            moving[target[0]] = any(moving[i] for i in source)
+            if moving[target[0]] and operation in STEPS:
+                return True
+    return False
+
+
+def _others(expressions: ca.SX, signals: ca.SX) -> list[ca.SX]:
+    known = {symbol.element_hash() for symbol in ca.symvar(signals)}
+    return [symbol for symbol in ca.symvar(expressions) if symbol.element_hash() not in known]
 
 
 def operating_point(flat: FlatModel, at: Mapping[str, float] | None = None) -> OperatingPoint:
