@@ -132,6 +132,8 @@ class _Wanted:
 def _estimated(
     flat: FlatModel, experiment: Experiment, kind: FilterKind | NonlinearKind, wanted: _Wanted
 ) -> FilterResult:
+    if flat.given is not None and flat.given.hides_states:
+        flat.given.local_functions(flat)  # says why there is no filter
     intensity = _known([(w.name, w.intensity) for w in flat.noises], "intensity", "process")
     std = _known([(y.name, y.noise_std) for y in flat.outputs], "std", "measurement")
     if kind == "time-varying" or kind == "stationary":

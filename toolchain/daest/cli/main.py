@@ -113,7 +113,7 @@ def run(arguments: Sequence[str]) -> int:
         leave_broken_pipe()
         return 0
     except Exception as error:
-        click.echo(_of_binary(error) or _internal(error), err=True)
+        click.echo(_internal(error), err=True)
         _show_traceback()
         return 2
 
@@ -122,13 +122,6 @@ def leave_broken_pipe() -> None:
     """The reader of stdout has gone (`| head`): nothing more is written, and the interpreter must not
     complain."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _of_binary(error: Exception) -> str:
-    """The words of an FMU whose call failed inside CasADi, which reports errors in its own way."""
-    functions = sys.modules.get("daest.fmu.binary_functions")
-    failure = functions.taken_failure() if functions and isinstance(error, RuntimeError) else None
-    return str(failure or "")
 
 
 def _internal(error: Exception) -> str:

@@ -46,7 +46,7 @@ def scaled(problem: TrajectoryProblem, z: np.ndarray) -> tuple[TrajectoryProblem
         return problem, z
     size = np.max([np.max(np.abs(t.states), axis=0) for t in errors.trajectories], axis=0)
     scale = np.where(np.isfinite(size) & (size > 0.0), size, 1.0)
-    x0 = z[n:].reshape(-1, scale.size) / scale
+    x0 = z[n:].reshape(len(problem.experiments), scale.size) / scale
     return replace(problem, state_scale=scale), np.concatenate([z[:n], x0.ravel()])
 
 

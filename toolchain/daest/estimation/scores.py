@@ -41,7 +41,7 @@ def scores(residuals: np.ndarray, response: np.ndarray, slopes: np.ndarray) -> S
     whitened.
     """
     n, p = response.shape[0], slopes.shape[0]
-    A, J = response.reshape(n, -1).T, slopes.reshape(p, -1).T
+    A, J = response.reshape(n, residuals.size).T, slopes.reshape(p, residuals.size).T
     scale = _scales(A.T)
     left, values, right = np.linalg.svd(A / scale, full_matrices=False)
     kept = values > INITIAL_RANK * np.max(values, initial=0.0)

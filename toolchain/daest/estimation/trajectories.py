@@ -201,5 +201,5 @@ def whitened(problem: TrajectoryProblem, errors: Errors, z: np.ndarray) -> tuple
         )
         change = np.where(observed, change, 0.0) @ inverse_root.T
         residuals.append(white.ravel())
-        slopes.append(change.reshape(p, -1))
+        slopes.append(change.reshape(p, error.size))
     return np.concatenate(residuals), np.concatenate(slopes, axis=1)

@@ -13,7 +13,7 @@ import numpy as np
 
 from daest.errors import ModelError
 from daest.fmu import words
-from daest.fmu.binary_functions import PointFunction, model_function, parameter_function
+from daest.fmu.binary_functions import PointFunction, model_function, parameter_function, raise_failure
 from daest.fmu.load import load_fmu
 from daest.fmu.points import DIFFERENCE_FLOOR, central_differences, difference, long_points, moved_points
 from daest.fmu.runner import RTOL, Drive, Points, Runner, Simulated
@@ -73,6 +73,7 @@ class BinaryForm:
 
     @property
     def runner(self) -> Runner:
+        raise_failure()
         if self._runner is None:
             self._runner = Runner(self.model)
         return self._runner
@@ -220,8 +221,8 @@ class BinaryForm:
         )  # fmt: skip
 
     def family(self, flat: FlatModel, at: Mapping[str, float] | None) -> StateSpaceFamily:
-        """Matrices by differences of the binary, and their derivatives by differences in θ."""
-        refuse_hidden(self.model, "a state space")
+        """Matrices by differences of the binary, and their derivatives by differences in θ. All NaN, without
+        states, for Co-Simulation: names and noises are known, and no filter can be made of it."""
         explicit = self.explicit(flat)
         x, u = self._point(flat, at)
 
@@ -309,6 +310,9 @@ class BinaryForm:
         found = self.runner.evaluate(points, self.form.variables, self._parameters(theta[None]))
         return np.hstack([states, found.values[0]])
 
+    def raise_failure(self) -> None:
+        raise_failure()
+
     def local_functions(self, flat: FlatModel) -> tuple[PointFunction, PointFunction]:
         refuse_hidden(self.model, "a filter")
         n_x = len(self.form.states)
@@ -316,8 +320,14 @@ class BinaryForm:
         n_w = len(flat.noises)
 
         def flow(
-            x: np.ndarray, ubar: np.ndarray, slope: np.ndarray, theta: np.ndarray, t: np.ndarray
+            x: np.ndarray,
+            ubar: np.ndarray,
+            slope: np.ndarray,
+            theta: np.ndarray,
+            t: np.ndarray,
+            *_: np.ndarray,
         ) -> list:
+            # Of first order: f is not averaged over the covariance, which comes last.
             found = self._slopes(theta, x, ubar, float(t[0]))
             ramp = found.by_drivers[:n_x, : ubar.size] @ slope + found.by_time[:n_x]
             by_w = self._by_noise(flat, found.by_drivers)[:n_x]
@@ -425,6 +435,8 @@ class BinaryForm:
         """A, B, G, b, C, D, H, d, X, U, W, x0 for every set of parameters."""
         n_x, rows = x.size, np.array(self._output_rows(flat), dtype=int)
         n_u = len(self.form.inputs)
+        if self.hides_states:
+            return [_unknown_matrices(flat, n_u) for _ in sets]
         all_slopes = self._slopes_of_sets(sets, x, drivers)
         result = []
         for found in all_slopes:
@@ -455,7 +467,9 @@ class BinaryForm:
         return slopes
 
     def _rows(self, sets: np.ndarray, x: np.ndarray, drivers: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """(ẋ, z) of every set at every point, (s, m, n_x + n_z). FmuError `fmu-call-failed`."""
+        """(ẋ, z) of every set at every point, (s, m, n_x + n_z). FmuError `fmu-call-failed`,
+        `fmu-co-simulation-only`."""
+        refuse_hidden(self.model, "function of its states")
         found = self.runner.evaluate(
             Points(self.form.drivers, drivers, x, time), self.form.variables, self._parameters(sets),
             rates=True, settle=self.model.n_event_indicators > 0,
@@ -537,6 +551,15 @@ class BinaryForm:
         n = found.values.size
         by_u, by_v = found.by_drivers[:, : u.size], found.by_drivers[:, u.size : u.size + v.size]
         return found.by_x, by_u, by_v, by_w, np.zeros((n, theta.size)), found.by_time[:, None]
+
+
+def _unknown_matrices(flat: FlatModel, n_u: int) -> list[np.ndarray]:
+    """A, B, G, b, C, D, H, d, X, U, W, x0 without states: NaN but for the noises, which enter nowhere."""
+    n_w, n_y, n = len(flat.noises), len(flat.outputs), len(flat.unknowns)
+    shapes = [(0, 0), (0, n_u), (0, n_w), (0, 1), (n_y, 0), (n_y, n_u), (n_y, n_w), (n_y, 1)]
+    shapes += [(n, 0), (n, n_u), (n, n_w), (n, 1)]
+    noise_columns = (2, 6, 10)
+    return [np.zeros(s) if i in noise_columns else np.full(s, np.nan) for i, s in enumerate(shapes)]
 
 
 def _with_identity(block: np.ndarray, argument: int, n_x: int) -> np.ndarray:

@@ -13,25 +13,18 @@ from daest.errors import DaestError
 ARGUMENTS = ("x", "u", "v", "w", "theta", "t")
 THETA = ARGUMENTS.index("theta")
 
-# CasADi reports an error in a function of ours as its own RuntimeError; the error itself waits here.
+# CasADi would print an error in a function of ours, and replace it: NaN stands for it, and the error waits.
 _failures: list[DaestError] = []
 # CasADi does not keep functions of ours alive.
 _alive: list[Any] = []
 
 
-def taken_failure() -> DaestError | None:
-    """The error behind the last RuntimeError of CasADi, if it came from a binary."""
-    found = _failures[-1] if _failures else None
-    _failures.clear()
-    return found
-
-
-def _kept(call: Callable[[], Any]) -> Any:
-    try:
-        return call()
-    except DaestError as failure:
-        _failures.append(failure)
-        raise RuntimeError(failure.what) from failure
+def raise_failure() -> None:
+    """Raise the error of a binary that was called from within CasADi, if there was one."""
+    if _failures:
+        failure = _failures[0]
+        _failures.clear()
+        raise failure
 
 
 class _Callback(ca.Callback):
@@ -65,7 +58,11 @@ class _Callback(ca.Callback):
 
     def eval(self, arguments: Sequence[ca.DM]) -> list[ca.DM]:
         given = [np.array(a.full()) for a in arguments]
-        found = _kept(lambda: self._evaluate(*given))
+        try:
+            found = self._evaluate(*given)
+        except DaestError as failure:
+            _failures.append(failure)
+            found = [np.full(s.shape, np.nan) for s in self._outputs]
         return [
             ca.DM(np.asarray(value, dtype=float)) if sparsity.is_dense() else ca.DM(sparsity)
             for value, sparsity in zip(found, self._outputs, strict=True)

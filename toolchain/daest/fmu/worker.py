@@ -57,6 +57,8 @@ def _private_streams(log: str) -> tuple[BinaryIO, BinaryIO]:
 
 def _limit(memory: int, written: int) -> None:
     """Bounds that the system keeps, where it can: address space, size of files, no core dumps."""
+    if hasattr(signal, "SIGXFSZ"):  # which Python ignores: writing would fail, and the FMU go on
+        signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
     with contextlib.suppress(ImportError):
         import resource
 

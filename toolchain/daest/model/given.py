@@ -53,5 +53,8 @@ class GivenForm(Protocol):
     ) -> np.ndarray:
         """All internal variables (n_samples, n) along a simulation."""
 
+    def raise_failure(self) -> None:
+        """Raise the error that a CasADi function of `explicit` met; its value was NaN."""
+
     def local_functions(self, flat: FlatModel) -> tuple[Any, Any]:
         """`flow` and `see` of `systems.local_linear.LocalModel`."""

@@ -129,7 +129,8 @@ def internal_function(explicit: ExplicitModel) -> ca.Function:
     arguments = _arguments(explicit)
     unknowns = {v.name for v in explicit.flat.unknowns}
     extra = [i for i, o in enumerate(explicit.flat.outputs) if o.name not in unknowns]
-    values = ca.vertcat(explicit.variables(*arguments), explicit.outputs(*arguments)[extra])
+    outputs = explicit.outputs(*arguments)
+    values = ca.vertcat(explicit.variables(*arguments), *(outputs[i] for i in extra))
     return ca.Function("internal", arguments, [ca.densify(values)])
 
 

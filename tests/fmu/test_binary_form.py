@@ -1,0 +1,181 @@
+"""FMUs of other tools as models: simulation with events, identification, filters, comparison."""
+
+import numpy as np
+import pytest
+from ball_fmu import ball, fall
+from fmu_archives import changed
+
+from daest.diagnosis.compare import Candidate, compare_models
+from daest.errors import FmuError, ModelError
+from daest.estimation.identify import identify
+from daest.estimation.nonlinear_filter import run_nonlinear_filter
+from daest.fmu.binary_form import BinaryForm
+from daest.fmu.export import export_fmu
+from daest.model.experiment import Experiment
+from daest.model.fit import IdentifyOptions
+from daest.modelica.change import declare
+from daest.systems.linearize import is_affine_model, linearize
+from daest.systems.reduce import reduce_index
+from daest.systems.simulate import simulate
+
+TIME = np.linspace(0.0, 2.0, 81)
+FORCE = 9.81 + 3.0 * np.sin(3.0 * TIME) + 2.0 * np.cos(7.0 * TIME)
+
+
+@pytest.fixture(scope="module")
+def foreign(tmp_path_factory):
+    return BinaryForm(ball(tmp_path_factory.mktemp("ball"))).flat()
+
+
+def recording(noise=0.0, seed=1, d=0.25):
+    h = fall(TIME, FORCE, d=d)[0]
+    y = h + noise * np.random.default_rng(seed).standard_normal(h.size)
+    return Experiment("run", TIME, FORCE[:, None], y[:, None], ("u",), ("y",))
+
+
+def test_names_units_and_values(foreign):
+    assert [v.name for v in foreign.unknowns] == ["h", "v", "y", "w"]
+    assert [(p.name, p.value, p.min) for p in foreign.parameters] == [
+        ("d", 0.1, 0.0),
+        ("e", 0.7, None),
+        ("g", 9.81, None),
+    ]
+    assert [(o.name, o.unit) for o in foreign.outputs] == [("y", "m")]
+    assert not is_affine_model(foreign)
+
+
+def test_simulation_equals_an_independent_integrator(foreign):
+    found = simulate(foreign, (TIME, FORCE[:, None]))
+    h, v = fall(TIME, FORCE)
+    assert np.allclose(found["y"], h, atol=1e-6)
+    assert np.allclose(found["w"], 2 * v, atol=1e-5)
+    assert np.allclose(found["v"], v, atol=1e-5)
+
+
+def test_start_values_and_parameters_reach_the_fmu(foreign):
+    theta = np.array([0.4, 0.7, 3.0])
+    found = simulate(foreign, (TIME, FORCE[:, None]), theta=theta, x0={"h": 5.0})
+    assert np.allclose(found["y"], fall(TIME, FORCE, d=0.4, g=3.0, h0=5.0)[0], atol=1e-5)
+
+
+def test_state_event_and_time_event(tmp_path):
+    bounce = BinaryForm(ball(tmp_path, BOUNCE=1)).flat()
+    grid = np.linspace(0.0, 1.0, 41)
+    theta = np.array([0.0, 0.5, 10.0])
+    found = simulate(bounce, (grid, np.zeros((41, 1))), theta=theta)
+    first = np.sqrt(2.0 / 10.0)
+    speed = 0.5 * 10.0 * first
+    after = grid - first
+    expected = np.where(after < 0, 1.0 - 5.0 * grid**2, speed * after - 5.0 * after**2)
+    seen = grid < first + 2 * speed / 10.0
+    assert np.allclose(found["y"][seen], expected[seen], atol=1e-5)
+    (tmp_path / "t").mkdir()
+    switch = BinaryForm(ball(tmp_path / "t", SWITCH=1)).flat()
+    grid = np.linspace(0.0, 2.0, 9)  # t = 1 is a sample; 1.1 would not be
+    found = simulate(switch, (grid + 0.1, np.zeros((9, 1))), theta=np.array([0.0, 0.7, 2.0]))
+    late = np.maximum(grid + 0.1 - 1.0, 0.0)
+    expected = 1.0 - grid**2 + 2.0 * late**2
+    assert np.allclose(found["y"], expected, atol=1e-5)
+
+
+def test_nominals_of_zero_count_as_one(tmp_path):
+    found = simulate(BinaryForm(ball(tmp_path, TRAP="ZERO_NOMINALS")).flat(), (TIME, FORCE[:, None]))
+    assert np.allclose(found["y"], fall(TIME, FORCE)[0], atol=1e-5)
+
+
+def test_output_error_finds_the_parameter(foreign):
+    fit = identify(foreign, [recording(0.005)], IdentifyOptions(method="oe", estimate=("d",), hold="foh"))
+    (d,) = fit.parameters
+    assert fit.is_converged
+    assert abs(d.value - 0.25) < 4 * d.std_error
+    assert 0.0 < d.std_error < 0.02
+
+
+def test_prediction_error_with_noise_on_a_state_derivative(foreign):
+    model = declare(foreign, noises={"der(v)": 0.01})
+    options = IdentifyOptions(method="pem", estimate=("d",), hold="foh")
+    fit = identify(model, [recording(0.005)], options)
+    (d,) = fit.parameters
+    assert abs(d.value - 0.25) < 5 * d.std_error + 0.05
+
+
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+def test_filter_of_a_nonlinear_fmu(foreign, kind):
+    model = declare(foreign, noises={"der(v)": 1e-4})
+    data = recording(0.01, d=0.1)
+    found = run_nonlinear_filter(
+        reduce_index(model), None, data, np.array([1e-4]), np.array([0.01]), kind, longest=np.inf
+    )
+    column = found.names.index("v")
+    error = (found.values[:, column] - fall(TIME, FORCE)[1])[20:]
+    assert np.sqrt(np.mean(error**2)) < 0.1
+    assert np.mean(np.abs(error) < 3 * found.std[20:, column]) > 0.9
+
+
+def test_comparison_tells_the_wrong_model_from_the_right_one(foreign):
+    right = foreign.given.with_noises(foreign, {})
+    data = [recording(0.005, d=0.1)]
+    wrong = type(right)(**{**right.__dict__, "parameters": tuple(
+        type(p)(**{**p.__dict__, "value": 0.6}) if p.name == "d" else p for p in right.parameters
+    )})  # fmt: skip
+    found = compare_models([Candidate("right", right, 0), Candidate("wrong", wrong, 0)], data)
+    errors = [model.simulation.rms["y"] for model in found.models]
+    assert errors[0] < 0.01 < errors[1]
+    assert found.models[1].verdict == "falsified"
+
+
+def test_noise_has_its_places(foreign):
+    with pytest.raises(ModelError, match="no place") as caught:
+        declare(foreign, noises={"d": 1.0})
+    assert caught.value.code == "noise-place-unknown"
+
+
+def test_co_simulation_simulates_and_identifies_and_refuses_the_rest(tmp_path):
+    model = BinaryForm(ball(tmp_path, "CoSimulation")).flat()
+    assert [v.name for v in model.unknowns] == ["h", "v", "y", "w"]
+    found = simulate(model, (TIME, FORCE[:, None]))
+    assert np.allclose(found["y"], fall(TIME, FORCE)[0], atol=3e-3)
+    fit = identify(model, [recording(0.005)], IdentifyOptions(method="oe", estimate=("d",), hold="foh"))
+    (d,) = fit.parameters
+    assert abs(d.value - 0.25) < 4 * d.std_error + 0.01
+    comparison = compare_models([Candidate("ball", model, 0)], [recording(0.005, d=0.1)])
+    assert comparison.models[0].simulation.rms["y"] < 0.01
+    for refused in (lambda: linearize(model), lambda: run_nonlinear_filter(
+        reduce_index(model), None, recording(), np.zeros(0), np.array([0.1])
+    )):  # fmt: skip
+        with pytest.raises(FmuError) as caught:
+            refused()
+        assert caught.value.code == "fmu-co-simulation-only"
+
+
+def test_linear_model_through_its_binary_equals_its_equations(drive_fmu, tmp_path):
+    import fmu_models as models
+
+    source = models.geared_drive()
+    path = changed(drive_fmu, tmp_path / "alone.fmu", drop=["extra/"])
+    alone = BinaryForm(path).flat()
+    assert is_affine_model(alone)
+    grid = np.linspace(0.0, 2.0, 101)
+    torque = np.sin(5.0 * grid)[:, None]
+    expected, found = simulate(source, (grid, torque)), simulate(alone, (grid, torque))
+    assert np.allclose(found.outputs, expected.outputs, rtol=1e-9, atol=1e-9 * np.abs(expected.outputs).max())
+    noisy = expected.outputs + 0.01 * np.random.default_rng(0).standard_normal(expected.outputs.shape)
+    data = Experiment("run", grid, torque, noisy, ("tau",), ("disc.w", "y"))
+    for method in ("oe", "pem"):
+        options = IdentifyOptions(method=method, estimate=("c",), hold="foh")
+        one, other = (identify(m, [data], options) for m in (source, alone))
+        assert other.parameters[0].value == pytest.approx(one.parameters[0].value, rel=1e-4)
+        assert other.log_likelihood == pytest.approx(one.log_likelihood, abs=1e-3)
+
+
+def test_exported_nonlinear_model_alone_equals_its_equations(tmp_path):
+    import fmu_models as models
+
+    source = models.tank()
+    export_fmu(source, tmp_path / "full.fmu")
+    alone = BinaryForm(changed(tmp_path / "full.fmu", tmp_path / "alone.fmu", drop=["extra/"])).flat()
+    grid = np.linspace(0.0, 10.0, 101)
+    flow = 0.3 + 0.2 * np.cos(grid)[:, None]
+    expected, found = simulate(source, (grid, flow)), simulate(alone, (grid, flow))
+    assert np.allclose(found.outputs, expected.outputs, atol=1e-6)
+    assert np.allclose(found["q"], expected["q"], atol=1e-6)

@@ -1,0 +1,129 @@
+"""An FMU is foreign code: whatever it does ends in one message, and in its own process."""
+
+import os
+import re
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from ball_fmu import ball
+
+from daest.errors import FmuError
+from daest.fmu.load import load_fmu
+from daest.fmu.runner import Drive, Limits, Points, Runner
+
+SHORT = Limits(seconds=1.0, memory=3 * 1024**3, written=4 * 1024**2)
+
+
+def simulated(path, limits=SHORT):
+    time_grid = np.linspace(0.0, 1.0, 11)
+    none = np.zeros((10, 1))
+    with Runner(load_fmu(path), limits) as runner:
+        drive = Drive(time_grid, (4,), none, none, np.zeros(1), (5,))
+        return runner.simulate(drive, ((), np.zeros((1, 0))))
+
+
+@pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
+@pytest.mark.parametrize(
+    ("trap", "code", "says"),
+    [
+        ("CRASH", "fmu-crashed", "SIGSEGV"),
+        ("ABORT", "fmu-crashed", "SIGABRT"),
+        ("EXIT", "fmu-exited", "exit status 3"),
+        ("HANG", "fmu-hangs", "within 1 s"),
+        ("LOG", "fmu-writes-too-much", "4 MB"),
+        ("PRINT", "fmu-writes-too-much", "printed last: .*debug mode"),
+    ],
+)
+def test_what_an_fmu_does_ends_in_one_message(tmp_path, kind, trap, code, says):
+    path = ball(tmp_path, kind, TRAP=trap)
+    began = time.monotonic()
+    with pytest.raises(FmuError, match=says) as caught:
+        simulated(path)
+    assert caught.value.code == code
+    assert "simulated" in caught.value.what or "initialised" in caught.value.what
+    assert caught.value.remedy
+    assert time.monotonic() - began < 10.0
+
+
+def test_memory_without_end(tmp_path):
+    with pytest.raises(FmuError) as caught:
+        simulated(ball(tmp_path, TRAP="MEMORY"), Limits(seconds=20.0, memory=1024**3))
+    assert caught.value.code == "fmu-memory"
+
+
+def test_refusal_in_the_words_of_the_fmu(tmp_path):
+    found = simulated(ball(tmp_path, TRAP="REFUSE_ALL"))
+    assert "no air at 0.5" in found.stopped.reason
+    assert 0.4 <= found.stopped.time <= 0.6
+    assert np.all(np.isnan(found.values))
+
+
+@pytest.mark.parametrize(
+    ("trap", "says"),
+    [
+        ("NOT_A_NUMBER", "CVode|finite"),
+        ("NEVER_SETTLES", "does not end"),
+        ("TERMINATES", "end of the simulation"),
+    ],
+)
+def test_simulation_that_cannot_go_on(tmp_path, trap, says):
+    found = simulated(ball(tmp_path, TRAP=trap))
+    assert found.stopped is not None
+    assert pytest.approx(0.5, abs=0.15) == found.stopped.time
+    assert re.search(says, found.stopped.reason)
+
+
+def test_a_new_process_after_a_crash_and_none_left_over(tmp_path):
+    model = load_fmu(ball(tmp_path, TRAP="CRASH"))
+    nowhere = Points((), np.zeros((1, 0)), np.zeros((1, 2)), np.zeros(1))
+    late = Points((), np.zeros((1, 0)), np.zeros((1, 2)), np.ones(1))
+    with Runner(model, SHORT) as runner:
+        first = runner.evaluate(nowhere, (5,), rates=True).values
+        folder = runner._process._folder.name
+        child = runner._process._child
+        with pytest.raises(FmuError):
+            runner.evaluate(late, (5,), rates=True)
+        assert child.poll() is not None
+        assert not os.path.exists(folder)
+        assert np.array_equal(runner.evaluate(nowhere, (5,), rates=True).values, first)
+
+
+def test_many_simulations_in_one_request_are_as_if_alone(tmp_path):
+    model = load_fmu(ball(tmp_path))
+    grid = np.linspace(0.0, 0.4, 9)
+    none = np.zeros((8, 1))
+    drive = Drive(grid, (4,), none, none, np.zeros(1), (5, 6))
+    sets, starts = np.array([[0.1], [0.4], [0.1]]), np.array([[1.0, 0.0], [2.0, 1.0], [3.0, -1.0]])
+    with Runner(model, SHORT) as runner:
+        together = runner.simulate(drive, ((7,), sets), starts)
+        alone = [runner.simulate(drive, ((7,), s[None]), x[None]) for s, x in zip(sets, starts, strict=True)]
+    for k, single in enumerate(alone):
+        assert np.array_equal(together.values[k], single.values[0])
+    assert not np.array_equal(together.values[0], together.values[1])
+
+
+@pytest.mark.parametrize("text", ["none", "-1", "0", "inf"])
+def test_limits_from_the_environment(monkeypatch, text):
+    monkeypatch.setenv("DAEST_FMU_SECONDS", "7")
+    monkeypatch.setenv("DAEST_FMU_MEMORY", "500")
+    assert Limits.from_environment() == Limits(7.0, 500_000_000)
+    monkeypatch.setenv("DAEST_FMU_SECONDS", text)
+    with pytest.raises(FmuError, match="DAEST_FMU_SECONDS") as caught:
+        Limits.from_environment()
+    assert caught.value.code == "fmu-limit"
+
+
+def test_command_ends_with_one_message_and_leaves_files_alone(tmp_path):
+    path = ball(tmp_path, TRAP="CRASH")
+    (tmp_path / "in.csv").write_text("time,u\n" + "".join(f"{0.1 * k},0\n" for k in range(11)))
+    (tmp_path / "out.csv").write_text("precious")
+    command = [sys.executable, "-m", "daest", "simulate", str(path), "--inputs", "in.csv", "-o", "out.csv"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "error[fmu-crashed]" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert (tmp_path / "out.csv").read_text() == "precious"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["ball.fmu", "in.csv", "out.csv"]
