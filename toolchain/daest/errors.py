@@ -678,6 +678,10 @@ EXPLANATIONS: dict[str, str] = {
         "The file is not valid Modelica. The message gives file, line and column, and what was expected "
         "there; the cause is often a missing `;` before."
     ),
+    "model-too-large": (
+        "Values cancel what the structure of a large model promises, so its index would have to be found by "
+        "dense algebra, which takes too much time and memory at this size. Split the model."
+    ),
     "model-type": "Two sides of an equation, or a value and its declaration, differ in type, size or unit.",
     "model-unbalanced": (
         "A model needs as many equations as unknowns. The message names the unknowns that nothing "
@@ -734,6 +738,12 @@ EXPLANATIONS: dict[str, str] = {
     "noise-unknown": (
         "A noise was named that is neither an output (measurement noise) nor a noise of the model."
     ),
+    "omc-failed": "OpenModelica did not make the FMU or the Base Modelica text; its own words follow.",
+    "omc-missing": (
+        "`--compiler omc` needs OpenModelica: its program omc on the path, or named by the environment "
+        "variable OMC."
+    ),
+    "omc-options": "Options that OpenModelica is not told about were given together with `--compiler omc`.",
     "operating-point-unknown-name": (
         "The operating point of --at names a variable that the model does not have. Names are those of "
         "unknowns and inputs, or der(name) for a derivative."
@@ -864,6 +874,10 @@ EXPLANATIONS: dict[str, str] = {
     "symbolic-model-damaged": (
         "The symbolic model inside the FMU was changed or damaged after daest wrote it, so it is not used. "
         "The binary still is: choose the source fmi-ls-dae."
+    ),
+    "system-jacobian-singular": (
+        "The structure of a large model does not tell its index, since values cancel. Equations that repeat "
+        "others are the usual reason."
     ),
     "unit-incompatible": (
         "A recorded signal has a unit of another dimension than the model variable it is matched with, so "

@@ -7,13 +7,19 @@ from pathlib import Path
 import click
 
 from daest.cli.options import class_options, example, format_option, output_option, project_option, set_option
-from daest.cli.output import emit, keep_inputs
+from daest.cli.output import emit, keep_inputs, note, whole_file
 
 
 @click.command("export", epilog=example("daest export Servo.mo -o servo.fmu --platform linux64,win64"))
 @click.argument("model", required=False, type=click.Path(path_type=Path))
 @click.option(
     "--platform", "platforms", metavar="LIST", help="linux64, win64, darwin64 (default: this machine's)."
+)
+@click.option(
+    "--compiler",
+    type=click.Choice(["rumoca", "omc"]),
+    default="rumoca",
+    help="omc: let OpenModelica make the FMU, or with -o NAME.bmo Base Modelica.",
 )
 @set_option
 @class_options
@@ -23,6 +29,7 @@ from daest.cli.output import emit, keep_inputs
 def command(
     model: Path | None,
     platforms: str | None,
+    compiler: str,
     settings: dict[str, float],
     class_name: str | None,
     libraries: tuple[Path, ...],
@@ -48,7 +55,32 @@ def command(
     if str(target) == "-":
         raise ConfigError("export-to-stdout", "an FMU is a file, not a text", remedy="name it: -o model.fmu")
     keep_inputs(target, [source])
+    if compiler == "omc":
+        _export_by_omc(source, class_name, libraries, target, bool(platforms or settings))
+        return
     flat = load_model(project, source, class_name, libraries, settings)
     chosen = [name.strip() for name in platforms.split(",") if name.strip()] if platforms else None
     result = export_fmu(flat, target, chosen)
     emit(documents.document(result), "export", form, None, texts.text)
+
+
+def _export_by_omc(
+    source: Path, class_name: str | None, libraries: tuple[Path, ...], target: Path, has_options: bool
+) -> None:
+    """Write what OpenModelica makes of the model: an FMU, or Base Modelica under a name in .bmo."""
+    from daest.errors import ConfigError
+    from daest.modelica.class_choice import select_class
+    from daest.modelica.omc import OmcJob, base_modelica_by_omc, fmu_by_omc
+    from daest.modelica.source import read_source
+
+    if has_options:
+        raise ConfigError(
+            "omc-options",
+            "--platform and --set are not passed on to OpenModelica",
+            remedy="leave them out: set values in the model, and build on the other platform",
+        )
+    job = OmcJob(source, select_class(read_source(source), source, class_name), libraries)
+    content = base_modelica_by_omc(job) if target.suffix == ".bmo" else fmu_by_omc(job)
+    with whole_file(target) as temporary:
+        temporary.write_bytes(content)
+    note(f"OpenModelica made {target}")

@@ -69,7 +69,8 @@ def translated(message: str, path: Path, text: bytes, class_name: str) -> ModelE
         "model-compile",
         f"`{class_name}` does not compile: {_plain(message)}",
         where=str(path),
-        remedy="Change the construct that the message names.",
+        remedy="Change the construct that the message names; or, with OpenModelica installed, make an FMU by "
+        "`daest export MODEL --compiler omc`, which all other commands take.",
     )
 
 
