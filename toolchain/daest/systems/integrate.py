@@ -48,10 +48,10 @@ class IntegrationError(NumericalError):
             f"The simulation stopped at t = {time:.6g} s: {reason}.",
             remedy="Look at the parameter values and the state then; smooth discontinuities with a width.",
         )
-        self.time = time
+        self.reason, self.time = reason, time
 
     def __reduce__(self) -> tuple:
-        return type(self), (self.what, self.time)
+        return type(self), (self.reason, self.time)
 
 
 @dataclass(frozen=True)

@@ -303,7 +303,7 @@ def _nonlinear(task: _Task, rtol: float) -> tuple[np.ndarray, str]:
             engine, task.time, task.u, task.theta, task.x0, hold=task.hold, rtol=rtol, state_scale=scale
         )
     except IntegrationError as error:
-        raise _failed(error.time, error.what) from error
+        raise _failed(error.time, error.reason) from error
     if task.explicit.flat.given is not None:
         return run.states, f"{task.explicit.flat.given.method}, {task.hold}"
     how = f"adaptive steps, rtol {rtol:g}" if engine.library is not None else "fixed steps"
@@ -315,8 +315,8 @@ def _failed(time: float, reason: str) -> NumericalError:
     return NumericalError(
         "simulation-failed",
         f"the simulation stopped at t = {time:g} s: {reason}",
-        remedy="check the parameters and the inputs at that time; a model whose choice of states becomes "
-        "singular there needs other states (stateSelect)",
+        remedy="check the parameters and the inputs at that time, and whether a mass or another coefficient "
+        "of a derivative becomes zero; round a discontinuity over a width, as tanh(w/width) for sign(w)",
     )
 
 
