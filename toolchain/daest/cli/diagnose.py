@@ -17,6 +17,7 @@ from daest.cli.options import (
     ModelOptions,
     example,
     format_option,
+    gathered,
     model_options,
     output_option,
     plot_option,
@@ -55,6 +56,20 @@ class Search:
     seed: int = 0
 
 
+search_options = gathered(
+    "search",
+    Search,
+    click.option(
+        "--effect", "effects", metavar="NAME", multiple=True, help="Try this effect (default: all)."
+    ),
+    click.option("--at", "places", metavar="PLACE", multiple=True, help="Try this place (default: all)."),
+    click.option(
+        "--jobs", type=click.IntRange(min=1), metavar="N", help="Refits at a time (default: one per core)."
+    ),
+    seed_option,
+)
+
+
 @dataclass(frozen=True)
 class Case:
     """A model with its recordings, and what it is searched for."""
@@ -74,29 +89,21 @@ class Case:
 @click.command("diagnose", epilog=example("daest diagnose run1.csv --model Servo.mo --split 0.5"))
 @click.argument("data", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--model", type=click.Path(path_type=Path), help="A .mo file or an .fmu (default: daest.toml).")
-@click.option("--effect", "effects", metavar="NAME", multiple=True, help="Try this effect (default: all).")
-@click.option("--at", "places", metavar="PLACE", multiple=True, help="Try this place (default: all).")
-@click.option(
-    "--jobs", type=click.IntRange(min=1), metavar="N", help="Refits at a time (default: one per core)."
-)
+@search_options
 @model_options
 @split_data_options
 @format_option
 @output_option
 @plot_option
-@seed_option
 def command(
     data: tuple[Path, ...],
     model: Path | None,
-    effects: tuple[str, ...],
-    places: tuple[str, ...],
-    jobs: int | None,
+    search: Search,
     model_options: ModelOptions,
     data_options: DataOptions,
     form: str,
     output: Path | None,
     plot: Path | None,
-    seed: int,
 ) -> None:
     """Whether the model lacks a physical effect, where, and which one of the library.
 
@@ -114,7 +121,7 @@ def command(
         model,
         data,
         data_options,
-        Search(effects, places, jobs, seed),
+        search,
         model_options.class_name,
         model_options.libraries,
     )

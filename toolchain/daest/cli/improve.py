@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from daest.cli.diagnose import Case, Search, context, opened, origin
+from daest.cli.diagnose import Case, Search, context, opened, origin, search_options
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -16,7 +16,6 @@ from daest.cli.options import (
     format_option,
     model_options,
     plot_option,
-    seed_option,
     split_data_options,
 )
 from daest.cli.output import emit, note, to_json, whole_file, with_schema
@@ -46,11 +45,7 @@ CLOSE = 0.05  # relative difference of errors up to which a written model counts
     metavar="N",
     help=f"Stop after N effects (default: {MOST_EFFECTS}).",
 )
-@click.option("--effect", "effects", metavar="NAME", multiple=True, help="Try this effect (default: all).")
-@click.option("--at", "places", metavar="PLACE", multiple=True, help="Try this place (default: all).")
-@click.option(
-    "--jobs", type=click.IntRange(min=1), metavar="N", help="Refits at a time (default: one per core)."
-)
+@search_options
 @click.option(
     "-o",
     "--output",
@@ -63,20 +58,16 @@ CLOSE = 0.05  # relative difference of errors up to which a written model counts
 @split_data_options
 @format_option
 @plot_option
-@seed_option
 def command(
     data: tuple[Path, ...],
     model: Path | None,
     max_effects: int,
-    effects: tuple[str, ...],
-    places: tuple[str, ...],
-    jobs: int | None,
+    search: Search,
     folder: Path | None,
     model_options: ModelOptions,
     data_options: DataOptions,
     form: str,
     plot: Path | None,
-    seed: int,
 ) -> None:
     """Add missing effects one by one until nothing is missing or nothing helps.
 
@@ -94,7 +85,7 @@ def command(
         model,
         data,
         data_options,
-        Search(effects, places, jobs, seed),
+        search,
         model_options.class_name,
         model_options.libraries,
     )
