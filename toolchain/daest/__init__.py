@@ -52,6 +52,7 @@ _PUBLIC = {
     "resample": "daest.data.prepare",
     # estimates
     "IdentifyOptions": "daest.model.fit",
+    "Prior": "daest.model.prior",
     "identify": "daest.estimation.identify",
     "fitted_model": "daest.estimation.fitted",
     "InitialState": "daest.model.estimates",
