@@ -221,7 +221,7 @@ def test_frequency_response_of_a_lag():
     lag = TransferFunction("u", "y", (3.0,), (1.0, 2.0))
     figure = linear_figure([lag], np.array([-2.0 + 0j]), {"u": "V", "y": "rad"})
     magnitude, phase, poles = figure.get_axes()
-    assert labelled(figure) and magnitude.get_ylabel() == "gain to y [(rad)/(V)]"
+    assert labelled(figure) and magnitude.get_ylabel() == "gain [(rad)/(V)]"
     hertz, gain = magnitude.get_lines()[0].get_data()
     assert np.allclose(gain, 3.0 / np.hypot(2 * np.pi * hertz, 2.0))
     corner = np.argmin(np.abs(2 * np.pi * hertz - 2.0))

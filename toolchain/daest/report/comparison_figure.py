@@ -158,13 +158,14 @@ def _scale_errors(ax: Axes) -> None:
         [np.asarray(line.get_ydata(), dtype=float) for line in ax.get_lines()] or [np.ones(1)]
     )
     drawn = drawn[np.isfinite(drawn) & (drawn > 0.0)]
-    if drawn.size and drawn.max() > 10.0 * drawn.min():
-        ax.set_yscale("log")
+    if not drawn.size or drawn.max() <= 10.0 * drawn.min():
+        ax.set_ylim(bottom=0.0)
+        return
+    ax.set_yscale("log")
+    if drawn.max() <= 200.0 * drawn.min():  # too few whole decades for a scale of them alone
         ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         ax.yaxis.set_minor_formatter(NullFormatter())
-    else:
-        ax.set_ylim(bottom=0.0)
 
 
 def _judged(model: ModelTrial) -> str:

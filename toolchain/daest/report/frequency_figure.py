@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -66,7 +67,7 @@ def _draw_response(
         phase.semilogx(hertz, np.degrees(np.unwrap(np.angle(response))), color=color, lw=1.2)
     inputs = list(dict.fromkeys(units.get(g.input) or "1" for g in functions))
     per = f"/({inputs[0]})" if len(inputs) == 1 else " per unit of the input"
-    magnitude.set_ylabel(f"gain to {output} [({units.get(output) or '1'}){per}]", fontsize=8)
+    magnitude.set_ylabel(f"gain [({units.get(output) or '1'}){per}]", fontsize=8)
     magnitude.grid(True, which="major", color="0.9", lw=0.6)
     phase.grid(True, color="0.9", lw=0.6)
     phase.set_ylabel("phase [deg]")
@@ -81,18 +82,31 @@ def _named(g: TransferFunction, units: Mapping[str, str]) -> str:
 
 def _draw_poles(poles: np.ndarray, ax: Axes) -> None:
     """Poles on axes that are linear around zero and logarithmic beyond: fast and slow ones in one picture."""
+    from matplotlib.scale import SymmetricalLogScale
+
     stable = poles.real <= 0.0
     for chosen, color, name in ((stable, LINES[0], "stable or at rest"), (~stable, ALARM, "unstable")):
         if chosen.any():
             real, imaginary = poles[chosen].real, poles[chosen].imag
             ax.plot(real, imaginary, ls="none", marker="x", ms=8, mew=1.8, color=color, label=name)
-    sizes = np.abs(poles)[np.abs(poles) > AT_REST * max(np.abs(poles).max(initial=0.0), 1e-300)]
-    linear = float(sizes.min()) if sizes.size else 1.0
-    ax.set_xscale("symlog", linthresh=linear)
-    ax.set_yscale("symlog", linthresh=linear)
+    for axis, side in ((ax.xaxis, poles.real), (ax.yaxis, poles.imag)):
+        smallest = _smallest(side)
+        ax.set(**{f"{axis.axis_name}scale": SymmetricalLogScale(axis, linthresh=smallest)})
+        first, last = (
+            math.ceil(math.log10(smallest)),
+            math.ceil(math.log10(np.abs(side).max(initial=smallest))),
+        )
+        decades = 10.0 ** np.arange(first, last + 1)
+        axis.set_ticks([*-decades[::-1], 0.0, *decades])
     for draw in (ax.axhline, ax.axvline):
         draw(0.0, color="0.8", lw=0.6, zorder=0)
-    ax.set_xlabel("real part of the poles [1/s], logarithmic beyond the slowest pole")
+    ax.set_xlabel("real part of the poles [1/s] (both axes linear around 0, then logarithmic)")
     ax.set_ylabel("imaginary part [rad/s]")
-    if poles.size:
-        ax.legend(loc="upper left", fontsize=SMALL)
+    style.legend(ax)
+
+
+def _smallest(parts: np.ndarray) -> float:
+    """The smallest size that is not rounding, 1 without any."""
+    sizes = np.abs(parts)
+    sizes = sizes[sizes > AT_REST * max(sizes.max(initial=0.0), 1e-300)]
+    return float(sizes.min()) if sizes.size else 1.0
