@@ -104,6 +104,7 @@ def test_parquet_file_or_what_to_install(tmp_path):
 BAD_FILES = [
     ("", "data-empty-file", "empty"),
     ("\n\n", "data-empty-file", "empty"),
+    (",,\n,,\n", "data-empty-file", "empty"),
     ("0,1,2\n1,2,3\n", "data-no-header", ":1"),
     ("t,u,phi\n0,1,2\n1,2,3\n", "data-no-time", "t, u, phi"),
     ("time,time_ms,u,phi\n0,0,1,2\n1,1,2,3\n", "data-two-time-columns", "time, time_ms"),

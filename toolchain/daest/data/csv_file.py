@@ -49,6 +49,8 @@ def read_csv(path: Path) -> Table:
             where=Place(str(path)),
             remedy="look for a quotation mark that is not closed, or save the recording again",
         ) from error
+    if not rows:
+        raise _empty(path)
     remarks = _remarks(lines, separator, numbers[0])
     return grid_table(Grid(rows, numbers, decimal, remarks, notes), path)
 
