@@ -53,3 +53,13 @@ def test_steps_of_inputs_stay_as_they_are():
     x, P, u = ca.SX.sym("x"), ca.SX.sym("P"), ca.SX.sym("u")
     found = ca.Function("averaged", [x, P, u], [averaged(x * ca.tanh(u), x, P)])
     assert float(found(2.0, 9.0, 0.3)) == pytest.approx(2.0 * np.tanh(0.3))
+
+
+@pytest.mark.parametrize(("mean", "std"), [(0.3, 0.5), (-1.0, 2.0), (0.0, 1.0), (0.4, 0.0), (-0.1, 0.0)])
+def test_sign_is_its_expectation(mean, std):
+    x, P = ca.SX.sym("x"), ca.SX.sym("P")
+    value = averaged(2 * ca.sign(x), x, P)
+    found = ca.Function("both", [x, P], [value, ca.jacobian(value, x)])(mean, std**2)
+    assert float(found[0]) == pytest.approx(2 * quadrature(np.sign, mean, std), abs=1e-3)
+    density = np.exp(-((mean / std) ** 2) / 2) / (std * np.sqrt(2 * np.pi)) if std else 0.0
+    assert float(found[1]) == pytest.approx(4 * density, rel=1e-9)
