@@ -275,8 +275,8 @@ def _with_substeps(task: _Task) -> _Task:
         coarse, longest = fine, finer
     else:
         note = (
-            f"The estimate still changes at {MOST_SUBSTEPS} steps of linearisation per sample: the model has a "
-            "jump or a bend sharper than its state is known. Round it over a width (tanh), or compare with "
+            f"The estimate still changes at {MOST_SUBSTEPS} steps of linearisation per sample: the model has "
+            "a jump or a bend sharper than its state is known. Round it over a width (tanh), or compare with "
             "--kind particle."
         )
         return replace(task, longest=longest, notes=(*task.notes, note))
