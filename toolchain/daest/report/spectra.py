@@ -10,6 +10,7 @@ LAGS = 40  # of a drawn autocorrelation
 BAND_99 = 2.576  # standard deviations to either side of a 99 % band
 UNIFORM = 0.01  # relative deviation of a step from the median up to which a spectrum is drawn
 SEGMENTS = 8  # half-overlapping parts of a recording over which a spectrum is averaged
+LONGEST = 8192  # samples of such a part
 LEAST = 64  # samples below which no spectrum is drawn
 
 
@@ -35,6 +36,6 @@ def spectrum(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
     from scipy.signal import welch
 
     whole = np.interp(time, time[known], values[known])
-    length = max(LEAST, 2 * whole.size // (SEGMENTS + 1))
+    length = min(max(LEAST, 2 * whole.size // (SEGMENTS + 1)), LONGEST)
     frequency, density = welch(whole, 1.0 / float(np.median(steps)), nperseg=length)
     return frequency[1:], np.sqrt(density[1:])

@@ -1,0 +1,76 @@
+"""Plots of the page: long recordings stay small and are thinned with a note, and thinning loses no peak."""
+
+import base64
+import gzip
+import json
+
+import numpy as np
+import pytest
+
+from daest.report.page.plots import comparison_plots, filter_plot, frequency_plots
+
+N = 200_000
+SPIKE = 123_457
+GZIP = b"\x1f\x8b"
+
+
+@pytest.fixture(scope="module")
+def long():
+    """Two models with three outputs on two long recordings; the first error has one spike."""
+    rng = np.random.default_rng(0)
+    outputs = {"a": "V", "b": "rad", "c": ""}
+    agreement = dict.fromkeys(outputs, 1.0)
+    models = [{"name": name, "where": [], "growth": [], "rms": agreement} for name in ("M", "N")]
+    series = {}
+    for r in range(2):
+        measured = rng.standard_normal((N, 3))
+        series[f"{r}.time"], series[f"{r}.measured"] = np.arange(N) * 1e-3, measured
+        for m in range(2):
+            series[f"{r}.{m}.simulated"] = measured + 0.1 * rng.standard_normal((N, 3))
+    series["0.0.simulated"][SPIKE, 0] += 50.0
+    return {"data": ["one", "two"], "outputs": outputs, "models": models}, series
+
+
+def arrays(item: str) -> list[np.ndarray]:
+    """All arrays that stand in the JSON of a plot."""
+    found = []
+
+    def walk(value):
+        if isinstance(value, dict):
+            if value.get("type") == "ndarray":
+                data = base64.b64decode(value["array"]["data"])
+                data = gzip.decompress(data) if data[:2] == GZIP else data
+                found.append(np.frombuffer(data, value["dtype"]))
+            for inner in value.values():
+                walk(inner)
+        elif isinstance(value, list):
+            for inner in value:
+                walk(inner)
+
+    walk(json.loads(item))
+    return found
+
+
+def test_long_recordings_make_no_large_page(long):
+    document, series = long
+    plots = [*comparison_plots(document, series), *frequency_plots(document, series)]
+    assert sum(len(plot.item) for plot in plots) < 4_000_000
+    assert [plot.id for plot in plots[:2]] == ["plot-compare-0", "plot-compare-1"]
+    assert "200000 samples" in plots[0].note
+
+
+def test_a_spike_of_one_sample_is_drawn_where_it_is(long):
+    first = next(comparison_plots(*long))
+    drawn = arrays(first.item)
+    assert any(a.size and np.nanmin(a) < -45.0 for a in drawn)
+    assert any(a.size and np.any(np.isclose(a, SPIKE * 1e-3)) for a in drawn)
+
+
+def test_short_recordings_are_whole():
+    time = np.arange(100) * 0.1
+    document = {"series": [{"name": "x", "unit": "V", "measured": True, "used": True}], "smoothed": False}
+    values = np.sin(time)[:, None]
+    series = {"time": time, "values": values, "std": np.full((100, 1), 0.1), "measured": values}
+    plot = filter_plot(document, series)
+    assert plot is not None and plot.note == ""
+    assert any(a.size == 100 and np.allclose(a, values[:, 0], atol=1e-6) for a in arrays(plot.item))
