@@ -20,7 +20,7 @@ LEVELS = 10  # a signal of no more different values is a switch, not a measureme
 # period: 2 / n) and the noise is this many steps of the resolution (rounding: 0.3).
 SIGN_CHANGES = 0.6
 NOISE_STEPS = 1.5
-DIGITS = 1e-5  # noise below this share of the largest value is that of written digits
+DIGITS = 1e-5  # noise below this share of large values is that of written digits
 # A sensor with visible noise is stuck if this many neighbours agree where elsewhere no more than this share
 # of them do; without, if its value also jumps at the end by this many of the largest other steps.
 STUCK = 20
@@ -98,7 +98,7 @@ class Samples:
         # The third difference of white noise has 20 times its variance.
         size = 1.4826 * float(np.median(np.abs(third))) / np.sqrt(20.0)
         step = self.resolution or 0.0
-        least = max(NOISE_STEPS * step, DIGITS * float(np.max(np.abs(self.values))))
+        least = max(NOISE_STEPS * step, DIGITS * float(np.quantile(np.abs(self.values), 0.99)))
         return size if changes > SIGN_CHANGES and size > least else None
 
 

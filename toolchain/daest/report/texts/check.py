@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from daest.report.console import heading, indented, number, rendered, table
+from daest.report.console import bracketed, heading, indented, number, rendered, table
 
 
 def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
@@ -23,9 +23,9 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
         yield heading(recording["name"])
         yield Text(f"{recording['n_samples']} samples {every}, {span}")
         yield table(
-            ("column", "unit", "role", "values", "min", "max", "resolution", "noise"),
+            ("column", "role", "min", "max", "step", "noise"),
             (_row(column) for column in recording["columns"]),
-            text_columns=(0, 1, 2),
+            text_columns=(0, 1),
         )
         if not recording["findings"]:
             yield indented("nothing found")
@@ -36,10 +36,8 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
 
 def _row(column: Mapping[str, Any]) -> tuple[str, ...]:
     return (
-        column["name"],
-        column["unit"] or "",
+        f"{column['name']} {bracketed(column['unit'])}".rstrip(),
         column["role"] or "",
-        str(column["n_values"]),
         number(column["min"]),
         number(column["max"]),
         number(column["resolution"], 3),
