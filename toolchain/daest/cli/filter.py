@@ -30,6 +30,7 @@ from daest.cli.results import find_fit, fitted
 from daest.data.project import Project
 from daest.errors import ConfigError, EstimationError
 from daest.estimation.filter import run_filter
+from daest.estimation.filter_cost import LARGE, filter_cost
 from daest.estimation.nonlinear_filter import PARTICLES, run_nonlinear_filter
 from daest.model.estimates import FilterKind, FilterResult, NonlinearKind
 from daest.model.experiment import Experiment
@@ -140,6 +141,7 @@ def _estimated(
         if not is_affine_model(flat):
             note(f"the {kind} filter sees the model linearised at its operating point; --kind ekf does not")
         family = state_space_family(flat)
+        _tell_cost(len(family.state_names), flat.n, len(experiment.time), kind == "stationary")
         measure, smooth = wanted.measure, wanted.smooth
         return run_filter(
             family, flat.theta_values, experiment, intensity, std**2, kind, measure, smooth, hold=wanted.hold
@@ -156,6 +158,18 @@ def _estimated(
         hold=wanted.hold,
         n_particles=wanted.particles,
         seed=wanted.seed,
+    )
+
+
+def _tell_cost(n_states: int, n_unknowns: int, n_samples: int, is_stationary: bool) -> None:
+    """What the filter of a large model will cost, on stderr, before it starts."""
+    if n_states < LARGE:
+        return
+    cost = filter_cost(n_states, n_unknowns, n_samples, is_stationary)
+    way = "" if is_stationary else "; --kind stationary takes less"
+    note(
+        f"{n_states} states and {n_samples} samples: this takes about {max(cost.seconds, 1):.0f} s and "
+        f"{max(cost.bytes / 1e9, 0.1):.1f} GB of memory{way}"
     )
 
 

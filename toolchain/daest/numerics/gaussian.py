@@ -17,6 +17,7 @@ from daest.model.estimates import GaussianSequence
 
 CHUNK = 128  # samples per compiled call
 SCALAR_SIZE = 20  # up to this many states a step is expanded into scalar operations; above, into matrix ones
+BLOCK = 4_000_000  # numbers of a block of products of `marginals`: 32 MB
 FREE_TOLERANCE = 1e-8  # a component is undetermined when it moves by more than this part of its scale
 
 
@@ -84,7 +85,7 @@ def marginals(sequence: GaussianSequence, rows: np.ndarray) -> tuple[np.ndarray,
     NaN and inf where a row sees a free direction by more than FREE_TOLERANCE of its own scale Σ |row| scale.
     """
     mean = sequence.mean @ rows.T
-    variance = np.einsum("ij,kjl,il->ki", rows, sequence.cov.distinct, rows, optimize=True)
+    variance = _quadratic_forms(rows, sequence.cov.distinct)
     std = np.sqrt(np.maximum(variance, 0.0))[sequence.cov.index]
     open_ = undetermined(sequence.free.distinct, rows, sequence.scale)
     if np.any(open_):
@@ -93,9 +94,25 @@ def marginals(sequence: GaussianSequence, rows: np.ndarray) -> tuple[np.ndarray,
     return mean, std
 
 
+def _quadratic_forms(rows: np.ndarray, cov: np.ndarray) -> np.ndarray:
+    """rows_i' cov_k rows_i as (k, i), for as many k at a time as fit into `BLOCK` numbers."""
+    result = np.empty((len(cov), len(rows)))
+    step = max(1, BLOCK // max(rows.size, 1))
+    for start in range(0, len(cov), step):
+        products = rows @ cov[start : start + step]
+        result[start : start + step] = (products * rows).sum(axis=2)
+    return result
+
+
 def undetermined(free: np.ndarray, rows: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """Which rows (m, n) see a free direction; free (..., n, q) -> bool (..., m)."""
-    seen = np.linalg.norm(rows @ free, axis=-1)
+    if free.ndim == 3:
+        seen = np.empty((len(free), len(rows)))
+        step = max(1, BLOCK // max(len(rows) * free.shape[2], 1))
+        for start in range(0, len(free), step):
+            seen[start : start + step] = np.linalg.norm(rows @ free[start : start + step], axis=-1)
+    else:
+        seen = np.linalg.norm(rows @ free, axis=-1)
     return seen > FREE_TOLERANCE * (np.abs(rows) @ scale)
 
 
