@@ -20,7 +20,7 @@ LEVELS = 10  # a signal of no more different values is a switch, not a measureme
 # period: 2 / n) and the noise is this many steps of the resolution (rounding: 0.3).
 SIGN_CHANGES = 0.6
 NOISE_STEPS = 1.5
-DIGITS = 1e-5  # noise below this share of large values is that of written digits
+DIGITS = 5e-5  # noise below this share of large values is that of written digits, or of a fine converter
 # A sensor with visible noise is stuck if this many neighbours agree where elsewhere no more than this share
 # of them do; without, if its value also jumps at the end by this many of the largest other steps.
 STUCK = 20
