@@ -21,11 +21,41 @@ ROOT = Path(__file__).parents[2]
 SOURCES = [
     path.read_text() for path in sorted([*ROOT.glob("tests/*/models/*.mo"), *ROOT.glob("examples/*/*.mo")])
 ]
-WORDS = (
-    "model end equation algorithm connect der if then else elseif for loop in when while ( ) [ ] { } ; , = := "
-    '+ - * / ^ . " // /* */ 1e999 0 -1 1/0 "text" Real Integer parameter constant input output flow extends '
-    "each final annotation(__Daest(noise = true)) import within package function record break \ufeff \0 é"
-).split(" ")
+WORDS = [
+    *(
+        "model",
+        "end",
+        "equation",
+        "algorithm",
+        "connect",
+        "der",
+        "if",
+        "then",
+        "else",
+        "elseif",
+        "for",
+        "loop",
+    ),
+    *("in", "when", "while", "(", ")", "[", "]", "{", "}", ";", ",", "=", ":=", "+", "-", "*", "/", "^"),
+    *(
+        ".",
+        '"',
+        "//",
+        "/*",
+        "*/",
+        "1e999",
+        "0",
+        "-1",
+        "1/0",
+        '"text"',
+        "Real",
+        "Integer",
+        "parameter",
+        "constant",
+    ),
+    *("input", "output", "flow", "extends", "each", "final", "annotation(__Daest(noise = true))", "import"),
+    *("within", "package", "function", "record", "break", "\ufeff", "\0", "é", ""),
+]
 
 fuzzed = settings(
     max_examples=N_TEXTS,

@@ -1,0 +1,173 @@
+"""Time and memory of the noise verdicts of large models: the sparse form beside the dense staircase and
+ordered QZ (SciPy; the generalized Schur form that the report, and descriptor toolboxes, begin with).
+
+Each case runs in a process of its own, so that its memory is its own. `--json FILE` keeps the numbers.
+python-control has no descriptor systems of its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import scipy.linalg as sla
+import scipy.sparse as sp
+
+import daest
+
+MODELS = Path(__file__).parents[1] / "tests" / "systems" / "models"
+SIZES = {
+    "Chain": (12, 30, 59, 118, 294, 588),
+    "Ladder": (16, 42, 83, 167, 417, 833),
+    "Resistors": (16, 42, 83, 167, 417, 833),
+    "Grid": (4, 7, 9, 12, 18, 21),
+    "Rigid": (14, 72, 143, 286),
+}
+ABOVE_FINITE = 1e9
+"""Eigenvalues of a scaled pencil beyond this size count as infinite in ordered QZ: it has no better way."""
+
+RELATIVE = 1e-9
+"""Part of the largest derivative that counts as none, as in `daest.systems.noise`."""
+
+LONGEST = 60.0
+"""A way is left out where its last time, grown with the third power of the size, exceeds these seconds."""
+
+
+def model(name: str, n: int) -> daest.LinearDAE:
+    return daest.linearize(daest.compile_model(MODELS / f"{name}.mo", overrides={"n": n}))
+
+
+def by_sparse_form(dae: daest.LinearDAE) -> dict[str, object]:
+    from daest.systems.sparse_form import sparse_form
+
+    return _verdicts(daest.noise_report(dae, sparse_form(dae)))
+
+
+def by_staircase(dae: daest.LinearDAE) -> dict[str, object]:
+    from daest.systems.split import split
+
+    return _verdicts(daest.noise_report(dae, split(dae)))
+
+
+def by_ordered_qz(dae: daest.LinearDAE) -> dict[str, object]:
+    """Report, section 2: ordered generalized Schur form, Sylvester equation, Theorem 3.1 row by row."""
+    from daest.numerics.pencils import apply_scaling, equilibrate
+
+    E, J = (sp.csr_array(part).toarray() for part in (dae.E, dae.J))
+    scaling = equilibrate(E, J)
+    E, J = apply_scaling(scaling, E, J)
+    S, T, alpha, beta, left, _ = sla.ordqz(J, E, sort=lambda a, b: np.abs(a) < ABOVE_FINITE * np.abs(b))
+    n1 = int(np.count_nonzero(np.abs(alpha) < ABOVE_FINITE * np.abs(beta)))
+    J2 = S[n1:, n1:]
+    P2, N = np.linalg.solve(J2, left.T[n1:]), np.linalg.solve(J2, np.triu(T[n1:, n1:], 1))
+    reach = np.linalg.norm(N @ P2, axis=0)
+    forbidden = np.flatnonzero(reach > RELATIVE * max(reach.max(initial=0), 1))
+    return {"forbidden": forbidden.tolist(), "n_dynamic": n1}
+
+
+def by_slicot(dae: daest.LinearDAE) -> dict[str, object]:
+    """SLICOT's AG08BD through slycot: the staircase that descriptor toolboxes publish; modes, no verdicts."""
+    import slycot
+
+    E, J = (sp.csr_array(part).toarray() for part in (dae.E, dae.J))
+    n = dae.n
+    none = np.zeros((n, 1)), np.zeros((1, n)), np.zeros((1, 1))  # m = p = 0; the wrapper wants one column
+    finite, *_ = slycot.ag08bd(n, n, 0, 0, J, E, *none)
+    return {"forbidden": None, "n_dynamic": len(finite)}
+
+
+WAYS = {
+    "sparse": by_sparse_form,
+    "staircase": by_staircase,
+    "ordered QZ": by_ordered_qz,
+    "SLICOT": by_slicot,
+}
+
+
+def _verdicts(report: daest.NoiseReport) -> dict[str, object]:
+    forbidden = [i for i, place in enumerate(report.places) if not place.admissible]
+    return {"forbidden": forbidden, "n_dynamic": report.n_dynamic, "index": report.index}
+
+
+def one(name: str, n: int, way: str) -> dict[str, object]:
+    """Numbers of one case, in this process; memory is the growth of its peak over that of compiling."""
+    dae = model(name, n)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    started = time.perf_counter()
+    answer = WAYS[way](dae)
+    seconds = time.perf_counter() - started
+    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    memory = {"peak_gb": after / 1e6, "added_gb": (after - before) / 1e6}
+    return {"n": dae.n, "seconds": seconds, **memory, **answer}
+
+
+def separate(name: str, n: int, way: str) -> dict[str, object] | str:
+    """`one` in a process of its own; a sentence where it failed."""
+    command = [sys.executable, __file__, "--one", name, str(n), way]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=20 * LONGEST)
+    except subprocess.TimeoutExpired:
+        return "took too long"
+    if done.returncode:
+        return (done.stderr.strip().splitlines() or ["failed"])[-1]
+    return dict(json.loads(done.stdout))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--one", nargs=3, metavar=("MODEL", "N", "WAY"))
+    parser.add_argument("--models", nargs="+", default=list(SIZES))
+    parser.add_argument("--ways", nargs="+", default=list(WAYS))
+    parser.add_argument("--largest", type=int, default=10**9, help="leave out larger n")
+    parser.add_argument("--json", type=Path)
+    arguments = parser.parse_args()
+    if arguments.one:
+        name, n, way = arguments.one
+        print(json.dumps(one(name, int(n), way)))
+        return
+    rows = []
+    for name in arguments.models:
+        last: dict[str, tuple[int, float]] = {}
+        for n in (n for n in SIZES[name] if n <= arguments.largest):
+            results = {
+                way: separate(name, n, way) for way in arguments.ways if _is_worth(n, last.get(way), name)
+            }
+            for way, result in results.items():
+                if isinstance(result, dict):
+                    last[way] = n, float(str(result["seconds"]))
+                equal = isinstance(result, dict) and _forbidden(result) == _forbidden(results.get("sparse"))
+                print(_line(name, n, way, result, equal), flush=True)
+                rows.append({"model": name, "parameter": n, "way": way, "result": result, "equal": equal})
+    if arguments.json:
+        arguments.json.write_text(json.dumps(rows))
+
+
+def _is_worth(n: int, last: tuple[int, float] | None, name: str) -> bool:
+    """Whether the next size is expected within `LONGEST`; the equations of a grid grow with n²."""
+    if last is None:
+        return True
+    return last[1] * (n / last[0]) ** (6 if name == "Grid" else 3) < 4 * LONGEST
+
+
+def _line(name: str, n: int, way: str, result: dict[str, object] | str, equal: bool) -> str:
+    if isinstance(result, str):
+        return f"{name:10} n = {n:4}  {way:11} {result}"
+    return (
+        f"{name:10} {result['n']:6} equations  {way:11} {result['seconds']:8.2f} s  "
+        f"+{result['added_gb']:5.2f} GB of {result['peak_gb']:5.2f}  {result['n_dynamic']:5} modes  "
+        + ("verdicts equal" if equal else "no verdicts" if result["forbidden"] is None else "verdicts differ")
+    )
+
+
+def _forbidden(result: dict[str, object] | str | None) -> object:
+    return result.get("forbidden") if isinstance(result, dict) else None
+
+
+if __name__ == "__main__":
+    main()
