@@ -266,6 +266,28 @@ def test_diagnosis_and_ledger(told, daest):
     assert {"plot-screen", "plot-curve", "plot-curve-1", "plot-staircase-0"} <= plots
 
 
+def test_the_last_round_of_an_improvement_is_a_diagnosis(told, daest):
+    results = told / "results"
+    (results / "improve").mkdir()
+    final = {
+        "verdict": "unknown effect",
+        "message": "Something unknown.",
+        "baseline": {"rms": {}},
+        "candidates": [],
+        "screen": {"best": []},
+        "disturbance": None,
+        "outputs": {"y": "V"},
+        "next_experiment": "Shake it.",
+    }
+    step = {"added": None, "at": None, "component": None, "rms": {"validation": {"y": 0.2}}, "parameters": {}}
+    ledger = {"steps": [step], "outputs": {"y": "V"}, "reason": "Unknown.", "final": final}
+    (results / "improve" / "ledger.json").write_text(json.dumps(ledger))
+    assert daest("report")[0] == 0
+    tree = parsed(told / "report.html")
+    assert "unknown effect" in text_of(tree, "diagnosis") and "Shake it." in text_of(tree, "diagnosis")
+    assert is_missing(tree, "modelica") and "has found nothing to add" in text_of(tree, "modelica")
+
+
 def test_palette_is_seen_on_both_grounds():
     from daest.report.page.plots import COLORS, MEASURED
 

@@ -332,7 +332,7 @@ def screen_plot(document: Document) -> Plot | None:
         y_range=names,
         height=80 + 24 * len(names),
         sizing_mode="stretch_width",
-        x_axis_label="score of the screen [standard deviations]",
+        x_axis_label="score [standard deviations]",
         tools="save",
         toolbar_location="above",
     )

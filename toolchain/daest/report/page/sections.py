@@ -57,7 +57,7 @@ def sections(material: Material) -> list[Section]:
         _residuals(material),
         _failures(material.comparison),
         _filter(material),
-        _diagnosis(material.diagnosis),
+        _diagnosis(material.diagnosis, material.ledger),
         _improvement(material),
         _modelica(material),
         _origin(material),
@@ -204,14 +204,18 @@ def _filter(material: Material) -> Section:
     return Section("filter", title, "", True, {"document": document}, (plot,) if plot else ())
 
 
-def _diagnosis(document: Document | None) -> Section:
+def _diagnosis(document: Document | None, ledger: Document | None) -> Section:
+    """The diagnosis, or that of the last round of an improvement."""
     title = "What is missing: the diagnosis"
+    is_last = document is None and ledger is not None
+    if document is None and ledger is not None:
+        document = ledger.get("final")
     if document is None:
         return Section("diagnosis", title, "`daest diagnose` makes it", False)
     curve = document["disturbance"]
     drawn = [plots.screen_plot(document)]
     drawn += [plots.curve_plot("plot-curve", curve)] if curve else []
-    content = {"document": document, "outputs": document["outputs"], "curve": curve}
+    content = {"document": document, "outputs": document["outputs"], "curve": curve, "is_last": is_last}
     return Section("diagnosis", title, "", True, content, tuple(plot for plot in drawn if plot))
 
 
@@ -250,12 +254,10 @@ def _modelica(material: Material) -> Section:
     title = "The extended model as Modelica"
     texts = dict(material.sources) or _proposed(material.diagnosis)
     if not texts:
-        return Section(
-            "modelica",
-            title,
-            "`daest improve` makes it, and `daest diagnose` where it finds an effect",
-            False,
-        )
+        made_by = "`daest improve` makes it, and `daest diagnose` where it finds an effect"
+        if material.ledger is not None:
+            made_by = "`daest improve` has found nothing to add"
+        return Section("modelica", title, made_by, False)
     base, shown = material.base or "", []
     for name, text in texts.items():
         new = added_lines(text, base)
