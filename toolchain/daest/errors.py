@@ -295,6 +295,14 @@ EXPLANATIONS: dict[str, str] = {
     "data-window-empty": (
         "Fewer than two rows lie between --from and --to. The message names the times of the recording."
     ),
+    "diagnose-fmu-search": (
+        "The library of effects is put into the equations of a model. An FMU without equations has none, "
+        "so that effects and places cannot be named: everything that can be tried from outside is tried."
+    ),
+    "diagnose-gaps": (
+        "The residual of an FMU without equations is whitened by an autoregression, which needs every "
+        "sample. Choose a part of the recording without missing values, or resample it."
+    ),
     "diagnose-no-candidate": (
         "No effect of the library fits any of the places that were asked for. daest effects NAME --model "
         "MODEL lists the places of an effect; without --effect and --at everything is tried everywhere."
@@ -475,6 +483,11 @@ EXPLANATIONS: dict[str, str] = {
         "Two variables would have the same name in the FMU. Names such as _residual[1] and der(x) are taken "
         "by the export; rename the variable of the model."
     ),
+    "fmu-no-equations": (
+        "The FMU was made by another tool and carries no equations, so that nothing can be put between "
+        "its parts. daest diagnose tries what can act at its inputs and outputs; extend and improve need "
+        "the Modelica source or an FMU of daest export."
+    ),
     "fmu-no-symbolic-model": (
         "The command needs the equations as expressions. They travel in FMUs written by daest export; the "
         "FMUs of other tools have matrices alone, which linearize and noise can use."
@@ -522,6 +535,11 @@ EXPLANATIONS: dict[str, str] = {
     "fmu-xml": (
         "An XML file of the FMU is not well-formed, or declares a document type. No FMU needs one, and "
         "entities can be used to read foreign files."
+    ),
+    "given-form-without-tangents": (
+        "The likelihood by an extended Kalman filter needs derivatives with respect to parameters, and a "
+        "particle filter all internal variables at every particle; an FMU without equations gives "
+        "neither."
     ),
     "identify-constant-input": (
         "Every input is constant, so nothing excites the model and its parameters leave no trace in the "

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from daest.cli.diagnose_fmu import black_box_document
 from daest.cli.kept import made_from, training_files
 from daest.cli.models import load_model, model_source
 from daest.cli.options import (
@@ -31,7 +32,7 @@ from daest.cli.recordings import training_data
 from daest.cli.results import find_fit, parameter_values
 from daest.data.prepare import split_all
 from daest.data.project import Project
-from daest.errors import EstimationError, ModelError
+from daest.errors import EstimationError, FmuError, ModelError
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 
@@ -116,6 +117,11 @@ def command(
 
     project = model_options.project()
     keep_inputs(output, [*data, model])
+    names = (*search.effects, *search.places)
+    outside = black_box_document(project, model, data, data_options, names, search.seed)
+    if outside is not None:
+        emit(outside, "diagnose", form, output, texts.text)
+        return
     case = opened(
         project,
         model,
@@ -148,6 +154,13 @@ def opened(
 
     source = model_source(project, model)
     flat = load_model(project, source, class_name, libraries)
+    if flat.given is not None:
+        raise FmuError(
+            "fmu-no-equations",
+            "an FMU without equations cannot be extended",
+            where=str(source),
+            remedy="use the Modelica source, or an FMU of daest export; daest diagnose tells what shows from outside",
+        )
     flat, estimation, validation = training_data(flat, project, data, data_choice)
     if not validation:
         note("no validation data: the second half of every recording validates")

@@ -169,7 +169,7 @@ class BinaryForm:
         """The FMU as ẋ = f with CasADi functions that ask the binary; derivatives with respect to θ are not
         among them."""
         sizes = self._sizes(flat)
-        n_x, rows = len(self.form.states), self._output_rows(flat)
+        n_x, rows = len(self.form.states), self.output_rows(flat)
         outputs = np.array(rows, dtype=int)
 
         def values(*arguments: np.ndarray) -> np.ndarray:
@@ -286,12 +286,12 @@ class BinaryForm:
             starts = np.vstack([starts, np.repeat(x0[None], len(moved), axis=0), turned])
             steps = np.concatenate([steps, more])
         columns = (*self.form.states, *self.form.variables)
-        read = tuple(columns[row] for row in self._output_rows(flat))
-        request = self._drive(drive.time, drive.u0, drive.u1, drive.u_last, read)
+        read = tuple(columns[row] for row in self.output_rows(flat))
+        request = self.drive(drive.time, drive.u0, drive.u1, drive.u_last, read)
         request = replace(request, rtol=min(drive.rtol, SEARCH_RTOL))
         if drive.correction is not None:
             request = replace(request, measurements=drive.correction.measurements, gain=drive.correction.gain)
-        found = self._simulated(request, sets, starts)
+        found = self.simulated(request, sets, starts)
         outputs = (
             np.concatenate([found.values, found.states], axis=2) if options["with_states"] else found.values
         )
@@ -302,8 +302,8 @@ class BinaryForm:
         self, flat: FlatModel, time: np.ndarray, ubar: np.ndarray, theta: np.ndarray, states: np.ndarray
     ) -> np.ndarray:
         if self.hides_states:
-            request = self._drive(time, ubar[:-1], ubar[1:], ubar[-1], self.form.variables)
-            return self._simulated(request, theta[None], None).values[0]
+            request = self.drive(time, ubar[:-1], ubar[1:], ubar[-1], self.form.variables)
+            return self.simulated(request, theta[None], None).values[0]
         drivers = np.zeros((time.size, len(self.form.drivers)))
         drivers[:, : ubar.shape[1]] = ubar
         points = Points(self.form.drivers, drivers, states, time)
@@ -316,7 +316,7 @@ class BinaryForm:
     def local_functions(self, flat: FlatModel) -> tuple[PointFunction, PointFunction]:
         refuse_hidden(self.model, "a filter")
         n_x = len(self.form.states)
-        rows = np.array(self._output_rows(flat), dtype=int)
+        rows = np.array(self.output_rows(flat), dtype=int)
         n_w = len(flat.noises)
 
         def flow(
@@ -357,7 +357,7 @@ class BinaryForm:
             found.append(InputDerivative(names.index(base), order))
         return tuple(found)
 
-    def _output_rows(self, flat: FlatModel) -> list[int]:
+    def output_rows(self, flat: FlatModel) -> list[int]:
         """Positions of the outputs among states and variables. ModelError `output-unknown`."""
         missing = [o.name for o in flat.outputs if o.name not in self._columns]
         if missing:
@@ -390,14 +390,23 @@ class BinaryForm:
             raise refused(self.model, found.stopped.reason)
         return found.states[0, 0]
 
-    def _drive(
+    def drive(
         self, time: np.ndarray, u0: np.ndarray, u1: np.ndarray, u_last: np.ndarray, read: Sequence[int]
     ) -> Drive:
         inputs = self.form.inputs
         return Drive(time, inputs, u0, u1, np.ravel(u_last), tuple(read))
 
-    def _simulated(self, request: Drive, sets: np.ndarray, starts: np.ndarray | None) -> Simulated:
-        found = self.runner.simulate(request, self._parameters(sets), None if self.hides_states else starts)
+    def simulated(
+        self,
+        request: Drive,
+        sets: np.ndarray,
+        starts: np.ndarray | None,
+        sizes: np.ndarray | None = None,
+    ) -> Simulated:
+        """Simulations at parameters (s, p) from starts (s, n_x), with sizes (s, n_laws) of the laws of
+        the request. Raises IntegrationError."""
+        starts = None if self.hides_states else starts
+        found = self.runner.simulate(request, self._parameters(sets), starts, sizes)
         if found.stopped is not None:
             raise IntegrationError(found.stopped.reason, found.stopped.time)
         return found
@@ -433,7 +442,7 @@ class BinaryForm:
         self, flat: FlatModel, sets: np.ndarray, x: np.ndarray, drivers: np.ndarray
     ) -> list[list[np.ndarray]]:
         """A, B, G, b, C, D, H, d, X, U, W, x0 for every set of parameters."""
-        n_x, rows = x.size, np.array(self._output_rows(flat), dtype=int)
+        n_x, rows = x.size, np.array(self.output_rows(flat), dtype=int)
         n_u = len(self.form.inputs)
         if self.hides_states:
             return [_unknown_matrices(flat, n_u) for _ in sets]

@@ -69,7 +69,7 @@ def semi_explicit_form(model: FmuModel) -> SemiExplicitForm:
         vr
         for vr, v in model.variables.items()
         if v.causality in ("local", "output")
-        and v.variability == "continuous"
+        and (v.variability == "continuous" or vr in outputs)
         and vr not in taken | residuals
         and (v.derivative_of is None or vr in outputs)
     ]

@@ -1,0 +1,624 @@
+"""Which effect an FMU without equations lacks, as far as that shows from outside.
+
+Nothing can be put between the parts of a black box. What can be tried: a force, torque, voltage or flow at
+one of its inputs that follows a law of one of its states or a recorded column, and what a sensor may do to an
+output. The null hypothesis is the refitted model with a residual of any colour (an autoregression); every
+candidate is scored on the whitened residual after the responses of parameters and initial states are
+projected out, and the search over all of them is paid for. The best are refitted and tried on validation
+data.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time as clock
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import chi2, norm
+
+from daest.errors import EstimationError
+from daest.estimation.identify import identify
+from daest.fmu.binary_form import BinaryForm
+from daest.fmu.laws import LAWS
+from daest.model.experiment import Experiment
+from daest.model.fit import FitResult, IdentifyOptions
+from daest.model.flat import FlatModel
+from daest.systems.integrate import Hold, IntegrationError, integrate, integrator, interval_inputs
+
+LEVEL = 0.01  # of the whole search
+REFITTED = 3  # candidates
+BEHIND = 3.0  # log-likelihood units within which a candidate is as good as the best
+LEAST_GAIN = 0.02  # relative, of the validation error, that an effect must bring
+MOST_ORDER = 8  # of the autoregression that whitens the residual
+ABSORBED = 1e-6  # share of a response that parameters leave over, below which they do all that it does
+SIGN_WIDTH = 0.02  # of the largest value of a state: the width of Coulomb friction
+STEP = 1e-3  # size of an effect against that of its input, when its response is computed
+MOST_STATES = 12  # whose laws are tried
+WHITE_LAGS = 20
+MOST_EVALUATIONS = 15  # of a refit
+STATE_LAWS = {
+    "sign": "CoulombFriction",
+    "linear": "ViscousFriction",
+    "square": "QuadraticDrag",
+    "cube": "HardeningSpring",
+}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One effect at an input or output. `law` is a law of `fmu.laws` of the state `variable`; `column` a
+    recorded signal that is added to the input; `sensor` what happens to an output."""
+
+    effect: str
+    at: str
+    number: int
+    law: str = ""
+    variable: str = ""
+    column: str = ""
+    sensor: str = ""
+    shape: tuple[float, ...] = ()
+    unit: str = ""
+
+    @property
+    def label(self) -> str:
+        return f"{self.effect} at {self.at}" + (f" ({self.variable or self.column})" if self.reads else "")
+
+    @property
+    def reads(self) -> bool:
+        return bool(self.variable or self.column)
+
+
+@dataclass(frozen=True)
+class Case:
+    """The FMU at fitted values with its recordings."""
+
+    flat: FlatModel
+    form: BinaryForm
+    hold: Hold
+    experiments: tuple[Experiment, ...]
+    names: tuple[str, ...]
+    theta: np.ndarray
+    starts: tuple[np.ndarray, ...]
+
+
+def diagnose_black_box(
+    flat: FlatModel,
+    estimation: Sequence[Experiment],
+    validation: Sequence[Experiment],
+    hold: Hold | None = None,
+    seed: int = 0,
+) -> dict[str, Any]:
+    """The document of `daest diagnose` for an FMU. EstimationError `diagnose-gaps` for missing samples."""
+    began = clock.perf_counter()
+    form = flat.given
+    assert isinstance(form, BinaryForm)
+    _refuse_gaps([*estimation, *validation])
+    quiet = replace(flat, noises=(), w=type(flat.w)(0, 1))
+    baseline = identify(quiet, estimation, IdentifyOptions(method="oe", hold=hold, seed=seed), validation)
+    case = _case(quiet, form, baseline, tuple(estimation))
+    residuals, slopes = _residuals(case), _parameter_slopes(case)
+    trials = candidates(case)
+    responses = [_response(case, trial) for trial in trials]
+    screened = _screen(trials, responses, residuals, slopes)
+    found = [s for s in screened if not s["absorbed"]]
+    # One step from the null ranks laws that are alike badly: if any is significant, the best few are refitted.
+    found = found if found and found[0]["p_value"] < LEVEL else []
+    tried = _case(quiet, form, baseline, tuple(validation))
+    proofs = []
+    for entry in found[:REFITTED]:
+        with contextlib.suppress(IntegrationError):  # an effect that the FMU cannot be simulated with is none
+            proofs.append(_proof(case, tried, entry, residuals))
+    verdict, message, experiment = _verdict(proofs, residuals, case)
+    return {
+        "verdict": verdict,
+        "message": f"{message} {_limits_of_the_box(case)}",
+        "baseline": {
+            "fit_percent": {k: dict(a.fit_percent) for k, a in baseline.simulated.items()},
+            "rms": {k: dict(a.rms) for k, a in baseline.simulated.items()},
+        },
+        "candidates": proofs,
+        "screen": {
+            "p_value": min((s["p_value"] for s in screened), default=1.0),
+            "n_screened": len(screened),
+            "best": [{k: v for k, v in s.items() if k not in ("trial", "absorbed")} for s in screened[:20]],
+            "skipped": [],
+        },
+        "places": [],
+        "disturbance": None,
+        "next_experiment": experiment,
+        "seconds": clock.perf_counter() - began,
+    }
+
+
+def _refuse_gaps(experiments: Sequence[Experiment]) -> None:
+    for experiment in experiments:
+        if not np.all(np.isfinite(experiment.outputs)):
+            raise EstimationError(
+                "diagnose-gaps",
+                f"{experiment.name} has missing samples, and the residual of a black box is whitened in time",
+                remedy="choose a part without gaps (--from, --to), or resample it",
+            )
+
+
+def _case(
+    flat: FlatModel, form: BinaryForm, baseline: FitResult, experiments: tuple[Experiment, ...]
+) -> Case:
+    theta = np.array([baseline.theta[p.name] for p in flat.parameters])
+    fitted = {s.experiment: s.values for s in baseline.initial_states}
+    starts = []
+    for e in experiments:
+        u = np.zeros(len(form.form.drivers))
+        u[: e.inputs.shape[1]] = e.inputs[0]
+        known = fitted.get(e.name)
+        starts.append(form.start(flat, theta, u, float(e.time[0]), {}) if known is None else known)
+    case = Case(
+        flat,
+        form,
+        baseline.hold,
+        experiments,
+        tuple(p.name for p in baseline.parameters),
+        theta,
+        tuple(starts),
+    )
+    return case if all(e.name in fitted for e in experiments) else _with_fitted_starts(case)
+
+
+def candidates(case: Case) -> list[Trial]:
+    """Every law at every input, and every fault of a sensor at every output."""
+    states = case.flat.unknowns[: len(case.form.form.states)][:MOST_STATES]
+    sizes = np.max([np.max(np.abs(_run(case, i)[1]), axis=0) for i in range(len(case.experiments))], axis=0)
+    trials = []
+    for number, u in enumerate(case.flat.inputs):
+        trials.append(Trial("ConstantLoad", u.name, number, "constant", unit=u.unit))
+        for state, size in zip(states, sizes, strict=False):
+            if size <= 0.0 or not np.isfinite(size):
+                continue
+            for law, effect in STATE_LAWS.items():
+                shape = (SIGN_WIDTH * float(size),) if law == "sign" else ()
+                trials.append(Trial(effect, u.name, number, law, state.name, shape=shape))
+            if state.unit == "rad":
+                trials.append(Trial("Gravity", u.name, number, "sine", state.name, shape=(1.0, 0.0)))
+        for column in case.experiments[0].extra:
+            if all(np.all(np.isfinite(e.extra.get(column, np.nan))) for e in case.experiments):
+                trials.append(Trial("MeasuredInput", u.name, number, column=column))
+    for number, y in enumerate(case.flat.outputs):
+        for sensor, effect in (("offset", "Offset"), ("drift", "Drift"), ("gain", "Gain"), ("lag", "Lag")):
+            trials.append(Trial(effect, y.name, number, sensor=sensor, unit=y.unit))
+    return trials
+
+
+# ------------------------------------------------------------------------------------------ simulation
+
+
+def _run(
+    case: Case, i: int, sets: np.ndarray | None = None, starts: np.ndarray | None = None,
+    trial: Trial | None = None, sizes: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Outputs (s, n, n_y) and largest-state table of recording i at sets of parameters, initial states and
+    sizes of a trial; one set: outputs (1, n, n_y) and states (n, n_x)."""
+    form, e = case.form, case.experiments[i]
+    sets = case.theta[None] if sets is None else sets
+    starts = np.repeat(case.starts[i][None], len(sets), axis=0) if starts is None else starts
+    explicit = form.explicit(case.flat)
+    u0, u1 = interval_inputs(explicit, e.time, e.inputs, case.hold)
+    columns = (*form.form.states, *form.form.variables)
+    read = tuple(columns[row] for row in form.output_rows(case.flat))
+    laws = () if trial is None or not trial.law else (_law(case, trial),)
+    request = form.drive(e.time, u0, u1, np.hstack([e.inputs[-1], u1[-1, e.inputs.shape[1] :]]), read)
+    request = replace(request, laws=laws)
+    law_sizes = None if not laws else np.asarray(sizes, dtype=float)[:, None]
+    if trial is not None and trial.column and sizes is not None:
+        return _with_column(case, e, request, sets, starts, trial, sizes)
+    found = form.simulated(request, sets, starts, law_sizes)
+    outputs = found.values
+    if trial is not None and trial.sensor and sizes is not None:
+        outputs = np.array([_sensed(y, e.time, trial, s) for y, s in zip(outputs, sizes, strict=True)])
+    return outputs, found.states[0]
+
+
+def _with_column(
+    case: Case, e: Experiment, request: Any, sets: np.ndarray, starts: np.ndarray, trial: Trial,
+    sizes: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Simulations with a recorded column added to the input."""
+    outputs, states = [], np.zeros(0)
+    column = e.extra[trial.column]
+    for theta, x0, size in zip(sets, starts, sizes, strict=True):
+        moved = request.u0.copy(), request.u1.copy(), request.u_last.copy()
+        end = column[:-1] if case.hold == "zoh" else column[1:]
+        moved[0][:, trial.number] += size * column[:-1]
+        moved[1][:, trial.number] += size * end
+        moved[2][trial.number] += size * column[-1]
+        changed = replace(request, u0=moved[0], u1=moved[1], u_last=moved[2])
+        found = case.form.simulated(changed, theta[None], x0[None], None)
+        outputs.append(found.values[0])
+        states = found.states[0]
+    return np.array(outputs), states
+
+
+def _sensed(y: np.ndarray, time: np.ndarray, trial: Trial, size: float) -> np.ndarray:
+    """Outputs with the fault of a sensor."""
+    changed = y.copy()
+    own = y[:, trial.number]
+    faults = {
+        "offset": np.ones_like(own),
+        "drift": time - time[0],
+        "gain": own,
+        "lag": -np.gradient(own, time),
+    }
+    changed[:, trial.number] += size * faults[trial.sensor]
+    return changed
+
+
+def _law(case: Case, trial: Trial) -> dict[str, Any]:
+    names = [v.name for v in case.flat.unknowns]
+    reads = [case.form.form.states[names.index(trial.variable)]] if trial.variable else []
+    return {"name": trial.law, "input": trial.number, "reads": reads, "shape": list(trial.shape)}
+
+
+def _residuals(case: Case) -> list[np.ndarray]:
+    return [e.outputs - _run(case, i)[0][0] for i, e in enumerate(case.experiments)]
+
+
+def _parameter_slopes(case: Case) -> list[np.ndarray]:
+    """∂ŷ/∂(parameters, initial states of all recordings), (d, n, n_y) per recording."""
+    p, n_x = len(case.names), case.starts[0].size
+    model = integrator(case.form.explicit(case.flat), case.names)
+    tables = []
+    for i, e in enumerate(case.experiments):
+        found = integrate(model, e.time, e.inputs, case.theta, case.starts[i], hold=case.hold,
+                          sensitivities=True, state_scale=np.maximum(np.abs(case.starts[i]), 1.0))  # fmt: skip
+        own = found.sensitivities.transpose(2, 0, 1)
+        table = np.zeros((p + n_x * len(case.experiments), *own.shape[1:]))
+        table[:p] = own[:p]
+        table[p + i * n_x : p + (i + 1) * n_x] = own[p:]
+        tables.append(table)
+    return tables
+
+
+def _response(case: Case, trial: Trial) -> tuple[list[np.ndarray], float]:
+    """∂ŷ/∂size per recording, (n, n_y), and the step that it was computed with."""
+    step = _size_step(case, trial)
+    tables = []
+    for i in range(len(case.experiments)):
+        sets = np.repeat(case.theta[None], 2, axis=0)
+        try:
+            outputs, _ = _run(case, i, sets, trial=trial, sizes=np.array([step, -step]))
+        except IntegrationError:
+            outputs = np.zeros((2, *case.experiments[i].outputs.shape))
+        tables.append((outputs[0] - outputs[1]) / (2 * step))
+    return tables, step
+
+
+def _size_step(case: Case, trial: Trial) -> float:
+    """A size at which the effect is small against its input or output."""
+    if trial.sensor:
+        return STEP
+    spread = max(float(np.std(e.inputs[:, trial.number])) for e in case.experiments)
+    spread = spread or max(float(np.max(np.abs(e.inputs[:, trial.number]))) for e in case.experiments) or 1.0
+    if trial.column:
+        largest = max(float(np.max(np.abs(e.extra[trial.column]))) for e in case.experiments)
+    elif trial.variable:
+        names = [v.name for v in case.flat.unknowns]
+        states = np.concatenate([_run(case, i)[1] for i in range(len(case.experiments))])
+        v = float(np.max(np.abs(states[:, names.index(trial.variable)])))
+        largest = abs(float(LAWS[trial.law](np.array([v]), np.array(trial.shape))))
+    else:
+        largest = 1.0
+    return STEP * spread / (largest or 1.0)
+
+
+# ---------------------------------------------------------------------------------------------- screen
+
+
+def _autoregression(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Coefficients of the whitening filter of every output, order by BIC."""
+    filters = []
+    for j in range(residuals[0].shape[1]):
+        best: tuple[float, np.ndarray] | None = None
+        for order in range(MOST_ORDER + 1):
+            rows = [_lagged(e[:, j], order) for e in residuals if e.shape[0] > 4 * MOST_ORDER]
+            if not rows:
+                break
+            X, y = np.vstack([r[0] for r in rows]), np.concatenate([r[1] for r in rows])
+            a = np.linalg.lstsq(X, y, rcond=None)[0] if order else np.zeros(0)
+            variance = float(np.mean((y - X @ a) ** 2)) + np.finfo(float).tiny
+            bic = y.size * np.log(variance) + order * np.log(y.size)
+            if best is None or bic < best[0]:
+                best = (bic, np.concatenate([[1.0], -a]))
+        filters.append(np.ones(1) if best is None else best[1])
+    return filters
+
+
+def _lagged(e: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of the last `order` values before each sample from MOST_ORDER on, and these samples."""
+    columns = [e[MOST_ORDER - k : e.size - k] for k in range(1, order + 1)]
+    X = np.column_stack(columns) if columns else np.zeros((e.size - MOST_ORDER, 0))
+    return X, e[MOST_ORDER:]
+
+
+def _white(tables: Sequence[np.ndarray], filters: Sequence[np.ndarray]) -> np.ndarray:
+    """All recordings and outputs whitened, one after the other, (m,)."""
+    parts = []
+    for table in tables:
+        for j, taps in enumerate(filters):
+            parts.append(np.convolve(table[:, j], taps)[: table.shape[0]][MOST_ORDER:])
+    return np.concatenate(parts)
+
+
+def _screen(
+    trials: Sequence[Trial], responses: Sequence[tuple[list[np.ndarray], float]],
+    residuals: Sequence[np.ndarray], slopes: Sequence[np.ndarray],
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Scores of all trials on the whitened residual, best first, p-values corrected for the search."""
+    filters = _autoregression(residuals)
+    weights = _weights(residuals, filters)
+    e = _white(residuals, filters) * weights
+    base = np.array([_white([t[k] for t in slopes], filters) * weights for k in range(slopes[0].shape[0])])
+    basis = _orthonormal(base)
+    left = e - basis @ (basis.T @ e)
+    entries = []
+    for trial, (response, _) in zip(trials, responses, strict=True):
+        s = _white(response, filters) * weights
+        own = s - basis @ (basis.T @ s)
+        size, whole = float(np.linalg.norm(own)), float(np.linalg.norm(s))
+        absorbed = not np.isfinite(size) or size**2 <= ABSORBED * whole**2 or size == 0.0
+        score = 0.0 if absorbed else float(own @ left) / size
+        p = min(1.0, len(trials) * 2 * float(norm.sf(abs(score))))
+        entries.append(
+            {
+                "effect": trial.effect, "at": _at(trial), "score": abs(score), "p_value": p,
+                "sizes": {"size": 0.0 if absorbed else score / size},
+                "detectable": float("inf") if absorbed else float(norm.isf(LEVEL / 2 / len(trials)) + 1.28) / size,
+                "unit": trial.unit, "trial": trial, "absorbed": absorbed,
+            }
+        )  # fmt: skip
+    for entry in entries:
+        entry["detectable"] = entry["detectable"] if np.isfinite(entry["detectable"]) else None
+    return sorted(entries, key=lambda s: -s["score"])
+
+
+def _at(trial: Trial) -> str:
+    return f"{trial.at} ({trial.variable or trial.column})" if trial.reads else trial.at
+
+
+def _weights(residuals: Sequence[np.ndarray], filters: Sequence[np.ndarray]) -> np.ndarray:
+    """1 / standard deviation of the whitened residual of every output, in the order of `_white`."""
+    stds = [
+        np.std(np.concatenate([np.convolve(e[:, j], taps)[: e.shape[0]][MOST_ORDER:] for e in residuals]))
+        for j, taps in enumerate(filters)
+    ]
+    parts = [np.full(e.shape[0] - MOST_ORDER, 1.0 / (s or 1.0)) for e in residuals for s in stds]
+    return np.concatenate(parts)
+
+
+def _orthonormal(rows: np.ndarray) -> np.ndarray:
+    """Columns that span the rows (d, m); directions below 1e-9 of the largest are none."""
+    sizes = np.linalg.norm(rows, axis=1)
+    kept = rows[(sizes > 0) & np.isfinite(sizes)]
+    if not kept.size:
+        return np.zeros((rows.shape[1], 0))
+    u, s, _ = np.linalg.svd((kept / np.linalg.norm(kept, axis=1)[:, None]).T, full_matrices=False)
+    return u[:, s > 1e-9 * s[0]]
+
+
+# ----------------------------------------------------------------------------------------------- proof
+
+
+def _proof(
+    case: Case, validation: Case, entry: dict[str, Any], residuals: Sequence[np.ndarray]
+) -> dict[str, Any]:
+    """The effect put at its place and refitted with all parameters, and tried on validation data."""
+    trial: Trial = entry["trial"]
+    start = entry["sizes"]["size"]
+    fitted, size, std_error, errors = _refitted(case, trial, start)
+    gain = _log_likelihood(errors) - _log_likelihood(residuals)
+    n = sum(e.size for e in errors)
+    tried = _with_fitted_starts(replace(validation, theta=fitted.theta), trial, size)
+    plain = _with_fitted_starts(validation)
+    with_effect, without = _rms(tried, trial, size), _rms(plain)
+    better = float(np.mean([1 - a / b for a, b in zip(with_effect, without, strict=True) if b > 0]))
+    names = [o.name for o in case.flat.outputs]
+    supported = better > LEAST_GAIN and 2 * gain > np.log(n)
+    return {
+        "effect": trial.effect, "class": "", "at": _at(trial), "equivalent_places": [], "inputs": {},
+        "parameters": {"size": {"value": size, "std_error": std_error, "unit": trial.unit or ""}},
+        "model_parameters": {
+            name: {"value": float(fitted.theta[[p.name for p in case.flat.parameters].index(name)]),
+                   "std_error": None, "unit": ""} for name in case.names
+        },
+        "fit_percent": {},
+        "rms": {
+            "estimation": dict(zip(names, map(float, np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))))),
+            "validation": dict(zip(names, with_effect)),
+        },
+        "delta_log_likelihood": gain, "delta_bic": 2 * gain - float(np.log(n)), "p_value": entry["p_value"],
+        "explained": max(0.0, better),
+        "verdict": "supported" if supported else "rejected",
+        "reason": "" if supported else "it does not lower the error on validation data",
+        "not_separable_from": [], "model": None,
+        "model_reason": "an FMU cannot be extended from outside; the law is told above",
+    }  # fmt: skip
+
+
+def _refitted(case: Case, trial: Trial, size: float) -> tuple[Case, float, float | None, list[np.ndarray]]:
+    """Parameters, initial states and size together by least squares weighted with the residual's spread."""
+    known = [p.name for p in case.flat.parameters]
+    columns = [known.index(name) for name in case.names]
+    n_x, step = case.starts[0].size, _size_step(case, trial)
+    scales = np.concatenate(
+        [
+            np.array([abs(case.theta[c]) or 1.0 for c in columns]),
+            *(
+                np.maximum(np.abs(x), 1e-3 * max(1.0, float(np.max(np.abs(x), initial=0.0))))
+                for x in case.starts
+            ),
+            [abs(size) or step],
+        ]
+    )
+    z0 = np.concatenate([case.theta[columns], *case.starts, [size]]) / scales
+    spread = np.std(np.concatenate(_residuals(case)), axis=0)
+    spread = np.where(spread > 0, spread, 1.0)
+
+    def errors_at(rows: np.ndarray) -> np.ndarray:
+        """(s, all residuals) of many search vectors, in one request per recording."""
+        values = rows * scales
+        sets = np.repeat(case.theta[None], len(rows), axis=0)
+        sets[:, columns] = values[:, : len(columns)]
+        parts = []
+        for i, e in enumerate(case.experiments):
+            first = len(columns) + i * n_x
+            try:
+                outputs, _ = _run(case, i, sets, values[:, first : first + n_x], trial, values[:, -1])
+            except IntegrationError:
+                outputs = np.full((len(rows), *e.outputs.shape), 1e3 * np.max(np.abs(e.outputs)))
+            parts.append(((e.outputs - outputs) / spread).reshape(len(rows), -1))
+        return np.hstack(parts)
+
+    def jacobian(z: np.ndarray) -> np.ndarray:
+        moved = np.vstack([z + STEP * np.eye(z.size), z - STEP * np.eye(z.size)])
+        table = errors_at(moved)
+        return ((table[: z.size] - table[z.size :]) / (2 * STEP)).T
+
+    bounds = np.full((2, z0.size), np.inf) * np.array([[-1.0], [1.0]])
+    for k, c in enumerate(columns):
+        low, high = case.flat.parameters[c].min, case.flat.parameters[c].max
+        bounds[0, k] = -np.inf if low is None else low / scales[k]
+        bounds[1, k] = np.inf if high is None else high / scales[k]
+    # The solver needs room between the start and a bound.
+    room = 1e-6 * np.where(np.isfinite(bounds), np.abs(bounds) + 1.0, 0.0)
+    z0 = np.clip(z0, bounds[0] + room[0], bounds[1] - room[1])
+    found = least_squares(
+        lambda z: errors_at(z[None])[0], z0, jacobian, bounds=tuple(bounds), max_nfev=MOST_EVALUATIONS
+    )
+    values = found.x * scales
+    theta = case.theta.copy()
+    theta[columns] = values[: len(columns)]
+    starts = tuple(np.split(values[len(columns) : -1], len(case.experiments)))
+    cov = np.linalg.pinv(found.jac.T @ found.jac) * 2 * found.cost / max(found.fun.size - z0.size, 1)
+    std_error = float(np.sqrt(max(cov[-1, -1], 0.0)) * scales[-1])
+    fitted = replace(case, theta=theta, starts=starts)
+    size = float(values[-1])
+    errors = [
+        e.outputs - _run(fitted, i, trial=trial, sizes=np.array([size]))[0][0]
+        for i, e in enumerate(case.experiments)
+    ]
+    return fitted, size, std_error, errors
+
+
+def _with_fitted_starts(case: Case, trial: Trial | None = None, size: float = 0.0) -> Case:
+    """The initial states that fit every recording best, parameters held."""
+    if not case.starts or not case.starts[0].size:
+        return case
+    starts = []
+    for i, e in enumerate(case.experiments):
+        scale = np.maximum(np.abs(case.starts[i]), 1e-2)
+
+        def errors_at(
+            rows: np.ndarray, i: int = i, e: Experiment = e, scale: np.ndarray = scale
+        ) -> np.ndarray:
+            sets = np.repeat(case.theta[None], len(rows), axis=0)
+            sizes = None if trial is None else np.full(len(rows), size)
+            outputs, _ = _run(case, i, sets, rows * scale, trial, sizes)
+            return (e.outputs - outputs).reshape(len(rows), -1)
+
+        def jacobian(z: np.ndarray, errors_at: Any = errors_at) -> np.ndarray:
+            moved = np.vstack([z + STEP * np.eye(z.size), z - STEP * np.eye(z.size)])
+            table = errors_at(moved)
+            return ((table[: z.size] - table[z.size :]) / (2 * STEP)).T
+
+        found = least_squares(
+            lambda z, errors_at=errors_at: errors_at(z[None])[0],
+            case.starts[i] / scale,
+            jacobian,
+            max_nfev=10,
+        )
+        starts.append(found.x * scale)
+    return replace(case, starts=tuple(starts))
+
+
+def _rms(case: Case, trial: Trial | None = None, size: float = 0.0) -> list[float]:
+    sizes = None if trial is None else np.array([size])
+    errors = [
+        e.outputs - _run(case, i, trial=trial, sizes=sizes)[0][0] for i, e in enumerate(case.experiments)
+    ]
+    return [float(r) for r in np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))]
+
+
+def _log_likelihood(errors: Sequence[np.ndarray]) -> float:
+    """Gaussian, of the innovations of the autoregression of the errors, up to a constant."""
+    total = 0.0
+    for j, taps in enumerate(_autoregression(errors)):
+        white = np.concatenate([np.convolve(e[:, j], taps)[: e.shape[0]][MOST_ORDER:] for e in errors])
+        total -= 0.5 * white.size * np.log(np.mean(white**2) + np.finfo(float).tiny)
+    return float(total)
+
+
+# --------------------------------------------------------------------------------------------- verdict
+
+
+def _verdict(
+    proofs: list[dict[str, Any]], residuals: Sequence[np.ndarray], case: Case
+) -> tuple[str, str, str]:
+    """Verdict, message and what to record next."""
+    proofs.sort(key=lambda p: -p["delta_log_likelihood"])
+    supported = [p for p in proofs if p["verdict"] == "supported"]
+    if supported:
+        best = supported[0]
+        close = [
+            p for p in supported[1:] if best["delta_log_likelihood"] - p["delta_log_likelihood"] < BEHIND
+        ]
+        name = f"{best['effect']} at {best['at']}"
+        size = best["parameters"]["size"]
+        text = f"{name}, size {size['value']:.4g} ± {size['std_error']:.2g}"
+        if not close:
+            return "supported", f"{text}: the data ask for it, and it predicts better.", ""
+        others = ", ".join(f"{p['effect']} at {p['at']}" for p in close)
+        for p in (best, *close):
+            p["verdict"] = "not separable"
+            p["not_separable_from"] = [
+                f"{q['effect']} at {q['at']}" for q in (best, *close) if q is not p
+            ]  # fmt: skip
+        return (
+            "cannot tell",
+            f"{text}, or {others}: the data cannot tell them apart.",
+            "excite the inputs at other amplitudes and speeds, where these laws differ",
+        )
+    if _is_white(residuals):
+        return "nothing missing", "The residual of the refitted FMU is white, and no effect fits it.", ""
+    return (
+        "external disturbance",
+        "The residual is coloured, and no law that can be tried from outside explains it: a load from "
+        "outside, or something inside the FMU.",
+        "measure what may act on the plant, and add the column to the recording",
+    )
+
+
+def _is_white(residuals: Sequence[np.ndarray]) -> bool:
+    """Ljung-Box of every output, all together at LEVEL."""
+    p_values = []
+    for j in range(residuals[0].shape[1]):
+        statistic, lags = 0.0, 0
+        for e in residuals:
+            x, n = e[:, j] - e[:, j].mean(), e.shape[0]
+            power = float(x @ x)
+            if n <= 2 * WHITE_LAGS or power == 0.0:
+                continue
+            r = np.array([x[k:] @ x[:-k] for k in range(1, WHITE_LAGS + 1)]) / power
+            statistic += n * (n + 2) * float(np.sum(r**2 / (n - np.arange(1, WHITE_LAGS + 1))))
+            lags += WHITE_LAGS
+        p_values.append(float(chi2.sf(statistic, lags)) if lags else 1.0)
+    return min(p_values) >= LEVEL / len(p_values)
+
+
+def _limits_of_the_box(case: Case) -> str:
+    inputs = ", ".join(v.name for v in case.flat.inputs) or "none"
+    outputs = ", ".join(o.name for o in case.flat.outputs)
+    return (
+        f"(A black box: what acts together with the inputs {inputs}, as a law of a state or a recorded "
+        f"column, and faults of the sensors of {outputs} could be tried; nothing between its parts.)"
+    )
