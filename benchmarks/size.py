@@ -152,7 +152,7 @@ def _is_worth(n: int, last: tuple[int, float] | None, name: str) -> bool:
     """Whether the next size is expected within `LONGEST`; the equations of a grid grow with n²."""
     if last is None:
         return True
-    return last[1] * (n / last[0]) ** (6 if name == "Grid" else 3) < 4 * LONGEST
+    return last[1] * (n / last[0]) ** (6 if name == "Grid" else 3) < LONGEST
 
 
 def _line(name: str, n: int, way: str, result: dict[str, object] | str, equal: bool) -> str:
