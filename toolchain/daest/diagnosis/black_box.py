@@ -39,6 +39,7 @@ SIGN_WIDTH = 0.02  # of the largest value of a state: the width of Coulomb frict
 STEP = 1e-3  # size of an effect against that of its input, when its response is computed
 MOST_STATES = 12  # whose laws are tried
 WHITE_LAGS = 20
+POWER = 1.28  # standard deviations beyond the limit, at which an effect is seen in 90 of 100 recordings
 MOST_EVALUATIONS = 15  # of a refit
 STATE_LAWS = {
     "sign": "CoulombFriction",
@@ -105,7 +106,7 @@ def diagnose_black_box(
     responses = [_response(case, trial) for trial in trials]
     screened = _screen(trials, responses, residuals, slopes)
     found = [s for s in screened if not s["absorbed"]]
-    # One step from the null ranks laws that are alike badly: if any is significant, the best few are refitted.
+    # One step from the null ranks like laws badly: if any is significant, the best few are refitted.
     found = found if found and found[0]["p_value"] < LEVEL else []
     tried = _case(quiet, form, baseline, tuple(validation))
     proofs = []
@@ -270,8 +271,11 @@ def _parameter_slopes(case: Case) -> list[np.ndarray]:
     model = integrator(case.form.explicit(case.flat), case.names)
     tables = []
     for i, e in enumerate(case.experiments):
-        found = integrate(model, e.time, e.inputs, case.theta, case.starts[i], hold=case.hold,
-                          sensitivities=True, state_scale=np.maximum(np.abs(case.starts[i]), 1.0))  # fmt: skip
+        x0 = case.starts[i]
+        scale = np.maximum(np.abs(x0), 1.0)
+        found = integrate(
+            model, e.time, e.inputs, case.theta, x0, hold=case.hold, sensitivities=True, state_scale=scale
+        )
         own = found.sensitivities.transpose(2, 0, 1)
         table = np.zeros((p + n_x * len(case.experiments), *own.shape[1:]))
         table[:p] = own[:p]
@@ -361,6 +365,7 @@ def _screen(
     base = np.array([_white([t[k] for t in slopes], filters) * weights for k in range(slopes[0].shape[0])])
     basis = _orthonormal(base)
     left = e - basis @ (basis.T @ e)
+    seen_from = float(norm.isf(LEVEL / 2 / len(trials))) + POWER
     entries = []
     for trial, (response, _) in zip(trials, responses, strict=True):
         s = _white(response, filters) * weights
@@ -373,12 +378,10 @@ def _screen(
             {
                 "effect": trial.effect, "at": _at(trial), "score": abs(score), "p_value": p,
                 "sizes": {"size": 0.0 if absorbed else score / size},
-                "detectable": float("inf") if absorbed else float(norm.isf(LEVEL / 2 / len(trials)) + 1.28) / size,
+                "detectable": None if absorbed else seen_from / size,
                 "unit": trial.unit, "trial": trial, "absorbed": absorbed,
             }
         )  # fmt: skip
-    for entry in entries:
-        entry["detectable"] = entry["detectable"] if np.isfinite(entry["detectable"]) else None
     return sorted(entries, key=lambda s: -s["score"])
 
 
@@ -423,6 +426,7 @@ def _proof(
     with_effect, without = _rms(tried, trial, size), _rms(plain)
     better = float(np.mean([1 - a / b for a, b in zip(with_effect, without, strict=True) if b > 0]))
     names = [o.name for o in case.flat.outputs]
+    left = [float(r) for r in np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))]
     supported = better > LEAST_GAIN and 2 * gain > np.log(n)
     return {
         "effect": trial.effect, "class": "", "at": _at(trial), "equivalent_places": [], "inputs": {},
@@ -433,8 +437,8 @@ def _proof(
         },
         "fit_percent": {},
         "rms": {
-            "estimation": dict(zip(names, map(float, np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))))),
-            "validation": dict(zip(names, with_effect)),
+            "estimation": dict(zip(names, left, strict=True)),
+            "validation": dict(zip(names, with_effect, strict=True)),
         },
         "delta_log_likelihood": gain, "delta_bic": 2 * gain - float(np.log(n)), "p_value": entry["p_value"],
         "explained": max(0.0, better),

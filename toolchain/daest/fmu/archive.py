@@ -21,7 +21,7 @@ LARGEST_XML = 256 * 1024**2
 SUSPICIOUS_RATIO = 500
 SUSPICIOUS_SIZE = 64 * 1024**2
 
-_DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError)
+_DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError, ValueError)
 
 
 class Archive:
@@ -61,9 +61,13 @@ class Archive:
         """Write the members below `prefixes` into `folder`."""
         for name in self._members:
             if name.startswith(prefixes):
-                target = folder / name
-                target.parent.mkdir(parents=True, exist_ok=True)
-                target.write_bytes(self.read(name, LARGEST_TOTAL))
+                content = self.read(name, LARGEST_TOTAL)
+                try:
+                    target = folder / name
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                    target.write_bytes(content)
+                except (OSError, ValueError) as problem:  # a file in the place of a folder, a name too long
+                    raise _damaged(self.path, f"`{name}` cannot be unpacked ({problem})") from problem
 
 
 @contextmanager

@@ -14,6 +14,7 @@ import numpy as np
 from daest.errors import ModelError
 from daest.fmu import words
 from daest.fmu.binary_functions import PointFunction, model_function, parameter_function, raise_failure
+from daest.fmu.description import base_and_order
 from daest.fmu.load import load_fmu
 from daest.fmu.points import DIFFERENCE_FLOOR, central_differences, difference, long_points, moved_points
 from daest.fmu.runner import RTOL, Drive, Points, Runner, Simulated
@@ -353,7 +354,7 @@ class BinaryForm:
         _, rates, _ = words.inputs_and_noises(self.model)
         found = []
         for reference in rates:
-            base, order = words.base_and_order(self.model.variables[reference].name)
+            base, order = base_and_order(self.model.variables[reference].name)
             found.append(InputDerivative(names.index(base), order))
         return tuple(found)
 

@@ -162,7 +162,7 @@ def _add_derivatives(parent: ET.Element, layout: Layout, start: dict[int, float]
         for j, name in enumerate(layout.extra_names)
     ]
     for name, reference, of in entries:
-        base, order = _base_and_order(name)
+        base, order = base_and_order(name)
         unit = derivative_unit(names[base].unit, order) if base in names else ""
         _float(
             parent,
@@ -177,7 +177,8 @@ def _add_derivatives(parent: ET.Element, layout: Layout, start: dict[int, float]
         )
 
 
-def _base_and_order(name: str) -> tuple[str, int]:
+def base_and_order(name: str) -> tuple[str, int]:
+    """`der(x,2)` -> (`x`, 2); a name that is no derivative has order 0."""
     inner = name.removeprefix("der(").removesuffix(")")
     base, comma, order = inner.rpartition(",")
     return (
@@ -200,7 +201,7 @@ def _add_inputs(parent: ET.Element, layout: Layout) -> None:
         element = _float(parent, given.name, layout.input_base + i, **attributes)
         _annotate(element, INPUT, {"place": _place(given), "without_start": given.start is None})
     for i, name in enumerate(layout.input_derivative_names):
-        base, order = _base_and_order(name)
+        base, order = base_and_order(name)
         unit = next(derivative_unit(v.unit, order) for v in flat.inputs if v.name == base)
         text = f"Time derivative of the input {base}, which the model needs"
         reference = layout.input_derivative_base + i

@@ -92,10 +92,10 @@ class Instance:
 
     def start(
         self,
-        parameters: tuple[Sequence[int], Sequence[float]] = ((), ()),
+        parameters: tuple[Sequence[int], Sequence[float] | np.ndarray] = ((), ()),
         time: float = 0.0,
         dae_mode: bool = False,
-        inputs: tuple[Sequence[int], Sequence[float]] = ((), ()),
+        inputs: tuple[Sequence[int], Sequence[float] | np.ndarray] = ((), ()),
     ) -> None:
         """A new instance with the given parameter and input values, initialised and settled at `time`."""
         self.free()
