@@ -496,6 +496,10 @@ EXPLANATIONS: dict[str, str] = {
         "An FMU is a zip archive, and this file is none. A download that was cut off looks like this."
     ),
     "fmu-not-written": "The FMU could not be written to the place that was named.",
+    "fmu-nothing-continuous": (
+        "A linear model relates continuous variables, and the description of this FMU names none: it is "
+        "purely discrete, or all is hidden."
+    ),
     "fmu-platform-unknown": (
         "FMUs are compiled for linux64, win64, darwin64, linux-arm64, win-arm64 and darwin-arm64."
     ),

@@ -97,6 +97,13 @@ def linearize_semi_explicit(
     x, u = _start_point(model, form, at)
     offer = allow_directional and model.provides_directional_derivatives
     refuse_hidden(model, "a linear model")
+    if not form.states and not form.variables:
+        raise FmuError(
+            "fmu-nothing-continuous",
+            "The FMU has no continuous state, output or internal variable.",
+            where=str(model.path),
+            remedy="Export it with its continuous variables.",
+        )
     changed = changed_parameters(model, theta)
     with Runner(model) as runner:
         found, values = jacobians(runner, form, x, u, offer, changed)

@@ -1,0 +1,89 @@
+"""Commands on an FMU without equations: what they do, and what they refuse."""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "fmu"))
+from ball_fmu import ball, fall
+
+from daest.cli.main import run
+from daest.diagnosis.black_box import diagnose_black_box
+from daest.errors import EstimationError
+from daest.fmu.binary_form import BinaryForm
+from daest.model.experiment import Experiment
+from daest.systems.local_linear import local_model
+from daest.systems.reduce import reduce_index
+
+TIME = np.linspace(0.0, 2.0, 41)
+FORCE = 9.81 + 3.0 * np.sin(3.0 * TIME)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    ball(tmp_path)
+    h = fall(TIME, FORCE, d=0.25)[0] + 0.005 * np.random.default_rng(1).standard_normal(TIME.size)
+    rows = [f"{t:.4f},{u:.6f},{y:.6f}" for t, u, y in zip(TIME, FORCE, h, strict=True)]
+    (tmp_path / "run.csv").write_text("time,u,y\n" + "\n".join(rows) + "\n")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def told(capsys, code):
+    text = capsys.readouterr().err
+    assert f"error[{code}]" in text
+    assert "Traceback" not in text
+
+
+def test_identify_compare_and_noise(folder, capsys):
+    arguments = ["identify", "run.csv", "--model", "ball.fmu", "--estimate", "d", "--hold", "foh"]
+    assert run([*arguments, "--format", "json"]) == 0
+    fit = json.loads(capsys.readouterr().out)
+    d = fit["parameters"]["d"]
+    assert abs(d["value"] - 0.25) < 4 * d["std_error"]
+    assert run(["compare", "ball.fmu", "--data", "run.csv", "--format", "json"]) == 0
+    assert json.loads(capsys.readouterr().out)["models"][0]["rms"]["y"] < 0.01
+    assert run(["noise", "ball.fmu"]) == 0
+
+
+def test_effects_cannot_be_named_or_put_in(folder, capsys):
+    assert run(["diagnose", "run.csv", "--model", "ball.fmu", "--effect", "CoulombFriction"]) == 2
+    told(capsys, "diagnose-fmu-search")
+    assert run(["improve", "run.csv", "--model", "ball.fmu"]) == 2
+    told(capsys, "fmu-no-equations")
+
+
+def test_gaps_are_refused(tmp_path):
+    flat = BinaryForm(ball(tmp_path)).flat()
+    whole = Experiment("run", TIME, FORCE[:, None], np.ones((41, 1)), ("u",), ("y",))
+    gaps = replace(whole, outputs=np.where(TIME[:, None] > 1, np.nan, 1.0))
+    with pytest.raises(EstimationError) as caught:
+        diagnose_black_box(flat, [gaps], [whole])
+    assert caught.value.code == "diagnose-gaps"
+
+
+def test_derivatives_that_a_binary_does_not_have(tmp_path):
+    flat = BinaryForm(ball(tmp_path)).flat()
+    with pytest.raises(EstimationError) as caught:
+        local_model(reduce_index(flat), tangents=True)
+    assert caught.value.code == "given-form-without-tangents"
+
+
+def test_purely_discrete_fmu(tmp_path, capsys):
+    import re
+    import zipfile
+
+    from ball_fmu import DESCRIPTION
+
+    text = DESCRIPTION.replace("KIND", "ModelExchange").replace("INDICATORS", "0")
+    text = re.sub(r'<ScalarVariable name="(?:[hvyw]|der.*)".*\n', "", text)
+    text = re.sub(r"<ModelStructure>.*</ModelStructure>", "<ModelStructure/>", text, flags=re.DOTALL)
+    with zipfile.ZipFile(tmp_path / "d.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", text)
+        archive.writestr("binaries/linux64/ball.so", b"")
+    assert run(["linearize", str(tmp_path / "d.fmu")]) == 2
+    told(capsys, "fmu-nothing-continuous")
