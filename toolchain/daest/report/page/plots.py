@@ -409,7 +409,7 @@ def _plain_line(plot: Any, x: np.ndarray, y: np.ndarray, name: str, number: int,
     line = plot.line(x, y, color=color, line_dash=dash, line_width=1.6, **named)
     if dots:
         plot.scatter(x, y, color=color, size=4)
-    plot.add_tools(HoverTool(renderers=[line], tooltips=[("", name or "error"), ("x", "$x"), ("y", "$y")]))
+    plot.add_tools(HoverTool(renderers=[line], tooltips=[("at", "$x"), ("value", "$y")]))
 
 
 def _legend(plot: Any) -> None:
