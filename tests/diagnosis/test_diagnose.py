@@ -76,7 +76,7 @@ def test_effect_outside_the_library_gets_a_curve_and_no_name():
     values = {p.name: p.value for p in found.baseline.parameters}
     # What is left of the friction when the damping has taken its part.
     true = -0.2 * np.tanh(curve.x / 0.02) + (values["d"] - 0.3) * curve.x
-    clear = np.abs(curve.x) > 0.05
+    clear = np.abs(curve.x) > 0.1
     assert np.mean(np.abs(curve.w - true)[clear] < 3.0 * curve.std[clear]) >= 0.9
     assert np.corrcoef(curve.w[clear], true[clear])[0, 1] > 0.9
 

@@ -16,7 +16,7 @@ from daest.diagnosis.proof import (
     Trial,
     _failed_gate,
     _inside,
-    _simulates_better,
+    _simulation_ratios,
     _wrong_law,
     is_significant,
     prepare,
@@ -128,29 +128,54 @@ def test_gates(changes, delta_bic, explained, reason):
     prepared, proof = proved()
     fit = replace(proof.fit, status="converged")
     fit = replace(fit, **changes) if "status" in changes else changed_size(fit, **changes)
-    found = _failed_gate(prepared, fit, delta_bic, explained, False)
+    found = _failed_gate(prepared, fit, delta_bic, explained, [0.9])
     assert reason in found and bool(reason) == bool(found)
 
 
 def test_falling_simulation_error_asks_for_less_explanation():
     prepared, proof = proved()
     fit = replace(proof.fit, status="converged")
-    assert _failed_gate(prepared, fit, 50.0, 0.4, True) == ""
-    assert "explains only 40 %" in _failed_gate(prepared, fit, 50.0, 0.4, False)
-    assert "explains only 5 %" in _failed_gate(prepared, fit, 50.0, 0.05, True)
+    assert _failed_gate(prepared, fit, 50.0, 0.4, [0.6, 0.7]) == ""
+    assert "explains only 40 %" in _failed_gate(prepared, fit, 50.0, 0.4, [0.6, 0.8])
+    assert "explains only 5 %" in _failed_gate(prepared, fit, 50.0, 0.05, [0.6])
 
 
-def test_simulation_must_get_better_in_every_output():
+def test_simulation_that_gets_worse_in_every_output_is_no_proof():
+    prepared, proof = proved()
+    fit = replace(proof.fit, status="converged")
+    assert "1.9 times worse" in _failed_gate(prepared, fit, 50.0, 0.9, [1.3, 1.9])
+    assert _failed_gate(prepared, fit, 50.0, 0.9, [0.9, 1.9]) == ""
+    assert _failed_gate(prepared, fit, 50.0, 0.9, []) == ""
+
+
+def test_simulation_ratios():
     stand, (_, proof) = rubbing(), proved()
-    assert _simulates_better(stand.baseline, proof.fit)
-    assert not _simulates_better(proof.fit, stand.baseline)
-    assert not _simulates_better(replace(stand.baseline, simulated={}), proof.fit)
+    (ratio,) = _simulation_ratios(stand.baseline, proof.fit)
+    assert ratio < 0.4
+    assert _simulation_ratios(proof.fit, stand.baseline) == [pytest.approx(1.0 / ratio)]
+    assert _simulation_ratios(replace(stand.baseline, simulated={}), proof.fit) == []
+
+
+def test_size_as_large_as_it_can_be_is_no_weakness():
+    prepared, proof = proved()
+    fit = changed_size(replace(proof.fit, status="converged"), at_bound="max", std_error=None)
+    assert _failed_gate(prepared, fit, 50.0, 0.9, [0.6]) == ""
+
+
+def test_weak_candidate_is_not_accepted_beside_a_far_more_likely_one():
+    _, proof = proved()
+    strong = replace(
+        proof, delta_log_likelihood=3.0 * proof.delta_log_likelihood, verdict="rejected", reason="it is shaky"
+    )
+    (first, second) = ranked([proof, strong])
+    assert first.verdict == second.verdict == "rejected"
+    assert any("far better" in p.reason and "it is shaky" in p.reason for p in (first, second))
 
 
 def test_size_that_was_not_estimated_is_no_claim():
     prepared, proof = proved()
     fit = replace(proof.fit, status="converged", parameters=proof.fit.parameters[:2])
-    assert "was not estimated" in _failed_gate(prepared, fit, 50.0, 0.9, True)
+    assert "was not estimated" in _failed_gate(prepared, fit, 50.0, 0.9, [0.6])
 
 
 def test_ranking():

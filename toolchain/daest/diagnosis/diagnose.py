@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from itertools import count
 from threading import Lock
 
 import casadi as ca
@@ -24,8 +23,18 @@ from daest.diagnosis.candidates import pairs
 from daest.diagnosis.disturbance import SmoothedLoad, place_gains, smoothed_load
 from daest.diagnosis.free_forms import free_forms
 from daest.diagnosis.null import Null, fit_null, grown, refit
-from daest.diagnosis.proof import Prepared, prepare, prove, ranked, trials
-from daest.diagnosis.rivals import dynamic_trials, richer_laws
+from daest.diagnosis.proof import (
+    BIC_GAIN,
+    CLEARLY_WORSE,
+    Prepared,
+    Trial,
+    could_compete,
+    prepare,
+    prove,
+    ranked,
+    trials,
+)
+from daest.diagnosis.rivals import dynamic_trials, richer_laws, simpler_laws
 from daest.diagnosis.screen import NullObserver, run_null, screen
 from daest.errors import DaestError, EstimationError
 from daest.estimation.records import part_of
@@ -41,7 +50,7 @@ from daest.systems.sample import Hold
 SCREEN_LEVEL = 0.05  # corrected p-value of a score below which a candidate goes to the proof
 MOST_TRIALS = 5
 RICHER_LEVEL = 0.5  # corrected p-value of what the best candidate leaves, below which richer laws are tried
-CLEARLY_WORSE = 100.0  # log-likelihood below the best accepted candidate at which a refit is not pursued
+FIRST_TRIALS = 2  # are refitted in any case
 FEWEST_SAMPLES = 200
 SAME_SIGNAL = (
     0.01  # share of a column's variance that inputs and outputs leave, below which it is one of them
@@ -252,16 +261,16 @@ def _proofs(
     options: DiagnoseOptions,
     progress: Progress,
 ) -> tuple[Proof, ...]:
-    """The best candidates refitted, in parallel; a candidate that is clearly worse than one before is cut
-    short."""
+    """The best candidates refitted, in parallel: the first few, and of the others those that could compete
+    with the best. A candidate that is clearly worse than one before is cut short."""
     null = stand.null
-    lock, best, numbers = Lock(), [-np.inf], count(1)
+    lock, highest = Lock(), [-np.inf]
 
     def one(prepared: Prepared) -> Proof | None:
-        candidate, number = prepared.trial.candidate, next(numbers)
+        candidate = prepared.trial.candidate
 
         def work() -> Proof:
-            progress(f"refitting with {candidate.label} ({number} of {len(chosen)})")
+            progress(f"refitting with {candidate.label}")
             return prove(
                 null,
                 stand.baseline,
@@ -271,7 +280,7 @@ def _proofs(
                 run,
                 load,
                 found.n_screened,
-                best[0] - CLEARLY_WORSE,
+                highest[0] - CLEARLY_WORSE,
             )
 
         try:
@@ -280,23 +289,48 @@ def _proofs(
             return None
         with lock:
             if proof.verdict == "supported":
-                best[0] = max(best[0], proof.fit.log_likelihood)
+                highest[0] = max(highest[0], proof.fit.log_likelihood)
         return proof
 
-    chosen = []
-    for trial in trials(found, SCREEN_LEVEL, options.most_trials):
+    chosen = _prepared(null, trials(found, SCREEN_LEVEL, options.most_trials))
+    with ThreadPoolExecutor(max_workers=max(options.jobs, 1)) as pool:
+
+        def proved(some: Iterable[Prepared]) -> list[Proof]:
+            return [proof for proof in pool.map(one, some) if proof is not None]
+
+        dynamic = pool.submit(dynamic_trials, null, candidates)
+        proofs = proved(chosen[:FIRST_TRIALS])
+        proofs = proved(dynamic.result()) + proofs
+        best = next((p for p in ranked(proofs) if p.verdict != "rejected"), None)
+        proofs += proved(p for p in chosen[FIRST_TRIALS:] if could_compete(p.trial, best, found))
+        best = most_likely(proofs)
+        if best is not None and best.verdict == "rejected":
+            proofs += proved(_prepared(null, simpler_laws(best, found, proofs)))
+        best = best_start(ranked(proofs))
+        if best is not None and _leaves_something(best):
+            proofs += proved(richer_laws(null, run, best, library, proofs))
+    return ranked(proofs)
+
+
+def _prepared(null: Null, found: Iterable[Trial]) -> list[Prepared]:
+    """Those of the trials that can be built into the model."""
+    result = []
+    for trial in found:
         try:
-            chosen.append(prepare(null.flat, null.estimated, trial))
+            result.append(prepare(null.flat, null.estimated, trial))
         except DaestError:
             continue
-    chosen = [*dynamic_trials(null, candidates), *chosen]
-    with ThreadPoolExecutor(max_workers=max(options.jobs, 1)) as pool:
-        proofs = [proof for proof in pool.map(one, chosen) if proof is not None]
-        accepted = [p for p in ranked(proofs) if p.verdict != "rejected"]
-        if accepted and _leaves_something(accepted[0]):
-            richer = richer_laws(null, run, accepted[0], library, proofs)
-            proofs += [proof for proof in pool.map(one, richer) if proof is not None]
-    return ranked(proofs)
+    return result
+
+
+def most_likely(proofs: Sequence[Proof]) -> Proof | None:
+    return max((p for p in proofs if p.delta_bic > BIC_GAIN), key=lambda p: p.delta_bic, default=None)
+
+
+def best_start(proofs: Sequence[Proof]) -> Proof | None:
+    """The candidate from which a richer law would start: the best accepted one, or the most likely of those
+    that say too little."""
+    return next((p for p in proofs if p.verdict != "rejected"), most_likely(proofs))
 
 
 def _leaves_something(proof: Proof) -> bool:

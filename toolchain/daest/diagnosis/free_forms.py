@@ -3,7 +3,7 @@
 A load at a place is written as a curve over one variable, or over one variable with the sign of a speed, on a
 few basis functions. Like the effects of the screen, the basis functions at size zero are sent through the
 observer's error dynamics, and what refitted parameters would do is projected out: the score test of each form
-is calibrated, the loads of the null being part of the hypothesis.
+is calibrated, the loads of the null and a constant load being part of the hypothesis.
 """
 
 from __future__ import annotations
@@ -29,10 +29,12 @@ KNOTS = 8  # of a curve, with equally many samples between each two
 HARMONICS = 3  # of an angle that turns round
 TURN = 2.0 * np.pi
 N_ANGLES = 16  # at which the curve over a turn is shown
+TWO_VARIABLES = 0.9  # weight of the gain of a form over two variables
 SPEED_UNITS = ("rad/s", "m/s")
 ANGLE_UNIT = "rad"
 RANK = 1e-8  # of the largest eigenvalue: directions of a form that its own basis does not tell apart
 SOFT = 0.05  # of a speed's rms over which its sign changes
+JUMP = 3.0  # times that, where the curve is shown beside its jump
 SAME_COURSE = 1e-6  # 1 - |correlation| of two variables that are one, up to offset and factor
 
 Key = tuple[int, str, str]  # load, variable, speed whose sign multiplies the curve
@@ -49,7 +51,7 @@ class Basis:
 
 
 def free_forms(null: Null, run: NullObserver, variables: Iterable[str] | None = None) -> tuple[FreeForm, ...]:
-    """All forms at all places of loads, the largest gain first. `variables` restricts the search by name."""
+    """All forms at all places of loads, the one that says most first. `variables` restricts the search."""
     tables = _tables(null, run)
     wanted = None if variables is None else set(variables)
     shared = [
@@ -58,15 +60,23 @@ def free_forms(null: Null, run: NullObserver, variables: Iterable[str] | None = 
         if all((name, speed) in table for table in tables)
         and (wanted is None or (name in wanted and (not speed or speed in wanted)))
     ]
-    directions = nuisance(run, len(null.estimated))
+    parameters = nuisance(run, len(null.estimated))
     forms = []
     for index in range(len(null.loads)):
+        # A constant load follows nothing.
+        constant = _responses(null, run, index, [_constant(e.n_samples) for e in null.experiments])
+        directions = np.vstack([parameters, constant])
         for name, speed in shared:
             own = [table[name, speed] for table in tables]
             responses = _responses(null, run, index, own)
             forms.append(_tested(null, (index, name, speed), own[0], responses, directions, run.whitened))
     corrected = [replace(f, p_value=min(1.0, len(forms) * f.p_value)) for f in forms]
-    return tuple(sorted(corrected, key=lambda form: -form.log_likelihood_gain))
+    return tuple(sorted(corrected, key=_rank))
+
+
+def _rank(form: FreeForm) -> float:
+    """One variable is said before two where it says nearly as much."""
+    return -form.log_likelihood_gain * (TWO_VARIABLES if form.sign_of else 1.0)
 
 
 def covers(null: Null, run: NullObserver, form: FreeForm, response: np.ndarray) -> float:
@@ -121,14 +131,17 @@ def _tables(null: Null, run: NullObserver) -> list[dict[tuple[str, str], Basis]]
 def _bases(
     variables: Mapping[str, np.ndarray], whole: Mapping[str, np.ndarray], units: Mapping[str, str]
 ) -> dict[tuple[str, str], Basis]:
-    speeds = {
-        n: np.tanh(x / (SOFT * np.sqrt(np.mean(whole[n] ** 2))))
-        for n, x in variables.items()
+    widths = {
+        n: SOFT * float(np.sqrt(np.mean(whole[n] ** 2)))
+        for n in variables
         if units.get(n) in SPEED_UNITS and np.min(whole[n]) < 0.0 < np.max(whole[n])
     }
+    speeds = {name: np.tanh(variables[name] / width) for name, width in widths.items()}
     found = {}
     for name, x in variables.items():
         basis = _basis(x, whole[name], units.get(name, ""))
+        if name in widths:
+            basis = _with_jump(basis, x, whole[name], widths[name])
         if basis.x.size < 2:
             continue
         found[name, ""] = basis
@@ -146,6 +159,20 @@ def _basis(x: np.ndarray, whole: np.ndarray, unit: str) -> Basis:
     knots = np.unique(np.quantile(whole, np.linspace(0.0, 1.0, KNOTS)))
     eye = np.eye(knots.size)
     return Basis(np.array([np.interp(x, knots, row) for row in eye]), knots, eye)
+
+
+def _with_jump(basis: Basis, x: np.ndarray, whole: np.ndarray, width: float) -> Basis:
+    """The curve over a speed with a jump at zero, as friction has it."""
+    edges = [side for side in (-JUMP * width, JUMP * width) if whole.min() < side < whole.max()]
+    shown = np.sort(np.append(basis.x, edges))
+    lines = np.array([np.interp(shown, basis.x, row) for row in basis.shown])
+    return Basis(
+        np.vstack([basis.course, np.tanh(x / width)]), shown, np.vstack([lines, np.tanh(shown / width)])
+    )
+
+
+def _constant(n_samples: int) -> Basis:
+    return Basis(np.ones((1, n_samples)), np.zeros(1), np.ones((1, 1)))
 
 
 def _harmonics(x: np.ndarray) -> np.ndarray:

@@ -22,16 +22,19 @@ from daest.systems.reduce import reduce_index
 
 ALIKE = 0.98  # correlation of two scores above which the sensors do not tell two places apart
 SAME_SCORE = 0.999  # scores this close, relative, are equal
+CLEARLY_WORSE = 100.0  # log-likelihood below the best accepted candidate at which a rival is not pursued
 SAME_BIC = 6.0  # a candidate that is worse by less is not clearly worse (3 units of log-likelihood)
 LEAST_EXPLAINED = 0.5  # of the load's size that an accepted effect must do away with
 PARTLY_EXPLAINED = 0.35  # enough where the simulation of unseen data becomes much better besides
 BETTER = 0.7  # simulation error relative to the one without the effect
+WORSE = 1.2  # likewise, of all outputs
 LEFT_LEVEL = 1e-3  # corrected p-value below which the rest of the load certainly follows a variable
 LEFT_SHARE = 0.1  # of the effect's own gain in log-likelihood: less is how a law is rounded, not another law
 COVERED = 0.75  # share of a law's score that a free form explains, from which the law is a part of the form
 SIMPLER = 0.97  # of the gain in log-likelihood that a law with fewer parameters must reach to be preferred
 LEAST_SIGNIFICANCE = 3.0  # standard errors that the size must stand off its null
 SHARED_SIGNIFICANCE = 2.0  # where estimated shapes share in it, and the likelihood tells more than one error
+FAR_LESS = 0.7  # of the gain in log-likelihood of a refused candidate, below which none other is accepted
 BIC_GAIN = 10.0  # "very strong" evidence (Kass & Raftery 1995)
 SHARPER = 0.3  # the proof rounds kinks over this part of what the screen rounds them over
 
@@ -71,6 +74,21 @@ def trials(screen: Screen, level: float, most: int) -> tuple[Trial, ...]:
         places.pop(first.candidate.site.name, None)
         chosen.append(Trial(first.candidate, first.sizes, tuple(places.values())))
     return tuple(chosen)
+
+
+def could_compete(trial: Trial, best: Proof | None, screen: Screen) -> bool:
+    """Whether a candidate may come near the best accepted one, to judge by their scores.
+
+    Where the best leaves nothing, its response is all that is missing, and a candidate whose response has the
+    correlation ρ with it gains about ρ² of what it gains.
+    """
+    if best is None or best.left is None or is_significant(best.left, best.delta_log_likelihood):
+        return True
+    names = [entry.candidate.name for entry in screen.entries]
+    if best.candidate.name not in names:
+        return True
+    correlation = screen.correlation[names.index(best.candidate.name), names.index(trial.candidate.name)]
+    return bool((1.0 - correlation**2) * best.delta_log_likelihood < CLEARLY_WORSE)
 
 
 def _position(candidate: Candidate) -> tuple[int, ...]:
@@ -140,7 +158,7 @@ def prove(
     with_effect = grown(fed, prepared.flat, explicit, fit, experiments)
     after = run_null(with_effect)
     explained = _explained(null_fit, with_effect, after, load)
-    reason = _failed_gate(prepared, fit, delta_bic, explained, _simulates_better(null_fit, fit))
+    reason = _failed_gate(prepared, fit, delta_bic, explained, _simulation_ratios(null_fit, fit))
     left = None if reason else _left(null, with_effect, after)
     if left is not None and not reason:
         reason = _wrong_law(fed, run, prepared, fit, gain, left)
@@ -212,15 +230,17 @@ def _explained(null_fit: FitResult, null: Null, run: NullObserver, before: Smoot
 
 
 def _failed_gate(
-    prepared: Prepared, fit: FitResult, delta_bic: float, explained: float, simulates_better: bool
+    prepared: Prepared, fit: FitResult, delta_bic: float, explained: float, ratios: Sequence[float]
 ) -> str:
     """Why the candidate cannot be accepted; empty when it can."""
     if fit.status == "iteration limit":
         return "the fit did not converge"
     if delta_bic < BIC_GAIN:
         return f"the likelihood gains too little for its parameters (BIC gain {delta_bic:.1f})"
-    if explained < (PARTLY_EXPLAINED if simulates_better else LEAST_EXPLAINED):
+    if explained < (PARTLY_EXPLAINED if ratios and max(ratios) <= BETTER else LEAST_EXPLAINED):
         return f"it explains only {100 * explained:.0f} % of the unexplained load"
+    if ratios and min(ratios) > WORSE:
+        return f"the simulation of unseen data gets {max(ratios):.1f} times worse"
     candidate = prepared.trial.candidate
     found = {p.name: p for p in fit.parameters}
     reasons = []
@@ -238,16 +258,18 @@ def _failed_gate(
     return "; ".join(reasons) or "its size was not estimated"
 
 
-def _simulates_better(before: FitResult, after: FitResult) -> bool:
-    """Whether the simulation error on validation data falls to BETTER of what it was, for every output."""
+def _simulation_ratios(before: FitResult, after: FitResult) -> list[float]:
+    """Simulation error on validation data relative to what it was, of every output."""
     old, new = before.simulated.get("validation"), after.simulated.get("validation")
     if old is None or new is None:
-        return False
-    pairs = [(new.rms.get(name), rms) for name, rms in old.rms.items() if rms is not None]
-    return bool(pairs) and all(rms is not None and rms <= BETTER * was for rms, was in pairs)
+        return []
+    pairs = [(new.rms.get(name), rms) for name, rms in old.rms.items()]
+    return [np.inf if rms is None else rms / was for rms, was in pairs if was]
 
 
 def _weak_size(size: FittedParameter, null: float, least: float) -> str:
+    if size.at_bound == "max" and null < size.value:
+        return ""  # as much of the effect as there can be
     if size.at_bound:
         return f"its size rests at its bound ({size.at_bound} = {size.value:.4g})"
     if size.std_error is None:
@@ -258,12 +280,21 @@ def _weak_size(size: FittedParameter, null: float, least: float) -> str:
 
 
 def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
-    """Best first. Accepted candidates whose BIC is within SAME_BIC of the best are not separable from it."""
+    """Best first. Accepted candidates whose BIC is within SAME_BIC of the best are not separable from it;
+    where a refused one is far more likely, none is the explanation."""
     order = sorted(proofs, key=lambda p: (p.verdict == "rejected", -p.delta_bic))
     accepted = [p for p in order if p.verdict == "supported"]
     if not accepted:
         return tuple(order)
     best = _simplest(accepted)
+    stronger = _far_more_likely(order, best)
+    if stronger is not None:
+        worse = stronger.delta_bic - best.delta_bic
+        better = f"{stronger.candidate.label} explains the data far better (BIC {worse:.0f})"
+        reason = f"{better}, but {stronger.reason}"
+        return tuple(
+            p if p.verdict == "rejected" else replace(p, verdict="rejected", reason=reason) for p in order
+        )
     close = [p for p in accepted if abs(best.delta_bic - p.delta_bic) <= SAME_BIC]
     result = []
     for proof in order:
@@ -281,6 +312,15 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
                 reason = f"{best.candidate.label} says nearly as much with fewer parameters"
             result.append(replace(proof, verdict="rejected", reason=reason))
     return tuple(sorted(result, key=lambda p: (p.verdict == "rejected", -p.delta_bic)))
+
+
+def _far_more_likely(order: Sequence[Proof], best: Proof) -> Proof | None:
+    """A refused candidate beside which the best accepted one explains little."""
+    refused = [p for p in order if p.verdict == "rejected" and p.explained >= LEAST_EXPLAINED]
+    strongest = max(refused, key=lambda p: p.delta_log_likelihood, default=None)
+    if strongest is None or FAR_LESS * strongest.delta_log_likelihood < best.delta_log_likelihood:
+        return None
+    return strongest
 
 
 def _simplest(accepted: Sequence[Proof]) -> Proof:

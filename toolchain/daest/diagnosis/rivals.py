@@ -21,7 +21,7 @@ from daest.errors import DaestError
 from daest.estimation.coordinates import Unknowns
 from daest.estimation.identify import identify
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
-from daest.model.diagnosis import Candidate, Proof
+from daest.model.diagnosis import Candidate, Proof, Screen
 from daest.model.effects import Effect
 from daest.model.fit import IdentifyOptions
 from daest.model.flat import FlatModel
@@ -32,6 +32,7 @@ from daest.systems.reduce import reduce_index
 
 MOST_DYNAMIC = 2  # of them go to the proof
 MOST_RICHER = 2
+MOST_SIMPLER = 2
 LEAST_GAIN = 20.0  # log-likelihood of the simulation that a dynamic effect must gain to go to the proof
 SAME_FIT = 0.5  # log-likelihood within which two places are the same to the sensors
 ITERATIONS = 15
@@ -126,13 +127,9 @@ def richer_laws(
     rivals = [
         Candidate(effect, simple.site, f"{simple.name}_{i + 1}")
         for i, effect in enumerate(library)
-        if effect.class_name != simple.effect.class_name
-        and effect.attach == simple.effect.attach
-        and effect.domain == simple.effect.domain
+        if _is_related(effect, simple.effect)
         and not effect.is_dynamic
         and not effect.inputs
-        and len(effect.sizes) == 1
-        and effect.sizes[0].unit == simple.effect.sizes[0].unit
         and sum(p.estimate for p in effect.parameters) > n_own
     ]
     beaten = {p.candidate.effect.class_name for p in tried if p.fit.log_likelihood > best.fit.log_likelihood}
@@ -154,6 +151,45 @@ def richer_laws(
     return tuple(prepared for _, prepared in order[:MOST_RICHER])
 
 
+def simpler_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Trial, ...]:
+    """Effects with fewer parameters and a size of the same unit at the place of `best`, which were not tried:
+    what a law with too many parameters cannot prove, a simpler one may."""
+    rich = best.candidate
+    known = {p.candidate.effect.class_name for p in tried if p.candidate.site == rich.site}
+    found: dict[str, Trial] = {}
+    for entry in screen.entries:
+        effect = entry.candidate.effect
+        if (
+            entry.candidate.site == rich.site
+            and effect.class_name not in known
+            and not entry.absorbed
+            and _is_related(effect, rich.effect)
+            and len(_own(entry.candidate)) < len(_own(rich))
+        ):
+            found.setdefault(
+                effect.class_name,
+                Trial(entry.candidate, entry.sizes, _at_other_places(entry.candidate, best)),
+            )
+    return tuple(found.values())[:MOST_SIMPLER]
+
+
+def _is_related(effect: Effect, other: Effect) -> bool:
+    """Whether two effects are laws for the same: attached alike, with one size of the same unit, and shapes
+    over the same variable."""
+    variables = [{p.scale_of for p in e.parameters if p.scale_of} for e in (effect, other)]
+    return bool(variables[0] & variables[1]) and (
+        effect.class_name != other.class_name
+        and effect.attach == other.attach
+        and effect.domain == other.domain
+        and len(effect.sizes) == len(other.sizes) == 1
+        and effect.sizes[0].unit == other.sizes[0].unit
+    )
+
+
+def _at_other_places(candidate: Candidate, best: Proof) -> tuple[Candidate, ...]:
+    return tuple(replace(candidate, site=replace(candidate.site, name=name)) for name in best.equivalent)
+
+
 def _in_place(null: Null, best: Proof, candidate: Candidate, size: float) -> Prepared | None:
     effect = candidate.effect
     sharp = {
@@ -167,15 +203,8 @@ def _in_place(null: Null, best: Proof, candidate: Candidate, size: float) -> Pre
     except DaestError:
         return None
     at_fit = _with_values(flat, {name: best.fit.theta[name] for name in null.estimated})
-    trial = Trial(candidate, (size,), best_alike(best))
+    trial = Trial(candidate, (size,), _at_other_places(best.candidate, best))
     return Prepared(trial, at_fit, (*null.estimated, *_own(candidate)))
-
-
-def best_alike(best: Proof) -> tuple[Candidate, ...]:
-    """The places where the sensors see `best` alike, as candidates of the same effect."""
-    return tuple(
-        replace(best.candidate, site=replace(best.candidate.site, name=name)) for name in best.equivalent
-    )
 
 
 def _simulation_value(null: Null, best: Proof, prepared: Prepared) -> float | None:
