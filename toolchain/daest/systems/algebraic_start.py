@@ -2,41 +2,79 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import casadi as ca
 import numpy as np
+import scipy.sparse as sp
 
 from daest.model.flat import FlatModel
 
 MAX_STEPS = 30
-TOLERANCE = 1e-9
-"""What an equation may leave, relative to the largest value of an unknown, at least 1."""
-
-LARGEST = 2000
-"""Up to this many algebraic unknowns the steps are computed, by dense least squares."""
+MAX_SWEEPS = 200
+TOLERANCE = 1e-12
+"""What an equation may leave, relative to the value that it is solved for, at least 1."""
 
 
 def agreed_start(flat: FlatModel, xi: np.ndarray, u: np.ndarray, time: float, held: np.ndarray) -> np.ndarray:
-    """ξ (n,) near `xi` that satisfies the equations without derivatives, at the parameters of the model.
+    """ξ (n,) from `xi` with the algebraic unknowns that follow from others one by one, at the parameters of
+    the model.
 
-    Unknowns that occur differentiated, and those that are `held` (bool, (n,)), stay as they are; the others
-    change as little as possible (Gauss-Newton steps of least norm). Where that does not succeed, because the
-    start values themselves contradict each other, `xi` is returned unchanged.
+    Unknowns that occur differentiated, and those that are `held` (bool, (n,)), are known; an equation without
+    derivatives that has one unknown left is solved for it, again and again. What is left (loops of unknowns)
+    keeps its value.
     """
     rates = ca.jacobian_sparsity(flat.residual, flat.derivatives)
-    rows = np.setdiff1d(np.arange(flat.n), rates.row())
-    free = np.setdiff1d(np.flatnonzero(~held), rates.get_col())
-    if rows.size == 0 or free.size == 0 or free.size > LARGEST:
-        return xi
-    equations = flat.residual[rows.tolist()]
-    arguments = [flat.xi, flat.u, flat.w, flat.theta, flat.time]
-    slopes = ca.jacobian(equations, flat.xi[free.tolist()])
-    evaluate = ca.Function("agreed", arguments, [equations, slopes])
+    is_open = np.ones(flat.n, dtype=bool)
+    is_open[rates.row()] = False
+    is_known = held.copy()
+    is_known[rates.get_col()] = True
+    slopes = ca.jacobian(flat.residual, flat.xi)
+    arguments = [flat.derivatives, flat.xi, flat.u, flat.w, flat.theta, flat.time]
+    evaluate = ca.Function("agreed", arguments, [flat.residual, slopes])
+    pattern = sp.csr_array(sp.csc_array(ca.DM(slopes.sparsity(), 1).sparse()))
     point = xi.copy()
+    for _ in range(MAX_SWEEPS):
+        rows, columns = _single(pattern, is_open, is_known)
+        if rows.size == 0:
+            break
+        is_open[rows] = False
+        solved = _solved(lambda x: evaluate(0, x, u, 0, flat.theta_values, time), point, rows, columns)
+        is_known[columns[solved]] = True
+    return point
+
+
+def _single(
+    pattern: sp.csr_array, is_open: np.ndarray, is_known: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Open equations with one unknown that is not known, and that unknown: each unknown once."""
+    entries = sp.coo_array(pattern)
+    row, column = entries.coords
+    kept = is_open[row] & ~is_known[column]
+    row, column = row[kept], column[kept]
+    rows = np.flatnonzero(np.bincount(row, minlength=is_open.size) == 1)
+    columns = column[np.isin(row, rows)][np.argsort(row[np.isin(row, rows)], kind="stable")]
+    columns, first = np.unique(columns, return_index=True)
+    return rows[first], columns
+
+
+def _solved(
+    evaluate: Callable[[np.ndarray], tuple[ca.DM, ca.DM]],
+    point: np.ndarray,
+    rows: np.ndarray,
+    columns: np.ndarray,
+) -> np.ndarray:
+    """Newton steps for row i in unknown columns[i], all at once, in place; which of them succeeded."""
+    before = point[columns].copy()
     for _ in range(MAX_STEPS):
-        residual, jacobian = (part.full() for part in evaluate(point, u, 0, flat.theta_values, time))
-        if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian))):
-            return xi
-        if np.max(np.abs(residual)) <= TOLERANCE * max(1.0, float(np.max(np.abs(point)))):
-            return point
-        point[free] -= np.linalg.lstsq(jacobian, residual[:, 0], rcond=None)[0]
-    return xi
+        residual, slopes = evaluate(point)
+        value = residual.full()[rows, 0]
+        slope = np.asarray(sp.csr_array(sp.csc_array(slopes.sparse()))[rows, columns]).ravel()
+        is_done = np.abs(value) <= TOLERANCE * np.maximum(1.0, np.abs(slope * point[columns]))
+        if np.all(is_done):
+            break
+        with np.errstate(all="ignore"):
+            step = np.where(is_done, 0.0, value / slope)
+        point[columns] -= np.where(np.isfinite(step), step, 0.0)
+    point[columns] = np.where(is_done, point[columns], before)
+    return np.asarray(is_done)
