@@ -20,6 +20,46 @@ FILE_NAME = "daest.toml"
 Scale = Literal["auto", "linear", "log"]
 Hold = Literal["zoh", "foh"]
 
+# Section -> key -> what it says. In `parameters` and `noise` the keys are those of one entry.
+KEYS: dict[str, dict[str, str]] = {
+    "model": {
+        "source": "the model, a `.mo` file or an `.fmu`",
+        "class": "its class, where the file holds several",
+        "libraries": "folders of Modelica libraries, searched before MODELICAPATH",
+    },
+    "data": {
+        "estimate": "recordings to identify from, each one an experiment",
+        "validate": "recordings to judge by",
+        "split": "instead of validate: the share of each recording that is identified from, the rest judges",
+        "inputs": 'a table, model name = "column"',
+        "outputs": 'a table, model name = "column"; only outputs named here are measured',
+        "time": "column of the time, where it is not called `time`, `time_s`, `time_ms`, …",
+        "units": 'a table, column = "unit", where a header names none',
+        "from": "time in s from which a recording is used",
+        "to": "time in s up to which it is used",
+        "resample": "sampling period in s to resample to, behind a filter against aliasing",
+        "detrend": '"none", "mean" or "linear": what is taken off every signal',
+        "hold": '"zoh" or "foh": whether inputs are held or straight lines between samples',
+    },
+    "parameters": {
+        "estimate": "true or false",
+        "start": "where the search for an estimated parameter starts",
+        "value": "the value of a parameter that is not estimated",
+        "min": "lower bound",
+        "max": "upper bound",
+        "scale": '"auto", "linear" or "log": in what the search moves',
+        "prior": "`{ mean = .., std = .. }`: what is known beforehand",
+    },
+    "noise.process": {
+        "intensity": "two-sided spectral density, unit² s",
+        "estimate": "true or false",
+    },
+    "noise.measurement": {
+        "std": "standard deviation of one sample",
+        "estimate": "true or false",
+    },
+}
+
 
 @dataclass(frozen=True)
 class ParameterSetting:
@@ -133,9 +173,9 @@ class _Reader:
         self.problems: list[DaestError] = []
 
     def project(self, content: dict[str, Any]) -> Project:
-        self._known(content, "", ("model", "data", "parameters", "noise"))
-        model = self._section(content, "model", ("source", "class", "libraries"))
-        data = self._section(content, "data", _DATA_KEYS)
+        self._known(content, "", tuple(dict.fromkeys(name.partition(".")[0] for name in KEYS)))
+        model = self._section(content, "model", tuple(KEYS["model"]))
+        data = self._section(content, "data", tuple(KEYS["data"]))
         noise = self._section(content, "noise", ("process", "measurement"))
         folder = self.file.parent
         preparation = self._preparation(data)
@@ -178,7 +218,7 @@ class _Reader:
             return Preparation()
 
     def _parameter(self, section: str, name: str, entry: dict[str, Any]) -> ParameterSetting:
-        self._known(entry, f"{section}.{name}", _PARAMETER_KEYS)
+        self._known(entry, f"{section}.{name}", tuple(KEYS["parameters"]))
         place = f"{section}.{name}"
         start, value = self._number(entry, place, "start"), self._number(entry, place, "value")
         if start is not None and value is not None:
@@ -239,7 +279,7 @@ class _Reader:
 
     def _noise(self, section: str, name: str, entry: dict[str, Any], size: str) -> NoiseSetting:
         place = f"{section}.{name}"
-        self._known(entry, place, (size, "estimate"))
+        self._known(entry, place, tuple(KEYS[section]))
         number = self._number(entry, place, size)
         if number is not None and number < 0:
             self._problem(
@@ -327,23 +367,6 @@ class _Reader:
 
     def _place(self, section: str, key: str) -> Place:
         return Place(str(self.file), _line_of(self.lines, section, key))
-
-
-_PARAMETER_KEYS = ("estimate", "start", "value", "min", "max", "scale", "prior")
-_DATA_KEYS = (
-    "estimate",
-    "validate",
-    "split",
-    "inputs",
-    "outputs",
-    "time",
-    "units",
-    "from",
-    "to",
-    "resample",
-    "detrend",
-    "hold",
-)
 
 
 def _flattened(table: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
