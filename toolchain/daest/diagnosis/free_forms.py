@@ -82,8 +82,8 @@ def _rank(form: FreeForm) -> float:
 def covers(null: Null, run: NullObserver, form: FreeForm, response: np.ndarray) -> float:
     """Share of a law's score (squared) that the free form also explains, given its response (1, m) on the
     whitened innovations: 1 where the law is a special case of the form."""
-    tables = _tables(null, run)
-    own = [table[form.variable, form.sign_of] for table in tables]
+    named = [name for name in (form.variable, form.sign_of) if name]
+    own = [table[form.variable, form.sign_of] for table in _tables(null, run, named)]
     basis = _responses(null, run, form.load, own)
     directions = nuisance(run, len(null.estimated))
     alone, left = (
@@ -116,10 +116,10 @@ def _responses(null: Null, run: NullObserver, index: int, own: Sequence[Basis]) 
     return np.concatenate(parts, axis=1)
 
 
-def _tables(null: Null, run: NullObserver) -> list[dict[tuple[str, str], Basis]]:
-    """Basis functions of every experiment by variable and speed."""
+def _tables(null: Null, run: NullObserver, named: Sequence[str] = ()) -> list[dict[tuple[str, str], Basis]]:
+    """Basis functions of every experiment by variable and speed; of variables that are alike, the `named`."""
     units = {v.name: v.unit for v in (*null.flat.unknowns, *null.flat.inputs)}
-    courses = [internal_variables(null, run, i) for i in range(len(null.experiments))]
+    courses = [internal_variables(null, run, i, named) for i in range(len(null.experiments))]
     limits = {
         name: np.concatenate([c[name] for c in courses])
         for name in courses[0]
@@ -222,7 +222,9 @@ def _gram(rows: np.ndarray) -> np.ndarray:
     return rows @ rows.T
 
 
-def internal_variables(null: Null, run: NullObserver, experiment: int = 0) -> dict[str, np.ndarray]:
+def internal_variables(
+    null: Null, run: NullObserver, experiment: int = 0, named: Sequence[str] = ()
+) -> dict[str, np.ndarray]:
     """Every distinct internal variable along the filtered trajectory, by name (n_samples,), as the model
     without the loads has it: a variable that contains the load would explain the load."""
     explicit = null.explicit
@@ -236,17 +238,17 @@ def internal_variables(null: Null, run: NullObserver, experiment: int = 0) -> di
     values = np.array(explicit.variables.map(n)(states.T, u, v, w, theta, one.time))
     found: dict[str, np.ndarray] = dict(zip(one.input_names, one.inputs.T, strict=True))
     seen = [_normalised(x) for x in found.values()]
-    # Of proportional variables a state is named, else a motion, not the torque or flow that goes with it.
+    # Of proportional variables the `named` come first, then states, then motions before torques and flows.
     own = set(explicit.state_names)
     in_order = sorted(
         zip(explicit.flat.unknowns, values, strict=True),
-        key=lambda pair: (pair[0].name not in own, pair[0].is_flow),
+        key=lambda pair: (pair[0].name not in named, pair[0].name not in own, pair[0].is_flow),
     )
     for variable, row in in_order:
         if variable.name in loads or not np.all(np.isfinite(row)) or np.ptp(row) == 0.0:
             continue
         shape = _normalised(row)
-        if all(abs(shape @ other) < 1.0 - SAME_COURSE for other in seen):
+        if variable.name in named or all(abs(shape @ other) < 1.0 - SAME_COURSE for other in seen):
             found[variable.name] = row
             seen.append(shape)
     return found
