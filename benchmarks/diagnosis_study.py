@@ -1,7 +1,7 @@
 """Seeded calibration of `diagnose`: false alarms, hits and power, on records whose truth is known.
 
     python benchmarks/diagnosis_study.py [--case NAME ...] [--runs N] [--seed N] [--samples N] [--jobs N]
-                                         [--json FILE] [--peers] [--list]
+                                         [--json FILE] [--table FILE] [--peers] [--list]
 
 Two plants (a rotor whose angle is measured; a spring servo with two sensors), three excitations and three
 sizes take turns with the seed. The records come from simulators of this file: sub-stepped Euler-Maruyama with
@@ -9,7 +9,8 @@ set-valued friction, which shares nothing with daest. A case is one of the group
 and `outside`, or one effect by its name.
 
 `--json FILE` keeps one line per run; runs that are in it are not done again, so that a long study can be
-done in slices. `--peers` adds what a user would do by hand, on the same records of the rotor: STLSQ
+done in slices. `--table docs/rates.json` writes the rates that the documentation shows (`--runs 0` makes no
+further run). `--peers` adds what a user would do by hand, on the same records of the rotor: STLSQ
 regression (pySINDy where installed) of the smoothed residual on a library, and stepwise output-error refits
 ranked by BIC.
 
@@ -28,6 +29,7 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
 from functools import cache, partial
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -527,49 +529,105 @@ def limits(hits: int, runs: int) -> tuple[float, float]:
     return low, high
 
 
-def rate(label: str, hits: int, runs: int) -> str:
-    if not runs:
-        return f"  {label}: no runs"
-    low, high = limits(hits, runs)
-    return f"  {label}: {hits}/{runs} = {100 * hits / runs:.1f} % ({100 * low:.1f} to {100 * high:.1f} %)"
+@dataclass(frozen=True)
+class Rate:
+    """How many of the runs of a group had an outcome, with 95 % limits."""
+
+    group: str
+    what: str
+    hits: int
+    runs: int
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        return limits(self.hits, self.runs)
+
+    def __str__(self) -> str:
+        if not self.runs:
+            return f"  {self.what}: no runs"
+        low, high = self.limits
+        share = 100 * self.hits / self.runs
+        return (
+            f"  {self.what}: {self.hits}/{self.runs} = {share:.1f} % ({100 * low:.1f} to {100 * high:.1f} %)"
+        )
+
+
+GROUPS = {
+    "nothing": "nothing missing",
+    "load": "coloured external load",
+    "effects": "one hidden effect",
+    "outside": "effect outside the library",
+}
+CALM = ("nothing missing", "parameters off")
+
+
+def rates(runs: Sequence[Run]) -> list[Rate]:
+    """What is asked of each group that was run."""
+    found = []
+
+    def ask(group: str, what: str, among: Sequence[Run], hit: Callable[[Run], bool]) -> None:
+        if any(r.group == group for r in runs):
+            found.append(Rate(GROUPS[group], what, sum(map(hit, among)), len(among)))
+
+    nothing, load, effects, outside = ([r for r in runs if r.group == group] for group in GROUPS)
+    ask("nothing", "other verdicts", nothing, lambda r: r.verdict not in CALM)
+    ask("nothing", "an effect named", nothing, lambda r: bool(r.claimed))
+    calm = ("external disturbance", "nothing missing")
+    ask("load", "external disturbance or nothing missing", load, lambda r: r.verdict in calm)
+    ask("load", "an effect named", load, lambda r: bool(r.claimed))
+    ask("effects", "right where claimed", [r for r in effects if r.claimed], lambda r: r.is_right)
+    for size in SIZES:
+        some = [r for r in effects if r.size == size]
+        ask("effects", f"right of all, size {size}", some, lambda r: r.is_right)
+    unknown = [r for r in outside if r.verdict == "unknown effect"]
+    ask("outside", "no false name", outside, lambda r: not r.claimed)
+    ask("outside", "unknown effect", outside, lambda r: r.verdict == "unknown effect")
+    what = "its curve holds the truth in 80 % of the bins"
+    ask("outside", what, unknown, lambda r: (r.curve or 0.0) >= 0.8)
+    return found
 
 
 def report(runs: Sequence[Run]) -> str:
     """All rates as text."""
-    by = {group: [r for r in runs if r.group == group] for group in ("nothing", "load", "effects", "outside")}
     lines = [f"{len(runs)} runs, {np.median([r.seconds for r in runs]):.1f} s each (median)"]
-    calm = ("nothing missing", "parameters off")
-    if nothing := by["nothing"]:
-        lines += [
-            "nothing missing",
-            rate("other verdicts", sum(r.verdict not in calm for r in nothing), len(nothing)),
-        ]
-        lines.append(rate("an effect named", sum(bool(r.claimed) for r in nothing), len(nothing)))
-    if load := by["load"]:
-        good = sum(r.verdict in ("external disturbance", "nothing missing") for r in load)
-        lines += ["coloured external load", rate("external disturbance or nothing missing", good, len(load))]
-    if effects := by["effects"]:
-        claims = [r for r in effects if r.claimed]
-        lines += [
-            "one hidden effect",
-            rate("right where claimed", sum(r.is_right for r in claims), len(claims)),
-        ]
-        for size in SIZES:
-            some = [r for r in effects if r.size == size]
-            lines.append(rate(f"right of all, size {size}", sum(r.is_right for r in some), len(some)))
-        lines += _by_case(effects)
-    if outside := by["outside"]:
-        unknown = [r for r in outside if r.verdict == "unknown effect"]
-        matched = sum((r.curve or 0.0) >= 0.8 for r in unknown)
-        lines.append("effect outside the library")
-        lines.append(rate("no false name", sum(not r.claimed for r in outside), len(outside)))
-        lines.append(rate("unknown effect", len(unknown), len(outside)))
-        lines.append(rate("its curve holds the truth in 80 % of the bins", matched, len(unknown)))
+    for group, members in groupby(rates(runs), key=lambda r: r.group):
+        lines += [group, *map(str, members)]
+        if group == GROUPS["effects"]:
+            lines += _by_case([r for r in runs if r.group == "effects"])
     lines.append("verdicts by case")
     for case in dict.fromkeys(r.case for r in runs):
         counts = Counter(r.verdict for r in runs if r.case == case)
         lines.append(f"  {case}: " + ", ".join(f"{name} {n}" for name, n in counts.most_common()))
     return "\n".join([*lines, *_peers(runs)])
+
+
+def table(runs: Sequence[Run]) -> dict:
+    """All rates as a document; `right` of a case is None where no effect may be named."""
+    named = {case.name: bool(case.names) for case in CASES}
+    cases = []
+    for name in sorted({r.case for r in runs}, key=list(named).index):
+        some = [r for r in runs if r.case == name]
+        cases.append(
+            {
+                "case": name,
+                "group": GROUPS[some[0].group],
+                "runs": len(some),
+                "right": sum(r.is_right for r in some) if named[name] else None,
+                "verdicts": dict(Counter(r.verdict for r in some).most_common()),
+            }
+        )
+    return {
+        "n_runs": len(runs),
+        "samples": sorted({r.samples for r in runs}),
+        "sizes": SIZES,
+        "seconds": round(float(np.median([r.seconds for r in runs])), 1),
+        "rates": [
+            asdict(r) | dict(zip(("low", "high"), (round(x, 4) for x in r.limits), strict=True))
+            for r in rates(runs)
+            if r.runs
+        ],
+        "cases": cases,
+    }
 
 
 def _by_case(runs: Sequence[Run]) -> list[str]:
@@ -601,8 +659,10 @@ def _peers(runs: Sequence[Run]) -> list[str]:
         hidden = [outcome(r) for r in some if names[r.case]]
         seconds = np.median([outcome(r)[2] for r in some])
         lines.append(f"{name}, records of the rotor, {seconds:.2f} s each")
-        lines.append(rate("names an effect that is not there", sum(c for c, _, _ in quiet), len(quiet)))
-        lines.append(rate("right effect of all", sum(h for _, h, _ in hidden), len(hidden)))
+        lines.append(
+            str(Rate(name, "names an effect that is not there", sum(c for c, _, _ in quiet), len(quiet)))
+        )
+        lines.append(str(Rate(name, "right effect of all", sum(h for _, h, _ in hidden), len(hidden))))
     return lines
 
 
@@ -635,6 +695,7 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=1600, help="of a record; half are for validation")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--json", type=Path, help="file that keeps the runs")
+    parser.add_argument("--table", type=Path, help="file for the rates, as docs/rates.json")
     parser.add_argument("--peers", action="store_true", help="other methods on the same records")
     parser.add_argument("--list", action="store_true", help="name the cases and end")
     options = parser.parse_args()
@@ -662,6 +723,8 @@ def main() -> None:
                     file.write(json.dumps(asdict(run)) + "\n")
     if runs:
         print(report(runs))
+        if options.table:
+            options.table.write_text(json.dumps(table(runs), indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

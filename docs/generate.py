@@ -1,0 +1,230 @@
+"""What MkDocs needs of this site beside its pages: reference from the code, numbers of the study, formulas.
+
+The pages below `reference/` exist only in the site. `theory.md` and `trust.md` are templates, filled with the
+limits of the code and the rates of rates.json. Formulas become MathML, which browsers draw without a script.
+"""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+from collections.abc import Iterator, Mapping
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from latex2mathml.converter import convert
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+import daest
+from daest.cli.schema import schema_names, schema_of
+from daest.data.project import KEYS
+from daest.diagnosis import proof, residual_tests
+from daest.errors import EXPLANATIONS
+from daest.model.effects import Effect
+from daest.modelica.effects import effect_library
+
+RATES = Path(__file__).with_name("rates.json")
+TEMPLATES = ("theory.md", "trust.md")
+FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
+TAG = re.compile(r"\\tag\{(.*?)\}")
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the reference and the schemas."""
+    pages = {
+        "commands": commands(),
+        "project": project_keys(),
+        "messages": messages(),
+        "effects": effects(),
+        "python": public_names(),
+        "json": schemas(),
+    }
+    for name, text in pages.items():
+        files.append(File.generated(config, f"reference/{name}.md", content=text))
+    for name in schema_names():
+        content = json.dumps(schema_of(name), indent=2, ensure_ascii=False)
+        files.append(File.generated(config, f"reference/schemas/{name}.json", content=content))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
+    return filled(markdown) if page.file.src_uri in TEMPLATES else markdown
+
+
+def on_page_content(content: str, **_: Any) -> str:
+    return FORMULA.sub(_formula, content)
+
+
+# Pages ------------------------------------------------------------------------------------------------------
+
+
+def commands() -> str:
+    """Options and examples of every command, which mkdocs-click reads from click."""
+    options = {"module": "daest.cli.main", "command": "cli", "prog_name": "daest", "style": "table"}
+    return "\n".join(["::: mkdocs-click", *(f"    :{key}: {value}" for key, value in options.items())])
+
+
+def project_keys() -> str:
+    """The keys of daest.toml by section."""
+    lines = [
+        "# daest.toml",
+        "",
+        "`daest init MODEL DATA` writes one with comments. Options on the command line come before it."
+        " Paths count from its folder; values are in the units of the model.",
+        "",
+    ]
+    for section, keys in KEYS.items():
+        entries = (
+            "" if section in ("model", "data") else ": `name = { key = value, … }`, names as in the model"
+        )
+        lines += ["", f"## [{section}]", "", *([f"Entries{entries}.", ""] if entries else [])]
+        lines += table(("key", "what it says"), [(f"`{key}`", text) for key, text in keys.items()])
+    return "\n".join(lines)
+
+
+def messages() -> str:
+    """Every message code with its explanation."""
+    lines = [
+        "# Messages",
+        "",
+        "The code stands in brackets behind `error` or `warning`; `daest explain CODE` says the same.",
+        "",
+    ]
+    for first, codes in groupby(sorted(EXPLANATIONS), key=lambda code: code.partition("-")[0]):
+        lines += [f"## {first}", ""]
+        for code in codes:
+            lines += [f"`{code}`{{ #{code} }}", f":   {escaped(EXPLANATIONS[code])}", ""]
+    return "\n".join(lines)
+
+
+def effects() -> str:
+    """The effect library by domain."""
+    lines = [
+        "# Effects",
+        "",
+        "Physics that a model may lack. `daest effects NAME --model MODEL` says where one can sit,"
+        " [one of one's own](../how-to/effect.md) is a Modelica class.",
+        "",
+    ]
+    for domain, members in groupby(effect_library(), key=lambda effect: effect.domain):
+        lines += [f"## {domain.capitalize()}", ""]
+        for effect in members:
+            lines += effect_entry(effect)
+    return "\n".join(lines)
+
+
+def effect_entry(effect: Effect) -> Iterator[str]:
+    yield from (
+        f"### {effect.name} {{ #{effect.class_name} }}",
+        "",
+        f"{escaped(effect.description)}. {escaped(effect.documentation)}",
+        "",
+    )
+    yield from (f"`{effect.law}`", "")
+    rows = [(f"`{p.name}`", p.role, p.unit, escaped(p.description)) for p in effect.parameters]
+    yield from table(("parameter", "role", "unit", "meaning"), rows)
+    yield ""
+
+
+def public_names() -> str:
+    """All public names; mkdocstrings reads signatures and docstrings."""
+    lines = [
+        "# Python",
+        "",
+        "`import daest` offers the steps of the commands as functions, from one value to the next;"
+        " `examples/servo/tutorial.ipynb` walks through them.",
+        "",
+    ]
+    for name in daest.__all__:
+        lines += [f"::: {getattr(daest, name).__module__}.{name}", ""]
+    return "\n".join(lines)
+
+
+def schemas() -> str:
+    """Top-level keys of what each command prints with --format json."""
+    lines = [
+        "# JSON",
+        "",
+        "With `--format json` a command prints one document. Keys that its schema requires stay; others may"
+        " be added. Missing is null.",
+        "",
+    ]
+    for name in schema_names():
+        schema = schema_of(name)
+        rows = [(f"`{key}`", kind(entry)) for key, entry in schema["properties"].items()]
+        lines += [f"## {name}", "", f"{escaped(schema['title'])} ([schema](schemas/{name}.json)).", ""]
+        lines += [*table(("key", "holds"), rows), ""]
+    return "\n".join(lines)
+
+
+def kind(entry: Mapping[str, Any]) -> str:
+    """A schema's entry in a few words."""
+    if "const" in entry:
+        return f"`{json.dumps(entry['const'])}`"
+    if "enum" in entry:
+        return ", ".join(f"`{json.dumps(value)}`" for value in entry["enum"])
+    for several in ("oneOf", "anyOf"):
+        if several in entry:
+            return " or ".join(dict.fromkeys(kind(each) for each in entry[several]))
+    if "$ref" in entry:
+        return str(entry["$ref"]).rpartition("/")[2]
+    types = entry.get("type", "anything")
+    text = " or ".join([types] if isinstance(types, str) else types)
+    inner = entry.get("properties", {})
+    if inner:
+        return f"{text} of " + ", ".join(f"`{key}`" for key in inner)
+    if isinstance(entry.get("items"), dict) and "array" in text:
+        return f"{text} of {kind(entry['items'])}"
+    if isinstance(entry.get("additionalProperties"), dict):
+        return f"{text} by name: {kind(entry['additionalProperties'])}"
+    return text
+
+
+# Text -------------------------------------------------------------------------------------------------------
+
+
+def filled(markdown: str) -> str:
+    """A template with the rates of the study, and the limits of proof and tests as they stand in the code."""
+    rates = json.loads(RATES.read_text(encoding="utf-8"))
+    environment = jinja2.Environment(
+        undefined=jinja2.StrictUndefined, comment_start_string="{##", autoescape=False
+    )
+    template = environment.from_string(markdown)
+    return template.render(rates=rates, proof=proof, tests=residual_tests, percent=percent)
+
+
+def percent(share: float) -> str:
+    return (
+        f"{100.0 * share:.0f} %"
+        if share in (0.0, 1.0) or share >= 0.1
+        else f"{100.0 * share:.1f} %".replace(".0 %", " %")
+    )
+
+
+def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
+    """A Markdown table; bars within cells are escaped."""
+    lines = [head, ("---",) * len(head), *(tuple(cell.replace("|", "\\|") for cell in row) for row in rows)]
+    return ["| " + " | ".join(line) + " |" for line in lines] if rows else []
+
+
+def escaped(text: str) -> str:
+    """Plain text as Markdown that shows it."""
+    return re.sub(r"([*_<>\[\]$\\])", r"\\\1", " ".join(text.split()))
+
+
+def _formula(match: re.Match[str]) -> str:
+    tex = html.unescape(match[2])
+    if match[1] == "span":
+        return convert(tex)
+    number = TAG.search(tex)
+    shown = convert(TAG.sub("", tex).strip(), display="block")
+    return (
+        f'<div class="formula">{shown}'
+        + (f'<span class="number">({number[1]})</span>' if number else "")
+        + "</div>"
+    )
