@@ -48,6 +48,7 @@ class Basis:
     course: np.ndarray
     x: np.ndarray
     shown: np.ndarray
+    over_a_turn: bool = False
 
 
 def free_forms(null: Null, run: NullObserver, variables: Iterable[str] | None = None) -> tuple[FreeForm, ...]:
@@ -155,7 +156,7 @@ def _basis(x: np.ndarray, whole: np.ndarray, unit: str) -> Basis:
     """Harmonics of an angle that turns round, else hat functions between quantiles."""
     if unit == ANGLE_UNIT and np.ptp(whole) > TURN:
         angles = np.arange(N_ANGLES) * TURN / N_ANGLES
-        return Basis(_harmonics(x), angles, _harmonics(angles))
+        return Basis(_harmonics(x), angles, _harmonics(angles), over_a_turn=True)
     knots = np.unique(np.quantile(whole, np.linspace(0.0, 1.0, KNOTS)))
     eye = np.eye(knots.size)
     return Basis(np.array([np.interp(x, knots, row) for row in eye]), knots, eye)
@@ -215,6 +216,7 @@ def _tested(
         x=basis.x,
         w=weights @ basis.shown,
         std=np.sqrt(np.einsum("im,ij,jm->m", basis.shown, cov, basis.shown)),
+        over_a_turn=basis.over_a_turn,
     )
 
 

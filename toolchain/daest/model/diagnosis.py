@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -103,6 +104,7 @@ class FreeForm:
     x: np.ndarray
     w: np.ndarray
     std: np.ndarray
+    over_a_turn: bool = False
 
     @property
     def label(self) -> str:
@@ -112,6 +114,36 @@ class FreeForm:
     def log_likelihood_gain(self) -> float:
         """What the form would buy, without what as many useless parameters buy."""
         return max(0.5 * (self.statistic - self.degrees), 0.0)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A load as straight lines through (x, y) over `variable`, constant beyond the outermost knots or, if
+    `period` is not 0, periodic; times tanh(speed / sign_width) of the speed `sign_of` if that is given. `std`
+    is NaN where the data do not determine a value."""
+
+    variable: str
+    sign_of: str
+    sign_width: float
+    period: float
+    x: np.ndarray
+    y: np.ndarray
+    std: np.ndarray
+
+
+@dataclass(frozen=True)
+class LearnedLoad:
+    """The load of `form` as a part of the model: its curve, all parameter values, and the errors (rms) of the
+    simulation on validation data without and with it. `fit` is None where no refit succeeded and the curve
+    is that of the form. A positive load flows into the components at the place if `sign` is 1."""
+
+    form: FreeForm
+    curve: Curve
+    theta: Mapping[str, float]
+    fit: FitResult | None
+    before: Mapping[str, float | None]
+    after: Mapping[str, float | None]
+    sign: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,186 @@
+"""Learned loads: what no effect of the library explains, built into the model as a curve and refitted.
+
+The one-step curve of a free form is read off the null, whose parameters have taken their part of the effect.
+Here the curve, straight lines between knots, becomes part of the model, and its values are estimated together
+with the parameters by maximum likelihood.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from daest.diagnosis.compare import Candidate as Trialled
+from daest.diagnosis.compare import compare_models
+from daest.diagnosis.free_forms import SOFT, TURN, internal_variables
+from daest.diagnosis.null import Null, refit
+from daest.diagnosis.screen import NullObserver
+from daest.errors import DaestError
+from daest.model.diagnosis import Curve, FreeForm, LearnedLoad
+from daest.model.experiment import Experiment
+from daest.model.fit import FitResult
+from daest.model.flat import FlatModel, Parameter
+from daest.modelica.attach import names_of
+from daest.systems.reduce import reduce_index
+from daest.systems.sample import Hold
+
+COMPONENT = "learned"
+SHARPER = 0.3  # the sign changes over this part of the speed that the free form rounds it over
+NARROWEST = 1e-3  # of the range of the variable: knots that are nearer to each other are one
+
+
+def learned_load(
+    null: Null,
+    run: NullObserver,
+    baseline: FitResult,
+    form: FreeForm,
+    validation: Sequence[Experiment] = (),
+) -> LearnedLoad:
+    """The load of `form` as a part of the null's model.
+
+    The curve's values are refitted with the estimated parameters; where that fails, alone; where that fails,
+    too, they are those of the form. `baseline` is the null's fit on the same terms.
+    """
+    start, row = _curve(null, run, form), null.places[form.load].row
+    sign = load_sign(null.flat, row)
+    flat = with_curve(null.flat, row, start)
+    own = tuple(p.name for p in flat.parameters[len(null.flat.parameters) :])
+    before = _validation_errors(baseline)
+    for names in ((*null.estimated, *own), own):
+        fit = _refitted(null, flat, names, validation, baseline.log_likelihood)
+        if fit is not None:
+            curve = _of_fit(start, own, fit)
+            return LearnedLoad(form, curve, fit.theta, fit, before, _validation_errors(fit), sign)
+    theta = {p.name: p.value for p in flat.parameters}
+    after = _simulated_errors(flat, validation, null.hold)
+    return LearnedLoad(form, start, theta, None, before, after, sign)
+
+
+def _refitted(
+    null: Null, flat: FlatModel, names: Sequence[str], validation: Sequence[Experiment], least: float
+) -> FitResult | None:
+    """None where the search fails or does not end above the log-likelihood `least`."""
+    try:
+        fit = refit(flat, reduce_index(flat), names, null, validation=validation)
+    except DaestError:
+        return None
+    return fit if fit.log_likelihood > least else None
+
+
+def _validation_errors(fit: FitResult) -> dict[str, float | None]:
+    found = fit.simulated.get("validation")
+    return {} if found is None else dict(found.rms)
+
+
+def _simulated_errors(
+    flat: FlatModel, experiments: Sequence[Experiment], hold: Hold
+) -> dict[str, float | None]:
+    silent = replace(flat, noises=tuple(replace(w, intensity=0.0) for w in flat.noises))
+    try:
+        comparison = compare_models([Trialled(flat.name, silent, 0, hold)], list(experiments))
+    except DaestError:
+        return {}
+    return dict(comparison.models[0].simulation.rms)
+
+
+# The curve --------------------------------------------------------------------------------------------------
+
+
+def _curve(null: Null, run: NullObserver, form: FreeForm) -> Curve:
+    """The form's curve at distinct knots."""
+    course = [
+        internal_variables(null, run, i, [n for n in (form.variable, form.sign_of) if n])
+        for i in range(len(null.experiments))
+    ]
+    sign_width = 0.0
+    if form.sign_of:
+        speed = np.concatenate([c[form.sign_of] for c in course])
+        sign_width = SHARPER * SOFT * float(np.sqrt(np.mean(speed**2)))
+    kept = np.append(True, np.diff(form.x) > NARROWEST * np.ptp(form.x))
+    return Curve(
+        variable=form.variable,
+        sign_of=form.sign_of,
+        sign_width=sign_width,
+        period=TURN if form.over_a_turn else 0.0,
+        x=form.x[kept],
+        y=form.w[kept],
+        std=form.std[kept],
+    )
+
+
+def _of_fit(start: Curve, own: Sequence[str], fit: FitResult) -> Curve:
+    found = {p.name: p for p in fit.parameters}
+    std = [found[name].std_error for name in own]
+    return replace(
+        start,
+        y=np.array([fit.theta[name] for name in own]),
+        std=np.array([np.nan if one is None else one for one in std]),
+    )
+
+
+def with_curve(flat: FlatModel, row: int, curve: Curve) -> FlatModel:
+    """`flat` with the load of `curve` subtracted in equation `row`; its values are the last parameters,
+    `learned.y[1]` and so on."""
+    symbols = {v.name: x for v, x in zip(flat.unknowns, ca.vertsplit(flat.xi), strict=True)}
+    symbols |= {v.name: x for v, x in zip(flat.inputs, ca.vertsplit(flat.u), strict=True)}
+    name = _free_name(flat)
+    y = ca.SX.sym(f"{name}.y", curve.y.size)
+    load = _interpolated(symbols[curve.variable], curve, y)
+    if curve.sign_of:
+        load *= ca.tanh(symbols[curve.sign_of] / curve.sign_width)
+    residual = ca.SX(flat.residual)
+    residual[row] -= load
+    # One unit of the search for all values: some of them are near zero.
+    size = float(np.sqrt(np.mean(curve.y**2))) or 1.0
+    values = tuple(
+        Parameter(f"{name}.y[{i + 1}]", float(value), description="load at a knot", nominal=size)
+        for i, value in enumerate(curve.y)
+    )
+    return replace(
+        flat,
+        parameters=(*flat.parameters, *values),
+        theta=ca.vertcat(flat.theta, y),
+        residual=residual,
+    )
+
+
+def _free_name(flat: FlatModel) -> str:
+    taken, name, number = names_of(flat), COMPONENT, 1
+    while name in taken:
+        number += 1
+        name = f"{COMPONENT}{number}"
+    return name
+
+
+def _interpolated(x: ca.SX, curve: Curve, y: ca.SX) -> ca.SX:
+    """Straight lines between the knots, as PartialLearnedLoad of the library has them."""
+    if curve.period:
+        x = curve.x[0] + _remainder(x - curve.x[0], curve.period)
+    value = y[0]
+    for k in range(curve.x.size - 1):
+        value += (y[k + 1] - y[k]) * _ramp(x, curve.x[k], curve.x[k + 1])
+    if curve.period:
+        value += (y[0] - y[curve.x.size - 1]) * _ramp(x, curve.x[-1], curve.x[0] + curve.period)
+    return value
+
+
+def _remainder(x: ca.SX, period: float) -> ca.SX:
+    return x - period * ca.floor(x / period)
+
+
+def _ramp(x: ca.SX, first: float, last: float) -> ca.SX:
+    return ca.fmax(0.0, ca.fmin(1.0, (x - first) / (last - first)))
+
+
+def load_sign(flat: FlatModel, row: int) -> float:
+    """1 where a load subtracted in equation `row` flows into the components that meet there, -1 where its
+    negative does."""
+    flows = [i for i, v in enumerate(flat.unknowns) if v.is_flow]
+    slopes = ca.jacobian(flat.residual[row], flat.xi[flows])
+    present = [i for i in range(len(flows)) if slopes.sparsity().has_nz(0, i)]
+    # A connector of a composite component has its flow with the other sign in the sum inside of it.
+    inner = max(present, key=lambda i: flat.unknowns[flows[i]].name.count("."), default=None)
+    return -1.0 if inner is not None and float(ca.evalf(slopes[0, inner])) < 0.0 else 1.0
