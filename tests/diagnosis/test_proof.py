@@ -268,3 +268,13 @@ def test_law_with_fewer_parameters_is_preferred_when_it_says_as_much():
     assert second.verdict == "rejected" and "nearly as much with fewer parameters" in second.reason
     better = replace(rich, delta_log_likelihood=1.2 * simple.delta_log_likelihood)
     assert len(ranked([simple, better])[0].fit.parameters) == len(more)
+
+
+def test_as_much_as_chance_finds_is_no_proof():
+    stand, (prepared, _) = rubbing(), proved()
+    run = run_null(stand.null)
+    proof = prove(
+        stand.null, stand.baseline, prepared, stand.null.experiments, stand.validation, run, None,
+        n_screened=10**80,
+    )  # fmt: skip
+    assert proof.p_value == 1.0 and proof.verdict == "rejected" and "by chance" in proof.reason

@@ -35,6 +35,7 @@ SIMPLER = 0.97  # of the gain in log-likelihood that a law with fewer parameters
 LEAST_SIGNIFICANCE = 3.0  # standard errors that the size must stand off its null
 SHARED_SIGNIFICANCE = 2.0  # where estimated shapes share in it, and the likelihood tells more than one error
 FAR_LESS = 0.7  # of the gain in log-likelihood of a refused candidate, below which none other is accepted
+CHANCE = 1e-3  # corrected p-value of the likelihood ratio, above which nothing is proven
 BIC_GAIN = 10.0  # "very strong" evidence (Kass & Raftery 1995)
 SHARPER = 0.3  # the proof rounds kinks over this part of what the screen rounds them over
 
@@ -158,7 +159,10 @@ def prove(
     with_effect = grown(fed, prepared.flat, explicit, fit, experiments)
     after = run_null(with_effect)
     explained = _explained(null_fit, with_effect, after, load)
+    p_value = float(min(1.0, n_screened * chi2.sf(2.0 * max(gain, 0.0), n_own)))
     reason = _failed_gate(prepared, fit, delta_bic, explained, _simulation_ratios(null_fit, fit))
+    if not reason and p_value > CHANCE:
+        reason = f"a search over {n_screened} candidates finds as much by chance (p = {p_value:.1g})"
     left = None if reason else _left(null, with_effect, after)
     if left is not None and not _is_most_of_it(explained, _simulation_ratios(null_fit, fit)):
         reason = _wrong_law(fed, run, prepared, fit, gain, left)
@@ -169,7 +173,7 @@ def prove(
         fit=fit,
         delta_log_likelihood=float(gain),
         delta_bic=delta_bic,
-        p_value=float(min(1.0, n_screened * chi2.sf(2.0 * max(gain, 0.0), n_own))),
+        p_value=p_value,
         explained=explained,
         equivalent=tuple(c.site.name for c in prepared.trial.alike),
         not_separable_from=(),
