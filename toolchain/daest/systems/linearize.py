@@ -103,10 +103,15 @@ def is_affine_model(flat: FlatModel) -> bool:
     if flat.given is not None:
         return flat.given.is_affine
     signals = ca.vertcat(flat.derivatives, flat.xi, flat.u, flat.w)
-    both = ca.vertcat(flat.residual, flat.output_expressions)
-    if not ca.is_linear(both, signals) or ca.depends_on(both, flat.time):
+    return is_affine(ca.vertcat(flat.residual, flat.output_expressions), signals, flat.time)
+
+
+def is_affine(expressions: ca.SX, signals: ca.SX, time: ca.SX) -> bool:
+    """True when the expressions are affine in the signals with coefficients that do not depend on time.
+    Exact."""
+    if not ca.is_linear(expressions, signals) or ca.depends_on(expressions, time):
         return False
-    return not _has_steps(both, signals)
+    return not _has_steps(expressions, signals)
 
 
 def _has_steps(expressions: ca.SX, signals: ca.SX) -> bool:

@@ -19,9 +19,9 @@ from daest.model.simulation import Simulation
 from daest.numerics.exponential import covariance_integral, transition_integrals
 from daest.numerics.projection import pull
 from daest.numerics.recursions import linear_recursion
+from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import IntegrationError, integrate, integrator
-from daest.systems.linearize import is_affine_model
 from daest.systems.pantelides import name_equations
 from daest.systems.reduce import reduce_index
 from daest.systems.redundant import good_everywhere, matching_states
@@ -73,8 +73,8 @@ def simulate(
     derivatives of inputs that the model needs are the slopes of foh. `x0`: all states, or start values of
     variables by name, else the consistent initial point of the model.
 
-    Affine models are computed exactly by matrix exponentials; others by Radau IIA with adaptive steps at
-    `rtol`. `noise` adds white noise with its intensity (`intensities` by name win over the model's) and
+    States that follow affine laws are computed exactly by matrix exponentials; others by Radau IIA with
+    adaptive steps at `rtol`. `noise` adds white noise with its intensity (`intensities` by name win over the model's) and
     measurement noise of the outputs' std: exactly sampled for affine models, else by local linearisation on
     substeps (Itô). Where white noise reaches an output directly it is held over each sample, (43)-(45). Where
     a choice of states would become singular on the way, all differentiated variables are states and every
@@ -85,7 +85,7 @@ def simulate(
     """
     explicit = model if isinstance(model, ExplicitModel) else reduce_index(model)
     task = _prepare(explicit, recording, theta, hold, x0)
-    is_affine = is_affine_model(explicit.flat)
+    is_affine = has_affine_dynamics(explicit)
     rng = np.random.default_rng(seed)
     w = np.zeros((task.time.size, len(explicit.flat.noises)))
     intensity = _intensities(explicit.flat, intensities or {}) if noise else np.zeros(0)

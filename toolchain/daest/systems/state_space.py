@@ -14,6 +14,7 @@ from daest.errors import ModelError
 from daest.model.explicit import ExplicitModel
 from daest.model.flat import FlatModel
 from daest.model.linear import StateSpace, StateSpaceFamily
+from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.initialize import initial_point
 from daest.systems.linearize import is_affine_model, operating_point
 from daest.systems.reduce import reduce_index
@@ -31,14 +32,14 @@ def state_space_family(
 
     Exact for affine models. A nonlinear model is linearised at the operating point `at` (values of states and
     inputs by name; those not named come from the consistent initial point at the inputs' start values), with
-    w = 0, v = 0 and t = 0; the offsets make the linear model exact at that point, for every θ."""
+    w = 0, v = 0 and t = 0; the offsets make the linear model exact at that point, for every θ. Where ẋ and y
+    are affine (`is_affine` of the result), only ξ depends on that point."""
     given = model.flat if isinstance(model, ExplicitModel) else model
     if given.given is not None:
         return given.given.family(given, at)
     explicit = model if isinstance(model, ExplicitModel) else reduce_index(model)
     flat = explicit.flat
-    affine = is_affine_model(flat)
-    if affine:
+    if is_affine_model(flat):
         x, u, time = np.zeros(explicit.n_states), np.zeros(len(flat.inputs)), 0.0
     else:
         x, u, time = _operating_point(explicit, at)
@@ -52,7 +53,7 @@ def state_space_family(
         outputs=flat.outputs,
         parameters=flat.parameters,
         matrices=_matrix_function(explicit, x, u, time),
-        is_affine=affine,
+        is_affine=has_affine_dynamics(explicit),
     )
 
 
