@@ -74,11 +74,11 @@ def simulate(
     variables by name, else the consistent initial point of the model.
 
     States that follow affine laws are computed exactly by matrix exponentials; others by Radau IIA with
-    adaptive steps at `rtol`. `noise` adds white noise with its intensity (`intensities` by name win over the model's) and
-    measurement noise of the outputs' std: exactly sampled for affine models, else by local linearisation on
-    substeps (Itô). Where white noise reaches an output directly it is held over each sample, (43)-(45). Where
-    a choice of states would become singular on the way, all differentiated variables are states and every
-    step is pulled back onto the constraints.
+    adaptive steps at `rtol`. `noise` adds white noise with its intensity (`intensities` by name win over
+    the model's) and measurement noise of the outputs' std: exactly sampled for affine models, else by local
+    linearisation on substeps (Itô). Where white noise reaches an output directly it is held over each
+    sample, (43)-(45). Where a choice of states would become singular on the way, all differentiated
+    variables are states and every step is pulled back onto the constraints.
 
     Raises ModelError `simulation-input`, `input-derivative-order`, `input-derivative-hold`,
     `noise-intensity-missing` and what `initial_point` raises; NumericalError `simulation-failed`.
