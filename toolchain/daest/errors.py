@@ -160,6 +160,23 @@ EXPLANATIONS: dict[str, str] = {
     "check-unusable": (
         "The recording cannot be used with the model; the message says why, as daest identify would."
     ),
+    "cluster-differs": (
+        "A worker of the cluster has other versions of daest or of the packages that numbers depend on, or "
+        "no C compiler where this machine has one: its results might be others. Install the same there, and "
+        "restart the workers."
+    ),
+    "cluster-lost": (
+        "The scheduler or all workers of the cluster have gone while they were working. Start them again and "
+        "repeat the command; diagnose and improve go on where they were."
+    ),
+    "cluster-unreachable": (
+        "--cluster names the scheduler of a Dask cluster (tcp://HOST:8786), which dask scheduler shows when "
+        "it starts; dask worker ADDRESS adds workers to it. Nothing answered there, or no worker has come."
+    ),
+    "cluster-without-dask": (
+        "Dask is an extra of daest, since most work needs one machine alone: pip install 'daest[cluster]', "
+        "here and on every machine of the cluster."
+    ),
     "compare-bootstrap-noise": (
         "A bootstrap simulates records with the model, noise included, so that every output needs a known "
         "measurement noise: identify the model first, or give it in the model or under [noise.measurement]."
@@ -901,6 +918,11 @@ EXPLANATIONS: dict[str, str] = {
         "The structure of a large model does not tell its index, since values cancel. Equations that repeat "
         "others are the usual reason."
     ),
+    "task-not-sendable": (
+        "Work for another process travels as bytes, and something in it cannot be written as such, as a "
+        "function that is defined inside another one. Run it in one process: without --cluster, and with "
+        "--jobs 1."
+    ),
     "unit-incompatible": (
         "A recorded signal has a unit of another dimension than the model variable it is matched with, so "
         "no conversion exists. Either the wrong column is mapped, or the unit in the header or in the model "
@@ -918,5 +940,9 @@ EXPLANATIONS: dict[str, str] = {
     ),
     "unknown-variable": (
         "The name is not a variable of the model. Names are Modelica names with dots, such as disc.phi."
+    ),
+    "worker-lost": (
+        "A process that worked for this command ended in the middle of a task, again and again: memory ran "
+        "out, or somebody ended it. Let fewer work at a time (--jobs), or give them more memory."
     ),
 }

@@ -1,0 +1,165 @@
+"""Workers: order, errors, losses and what cannot be sent; in this process, in others, on a Dask cluster."""
+
+import logging
+import math
+import os
+import signal
+import time
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from daest import parallel
+from daest.errors import ConfigError, DaestError
+from daest.parallel import packed, unpacked, workers
+
+POSIX = pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """A Dask cluster of two processes on this machine."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=logging.CRITICAL
+    ) as found:
+        yield found
+
+
+def places(cluster):
+    return [(1, None), (2, None), (1, cluster.scheduler_address)]
+
+
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_outcomes_come_in_order_and_an_error_leaves_the_others_alone(cluster, place):
+    heard = []
+    with workers(*places(cluster)[place]) as pool:
+        tasks = [4.0, -1.0, 9.0, 16.0]
+        found = list(pool.map(math.sqrt, tasks, arrived=lambda n, outcome: heard.append((n, outcome.value))))
+    assert [o.value for o in found] == [2.0, None, 3.0, 4.0]
+    assert sorted(heard) == [(0, 2.0), (1, None), (2, 3.0), (3, 4.0)]
+    with pytest.raises(ValueError, match=r"math domain error|nonnegative"):
+        found[1].get()
+
+
+@pytest.mark.parametrize("place", [1, 2])
+def test_a_slow_first_task_does_not_hold_back_what_is_heard_of_the_others(cluster, place):
+    heard = []
+    with workers(*places(cluster)[place]) as pool:
+        found = pool.map(time.sleep, [1.0, 0.0, 0.0], arrived=lambda n, _: heard.append(n))
+        assert len(list(found)) == 3
+    assert heard[0] != 0 and sorted(heard) == [0, 1, 2]
+
+
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_what_is_no_longer_wanted_is_given_up(cluster, place):
+    began = time.monotonic()
+    with workers(*places(cluster)[place]) as pool:
+        found = pool.map(time.sleep, [0.01] + 40 * [0.5])
+        next(found)
+        found.close()
+    assert time.monotonic() - began < 8.0
+
+
+def test_expressions_travel_with_the_symbols_they_share():
+    x = ca.SX.sym("x", 2)
+    y, again = unpacked(packed((x, ca.sin(x[0]) * x[1])))
+    value = ca.Function("f", [y], [again])([0.3, 2.0])
+    assert float(value) == 2.0 * np.sin(0.3)
+
+
+def test_few_short_tasks_stay_here():
+    with workers(2) as pool:
+        assert {o.get() for o in pool.map(_process, [0, 0], seconds=0.1)} == {os.getpid()}
+
+
+def _process(_):
+    return os.getpid()
+
+
+def test_task_that_cannot_be_sent():
+    with workers(2) as pool, pytest.raises(DaestError) as caught:
+        list(pool.map(lambda x: x, [1, 2]))
+    assert caught.value.code == "task-not-sendable" and "--jobs 1" in caught.value.remedy
+
+
+def test_result_that_cannot_be_sent():
+    with workers(2) as pool:
+        (first, second) = pool.map(iter, [[1], range(2)])  # an iterator can be sent ...
+        (frozen, _) = pool.map(memoryview, [b"1", b"2"])  # ... a view of memory cannot
+    assert list(first.get()) == [1] and list(second.get()) == [0, 1]
+    assert frozen.error.code == "task-not-sendable"
+
+
+@POSIX
+def test_a_process_that_is_killed_costs_nothing_but_time():
+    killed = []
+
+    def kill_one(*_):
+        if not killed:
+            killed.append(parallel._Processes.running()[0])
+            os.kill(killed[0], signal.SIGKILL)
+
+    with workers(2) as pool:
+        found = list(pool.map(math.sqrt, [1.0, 4.0, 9.0, 16.0, 25.0, 36.0], arrived=kill_one))
+    assert killed and [o.get() for o in found] == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+
+
+@POSIX
+def test_a_task_that_kills_every_process_is_told():
+    with workers(2) as pool, pytest.raises(DaestError) as caught:
+        list(pool.map(os._exit, [1, 1]))
+    assert caught.value.code == "worker-lost"
+
+
+def test_no_cluster_there(monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(parallel, "CONNECT_SECONDS", 1.0)
+    for address in ("tcp://127.0.0.1:9", "nonsense://x"):
+        with pytest.raises(ConfigError) as caught, workers(1, address):
+            pass
+        assert caught.value.code == "cluster-unreachable" and caught.value.where == address
+
+
+def test_no_dask(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "dask", None)
+    with pytest.raises(ConfigError) as caught, workers(1, "tcp://127.0.0.1:9"):
+        pass
+    assert caught.value.code == "cluster-without-dask" and "daest[cluster]" in caught.value.remedy
+
+
+def test_versions_that_differ(cluster, monkeypatch):
+    monkeypatch.setattr(parallel, "program", lambda: "another")
+    parallel.versions.cache_clear()
+    with pytest.raises(ConfigError) as caught, workers(1, cluster.scheduler_address):
+        pass
+    parallel.versions.cache_clear()
+    assert caught.value.code == "cluster-differs" and "(another)" in caught.value.what
+    assert caught.value.where.startswith("tcp://")
+
+
+@POSIX
+def test_a_worker_of_the_cluster_that_is_killed_costs_nothing_but_time(cluster):
+    killed = []
+
+    def kill_one(*_):
+        if not killed:
+            killed.append(next(iter(cluster.workers.values())).process.pid)
+            os.kill(killed[0], signal.SIGKILL)
+
+    with workers(1, cluster.scheduler_address) as pool:
+        found = list(pool.map(math.sqrt, [float(n * n) for n in range(20)], arrived=kill_one))
+    assert killed and [o.get() for o in found] == list(range(20))
+
+
+def test_cluster_without_workers(monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(parallel, "CONNECT_SECONDS", 1.0)
+    with (
+        distributed.LocalCluster(n_workers=0, dashboard_address=":0") as empty,
+        pytest.raises(ConfigError) as caught,
+        workers(1, empty.scheduler_address),
+    ):
+        pass
+    assert caught.value.code == "cluster-unreachable" and "no worker" in caught.value.what

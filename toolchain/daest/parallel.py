@@ -1,0 +1,397 @@
+"""Workers: independent tasks one after the other, in processes of this machine, or on a Dask cluster.
+
+A task is a function of a module and one argument; both are sent as bytes, CasADi expressions included. Every
+task runs with one thread of linear algebra wherever it runs, so that the results are equal to the last bit on
+equal machines; another processor may round otherwise.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import pickle
+import platform
+import signal
+import traceback
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, wait
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.metadata import version
+from itertools import islice
+from pathlib import Path
+from threading import Lock
+from typing import Any, Generic, Protocol, TypeVar
+
+import casadi as ca
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
+import daest
+from daest.errors import ConfigError, DaestError
+from daest.fmu.compiler import find_compiler
+
+START_SECONDS = 3.0  # until processes work: tasks that would gain less run one after the other
+MOST_LOSSES = 3  # workers lost one after the other, without a result in between, that end a run
+CONNECT_SECONDS = 10.0
+PATIENCE = 120.0  # seconds that a cluster may be without any worker
+POLL = 5.0
+LARGE = "1 GiB"  # of tasks, before Dask warns: each holds the recordings
+PACKAGES = ("casadi", "numpy", "scipy")  # those that numbers depend on
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+Versions = dict[str, str]
+
+
+@dataclass(frozen=True)
+class Outcome(Generic[Result]):
+    """What became of a task: its `value`, or the `error` that it raised."""
+
+    value: Result | None = None
+    error: Exception | None = None
+
+    def get(self) -> Result:
+        """The value; raises the error."""
+        if self.error is not None:
+            raise self.error
+        return self.value  # type: ignore[return-value]
+
+
+class Engine(Protocol):
+    """Runs packed tasks and gives their packed outcomes with their numbers, as they come."""
+
+    def gain(self, n_tasks: int, seconds: float) -> float:
+        """Seconds that this engine saves where each task takes `seconds`."""
+
+    def arrivals(self, blobs: Sequence[bytes]) -> Generator[tuple[int, bytes]]: ...
+
+
+@dataclass(frozen=True)
+class Workers:
+    """What runs tasks; `engine` None: this process alone."""
+
+    engine: Engine | None = None
+
+    def map(
+        self,
+        work: Callable[[Task], Result],
+        tasks: Sequence[Task],
+        *,
+        seconds: float = math.inf,
+        arrived: Callable[[int, Outcome[Result]], object] = lambda _number, _outcome: None,
+    ) -> Iterator[Outcome[Result]]:
+        """The outcomes of `work` over the tasks, in their order, each as soon as it and those before it are
+        there; `arrived` hears of each at once, with its number. An error of one task leaves the others
+        alone. Tasks that are no longer wanted are given up when the iterator is closed.
+
+        `seconds` that one task takes: where workers would bring nothing, the tasks run here. Raises
+        DaestError `worker-lost`, `task-not-sendable` and ConfigError `cluster-differs`, `cluster-lost`.
+        """
+        if self.engine is None or self.engine.gain(len(tasks), seconds) <= 0.0:
+            for number, task in enumerate(tasks):
+                here = outcome_of(work, task)
+                arrived(number, here)
+                yield here
+            return
+        waiting: dict[int, Outcome[Result]] = {}
+        following = 0
+        with closing(self.engine.arrivals([packed((work, task)) for task in tasks])) as arrivals:
+            for number, blob in arrivals:
+                waiting[number] = unpacked(blob)
+                arrived(number, waiting[number])
+                while following in waiting:
+                    yield waiting.pop(following)
+                    following += 1
+
+
+@contextmanager
+def workers(jobs: int = 1, cluster: str | None = None) -> Iterator[Workers]:
+    """Workers for the time of a block: `jobs` processes of this machine, or all workers of the Dask cluster
+    at the address `cluster`.
+
+    Raises ConfigError `cluster-without-dask`, `cluster-unreachable`, `cluster-differs`.
+    """
+    if cluster is not None:
+        with _connected(cluster) as client:
+            yield Workers(_Cluster(client, cluster))
+    else:
+        yield Workers(_Processes(jobs) if jobs > 1 else None)
+
+
+def stop() -> None:
+    """End the processes of this machine at once, whatever they are doing."""
+    for pid in _Processes.running():
+        with suppress(OSError):
+            os.kill(pid, getattr(signal, "SIGKILL", signal.SIGTERM))
+
+
+# One task ---------------------------------------------------------------------------------------------------
+
+
+def outcome_of(work: Callable[[Task], Result], task: Task) -> Outcome[Result]:
+    try:
+        with threadpool_limits(1):
+            return Outcome(value=work(task))
+    except DaestError as error:
+        return Outcome(error=error)
+    except Exception as error:
+        error.add_note(traceback.format_exc())  # a traceback does not travel
+        return Outcome(error=error)
+
+
+def run_packed(blob: bytes, expected: Versions | None = None) -> bytes:
+    """The packed outcome of a packed task, on a worker with the `expected` programs. Raises ConfigError
+    `cluster-differs`."""
+    if expected is not None:
+        _require_equal(versions(), expected, platform.node())
+    work, task = unpacked(blob)
+    try:
+        return packed(outcome_of(work, task))
+    except DaestError as error:
+        return packed(Outcome(error=error))
+
+
+_packing = Lock()  # CasADi has one context for all threads
+
+
+def packed(value: Any) -> bytes:
+    """Anything as bytes. Expressions that share symbols keep them in common. DaestError
+    `task-not-sendable`."""
+    try:
+        with _packing, ca.global_pickle_context():
+            return pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)
+    except Exception as error:
+        raise DaestError(
+            "task-not-sendable",
+            f"a task cannot be sent to another process: {str(error).strip().splitlines()[0]}",
+            remedy="run it in this process (--jobs 1, without --cluster); functions must belong to a module",
+        ) from error
+
+
+def unpacked(blob: bytes) -> Any:
+    with _packing, ca.global_unpickle_context():
+        return pickle.loads(blob)
+
+
+# Processes of this machine ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Processes:
+    """joblib's processes, which stay for later tasks."""
+
+    jobs: int
+
+    def gain(self, n_tasks: int, seconds: float) -> float:
+        n_rounds = math.ceil(n_tasks / self.jobs)
+        return (n_tasks - n_rounds) * seconds - START_SECONDS if n_tasks > n_rounds else 0.0
+
+    def arrivals(self, blobs: Sequence[bytes]) -> Generator[tuple[int, bytes]]:
+        """A worker that dies takes those beside it along: what has not come is begun anew."""
+        missing, losses = dict(enumerate(blobs)), 0
+        while missing:
+            try:
+                for number, blob in self._round(missing):
+                    del missing[number]
+                    losses = 0
+                    yield number, blob
+            except BrokenExecutor as error:
+                losses += 1
+                if losses == MOST_LOSSES:
+                    raise _lost() from error
+
+    def _round(self, blobs: dict[int, bytes]) -> Iterator[tuple[int, bytes]]:
+        from joblib.externals.loky import get_reusable_executor
+
+        pool = get_reusable_executor(max_workers=self.jobs)
+        following = iter(list(blobs.items()))
+        running: dict[Any, int] = {}
+        try:
+            while True:
+                # As many as there are processes: those that wait inside the pool cannot be given up cleanly.
+                for number, blob in islice(following, self.jobs - len(running)):
+                    running[pool.submit(run_packed, blob)] = number
+                if not running:
+                    return
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    yield running.pop(future), future.result()
+        finally:
+            if running:
+                pool.shutdown(kill_workers=True)
+
+    @staticmethod
+    def running() -> list[int]:
+        """Process numbers, without waiting for any lock."""
+        import sys
+
+        loky = sys.modules.get("joblib.externals.loky.reusable_executor")
+        executor = getattr(loky, "_executor", None)
+        return list(getattr(executor, "_processes", None) or ())
+
+
+def _lost() -> DaestError:
+    return DaestError(
+        "worker-lost",
+        f"a worker came to its end in the middle of a task, {MOST_LOSSES} times in a row",
+        remedy="it may have run out of memory: use fewer at a time (--jobs 1), or workers with more memory",
+    )
+
+
+# A Dask cluster ---------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _connected(address: str) -> Iterator[Any]:
+    try:
+        import dask
+        import distributed
+    except ImportError as error:
+        raise ConfigError(
+            "cluster-without-dask",
+            "work on a cluster needs Dask, which is not installed",
+            remedy="pip install 'daest[cluster]'",
+        ) from error
+    with dask.config.set({"distributed.admin.large-graph-warning-threshold": LARGE}):
+        try:
+            client = distributed.Client(address, timeout=CONNECT_SECONDS)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise _unreachable(address, f"no Dask scheduler answers at {address}") from error
+        with client:
+            _check(client, address)
+            yield client
+
+
+def _unreachable(address: str, what: str) -> ConfigError:
+    return ConfigError(
+        "cluster-unreachable",
+        what,
+        where=address,
+        remedy="start one (dask scheduler; dask worker ADDRESS --nthreads 1); it shows its address",
+    )
+
+
+def _check(client: Any, address: str) -> None:
+    """Whether there are workers, each with the programs that are here."""
+    try:
+        client.wait_for_workers(1, timeout=CONNECT_SECONDS)
+    except TimeoutError as error:
+        raise _unreachable(address, f"the cluster at {address} has no worker") from error
+    for worker, theirs in client.run(versions, on_error="return").items():
+        if isinstance(theirs, Exception):
+            reason = str(theirs).strip().splitlines()
+            raise _differs(worker, reason[0] if reason else type(theirs).__name__)
+        _require_equal(theirs, versions(), worker)
+
+
+@dataclass(frozen=True)
+class _Cluster:
+    """All workers of a cluster; Dask begins a task anew whose worker has gone."""
+
+    client: Any
+    address: str
+
+    def gain(self, n_tasks: int, seconds: float) -> float:
+        return math.inf
+
+    def arrivals(self, blobs: Sequence[bytes]) -> Generator[tuple[int, bytes]]:
+        expected = versions()
+        futures = {
+            self.client.submit(run_packed, blob, expected, pure=False): n for n, blob in enumerate(blobs)
+        }
+        is_lost = False
+        try:
+            for future in self._done(set(futures)):
+                error = future.exception() if future.status == "error" else None
+                if type(error).__name__ == "KilledWorker":
+                    is_lost = True  # said when the others have come
+                elif isinstance(error, DaestError):
+                    raise error
+                elif error is not None:
+                    raise _differs(self.address, str(error).strip().splitlines()[0]) from error
+                elif future.status != "finished":
+                    raise self._gone()
+                else:
+                    yield futures[future], future.result()
+        finally:
+            self.client.cancel(list(futures))
+        if is_lost:
+            raise _lost()
+
+    def _done(self, pending: set) -> Iterator[Any]:
+        import distributed
+
+        alone = 0.0
+        while pending:
+            try:
+                done, pending = distributed.wait(pending, timeout=POLL, return_when="FIRST_COMPLETED")
+            except TimeoutError:
+                alone = 0.0 if self._has_workers() else alone + POLL
+                if alone > PATIENCE:
+                    raise self._gone() from None
+                continue
+            yield from done
+
+    def _has_workers(self) -> bool:
+        try:
+            return bool(self.client.ncores())
+        except (OSError, TimeoutError) as error:
+            raise self._gone() from error
+
+    def _gone(self) -> ConfigError:
+        return ConfigError(
+            "cluster-lost",
+            f"the cluster at {self.address} has gone in the middle of the work",
+            where=self.address,
+            remedy="start it again; diagnose and improve go on where they were",
+        )
+
+
+def _differs(where: str, what: str) -> ConfigError:
+    return ConfigError(
+        "cluster-differs",
+        f"a worker cannot do the work of this machine: {what}",
+        where=where,
+        remedy="install the same versions of daest and its packages there, and restart the workers",
+    )
+
+
+# Versions ---------------------------------------------------------------------------------------------------
+
+
+@lru_cache(maxsize=1)
+def program() -> str:
+    """Hash of daest itself: another version may come to another result."""
+    found = hashlib.sha256()
+    for file in sorted(Path(daest.__file__).parent.rglob("*.py")):
+        content = file.read_bytes()
+        found.update(f"{len(content)} ".encode())
+        found.update(content)
+    return found.hexdigest()[:32]
+
+
+@lru_cache(maxsize=1)
+def versions() -> Versions:
+    """What results depend on: programs, and whether models are compiled."""
+    known = {name: version(name) for name in PACKAGES}
+    python = ".".join(platform.python_version_tuple()[:2])
+    return {"daest": f"{daest.__version__} ({program()[:8]})", "Python": python, **known, **_compiler()}
+
+
+def _compiler() -> Versions:
+    try:
+        find_compiler()
+    except DaestError:
+        return {"C compiler": "none"}
+    return {"C compiler": "found"}
+
+
+def _require_equal(theirs: Versions, ours: Versions, where: str) -> None:
+    other = [
+        f"{name} {theirs.get(name, 'none')}, here {own}"
+        for name, own in ours.items()
+        if theirs.get(name) != own
+    ]
+    if other:
+        raise _differs(where, "; ".join(other))
