@@ -14,6 +14,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+import click
 import jinja2
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
@@ -21,6 +22,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 import daest
+from daest.cli.main import COMMANDS, cli
 from daest.cli.schema import schema_names, schema_of
 from daest.data.project import KEYS
 from daest.diagnosis import proof, residual_tests
@@ -64,9 +66,42 @@ def on_page_content(content: str, **_: Any) -> str:
 
 
 def commands() -> str:
-    """Options and examples of every command, which mkdocs-click reads from click."""
-    options = {"module": "daest.cli.main", "command": "cli", "prog_name": "daest", "style": "table"}
-    return "\n".join(["::: mkdocs-click", *(f"    :{key}: {value}" for key, value in options.items())])
+    """What every command does, its options and its example, as its own help says."""
+    lines = [
+        "# Commands",
+        "",
+        "Every command ends with 0 (done), 1 (a check failed) or 2 (could not do it).",
+        "",
+    ]
+    group = click.Context(cli, info_name="daest")
+    for name in COMMANDS:
+        command = cli.get_command(group, name)
+        assert command is not None
+        lines += command_entry(click.Context(command, group, info_name=name))
+    return "\n".join(lines)
+
+
+def command_entry(context: click.Context) -> Iterator[str]:
+    command = context.command
+    options = [p for p in command.params if isinstance(p, click.Option)]
+    records = [record for p in options if (record := p.get_help_record(context))]
+    paragraphs = (command.help or "").replace("\b", "").split("\n\n")
+    yield from (
+        f"## {context.info_name}",
+        "",
+        "```text",
+        command.get_usage(context).removeprefix("Usage: "),
+        "```",
+        "",
+    )
+    yield "\n\n".join(escaped(paragraph) for paragraph in paragraphs)
+    yield from (
+        "",
+        *table(("option", "what it does"), [(f"`{o}`", escaped(text)) for o, text in records]),
+        "",
+    )
+    example = (command.epilog or "").partition("Example:")[2]
+    yield from ("```sh", *(line.strip() for line in example.strip().splitlines()), "```", "")
 
 
 def project_keys() -> str:
@@ -98,7 +133,7 @@ def messages() -> str:
     for first, codes in groupby(sorted(EXPLANATIONS), key=lambda code: code.partition("-")[0]):
         lines += [f"## {first}", ""]
         for code in codes:
-            lines += [f"`{code}`{{ #{code} }}", f":   {escaped(EXPLANATIONS[code])}", ""]
+            lines += [f"### {code}", "", escaped(EXPLANATIONS[code]), ""]
     return "\n".join(lines)
 
 
@@ -120,7 +155,7 @@ def effects() -> str:
 
 def effect_entry(effect: Effect) -> Iterator[str]:
     yield from (
-        f"### {effect.name} {{ #{effect.class_name} }}",
+        f"### {effect.name}",
         "",
         f"{escaped(effect.description)}. {escaped(effect.documentation)}",
         "",
@@ -199,22 +234,21 @@ def filled(markdown: str) -> str:
 
 
 def percent(share: float) -> str:
-    return (
-        f"{100.0 * share:.0f} %"
-        if share in (0.0, 1.0) or share >= 0.1
-        else f"{100.0 * share:.1f} %".replace(".0 %", " %")
+    """A share with two figures and a space that does not break."""
+    return f"{100.0 * share:.{0 if share >= 0.0995 or not share else 1}f}\u00a0%".replace(
+        ".0\u00a0", "\u00a0"
     )
 
 
 def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
-    """A Markdown table; bars within cells are escaped."""
-    lines = [head, ("---",) * len(head), *(tuple(cell.replace("|", "\\|") for cell in row) for row in rows)]
+    """A Markdown table, empty without rows."""
+    lines = [head, ("---",) * len(head), *rows]
     return ["| " + " | ".join(line) + " |" for line in lines] if rows else []
 
 
 def escaped(text: str) -> str:
     """Plain text as Markdown that shows it."""
-    return re.sub(r"([*_<>\[\]$\\])", r"\\\1", " ".join(text.split()))
+    return re.sub(r"[&*_<>\[\]$\\`|]", lambda match: f"&#{ord(match[0])};", " ".join(text.split()))
 
 
 def _formula(match: re.Match[str]) -> str:

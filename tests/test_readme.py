@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from console_blocks import checked_commands, fenced, missing
 
 import daest
 from daest.cli.main import COMMANDS, run
@@ -12,45 +13,13 @@ from daest.errors import EXPLANATIONS
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-FENCE = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
-NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?(?![\w.])")
 TOUR = ("export", "linearize", "noise", "identify", "filter", "compare")
-RELATIVE = 0.02  # other versions of numerical libraries may move the last shown digits
-
-
-def blocks(language: str) -> list[str]:
-    return [body for name, body in FENCE.findall(README) if name == language]
 
 
 def indented_line(start: str) -> str:
     """The only indented command line of README.md that begins with `start`."""
     (line,) = re.findall(rf"^    ({re.escape(start)}.*)$", README, re.MULTILINE)
     return line
-
-
-def says_the_same(stated: str, printed: str) -> bool:
-    """Equal words, and numbers that agree to RELATIVE."""
-    if NUMBER.sub("#", " ".join(stated.split())) != NUMBER.sub("#", " ".join(printed.split())):
-        return False
-    pairs = zip(NUMBER.findall(stated), NUMBER.findall(printed), strict=True)
-    return all(float(a) == pytest.approx(float(b), rel=RELATIVE) for a, b in pairs)
-
-
-def missing(stated: list[str], printed: list[str]) -> str | None:
-    """The first stated line that does not follow in what was printed; `...` stands for any lines."""
-    position, may_skip = 0, False
-    for line in stated:
-        if line.strip() == "...":
-            may_skip = True
-            continue
-        while position < len(printed) and not says_the_same(line, printed[position]):
-            if not may_skip:
-                return line
-            position += 1
-        if position == len(printed):
-            return line
-        position, may_skip = position + 1, False
-    return None
 
 
 @pytest.fixture(scope="module")
@@ -63,23 +32,14 @@ def servo(tmp_path_factory) -> Path:
 def test_tour(servo, monkeypatch, capsys):
     """One test, because later commands use the results of earlier ones."""
     monkeypatch.chdir(servo)
-    commands = []
-    for block in blocks("console"):
-        prompt, *stated = block.splitlines()
-        program, command, *options = prompt.removeprefix("$ ").split()
-        assert prompt.startswith("$ ") and program == "daest"
-        commands.append(command)
-        capsys.readouterr()
-        assert run([command, *options]) == 0
-        printed = [line for line in capsys.readouterr().out.splitlines() if line.strip()]
-        assert missing([line for line in stated if line.strip()], printed) is None
+    commands = checked_commands(README, run, lambda: capsys.readouterr().out)
     assert tuple(commands) == TOUR
     assert (servo / "speed.png").stat().st_size > 10_000
 
 
 def test_python(servo, monkeypatch, capsys):
     monkeypatch.chdir(servo)
-    (block,) = blocks("python")
+    (block,) = fenced(README, "python")
     exec(compile(block, "README.md", "exec"), {})
     printed = capsys.readouterr().out
     assert "'k': (0.0675" in printed
@@ -123,5 +83,5 @@ def test_names_and_paths_exist():
         assert f"def {function}(" in (ROOT / path).read_text(), function
     for path in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", README):
         assert (ROOT / path).is_file(), path
-    for name in re.findall(r"daest\.(\w+)\(", "".join(blocks("python"))):
+    for name in re.findall(r"daest\.(\w+)\(", "".join(fenced(README, "python"))):
         assert name in daest.__all__
