@@ -1,12 +1,15 @@
 """The null against records with a known load."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from hidden_plants import model, quiet, rotor_null, rotor_record
+from hidden_plants import model, quiet, rotor_null, rotor_record, some_effects
 
-from daest.diagnosis.diagnose import without_noises
-from daest.diagnosis.null import fit_null
+from daest.diagnosis.diagnose import DiagnoseOptions, begin, better_hold, examine, without_noises
+from daest.diagnosis.null import CLEAR_HOLD, fit_null
 from daest.errors import EstimationError
+from daest.modelica.sites import sites
 
 
 def test_size_and_time_constant_of_a_coloured_load():
@@ -48,3 +51,26 @@ def test_no_place_is_an_error():
     with pytest.raises(EstimationError) as caught:
         fit_null(without_noises(model()), [], (rotor_record(300)[0],), "zoh")
     assert caught.value.code == "diagnose-no-place"
+
+
+def test_hold_of_the_inputs_is_told_by_the_likelihood_with_loads():
+    """Steps of the torque are held; half a sample of delay is little beside the push of a load."""
+    record, _ = rotor_record(1000, seed=4, load=(0.1, 1.0))
+    null = fit_null(without_noises(model()), [s for s in sites(model()) if s.kind == "node"], [record], None)
+    assert null.hold == "zoh"
+    given = fit_null(
+        without_noises(model()), [s for s in sites(model()) if s.kind == "node"], [record], "foh"
+    )
+    assert given.hold == "foh" and given.other_hold is None
+    margin = null.fit.log_likelihood - given.fit.log_likelihood
+    assert margin > 0.0 and null.other_hold == ("foh" if margin < CLEAR_HOLD else None)
+
+
+def test_other_hold_is_taken_once_the_effect_shows_it():
+    record, _ = rotor_record(1000, seed=5, coulomb=lambda phi: 0.15)
+    stand = begin(model(), [record], (), DiagnoseOptions(hold="foh", jobs=1))
+    wrong = replace(stand, null=replace(stand.null, other_hold="zoh"))
+    found = examine(wrong, some_effects("CoulombFriction"), DiagnoseOptions(jobs=1))
+    assert found.proofs[0].verdict == "supported"
+    assert better_hold(wrong, found) == "zoh"
+    assert better_hold(stand, found) is None, "a hold that the user gave stays"

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from threading import Lock
+from functools import partial
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
@@ -22,6 +23,7 @@ from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.disturbance import SmoothedLoad, place_gains, smoothed_load
 from daest.diagnosis.free_forms import free_forms
+from daest.diagnosis.learned import learned_load, said
 from daest.diagnosis.null import Null, fit_null, grown, refit
 from daest.diagnosis.proof import (
     BIC_GAIN,
@@ -44,40 +46,52 @@ from daest.model.experiment import Experiment
 from daest.model.fit import FitResult
 from daest.model.flat import FlatModel
 from daest.modelica.sites import sites
+from daest.parallel import Outcome, Workers, workers
 from daest.systems.reduce import reduce_index
 from daest.systems.sample import Hold
 
 SCREEN_LEVEL = 0.05  # corrected p-value of a score below which a candidate goes to the proof
 MOST_TRIALS = 5
+HOLD_GAIN = 10.0  # log-likelihood that the other hold must gain with the effect in the model
+AGAIN: dict[Hold, str] = {
+    "zoh": "with the effect, the inputs are held between the samples after all: once more",
+    "foh": "with the effect, the inputs run straight between the samples after all: once more",
+}
 RICHER_LEVEL = 0.5  # corrected p-value of what the best candidate leaves, below which richer laws are tried
 FIRST_TRIALS = 2  # are refitted in any case
 FEWEST_SAMPLES = 200
+REFIT_SECONDS = 3.0  # times that of the model as it is: a refit has more parameters, and is judged besides
 SAME_SIGNAL = (
     0.01  # share of a column's variance that inputs and outputs leave, below which it is one of them
 )
 
 Progress = Callable[[str], None]
-Keep = Callable[[Prepared, Callable[[], Proof]], Proof]
 
 
-def _anew(_: Prepared, work: Callable[[], Proof]) -> Proof:
-    return work()
+class Keeper(Protocol):
+    """Keeps proofs, so that an interrupted run goes on where it was."""
+
+    def found(self, prepared: Prepared) -> Proof | None: ...
+
+    def keep(self, prepared: Prepared, proof: Proof) -> None: ...
 
 
 @dataclass(frozen=True)
 class DiagnoseOptions:
     """`effects` and `places` restrict the search by name. `hold` None takes the better one. `fitted` are
-    parameter values of an earlier fit, which the data may contradict. `keep` returns the proof of a
-    candidate: that of an earlier run, or what `work` makes."""
+    parameter values of an earlier fit, which the data may contradict. Refits run in `jobs` processes where
+    that is worth while, or on the Dask `cluster` at an address, with the same results; `keeper` knows those
+    of an earlier run."""
 
     effects: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
     hold: Hold | None = None
     seed: int = 0
     jobs: int = 2
+    cluster: str | None = None
     most_trials: int = MOST_TRIALS
     fitted: Mapping[str, float] = field(default_factory=dict)
-    keep: Keep = _anew
+    keeper: Keeper | None = None
 
 
 def diagnose(
@@ -94,7 +108,30 @@ def diagnose(
     `diagnose-too-short`, `diagnose-no-place`, `diagnose-no-candidate`, and what identification raises.
     """
     options = options or DiagnoseOptions()
-    return examine(begin(flat, experiments, validation, options, progress), library, options, progress)
+    stand = begin(flat, experiments, validation, options, progress)
+    found = examine(stand, library, options, progress)
+    hold = better_hold(stand, found)
+    if hold is None:
+        return found
+    progress(AGAIN[hold])
+    again = replace(options, hold=hold)
+    second = examine(begin(flat, experiments, validation, again, progress), library, again, progress)
+    return replace(second, seconds=found.seconds + second.seconds)
+
+
+def better_hold(stand: Stand, found: Diagnosis) -> Hold | None:
+    """The other hold, where the best accepted candidate fits better with it."""
+    null = stand.null
+    best = next((p for p in found.proofs if p.verdict != "rejected"), None)
+    if best is None or null.other_hold is None:
+        return None
+    other = replace(null, hold=null.other_hold, experiments=fed(null.experiments, best.candidate))
+    names = tuple(p.name for p in best.fit.parameters)
+    try:
+        fit = refit(best.flat, reduce_index(best.flat), names, other)
+    except DaestError:
+        return None
+    return null.other_hold if fit.log_likelihood > best.fit.log_likelihood + HOLD_GAIN else None
 
 
 @dataclass(frozen=True)
@@ -131,11 +168,17 @@ def examine(
     stand: Stand, library: Sequence[Effect], options: DiagnoseOptions, progress: Progress = lambda _: None
 ) -> Diagnosis:
     """Screen, proof and verdict for a fitted null."""
+    with _quiet():
+        return _examined(stand, library, options, progress)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """A search tries models that overflow and gains that are nearly singular; it steps back from them."""
     with warnings.catch_warnings():
-        # A search tries models that overflow and gains that are nearly singular; it steps back from them.
         warnings.simplefilter("ignore", RuntimeWarning)
         warnings.simplefilter("ignore", LinAlgWarning)
-        return _examined(stand, library, options, progress)
+        yield
 
 
 def _examined(
@@ -159,9 +202,13 @@ def _examined(
             stand.declared, null, run, stand.baseline, found, proofs, gains, form, options.fitted
         )
     )
+    learned = None
+    if decided.name == "unknown effect" and form is not None and form.p_value < verdicts.CERTAIN:
+        progress(f"refitting with the load as a curve over {form.label}")
+        learned = learned_load(null, run, stand.baseline, form, stand.validation)
     return Diagnosis(
         verdict=decided.name,
-        message=decided.message,
+        message=decided.message + (said(learned) if learned else ""),
         baseline=stand.baseline,
         proofs=proofs,
         screen=found,
@@ -170,6 +217,7 @@ def _examined(
         validation=stand.baseline.simulated.get("validation"),
         next_experiment=decided.next_experiment,
         seconds=time.perf_counter() - stand.began,
+        learned=learned,
     )
 
 
@@ -251,6 +299,77 @@ def fed(experiments: Sequence[Experiment], candidate: Candidate) -> tuple[Experi
     )
 
 
+@dataclass(frozen=True)
+class _Search:
+    """What every refit of a round needs; `hopeless` is the log-likelihood below which none is pursued."""
+
+    stand: Stand
+    run: NullObserver
+    load: SmoothedLoad | None
+    n_screened: int
+    hopeless: float = -np.inf
+
+
+def _refitted(search: _Search, prepared: Prepared) -> Proof:
+    stand, candidate = search.stand, prepared.trial.candidate
+    with _quiet():
+        return prove(
+            stand.null,
+            stand.baseline,
+            prepared,
+            fed(stand.null.experiments, candidate),
+            fed(stand.validation, candidate),
+            search.run,
+            search.load,
+            search.n_screened,
+            search.hopeless,
+        )
+
+
+def _dynamic(null: Null, candidates: Sequence[Candidate]) -> tuple[Prepared, ...]:
+    with _quiet():
+        return dynamic_trials(null, candidates)
+
+
+def _called(task: Callable[[], Any]) -> Any:
+    return task()
+
+
+@dataclass(frozen=True)
+class _Stages:
+    """Refits stage by stage. What is clearly worse than the best of the stages before is cut short: what runs
+    beside it makes no difference, so that the result does not depend on the number of workers."""
+
+    search: _Search
+    pool: Workers
+    options: DiagnoseOptions
+    progress: Progress
+
+    def proved(
+        self, stage: Sequence[Prepared], before: Sequence[Proof], beside: Sequence[Callable[[], Any]] = ()
+    ) -> tuple[list[Proof], list[Any]]:
+        """Proofs of the candidates that can be refitted, and the results of the tasks `beside` them."""
+        supported = [p.fit.log_likelihood for p in before if p.verdict == "supported"]
+        search = replace(self.search, hopeless=max(supported, default=-np.inf) - CLEARLY_WORSE)
+        keeper = self.options.keeper
+        known = {i: p for i, one in enumerate(stage) if keeper and (p := keeper.found(one))}
+        missing = [i for i in range(len(stage)) if i not in known]
+        tasks = [*beside, *(partial(_refitted, search, stage[i]) for i in missing)]
+
+        def arrived(number: int, outcome: Outcome[Any]) -> None:
+            if keeper and number >= len(beside) and outcome.error is None:
+                keeper.keep(stage[missing[number - len(beside)]], outcome.get())
+
+        seconds = REFIT_SECONDS * self.search.stand.baseline.seconds
+        for i in missing:
+            self.progress(f"refitting with {stage[i].trial.candidate.label}")
+        outcomes = list(self.pool.map(_called, tasks, seconds=seconds, arrived=arrived))
+        for i, outcome in zip(missing, outcomes[len(beside) :], strict=True):
+            if not isinstance(outcome.error, DaestError):
+                known[i] = outcome.get()
+        return [known[i] for i in sorted(known)], [outcome.get() for outcome in outcomes[: len(beside)]]
+
+
 def _proofs(
     stand: Stand,
     run: NullObserver,
@@ -261,54 +380,23 @@ def _proofs(
     options: DiagnoseOptions,
     progress: Progress,
 ) -> tuple[Proof, ...]:
-    """The best candidates refitted, in parallel: the first few, and of the others those that could compete
-    with the best. A candidate that is clearly worse than one before is cut short."""
+    """The best candidates refitted: the first few, and of the others those that could compete with them."""
     null = stand.null
-    lock, highest = Lock(), [-np.inf]
-
-    def one(prepared: Prepared) -> Proof | None:
-        candidate = prepared.trial.candidate
-
-        def work() -> Proof:
-            progress(f"refitting with {candidate.label}")
-            return prove(
-                null,
-                stand.baseline,
-                prepared,
-                fed(null.experiments, candidate),
-                fed(stand.validation, candidate),
-                run,
-                load,
-                found.n_screened,
-                highest[0] - CLEARLY_WORSE,
-            )
-
-        try:
-            proof = options.keep(prepared, work)
-        except DaestError:
-            return None
-        with lock:
-            if proof.verdict == "supported":
-                highest[0] = max(highest[0], proof.fit.log_likelihood)
-        return proof
-
     chosen = _prepared(null, trials(found, SCREEN_LEVEL, options.most_trials))
-    with ThreadPoolExecutor(max_workers=max(options.jobs, 1)) as pool:
-
-        def proved(some: Iterable[Prepared]) -> list[Proof]:
-            return [proof for proof in pool.map(one, some) if proof is not None]
-
-        dynamic = pool.submit(dynamic_trials, null, candidates)
-        proofs = proved(chosen[:FIRST_TRIALS])
-        proofs = proved(dynamic.result()) + proofs
+    with workers(options.jobs, options.cluster) as pool:
+        stages = _Stages(_Search(stand, run, load, found.n_screened), pool, options, progress)
+        first = partial(_dynamic, null, candidates)
+        proofs, (dynamic,) = stages.proved(chosen[:FIRST_TRIALS], (), [first])
+        proofs = stages.proved(dynamic, proofs)[0] + proofs
         best = next((p for p in ranked(proofs) if p.verdict != "rejected"), None)
-        proofs += proved(p for p in chosen[FIRST_TRIALS:] if could_compete(p.trial, best, found))
+        rest = [p for p in chosen[FIRST_TRIALS:] if could_compete(p.trial, best, found)]
+        proofs += stages.proved(rest, proofs)[0]
         best = most_likely(proofs)
         if best is not None and best.verdict == "rejected":
-            proofs += proved(_prepared(null, simpler_laws(best, found, proofs)))
+            proofs += stages.proved(_prepared(null, simpler_laws(best, found, proofs)), proofs)[0]
         best = best_start(ranked(proofs))
         if best is not None and _leaves_something(best):
-            proofs += proved(richer_laws(null, run, best, library, proofs))
+            proofs += stages.proved(richer_laws(null, run, best, library, proofs), proofs)[0]
     return ranked(proofs)
 
 

@@ -3,8 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
-from daest.diagnosis.diagnose import DiagnoseOptions, Progress, accept, begin, examine
+from daest.diagnosis.diagnose import (
+    AGAIN,
+    DiagnoseOptions,
+    Progress,
+    accept,
+    begin,
+    better_hold,
+    examine,
+)
 from daest.errors import EstimationError
 from daest.model.diagnosis import Improvement, Proof, Step
 from daest.model.effects import Effect
@@ -43,6 +52,11 @@ def improve(
         if not _helps(stand.baseline, best.fit):
             reason = f"{best.candidate.label} is supported, but it does not lower the validation error."
             return Improvement(tuple(steps), diagnosis, reason)
+        hold = better_hold(stand, diagnosis) if len(steps) == 1 else None
+        if hold is not None:
+            progress(AGAIN[hold])
+            again = replace(options, hold=hold)
+            return improve(flat, library, experiments, validation, again, most_effects, progress)
         stand = accept(stand, best)
         steps.append(Step(best, best.fit, diagnosis, _remark(steps, best)))
         progress(f"added {best.candidate.label}")

@@ -26,6 +26,7 @@ SHORTEST_LOAD = 2.0  # sampling periods: a faster load is white noise
 LONGEST_LOAD = 0.25  # of the record: a slower one is a constant
 FIRST_LOAD = 20.0  # sampling periods, start of the search
 HOLDS: tuple[Hold, ...] = ("foh", "zoh")
+CLEAR_HOLD = 100.0  # log-likelihood by which one hold must be better to be settled before anything is found
 GIVEN_LOADS = (5.0, 50.0)  # sampling periods, where the data do not determine a time constant
 
 
@@ -41,6 +42,7 @@ class Null:
     places: tuple[LoadPlace, ...]
     experiments: tuple[Experiment, ...]
     hold: Hold
+    other_hold: Hold | None = None  # if the data have not clearly refused it yet
 
     @property
     def estimated(self) -> tuple[str, ...]:
@@ -77,7 +79,8 @@ def fit_null(
     """Fit the null to the experiments. The parameters that `flat` marks are estimated.
 
     Without `hold`, the more likely one is taken: the loads must be there when the holds are compared, for
-    half a sample of delay is little beside a load, but a finding once the load is explained.
+    half a sample of delay is little beside a load, but a finding once the load is explained. What is missing
+    bends the likelihood of both; so the other hold is kept in mind until something is found.
 
     A load that buys no likelihood has size 0 in the end. Raises what `identify` raises, and EstimationError
     `diagnose-no-place` when no load would show in the outputs.
@@ -95,8 +98,10 @@ def fit_null(
     longest = LONGEST_LOAD * duration
     loaded = with_loads(flat, places, [FIRST_LOAD * period] * len(places))
     fits = [_loaded_fit(loaded, experiments, one, period, longest) for one in ((hold,) if hold else HOLDS)]
-    best = max(fits, key=lambda fit: fit.log_likelihood)
-    return _at_estimate(loaded, best, places, tuple(experiments))
+    best, *others = sorted(fits, key=lambda fit: -fit.log_likelihood)
+    null = _at_estimate(loaded, best, places, tuple(experiments))
+    rivals = [f.hold for f in others if best.log_likelihood - f.log_likelihood < CLEAR_HOLD]
+    return replace(null, other_hold=rivals[0] if rivals else None)
 
 
 def _loaded_fit(
