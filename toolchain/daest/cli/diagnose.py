@@ -314,9 +314,13 @@ def written_document(case: Case, diagnosis: Diagnosis) -> dict[str, Any]:
     """The document of the diagnosis with the models that it found, which stands in results/diagnosis.json."""
     from daest.report.documents.diagnose import document
 
-    content = {**document(diagnosis, models_of(case, diagnosis)), **context(case)}
+    load = None
+    if diagnosis.learned is not None:
+        load = written_load(case.source, case.class_name, diagnosis.learned, case.folders)
+    content = {**document(diagnosis, models_of(case, diagnosis), load), **context(case)}
     path = case.project.results / RESULT
     stored = with_schema({**content, "made_from": origin(case)}, "diagnose")
+    from daest.diagnosis.written import written_load
     with whole_file(path) as temporary:
         temporary.write_text(to_json(stored), encoding="utf-8")
     note(f"the diagnosis is in {path}")

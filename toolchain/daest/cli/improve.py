@@ -72,7 +72,8 @@ def command(
     """Add missing effects one by one until nothing is missing or nothing helps.
 
     The folder gets the models step1_EFFECT.mo, step2_EFFECT.mo, ..., each extending the former, ledger.json
-    and staircase.png, the error on validation data from step to step.
+    and staircase.png, the error on validation data from step to step. An effect that no library holds is
+    offered as a curve in unknown_effect.mo.
     """
     from daest.report.diagnosis_figures import staircase_figure
     from daest.report.texts import improve as texts
@@ -109,7 +110,7 @@ def _require_own(folder: Path) -> None:
 def improved(case: Case, folder: Path, most_effects: int) -> dict[str, Any]:
     """Improve the model and write models, ledger and picture; returns the document."""
     from daest.diagnosis.improve import improve
-    from daest.diagnosis.written import with_names, written_steps
+    from daest.diagnosis.written import LOAD_FILE, offered_load, with_names, written_steps
     from daest.report.documents.diagnose import improvement_document
 
     with progress() as show:
@@ -120,19 +121,28 @@ def improved(case: Case, folder: Path, most_effects: int) -> dict[str, Any]:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".daest-", dir=folder) as passing:
             models, names = written_steps(case.source, case.class_name, found, Path(passing), case.folders)
+            load = offered_load(
+                case.source, case.class_name, found, models, names, Path(passing), case.folders
+            )
         errors = {i: simulated(case, found.steps[i], written) for i, written in models.items()}
     files = _files(models, found)
     document = {
-        **with_names(improvement_document(found, files), names),
+        **with_names(improvement_document(found, files, load=load), names),
         **context(case),
         "folder": str(folder),
+        "unknown_effect": None if load is None or load.extension is None else LOAD_FILE,
     }
+    if document["unknown_effect"]:
+        document["reason"] += f" The model with the curve is offered as {LOAD_FILE}."
     document["final"]["outputs"] = document["outputs"]
     for number, step in enumerate(document["steps"]):
         step["model_reason"] = models[number].reason if number in models else ""
         step["model_rms"] = errors.get(number)
         _compare(number, step)
-    _write(document, origin(case), models, files, folder)
+    texts = {files[number]: models[number].text or "" for number in files}
+    if load is not None and load.extension is not None:
+        texts[LOAD_FILE] = load.extension.text
+    _write(document, origin(case), texts, folder)
     return document
 
 
@@ -172,25 +182,25 @@ def _files(models: dict[int, Written], found: Improvement) -> dict[int, str]:
 def _write(
     document: dict[str, Any],
     made_from: dict[str, Any],
-    models: dict[int, Written],
-    files: dict[int, str],
+    texts: dict[str, str],
     folder: Path,
 ) -> None:
-    """Models, picture and, last, the ledger; files of an earlier ledger that have no successor go."""
+    """Models (by name of the file), picture and, last, the ledger; files of an earlier ledger that have no
+    successor go."""
     from daest.report.diagnosis_figures import staircase_figure
     from daest.report.figures import save
 
     earlier = _earlier_files(folder)
-    for number, name in files.items():
+    for name, text in texts.items():
         with whole_file(folder / name) as temporary:
-            temporary.write_text(models[number].text or "", encoding="utf-8")
+            temporary.write_text(text, encoding="utf-8")
     with whole_file(folder / PICTURE) as temporary:
         save(staircase_figure(document), temporary)
     with whole_file(folder / LEDGER) as temporary:
         temporary.write_text(
             to_json(with_schema({**document, "made_from": made_from}, "improve")), encoding="utf-8"
         )
-    for name in earlier - set(files.values()):
+    for name in earlier - set(texts):
         (folder / name).unlink(missing_ok=True)
 
 
@@ -198,6 +208,7 @@ def _earlier_files(folder: Path) -> set[str]:
     """Models that the ledger of an earlier run names."""
     if not (folder / LEDGER).is_file():
         return set()
-    steps = read_document(folder / LEDGER).get("steps", [])
-    names = {step.get("model") for step in steps if isinstance(step, dict)}
+    ledger = read_document(folder / LEDGER)
+    names = {step.get("model") for step in ledger.get("steps", []) if isinstance(step, dict)}
+    names.add(ledger.get("unknown_effect"))
     return {name for name in names if isinstance(name, str) and Path(name).name == name}

@@ -59,6 +59,17 @@ def learned_load(
     return LearnedLoad(form, start, theta, None, before, after, sign)
 
 
+def said(learned: LearnedLoad) -> str:
+    """What the curve does to the validation error, as a sentence that follows others."""
+    how = "With the curve, refitted, in the model" if learned.fit else "With the curve in the model"
+    parts = [
+        f"{name} {before:.3g} -> {after:.3g}"
+        for name, before in learned.before.items()
+        if before is not None and (after := learned.after.get(name)) is not None
+    ]
+    return f" {how}: validation error (rms) {', '.join(parts)}." if parts else ""
+
+
 def _refitted(
     null: Null, flat: FlatModel, names: Sequence[str], validation: Sequence[Experiment], least: float
 ) -> FitResult | None:

@@ -13,15 +13,17 @@ import numpy as np
 from daest.diagnosis.compare import Candidate as Trialled
 from daest.diagnosis.compare import compare_models
 from daest.errors import ModelError
-from daest.model.diagnosis import Candidate, Improvement, Proof
+from daest.model.diagnosis import Candidate, Improvement, LearnedLoad, Proof
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.modelica.attach import names_of
 from daest.modelica.compile import compile_model, declare
-from daest.modelica.extend import Extension, extend_model
+from daest.modelica.extend import CurveText, Extension, extend_by_curve, extend_model
 from daest.modelica.sites import find_site
 from daest.systems.sample import Hold
 
+NO_TEXT = "an FMU holds equations, not the Modelica text that could be extended"
+LOAD_FILE = "unknown_effect.mo"
 DIGITS = 8  # of a fitted value in a written model
 
 
@@ -54,7 +56,7 @@ def written_proof(
     meant for.
     """
     if path.suffix != ".mo":
-        return Written(None, "an FMU holds equations, not the Modelica text that could be extended")
+        return Written(None, NO_TEXT)
     try:
         return _written(path, class_name, proof, libraries, names or {}, target)
     except ModelError as problem:
@@ -71,10 +73,6 @@ def _written(
 ) -> Written:
     flat = compile_model(path, class_name, libraries)
     candidate = proof.candidate
-    theta = {with_names(name, names): value for name, value in proof.fit.theta.items()}
-    changed = {
-        p.name: _short(theta[p.name]) for p in flat.parameters if theta.get(p.name, p.value) != p.value
-    }
     inputs = {signal: _identifier(column, flat) for signal, column in candidate.inputs.items()}
     extension = extend_model(
         path,
@@ -83,11 +81,52 @@ def _written(
         find_site(flat, with_names(candidate.site.name, names), candidate.effect),
         values=_own_values(proof),
         inputs=inputs,
-        parameters=changed,
+        parameters=_changed(flat, proof.fit.theta, names),
         libraries=libraries,
         target=target,
     )
     return Written(extension, columns={inputs[s]: column for s, column in candidate.inputs.items()})
+
+
+def _changed(flat: FlatModel, theta: Mapping[str, float], names: Mapping[str, str]) -> dict[str, float]:
+    """The values of a fit that differ from those of the model."""
+    found = {with_names(name, names): value for name, value in theta.items()}
+    return {p.name: _short(found[p.name]) for p in flat.parameters if found.get(p.name, p.value) != p.value}
+
+
+def written_load(
+    path: Path,
+    class_name: str | None,
+    learned: LearnedLoad,
+    libraries: Sequence[str | Path] = (),
+    names: Mapping[str, str] | None = None,
+    target: Path | None = None,
+    columns: Mapping[str, str] | None = None,
+) -> Written:
+    """Class `class_name` of `path` extended by the curve of `learned`, with the values of its fit; the other
+    arguments are as in `written_proof`, `columns` as in `Written`."""
+    if path.suffix != ".mo":
+        return Written(None, NO_TEXT)
+    known, curve = names or {}, learned.curve
+    inputs = {column: name for name, column in (columns or {}).items()}
+    try:
+        flat = compile_model(path, class_name, libraries)
+        load = CurveText(
+            place=with_names(learned.form.place, known),
+            x=inputs.get(curve.variable) or with_names(curve.variable, known),
+            x_knots=[_short(x) for x in curve.x],
+            y=[_short(learned.sign * y) for y in curve.y],
+            s=inputs.get(curve.sign_of) or with_names(curve.sign_of, known),
+            s_s=_short(curve.sign_width),
+            period=curve.period,
+        )
+        changed = _changed(flat, learned.theta, known)
+        extension = extend_by_curve(
+            path, class_name, load, parameters=changed, libraries=libraries, target=target
+        )
+    except ModelError as problem:
+        return Written(None, f"{problem.what}. {problem.remedy}".strip())
+    return Written(extension, columns=columns or {})
 
 
 def _own_values(proof: Proof) -> dict[str, float]:
@@ -145,6 +184,31 @@ def written_steps(
         names[step.proof.candidate.name] = found.extension.component
         path, class_name = target, found.extension.class_name
     return models, names
+
+
+def offered_load(
+    path: Path,
+    class_name: str | None,
+    improvement: Improvement,
+    models: Mapping[int, Written],
+    names: Mapping[str, str],
+    folder: Path,
+    libraries: Sequence[str | Path] = (),
+) -> Written | None:
+    """The last model of an improvement with the load that its last round could not name; None where there is
+    none. `models` and `names` are those of `written_steps`, whose files are in `folder`."""
+    learned = improvement.last.learned
+    if learned is None:
+        return None
+    columns: Mapping[str, str] = {}
+    if models:
+        number = max(models)
+        proof, last = improvement.steps[number].proof, models[number]
+        if last.extension is None or proof is None:
+            return Written(None, f"it would extend the model of step {number}, which could not be written")
+        path, class_name = folder / step_file(number, proof.candidate), last.extension.class_name
+        columns = last.columns
+    return written_load(path, class_name, learned, libraries, names, folder / LOAD_FILE, columns)
 
 
 def step_file(number: int, candidate: Candidate) -> str:

@@ -190,6 +190,7 @@ class Diagnosis(Framed):
     validation: Agreement | None
     next_experiment: str
     seconds: float
+    learned: LearnedLoad | None = None  # of an unknown effect
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 
 import casadi as ca
@@ -24,13 +26,22 @@ from daest.modelica.compile import compile_text
 from daest.modelica.compiler import modification
 from daest.modelica.effects import effect_model
 from daest.modelica.outline import ClassHead, class_heads, within
+from daest.modelica.sites import sites
 from daest.modelica.source import read_source
 from daest.modelica.text import number_text
 from daest.modelica.tokens import Token, tokens
 
-__all__ = ["Extension", "extend_model"]
+__all__ = ["CurveText", "Extension", "extend_by_curve", "extend_model"]
 
 _MARGIN = 110
+_LOADS = {
+    "rotational": ("Daest.Effects.Rotational.LearnedTorque", "flange"),
+    "translational": ("Daest.Effects.Translational.LearnedForce", "flange"),
+    "electrical": ("Daest.Effects.Electrical.LearnedCurrent", "pin"),
+    "thermal": ("Daest.Effects.Thermal.LearnedHeatFlow", "port"),
+    "hydraulic": ("Daest.Effects.Hydraulic.LearnedFlow", "port"),
+}  # class of a learned load, and its connector
+_LEARNED = "learned"
 _INPUT = "Daest.Blocks.Interfaces.RealInput"
 
 
@@ -48,6 +59,20 @@ class Extension:
     added: str
     component: str
     flat: FlatModel
+
+
+@dataclass(frozen=True)
+class CurveText:
+    """A load at the node of connector `place`: straight lines through (x_knots, y) over the variable `x` of
+    the model, times tanh(s/s_s) if the variable `s` is named; repeated if `period` is not 0."""
+
+    place: str
+    x: str
+    x_knots: Sequence[float]
+    y: Sequence[float]
+    s: str = ""
+    s_s: float = 0.0
+    period: float = 0.0
 
 
 @dataclass
@@ -113,26 +138,81 @@ def extend_model(
     is the file that the text is meant for. The equations are those of `attach`. Raises ModelError as
     `attach` does, and `effect-input-used` or `effect-not-writable` where Modelica cannot express it.
     """
-    path = Path(path)
-    source = read_source(path)
-    chosen = select_class(source, path, class_name)
-    head = next(h for h in class_heads(source) if h.name == chosen)
-    flat = compile_text(source, path, chosen, libraries)
-    original = _Original(path, source, head, flat)
+    original = _original(Path(path), class_name, libraries)
+    flat = original.flat
     attach(flat, effect, site, name, values, inputs)  # for its checks
     component = name or component_name(effect, names_of(flat))
     placement = Placement(effect, site, component, values or {}, inputs or {})
-    draft = _Draft()
-    if parameters:
-        draft.changes.append(modification({k: number_text(float(v)) for k, v in parameters.items()}))
+    draft = _Draft(changes=_changes(parameters))
     draft.declarations.append(_declaration(placement))
     _supply(draft, placement, flat)
     _connect(draft, placement, original)
-    own_name = _class_name(original, effect, new_name)
-    added = _class_text(own_name, original, placement, draft)
+    own_name = _class_name(original, effect.name, new_name)
+    about = f"{effect.name} at {site.name}"
+    return _extension(original, draft, own_name, about, component, libraries, target)
+
+
+def extend_by_curve(
+    path: str | Path,
+    class_name: str | None,
+    load: CurveText,
+    *,
+    parameters: Mapping[str, float] | None = None,
+    libraries: Sequence[str | Path] = (),
+    target: str | Path | None = None,
+) -> Extension:
+    """The model with the load of a curve at a node, as Modelica that extends it and compiles.
+
+    `parameters`, `libraries` and `target` are as in `extend_model`. Raises ModelError `effect-not-writable`
+    where the node cannot be reached from outside, and what compiling raises.
+    """
+    original = _original(Path(path), class_name, libraries)
+    nodes = [s for s in sites(original.flat) if s.kind == "node"]
+    node = next((s for s in nodes if load.place in (s.name, *s.connectors, *s.aliases)), None)
+    if node is None or node.domain not in _LOADS:
+        raise original.refusal(
+            f"a load at `{load.place}` cannot be written: it is no connector of the model",
+            "Add the curve to an equation by hand.",
+        )
+    known = names_of(original.flat)
+    component = next(n for n in _numbered(_LEARNED) if n not in known)
+    draft = _Draft(changes=_changes(parameters))
+    load_class, connector = _LOADS[node.domain]
+    draft.declarations.append(_curve_declaration(load_class, component, load))
+    draft.connect(f"{component}.{connector}", _reachable(original, (load.place, *node.connectors)))
+    own_name = _class_name(original, _LEARNED.capitalize(), None)
+    about = f"a load at {load.place} over {load.x}"
+    return _extension(original, draft, own_name, about, component, libraries, target)
+
+
+def _original(path: Path, class_name: str | None, libraries: Sequence[str | Path]) -> _Original:
+    source = read_source(path)
+    chosen = select_class(source, path, class_name)
+    head = next(h for h in class_heads(source) if h.name == chosen)
+    return _Original(path, source, head, compile_text(source, path, chosen, libraries))
+
+
+def _changes(parameters: Mapping[str, float] | None) -> list[str]:
+    """New values of the model's parameters, as they stand in the modification of the extends clause."""
+    return [modification({k: number_text(float(v)) for k, v in parameters.items()})] if parameters else []
+
+
+def _extension(
+    original: _Original,
+    draft: _Draft,
+    name: str,
+    about: str,
+    component: str,
+    libraries: Sequence[str | Path],
+    target: str | Path | None,
+) -> Extension:
+    """The text of class `name`, compiled."""
+    source = original.source
+    added = _class_text(name, original, about, draft)
     text = added if within(source) else _together(source, added)
-    compiled = compile_text(text.encode(), Path(target or path), own_name, _roots(original, libraries))
-    return Extension(text, own_name, added, component, compiled)
+    file = Path(target or original.path)
+    compiled = compile_text(text.encode(), file, name, _roots(original, libraries))
+    return Extension(text, name, added, component, compiled)
 
 
 def _together(source: bytes, added: str) -> str:
@@ -148,7 +228,7 @@ def _roots(original: _Original, libraries: Sequence[str | Path]) -> tuple[str | 
 # The class --------------------------------------------------------------------------------------------------
 
 
-def _class_name(original: _Original, effect: Effect, wanted: str | None) -> str:
+def _class_name(original: _Original, suffix: str, wanted: str | None) -> str:
     taken = {h.name for h in class_heads(original.source)} | names_of(original.flat)
     if wanted is not None:
         if wanted in taken or not _is_identifier(wanted):
@@ -157,12 +237,13 @@ def _class_name(original: _Original, effect: Effect, wanted: str | None) -> str:
                 f"the name `{wanted}` {what}", "Choose another name for the extended model.", "effect-name"
             )
         return wanted
-    base = f"{original.head.name.rpartition('.')[2]}_{effect.name}"
-    name, number = base, 1
-    while name in taken:
-        number += 1
-        name = f"{base}{number}"
-    return name
+    base = f"{original.head.name.rpartition('.')[2]}_{suffix}"
+    return next(name for name in _numbered(base) if name not in taken)
+
+
+def _numbered(base: str) -> Iterator[str]:
+    """base, base2, base3, …"""
+    return (base if number == 1 else f"{base}{number}" for number in count(1))
 
 
 def _is_identifier(name: str) -> bool:
@@ -170,9 +251,8 @@ def _is_identifier(name: str) -> bool:
     return len(words) == 1 and words[0].kind == "name"
 
 
-def _class_text(name: str, original: _Original, placement: Placement, draft: _Draft) -> str:
-    about = f"{original.head.name.rpartition('.')[2]} with {placement.effect.name} at {placement.site.name}"
-    lines = [f'model {name} "{about}"']
+def _class_text(name: str, original: _Original, about: str, draft: _Draft) -> str:
+    lines = [f'model {name} "{original.head.name.rpartition(".")[2]} with {about}"']
     lines += _extends(original.head.name, draft.changes)
     lines += [f"  {line}" for declaration in draft.declarations for line in declaration.split("\n")]
     lines += ["equation", *(f"  {equation}" for equation in draft.equations), f"end {name};", ""]
@@ -223,6 +303,25 @@ def _assignments(placement: Placement) -> list[str]:
 
 def _quoted(text: str) -> str:
     return text.replace("\\", "\\\\").replace('"', '\\"')
+
+
+def _curve_declaration(class_name: str, component: str, load: CurveText) -> str:
+    """The component with its modifiers, one to a line."""
+    changes = [f"x = {load.x}"]
+    if load.s:
+        changes += [f"s = {load.s}", f"s_s = {number_text(load.s_s)}"]
+    if load.period:
+        changes.append(f"period = {number_text(load.period)}")
+    changes += [_array("x_knots", load.x_knots), _array("y", load.y)]
+    follows = f"{load.x} and the sign of {load.s}" if load.s else load.x
+    body = ",\n  ".join(changes)
+    return f'{class_name} {component}(\n  {body})\n  "Load that follows {follows}";'
+
+
+def _array(name: str, values: Sequence[float]) -> str:
+    """`name = {…}`, broken where the line is full."""
+    text = f"{name} = {{{', '.join(number_text(float(v)) for v in values)}}}"
+    return "\n    ".join(textwrap.wrap(text, _MARGIN - 8, break_long_words=False, break_on_hyphens=False))
 
 
 # Connections ------------------------------------------------------------------------------------------------

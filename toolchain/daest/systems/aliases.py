@@ -12,6 +12,10 @@ from daest.model.flat import FlatModel, Variable
 
 SELECT_RANK = {"never": 0, "avoid": 1, "default": 2, "prefer": 3, "always": 4}
 
+SIZES = (1.0, 1e3, 1e9)  # of the values at which an alias must hold
+DIRECTIONS = 2
+ROUNDING = 1e-12  # of the largest value
+
 
 @dataclass(frozen=True)
 class Aliases:
@@ -55,16 +59,39 @@ def _alias_equations(flat: FlatModel) -> list[tuple[int, int, int, float]]:
     entries: dict[int, list[tuple[int, Any]]] = {}
     for row, column, value in zip(*slopes.sparsity().get_triplet(), slopes.nonzeros(), strict=True):
         entries.setdefault(row, []).append((column, value))
-    symbols = [flat.derivatives, flat.xi, flat.u, flat.w, flat.theta, flat.time]
-    at_zero = ca.Function("at_zero", symbols, [flat.residual])(*[0] * len(symbols)).full().ravel()
+    points = _probes(flat.n)
+    values = _residuals(flat, points)
     found = []
     for row, pair in entries.items():
-        if row in mixed or len(pair) != 2 or at_zero[row] != 0.0:
+        if row in mixed or len(pair) != 2:
             continue
         (i, a), (j, b) = pair
-        if a.is_constant() and b.is_constant() and abs(float(a)) == abs(float(b)) != 0.0:
+        if not (a.is_constant() and b.is_constant() and abs(float(a)) == abs(float(b)) != 0.0):
+            continue
+        linear = float(a) * points[i] + float(b) * points[j]
+        if np.all(np.abs(values[row] - linear) <= ROUNDING * np.abs(points).max(axis=0)):
             found.append((row, i, j, -float(b) / float(a)))
     return sorted(found)
+
+
+def _probes(n: int) -> np.ndarray:
+    """Values of the unknowns (n, m) of either sign and many sizes: a constant slope alone does not tell a
+    linear equation from one with a remainder, a floor or a sign in it."""
+    directions = np.random.default_rng(0).uniform(-1.0, 1.0, (n, DIRECTIONS))
+    return np.hstack(
+        [np.zeros((n, 1)), *(size * sign * directions for size in SIZES for sign in (1.0, -1.0))]
+    )
+
+
+def _residuals(flat: FlatModel, points: np.ndarray) -> np.ndarray:
+    """Residuals (n, m) at unknowns (n, m), with zero for everything else."""
+    residual = ca.Function(
+        "residual",
+        [flat.xi, flat.derivatives, flat.u, flat.w, flat.theta, flat.time],
+        [flat.residual],
+    )
+    zeros = [0.0] * 5
+    return np.column_stack([residual(point, *zeros).full().ravel() for point in points.T])
 
 
 def _root(parent: np.ndarray, sign: np.ndarray, i: int) -> tuple[int, float]:

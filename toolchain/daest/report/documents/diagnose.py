@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from daest.diagnosis.written import Written
-from daest.model.diagnosis import Diagnosis, FreeForm, Improvement, Proof, Step
+from daest.model.diagnosis import Diagnosis, FreeForm, Improvement, LearnedLoad, Proof, Step
 from daest.model.fit import Agreement, FitResult
 
 SCREENED = 20  # entries of the screen that are listed
 
 
-def document(diagnosis: Diagnosis, models: Mapping[str, Written] | None = None) -> dict[str, Any]:
-    """`models`: the extended models by candidate name."""
+def document(
+    diagnosis: Diagnosis, models: Mapping[str, Written] | None = None, load: Written | None = None
+) -> dict[str, Any]:
+    """`models`: the extended models by candidate name; `load`: the model with the learned load."""
     return {
         "verdict": diagnosis.verdict,
         "message": diagnosis.message,
@@ -45,9 +49,39 @@ def document(diagnosis: Diagnosis, models: Mapping[str, Written] | None = None) 
             }
             for g in diagnosis.places
         ],
-        "disturbance": _curve(diagnosis.disturbance),
+        "disturbance": _disturbance(diagnosis, load),
         "next_experiment": diagnosis.next_experiment,
         "seconds": diagnosis.seconds,
+    }
+
+
+def _disturbance(diagnosis: Diagnosis, load: Written | None) -> dict[str, Any] | None:
+    curve = _curve(diagnosis.disturbance)
+    if curve is None:
+        return None
+    return curve | {
+        "learned": None if diagnosis.learned is None else _learned(diagnosis.learned),
+        "model": None if load is None else load.text,
+        "model_reason": "" if load is None else load.reason,
+    }
+
+
+def _learned(learned: LearnedLoad) -> dict[str, Any]:
+    """The curve as it stands in the model; a value that the data do not determine has no error."""
+    curve, fit = learned.curve, learned.fit
+    std = [float(s) if np.isfinite(s) else None for s in curve.std]
+    values = [[float(x), float(y), s] for x, y, s in zip(curve.x, curve.y, std, strict=True)]
+    physical = {} if fit is None else {n.name: n for n in fit.parameters if ".y[" not in n.name}
+    return {
+        "refitted": fit is not None,
+        "curve": values,
+        "period": curve.period or None,
+        "sign_width": curve.sign_width or None,
+        "model_parameters": {
+            name: {"value": p.value, "std_error": p.std_error, "unit": p.unit} for name, p in physical.items()
+        },
+        "rms_before": dict(learned.before),
+        "rms": dict(learned.after),
     }
 
 
@@ -113,11 +147,13 @@ def improvement_document(
     improvement: Improvement,
     files: Mapping[int, str] | None = None,
     models: Mapping[str, Written] | None = None,
+    load: Written | None = None,
 ) -> dict[str, Any]:
-    """`files`: name of the written model by step; `models` as in `document`, for the last round."""
+    """`files`: name of the written model by step; `models` and `load` as in `document`, for the last
+    round."""
     return {
         "steps": [_step(step, (files or {}).get(i)) for i, step in enumerate(improvement.steps)],
-        "final": document(improvement.last, models),
+        "final": document(improvement.last, models, load),
         "reason": improvement.reason,
     }
 

@@ -153,13 +153,31 @@ def _disturbance(disturbance: Mapping[str, Any]) -> Iterator[RenderableType]:
         f"(p = {disturbance['p_value']:.1g})"
     )
     units = disturbance["variable_unit"] or "1", disturbance["unit"] or "1"
+    learned = disturbance.get("learned")
     rows = [
         (number(x, 3), number(w, 3), "-" if s is None else number(BAND * s, 2))
-        for x, w, s in disturbance["curve"]
+        for x, w, s in (learned or disturbance)["curve"]
     ]
     yield table(
         (f"{disturbance['variable']} [{units[0]}]", _load_label(disturbance, units[1]), "± 95 %"), rows, ()
     )
+    yield from _learned(disturbance)
+
+
+def _learned(disturbance: Mapping[str, Any]) -> Iterator[RenderableType]:
+    """Where the model with the curve is, and how the curve was found."""
+    learned = disturbance.get("learned")
+    if not learned:
+        return
+    how = (
+        "refitted in the model" if learned["refitted"] else "read off the residuals, since no refit succeeded"
+    )
+    parameters = ", ".join(size(name, p) for name, p in learned["model_parameters"].items())
+    yield indented(f"The curve was {how}" + (f", with {parameters}." if parameters else "."))
+    if disturbance["model"]:
+        yield indented("The extended model is `disturbance.model` of the json result (--format json).")
+    elif disturbance["model_reason"]:
+        yield indented(f"No Modelica model: {disturbance['model_reason']}")
 
 
 def _load_label(disturbance: Mapping[str, Any], unit: str) -> str:

@@ -1,0 +1,3 @@
+within Daest.Effects.General;
+package Interfaces "Bases of effects that need no domain"
+end Interfaces;
