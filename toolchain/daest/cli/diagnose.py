@@ -16,12 +16,15 @@ from daest.cli.models import load_model, model_source
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
+    cluster_option,
     example,
     format_option,
     gathered,
+    jobs_option,
     model_options,
     output_option,
     plot_option,
+    require_cluster,
     seed_option,
     split_data_options,
 )
@@ -49,11 +52,12 @@ HALF = 0.5
 
 @dataclass(frozen=True)
 class Search:
-    """What the command line says about the search: names of effects and places, refits at a time, seed."""
+    """What the command line says about the search: names of effects and places, where refits run, seed."""
 
     effects: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
     jobs: int | None = None
+    cluster: str | None = None
     seed: int = 0
 
 
@@ -64,9 +68,8 @@ search_options = gathered(
         "--effect", "effects", metavar="NAME", multiple=True, help="Try this effect (default: all)."
     ),
     click.option("--at", "places", metavar="PLACE", multiple=True, help="Try this place (default: all)."),
-    click.option(
-        "--jobs", type=click.IntRange(min=1), metavar="N", help="Refits at a time (default: one per core)."
-    ),
+    jobs_option,
+    cluster_option,
     seed_option,
 )
 
@@ -148,10 +151,11 @@ def opened(
 ) -> Case:
     """The model (default: that of daest.toml), its recordings, and the search with its names checked.
 
-    Raises ModelError `effect-unknown`, `effect-place` or `effect-fit`.
+    Raises ModelError `effect-unknown`, `effect-place` or `effect-fit`, and ConfigError of `workers`.
     """
     from daest.modelica.effects import effect_library
 
+    require_cluster(search.cluster)
     source = model_source(project, model)
     flat = load_model(project, source, class_name, libraries)
     if flat.given is not None:
@@ -204,11 +208,12 @@ def _options(
         hold=data_choice.known_hold(project),
         seed=search.seed,
         jobs=search.jobs or os.cpu_count() or 1,
+        cluster=search.cluster,
         fitted=_fitted(project, source, flat, estimation),
     )
     decisive = (effects, places, options.hold, search.seed)
     run = run_digest(flat, estimation, validation, decisive)
-    return replace(options, keep=KeptProofs(project.results / KEPT, run, whole_file))
+    return replace(options, keeper=KeptProofs(project.results / KEPT, run, whole_file))
 
 
 def _known(
@@ -312,6 +317,7 @@ def _require_seen(case: Case, found: Diagnosis) -> None:
 
 def written_document(case: Case, diagnosis: Diagnosis) -> dict[str, Any]:
     """The document of the diagnosis with the models that it found, which stands in results/diagnosis.json."""
+    from daest.diagnosis.written import written_load
     from daest.report.documents.diagnose import document
 
     load = None
@@ -320,7 +326,6 @@ def written_document(case: Case, diagnosis: Diagnosis) -> dict[str, Any]:
     content = {**document(diagnosis, models_of(case, diagnosis), load), **context(case)}
     path = case.project.results / RESULT
     stored = with_schema({**content, "made_from": origin(case)}, "diagnose")
-    from daest.diagnosis.written import written_load
     with whole_file(path) as temporary:
         temporary.write_text(to_json(stored), encoding="utf-8")
     note(f"the diagnosis is in {path}")

@@ -134,6 +134,15 @@ output_option = click.option(
 seed_option = click.option(
     "--seed", type=click.IntRange(min=0), default=0, help="Seed of all random numbers (default: 0)."
 )
+jobs_option = click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Fits at a time on this machine (default: one per core).",
+)
+cluster_option = click.option(
+    "--cluster", metavar="ADDRESS", help="Fit on the Dask cluster at this address instead (tcp://HOST:8786)."
+)
 _class_options = (
     click.option("--class", "class_name", metavar="NAME", help="Class to use if the file holds several."),
     click.option(
@@ -190,6 +199,17 @@ _split_option = click.option(
 )
 data_options = gathered("data_options", DataOptions, *_data_options)
 split_data_options = gathered("data_options", DataOptions, *_data_options, _split_option)
+
+
+def require_cluster(address: str | None) -> None:
+    """Reach the cluster, if one was given, before any long work. Raises ConfigError `cluster-unreachable`,
+    `cluster-differs` or `cluster-without-dask`."""
+    if address is None:
+        return
+    from daest.parallel import workers
+
+    with workers(1, address):
+        return
 
 
 def assignments(given: tuple[str, ...], option: str) -> dict[str, float]:

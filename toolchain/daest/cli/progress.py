@@ -46,6 +46,8 @@ def _ending_at_once(tidy: Callable[[], object]) -> Iterator[None]:
 
     def end(*_: object) -> NoReturn:
         tidy()
+        if parallel := sys.modules.get("daest.parallel"):
+            parallel.stop()
         click.echo("\ninterrupted; what is done is kept, the same command goes on from there", err=True)
         os._exit(INTERRUPTED)
 

@@ -354,7 +354,7 @@ class _Stages:
         keeper = self.options.keeper
         known = {i: p for i, one in enumerate(stage) if keeper and (p := keeper.found(one))}
         missing = [i for i in range(len(stage)) if i not in known]
-        tasks = [*beside, *(partial(_refitted, search, stage[i]) for i in missing)]
+        tasks: list[Callable[[], Any]] = [*beside, *(partial(_refitted, search, stage[i]) for i in missing)]
 
         def arrived(number: int, outcome: Outcome[Any]) -> None:
             if keeper and number >= len(beside) and outcome.error is None:

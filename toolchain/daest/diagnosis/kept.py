@@ -10,18 +10,17 @@ import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-import daest
 from daest.diagnosis.proof import Prepared
 from daest.model.diagnosis import Proof
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
+from daest.parallel import program
 
 DIGITS = 6  # of a value that count: the last ones change from one machine to another
 _LEFT_OUT = ("candidate", "flat")  # of a proof: known before it is made
@@ -36,18 +35,21 @@ class KeptProofs:
     run: str
     whole_file: Callable[[Path], AbstractContextManager[Path]]
 
-    def __call__(self, prepared: Prepared, work: Callable[[], Proof]) -> Proof:
-        """The proof of an earlier run, else what `work` makes, which is kept."""
-        path = self.folder / f"{_digest(self.run, *_model_parts(prepared))}.json"
+    def found(self, prepared: Prepared) -> Proof | None:
+        """The proof of an earlier run."""
         try:
-            return _restored(prepared, json.loads(path.read_text(encoding="utf-8")))
+            return _restored(prepared, json.loads(self._path(prepared).read_text(encoding="utf-8")))
         except (OSError, ValueError, KeyError, TypeError):  # missing, or damaged: it is made anew
-            proof = work()
+            return None
+
+    def keep(self, prepared: Prepared, proof: Proof) -> None:
         kept = [f.name for f in dataclasses.fields(proof) if f.name not in _LEFT_OUT]
         content = {name: _plain(getattr(proof, name)) for name in kept}
-        with self.whole_file(path) as temporary:
+        with self.whole_file(self._path(prepared)) as temporary:
             temporary.write_text(json.dumps(content), encoding="utf-8")
-        return proof
+
+    def _path(self, prepared: Prepared) -> Path:
+        return self.folder / f"{_digest(self.run, *_model_parts(prepared))}.json"
 
 
 def run_digest(
@@ -57,7 +59,7 @@ def run_digest(
     options: Sequence[Any],
 ) -> str:
     """Hash of the program, the model, its values, the recordings and the options of a run."""
-    parts: list[Any] = [_program(), *_equations(flat), *options]
+    parts: list[Any] = [program(), *_equations(flat), *options]
     parts += [(p.name, p.value, p.min, p.max, p.estimate, p.scale) for p in flat.parameters]
     for one in (*experiments, None, *validation):
         if one is not None:
@@ -79,13 +81,6 @@ def _model_parts(prepared: Prepared) -> list[Any]:
 def _equations(flat: FlatModel) -> list[Any]:
     symbols = [flat.derivatives, flat.xi, flat.u, flat.w, flat.theta, flat.time]
     return [ca.Function("model", symbols, [flat.residual, flat.output_expressions]).serialize()]
-
-
-@lru_cache(maxsize=1)
-def _program() -> str:
-    """Hash of daest itself: another version may come to another result."""
-    root = Path(daest.__file__).parent
-    return _digest(*(file.read_bytes() for file in sorted(root.rglob("*.py"))))
 
 
 def _digest(*parts: Any) -> str:

@@ -77,6 +77,10 @@ class Integrator:
     library: ctypes.CDLL | None  # None: interpreted by CasADi
     hold: ca.Function | None = None  # (x, ū, theta, t) -> g, ∂g/∂x, ∂g/∂θ_names by rows: invariants g = 0
 
+    def __reduce__(self) -> tuple:
+        # A library belongs to its process; another one loads it anew.
+        return _again, (self.explicit, self.names, self.library is not None)
+
     @property
     def n_directions(self) -> int:
         return len(self.names) + self.explicit.n_states
@@ -102,6 +106,10 @@ def integrator(
             if error.code != "no-c-compiler":
                 raise
     return Integrator(explicit, tuple(names), rhs, sens, out, library, hold)
+
+
+def _again(explicit: ExplicitModel, names: tuple[str, ...], compiled: bool) -> Integrator:
+    return integrator(explicit, names, compiled=compiled)
 
 
 def _model_functions(
