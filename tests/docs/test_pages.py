@@ -1,0 +1,130 @@
+"""The words of the documentation: its commands run and print what it says, its workflow sees a drift."""
+
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import click
+import pytest
+import yaml
+from console_blocks import checked_commands, fenced
+
+from daest.cli.main import cli, run
+from daest.data.examples import copy_example
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+PAGES = sorted(DOCS.rglob("*.md"))
+
+
+def page(name: str) -> str:
+    return (DOCS / name).read_text(encoding="utf-8")
+
+
+def prepare_report_servo(folder: Path) -> None:
+    copy_example("report_servo", folder)
+
+
+def prepare_model(folder: Path) -> None:
+    folder.mkdir()
+    shutil.copy(DOCS / "how-to" / "Servo.mo", folder)
+    shutil.copy(ROOT / "examples" / "servo" / "servo.csv", folder)
+
+
+def prepare_effect(folder: Path) -> None:
+    copy_example("servo", folder)
+    (folder / "effects").mkdir()
+    shutil.copy(DOCS / "how-to" / "WindLoad.mo", folder / "effects")
+
+
+CONSOLE = {
+    "tutorial.md": (prepare_report_servo, ["linearize", "noise", "identify", "filter", "compare"]),
+    "how-to/model.md": (prepare_model, ["init", "check", "noise", "identify", "compare"]),
+    "how-to/effect.md": (prepare_effect, ["effects", "diagnose", "extend"]),
+}
+
+
+@pytest.mark.parametrize("name", CONSOLE)
+def test_commands_print_what_the_page_says(name, tmp_path, monkeypatch, capsys):
+    prepare, commands = CONSOLE[name]
+    prepare(tmp_path / "copy")
+    monkeypatch.chdir(tmp_path / "copy")
+    assert checked_commands(page(name), run, lambda: capsys.readouterr().out) == commands
+
+
+def test_every_page_with_commands_is_run():
+    shown = [str(p.relative_to(DOCS)) for p in PAGES if fenced(p.read_text("utf-8"), "console")]
+    assert sorted(shown) == sorted(CONSOLE)
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
+def test_commands_that_are_only_shown_are_understood(path):
+    lines = "\n".join(fenced(path.read_text("utf-8"), "sh")).splitlines()
+    context = click.Context(cli, info_name="daest")
+    for line in filter(None, lines):
+        program, *arguments = shlex.split(line)
+        assert program in ("daest", "export")
+        if program == "daest":
+            command = cli.get_command(context, arguments[0])
+            command.make_context(arguments[0], arguments[1:], parent=context)
+
+
+# A workflow that fails when the model drifts ----------------------------------------------------------------
+
+
+def workflow_commands() -> list[list[str]]:
+    workflow = yaml.safe_load(page("how-to/daest.yml"))
+    steps = workflow["jobs"]["drift"]["steps"]
+    runs = [shlex.split(step["run"]) for step in steps if "run" in step]
+    return [words[1:] for words in runs if words[0] == "daest"]
+
+
+@pytest.fixture
+def repository(tmp_path, monkeypatch) -> Path:
+    """The servo as the page says: values in daest.toml, no results."""
+    copy_example("servo", tmp_path / "servo")
+    file = tmp_path / "servo" / "daest.toml"
+    (values,) = fenced(page("how-to/ci.md"), "toml")
+    text, n = re.subn(r"(?<=\[parameters\]\n).*?(?=\n\[)", values, file.read_text("utf-8"), flags=re.DOTALL)
+    assert n == 1
+    file.write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path / "servo")
+    return tmp_path / "servo"
+
+
+def change(file: Path, old: str, new: str) -> None:
+    text = file.read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    file.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def test_workflow_has_the_three_commands():
+    assert [words[0] for words in workflow_commands()] == ["check", "noise", "compare"]
+
+
+def test_workflow_passes_the_good_model(repository):
+    assert [run(words) for words in workflow_commands()] == [0, 0, 0]
+    assert (repository / "drift.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("Servo.mo", "gear(ratio = 30)", "gear(ratio = 29)"),
+        ("daest.toml", "c = { value = 1.43695 }", "c = { value = 1.4513 }"),
+    ],
+    ids=["gear", "stiffness"],
+)
+def test_workflow_fails_where_the_model_drifts(repository, file, old, new):
+    change(repository / file, old, new)
+    assert [run(words) for words in workflow_commands()] == [0, 0, 1]
+
+
+def test_workflow_fails_where_noise_moves_to_an_angle(repository):
+    change(
+        repository / "daest.toml",
+        "[noise.measurement]",
+        '[noise.process]\n"34" = { intensity = 1e-6 }\n\n[noise.measurement]',
+    )
+    assert run(workflow_commands()[1]) == 1

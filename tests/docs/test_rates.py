@@ -1,0 +1,65 @@
+"""The table of the calibration study that the documentation shows."""
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def study():
+    path = ROOT / "benchmarks" / "diagnosis_study.py"
+    spec = importlib.util.spec_from_file_location("diagnosis_study", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["diagnosis_study"] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    yield module
+    del sys.modules["diagnosis_study"]
+
+
+def some_run(
+    study, case: str, verdict: str, claimed: tuple[str, ...] = (), right: bool = False, seed: int = 0
+):
+    group = next(c.group for c in study.CASES if c.name == case)
+    size = study.SIZES[seed // 3 % 3]
+    return study.Run(case, group, "rotor", "steps", size, seed, 1600, verdict, claimed, right, None, 0.5, 2.0)
+
+
+def test_rates_count_and_have_exact_limits(study):
+    calm = [some_run(study, "nothing-rotor", "nothing missing", seed=i) for i in range(9)]
+    alarm = some_run(study, "nothing-servo", "supported", ("CoulombFriction at motor",), seed=9)
+    hit = some_run(study, "rotor-coulomb", "supported", ("CoulombFriction at rotor.flange_a",), True, seed=6)
+    miss = some_run(study, "rotor-drag", "nothing missing", seed=7)
+    table = study.table([*calm, alarm, hit, miss])
+    rates = {(r["group"], r["what"]): r for r in table["rates"]}
+    named = rates["nothing missing", "an effect named"]
+    # One of ten, by Clopper and Pearson: 0.25 % to 44.5 %.
+    assert (named["hits"], named["runs"]) == (1, 10)
+    assert (named["low"], named["high"]) == pytest.approx((0.0025, 0.4450), abs=1e-4)
+    assert rates["one hidden effect", "right where claimed"]["runs"] == 1
+    assert rates["one hidden effect", "right of all, size 1.0"]["hits"] == 1
+    assert rates["one hidden effect", "right of all, size 1.0"]["runs"] == 2
+    assert ("coloured external load", "an effect named") not in rates
+    cases = {c["case"]: c for c in table["cases"]}
+    assert cases["nothing-rotor"]["right"] is None
+    assert cases["rotor-drag"] == {
+        "case": "rotor-drag",
+        "group": "one hidden effect",
+        "runs": 1,
+        "right": 0,
+        "verdicts": {"nothing missing": 1},
+    }
+    assert "an effect named: 1/10 = 10.0 % (0.3 to 44.5 %)" in study.report([*calm, alarm, hit, miss])
+
+
+def test_the_file_is_one_that_the_study_writes(study):
+    kept = json.loads((ROOT / "docs" / "rates.json").read_text(encoding="utf-8"))
+    fresh = study.table([some_run(study, "nothing-rotor", "nothing missing")])
+    assert kept.keys() == fresh.keys()
+    assert all(rate.keys() == fresh["rates"][0].keys() for rate in kept["rates"])
+    assert {case["case"] for case in kept["cases"]} <= {case.name for case in study.CASES}
+    assert sum(case["runs"] for case in kept["cases"]) == kept["n_runs"]
