@@ -185,6 +185,21 @@ def test_aliases_with_opposite_sign_and_alias_cycles():
     np.testing.assert_array_equal(values, [0, 0, 0, 2])
 
 
+def test_remainder_has_the_slope_of_an_alias_but_is_none():
+    b = FlatBuilder("Turns")
+    for name in ("phi", "inside", "twice"):
+        b.unknown(name)
+    turns = ca.floor(b["phi"] / 6.0)
+    b.equation("inside = mod(phi, 6)", b["inside"], b["phi"] - 6.0 * turns)
+    b.equation("twice = 2*inside", b["twice"], 2.0 * b["inside"])
+    b.equation("der(phi) = inside", b.der("phi"), b["inside"])
+    explicit = reduce_index(b.build())
+    assert explicit.state_names == ("phi",)
+    for phi, inside in ((2.0, 2.0), (8.0, 2.0), (-1.0, 5.0), (6.0e6 + 1.5, 1.5)):
+        values = explicit.variables([phi], [], [], [], [], 0).full().ravel()
+        np.testing.assert_allclose(values, [phi, inside, 2.0 * inside], rtol=1e-12)
+
+
 def test_linear_loop_is_solved_symbolically_and_right():
     flat = resistor_ladder(30)
     explicit = reduce_index(flat)

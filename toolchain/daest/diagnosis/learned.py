@@ -41,19 +41,18 @@ def learned_load(
 ) -> LearnedLoad:
     """The load of `form` as a part of the null's model.
 
-    The curve's values are refitted with the estimated parameters; where that fails, alone; where that fails,
-    too, they are those of the form. `baseline` is the null's fit on the same terms.
+    The curve's values are refitted with the estimated parameters; where that fails, they are those of the
+    form. `baseline` is the null's fit on the same terms.
     """
     start, row = _curve(null, run, form), null.places[form.load].row
     sign = load_sign(null.flat, row)
     flat = with_curve(null.flat, row, start)
     own = tuple(p.name for p in flat.parameters[len(null.flat.parameters) :])
     before = _validation_errors(baseline)
-    for names in ((*null.estimated, *own), own):
-        fit = _refitted(null, flat, names, validation, baseline.log_likelihood)
-        if fit is not None:
-            curve = _of_fit(start, own, fit)
-            return LearnedLoad(form, curve, fit.theta, fit, before, _validation_errors(fit), sign)
+    fit = _refitted(null, flat, (*null.estimated, *own), validation, baseline.log_likelihood)
+    if fit is not None:
+        curve = _of_fit(start, own, fit)
+        return LearnedLoad(form, curve, fit.theta, fit, before, _validation_errors(fit), sign)
     theta = {p.name: p.value for p in flat.parameters}
     after = _simulated_errors(flat, validation, null.hold)
     return LearnedLoad(form, start, theta, None, before, after, sign)
