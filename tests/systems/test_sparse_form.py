@@ -166,3 +166,15 @@ def test_ten_thousand_equations_within_twenty_seconds():
     report = noise_report(dae)
     assert time.monotonic() - started < 20.0
     assert (len(report.places), report.n_dynamic, report.index, report.n_forbidden) == (10002, 1176, 3, 4116)
+
+
+def test_long_reaches_are_counted_and_named_on_request():
+    """Noise on an equation of a rigid train reaches hundreds of unknowns: the first hundred are named."""
+    dae = large("Rigid", 72)
+    plain = noise_report(dae)
+    longest = max(range(dae.n), key=lambda i: plain.places[i].n_differentiated)
+    place = plain.places[longest]
+    assert place.n_differentiated > 200 and len(place.differentiated) == 100
+    (full,) = noise_report(dae, at=[longest]).asked
+    assert len(full.differentiated) == full.n_differentiated == place.n_differentiated
+    assert full.differentiated[:100] == place.differentiated

@@ -15,7 +15,7 @@ from daest.model.estimates import FilterResult
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult
 from daest.model.linear import LinearDAE, StateSpace
-from daest.model.noise import NoiseReport
+from daest.model.noise import NoisePlace, NoiseReport
 from daest.model.quality import DataCheck
 from daest.model.simulation import Simulation
 
@@ -87,12 +87,17 @@ def _(report: NoiseReport) -> tuple[Listing, ...]:
     title = f"{report.n_forbidden} of {len(report.equations)} equations may not carry white noise"
     columns = ("equation", "text", "admissible", "projection norm", "differentiated")
     rows = tuple(
-        (i, equation.text, place.admissible, place.projection_norm, ", ".join(place.differentiated))
+        (i, equation.text, place.admissible, place.projection_norm, _differentiated(place))
         for i, (equation, place) in enumerate(zip(report.equations, report.places, strict=True))
     )
     # What is forbidden is what a reader looks for.
     ordered = tuple(sorted(rows, key=lambda row: row[2]))
     return (Listing(title, columns, ordered),)
+
+
+def _differentiated(place: NoisePlace) -> str:
+    names, rest = ", ".join(place.differentiated), place.n_differentiated - len(place.differentiated)
+    return f"{names} and {rest} more" if rest > 0 else names
 
 
 @listings_of.register

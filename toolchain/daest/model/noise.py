@@ -15,8 +15,10 @@ class NoisePlace:
 
     `equations` are row indices, counted from 0. `projection_norm` is |(I - M M⁺) b| / |b| of (41), for the
     equations as they stand. Where the noise is not admissible, `differentiated` names the unknowns that would
-    contain its derivatives, up to the derivative `order`. `white_outputs` are outputs that would contain
-    the noise itself, undifferentiated: it then belongs into their measurement noise too, (47).
+    contain its derivatives, up to the derivative `order`; for the equations of a report only the first of the
+    `n_differentiated`, for places that were asked for, and for noises of the model, all. `white_outputs` are
+    outputs that would contain the noise itself, undifferentiated: it then belongs into their measurement
+    noise too, (47).
     """
 
     name: str
@@ -27,6 +29,7 @@ class NoisePlace:
     differentiated: tuple[str, ...]
     white_outputs: tuple[str, ...]
     advice: str
+    n_differentiated: int = 0
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from daest.errors import NumericalError
 from daest.model.linear import RankDecision
 from daest.numerics.matching import Offsets, canonical_offsets, find_defect
 from daest.numerics.ranks import default_tolerance
+from daest.numerics.sparse_columns import compressed, largest_entries
 
 CHUNK = 256
 """Columns that are solved for at a time: memory is this many dense vectors per order."""
@@ -48,7 +49,7 @@ class SparseSystem:
         zero."""
         rows = self._reached(np.unique(right.indices))
         if 2 * rows.size > right.shape[0]:
-            return sp.csc_array(self.factors.solve(right.toarray()))
+            return compressed(self.factors.solve(right.toarray()))
         unknowns = self.partner[rows]
         block = sp.csc_array(self.matrix[rows][:, unknowns])
         values = (
@@ -176,15 +177,22 @@ def inverse_columns(
     expansion: Expansion, wanted: np.ndarray, powers: Sequence[int]
 ) -> dict[int, sp.csc_array]:
     """Columns `wanted` of the coefficients of s^m in (sE - J)⁻¹, m in `powers`; each (n, len(wanted))."""
-    parts: dict[int, list[sp.coo_array]] = {m: [] for m in powers}
-    for offset in np.unique(expansion.rows[wanted]):
-        members = np.flatnonzero(expansion.rows[wanted] == offset)
-        for start in range(0, members.size, CHUNK):
-            chunk = members[start : start + CHUNK]
-            for m, block in _chunk(expansion, wanted[chunk], int(offset), powers):
-                parts[m].append(_placed(block, chunk, wanted.size))
+    parts: dict[int, list[sp.csc_array]] = {m: [] for m in powers}
+    chunks = list(_chunks(expansion.rows[wanted]))
+    for chunk in chunks:
+        offset = int(expansion.rows[wanted[chunk[0]]])
+        for m, block in _chunk(expansion, wanted[chunk], offset, powers):
+            parts[m].append(block)
     shape = (expansion.rows.size, wanted.size)
-    return {m: _joined(blocks, shape) for m, blocks in parts.items()}
+    return {m: _joined(parts.pop(m), chunks, shape) for m in powers}
+
+
+def _chunks(offsets: np.ndarray) -> Iterator[np.ndarray]:
+    """Positions with equal offsets, at most `CHUNK` of them at a time."""
+    for offset in np.unique(offsets):
+        members = np.flatnonzero(offsets == offset)
+        for start in range(0, members.size, CHUNK):
+            yield members[start : start + CHUNK]
 
 
 def inverse_rows(expansion: Expansion, wanted: np.ndarray, powers: Sequence[int]) -> dict[int, sp.csr_array]:
@@ -195,20 +203,31 @@ def inverse_rows(expansion: Expansion, wanted: np.ndarray, powers: Sequence[int]
 
 def _chunk(
     expansion: Expansion, wanted: np.ndarray, offset: int, powers: Sequence[int]
-) -> Iterator[tuple[int, sp.coo_array]]:
+) -> Iterator[tuple[int, sp.csc_array]]:
     """Coefficients for columns that share the offset c: those of s^m stand in row j of X_k, k = c - d_j -
-    m."""
+    m. Rounding errors are set to zero."""
     lag = offset - expansion.columns
     n_terms = int(lag.max(initial=0)) - min(powers) + 1
-    for k, term in enumerate(_terms(expansion, wanted, n_terms)):
-        row, column = term.coords
-        for m in powers:
-            here = lag[row] - m == k
-            yield m, sp.coo_array((term.data[here], (row[here], column[here])), shape=term.shape)
+    terms = _terms(expansion, wanted, n_terms)
+    largest = np.max([largest_entries(term) for term in terms], axis=0) if terms else np.zeros(wanted.size)
+    for m in powers:
+        yield m, _rows_of_terms(terms, lag - m, ROUNDING * largest)
 
 
-def _terms(expansion: Expansion, wanted: np.ndarray, n_terms: int) -> list[sp.coo_array]:
-    """Columns `wanted` of X0, X1, …, rounding errors set to zero."""
+def _rows_of_terms(terms: Sequence[sp.csc_array], term_of: np.ndarray, limits: np.ndarray) -> sp.csc_array:
+    """Row j of terms[term_of[j]], entries above the limit of their column; rows of no term are zero."""
+    shape, found = (term_of.size, limits.size), []
+    for k, term in enumerate(terms):
+        column = np.repeat(np.arange(limits.size, dtype=np.int32), np.diff(term.indptr))
+        kept = (term_of[term.indices] == k) & (np.abs(term.data) > limits[column])
+        if np.any(kept):
+            pointers = np.concatenate([[0], np.cumsum(np.bincount(column[kept], minlength=limits.size))])
+            found.append(sp.csc_array((term.data[kept], term.indices[kept], pointers), shape=shape))
+    return sp.csc_array(sum(found[1:], found[0])) if found else sp.csc_array(shape)
+
+
+def _terms(expansion: Expansion, wanted: np.ndarray, n_terms: int) -> list[sp.csc_array]:
+    """Columns `wanted` of X0, X1, …."""
     places = (wanted, np.arange(wanted.size))
     right = sp.csc_array((np.ones(wanted.size), places), shape=(expansion.rows.size, wanted.size))
     terms: list[sp.csc_array] = []
@@ -220,29 +239,22 @@ def _terms(expansion: Expansion, wanted: np.ndarray, n_terms: int) -> list[sp.co
             right = sp.csc_array(-sum(parts[1:], parts[0])) if parts else sp.csc_array(right.shape)
             right.eliminate_zeros()
         terms.append(expansion.jacobian.solve(right) if right.nnz else sp.csc_array(right.shape))
-    largest = np.max([_largest(term) for term in terms], axis=0) if terms else np.zeros(wanted.size)
-    return [_above(sp.coo_array(term), ROUNDING * largest) for term in terms]
+    return terms
 
 
-def _largest(matrix: sp.csc_array) -> np.ndarray:
-    """Largest size of an entry of each column."""
-    return abs(matrix).max(axis=0).toarray().ravel()
-
-
-def _above(matrix: sp.coo_array, limits: np.ndarray) -> sp.coo_array:
-    """The entries above the limit of their column."""
-    row, column = matrix.coords
-    kept = np.abs(matrix.data) > limits[column]
-    return sp.coo_array((matrix.data[kept], (row[kept], column[kept])), shape=matrix.shape)
-
-
-def _placed(block: sp.coo_array, columns: np.ndarray, n_columns: int) -> sp.coo_array:
-    row, column = block.coords
-    return sp.coo_array((block.data, (row, columns[column])), shape=(block.shape[0], n_columns))
-
-
-def _joined(blocks: Sequence[sp.coo_array], shape: tuple[int, int]) -> sp.csc_array:
-    if not blocks:
-        return sp.csc_array(shape)
-    row, column = (np.concatenate([block.coords[i] for block in blocks]) for i in (0, 1))
-    return sp.csc_array((np.concatenate([block.data for block in blocks]), (row, column)), shape=shape)
+def _joined(
+    blocks: list[sp.csc_array], columns: Sequence[np.ndarray], shape: tuple[int, int]
+) -> sp.csc_array:
+    """The matrix whose columns `columns[i]` are those of block i. Blocks are given up one by one: together
+    they are as large as the matrix."""
+    counts = np.zeros(shape[1], dtype=np.int64)
+    for block, members in zip(blocks, columns, strict=True):
+        counts[members] = np.diff(block.indptr)
+    pointers = np.concatenate([[0], np.cumsum(counts)])
+    indices, data = np.empty(pointers[-1], dtype=np.int32), np.empty(pointers[-1])
+    for members in columns:
+        block = blocks.pop(0)
+        shift = np.repeat(pointers[members] - block.indptr[:-1], np.diff(block.indptr))
+        places = shift + np.arange(block.nnz)
+        indices[places], data[places] = block.indices, block.data
+    return sp.csc_array((data, indices, pointers), shape=shape)

@@ -16,13 +16,15 @@ DENSE_SHARE = 0.05
 """From this share of non-zero entries on, a matrix is eliminated as a dense one."""
 
 
-def independent_block(matrix: sp.csr_array, tolerance: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+def independent_block(
+    matrix: sp.csr_array | sp.csc_array, tolerance: float | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of a regular block of `matrix` that is as large as its rank.
 
     Entries of `matrix` are of comparable size; what elimination leaves below `tolerance` (None: 256 n eps)
     times the largest entry is zero. Sparse elimination, or QR with pivoting where there is little to save.
     """
-    rows, columns = different_rows(matrix)[0], different_rows(sp.csr_array(matrix.T))[0]
+    rows, columns = different_rows(sp.csr_array(matrix))[0], different_rows(sp.csr_array(matrix.T))[0]
     core = sp.csr_array(matrix[rows][:, columns])
     if core.nnz == 0:
         return np.empty(0, dtype=int), np.empty(0, dtype=int)
@@ -69,5 +71,8 @@ def _dense_block(matrix: np.ndarray, zero: float) -> tuple[np.ndarray, np.ndarra
     _, R, order = sla.qr(matrix.T, mode="raw", pivoting=True)
     rank = int(np.count_nonzero(np.abs(np.diag(R)) > zero))
     rows = order[:rank]
-    _, _, columns = sla.qr(matrix[rows], mode="raw", pivoting=True)
+    _, swaps = sla.lu_factor(matrix[rows].T)  # the rows are independent: any pivots do
+    columns = np.arange(matrix.shape[1])
+    for k, other in enumerate(swaps):
+        columns[[k, other]] = columns[[other, k]]
     return rows, columns[:rank]

@@ -79,9 +79,11 @@ def bracketed(unit: str | None) -> str:
     return f"[{unit}]" if unit else ""
 
 
-def listed(names: Sequence[str], most: int = 12) -> str:
-    """Names with commas; beyond `most` the rest is counted."""
+def listed(names: Sequence[str], most: int = 12, total: int | None = None) -> str:
+    """Names with commas; beyond `most` the rest is counted. `total`: how many there are, if not all are
+    given."""
+    total = len(names) if total is None else total
     if not names:
         return "none"
     shown = ", ".join(names[:most])
-    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
+    return shown if total <= most else f"{shown} and {total - most} more"

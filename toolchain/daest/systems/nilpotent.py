@@ -14,6 +14,7 @@ from daest.model.linear import LinearDAE, RankDecision, SparseForm, StandardForm
 from daest.numerics.pencils import Scaling
 from daest.numerics.ranks import decide_rank
 from daest.numerics.sparse_basis import different_rows, independent_block
+from daest.numerics.sparse_columns import scaled
 
 LARGEST_RANK = 2000
 """Rank of N up to which the singular values of a sparse form are computed: dense algebra of this size."""
@@ -81,20 +82,46 @@ def _of_sparse(dae: LinearDAE, form: SparseForm, scaling: Scaling) -> Nilpotent:
     if form.index < 2:
         decision = RankDecision("N of the standard form", (), 0.0, 0, float("inf"))
         return Nilpotent(np.zeros(n - form.n_dynamic), decision, RowSpace(sp.csr_array((0, n)), None))
-    scaled = sp.diags_array(1.0 / scaling.columns) @ form.maps[1] @ sp.diags_array(1.0 / scaling.rows)
-    rows, columns = independent_block(sp.csr_array(scaled))
+    comparable = scaled(form.maps[1], 1.0 / scaling.columns, 1.0 / scaling.rows)
+    rows, columns = independent_block(comparable)
+    del comparable  # as large as the map itself
     rank = rows.size
     values = np.zeros(n - form.n_dynamic if rank <= LARGEST_RANK else 0)
     if values.size:
         values[:rank] = _singular_values(dae, form, rows, columns)
     decision = RankDecision("N of the standard form", tuple(values.tolist()), 0.0, rank, float("inf"))
-    return Nilpotent(values, decision, _row_space(sp.csr_array(form.maps[1])[rows]))
+    return Nilpotent(values, decision, _row_space(sp.csr_array(form.maps[1][rows])))
 
 
 def _row_space(rows: sp.csr_array) -> RowSpace:
     lengths = np.sqrt(rows.multiply(rows).sum(axis=1)).ravel()
     rows = sp.csr_array(sp.diags_array(1.0 / lengths) @ rows)
-    return RowSpace(rows, spla.splu(sp.csc_array(_product(rows, rows.T))))
+    return RowSpace(rows, _factors(_gram(rows)))
+
+
+@dataclass(frozen=True)
+class _DenseFactors:
+    """LU factors of a dense matrix, with the `solve` of SuperLU."""
+
+    factors: tuple[np.ndarray, np.ndarray]
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        return np.asarray(sla.lu_solve(self.factors, right))
+
+
+def _factors(matrix: np.ndarray | sp.csr_array) -> Any:
+    if isinstance(matrix, np.ndarray):
+        return _DenseFactors(sla.lu_factor(matrix))
+    return spla.splu(sp.csc_array(matrix))
+
+
+def _gram(rows: sp.csr_array) -> np.ndarray | sp.csr_array:
+    """rows · rows'; columns that are multiples of each other are taken together."""
+    first, group, factor = different_rows(sp.csr_array(rows.T))
+    used = group >= 0
+    sizes = np.sqrt(np.bincount(group[used], factor[used] ** 2, minlength=first.size))
+    core = sp.csc_array(rows)[:, first] @ sp.diags_array(sizes)
+    return _product(sp.csr_array(core), sp.csc_array(core.T))
 
 
 def _product(left: sp.csr_array, right: sp.csc_array) -> np.ndarray | sp.csr_array:
@@ -111,7 +138,7 @@ def _singular_values(dae: LinearDAE, form: SparseForm, rows: np.ndarray, columns
     rank: small ones are accurate to 1e-8 of the largest.
     """
     T = form.maps[1]
-    T_c, T_r = sp.csc_array(T[:, columns]), sp.csr_array(T)[rows]
+    T_c, T_r = sp.csc_array(T[:, columns]), sp.csr_array(T[rows])
     right = T_r @ sp.csr_array(dae.J)
     left_gram = _full(_product(T_c.T, T_c)) - _inside(form.right_dynamic, T_c)
     lengths = np.sqrt(right.multiply(right).sum(axis=1)).ravel()

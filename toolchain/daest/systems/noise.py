@@ -10,7 +10,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,6 +21,7 @@ from daest.model.linear import LinearDAE, RankDecision, SparseForm, StandardForm
 from daest.model.noise import NoisePlace, NoiseReport
 from daest.numerics.pencils import unit_scaling
 from daest.numerics.ranks import decide_rank, default_tolerance
+from daest.numerics.sparse_columns import scaled_norms
 from daest.systems.nilpotent import Nilpotent, RowSpace, nilpotent_part
 from daest.systems.standard_form import standard_form
 
@@ -31,6 +32,10 @@ unknowns, up to which a gain counts as zero. True gains are ratios of coefficien
 NAMED_PLACES = 2
 """Admissible equations that an advice proposes."""
 
+NAMED_UNKNOWNS = 100
+"""Unknowns with differentiated noise that the verdict on an equation names: in a large model noise on each of
+n equations may reach n unknowns."""
+
 
 @dataclass(frozen=True)
 class NoiseGains:
@@ -39,14 +44,19 @@ class NoiseGains:
     ξ = Q1 z1 + Σ maps[i] b w^(i), where maps[i] = -Q2 N^i P2 (n, n), i = 0 … index-1: from `maps[1]` on the
     noise is differentiated; `maps[0]` of a large model is restricted as in `SparseForm`. `forbidden`.norm(b)
     is the projection norm of (41). `rows` and `columns` scale equations and unknowns to comparable size;
-    `largest`[i] is the largest scaled column of maps[i], what rounding errors are relative to.
+    `norms`[i] (n,) are the lengths of the scaled columns of maps[i].
     """
 
     forbidden: RowSpace
     maps: tuple[sp.csc_array, ...]
     rows: np.ndarray
     columns: np.ndarray
-    largest: tuple[float, ...]
+    norms: tuple[np.ndarray, ...]
+
+    @cached_property
+    def largest(self) -> tuple[float, ...]:
+        """The largest scaled column of every map: what rounding errors are relative to."""
+        return tuple(float(norms.max(initial=0.0)) for norms in self.norms)
 
     def part(self, i: int, b: np.ndarray) -> np.ndarray:
         """maps[i] b (n,), rounding errors set to zero."""
@@ -64,7 +74,7 @@ class NoiseGains:
         """`strength` of every equation, shape (n,)."""
         if len(self.maps) < 2 or self.largest[1] == 0.0:
             return np.zeros(self.rows.size)
-        return _column_norms(_scaled(self.maps[1], self.rows, self.columns)) / self.largest[1]
+        return self.norms[1] / self.largest[1]
 
     def unit_part(self, i: int, equation: int) -> tuple[np.ndarray, np.ndarray]:
         """`part` of the unit column of one equation: the unknowns concerned, in order, and the values."""
@@ -130,7 +140,7 @@ def noise_report(
         equations=dae.equations,
         places=places,
         annotated=tuple(noises.values()),
-        asked=tuple(_asked(dae, at, places, noises)),
+        asked=tuple(_asked(dae, gains, at, places, noises)),
         n_dynamic=form.n_dynamic,
         index=form.index,
         N_singular_values=tuple(nilpotent.singular_values.tolist()),
@@ -147,10 +157,8 @@ def noise_gains(
     nilpotent = nilpotent_part(dae, form, scaling) if nilpotent is None else nilpotent
     maps = form.maps if isinstance(form, SparseForm) else _dense_maps(form)
     maps = maps or (sp.csc_array((dae.n, dae.n)),)
-    largest = tuple(
-        float(_column_norms(_scaled(part, scaling.rows, scaling.columns)).max(initial=0.0)) for part in maps
-    )
-    return NoiseGains(nilpotent.row_space, maps, scaling.rows, scaling.columns, largest)
+    norms = tuple(scaled_norms(part, 1.0 / scaling.columns, 1.0 / scaling.rows) for part in maps)
+    return NoiseGains(nilpotent.row_space, maps, scaling.rows, scaling.columns, norms)
 
 
 def _dense_maps(form: StandardForm) -> tuple[sp.csc_array, ...]:
@@ -160,14 +168,6 @@ def _dense_maps(form: StandardForm) -> tuple[sp.csc_array, ...]:
         maps.append(sp.csc_array(-Q2 @ power @ P2))
         power = form.N @ power
     return tuple(maps)
-
-
-def _scaled(part: sp.csc_array, rows: np.ndarray, columns: np.ndarray) -> sp.csc_array:
-    return sp.csc_array(sp.diags_array(1.0 / columns) @ part @ sp.diags_array(1.0 / rows))
-
-
-def _column_norms(matrix: sp.csc_array) -> np.ndarray:
-    return np.sqrt(matrix.multiply(matrix).sum(axis=0)).ravel()
 
 
 def verdict(
@@ -184,23 +184,24 @@ def verdict(
 
     place = NoisePlace(name, tuple(np.flatnonzero(b).tolist()), admissible, norm, 0, (), (), "")
     own = [k for k, noise in enumerate(dae.noises) if noise.name == name]
-    return _with_reach(dae, place, part, len(gains.maps), dae.H[:, own[0]] if own else None)
+    return _with_reach(dae, place, part, len(gains.maps), dae.H[:, own[0]] if own else None, None)
 
 
 def _unit_verdicts(dae: LinearDAE, gains: NoiseGains, tolerance: float | None) -> list[NoisePlace]:
     """`verdict` on noise on every single equation."""
     norms = gains.forbidden.unit_norms()
     admissible = gains.unit_strengths() <= NO_NOISE if tolerance is None else norms <= tolerance
-    places = []
-    for k, equation in enumerate(dae.equations):
-        place = NoisePlace(equation.text, (k,), bool(admissible[k]), float(norms[k]), 0, (), (), "")
-        part = partial(_unit_part, gains, k)
-        places.append(_with_reach(dae, place, part, len(gains.maps), None))
-    return places
+    return [
+        _unit_verdict(dae, gains, k, bool(admissible[k]), float(norms[k]), NAMED_UNKNOWNS)
+        for k in range(dae.n)
+    ]
 
 
-def _unit_part(gains: NoiseGains, equation: int, i: int) -> tuple[np.ndarray, np.ndarray]:
-    return gains.unit_part(i, equation)
+def _unit_verdict(
+    dae: LinearDAE, gains: NoiseGains, k: int, admissible: bool, norm: float, named: int | None
+) -> NoisePlace:
+    place = NoisePlace(dae.equations[k].text, (k,), admissible, norm, 0, (), (), "")
+    return _with_reach(dae, place, lambda i: gains.unit_part(i, k), len(gains.maps), None, named)
 
 
 def _with_reach(
@@ -209,21 +210,27 @@ def _with_reach(
     part: Callable[[int], tuple[np.ndarray, np.ndarray]],
     n_maps: int,
     direct: np.ndarray | None,
+    named: int | None,
 ) -> NoisePlace:
     """The place with what the noise reaches: unknowns through its derivatives, or outputs by itself.
 
     `part(i)` are the unknowns, and the values, that contain the derivative i; `direct` (n_y,) is what the
-    noise adds to outputs without an unknown between.
+    noise adds to outputs without an unknown between; at most `named` unknowns are named.
     """
     if place.admissible:
         value = _in_outputs(dae.C, *part(0)) + (0.0 if direct is None else direct)
         return replace(place, white_outputs=tuple(dae.outputs[k].name for k in np.flatnonzero(value)))
-    orders = [part(i)[0] for i in range(1, n_maps)]
-    reached = np.unique(np.concatenate([*orders, np.empty(0, dtype=int)]))
+    is_reached, order = np.zeros(dae.n, dtype=bool), 0
+    for i in range(1, n_maps):
+        unknowns = part(i)[0]
+        is_reached[unknowns] = True
+        order = i if unknowns.size else order
+    reached = np.flatnonzero(is_reached)
     return replace(
         place,
-        order=max((i for i, unknowns in enumerate(orders, start=1) if unknowns.size), default=0),
-        differentiated=tuple(dae.unknowns[j].name for j in reached.tolist()),
+        order=order,
+        differentiated=tuple(dae.unknowns[j].name for j in reached[:named].tolist()),
+        n_differentiated=reached.size,
     )
 
 
@@ -299,15 +306,24 @@ def _row(pattern: sp.csr_array, i: int) -> list[int]:
 
 
 def _asked(
-    dae: LinearDAE, at: Sequence[int | str], places: Sequence[NoisePlace], noises: dict[str, NoisePlace]
+    dae: LinearDAE,
+    gains: NoiseGains,
+    at: Sequence[int | str],
+    places: Sequence[NoisePlace],
+    noises: dict[str, NoisePlace],
 ) -> list[NoisePlace]:
     asked: list[NoisePlace] = []
     for item in at:
         if str(item) in noises:
             asked.append(noises[str(item)])
         else:
-            asked += [places[i] for i in place_equations(dae, item)]
+            asked += [_with_all_names(dae, gains, places[i]) for i in place_equations(dae, item)]
     return asked
+
+
+def _with_all_names(dae: LinearDAE, gains: NoiseGains, place: NoisePlace) -> NoisePlace:
+    full = _unit_verdict(dae, gains, place.equations[0], place.admissible, place.projection_norm, None)
+    return replace(place, differentiated=full.differentiated)
 
 
 def place_equations(dae: LinearDAE, item: int | str) -> list[int]:

@@ -17,6 +17,7 @@ from daest.model.linear import LinearDAE, RankDecision, SparseForm
 from daest.numerics.laurent import Expansion, expand_at_infinity, inverse_columns, inverse_rows, sparse_system
 from daest.numerics.pencils import Scaling, apply_scaling, unit_scaling
 from daest.numerics.sparse_basis import independent_block
+from daest.numerics.sparse_columns import scaled as in_units
 
 NEGLIGIBLE = 1e-12
 """Part of the largest entry of its row or column up to which an entry of Q1 or A is a rounding error."""
@@ -44,10 +45,11 @@ def scaled_expansion(dae: LinearDAE, tolerance: float | None = None) -> ScaledEx
 def sparse_form(dae: LinearDAE, tolerance: float | None = None) -> SparseForm:
     """The sparse standard form. Raises NumericalError `system-jacobian-singular`."""
     scaled = scaled_expansion(dae, tolerance)
-    differentiated, decisions = _differentiated(scaled, tolerance)
     states, P1, Q1 = _dynamic(scaled)
     A = _without_rounding(P1 @ scaled.J @ Q1)
-    maps = (_direct(scaled, dae), *differentiated) if dae.n > states.size else ()
+    maps, decisions = _differentiated(scaled, tolerance)
+    maps = [_direct(scaled, dae), *maps] if dae.n > states.size else []
+    index = len(maps)
     rows, columns, time = (
         sp.diags_array(scaled.scaling.rows),
         scaled.scaling.columns,
@@ -59,10 +61,8 @@ def sparse_form(dae: LinearDAE, tolerance: float | None = None) -> SparseForm:
         left_dynamic=sp.csr_array(sp.diags_array(own * time) @ P1 @ rows),
         right_dynamic=sp.csr_array(sp.diags_array(columns) @ Q1 @ sp.diags_array(1.0 / own)),
         A=sp.csr_array(sp.diags_array(own * time) @ A @ sp.diags_array(1.0 / own)),
-        maps=tuple(
-            sp.csc_array(sp.diags_array(columns / time**m) @ part @ rows) for m, part in enumerate(maps)
-        ),
-        index=len(maps),
+        maps=tuple(in_units(maps.pop(0), columns / time**m, scaled.scaling.rows) for m in range(index)),
+        index=index,
         decisions=(scaled.expansion.decision, *decisions),
     )
 
@@ -86,10 +86,11 @@ def _differentiated(
 
 
 def _spread(part: sp.csc_array, columns: np.ndarray, n: int) -> sp.csc_array:
-    """The columns at their places in an (n, n) matrix."""
-    entries = sp.coo_array(part)
-    places = (entries.coords[0], columns[entries.coords[1]])
-    return sp.csc_array((entries.data, places), shape=(part.shape[0], n))
+    """The columns at their places (increasing) in a matrix of n columns, without a copy of the entries."""
+    counts = np.zeros(n, dtype=np.int64)
+    counts[columns] = np.diff(part.indptr)
+    pointers = np.concatenate([[0], np.cumsum(counts)])
+    return sp.csc_array((part.data, part.indices, pointers), shape=(part.shape[0], n))
 
 
 def _direct(scaled: ScaledExpansion, dae: LinearDAE) -> sp.csc_array:

@@ -51,6 +51,7 @@ def _along(place: NoisePlaceAlong) -> dict[str, Any]:
         "first_time": place.first_time,
         "largest_norm": place.largest_norm,
         "differentiated": list(place.verdict.differentiated),
+        "n_differentiated": place.verdict.n_differentiated,
         "advice": place.verdict.advice,
     }
 
@@ -98,6 +99,7 @@ def _verdict(place: NoisePlace) -> dict[str, Any]:
         "projection_norm": place.projection_norm,
         "order": place.order,
         "differentiated": list(place.differentiated),
+        "n_differentiated": place.n_differentiated,
         "white_outputs": list(place.white_outputs),
         "advice": place.advice,
     }

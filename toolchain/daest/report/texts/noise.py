@@ -35,7 +35,7 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
                     e["text"],
                     _short(e["place"]) or e["origin"],
                     number(e["projection_norm"], 3),
-                    listed(e["differentiated"], 3),
+                    listed(e["differentiated"], 3, e["n_differentiated"]),
                 )
                 for e in forbidden
             ),
@@ -87,7 +87,7 @@ def _along(along: Mapping[str, Any], n_equations: int) -> Iterator[RenderableTyp
                     f"{100 * e['forbidden_share']:.0f} %" if e["forbidden_share"] else "never",
                     "" if e["first_time"] is None else f"{number(e['first_time'], 3)} s",
                     number(e["largest_norm"], 3),
-                    listed(e["differentiated"], 3),
+                    listed(e["differentiated"], 3, e["n_differentiated"]),
                 )
                 for e in (*mixed, *named)
             ),
