@@ -598,7 +598,9 @@ def report(runs: Sequence[Run]) -> str:
     for case in dict.fromkeys(r.case for r in runs):
         counts = Counter(r.verdict for r in runs if r.case == case)
         lines.append(f"  {case}: " + ", ".join(f"{name} {n}" for name, n in counts.most_common()))
-    return "\n".join([*lines, *_peers(runs)])
+    for method, members in groupby(peer_rates(runs), key=lambda r: r.group):
+        lines += [f"{method} each, records of the rotor", *map(str, members)]
+    return "\n".join(lines)
 
 
 def table(runs: Sequence[Run]) -> dict:
@@ -621,13 +623,18 @@ def table(runs: Sequence[Run]) -> dict:
         "samples": sorted({r.samples for r in runs}),
         "sizes": SIZES,
         "seconds": round(float(np.median([r.seconds for r in runs])), 1),
-        "rates": [
-            asdict(r) | dict(zip(("low", "high"), (round(x, 4) for x in r.limits), strict=True))
-            for r in rates(runs)
-            if r.runs
-        ],
+        "rates": _entries(rates(runs)),
+        "peers": _entries(peer_rates(runs)),
         "cases": cases,
     }
+
+
+def _entries(found: Iterable[Rate]) -> list[dict]:
+    return [
+        asdict(r) | dict(zip(("low", "high"), (round(x, 4) for x in r.limits), strict=True))
+        for r in found
+        if r.runs
+    ]
 
 
 def _by_case(runs: Sequence[Run]) -> list[str]:
@@ -640,7 +647,8 @@ def _by_case(runs: Sequence[Run]) -> list[str]:
     return lines
 
 
-def _peers(runs: Sequence[Run]) -> list[str]:
+def peer_rates(runs: Sequence[Run]) -> list[Rate]:
+    """daest and the other methods on the records where all of them ran; the method is the group."""
     some = [r for r in runs if r.peers.keys() >= PEERS.keys()]
     names = {case.name: case.names for case in CASES}
     spanned = {name: (*own, *SPANNED.get(name, ())) for name, own in names.items()}
@@ -653,17 +661,16 @@ def _peers(runs: Sequence[Run]) -> list[str]:
         for name in PEERS
     }
     methods["daest"] = lambda r: (bool(r.claimed), r.is_right, r.seconds)
-    lines: list[str] = []
+    found = []
     for name, outcome in methods.items() if some else ():
         quiet = [outcome(r) for r in some if not names[r.case]]
         hidden = [outcome(r) for r in some if names[r.case]]
-        seconds = np.median([outcome(r)[2] for r in some])
-        lines.append(f"{name}, records of the rotor, {seconds:.2f} s each")
-        lines.append(
-            str(Rate(name, "names an effect that is not there", sum(c for c, _, _ in quiet), len(quiet)))
+        method = f"{name}, {np.median([outcome(r)[2] for r in some]):.2f} s"
+        found.append(
+            Rate(method, "names an effect that is not there", sum(c for c, _, _ in quiet), len(quiet))
         )
-        lines.append(str(Rate(name, "right effect of all", sum(h for _, h, _ in hidden), len(hidden))))
-    return lines
+        found.append(Rate(method, "right effect of all", sum(h for _, h, _ in hidden), len(hidden)))
+    return found
 
 
 # Command ----------------------------------------------------------------------------------------------------

@@ -1,6 +1,7 @@
 """Fixtures that several rooms share."""
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -24,3 +25,17 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("the recordings beside the project are not here")
     return folder
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """A headless Chromium; tests that need one skip without it."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    found = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    with sync_api.sync_playwright() as playwright:
+        try:
+            launched = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        except sync_api.Error:
+            pytest.skip("no Chromium is installed")
+        yield launched
+        launched.close()

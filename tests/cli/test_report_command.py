@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 from pathlib import Path
 
 import html5lib
@@ -311,20 +310,6 @@ def contrast(one: str, other: str) -> float:
 
     low, high = sorted((luminance(one), luminance(other)))
     return (high + 0.05) / (low + 0.05)
-
-
-@pytest.fixture(scope="module")
-def browser():
-    """A headless Chromium; tests that need one skip without it."""
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    found = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    with sync_api.sync_playwright() as playwright:
-        try:
-            launched = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
-        except sync_api.Error:
-            pytest.skip("no Chromium is installed")
-        yield launched
-        launched.close()
 
 
 @pytest.mark.browser

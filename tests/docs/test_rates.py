@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -54,6 +55,21 @@ def test_rates_count_and_have_exact_limits(study):
         "verdicts": {"nothing missing": 1},
     }
     assert "an effect named: 1/10 = 10.0 % (0.3 to 44.5 %)" in study.report([*calm, alarm, hit, miss])
+
+
+def test_peers_stand_beside(study):
+    """The peers that ran on the same records, with their own right names: the span of asymmetric friction
+    is Coulomb's and a constant."""
+    names = dict.fromkeys(study.PEERS, "CoulombFriction")
+    runs = [
+        replace(some_run(study, case, "nothing missing"), peers=names, peer_seconds=dict.fromkeys(names, 0.5))
+        for case in ("nothing-rotor", "rotor-asymmetric", "rotor-drag")
+    ]
+    peers = {(r["group"], r["what"]): (r["hits"], r["runs"]) for r in study.table(runs)["peers"]}
+    assert peers["stepwise output error, 0.50 s", "names an effect that is not there"] == (1, 1)
+    assert peers["stepwise output error, 0.50 s", "right effect of all"] == (1, 2)
+    assert peers["daest, 2.00 s", "right effect of all"] == (0, 2)
+    assert study.table([replace(run, peers={}) for run in runs])["peers"] == []
 
 
 def test_the_file_is_one_that_the_study_writes(study):

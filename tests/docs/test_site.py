@@ -62,6 +62,7 @@ class Document(HTMLParser):
 
 @pytest.fixture(scope="module")
 def documents(site) -> dict[Path, Document]:
+    # 404.html is for servers: its addresses begin at their root.
     return {path: Document(path) for path in site.rglob("*.html") if path.name != "404.html"}
 
 
@@ -183,3 +184,32 @@ def test_rates_stand_on_the_page(site):
         )
     for case in rates["cases"]:
         assert f"{case['case']} {case['runs']} " in text
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1280, 390])
+def test_a_browser_opens_it_from_files(documents, browser, scheme, width):
+    context = browser.new_context(color_scheme=scheme, viewport={"width": width, "height": 800}, offline=True)
+    page = context.new_page()
+    complaints, requests = [], []
+    page.on("console", lambda m: complaints.append(m.text) if m.type in ("error", "warning") else None)
+    page.on("pageerror", lambda e: complaints.append(str(e)))
+    page.on("request", lambda r: requests.append(r.url))
+    for path in documents:
+        page.goto(path.as_uri())
+        assert page.evaluate("document.documentElement.scrollWidth") == width, path.name
+    assert complaints == []
+    assert [url for url in requests if not url.startswith(("file:", "data:"))] == []
+    context.close()
+
+
+@pytest.mark.browser
+def test_search_finds_in_pages_that_are_opened_from_files(site, browser):
+    page = browser.new_page()
+    page.goto((site / "index.html").as_uri())
+    page.click("input[name=query]", force=True)
+    page.keyboard.type("staircase Sylvester", delay=20)
+    page.wait_for_selector(".md-search-result__item", timeout=20_000)
+    assert "Theory" in page.inner_text(".md-search-result__list")
+    page.close()
