@@ -1,5 +1,6 @@
 """The words of the documentation: its commands run and print what it says, its workflow sees a drift."""
 
+import json
 import re
 import shlex
 import shutil
@@ -68,6 +69,16 @@ def test_commands_that_are_only_shown_are_understood(path):
         if program == "daest":
             command = cli.get_command(context, arguments[0])
             command.make_context(arguments[0], arguments[1:], parent=context)
+
+
+def test_the_truth_that_the_tutorial_tells():
+    """The recording's k is that of a motor the other way round."""
+    truth = json.loads((ROOT / "examples" / "report_servo" / "truth.json").read_text("utf-8"))["parameters"]
+    sentence = re.search(r"the truth is known: (.*?)\. All", page("tutorial.md"), re.DOTALL)[1]
+    told = dict(re.findall(r"(\w+) = (-?[\d.]+(?:e-\d+)?)", sentence))
+    assert list(told) == ["d", "c", "J1", "J2", "k"]
+    for name, value in told.items():
+        assert float(value) == pytest.approx(-truth[name] if name == "k" else truth[name], rel=1e-3)
 
 
 # A workflow that fails when the model drifts ----------------------------------------------------------------
