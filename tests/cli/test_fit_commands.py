@@ -245,3 +245,24 @@ def test_names_and_units_are_mapped(folder, daest):
     assert code == 0 and "converted to V" in err
     assert list(document["rms"]["estimation"]) == ["x"] and document["hold"] == "zoh"
     assert document["parameters"]["T"]["value"] == pytest.approx(TRUE["T"], rel=0.02)
+
+
+def test_bootstrap_in_text_and_json(fitted, daest):
+    code, out, err = daest("identify", "--hold", "zoh", "--bootstrap", "39", "--jobs", "1")
+    assert code == 0 and "Bootstrap: 39 refits of simulated recordings" in out
+    assert "refits of simulated recordings (39 of 39)" in err
+    arguments = ("identify", "--hold", "zoh", "--bootstrap", "39", "--jobs", "2", "--format", "json")
+    document = json.loads(daest(*arguments)[1])
+    assert document["bootstrap"]["n"] == 39 and document["bootstrap"]["n_failed"] == 0
+    for name, found in document["parameters"].items():
+        interval = document["bootstrap"]["parameters"][name]
+        assert interval["lower"] < found["value"] < interval["upper"]
+        assert interval["std"] == pytest.approx(found["std_error"], rel=0.5)
+
+
+def test_cluster_that_is_not_there(fitted, daest, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("daest.parallel.CONNECT_SECONDS", 0.5)
+    code, out, err = daest("identify", "--hold", "zoh", "--cluster", "tcp://127.0.0.1:9")
+    assert code == 2 and not out and err.startswith("error[cluster-unreachable]")
+    assert "--> tcp://127.0.0.1:9" in err and "dask scheduler" in err

@@ -92,6 +92,10 @@ EXPLANATIONS: dict[str, str] = {
         "The file of --at must hold parameters (as results/fit.json does) or an operating point under the "
         "key at, values by the names of unknowns and inputs."
     ),
+    "bootstrap-failed": (
+        "Most recordings that the fitted model makes cannot be identified again, so that no interval can be "
+        "told: the data leave directions free, or the fit sits where the model can hardly be simulated."
+    ),
     "check-clock-duplicate": (
         "Two samples of a recording have the same time, so that nothing can be said about what happened "
         "between them. Recorders that write faster than their clock ticks do this. Remove one of them, or "
@@ -450,6 +454,11 @@ EXPLANATIONS: dict[str, str] = {
     "fmu-call-failed": (
         "The FMU refused a call; the message holds what it said itself. Values outside the range in which "
         "the model can be evaluated are the usual cause."
+    ),
+    "fmu-clocked": (
+        "Some variables of the FMU change at the ticks of a clock that the importing tool has to provide. "
+        "Without the ticks they would stand still, and results would be wrong without a message. Export the "
+        "FMU with its sampling inside, or as a continuous model."
     ),
     "fmu-co-simulation-only": (
         "An FMU for Co-Simulation integrates its equations by itself and shows no states and no "

@@ -37,6 +37,7 @@ MOST_LOSSES = 3  # workers lost one after the other, without a result in between
 CONNECT_SECONDS = 10.0
 PATIENCE = 120.0  # seconds that a cluster may be without any worker
 POLL = 5.0
+AHEAD = 2  # tasks that a cluster has at a time, for each thread of its workers
 LARGE = "1 GiB"  # of tasks, before Dask warns: each holds the recordings
 PACKAGES = ("casadi", "numpy", "scipy")  # those that numbers depend on
 
@@ -60,12 +61,12 @@ class Outcome(Generic[Result]):
 
 
 class Engine(Protocol):
-    """Runs packed tasks and gives their packed outcomes with their numbers, as they come."""
+    """Runs packed work on packed tasks, and gives packed outcomes with their numbers, as they come."""
 
     def gain(self, n_tasks: int, seconds: float) -> float:
         """Seconds that this engine saves where each task takes `seconds`."""
 
-    def arrivals(self, blobs: Sequence[bytes]) -> Generator[tuple[int, bytes]]: ...
+    def arrivals(self, work: bytes, blobs: Sequence[bytes]) -> Generator[tuple[int, bytes]]: ...
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,8 @@ class Workers:
             return
         waiting: dict[int, Outcome[Result]] = {}
         following = 0
-        with closing(self.engine.arrivals([packed((work, task)) for task in tasks])) as arrivals:
+        blobs = [packed(task) for task in tasks]
+        with closing(self.engine.arrivals(packed(work), blobs)) as arrivals:
             for number, blob in arrivals:
                 waiting[number] = unpacked(blob)
                 arrived(number, waiting[number])
@@ -141,16 +143,21 @@ def outcome_of(work: Callable[[Task], Result], task: Task) -> Outcome[Result]:
         return Outcome(error=error)
 
 
-def run_packed(blob: bytes, expected: Versions | None = None) -> bytes:
+def run_packed(work: bytes, blob: bytes, expected: Versions | None = None) -> bytes:
     """The packed outcome of a packed task, on a worker with the `expected` programs. Raises ConfigError
     `cluster-differs`."""
     if expected is not None:
         _require_equal(versions(), expected, platform.node())
-    work, task = unpacked(blob)
     try:
-        return packed(outcome_of(work, task))
+        return packed(outcome_of(_known_work(work), unpacked(blob)))
     except DaestError as error:
         return packed(Outcome(error=error))
+
+
+@lru_cache(maxsize=2)
+def _known_work(work: bytes) -> Callable[[Any], Any]:
+    """What many tasks have in common is unpacked once."""
+    return unpacked(work)
 
 
 _packing = Lock()  # CasADi has one context for all threads
@@ -165,7 +172,7 @@ def packed(value: Any) -> bytes:
     except Exception as error:
         raise DaestError(
             "task-not-sendable",
-            f"a task cannot be sent to another process: {str(error).strip().splitlines()[0]}",
+            f"a task cannot be sent to another process: {_first_line(error)}",
             remedy="run it in this process (--jobs 1, without --cluster); functions must belong to a module",
         ) from error
 
@@ -188,12 +195,12 @@ class _Processes:
         n_rounds = math.ceil(n_tasks / self.jobs)
         return (n_tasks - n_rounds) * seconds - START_SECONDS if n_tasks > n_rounds else 0.0
 
-    def arrivals(self, blobs: Sequence[bytes]) -> Generator[tuple[int, bytes]]:
+    def arrivals(self, work: bytes, blobs: Sequence[bytes]) -> Generator[tuple[int, bytes]]:
         """A worker that dies takes those beside it along: what has not come is begun anew."""
         missing, losses = dict(enumerate(blobs)), 0
         while missing:
             try:
-                for number, blob in self._round(missing):
+                for number, blob in self._round(work, missing):
                     del missing[number]
                     losses = 0
                     yield number, blob
@@ -202,7 +209,7 @@ class _Processes:
                 if losses == MOST_LOSSES:
                     raise _lost() from error
 
-    def _round(self, blobs: dict[int, bytes]) -> Iterator[tuple[int, bytes]]:
+    def _round(self, work: bytes, blobs: dict[int, bytes]) -> Iterator[tuple[int, bytes]]:
         from joblib.externals.loky import get_reusable_executor
 
         pool = get_reusable_executor(max_workers=self.jobs)
@@ -212,7 +219,7 @@ class _Processes:
             while True:
                 # As many as there are processes: those that wait inside the pool cannot be given up cleanly.
                 for number, blob in islice(following, self.jobs - len(running)):
-                    running[pool.submit(run_packed, blob)] = number
+                    running[pool.submit(run_packed, work, blob)] = number
                 if not running:
                     return
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
@@ -280,8 +287,7 @@ def _check(client: Any, address: str) -> None:
         raise _unreachable(address, f"the cluster at {address} has no worker") from error
     for worker, theirs in client.run(versions, on_error="return").items():
         if isinstance(theirs, Exception):
-            reason = str(theirs).strip().splitlines()
-            raise _differs(worker, reason[0] if reason else type(theirs).__name__)
+            raise _differs(worker, _first_line(theirs))
         _require_equal(theirs, versions(), worker)
 
 
@@ -295,47 +301,58 @@ class _Cluster:
     def gain(self, n_tasks: int, seconds: float) -> float:
         return math.inf
 
-    def arrivals(self, blobs: Sequence[bytes]) -> Generator[tuple[int, bytes]]:
-        expected = versions()
-        futures = {
-            self.client.submit(run_packed, blob, expected, pure=False): n for n, blob in enumerate(blobs)
-        }
+    def arrivals(self, work: bytes, blobs: Sequence[bytes]) -> Generator[tuple[int, bytes]]:
+        expected, following = versions(), iter(enumerate(blobs))
+        running: dict[Any, int] = {}
         is_lost = False
         try:
-            for future in self._done(set(futures)):
-                error = future.exception() if future.status == "error" else None
-                if type(error).__name__ == "KilledWorker":
-                    is_lost = True  # said when the others have come
-                elif isinstance(error, DaestError):
-                    raise error
-                elif error is not None:
-                    raise _differs(self.address, str(error).strip().splitlines()[0]) from error
-                elif future.status != "finished":
-                    raise self._gone()
-                else:
-                    yield futures[future], future.result()
+            while True:
+                # A few more than there are workers: each holds what all have in common.
+                wanted = AHEAD * max(self._n_threads(), 1) - len(running)
+                for number, blob in islice(following, max(wanted, 0)):
+                    running[self.client.submit(run_packed, work, blob, expected, pure=False)] = number
+                if not running:
+                    break
+                for future in self._done(list(running)):
+                    number = running.pop(future)
+                    if self._killed_its_workers(future):
+                        is_lost = True  # said when the others have come
+                    else:
+                        yield number, future.result()
         finally:
-            self.client.cancel(list(futures))
+            self.client.cancel(list(running))
         if is_lost:
             raise _lost()
 
-    def _done(self, pending: set) -> Iterator[Any]:
+    def _killed_its_workers(self, future: Any) -> bool:
+        """Raises what else is wrong with a task that is done."""
+        if future.status == "finished":
+            return False
+        error = future.exception() if future.status == "error" else None
+        if isinstance(error, DaestError):
+            raise error
+        if error is None:
+            raise self._gone()
+        if type(error).__name__ != "KilledWorker":
+            raise _differs(self.address, _first_line(error)) from error
+        return True
+
+    def _done(self, running: list) -> set:
+        """Those that are done, one at least."""
         import distributed
 
         alone = 0.0
-        while pending:
+        while True:
             try:
-                done, pending = distributed.wait(pending, timeout=POLL, return_when="FIRST_COMPLETED")
+                return distributed.wait(running, timeout=POLL, return_when="FIRST_COMPLETED").done
             except TimeoutError:
-                alone = 0.0 if self._has_workers() else alone + POLL
-                if alone > PATIENCE:
-                    raise self._gone() from None
-                continue
-            yield from done
+                alone = 0.0 if self._n_threads() else alone + POLL
+            if alone > PATIENCE:
+                raise self._gone()
 
-    def _has_workers(self) -> bool:
+    def _n_threads(self) -> int:
         try:
-            return bool(self.client.ncores())
+            return sum(self.client.ncores().values())
         except (OSError, TimeoutError) as error:
             raise self._gone() from error
 
@@ -346,6 +363,10 @@ class _Cluster:
             where=self.address,
             remedy="start it again; diagnose and improve go on where they were",
         )
+
+
+def _first_line(error: Exception) -> str:
+    return next(iter(str(error).strip().splitlines()), type(error).__name__)
 
 
 def _differs(where: str, what: str) -> ConfigError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -16,12 +17,15 @@ from daest.cli.options import (
     DataOptions,
     ModelOptions,
     assignments,
+    cluster_option,
     example,
     format_option,
+    jobs_option,
     model_options,
     output_option,
     plot_option,
     priors,
+    require_cluster,
     seed_option,
     split_data_options,
 )
@@ -31,6 +35,7 @@ from daest.cli.progress import progress
 from daest.cli.recordings import training_data
 from daest.cli.results import fitted, save_fit
 from daest.data.project import Project
+from daest.estimation.bootstrap import LEAST_BOOTSTRAPS, with_bootstrap
 from daest.estimation.identify import identify
 from daest.estimation.profile import ALL, silent
 from daest.model.experiment import Experiment
@@ -101,6 +106,14 @@ class Identified:
     default=1,
     help="Number of start points (default: 1, and more when the residuals are not white).",
 )
+@click.option(
+    "--bootstrap",
+    type=click.IntRange(min=LEAST_BOOTSTRAPS),
+    metavar="N",
+    help="Intervals from refits of N recordings that the fitted model makes, noise included.",
+)
+@jobs_option
+@cluster_option
 @model_options
 @split_data_options
 @format_option
@@ -119,6 +132,9 @@ def command(
     profile_plot: Path | None,
     shooting: int | None,
     starts: int,
+    bootstrap: int | None,
+    jobs: int | None,
+    cluster: str | None,
     model_options: ModelOptions,
     data_options: DataOptions,
     form: str,
@@ -145,9 +161,19 @@ def command(
         shooting=shooting,
         starts=starts,
         seed=seed,
+        jobs=jobs or os.cpu_count() or 1,
+        cluster=cluster,
     )
+    require_cluster(cluster)
     found = identified(
-        project, model, data, data_options, options, model_options.class_name, model_options.libraries
+        project,
+        model,
+        data,
+        data_options,
+        options,
+        model_options.class_name,
+        model_options.libraries,
+        bootstrap=bootstrap or 0,
     )
     if plot is not None:
         _draw(found, plot)
@@ -165,6 +191,8 @@ def identified(
     class_name: str | None = None,
     libraries: Sequence[Path] = (),
     flat: FlatModel | None = None,
+    *,
+    bootstrap: int = 0,
 ) -> Identified:
     """Identify the model (default: that of daest.toml) from the recordings and keep the fit in results/."""
     source = model_source(project, model)
@@ -172,8 +200,11 @@ def identified(
         flat = load_model(project, source, class_name, libraries)
     flat, estimation, validation = training_data(flat, project, data, data_options)
     options = options or IdentifyOptions(hold=data_options.known_hold(project))
-    with progress() if options.profile else nullcontext(silent) as tell:
+    is_long = bool(options.profile or bootstrap or options.starts > 1)
+    with progress() if is_long else nullcontext(silent) as tell:
         result = identify(flat, estimation, options, validation, tell)
+        if bootstrap:
+            result = with_bootstrap(result, flat, estimation, options, bootstrap, tell)
     document = documents.document(result)
     origin = made_from(project, [source], training_files(project, data))
     path = save_fit(project, source, flat.name, document, origin)

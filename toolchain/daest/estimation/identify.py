@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import count
 from typing import Literal
 
 import numpy as np
@@ -30,6 +32,7 @@ from daest.model.fit import FitResult, IdentifyOptions, Method, NoiseChoice
 from daest.model.flat import FlatModel
 from daest.model.linear import StateSpaceFamily
 from daest.numerics.statistics import whiteness_p_value
+from daest.parallel import workers
 from daest.systems.reduce import reduce_index
 from daest.systems.redundant import good_everywhere
 from daest.systems.sample import Hold
@@ -86,7 +89,7 @@ def identify(
         return _identified_nonlinear(model, family, setup, estimation, held_back, options, tell)
     setup = replace(setup, problem=replace(setup.problem, hold=_chosen_hold(setup, options)))
     _check_start(setup)
-    problem, ends = _search(setup, options)
+    problem, ends = _search(setup, options, tell)
     validation_records = tuple(make_record(e, family) for e in held_back)
     simulated = {"estimation": simulated_agreement(problem, problem.records, ends[0].z)}
     agree = predicted_agreement if setup.method == "pem" else simulated_agreement
@@ -298,32 +301,66 @@ def _noisy(setup: Setup, z: np.ndarray) -> Problem:
     )
 
 
-def _search(setup: Setup, options: IdentifyOptions) -> tuple[Problem, list[Found]]:
+def _search(setup: Setup, options: IdentifyOptions, tell: Tell) -> tuple[Problem, list[Found]]:
     """The problem that was searched, and the end of the search from every start, best first.
 
     In doubt, other starts are tried until one leaves white residuals, or ends where the first one did: then
     it is the model that leaves them coloured.
     """
+    began = time.perf_counter()
     unknowns = setup.problem.unknowns
     first = _simulated_from(setup, unknowns.start, options.max_iterations)
     pairs = [_search_from(setup, unknowns.start, first, options.max_iterations)]
-    if options.starts > 1 or (options.second_look and _is_doubtful(setup, pairs[0])):
-        matched = matched_start(setup.problem, options.seed)
-        random = _random_starts(unknowns, max(options.starts - 1, DOUBT_STARTS), options.seed)
-        for z in [*([] if matched is None else [matched]), *random]:
-            simulated = _simulated_from(setup, z, options.max_iterations)
-            # The same simulation leads on to the same likelihood.
-            again = pairs[0] if _is_same(first, simulated) else None
-            pairs.append(again or _search_from(setup, z, simulated, options.max_iterations))
-            if options.starts == 1 and (
-                _ends_alike(pairs[0], pairs[-1]) or not _is_doubtful(setup, pairs[-1])
-            ):
+    seconds = time.perf_counter() - began
+    if options.starts > 1:
+        pairs += _from_other_starts(setup, first, pairs[0], options, seconds, tell)
+    elif options.second_look and _is_doubtful(setup, pairs[0]):
+        for z in _other_starts(setup, options):
+            end = _other_end(setup, first, options.max_iterations, z)
+            pairs.append(pairs[0] if isinstance(end, _Same) else end)
+            if _ends_alike(pairs[0], pairs[-1]) or not _is_doubtful(setup, pairs[-1]):
                 break
     ended = [pair for pair in pairs if pair is not None]
     if not ended:
         check_start(unknowns, None, 0)
     ended.sort(key=lambda pair: pair[1].evaluation.value)
     return ended[0][0], [found for _, found in ended]
+
+
+class _Same:
+    """In place of an end: the search led to where the first one did."""
+
+
+End = tuple[Problem, Found] | None
+
+
+def _other_starts(setup: Setup, options: IdentifyOptions) -> list[np.ndarray]:
+    matched = matched_start(setup.problem, options.seed)
+    random = _random_starts(setup.problem.unknowns, max(options.starts - 1, DOUBT_STARTS), options.seed)
+    return [*([] if matched is None else [matched]), *random]
+
+
+def _from_other_starts(
+    setup: Setup, first: Found | None, end: End, options: IdentifyOptions, seconds: float, tell: Tell
+) -> list[End]:
+    starts = _other_starts(setup, options)
+    search = partial(_other_end, setup, first, options.max_iterations)
+    done = count(2)
+    with workers(options.jobs, options.cluster) as pool:
+        found = pool.map(
+            search,
+            starts,
+            seconds=seconds,
+            arrived=lambda *_: tell(f"searched from start point ({next(done)} of {len(starts) + 1})"),
+        )
+        ends = [outcome.get() for outcome in found]
+    return [end if isinstance(one, _Same) else one for one in ends]
+
+
+def _other_end(setup: Setup, first: Found | None, max_iterations: int, z: np.ndarray) -> End | _Same:
+    simulated = _simulated_from(setup, z, max_iterations)
+    # The same simulation leads on to the same likelihood.
+    return _Same() if _is_same(first, simulated) else _search_from(setup, z, simulated, max_iterations)
 
 
 def _is_same(one: Found | None, other: Found | None) -> bool:

@@ -12,6 +12,8 @@ import time
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import count
 
 import numpy as np
 
@@ -45,6 +47,7 @@ from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
 from daest.model.explicit import ExplicitModel
 from daest.model.fit import FitResult, IdentifyOptions, Method
+from daest.parallel import workers
 from daest.systems.integrate import integrator
 
 NOISE_ROUNDS = 2  # of searching noise levels and parameters in turn
@@ -105,7 +108,7 @@ def identify_nonlinear(
         problem, z = with_hold(problem, z, options)
         check_nonlinear_start(problem, z, may_be_cut=method == "oe" and options.shooting != 1)
         setup = replace(setup, problem=problem)
-        ends = _search(setup, z, options)
+        ends = _search(setup, z, options, tell)
     else:
         ends = [_search_on(setup, warm, options)]
     best = ends[0]
@@ -124,9 +127,20 @@ def identify_nonlinear(
     return replace(result, seconds=time.perf_counter() - began)
 
 
-def _search(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions) -> list[Ending]:
+def _search(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions, tell: Tell) -> list[Ending]:
     starts = [z, *further_starts(setup.problem, z, options)]
-    ends = [end for start in starts if (end := _search_from(setup, start, options)) is not None]
+    if len(starts) == 1:
+        found = [_search_from(setup, z, options)]
+    else:
+        done = count(1)
+        with workers(options.jobs, options.cluster) as pool:
+            outcomes = pool.map(
+                partial(_search_from, setup, options=options),
+                starts,
+                arrived=lambda *_: tell(f"searched from start point ({next(done)} of {len(starts)})"),
+            )
+            found = [outcome.get() for outcome in outcomes]
+    ends = [end for end in found if end is not None]
     if not ends:
         raise no_start()
     return sorted(ends, key=lambda end: end.found.evaluation.value)

@@ -33,13 +33,14 @@ class IdentifyOptions:
     `estimate` names the parameters to find (None: those that the model marks). `fix` gives other
     parameters a value, `start` start values, `bounds` (min, max) and `prior` in place of the model's.
     `process_noise` and `measurement_noise` are by noise and output name. `hold` None tries foh and zoh and
-    takes the better one. `starts` searches from that many start points, seeded by `seed`; without
-    `second_look` a fit
-    that leaves coloured residuals is not tried again from elsewhere. `likelihood` is that of the one-step
-    predictions of a nonlinear model ("pem"): by an observer with a constant gain, or by the extended Kalman
-    filter, which suits smooth models and estimates the noise exactly. `split` in (0, 1) keeps that first part
-    of every experiment for the estimation and the rest for the validation. `profile` names parameters whose
-    profile likelihood is wanted, ("all",) every estimated one; the gain of an observer is held in it.
+    takes the better one. `starts` searches from that many start points, seeded by `seed`, in `jobs` processes
+    where that is worth while, or on the Dask `cluster` at an address, with the same result; without
+    `second_look` a fit that leaves coloured residuals is not tried again from elsewhere. `likelihood` is that
+    of the one-step predictions of a nonlinear model ("pem"): by an observer with a constant gain, or by the
+    extended Kalman filter, which suits smooth models and estimates the noise exactly. `split` in (0, 1)
+    keeps that first part of every experiment for the estimation and the rest for the validation. `profile`
+    names parameters whose profile likelihood is wanted, ("all",) every estimated one; the gain of an observer
+    is held in it.
     `shooting` cuts every record of a nonlinear model into that many segments with initial states of their own
     (multiple shooting); None does so for an output-error search that fails over the whole records, 1 never.
     """
@@ -61,6 +62,8 @@ class IdentifyOptions:
     split: float | None = None
     profile: tuple[str, ...] = ()
     shooting: int | None = None
+    jobs: int = 1
+    cluster: str | None = None
 
 
 @dataclass(frozen=True)
@@ -146,6 +149,20 @@ class Profile:
 
 
 @dataclass(frozen=True)
+class Bootstrap:
+    """Refits of recordings that the fitted model itself produced, noise included: `estimates` (n, p) of the
+    parameters `names` (p,), without the `n_failed` refits that came to no end. `lower` and `upper` (p,) are
+    the percentiles that hold the share `level` of them."""
+
+    names: tuple[str, ...]
+    estimates: np.ndarray
+    n_failed: int
+    level: float
+    lower: np.ndarray
+    upper: np.ndarray
+
+
+@dataclass(frozen=True)
 class FitResult(Framed):
     """The result of `identify`.
 
@@ -177,6 +194,7 @@ class FitResult(Framed):
     hold: Literal["foh", "zoh"]
     notes: tuple[str, ...] = ()
     profiles: tuple[Profile, ...] = ()
+    bootstrap: Bootstrap | None = None
 
     @property
     def is_converged(self) -> bool:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from daest.model.fit import Agreement, FitResult, FittedNoise, FittedParameter, Profile
+import numpy as np
+
+from daest.model.fit import Agreement, Bootstrap, FitResult, FittedNoise, FittedParameter, Profile
 
 SCHEMA = "daest/identify/1"
 
@@ -51,6 +53,24 @@ def document(result: FitResult) -> dict[str, Any]:
         "hold": result.hold,
         "notes": list(result.notes),
         "profiles": {p.name: _profile(p) for p in result.profiles},
+        "bootstrap": result.bootstrap and _bootstrap(result.bootstrap),
+    }
+
+
+def _bootstrap(b: Bootstrap) -> dict[str, Any]:
+    return {
+        "level": b.level,
+        "n": len(b.estimates),
+        "n_failed": b.n_failed,
+        "parameters": {
+            name: {
+                "lower": float(b.lower[i]),
+                "upper": float(b.upper[i]),
+                "mean": float(np.mean(b.estimates[:, i])),
+                "std": float(np.std(b.estimates[:, i], ddof=1)),
+            }
+            for i, name in enumerate(b.names)
+        },
     }
 
 

@@ -34,6 +34,9 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     if document.get("profiles"):
         yield heading("Profile likelihood")
         yield _profiles(document)
+    if document.get("bootstrap"):
+        yield heading(_bootstrap_title(document["bootstrap"]))
+        yield _bootstrap(document)
     yield heading("Noise")
     yield _noise(document["noise"])
     for direction in document["weak_directions"]:
@@ -88,6 +91,33 @@ def _profiles(document: Mapping[str, Any]) -> RenderableType:
             for name, p in document["profiles"].items()
         ),
         text_columns=(0, 4, 6),
+    )
+
+
+def _bootstrap_title(found: Mapping[str, Any]) -> str:
+    failed = f", {found['n_failed']} more came to no end" if found["n_failed"] else ""
+    return f"Bootstrap: {found['n']} refits of simulated recordings{failed}"
+
+
+def _bootstrap(document: Mapping[str, Any]) -> RenderableType:
+    """Percentile intervals, and where the estimates lie on average."""
+    parameters, found = document["parameters"], document["bootstrap"]
+    return table(
+        ("name", "from", "estimate", "to", "mean", "std", "unit", "level"),
+        (
+            (
+                name,
+                number(p["lower"], 6),
+                number(parameters[name]["value"], 6),
+                number(p["upper"], 6),
+                number(p["mean"], 6),
+                number(p["std"], 2),
+                parameters[name]["unit"],
+                f"{100 * found['level']:g} %",
+            )
+            for name, p in found["parameters"].items()
+        ),
+        text_columns=(0, 6),
     )
 
 

@@ -1,0 +1,138 @@
+"""Parametric bootstrap of a fit: how estimates scatter over recordings that the fitted model could have made.
+
+Each recording is simulated with the inputs, initial states, noises and gaps of the measured ones, and
+identified like them, from the estimate. Percentile intervals (Efron and Tibshirani 1993, section 13.3) need
+no assumption of linearity or of the shape of the likelihood; like standard errors they take the model for
+true.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import count
+from typing import cast
+
+import numpy as np
+
+from daest.errors import DaestError, EstimationError
+from daest.estimation.fitted import fitted_model
+from daest.estimation.identify import identify
+from daest.estimation.profile import Tell, silent
+from daest.estimation.records import in_model_order
+from daest.model.experiment import Experiment
+from daest.model.explicit import ExplicitModel
+from daest.model.fit import Bootstrap, FitResult, IdentifyOptions
+from daest.model.flat import FlatModel
+from daest.model.linear import StateSpaceFamily
+from daest.parallel import workers
+from daest.systems.reduce import reduce_index
+from daest.systems.redundant import good_everywhere
+from daest.systems.simulate import simulate
+
+LEVEL = 0.95
+LEAST_BOOTSTRAPS = 39  # fewer have no value beyond the percentiles of LEVEL
+LEAST_DONE = 0.5  # share of the refits that must come to an end
+
+
+@dataclass(frozen=True)
+class _Model:
+    """What every replicate needs: the model to identify, and the one that makes recordings."""
+
+    flat: FlatModel
+    explicit: ExplicitModel
+    experiments: tuple[Experiment, ...]
+    fit: FitResult
+    options: IdentifyOptions
+
+
+def with_bootstrap(
+    fit: FitResult,
+    flat: FlatModel,
+    experiments: Sequence[Experiment],
+    options: IdentifyOptions,
+    n: int,
+    tell: Tell = silent,
+) -> FitResult:
+    """`fit` (of `flat` to `experiments` with `options`) with `n` refits of simulated recordings.
+
+    Seeded by `options.seed`; refits run where the options say. Raises EstimationError `bootstrap-failed`
+    where most refits come to no end, and what `simulate` raises.
+    """
+    # in_model_order reads no more of a family than its inputs and outputs.
+    ordered = tuple(in_model_order(e, cast(StateSpaceFamily, flat)) for e in experiments)
+    model = _Model(flat, _simulated_model(flat, fit), ordered, fit, _like(fit, options))
+    seeds = [int(s.generate_state(1)[0]) for s in np.random.SeedSequence(options.seed).spawn(n)]
+    resampled(model, seeds[0])  # what cannot be simulated at all is said before the work begins
+    done = count(1)
+    with workers(options.jobs, options.cluster) as pool:
+        outcomes = pool.map(
+            partial(_replicate, model),
+            seeds,
+            seconds=fit.seconds,
+            arrived=lambda *_: tell(f"refits of simulated recordings ({next(done)} of {n})"),
+        )
+        found = [outcome.get() for outcome in outcomes]
+    rows = [row for row in found if row is not None]
+    if len(rows) < LEAST_DONE * n:
+        raise EstimationError(
+            "bootstrap-failed",
+            f"{n - len(rows)} of {n} refits of simulated recordings came to no end",
+            remedy="the fit itself is doubtful: look at the directions that the data cannot tell, fix a "
+            "parameter or give a prior",
+        )
+    estimates = np.array(rows)
+    tails = 50.0 * (1.0 - LEVEL)
+    lower, upper = np.percentile(estimates, [tails, 100.0 - tails], axis=0)
+    names = tuple(p.name for p in fit.parameters)
+    return replace(fit, bootstrap=Bootstrap(names, estimates, n - len(rows), LEVEL, lower, upper))
+
+
+def resampled(model: _Model, seed: int) -> list[Experiment]:
+    """The recordings with outputs of the fitted model, noise included, where outputs were measured."""
+    rng = np.random.default_rng(seed)
+    result = []
+    for experiment, state in zip(model.experiments, model.fit.initial_states, strict=True):
+        own = int(rng.integers(2**31))
+        outputs = simulate(
+            model.explicit, experiment, hold=model.fit.hold, x0=state.values, noise=True, seed=own
+        ).outputs
+        result.append(replace(experiment, outputs=np.where(np.isfinite(experiment.outputs), outputs, np.nan)))
+    return result
+
+
+def _replicate(model: _Model, seed: int) -> np.ndarray | None:
+    """Estimates (p,) from one simulated recording; None where the refit comes to no end."""
+    try:
+        again = identify(model.flat, resampled(model, seed), model.options)
+    except DaestError:
+        return None
+    if again.status == "iteration limit":
+        return None
+    return np.array([again.theta[p.name] for p in model.fit.parameters])
+
+
+def _like(fit: FitResult, options: IdentifyOptions) -> IdentifyOptions:
+    """Options of the refits: as those of the fit, from the estimate."""
+    start = {p.name: p.value for p in fit.parameters}
+    return replace(
+        options,
+        method=fit.method,
+        hold=fit.hold,
+        start={**options.start, **start},
+        estimate=tuple(start),
+        starts=1,
+        second_look=False,
+        profile=(),
+        split=None,
+        jobs=1,
+        cluster=None,
+    )
+
+
+def _simulated_model(flat: FlatModel, fit: FitResult) -> ExplicitModel:
+    """The fitted model with the states that the fit has initial values of."""
+    explicit = reduce_index(fitted_model(flat, fit))
+    has_own = all(state.names == explicit.state_names for state in fit.initial_states)
+    return explicit if has_own else good_everywhere(explicit)
