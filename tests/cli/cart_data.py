@@ -30,6 +30,7 @@ TRUE = {"m": 1.0, "c": 10.0, "d": 0.8}
 PERIOD = 0.02
 NOISE = 0.002
 SUBSTEPS = 100
+WAVES = 6.0  # rad/m, of friction along the way
 SLIDING = 1e-3  # m/s at which friction has three quarters of its size
 
 
@@ -40,8 +41,10 @@ def recording(
     cubic: float = 0.0,
     mass: float = TRUE["m"],
     force: np.ndarray | None = None,
+    bumps: float = 0.0,
 ) -> np.ndarray:
-    """Columns time, force (held; a random one by default), position; `friction` in N, `cubic` in N/m3."""
+    """Columns time, force (held; a random one by default), position; `friction` in N, `cubic` in N/m3;
+    `bumps` is the share of the friction that depends on the position."""
     rng = np.random.default_rng(seed)
     time = PERIOD * np.arange(n_samples)
     steps = np.repeat(4.0 * rng.normal(size=n_samples // 20 + 1), 20)[:n_samples]
@@ -50,7 +53,8 @@ def recording(
     position = np.zeros(n_samples)
     for k in range(n_samples - 1):
         for _ in range(SUBSTEPS):
-            load = TRUE["d"] * v + TRUE["c"] * s + cubic * s**3 + friction * np.tanh(v / SLIDING)
+            load = TRUE["d"] * v + TRUE["c"] * s + cubic * s**3
+            load += friction * (1.0 + bumps * np.sin(WAVES * s)) * np.tanh(v / SLIDING)
             v += step * (force[k] - load) / mass
             s += step * v
         position[k + 1] = s

@@ -112,6 +112,18 @@ def test_curve_is_that_of_straight_lines(period):
         assert float(load(xi, grown.theta_values)) == pytest.approx(true, abs=1e-12)
 
 
+def test_knots_are_added_where_there_is_room_and_data():
+    x = np.array([0.0, 1.0, 1.1, 3.0, 4.0])
+    course = np.concatenate([np.linspace(0.0, 1.0, 40), np.linspace(1.0, 1.1, 40), np.linspace(1.1, 3.0, 40)])
+    curve = Curve("rotor.phi", "", 0.0, 0.0, x, x**2, x)
+    finer = learned._finer(curve, course)
+    assert finer.x == pytest.approx([0.0, 0.5, 1.0, 1.1, 2.05, 3.0, 4.0], abs=0.03)
+    np.testing.assert_allclose(finer.y, np.interp(finer.x, x, x**2))
+    turned = learned._finer(replace(curve, period=5.0), np.linspace(-20.0, -15.0, 300))
+    assert turned.x.size == 9 and turned.x[-1] == pytest.approx(4.5, abs=0.03)
+    assert turned.y[-1] == pytest.approx(8.0, abs=0.5)  # on the way from 16 back to 0
+
+
 INSIDE = """\
 model Whole
   model Part

@@ -7,8 +7,9 @@ with the parameters by maximum likelihood.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -30,6 +31,9 @@ from daest.systems.sample import Hold
 COMPONENT = "learned"
 SHARPER = 0.3  # the sign changes over this part of the speed that the free form rounds it over
 NARROWEST = 1e-3  # of the range of the variable: knots that are nearer to each other are one
+MOST_KNOTS = 20
+WIDE = 1.0 / 16.0  # of the range of the variable: intervals that are narrower stay whole
+FEWEST_BETWEEN = 20  # samples between two knots that get another one between them
 
 
 def learned_load(
@@ -41,21 +45,30 @@ def learned_load(
 ) -> LearnedLoad:
     """The load of `form` as a part of the null's model.
 
-    The curve's values are refitted with the estimated parameters; where that fails, they are those of the
-    form. `baseline` is the null's fit on the same terms.
+    The curve's values are refitted with the estimated parameters, with more and more knots while that pays
+    by BIC; where no refit succeeds, they are those of the form. `baseline` is the null's fit on the same
+    terms.
     """
-    start, row = _curve(null, run, form), null.places[form.load].row
-    sign = load_sign(null.flat, row)
-    flat = with_curve(null.flat, row, start)
-    own = tuple(p.name for p in flat.parameters[len(null.flat.parameters) :])
-    before = _validation_errors(baseline)
-    fit = _refitted(null, flat, (*null.estimated, *own), validation, baseline.log_likelihood)
-    if fit is not None:
-        curve = _of_fit(start, own, fit)
-        return LearnedLoad(form, curve, fit.theta, fit, before, _validation_errors(fit), sign)
-    theta = {p.name: p.value for p in flat.parameters}
-    after = _simulated_errors(flat, validation, null.hold)
-    return LearnedLoad(form, start, theta, None, before, after, sign)
+    course = _courses(null, run, form)
+    start, row = _curve(form, course), null.places[form.load].row
+    sign, before = load_sign(null.flat, row), _validation_errors(baseline)
+    found = _fitted(null, row, start, validation, baseline.log_likelihood)
+    if found is None:
+        flat = with_curve(null.flat, row, start)
+        theta = {p.name: p.value for p in flat.parameters}
+        return LearnedLoad(form, start, theta, None, before, _simulated(flat, validation, null.hold), sign)
+    n_observed = sum(int(np.isfinite(e.outputs).sum()) for e in null.experiments)
+    while True:
+        curve, fit = found
+        finer = _finer(curve, course[form.variable])
+        n_more = finer.x.size - curve.x.size
+        if n_more == 0 or finer.x.size > MOST_KNOTS:
+            break
+        finer_must_reach = fit.log_likelihood + 0.5 * n_more * np.log(n_observed)
+        found = _fitted(null, row, finer, validation, finer_must_reach)
+        if found is None:
+            break
+    return LearnedLoad(form, curve, fit.theta, fit, before, _validation_errors(fit), sign)
 
 
 def said(learned: LearnedLoad) -> str:
@@ -69,15 +82,18 @@ def said(learned: LearnedLoad) -> str:
     return f" {how}: validation error (rms) {', '.join(parts)}." if parts else ""
 
 
-def _refitted(
-    null: Null, flat: FlatModel, names: Sequence[str], validation: Sequence[Experiment], least: float
-) -> FitResult | None:
-    """None where the search fails or does not end above the log-likelihood `least`."""
+def _fitted(
+    null: Null, row: int, start: Curve, validation: Sequence[Experiment], least: float
+) -> tuple[Curve, FitResult] | None:
+    """The curve and the fit of a search from `start`; None where it fails or does not end above the
+    log-likelihood `least`."""
+    flat = with_curve(null.flat, row, start)
+    own = tuple(p.name for p in flat.parameters[len(null.flat.parameters) :])
     try:
-        fit = refit(flat, reduce_index(flat), names, null, validation=validation)
+        fit = refit(flat, reduce_index(flat), (*null.estimated, *own), null, validation=validation)
     except DaestError:
         return None
-    return fit if fit.log_likelihood > least else None
+    return (_of_fit(start, own, fit), fit) if fit.log_likelihood > least else None
 
 
 def _validation_errors(fit: FitResult) -> dict[str, float | None]:
@@ -85,9 +101,7 @@ def _validation_errors(fit: FitResult) -> dict[str, float | None]:
     return {} if found is None else dict(found.rms)
 
 
-def _simulated_errors(
-    flat: FlatModel, experiments: Sequence[Experiment], hold: Hold
-) -> dict[str, float | None]:
+def _simulated(flat: FlatModel, experiments: Sequence[Experiment], hold: Hold) -> dict[str, float | None]:
     silent = replace(flat, noises=tuple(replace(w, intensity=0.0) for w in flat.noises))
     try:
         comparison = compare_models([Trialled(flat.name, silent, 0, hold)], list(experiments))
@@ -99,16 +113,18 @@ def _simulated_errors(
 # The curve --------------------------------------------------------------------------------------------------
 
 
-def _curve(null: Null, run: NullObserver, form: FreeForm) -> Curve:
+def _courses(null: Null, run: NullObserver, form: FreeForm) -> dict[str, np.ndarray]:
+    """The variables of the form along all experiments."""
+    names = [name for name in (form.variable, form.sign_of) if name]
+    runs = [internal_variables(null, run, i, names) for i in range(len(null.experiments))]
+    return {name: np.concatenate([one[name] for one in runs]) for name in names}
+
+
+def _curve(form: FreeForm, course: Mapping[str, np.ndarray]) -> Curve:
     """The form's curve at distinct knots."""
-    course = [
-        internal_variables(null, run, i, [n for n in (form.variable, form.sign_of) if n])
-        for i in range(len(null.experiments))
-    ]
     sign_width = 0.0
     if form.sign_of:
-        speed = np.concatenate([c[form.sign_of] for c in course])
-        sign_width = SHARPER * SOFT * float(np.sqrt(np.mean(speed**2)))
+        sign_width = SHARPER * SOFT * float(np.sqrt(np.mean(course[form.sign_of] ** 2)))
     kept = np.append(True, np.diff(form.x) > NARROWEST * np.ptp(form.x))
     return Curve(
         variable=form.variable,
@@ -119,6 +135,24 @@ def _curve(null: Null, run: NullObserver, form: FreeForm) -> Curve:
         y=form.w[kept],
         std=form.std[kept],
     )
+
+
+def _finer(curve: Curve, course: np.ndarray) -> Curve:
+    """The curve with one more knot in every wide interval that holds enough samples, as many of them on both
+    sides of it."""
+    ends = curve.x
+    if curve.period:
+        course = curve.x[0] + np.mod(course - curve.x[0], curve.period)
+        ends = np.append(curve.x, curve.x[0] + curve.period)
+    between = [course[(course > a) & (course < b)] for a, b in pairwise(ends)]
+    added = [
+        float(np.median(inside))
+        for (a, b), inside in zip(pairwise(ends), between, strict=True)
+        if inside.size >= FEWEST_BETWEEN and b - a > WIDE * np.ptp(curve.x)
+    ]
+    x = np.union1d(curve.x, added)
+    y = np.interp(x, curve.x, curve.y, period=curve.period or None)
+    return replace(curve, x=x, y=y, std=np.full(x.size, np.nan))
 
 
 def _of_fit(start: Curve, own: Sequence[str], fit: FitResult) -> Curve:
