@@ -18,7 +18,7 @@ MOST_EVENT_ROUNDS = 100
 KEPT_MESSAGES = 5
 LONGEST_MESSAGE = 500
 # FMI states: ok and warning are answers; discard, error and fatal are refusals.
-_WARNING, _FATAL = 1, 4
+_WARNING, _DISCARD, _FATAL = 1, 2, 4
 
 _POINTER, _SIZE, _DOUBLE, _INT = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_double, ctypes.c_int
 
@@ -28,7 +28,8 @@ class Binary:
     """What is needed to load and run the library of an FMU; can be written as JSON.
 
     `kind` is "exchange" or "co-simulation". `states` and `enable` (the switch of fmi-ls-dae, None without)
-    are value references. `reports_steps` tells that the FMU wants to know of completed steps.
+    are value references. `reports_steps` tells that the FMU wants to know of completed steps, `only_once`
+    that a process can hold one instance alone.
     """
 
     folder: str
@@ -40,14 +41,16 @@ class Binary:
     n_event_indicators: int
     reports_steps: bool
     enable: int | None = None
+    only_once: bool = False
 
 
 class Refusal(Exception):
-    """The FMU refused a call; the text holds its own words. `is_fatal`: it cannot be used any more."""
+    """The FMU refused a call; the text holds its own words. `is_fatal`: it cannot be used any more; `stays`:
+    the instance is in the error state of FMI and refuses everything from now on."""
 
-    def __init__(self, text: str, is_fatal: bool = False) -> None:
+    def __init__(self, text: str, is_fatal: bool = False, stays: bool = True) -> None:
         super().__init__(text)
-        self.is_fatal = is_fatal
+        self.is_fatal, self.stays = is_fatal, stays
 
 
 class Log:
@@ -98,9 +101,12 @@ class Instance:
         inputs: tuple[Sequence[int], Sequence[float] | np.ndarray] = ((), ()),
     ) -> None:
         """A new instance with the given parameter and input values, initialised and settled at `time`."""
-        self.free()
         unit = self._unit
-        self._try(unit.instantiate, **self._callbacks())
+        if self.binary.only_once and unit.component:
+            self._call("Reset")  # some refuse another instance even after the first one was given back
+        else:
+            self.free()
+            self._try(unit.instantiate, **self._callbacks())
         if dae_mode and self.binary.enable is not None:
             self._try(unit.enterConfigurationMode)
             self._try(unit.setBoolean, [self.binary.enable], [True])
@@ -289,7 +295,8 @@ class Instance:
         status = function(_POINTER(self._unit.component), *arguments)
         if status > _WARNING:
             full = f"fmi{self.binary.fmi_major}{name}"
-            raise Refusal(f"{full}: {self._words('it gave no reason')}", status == _FATAL)
+            reason = f"{full}: {self._words('it gave no reason')}"
+            raise Refusal(reason, status == _FATAL, status != _DISCARD)
 
     def _try(self, call: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
         try:

@@ -31,7 +31,7 @@ def load_fmu(path: str | Path) -> FmuModel:
 
     Errors (FmuError): those of `open_archive`; `fmu-without-description`; `fmu-xml` (not well-formed, or with
     a document type, which only attacks need); `fmu-fmi-1`; `fmu-version`; `fmu-scheduled-only`;
-    `fmu-array-variable`; `fmu-inconsistent`.
+    `fmu-array-variable`; `fmu-clocked`; `fmu-inconsistent`.
     """
     with open_archive(path) as archive:
         if DESCRIPTION not in archive.names:
@@ -122,6 +122,7 @@ def _model(path: Path, root: ET.Element, archive: Archive) -> FmuModel:
         notes=notes,
         kind=kind,
         reports_steps=_reports_steps(exchange, version),
+        only_once=exchange.get("canBeInstantiatedOnlyOncePerProcess", "false") in ("true", "1"),
     )
 
 
@@ -212,6 +213,7 @@ def _merge(variables: Iterable[FmuVariable]) -> dict[int, FmuVariable]:
 
 def _read_fmi3(root: ET.Element, path: Path) -> tuple[list[FmuVariable], tuple[int, ...], tuple[str, ...]]:
     types = {t.get("name"): t for t in root.findall("TypeDefinitions/Float64Type")}
+    _check_clocks(root, path)
     variables, skipped = [], []
     rates = tuple(
         _integer(e, "valueReference", path) for e in root.findall("ModelStructure/ContinuousStateDerivative")
@@ -233,6 +235,19 @@ def _read_fmi3(root: ET.Element, path: Path) -> tuple[list[FmuVariable], tuple[i
     _check_rates(rates, variables, path)
     notes = (f"Array or clocked variables are left out: {', '.join(skipped)}.",) if skipped else ()
     return variables, rates, notes
+
+
+def _check_clocks(root: ET.Element, path: Path) -> None:
+    """Refuse clocks that the importer has to tick: what belongs to them would stand still. Clocks that the
+    FMU triggers itself only tell of its events."""
+    for clock in root.findall("ModelVariables/Clock"):
+        if clock.get("causality") == "input" or clock.get("intervalVariability") not in (None, "triggered"):
+            raise FmuError(
+                "fmu-clocked",
+                f"`{clock.get('name', '')}` is a clock that somebody else has to tick, which daest does not.",
+                where=str(path),
+                remedy="Export the FMU without clocks: with sampling inside, or continuous.",
+            )
 
 
 def _read_fmi2(root: ET.Element, path: Path) -> tuple[list[FmuVariable], tuple[int, ...], tuple[str, ...]]:

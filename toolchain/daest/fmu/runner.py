@@ -441,6 +441,7 @@ def unpacked_binary(model: FmuModel, folder: Path) -> Binary:
         n_event_indicators=model.n_event_indicators,
         reports_steps=model.reports_steps,
         enable=None if manifest is None else manifest.enable,
+        only_once=model.only_once,
     )
 
 

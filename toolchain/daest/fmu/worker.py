@@ -141,17 +141,20 @@ class Session:
         values = np.full((len(sets), len(times), len(header["read"]) + n_rates), np.nan)
         problem = None
         for s, parameters in enumerate(sets):
-            instance = self._started(header, parameters, 0.0, header["dae_mode"])
+            instance, first = self._started(header, parameters, 0.0, header["dae_mode"]), 0
             for m in range(len(times)):
                 self._alive("was evaluated")
                 try:
-                    values[s, m] = _values_at(
-                        instance, header, points[m], states[m], times[m], settle=header["settle"] and m == 0
-                    )
+                    settle = header["settle"] and m == first
+                    values[s, m] = _values_at(instance, header, points[m], states[m], times[m], settle)
                 except Refusal as refusal:
                     if refusal.is_fatal:
                         raise
                     problem = problem or str(refusal)
+                    if refusal.stays and m + 1 < len(times):
+                        self._kept = None
+                        instance = self._started(header, parameters, 0.0, header["dae_mode"])
+                        first = m + 1
         if header["settle"]:
             self._kept = None  # its discrete variables belong to the first point
         return {"problem": problem}, {"values": values}

@@ -60,7 +60,7 @@ class FmuModel:
     `states`, `derivatives` (in the same order), `inputs`, `outputs` and `parameters` are value references;
     `platforms` the folders below `binaries` that hold the library. `kind` "co-simulation" is an FMU that
     offers nothing else: it has no states that could be seen. `reports_steps`: it wants to hear of every step
-    of the integrator.
+    of the integrator. `only_once`: a process can hold one instance alone.
     """
 
     path: Path
@@ -83,6 +83,7 @@ class FmuModel:
     notes: tuple[str, ...] = ()
     kind: Literal["exchange", "co-simulation"] = "exchange"
     reports_steps: bool = False
+    only_once: bool = False
 
     def named(self, name: str) -> FmuVariable | None:
         """The variable of that name or alias."""

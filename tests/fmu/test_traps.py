@@ -1,0 +1,139 @@
+"""What FMUs of other tools do wrong or do otherwise, each with a small FMU that does it."""
+
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.integrate
+from ball_fmu import DESCRIPTION
+
+from daest.errors import FmuError
+from daest.fmu.compiler import build_shared
+from daest.fmu.linearize import linearize_fmu
+from daest.fmu.load import load_fmu
+from daest.fmu.runner import Drive, Points, Runner
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="built for Linux")
+
+H, U, Y, K = 1, 3, 4, 5
+TANK = """<fmiModelDescription fmiVersion="3.0" modelName="Tank" instantiationToken="{tank}">
+<ModelExchange modelIdentifier="tank" ONCE/>
+<ModelVariables>MORE<Float64 name="time" valueReference="0" causality="independent"/>
+<Float64 name="h" valueReference="1" start="1"/><Float64 name="der(h)" valueReference="2" derivative="1"/>
+<Float64 name="u" valueReference="3" causality="input" start="0"/>
+<Float64 name="y" valueReference="4" causality="output"/>
+<Float64 name="k" valueReference="5" causality="parameter" variability="tunable" start="0.5"/>
+</ModelVariables><ModelStructure><Output valueReference="4"/>
+<ContinuousStateDerivative valueReference="2"/></ModelStructure></fmiModelDescription>"""
+
+
+def tank(folder, only_once=False, more=""):
+    source = (Path(__file__).parent / "fmi3_tank.c").read_text()
+    library = build_shared(source, "tank", ("-O1", f"-DONLY_ONCE={int(only_once)}"))
+    once = 'canBeInstantiatedOnlyOncePerProcess="true"' if only_once else ""
+    path = Path(folder) / "tank.fmu"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", TANK.replace("ONCE", once).replace("MORE", more))
+        archive.write(library, "binaries/x86_64-linux/tank.so")
+    return path
+
+
+def levels(k, time):
+    """h(t) from 1 with the inflow 0.3, by an independent integrator."""
+
+    def rate(t, h):
+        return 0.3 - k * np.sqrt(h)
+
+    return scipy.integrate.solve_ivp(rate, (0, time[-1]), [1.0], t_eval=time, rtol=1e-10, atol=1e-12).y[0]
+
+
+def test_error_state_ends_with_the_point_that_caused_it(tmp_path):
+    levels_asked = np.array([[1.0], [-1.0], [4.0], [-2.0], [0.25]])
+    points = Points((U,), np.full((5, 1), 2.0), levels_asked, np.zeros(5))
+    with Runner(load_fmu(tank(tmp_path))) as runner:
+        found = runner.evaluate(points, (Y,), ((K,), np.array([[0.5], [1.0]])), rates=True)
+    assert "no level below zero" in found.problem
+    good = [0, 2, 4]
+    for values, k in zip(found.values, (0.5, 1.0), strict=True):
+        assert np.all(np.isnan(values[[1, 3]]))
+        h = levels_asked[good, 0]
+        np.testing.assert_allclose(values[good], np.column_stack([2 * h, 2 - k * np.sqrt(h)]), rtol=1e-14)
+
+
+def test_directional_derivatives_that_are_not_declared_are_not_asked_for(tmp_path):
+    found = linearize_fmu(tank(tmp_path))
+    names = [unknown.name for unknown in found.unknowns]
+    J = found.J[:, names.index("h")]
+    assert J[0] == pytest.approx(-0.25, rel=1e-6)  # -k / (2 sqrt(h)) at h = 1
+
+
+@pytest.mark.parametrize("only_once", [False, True])
+def test_many_simulations_of_an_fmu_with_one_instance(tmp_path, only_once):
+    time = np.linspace(0.0, 2.0, 21)
+    inflow = np.full((20, 1), 0.3)
+    drive = Drive(time, (U,), inflow, inflow, inflow[0], (Y,))
+    values = np.array([[0.5], [0.9], [0.5]])
+    model = load_fmu(tank(tmp_path, only_once))
+    assert model.only_once == only_once
+    with Runner(model) as runner:
+        found = runner.simulate(drive, ((K,), values))
+        again = runner.simulate(drive, ((K,), values[1:]))
+    assert found.stopped is None and again.stopped is None
+    for k, simulated in zip(values[:, 0], found.values, strict=True):
+        np.testing.assert_allclose(simulated[:, 0], 2 * levels(k, time), rtol=1e-6)
+    np.testing.assert_allclose(again.values, found.values[1:], rtol=1e-12)
+
+
+def test_clock_that_nobody_would_tick_is_refused(tmp_path):
+    clock = '<Clock name="every10ms" valueReference="9" causality="CAUSALITY" intervalVariability="HOW"/>'
+    for causality, how in (("input", "triggered"), ("local", "constant")):
+        more = clock.replace("CAUSALITY", causality).replace("HOW", how)
+        with pytest.raises(FmuError, match="every10ms") as caught:
+            load_fmu(tank(tmp_path, more=more))
+        assert caught.value.code == "fmu-clocked"
+    told = clock.replace("CAUSALITY", "output").replace("HOW", "triggered")
+    assert load_fmu(tank(tmp_path, more=told)).inputs == (U,)
+
+
+@pytest.mark.parametrize("causality", ["input", "output"])
+def test_array_inputs_and_outputs_are_refused_by_name(tmp_path, causality):
+    array = (
+        f'<Float64 name="field" valueReference="8" causality="{causality}"><Dimension start="2"/></Float64>'
+    )
+    with pytest.raises(FmuError, match="`field` is an array") as caught:
+        load_fmu(tank(tmp_path, more=array))
+    assert caught.value.code == "fmu-array-variable"
+
+
+def test_inner_arrays_are_left_out_with_a_note(tmp_path):
+    array = '<Float64 name="table" valueReference="8" causality="parameter"><Dimension start="2"/></Float64>'
+    model = load_fmu(tank(tmp_path, more=array))
+    assert model.parameters == (K,) and "table" in model.notes[0]
+
+
+def test_library_that_the_binary_needs_is_named(tmp_path):
+    absent = tmp_path / "libabsent_runtime.so.3"
+    stub = build_shared(
+        "int absent(void) { return 1; }", "stub", ("-O1", "-Wl,-soname,libabsent_runtime.so.3")
+    )
+    absent.write_bytes(stub.read_bytes())
+    source = "int absent(void); " + (Path(__file__).parent / "fmi2_ball.c").read_text() + NEEDS
+    library = build_shared(source, "ball", ("-O1", "-Wl,--no-as-needed", str(absent)))
+    path = tmp_path / "ball.fmu"
+    with zipfile.ZipFile(path, "w") as archive:
+        text = DESCRIPTION.replace("KIND", "ModelExchange").replace("INDICATORS", "0")
+        archive.writestr("modelDescription.xml", text)
+        archive.write(library, "binaries/linux64/ball.so")
+    absent.unlink()
+    nowhere = Points((), np.zeros((1, 0)), np.zeros((1, 0)), np.zeros(1))
+    with (
+        Runner(load_fmu(path)) as runner,
+        pytest.raises(FmuError, match=r"libabsent_runtime\.so\.3") as caught,
+    ):
+        runner.evaluate(nowhere, ())
+    assert caught.value.code == "fmu-binary-not-loaded" and "library" in caught.value.remedy
+
+
+NEEDS = "\nint needs_it(void) { return absent(); }\n"
