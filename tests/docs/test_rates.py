@@ -5,21 +5,33 @@ import json
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
+def loaded(path: str) -> ModuleType:
+    """A module outside of the package."""
+    name = Path(path).stem
+    spec = importlib.util.spec_from_file_location(name, ROOT / path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module
+
+
 @pytest.fixture(scope="module")
 def study():
-    path = ROOT / "benchmarks" / "diagnosis_study.py"
-    spec = importlib.util.spec_from_file_location("diagnosis_study", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["diagnosis_study"] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    yield module
+    yield loaded("benchmarks/diagnosis_study.py")
     del sys.modules["diagnosis_study"]
+
+
+@pytest.fixture(scope="module")
+def generate():
+    yield loaded("docs/generate.py")
+    del sys.modules["generate"]
 
 
 def some_run(
@@ -57,19 +69,33 @@ def test_rates_count_and_have_exact_limits(study):
     assert "an effect named: 1/10 = 10.0 % (0.3 to 44.5 %)" in study.report([*calm, alarm, hit, miss])
 
 
-def test_peers_stand_beside(study):
-    """The peers that ran on the same records, with their own right names: the span of asymmetric friction
-    is Coulomb's and a constant."""
+@pytest.fixture
+def compared(study):
+    """Runs on which every other method named Coulomb friction."""
     names = dict.fromkeys(study.PEERS, "CoulombFriction")
-    runs = [
-        replace(some_run(study, case, "nothing missing"), peers=names, peer_seconds=dict.fromkeys(names, 0.5))
-        for case in ("nothing-rotor", "rotor-asymmetric", "rotor-drag")
-    ]
-    peers = {(r["group"], r["what"]): (r["hits"], r["runs"]) for r in study.table(runs)["peers"]}
+    cases = ("nothing-rotor", "rotor-asymmetric", "rotor-drag")
+    runs = [some_run(study, case, "nothing missing") for case in cases]
+    return [replace(run, peers=names, peer_seconds=dict.fromkeys(names, 0.5)) for run in runs]
+
+
+def test_peers_stand_beside(study, compared):
+    """Asymmetric friction is spanned by Coulomb's and a constant: a right name for them."""
+    peers = {(r["group"], r["what"]): (r["hits"], r["runs"]) for r in study.table(compared)["peers"]}
     assert peers["stepwise output error, 0.50 s", "names an effect that is not there"] == (1, 1)
     assert peers["stepwise output error, 0.50 s", "right effect of all"] == (1, 2)
     assert peers["daest, 2.00 s", "right effect of all"] == (0, 2)
-    assert study.table([replace(run, peers={}) for run in runs])["peers"] == []
+    assert study.table([replace(run, peers={}) for run in compared])["peers"] == []
+
+
+def test_the_page_shows_peers_where_they_ran(study, generate, compared, tmp_path, monkeypatch):
+    monkeypatch.setattr(generate, "RATES", tmp_path / "rates.json")
+    page = (ROOT / "docs" / "trust.md").read_text(encoding="utf-8")
+    for runs, shown in ((compared, True), ([replace(run, peers={}) for run in compared], False)):
+        generate.RATES.write_text(json.dumps(study.table(runs)), encoding="utf-8")
+        text = generate.filled(page).replace("\u00a0", " ")
+        assert ("## What others say" in text) is shown
+        row = "| stepwise output error, 0.50 s | right effect of all | 2 | 50 % | 1.3 % to 99 % |"
+        assert (row in text) is shown
 
 
 def test_the_file_is_one_that_the_study_writes(study):
