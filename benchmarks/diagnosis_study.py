@@ -1,7 +1,7 @@
 """Seeded calibration of `diagnose`: false alarms, hits and power, on records whose truth is known.
 
     python benchmarks/diagnosis_study.py [--case NAME ...] [--runs N] [--seed N] [--samples N] [--jobs N]
-                                         [--json FILE] [--table FILE] [--peers] [--list]
+                                         [--cluster ADDRESS] [--json FILE] [--table FILE] [--peers] [--list]
 
 Two plants (a rotor whose angle is measured; a spring servo with two sensors), three excitations and three
 sizes take turns with the seed. The records come from simulators of this file: sub-stepped Euler-Maruyama with
@@ -14,7 +14,8 @@ further run). `--peers` adds what a user would do by hand, on the same records o
 regression (pySINDy where installed) of the smoothed residual on a library, and stepwise output-error refits
 ranked by BIC.
 
-Rates come with 95 % limits of Clopper and Pearson. Set OMP_NUM_THREADS=1.
+Rates come with 95 % limits of Clopper and Pearson. Runs are the same in processes (`--jobs`) and on a Dask
+cluster (`--cluster`), whose workers must find this file: PYTHONPATH=benchmarks dask worker ADDRESS.
 """
 
 from __future__ import annotations
@@ -26,7 +27,6 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
 from functools import cache, partial
 from itertools import groupby
@@ -43,6 +43,7 @@ from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.modelica.compile import compile_model
 from daest.modelica.effects import effect_library
+from daest.parallel import Outcome, workers
 
 EXCITATIONS = ("steps", "noise", "sweep")
 SIZES = (0.3, 0.6, 1.0)
@@ -320,7 +321,12 @@ def model(plant: str) -> FlatModel:
         return compile_model(path)
 
 
-def one_run(case: Case, seed: int, samples: int, with_peers: bool) -> Run:
+Task = tuple[str, int, int, bool]  # name of the case, seed, samples, whether the other methods run too
+
+
+def one_run(task: Task) -> Run:
+    name, seed, samples, with_peers = task
+    case = next(case for case in CASES if case.name == name)
     warnings.simplefilter("ignore")
     kind, size = EXCITATIONS[seed % 3], SIZES[seed // 3 % 3]
     # Cases must not share their noise: a seed of its own from name and number.
@@ -690,6 +696,17 @@ def kept(path: Path | None) -> list[Run]:
     return [_restored(json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
 
 
+def keep(path: Path | None, _number: int, outcome: Outcome[Run]) -> None:
+    if outcome.error is not None:
+        return
+    run = outcome.get()
+    found = f"{run.verdict} {', '.join(run.claimed)}"
+    print(f"{run.case} {run.seed} {run.excitation} {run.size}: {found}", flush=True)
+    if path:
+        with path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(asdict(run)) + "\n")
+
+
 def _restored(content: dict) -> Run:
     return Run(**{**content, "claimed": tuple(content["claimed"])})
 
@@ -700,7 +717,8 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=9, help="of each case")
     parser.add_argument("--seed", type=int, default=0, help="of the first run")
     parser.add_argument("--samples", type=int, default=1600, help="of a record; half are for validation")
-    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=1, help="runs at a time on this machine")
+    parser.add_argument("--cluster", help="address of a Dask cluster that runs them instead")
     parser.add_argument("--json", type=Path, help="file that keeps the runs")
     parser.add_argument("--table", type=Path, help="file for the rates, as docs/rates.json")
     parser.add_argument("--peers", action="store_true", help="other methods on the same records")
@@ -713,21 +731,14 @@ def main() -> None:
     runs = kept(options.json)
     done = {run.key for run in runs}
     tasks = [
-        (case, seed, options.samples, options.peers)
+        (case.name, seed, options.samples, options.peers)
         for seed in range(options.seed, options.seed + options.runs)
         for case in cases
         if (case.name, seed, options.samples) not in done
     ]
-    with ProcessPoolExecutor(options.jobs) as pool:
-        for run in pool.map(one_run, *zip(*tasks, strict=True)) if tasks else ():
-            runs.append(run)
-            print(
-                f"{run.case} {run.seed} {run.excitation} {run.size}: {run.verdict} {', '.join(run.claimed)}",
-                flush=True,
-            )
-            if options.json:
-                with options.json.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(asdict(run)) + "\n")
+    with workers(options.jobs, options.cluster) as pool:
+        arrived = partial(keep, options.json)
+        runs += [outcome.get() for outcome in pool.map(one_run, tasks, arrived=arrived)]
     if runs:
         print(report(runs))
         if options.table:
@@ -735,4 +746,6 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    import diagnosis_study  # what belongs to __main__ is unknown to other processes
+
+    diagnosis_study.main()
