@@ -212,7 +212,8 @@ class _Processes:
     def _round(self, work: bytes, blobs: dict[int, bytes]) -> Iterator[tuple[int, bytes]]:
         from joblib.externals.loky import get_reusable_executor
 
-        pool = get_reusable_executor(max_workers=self.jobs)
+        with _unwarned():
+            pool = get_reusable_executor(max_workers=self.jobs)
         following = iter(list(blobs.items()))
         running: dict[Any, int] = {}
         try:
@@ -236,6 +237,21 @@ class _Processes:
         loky = sys.modules.get("joblib.externals.loky.reusable_executor")
         executor = getattr(loky, "_executor", None)
         return list(getattr(executor, "_processes", None) or ())
+
+
+@contextmanager
+def _unwarned() -> Iterator[None]:
+    """Semaphores of processes that `stop` ended are tidied up by a process that starts here; it need not warn
+    of them."""
+    before = os.environ.get("PYTHONWARNINGS")
+    os.environ["PYTHONWARNINGS"] = ",".join(filter(None, [before, "ignore:resource_tracker"]))
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONWARNINGS"]
+        else:
+            os.environ["PYTHONWARNINGS"] = before
 
 
 def _lost() -> DaestError:
