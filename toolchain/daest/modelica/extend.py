@@ -210,7 +210,9 @@ def _extension(
     source = original.source
     added = _class_text(name, original, about, draft)
     text = added if within(source) else _together(source, added)
-    file = Path(target or original.path)
+    # A file of the original's name would take its place among the files of the library.
+    beside = original.path.with_name(f"{name}.mo") if within(source) else original.path
+    file = Path(target or beside)
     compiled = compile_text(text.encode(), file, name, _roots(original, libraries))
     return Extension(text, name, added, component, compiled)
 
