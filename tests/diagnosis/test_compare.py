@@ -215,3 +215,14 @@ def test_servo_without_fault_passes_and_friction_is_located(shared_data):
     regions = [f for f in rubbing.where if f.kind == "region" and f.error == "one-step"]
     assert regions[0].variable == "omega" and regions[0].low == -regions[0].high
     assert regions[0].share > 1.3 * regions[0].expected
+
+
+def test_bootstrap_in_processes_is_the_same_to_the_last_bit(monkeypatch):
+    monkeypatch.setattr("daest.parallel.START_SECONDS", -np.inf)
+    time, u, x = exact(120)
+    record = experiment(time, u, x + 0.02 * np.random.default_rng(4).standard_normal(120))
+    candidate = Candidate("Lag", lag(noise_std=0.02), 2, "zoh")
+    tests = [
+        compare_models([candidate], [record], bootstrap=40, jobs=jobs).models[0].tests for jobs in (1, 2)
+    ]
+    assert tests[0] and tests[0] == tests[1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,12 +16,15 @@ from daest.cli.models import load_model, model_source, with_outputs
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
+    cluster_option,
     data_options,
     example,
     format_option,
+    jobs_option,
     model_options,
     output_option,
     plot_option,
+    require_cluster,
     seed_option,
 )
 from daest.cli.output import emit, keep_inputs
@@ -56,6 +60,8 @@ class Compared:
     metavar="N",
     help=f"Calibrate the tests with N simulated records (at least {LEAST_BOOTSTRAPS}), for short recordings.",
 )
+@jobs_option
+@cluster_option
 @click.option("--fail-below", type=float, metavar="PERCENT", help="Exit 1 if a model fits an output worse.")
 @click.option("--fail-if-falsified", is_flag=True, help="Exit 1 if the data contradict a model.")
 @model_options
@@ -69,6 +75,8 @@ def command(
     data: tuple[Path, ...],
     refit: bool,
     bootstrap: int | None,
+    jobs: int | None,
+    cluster: str | None,
     fail_below: float | None,
     fail_if_falsified: bool,
     model_options: ModelOptions,
@@ -85,6 +93,7 @@ def command(
 
     project = model_options.project()
     keep_inputs(output, [*models, *data])
+    require_cluster(cluster)
     found = compared(
         project,
         models,
@@ -95,6 +104,8 @@ def command(
         refit=refit,
         bootstrap=bootstrap or 0,
         seed=seed,
+        jobs=jobs or os.cpu_count() or 1,
+        cluster=cluster,
     )
     draw(plot, lambda: comparison_figure(found.comparison))
     sources = [model_source(project, path) for path in models] or [model_source(project, None)]
@@ -117,6 +128,8 @@ def compared(
     refit: bool = False,
     bootstrap: int = 0,
     seed: int = 0,
+    jobs: int = 1,
+    cluster: str | None = None,
 ) -> Compared:
     """Every model (default: that of daest.toml) on the same recordings."""
     sources = [model_source(project, path) for path in models] or [model_source(project, None)]
@@ -130,7 +143,9 @@ def compared(
             candidates.append(_candidate(project, source, flat, options))
     names = [output.name for output in measured.outputs]
     chosen = [_on(candidate, names, source) for candidate, source in zip(candidates, sources, strict=True)]
-    comparison = compare_models(chosen, experiments, bootstrap=bootstrap, seed=seed)
+    comparison = compare_models(
+        chosen, experiments, bootstrap=bootstrap, seed=seed, jobs=jobs, cluster=cluster
+    )
     return Compared(comparison, documents.document(comparison))
 
 

@@ -3,8 +3,10 @@ and where it fails."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal, cast
 
 import numpy as np
@@ -28,6 +30,7 @@ from daest.model.comparison import Comparison, ModelTrial
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.model.linear import StateSpaceFamily
+from daest.parallel import Workers, workers
 from daest.systems.linearize import is_affine_model
 from daest.systems.simulate import simulate
 from daest.systems.state_space import state_space_family
@@ -51,26 +54,35 @@ class _Ready:
 
 
 def compare_models(
-    candidates: Sequence[Candidate], experiments: Sequence[Experiment], *, bootstrap: int = 0, seed: int = 0
+    candidates: Sequence[Candidate],
+    experiments: Sequence[Experiment],
+    *,
+    bootstrap: int = 0,
+    seed: int = 0,
+    jobs: int = 1,
+    cluster: str | None = None,
 ) -> Comparison:
     """Every candidate on all experiments; outputs are those of the first candidate, which all must have.
 
     A measurement noise that is not known is the one that the simulation leaves. Values are NaN and
     agreements None where a model overflows. `bootstrap` records without fault, simulated with the model
-    itself, take the place of the tables of the tests; LEAST_BOOTSTRAPS are needed to falsify anything.
-    Raises EstimationError `compare-bootstrap-noise`.
+    itself, take the place of the tables of the tests; LEAST_BOOTSTRAPS are needed to falsify anything. They
+    are made in `jobs` processes where that is worth while, or on the Dask `cluster` at an address, with the
+    same result. Raises EstimationError `compare-bootstrap-noise`.
     """
     outputs = candidates[0].flat.outputs
+    with workers(jobs if bootstrap else 1, cluster if bootstrap else None) as pool:
+        models = tuple(_model_trial(c, experiments, bootstrap, seed, pool) for c in candidates)
     return Comparison(
         experiments=tuple(experiments),
         output_names=tuple(output.name for output in outputs),
         output_units=tuple(output.unit for output in outputs),
-        models=tuple(_model_trial(candidate, experiments, bootstrap, seed) for candidate in candidates),
+        models=models,
     )
 
 
 def _model_trial(
-    candidate: Candidate, experiments: Sequence[Experiment], bootstrap: int, seed: int
+    candidate: Candidate, experiments: Sequence[Experiment], bootstrap: int, seed: int, pool: Workers
 ) -> ModelTrial:
     flat = candidate.flat
     # in_model_order reads no more of a family than its inputs and outputs.
@@ -81,7 +93,7 @@ def _model_trial(
     raw, feedback = _tests(candidate, experiments, trial)
     level = None
     if bootstrap and any(raw.values()):
-        raw, level = _bootstrapped(ready, experiments, trial, raw, bootstrap, seed)
+        raw, level = _bootstrapped(_Faultless(ready, tuple(experiments), trial), raw, bootstrap, seed, pool)
     tests = judged(raw, level)
     passed = [test.passed for by_output in tests.values() for test in by_output.values()]
     n_values = sum(int(np.isfinite(e.outputs).sum()) for e in experiments)
@@ -205,36 +217,52 @@ def _series_of(
     )
 
 
-def _bootstrapped(
-    ready: _Ready, experiments: Sequence[Experiment], trial: Trial, raw: Raw, n: int, seed: int
-) -> tuple[Raw, float]:
+@dataclass(frozen=True)
+class _Faultless:
+    """What simulated records without fault are made from."""
+
+    ready: _Ready
+    experiments: tuple[Experiment, ...]
+    trial: Trial
+
+
+def _bootstrapped(faultless: _Faultless, raw: Raw, n: int, seed: int, pool: Workers) -> tuple[Raw, float]:
     """Tests with the p-values of `n` records that the model itself produced, and the level of a single test
     at which LEVEL of these records fail any."""
-    unknown = [o.name for o in ready.candidate.flat.outputs if o.noise_std is None]
+    candidate = faultless.ready.candidate
+    unknown = [o.name for o in candidate.flat.outputs if o.noise_std is None]
     if unknown:
         raise EstimationError(
             "compare-bootstrap-noise",
             f"the measurement noise of {', '.join(unknown)} is not known, so that no record can be simulated",
-            where=ready.candidate.name,
+            where=candidate.name,
             remedy="identify the model first, or give the noise (std) in the model or in daest.toml",
         )
-    rng = np.random.default_rng(seed)
-    drawn: dict[tuple[str, str], list[float]] = {}
-    smallest = []
-    for _ in range(n):
-        again = _resampled(ready.candidate, experiments, trial, rng)
-        found, _feedback = _tests(ready.candidate, again, ready.trial(again))
-        p_values = {(k, name): test.p_value for k, tests in found.items() for name, test in tests.items()}
-        for key, p_value in p_values.items():
-            drawn.setdefault(key, []).append(p_value)
-        smallest.append(min(p_values.values(), default=1.0))
+    first, *others = np.random.SeedSequence(seed).spawn(n)
+    work = partial(_drawn, faultless)
+    began = time.perf_counter()
+    outcomes = list(Workers().map(work, [first]))
+    outcomes += pool.map(work, others, seconds=time.perf_counter() - began)
+    drawn = [outcome.get() for outcome in outcomes]
     calibrated = {
-        kind: {name: _calibrated(test, drawn.get((kind, name), [])) for name, test in tests.items()}
+        kind: {
+            name: _calibrated(test, [p_values[kind, name] for p_values in drawn if (kind, name) in p_values])
+            for name, test in tests.items()
+        }
         for kind, tests in raw.items()
     }
+    smallest = [min(p_values.values(), default=1.0) for p_values in drawn]
     rank = int(LEVEL * (n + 1))
     level = float(np.sort(smallest)[rank - 1]) if rank else 0.0
     return calibrated, level
+
+
+def _drawn(faultless: _Faultless, seed: np.random.SeedSequence) -> dict[tuple[str, str], float]:
+    """p-values of a simulated record, by kind of test and output."""
+    candidate = faultless.ready.candidate
+    again = _resampled(candidate, faultless.experiments, faultless.trial, np.random.default_rng(seed))
+    found, _feedback = _tests(candidate, again, faultless.ready.trial(again))
+    return {(kind, name): test.p_value for kind, tests in found.items() for name, test in tests.items()}
 
 
 def _calibrated(test: RawTest, drawn: Sequence[float]) -> RawTest:
