@@ -47,6 +47,11 @@ def test_curve_is_written_into_the_model(tmp_path, daest, monkeypatch):
     for name, true in TRUE.items():
         assert learned["model_parameters"][name]["value"] == pytest.approx(true, rel=0.02)
 
+    (folder / "daest.toml").write_text('[model]\nsource = "Cart.mo"\n')
+    assert daest("report")[0] == 0
+    page = (folder / "report.html").read_text()
+    assert "Cart_Learned" in page and "refitted in the model" in page
+
     (folder / "New.mo").write_text(load["model"])
     flat = compile_model(folder / "New.mo")
     values = {p.name: p.value for p in flat.parameters}
@@ -82,6 +87,11 @@ def test_improve_offers_the_curve_on_top_of_the_last_step(tmp_path, daest, monke
     values = {p.name: p.value for p in flat.parameters}
     assert values["hardeningSpring.c3"] == pytest.approx(CUBIC, rel=0.03)
     assert {name: values[name] for name in TRUE} == pytest.approx(TRUE, rel=0.03)
+
+    (tmp_path / "daest.toml").write_text('[model]\nsource = "Cart.mo"\n')
+    assert daest("report")[0] == 0
+    page = (tmp_path / "report.html").read_text()
+    assert "unknown_effect.mo" in page and "Cart_HardeningSpring_Learned" in page
 
     # Where nothing is unknown in a later run, the file goes.
     write_recording(tmp_path / "bumpy.csv", recording(1000, 2))

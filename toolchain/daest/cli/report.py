@@ -169,7 +169,7 @@ def _sources(project: Project, ledger: Mapping[str, Any] | None) -> dict[str, st
     if ledger is None:
         return {}
     folder = project.results / "improve"
-    names = [step.get("model") for step in ledger.get("steps", [])]
+    names = [*(step.get("model") for step in ledger.get("steps", [])), ledger.get("unknown_effect")]
     texts = {name: _text(folder / name) for name in names if name and Path(name).name == name}
     return {name: text for name, text in texts.items() if text is not None}
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from daest.model.diagnosis import Diagnosis, FreeForm, Screened
+from daest.model.diagnosis import Diagnosis, FreeForm, LearnedLoad, Screened
 from daest.report import figures as style
 from daest.report.figures import BAND, LINES, PANEL, QUIET, SMALL
 
@@ -39,7 +39,7 @@ def diagnosis_figure(diagnosis: Diagnosis, units: Mapping[str, str]) -> Figure:
     if diagnosis.proofs:
         _draw_errors(diagnosis, units, parts.pop(0))
     if curve is not None and drawn:
-        _draw_curve(curve, parts.pop(0).subplots())
+        _draw_curve(curve, diagnosis.learned, parts.pop(0).subplots())
     return figure
 
 
@@ -79,10 +79,13 @@ def _draw_errors(diagnosis: Diagnosis, units: Mapping[str, str], part: Any) -> N
     part.suptitle("the best, refitted (dashed: the model as it is)", fontsize=9)
 
 
-def _draw_curve(curve: FreeForm, ax: Axes) -> None:
+def _draw_curve(curve: FreeForm, learned: LearnedLoad | None, ax: Axes) -> None:
     low, high = curve.w - BAND * curve.std, curve.w + BAND * curve.std
     ax.fill_between(curve.x, low, high, color=LINES[0], alpha=0.25, lw=0, label="95 %")
     ax.plot(curve.x, curve.w, color=LINES[0], lw=1.2, marker=".", label=f"load at {curve.place}")
+    if learned is not None and learned.fit is not None:
+        own = learned.curve
+        ax.plot(own.x, own.y, color=LINES[1], lw=1.2, marker=".", label="refitted in the model")
     style.zero_line(ax)
     ax.set_xlabel(f"{curve.variable} [{curve.variable_unit or '1'}]")
     where = f", where {curve.sign_of} > 0" if curve.sign_of else ""

@@ -269,6 +269,9 @@ def curve_plot(identity: str, curve: Mapping[str, Any]) -> Plot:
     plot.varea(x, w - BAND * std, w + BAND * std, color=COLORS[0], alpha=0.25, legend_label="95 %")
     plot.line(x, w, color=COLORS[0], line_width=2, legend_label=f"load at {curve['place']}")
     plot.scatter(x, w, color=COLORS[0], size=5)
+    if (curve.get("learned") or {}).get("refitted"):
+        x, w, _ = np.array(curve["learned"]["curve"], dtype=float).reshape(-1, 3).T
+        plot.line(x, w, color=COLORS[1], line_width=2, legend_label="refitted in the model")
     _legend(plot)
     label = f"Unexplained load at {curve['place']} against {curve['variable']}"
     return Plot(identity, label, _item(plot))

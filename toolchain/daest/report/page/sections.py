@@ -273,7 +273,11 @@ def _proposed(diagnosis: Document | None) -> dict[str, str]:
     """Models that a diagnosis proposes, by what they add."""
     if diagnosis is None:
         return {}
-    return {f"{c['effect']} at {c['at']}": c["model"] for c in diagnosis["candidates"] if c.get("model")}
+    found = {f"{c['effect']} at {c['at']}": c["model"] for c in diagnosis["candidates"] if c.get("model")}
+    load = diagnosis.get("disturbance")
+    if load and load.get("model"):
+        found[f"a load at {load['place']} over {load['label']}"] = load["model"]
+    return found
 
 
 def _origin(material: Material) -> Section:
