@@ -1,5 +1,7 @@
 """FMUs of other tools as models: simulation with events, identification, filters, comparison."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from ball_fmu import ball, fall
@@ -14,6 +16,8 @@ from daest.fmu.export import export_fmu
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
 from daest.modelica.change import declare
+from daest.modelica.compile import compile_model
+from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.linearize import is_affine_model, linearize
 from daest.systems.reduce import reduce_index
 from daest.systems.simulate import simulate
@@ -179,3 +183,20 @@ def test_exported_nonlinear_model_alone_equals_its_equations(tmp_path):
     expected, found = simulate(source, (grid, flow)), simulate(alone, (grid, flow))
     assert np.allclose(found.outputs, expected.outputs, atol=1e-6)
     assert np.allclose(found["q"], expected["q"], atol=1e-6)
+
+
+def test_nonlinear_variable_that_no_state_reads_leaves_the_exact_way(tmp_path):
+    """Power that is lost in resistors: the states follow linear laws, as in the source."""
+    path = Path(__file__).parents[1] / "systems" / "models" / "HeatedServo.mo"
+    source = compile_model(path, "HeatedServo.Circuit")
+    export_fmu(source, tmp_path / "full.fmu")
+    alone = BinaryForm(changed(tmp_path / "full.fmu", tmp_path / "alone.fmu", drop=["extra/"])).flat()
+    assert not is_affine_model(alone) and has_affine_dynamics(reduce_index(alone))
+    seen = declare(alone, outputs=["hot.LossPower"])
+    assert not has_affine_dynamics(reduce_index(seen))
+    grid = np.linspace(0.0, 2.0, 101)
+    voltage = np.sin(5.0 * grid)[:, None]
+    expected, found = simulate(source, (grid, voltage)), simulate(alone, (grid, voltage))
+    assert found.method == expected.method and found.method.startswith("matrix exponential")
+    for name in ("winding.w", "hot.LossPower"):
+        assert np.allclose(found[name], expected[name], atol=1e-9 * np.abs(expected[name]).max())

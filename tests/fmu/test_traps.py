@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 from ball_fmu import DESCRIPTION
+from fmu_archives import changed
 
 from daest.errors import FmuError
 from daest.fmu.compiler import build_shared
@@ -137,3 +138,18 @@ def test_library_that_the_binary_needs_is_named(tmp_path):
 
 
 NEEDS = "\nint needs_it(void) { return absent(); }\n"
+
+
+def test_functions_that_nobody_calls_may_be_missing(tmp_path):
+    source = (Path(__file__).parent / "fmi3_tank.c").read_text()
+    for name in ("fmi3SerializeFMUState", "fmi3GetAdjointDerivative", "fmi3GetNominalsOfContinuousStates"):
+        assert name in source
+        source = source.replace(f"REFUSE({name})", "").replace(f"{name}(", f"other_{name}(")
+    path = changed(tank(tmp_path), tmp_path / "less.fmu", drop=["binaries/"], replace={
+        "binaries/x86_64-linux/tank.so": build_shared(source, "tank", ("-O1", "-DONLY_ONCE=0")).read_bytes()
+    })  # fmt: skip
+    time = np.linspace(0.0, 2.0, 21)
+    inflow = np.full((20, 1), 0.3)
+    with Runner(load_fmu(path)) as runner:
+        found = runner.simulate(Drive(time, (U,), inflow, inflow, inflow[0], (Y,)), ((), np.zeros((1, 0))))
+    np.testing.assert_allclose(found.values[0][:, 0], 2 * levels(0.5, time), rtol=1e-6)

@@ -63,6 +63,7 @@ class BinaryForm:
         self.hides_states = self.model.kind == "co-simulation"
         self.form: SemiExplicitForm = semi_explicit_form(self.model)
         self._runner: Runner | None = None
+        self._affine_rows: dict[tuple[int, ...], bool] = {}  # answers of `has_affine_dynamics`
         self._columns = {
             name: i
             for i, vr in enumerate((*self.form.states, *self.form.variables))
@@ -132,6 +133,17 @@ class BinaryForm:
         if self.hides_states or self.model.n_event_indicators:
             return False
         return is_affine_there(self.runner, self.form, ((), np.zeros((1, 0))))
+
+    def has_affine_dynamics(self, flat: FlatModel) -> bool:
+        """ẋ and the outputs are affine, whatever the other variables are."""
+        if self.is_affine or self.hides_states or self.model.n_event_indicators:
+            return self.is_affine
+        n_x = len(self.form.states)
+        rows = (*range(n_x), *sorted({row for row in self.output_rows(flat) if row >= n_x}))
+        if rows not in self._affine_rows:
+            found = is_affine_there(self.runner, self.form, ((), np.zeros((1, 0))), rows)
+            self._affine_rows[rows] = found
+        return self._affine_rows[rows]
 
     @cached_property
     def trusts_directional(self) -> bool:
@@ -251,7 +263,7 @@ class BinaryForm:
             outputs=flat.outputs,
             parameters=flat.parameters,
             matrices=parameter_function(len(flat.parameters), shapes, matrices),
-            is_affine=self.is_affine,
+            is_affine=self.has_affine_dynamics(flat),
             derivatives=derivatives,
         )
 
@@ -447,7 +459,7 @@ class BinaryForm:
         n_u = len(self.form.inputs)
         if self.hides_states:
             return [_unknown_matrices(flat, n_u) for _ in sets]
-        all_slopes = self._slopes_of_sets(sets, x, drivers)
+        all_slopes = self._slopes_of_sets(sets, x, drivers, self.has_affine_dynamics(flat))
         result = []
         for found in all_slopes:
             by_w = self._by_noise(flat, found.by_drivers)
@@ -463,11 +475,14 @@ class BinaryForm:
             )
         return result
 
-    def _slopes_of_sets(self, sets: np.ndarray, x: np.ndarray, drivers: np.ndarray) -> list[Slopes]:
-        """Slopes without time at one point for many sets of parameters, in one request."""
+    def _slopes_of_sets(
+        self, sets: np.ndarray, x: np.ndarray, drivers: np.ndarray, exact: bool
+    ) -> list[Slopes]:
+        """Slopes without time at one point for many sets of parameters, in one request. `exact`: over long
+        steps, for an affine model."""
         point, n_x = np.concatenate([x, drivers]), x.size
         nominal = [self.model.variables[vr].nominal for vr in (*self.form.states, *self.form.drivers)]
-        moved = (long_points if self.is_affine else moved_points)(point, nominal)
+        moved = (long_points if exact else moved_points)(point, nominal)
         rows = np.vstack([point, moved])
         values = self._rows(sets, rows[:, :n_x], rows[:, n_x:], np.zeros(len(rows)))
         slopes = []

@@ -18,7 +18,7 @@ MOST_EVENT_ROUNDS = 100
 KEPT_MESSAGES = 5
 LONGEST_MESSAGE = 500
 # FMI states: ok and warning are answers; discard, error and fatal are refusals.
-_WARNING, _DISCARD, _FATAL = 1, 2, 4
+_WARNING, _DISCARD, _ERROR, _FATAL = 1, 2, 3, 4
 
 _POINTER, _SIZE, _DOUBLE, _INT = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_double, ctypes.c_int
 
@@ -290,7 +290,10 @@ class Instance:
         function = self._functions.get(name)
         if function is None:
             # A handle of its own: fmpy gives its handles argument types that suit its calls alone.
-            function = ctypes.CFUNCTYPE(_INT)((f"fmi{self.binary.fmi_major}{name}", self._unit.dll))
+            full = f"fmi{self.binary.fmi_major}{name}"
+            if not hasattr(self._unit.dll, full):
+                raise Refusal(f"{full}: its binary has no such function", stays=False)
+            function = ctypes.CFUNCTYPE(_INT)((full, self._unit.dll))
             self._functions[name] = function
         status = function(_POINTER(self._unit.component), *arguments)
         if status > _WARNING:
@@ -326,14 +329,41 @@ def _loaded(binary: Binary) -> Any:
         if binary.fmi_major == 3:
             from fmpy.fmi3 import FMU3Model, FMU3Slave
 
-            return (FMU3Model if binary.kind == "exchange" else FMU3Slave)(**arguments)
+            return _forgiving(FMU3Model if binary.kind == "exchange" else FMU3Slave)(**arguments)
         from fmpy.fmi2 import FMU2Model, FMU2Slave
 
-        return (FMU2Model if binary.kind == "exchange" else FMU2Slave)(**arguments)
+        return _forgiving(FMU2Model if binary.kind == "exchange" else FMU2Slave)(**arguments)
     except Exception as problem:
         raise Refusal(str(problem), is_fatal=True) from problem
     finally:
         os.chdir(folder_now)
+
+
+def _forgiving(kind: type) -> type:
+    """fmpy's class for binaries without some functions, as many tools leave out those that save a state:
+    whoever calls one meets an error. fmpy itself wants them all."""
+
+    def load(self: Any) -> None:
+        library = self.dll
+        self.dll = _Partial(library)
+        try:
+            kind._loadFunctions(self)  # type: ignore[attr-defined]
+        finally:
+            self.dll = library
+
+    return type(kind.__name__, (kind,), {"_loadFunctions": load})
+
+
+class _Partial:
+    """A library whose missing functions give the status of an error; without instances there is nothing."""
+
+    def __init__(self, library: Any) -> None:
+        self._library = library
+
+    def __getattr__(self, name: str) -> Any:
+        if hasattr(self._library, name) or "Instan" in name:
+            return getattr(self._library, name)
+        return ctypes.CFUNCTYPE(_INT)(lambda: _ERROR)
 
 
 def library_path(folder: Path, identifier: str) -> Path:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -242,10 +242,14 @@ def _differences(
 
 
 def is_affine_there(
-    runner: Runner, form: SemiExplicitForm, parameters: tuple[tuple[int, ...], np.ndarray]
+    runner: Runner,
+    form: SemiExplicitForm,
+    parameters: tuple[tuple[int, ...], np.ndarray],
+    asked: Sequence[int] | None = None,
 ) -> bool:
     """Whether differences over long steps are the same at zero and at a far point and another time, and the
-    values there what they predict: differences of an affine model are exact, however long.
+    values there what they predict: differences of an affine model are exact, however long. `asked` are rows
+    of (rates, variables), None for all.
 
     A model that cannot be evaluated there, or that crashes, is not affine.
     """
@@ -256,6 +260,9 @@ def is_affine_there(
         there, values = _long_differences(runner, form, far, parameters, 1.0)
     except FmuError:
         return False
+    if asked is not None:
+        rows = list(asked)
+        here, there, values, origin = here[rows], there[rows], values[rows], origin[rows]
     if not all(np.all(np.isfinite(m)) for m in (here, there, values, origin)):
         return False
     point = np.concatenate(far)

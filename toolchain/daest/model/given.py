@@ -29,6 +29,9 @@ class GivenForm(Protocol):
     @property
     def is_affine(self) -> bool: ...
 
+    def has_affine_dynamics(self, flat: FlatModel) -> bool:
+        """Rates and outputs are affine, whatever the other variables are."""
+
     def with_noises(self, flat: FlatModel, noises: Mapping[str, float | None]) -> FlatModel:
         """The model with white noise of the given intensities at its places, by name."""
 

@@ -14,8 +14,11 @@ def has_affine_dynamics(explicit: ExplicitModel) -> bool:
     Less than `is_affine_model` asks: an unknown that parameters settle is no signal, though others are
     multiplied by it (a resistance at a fixed temperature), and one that no state and no output reads may be
     any function (the power that is lost in a damper)."""
-    if explicit.flat.given is not None or is_affine_model(explicit.flat):
-        return is_affine_model(explicit.flat)
+    flat = explicit.flat
+    if flat.given is not None:
+        return flat.given.has_affine_dynamics(flat)
+    if is_affine_model(flat):
+        return True
     if not explicit.is_symbolic:
         return False
     arguments = explicit.rhs.sx_in()
