@@ -181,6 +181,12 @@ def test_without_a_refit_the_curve_is_that_of_the_form(monkeypatch):
     assert said(found).startswith(" With the curve in the model: validation error (rms) phi 0.")
 
 
+def test_load_over_what_depends_on_it_at_once_is_not_built_in():
+    stand, run, form = bumpy()
+    acceleration = replace(form, variable="rotor.a", sign_of="", over_a_turn=False)
+    assert learned_load(stand.null, run, stand.baseline, acceleration, stand.validation) is None
+
+
 def test_what_cannot_be_written_has_a_reason(tmp_path):
     assert "an FMU holds equations" in written_load(tmp_path / "Rotor.fmu", None, refitted()).reason
     form = replace(refitted().form, place="somewhere.flange")

@@ -33,6 +33,7 @@ SHARPER = 0.3  # the sign changes over this part of the speed that the free form
 NARROWEST = 1e-3  # of the range of the variable: knots that are nearer to each other are one
 MOST_KNOTS = 20
 WIDE = 1.0 / 16.0  # of the range of the variable: intervals that are narrower stay whole
+FAILURES = (DaestError, RuntimeError, np.linalg.LinAlgError)  # of a search, also those of CasADi's solvers
 FEWEST_BETWEEN = 20  # samples between two knots that get another one between them
 
 
@@ -42,8 +43,9 @@ def learned_load(
     baseline: FitResult,
     form: FreeForm,
     validation: Sequence[Experiment] = (),
-) -> LearnedLoad:
-    """The load of `form` as a part of the null's model.
+) -> LearnedLoad | None:
+    """The load of `form` as a part of the null's model; None where its variable depends on it at once, as an
+    acceleration does on a torque.
 
     The curve's values are refitted with the estimated parameters, with more and more knots while that pays
     by BIC; where no refit succeeds, they are those of the form. `baseline` is the null's fit on the same
@@ -51,6 +53,8 @@ def learned_load(
     """
     course = _courses(null, run, form)
     start, row = _curve(form, course), null.places[form.load].row
+    if _is_loop(null, with_curve(null.flat, row, start)):
+        return None
     sign, before = load_sign(null.flat, row), _validation_errors(baseline)
     found = _fitted(null, row, start, validation, baseline.log_likelihood)
     if found is None:
@@ -69,6 +73,13 @@ def learned_load(
         if found is None:
             break
     return LearnedLoad(form, curve, fit.theta, fit, before, _validation_errors(fit), sign)
+
+
+def _is_loop(null: Null, flat: FlatModel) -> bool:
+    try:
+        return null.explicit.is_symbolic and not reduce_index(flat).is_symbolic
+    except DaestError:
+        return True
 
 
 def said(learned: LearnedLoad) -> str:
@@ -91,7 +102,7 @@ def _fitted(
     own = tuple(p.name for p in flat.parameters[len(null.flat.parameters) :])
     try:
         fit = refit(flat, reduce_index(flat), (*null.estimated, *own), null, validation=validation)
-    except DaestError:
+    except FAILURES:
         return None
     return (_of_fit(start, own, fit), fit) if fit.log_likelihood > least else None
 
@@ -105,7 +116,7 @@ def _simulated(flat: FlatModel, experiments: Sequence[Experiment], hold: Hold) -
     silent = replace(flat, noises=tuple(replace(w, intensity=0.0) for w in flat.noises))
     try:
         comparison = compare_models([Trialled(flat.name, silent, 0, hold)], list(experiments))
-    except DaestError:
+    except FAILURES:
         return {}
     return dict(comparison.models[0].simulation.rms)
 
