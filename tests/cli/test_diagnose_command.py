@@ -208,6 +208,13 @@ def test_refused_data(cart, daest):
     assert not (cart / "results" / "diagnosis.json").exists()
 
 
+def test_refused_cluster(cart, daest, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("daest.parallel.CONNECT_SECONDS", 0.5)
+    err = refusal(daest, "rub.csv", "--cluster", "tcp://127.0.0.1:9")
+    assert err.startswith("error[cluster-unreachable]") and "fitting" not in err
+
+
 def test_refused_models(cart, daest):
     code, out, err = daest("diagnose", "rub.csv")
     assert code == 2 and not out and "error[model-not-given]" in err

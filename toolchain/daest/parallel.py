@@ -13,7 +13,9 @@ import os
 import pickle
 import platform
 import signal
+import sys
 import traceback
+import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, wait
 from contextlib import closing, contextmanager, suppress
@@ -149,7 +151,9 @@ def run_packed(work: bytes, blob: bytes, expected: Versions | None = None) -> by
     if expected is not None:
         _require_equal(versions(), expected, platform.node())
     try:
-        return packed(outcome_of(_known_work(work), unpacked(blob)))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # nobody would know where they come from
+            return packed(outcome_of(_known_work(work), unpacked(blob)))
     except DaestError as error:
         return packed(Outcome(error=error))
 
@@ -232,8 +236,6 @@ class _Processes:
     @staticmethod
     def running() -> list[int]:
         """Process numbers, without waiting for any lock."""
-        import sys
-
         loky = sys.modules.get("joblib.externals.loky.reusable_executor")
         executor = getattr(loky, "_executor", None)
         return list(getattr(executor, "_processes", None) or ())
