@@ -31,6 +31,7 @@ from daest.diagnosis.proof import (
     Prepared,
     Trial,
     could_compete,
+    is_significant,
     prepare,
     prove,
     ranked,
@@ -52,12 +53,13 @@ from daest.systems.sample import Hold
 
 SCREEN_LEVEL = 0.05  # corrected p-value of a score below which a candidate goes to the proof
 MOST_TRIALS = 5
+MORE_TRIALS = 4  # where none of those is accepted, or the best leaves a curve over some variable
 HOLD_GAIN = 10.0  # log-likelihood that the other hold must gain with the effect in the model
 AGAIN: dict[Hold, str] = {
     "zoh": "with the effect, the inputs are held between the samples after all: once more",
     "foh": "with the effect, the inputs run straight between the samples after all: once more",
 }
-RICHER_LEVEL = 0.5  # corrected p-value of what the best candidate leaves, below which richer laws are tried
+RICHER_LEVEL = 0.1  # corrected p-value of what the best candidate leaves, below which richer laws are tried
 FIRST_TRIALS = 2  # are refitted in any case
 FEWEST_SAMPLES = 200
 REFIT_SECONDS = 3.0  # times that of the model as it is: a refit has more parameters, and is judged besides
@@ -382,7 +384,8 @@ def _proofs(
 ) -> tuple[Proof, ...]:
     """The best candidates refitted: the first few, and of the others those that could compete with them."""
     null = stand.null
-    chosen = _prepared(null, trials(found, SCREEN_LEVEL, options.most_trials))
+    wanted = trials(found, SCREEN_LEVEL, options.most_trials + MORE_TRIALS)
+    chosen = _prepared(null, wanted[: options.most_trials])
     with workers(options.jobs, options.cluster) as pool:
         stages = _Stages(_Search(stand, run, load, found.n_screened), pool, options, progress)
         first = partial(_dynamic, null, candidates)
@@ -391,6 +394,8 @@ def _proofs(
         best = next((p for p in ranked(proofs) if p.verdict != "rejected"), None)
         rest = [p for p in chosen[FIRST_TRIALS:] if could_compete(p.trial, best, found)]
         proofs += stages.proved(rest, proofs)[0]
+        if not _is_settled(ranked(proofs)):
+            proofs += stages.proved(_prepared(null, wanted[options.most_trials :]), proofs)[0]
         best = most_likely(proofs)
         if best is not None and best.verdict == "rejected":
             proofs += stages.proved(_prepared(null, simpler_laws(best, found, proofs)), proofs)[0]
@@ -398,6 +403,14 @@ def _proofs(
         if best is not None and _leaves_something(best):
             proofs += stages.proved(richer_laws(null, run, best, library, proofs), proofs)[0]
     return ranked(proofs)
+
+
+def _is_settled(proofs: Sequence[Proof]) -> bool:
+    """Whether the best candidate is accepted and leaves little that follows a variable."""
+    best = next((p for p in proofs if p.verdict != "rejected"), None)
+    if best is None or best.left is None:
+        return False
+    return not is_significant(best.left, best.delta_log_likelihood)
 
 
 def _prepared(null: Null, found: Iterable[Trial]) -> list[Prepared]:

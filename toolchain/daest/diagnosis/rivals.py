@@ -32,6 +32,7 @@ from daest.systems.reduce import reduce_index
 
 MOST_DYNAMIC = 2  # of them go to the proof
 MOST_RICHER = 2
+MORE_THAN_SIMPLE = 10.0  # log-likelihood by which a richer law must have gone beyond the simple one
 MOST_SIMPLER = 2
 LEAST_GAIN = 20.0  # log-likelihood of the simulation that a dynamic effect must gain to go to the proof
 SAME_FIT = 0.5  # log-likelihood within which two places are the same to the sensors
@@ -132,8 +133,10 @@ def richer_laws(
         and not effect.inputs
         and sum(p.estimate for p in effect.parameters) > n_own
     ]
-    beaten = {p.candidate.effect.class_name for p in tried if p.fit.log_likelihood > best.fit.log_likelihood}
-    rivals = [r for r in rivals if r.effect.class_name not in beaten]
+    # A richer law that came no further than the simple one has found just that.
+    least = best.fit.log_likelihood + MORE_THAN_SIMPLE
+    further = {p.candidate.effect.class_name for p in tried if p.fit.log_likelihood > least}
+    rivals = [r for r in rivals if r.effect.class_name not in further]
     if not rivals:
         return ()
     first, filtered = null.experiments[0], run.observed[0].filtered
