@@ -26,10 +26,11 @@ CLASSES = {
 def compiled(name, more=""):
     """The load over `a`, where its connector is held."""
     flow, _, held, at = CLASSES[name]
+    heat = "(T = 300)" if at == "port" and "Thermal" in held else ""
     text = (
         "model Rig\n  Real a(start = 0, fixed = true);\n  Real b(start = 0, fixed = true);\n"
         f"  Daest.Effects.{name} learned(x = a, x_knots = {{{str(KNOTS)[1:-1]}}},"
-        f" y = {{{str(VALUES)[1:-1]}}}{more});\n  Daest.{held} held{'(T = 300)' * (at == 'port' and 'Thermal' in held)};\n"
+        f" y = {{{str(VALUES)[1:-1]}}}{more});\n  Daest.{held} held{heat};\n"
         "equation\n  der(a) = 1;\n  der(b) = 1;\n"
         f"  connect(learned.{flow.partition('.')[0]}, held.{at});\nend Rig;\n"
     )

@@ -1,4 +1,4 @@
-"""The fitted model: parameters and noises where the fit has them, the same as commands make of its document."""
+"""The fitted model: parameters and noises of the fit, the same as commands make of its document."""
 
 from pathlib import Path
 

@@ -772,8 +772,8 @@ EXPLANATIONS: dict[str, str] = {
         "[noise.process] of daest.toml."
     ),
     "noise-nowhere-regular": (
-        "The linearised model is singular at every point of the trajectory that was looked at, so that nothing "
-        "can be said about noise. Some equations depend on each other there: look at one point with daest "
+        "The linearised model is singular at every point of the trajectory that was looked at, so that "
+        "nothing can be said about noise. Some equations depend on each other there: look at one point with daest "
         "linearize --at."
     ),
     "noise-place-unknown": (
@@ -851,7 +851,8 @@ EXPLANATIONS: dict[str, str] = {
         "equations repeats or contradicts the others, or a parameter that is zero has removed a term."
     ),
     "plot-format": (
-        "A picture was asked for in a format that is not written. Give a name that ends in .png, .svg or .pdf."
+        "A picture was asked for in a format that is not written. Give a name that ends in .png, .svg or "
+        ".pdf."
     ),
     "prior-mean": (
         "The mean of a prior lies outside the bounds of its parameter, or is not positive although the "

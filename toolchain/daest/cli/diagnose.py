@@ -163,7 +163,8 @@ def opened(
             "fmu-no-equations",
             "an FMU without equations cannot be extended",
             where=str(source),
-            remedy="use the Modelica source, or an FMU of daest export; daest diagnose tells what shows from outside",
+            remedy="use the Modelica source, or an FMU of daest export; daest diagnose tells what shows from "
+            "outside",
         )
     flat, estimation, validation = training_data(flat, project, data, data_choice)
     if not validation:
