@@ -773,8 +773,8 @@ EXPLANATIONS: dict[str, str] = {
     ),
     "noise-nowhere-regular": (
         "The linearised model is singular at every point of the trajectory that was looked at, so that "
-        "nothing can be said about noise. Some equations depend on each other there: look at one point with daest "
-        "linearize --at."
+        "nothing can be said about noise. Some equations depend on each other there: look at one point with "
+        "daest linearize --at."
     ),
     "noise-place-unknown": (
         "The place named with --at is none of the model's equations (counted from 0), noises, components "
