@@ -13,6 +13,7 @@ from typing import NoReturn
 
 import click
 
+STDERR = 2
 INTERRUPTED = 130  # exit code of a command that Ctrl-C ends
 
 
@@ -48,7 +49,8 @@ def _ending_at_once(tidy: Callable[[], object]) -> Iterator[None]:
         tidy()
         if parallel := sys.modules.get("daest.parallel"):
             parallel.stop()
-        click.echo("\ninterrupted; what is done is kept, the same command goes on from there", err=True)
+        # Not by click: the signal may come while the stream is being written to, which is not reentrant.
+        os.write(STDERR, b"\ninterrupted; what is done is kept, the same command goes on from there\n")
         os._exit(INTERRUPTED)
 
     before = signal.signal(signal.SIGINT, end)
