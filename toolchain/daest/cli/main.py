@@ -56,7 +56,11 @@ class LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             return None
-        return importlib.import_module(f"daest.cli.{cmd_name}").command
+        command: click.Command = importlib.import_module(f"daest.cli.{cmd_name}").command
+        # click keeps the help option that a command was first asked for, with or without this group.
+        command.context_settings.setdefault("help_option_names", ctx.help_option_names)
+        command._help_option = None
+        return command
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]

@@ -104,7 +104,9 @@ def _eigenvalues(A: np.ndarray) -> np.ndarray:
     if A.size == 0:
         return np.empty(0, complex)
     values = np.linalg.eigvals(A).astype(complex)
-    rounding = 64.0 * len(A) * np.finfo(float).eps * np.linalg.norm(sla.matrix_balance(A)[0], 2)
+    # Balancing around entries that are zero but for rounding may blow the others up.
+    size = min(np.linalg.norm(sla.matrix_balance(A)[0], 2), np.linalg.norm(A, 2))
+    rounding = 64.0 * len(A) * np.finfo(float).eps * size
     return np.where(np.abs(values) <= rounding, 0.0, values)
 
 
