@@ -65,11 +65,11 @@ def free_forms(null: Null, run: NullObserver, variables: Iterable[str] | None = 
     forms = []
     for index in range(len(null.loads)):
         # A constant load follows nothing.
-        constant = _responses(null, run, index, [_constant(e.n_samples) for e in null.experiments])
+        constant = _responses(null, run, index, [np.ones((1, e.n_samples)) for e in null.experiments])
         directions = np.vstack([parameters, constant])
         for name, speed in shared:
             own = [table[name, speed] for table in tables]
-            responses = _responses(null, run, index, own)
+            responses = _responses(null, run, index, [basis.course for basis in own])
             forms.append(_tested(null, (index, name, speed), own[0], responses, directions, run.whitened))
     corrected = [replace(f, p_value=min(1.0, len(forms) * f.p_value)) for f in forms]
     return tuple(sorted(corrected, key=_rank))
@@ -84,12 +84,11 @@ def covers(null: Null, run: NullObserver, form: FreeForm, response: np.ndarray) 
     """Share of a law's score (squared) that the free form also explains, given its response (1, m) on the
     whitened innovations: 1 where the law is a special case of the form."""
     named = [name for name in (form.variable, form.sign_of) if name]
-    own = [table[form.variable, form.sign_of] for table in _tables(null, run, named)]
-    basis = _responses(null, run, form.load, own)
+    courses = [table[form.variable, form.sign_of].course for table in _tables(null, run, named)]
+    responses = _responses(null, run, form.load, courses)
     directions = nuisance(run, len(null.estimated))
-    alone, left = (
-        projected(response, d)[0] for d in (directions, np.vstack([directions, _independent(basis)]))
-    )
+    curve = _frame(responses) @ responses
+    alone, left = (projected(response, d)[0] for d in (directions, np.vstack([directions, curve])))
     return 1.0 - min(_score(left, run.whitened) / max(_score(alone, run.whitened), 1e-12), 1.0)
 
 
@@ -98,21 +97,23 @@ def _score(rest: np.ndarray, white: np.ndarray) -> float:
     return float((rest @ white).item() ** 2 / size) if size > 0.0 else 0.0
 
 
-def _independent(responses: np.ndarray) -> np.ndarray:
-    """Orthonormal rows that span the responses."""
+def _frame(responses: np.ndarray) -> np.ndarray:
+    """F (r, k), such that the rows of F · responses are orthonormal and span the responses (k, m), but for
+    directions whose eigenvalue is below RANK times the largest."""
     size, turn = np.linalg.eigh(responses @ responses.T)
     usable = size > RANK * size.max(initial=0.0)
-    return (turn[:, usable] / np.sqrt(size[usable])).T @ responses
+    return (turn[:, usable] / np.sqrt(size[usable])).T
 
 
-def _responses(null: Null, run: NullObserver, index: int, own: Sequence[Basis]) -> np.ndarray:
-    """Responses (k, m) of the whitened innovations to the basis functions as loads."""
+def _responses(null: Null, run: NullObserver, index: int, courses: Sequence[np.ndarray]) -> np.ndarray:
+    """Responses (k, m) of the whitened innovations to loads of the given courses (k, n_samples), one array
+    per experiment."""
     row = run.state_names.index(null.loads[index].name)
     entry = run.average.A[:, row].copy()
     entry[row] = 0.0  # the load's own decay
     parts = [
-        innovation_responses(run, experiment, basis.course[:, :, None] * entry)
-        for experiment, basis in zip(null.experiments, own, strict=True)
+        innovation_responses(run, experiment, course[:, :, None] * entry)
+        for experiment, course in zip(null.experiments, courses, strict=True)
     ]
     return np.concatenate(parts, axis=1)
 
@@ -172,10 +173,6 @@ def _with_jump(basis: Basis, x: np.ndarray, whole: np.ndarray, width: float) -> 
     )
 
 
-def _constant(n_samples: int) -> Basis:
-    return Basis(np.ones((1, n_samples)), np.zeros(1), np.ones((1, 1)))
-
-
 def _harmonics(x: np.ndarray) -> np.ndarray:
     orders = np.arange(1, HARMONICS + 1)[:, None]
     return np.vstack([np.ones_like(x)[None], np.cos(orders * x), np.sin(orders * x)])
@@ -190,11 +187,10 @@ def _tested(
     white: np.ndarray,
 ) -> FreeForm:
     index, variable, speed = key
-    size, turn = np.linalg.eigh(responses @ responses.T)
-    usable = size > RANK * size.max(initial=0.0)
+    frame = _frame(responses)
+    rest, _ = projected(frame @ responses, directions)
     # In directions of unit response, what is left of one is its sine against the parameters' directions.
-    frame = (turn[:, usable] / np.sqrt(size[usable])).T
-    values, vectors = np.linalg.eigh(_gram(projected(frame @ responses, directions)[0]))
+    values, vectors = np.linalg.eigh(rest @ rest.T)
     kept = values > ABSORBED**2
     unit, _ = projected((vectors[:, kept] / np.sqrt(values[kept])).T @ frame @ responses, directions)
     z = unit @ white / score_spread(unit, white) if np.any(kept) else np.zeros(0)
@@ -218,10 +214,6 @@ def _tested(
         std=np.sqrt(np.einsum("im,ij,jm->m", basis.shown, cov, basis.shown)),
         over_a_turn=basis.over_a_turn,
     )
-
-
-def _gram(rows: np.ndarray) -> np.ndarray:
-    return rows @ rows.T
 
 
 def internal_variables(
