@@ -18,6 +18,7 @@ from daest.diagnosis.proof import (
     _inside,
     _simulation_ratios,
     _wrong_law,
+    best_accepted,
     is_significant,
     prepare,
     prove,
@@ -186,6 +187,7 @@ def test_ranking():
     assert [p.verdict for p in ranked([far, failed, proof])] == ["supported", "rejected", "rejected"]
     order = ranked([failed, close, far, proof])
     assert [p.verdict for p in order] == ["not separable", "not separable", "rejected", "rejected"]
+    assert best_accepted(order) is order[0] and best_accepted([failed]) is None
     assert order[0].delta_bic == proof.delta_bic and order[0].not_separable_from == (close.candidate.label,)
     assert "explains the data better" in next(p for p in order if p.delta_bic == far.delta_bic).reason
     assert ranked([]) == ()

@@ -30,6 +30,7 @@ from daest.diagnosis.proof import (
     CLEARLY_WORSE,
     Prepared,
     Trial,
+    best_accepted,
     could_compete,
     is_significant,
     prepare,
@@ -124,7 +125,7 @@ def diagnose(
 def better_hold(stand: Stand, found: Diagnosis) -> Hold | None:
     """The other hold, where the best accepted candidate fits better with it."""
     null = stand.null
-    best = next((p for p in found.proofs if p.verdict != "rejected"), None)
+    best = best_accepted(found.proofs)
     if best is None or null.other_hold is None:
         return None
     other = replace(null, hold=null.other_hold, experiments=fed(null.experiments, best.candidate))
@@ -391,7 +392,7 @@ def _proofs(
         first = partial(_dynamic, null, candidates)
         proofs, (dynamic,) = stages.proved(chosen[:FIRST_TRIALS], (), [first])
         proofs = stages.proved(dynamic, proofs)[0] + proofs
-        best = next((p for p in ranked(proofs) if p.verdict != "rejected"), None)
+        best = best_accepted(ranked(proofs))
         rest = [p for p in chosen[FIRST_TRIALS:] if could_compete(p.trial, best, found)]
         proofs += stages.proved(rest, proofs)[0]
         if not _is_settled(ranked(proofs)):
@@ -407,7 +408,7 @@ def _proofs(
 
 def _is_settled(proofs: Sequence[Proof]) -> bool:
     """Whether the best candidate is accepted and leaves little that follows a variable."""
-    best = next((p for p in proofs if p.verdict != "rejected"), None)
+    best = best_accepted(proofs)
     if best is None or best.left is None:
         return False
     return not is_significant(best.left, best.delta_log_likelihood)
@@ -431,7 +432,7 @@ def most_likely(proofs: Sequence[Proof]) -> Proof | None:
 def best_start(proofs: Sequence[Proof]) -> Proof | None:
     """The candidate from which a richer law would start: the best accepted one, or the most likely of those
     that say too little."""
-    return next((p for p in proofs if p.verdict != "rejected"), most_likely(proofs))
+    return best_accepted(proofs) or most_likely(proofs)
 
 
 def _leaves_something(proof: Proof) -> bool:

@@ -14,6 +14,7 @@ from daest.diagnosis.diagnose import (
     better_hold,
     examine,
 )
+from daest.diagnosis.proof import best_accepted
 from daest.errors import EstimationError
 from daest.model.diagnosis import Improvement, Proof, Step
 from daest.model.effects import Effect
@@ -46,7 +47,7 @@ def improve(
             if error.code != "diagnose-no-candidate" or last is None:
                 raise
             return Improvement(tuple(steps), last, "No other effect was to be searched for.")
-        best = next((p for p in diagnosis.proofs if p.verdict != "rejected"), None)
+        best = best_accepted(diagnosis.proofs)
         if best is None:
             return Improvement(tuple(steps), diagnosis, diagnosis.message)
         if not _helps(stand.baseline, best.fit):

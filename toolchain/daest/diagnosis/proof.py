@@ -328,6 +328,12 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     return tuple(sorted(result, key=lambda p: (p.verdict == "rejected", -p.delta_bic)))
 
 
+def best_accepted(proofs: Sequence[Proof]) -> Proof | None:
+    """The first of `ranked` proofs that is accepted, be it separable from others or not; None where all are
+    rejected."""
+    return next((p for p in proofs if p.verdict != "rejected"), None)
+
+
 def _far_more_likely(order: Sequence[Proof], best: Proof) -> Proof | None:
     """A refused candidate beside which the best accepted one explains little."""
     refused = [p for p in order if p.verdict == "rejected" and p.explained >= LEAST_EXPLAINED]
