@@ -157,14 +157,16 @@ def prove(
     n_observed = sum(int(np.isfinite(e.outputs).sum()) for e in null.experiments)
     delta_bic = float(2.0 * gain - n_own * np.log(n_observed))
     with_effect = grown(fed, prepared.flat, explicit, fit, experiments)
-    after = run_null(with_effect)
+    # Without a load the observer waits until the gates that need none are passed.
+    after = None if load is None else run_null(with_effect)
     explained = _explained(null_fit, with_effect, after, load)
+    ratios = _simulation_ratios(null_fit, fit)
     p_value = float(min(1.0, n_screened * chi2.sf(2.0 * max(gain, 0.0), n_own)))
-    reason = _failed_gate(prepared, fit, delta_bic, explained, _simulation_ratios(null_fit, fit))
+    reason = _failed_gate(prepared, fit, delta_bic, explained, ratios)
     if not reason and p_value > CHANCE:
         reason = f"a search over {n_screened} candidates finds as much by chance (p = {p_value:.1g})"
-    left = None if reason else _left(null, with_effect, after)
-    if left is not None and not _is_most_of_it(explained, _simulation_ratios(null_fit, fit)):
+    left = None if reason else _left(null, with_effect, after or run_null(with_effect))
+    if left is not None and not _is_most_of_it(explained, ratios):
         reason = _wrong_law(fed, run, prepared, fit, gain, left)
     parameters = tuple(replace(p, value=fit.theta.get(p.name, p.value)) for p in prepared.flat.parameters)
     return Proof(
@@ -219,7 +221,9 @@ def is_significant(left: FreeForm, gain: float) -> bool:
     return left.p_value < LEFT_LEVEL and left.log_likelihood_gain > LEFT_SHARE * gain
 
 
-def _explained(null_fit: FitResult, null: Null, run: NullObserver, before: SmoothedLoad | None) -> float:
+def _explained(
+    null_fit: FitResult, null: Null, run: NullObserver | None, before: SmoothedLoad | None
+) -> float:
     """Share of the unexplained loads that is gone with the effect in the model: of their sizes in the noise
     model, or of the smoothed course (rms) of the one that matters most, whichever is more. 1 where the null
     needed no load: there was none to explain.
@@ -227,7 +231,7 @@ def _explained(null_fit: FitResult, null: Null, run: NullObserver, before: Smoot
     Sizes also hold fast ripple that no effect removes; the smoothed course, where two effects are missing,
     also holds the other one.
     """
-    if before is None:
+    if before is None or run is None:
         return 1.0
     was, now = (np.array([load.size for load in loads_of(f, null.places)]) for f in (null_fit, null.fit))
     left = np.minimum(now / np.where(was > 0.0, was, np.inf), 1.0)
