@@ -73,11 +73,11 @@ def commands() -> str:
         "Every command ends with 0 (done), 1 (a check failed) or 2 (could not do it).",
         "",
     ]
-    group = click.Context(cli, info_name="daest")
+    group = cli.make_context("daest", [], resilient_parsing=True)
     for name in COMMANDS:
         command = cli.get_command(group, name)
         assert command is not None
-        lines += command_entry(click.Context(command, group, info_name=name))
+        lines += command_entry(command.make_context(name, [], parent=group, resilient_parsing=True))
     return "\n".join(lines)
 
 

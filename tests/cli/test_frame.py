@@ -35,6 +35,18 @@ def test_every_command_explains_itself_with_an_example(name, capsys):
     assert "Example" in shown and f"daest {name}" in shown
 
 
+def test_short_help_works_after_another_use_of_a_command():
+    """click keeps the help option that it first made for a command, and here another context is first."""
+    program = (
+        "import click\nfrom daest.cli.main import cli, run\n"
+        "context = click.Context(cli)\n"
+        "cli.get_command(context, 'explain').make_context('explain', [], parent=context).get_help()\n"
+        "raise SystemExit(run(['explain', '-h']))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0 and "-h, --help" in done.stdout, done.stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "mentions"),
     [

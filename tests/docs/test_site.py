@@ -122,6 +122,18 @@ def test_every_option_is_in_the_reference(name, site):
         assert " ".join(line.split()) in text
 
 
+def test_short_help_works_after_the_reference_is_made():
+    """click keeps the help option that it first made for a command: a process of its own, where the
+    reference is first."""
+    program = (
+        "import generate\nfrom daest.cli.main import run\n"
+        "generate.commands()\nraise SystemExit(run(['explain', '-h']))"
+    )
+    command = [sys.executable, "-c", program]
+    result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT / "docs")
+    assert result.returncode == 0 and "-h, --help" in result.stdout, result.stderr
+
+
 def test_every_code_is_in_the_reference(site, documents):
     path = site / "reference" / "messages.html"
     text = text_of(path)

@@ -41,6 +41,7 @@ COMMANDS = {
     "schema": "The JSON Schema of what a command prints.",
     "completion": "Completion of commands, options and names by the shell.",
 }
+HELP_OPTIONS = ["-h", "--help"]
 # Threads inside the linear algebra of small matrices cost more than they bring. Read when numpy loads.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
@@ -57,9 +58,8 @@ class LazyGroup(click.Group):
         if cmd_name not in COMMANDS:
             return None
         command: click.Command = importlib.import_module(f"daest.cli.{cmd_name}").command
-        # click keeps the help option that a command was first asked for, with or without this group.
-        command.context_settings.setdefault("help_option_names", ctx.help_option_names)
-        command._help_option = None
+        # click keeps the help option of a command as it was first asked for, with or without this group.
+        command.context_settings.setdefault("help_option_names", HELP_OPTIONS)
         return command
 
     def resolve_command(
@@ -80,7 +80,7 @@ class LazyGroup(click.Group):
 
 @click.command(
     cls=LazyGroup,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": HELP_OPTIONS},
     epilog="Example: daest identify run.csv --model Servo.mo. Every command shows its own with -h.",
 )
 @click.version_option(__version__, prog_name="daest")
