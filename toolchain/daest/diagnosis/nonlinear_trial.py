@@ -13,6 +13,7 @@ import numpy as np
 from daest.diagnosis.trial import Candidate, Trial, growth_of, horizons
 from daest.estimation import trajectories
 from daest.estimation.coordinates import Unknowns
+from daest.estimation.nonlinear_start import head
 from daest.estimation.observer import Observer, average_model, observer
 from daest.estimation.search import minimise
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
@@ -130,7 +131,7 @@ def _sizes(problem: TrajectoryProblem, starts: np.ndarray) -> np.ndarray:
 
 def _first_states(problem: TrajectoryProblem) -> np.ndarray:
     """Search vector of the initial states that fit the first samples."""
-    heads = replace(problem, experiments=tuple(map(_head, problem.experiments)))
+    heads = replace(problem, experiments=tuple(head(e, FIRST_SAMPLES) for e in problem.experiments))
     return _searched(heads, (_starts(problem) / problem.state_scale).ravel())
 
 
@@ -245,14 +246,3 @@ def _errors_ahead(
     except IntegrationError:
         return np.full(experiment.outputs[rows].shape, np.nan)
     return experiment.outputs[rows] - ahead.outputs
-
-
-def _head(experiment: Experiment) -> Experiment:
-    rows = slice(0, FIRST_SAMPLES)
-    return replace(
-        experiment,
-        time=experiment.time[rows],
-        inputs=experiment.inputs[rows],
-        outputs=experiment.outputs[rows],
-        extra={},
-    )
