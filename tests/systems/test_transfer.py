@@ -106,6 +106,37 @@ def test_weakly_coupled_modes_are_kept():
     np.testing.assert_allclose(g.num, [1e-6], rtol=1e-9)
 
 
+@pytest.mark.parametrize("rounding", [7e-31, 1e-20])
+@pytest.mark.parametrize("integrated", [True, False])
+def test_couplings_that_are_zero_but_for_rounding_hide_nothing(rounding, integrated):
+    """An oscillator pushes a body, and the body, by rounding alone, another oscillator."""
+    position = ["der(p) = 3*q"] if integrated else []
+    flat = make(
+        "der(a) = v",
+        "der(v) = -21*a - 0.8*v + u",
+        "der(q) = -5*a - 0.2*v",
+        "der(s) = w",
+        f"der(w) = -20*s - 1.5*w + {rounding}*q + f",
+        *position,
+        unknowns="a v q s w" + " p" * integrated,
+        inputs=("u", "f"),
+        outputs={"a": "a", "q": "q", "s": "s"},
+    )
+    first, second, free = [1.0, 0.8, 21.0], [1.0, 1.5, 20.0], [0.0] * (1 + integrated)
+    want = np.sort_complex(np.concatenate([np.roots(first), np.roots(second), free]))
+    np.testing.assert_allclose(poles(split(linearize(flat))), want, rtol=1e-12)
+    found = functions(flat)
+    for channel, num, den in (
+        (("u", "a"), [1.0], first),
+        (("u", "q"), [-0.2, -5.0], [*first, 0.0]),
+        (("f", "s"), [1.0], second),
+    ):
+        np.testing.assert_allclose(found[channel].num, num, rtol=1e-11)
+        np.testing.assert_allclose(found[channel].den, den, rtol=1e-11, atol=1e-13)
+    assert found["f", "a"].num == found["f", "q"].num == (0.0,)
+    assert abs(found["u", "s"](1.0)) <= rounding
+
+
 def test_feedthrough_and_zero_at_the_origin():
     flat = make("der(x) = -x + u", "y = u - x", unknowns="x y", outputs={"out": "y"})
     g = functions(flat)["u", "out"]

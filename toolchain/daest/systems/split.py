@@ -292,9 +292,11 @@ def _name_dynamic(form: StandardForm, dae: LinearDAE, scales: np.ndarray) -> Sta
     _, _, order = sla.qr((preference[:, None] * form.right[candidates, :n1]).T, pivoting=True)
     rows = np.sort(candidates[order[:n1]])
     right = form.right.copy()
-    Q1 = sla.solve(form.right[rows, :n1].T, form.right[:, :n1].T).T
-    relative = np.abs(Q1) * scales[rows]
-    Q1[relative <= default_tolerance(n1) * relative.max(axis=1, keepdims=True)] = 0.0
+    scaled = form.right[rows, :n1] / scales[rows, None]  # well conditioned, whatever the units
+    relative = sla.solve(scaled.T, form.right[:, :n1].T).T
+    sizes = np.abs(relative)
+    is_rounding = sizes <= default_tolerance(n1) * sizes.max(axis=1, keepdims=True)
+    Q1 = np.where(is_rounding, 0.0, relative) / scales[rows]
     Q1[rows] = np.eye(n1)
     right[:, :n1] = Q1
     return replace(form, right=right)

@@ -104,17 +104,27 @@ def _eigenvalues(A: np.ndarray) -> np.ndarray:
     if A.size == 0:
         return np.empty(0, complex)
     values = np.linalg.eigvals(A).astype(complex)
-    # Balancing around entries that are zero but for rounding may blow the others up.
-    size = min(np.linalg.norm(sla.matrix_balance(A)[0], 2), np.linalg.norm(A, 2))
-    rounding = 64.0 * len(A) * np.finfo(float).eps * size
+    rounding = 64.0 * len(A) * np.finfo(float).eps * np.linalg.norm(_balanced(A), 2)
     return np.where(np.abs(values) <= rounding, 0.0, values)
 
 
+def _balanced(A: np.ndarray) -> np.ndarray:
+    """T⁻¹ A T with rows and columns of like size, T diagonal, of powers of 2.
+
+    Not permuted: LAPACK would set the rows of single eigenvalues aside, and then scale them by what suits the
+    others, which may blow them up.
+    """
+    return sla.matrix_balance(A, permute=False)[0]
+
+
 def _minimal(A: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The part of (A, b, c) that is reachable from b and visible in c."""
-    balanced, T = sla.matrix_balance(A) if A.size else (A, A)
-    b, c = (np.linalg.solve(T, b), c @ T) if A.size else (b, c)
-    A, b, c = _reachable(balanced, b, c)
+    """The part of (A, b, c) that is reachable from b and visible in c, in balanced coordinates."""
+    if A.size:
+        # With b and c: what a state means to them decides on its scale, too. A coupling that is zero but for
+        # rounding would hide a state that has no other.
+        system = _balanced(np.block([[A, b[:, None]], [c[None, :], np.zeros((1, 1))]]))
+        A, b, c = system[:-1, :-1], system[:-1, -1], system[-1, :-1]
+    A, b, c = _reachable(A, b, c)
     A, c, b = _reachable(A.T, c, b)
     return A.T, b, c
 
