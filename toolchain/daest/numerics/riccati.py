@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import scipy.linalg
 
@@ -24,7 +26,10 @@ def filter_riccati(
     if Phi.shape[0] == 0:
         return np.zeros((0, 0))
     for method in (_doubling, _schur):
-        with np.errstate(over="ignore", invalid="ignore"):  # a diverging solution is dropped below
+        # A diverging solution is dropped below. Next to no noise on an integrator leaves a closed-loop pole
+        # next to the unit circle: scipy warns of the Lyapunov equation then, but what counts is the residual.
+        with np.errstate(over="ignore", invalid="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
             P = method(Phi, C, Q, R, S12)
         if P is not None and _solves(P, Phi, C, Q, R, S12):
             return P
