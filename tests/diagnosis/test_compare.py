@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from oscillator import OSCILLATOR, record
 
+from daest.diagnosis.affine_trial import affine_model, affine_trial
 from daest.diagnosis.compare import Candidate, compare_models
 from daest.estimation.identify import identify
 from daest.estimation.records import part_of
@@ -16,6 +17,8 @@ from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
 from daest.model.flat import Equation, FlatModel, NoiseInput, Output, Parameter, Variable
 from daest.modelica.compile import compile_model, with_values
+from daest.systems.reduce import reduce_index
+from daest.systems.simulate import simulate
 
 TIME_CONSTANT, GAIN, START, PERIOD = 0.5, 2.0, 0.7, 0.05
 
@@ -226,3 +229,23 @@ def test_bootstrap_in_processes_is_the_same_to_the_last_bit(monkeypatch):
         compare_models([candidate], [record], bootstrap=40, jobs=jobs).models[0].tests for jobs in (1, 2)
     ]
     assert tests[0] and tests[0] == tests[1]
+
+
+HEATED = Path(__file__).parents[1] / "systems" / "models" / "HeatedServo.mo"
+
+
+def test_lost_power_is_no_reason_to_leave_the_exact_way(monkeypatch):
+    monkeypatch.delattr("daest.diagnosis.compare.nonlinear_trial")
+    flat = compile_model(HEATED, "HeatedServo.Circuit")
+    time = 0.01 * np.arange(300)
+    u = np.sign(np.sin(7.0 * time + 0.1))
+    y = simulate(flat, (time, u[:, None]), hold="zoh").outputs[:, 0]
+    y += 0.01 * np.random.default_rng(0).standard_normal(time.size)
+    recording, candidate = experiment(time, u, y), Candidate("servo", flat, 0, "zoh")
+    found = compare_models([candidate], [recording]).models[0]
+    assert found.verdict == "not falsified"
+    assert found.simulation.rms["y"] == pytest.approx(0.01, rel=0.15)
+    trial = affine_trial(candidate, [recording], affine_model(reduce_index(flat)))
+    column = trial.variable_names.index
+    current, power = (trial.simulated_variables[0][:, column(name)] for name in ("hot.i", "hot.LossPower"))
+    assert power == pytest.approx(2.0 * (1.0 + 0.004 * (350.0 - 300.15)) * current**2, rel=1e-9)

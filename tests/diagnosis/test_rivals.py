@@ -2,15 +2,23 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
-from hidden_plants import model, rubbing, some_effects
+import numpy as np
+import pytest
+from hidden_plants import library, model, rubbing, some_effects
+from scipy.signal import lfilter
 
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.disturbance import place_gains, smoothed_load
+from daest.diagnosis.null import fit_null
 from daest.diagnosis.proof import could_compete, prepare, prove, trials
-from daest.diagnosis.rivals import richer_laws, simpler_laws
+from daest.diagnosis.rivals import dynamic_trials, richer_laws, simpler_laws
 from daest.diagnosis.screen import run_null, screen
+from daest.model.experiment import Experiment
+from daest.modelica.compile import compile_model
 from daest.modelica.sites import sites
+from daest.systems.simulate import simulate
 
 LAWS = some_effects("CoulombFriction", "StribeckFriction", "QuadraticDrag", "Unbalance")
 
@@ -60,3 +68,23 @@ def test_unlike_responses_do_not_compete_once_nothing_is_left():
     assert could_compete(by_name["Unbalance"], None, found)
     assert could_compete(by_name["Unbalance"], replace(strong, left=None), found)
     assert could_compete(by_name["Unbalance"], replace(proof, delta_log_likelihood=50.0), found)
+
+
+def test_dynamic_effect_in_a_circuit_with_lost_power():
+    """Nonlinear only in a variable that no state reads."""
+    flat = compile_model(
+        Path(__file__).parents[1] / "systems" / "models" / "HeatedServo.mo", "HeatedServo.Circuit"
+    )
+    known = [replace(p, estimate=p.name in ("winding.J", "winding.k")) for p in flat.parameters]
+    flat = replace(flat, parameters=tuple(known))
+    time, lag = 0.01 * np.arange(600), 0.05
+    u = np.sign(np.sin(7.0 * time + 0.1))[:, None]
+    keep = np.exp(-0.01 / lag)
+    y = lfilter([1.0 - keep], [1.0, -keep], simulate(flat, (time, u), hold="zoh").outputs, axis=0)
+    y += 1e-3 * np.ptp(y) * np.random.default_rng(0).standard_normal(y.shape)
+    record = Experiment("record", time, u, y, ("u",), ("y",))
+    null = fit_null(flat, [site for site in sites(flat) if site.kind == "node"], [record], "zoh")
+    lags = tuple(effect for effect in library() if effect.name == "Lag")
+    (found,) = dynamic_trials(null, pairs(lags, sites(flat)))
+    assert found.trial.sizes[0] == pytest.approx(lag, rel=0.2)
+    assert {c.site.name for c in (found.trial.candidate, *found.trial.alike)} == {"u", "y"}

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daest.diagnosis.trial import Candidate, Trial, growth_of, horizons
+from daest.diagnosis.trial import Candidate, Trial, growth_of, horizons, variables_along
 from daest.estimation import likelihood, output_error
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
 from daest.estimation.likelihood import Predicted
@@ -16,20 +16,32 @@ from daest.estimation.predictor import Dynamics, Innovations, innovation_slopes
 from daest.estimation.records import Record, make_record
 from daest.model.comparison import Horizon
 from daest.model.experiment import Experiment
+from daest.model.explicit import ExplicitModel
 from daest.model.linear import StateSpaceFamily
+from daest.systems.linearize import is_affine_model
 from daest.systems.state_space import state_space, state_space_family
 
 
-def affine_trial(
-    candidate: Candidate, experiments: Sequence[Experiment], family: StateSpaceFamily | None = None
-) -> Trial:
+@dataclass(frozen=True)
+class AffineModel:
+    """A model whose states and outputs follow affine laws; `is_whole` tells whether all its variables do."""
+
+    explicit: ExplicitModel
+    family: StateSpaceFamily
+    is_whole: bool
+
+
+def affine_model(explicit: ExplicitModel) -> AffineModel:
+    return AffineModel(explicit, state_space_family(explicit), is_affine_model(explicit.flat))
+
+
+def affine_trial(candidate: Candidate, experiments: Sequence[Experiment], model: AffineModel) -> Trial:
     """Every recording simulated and predicted from the initial states that fit it best.
 
     A measurement noise that is not known is the one that the simulation leaves. Values are NaN where the
-    model overflows, and there are no residuals where the Kalman filter does not settle. `family` saves its
-    computation.
+    model overflows, and there are no residuals where the Kalman filter does not settle.
     """
-    family = family or state_space_family(candidate.flat)
+    family = model.family
     problem = _problem(candidate, family, experiments)
     z = problem.unknowns.start
     theta = problem.unknowns.values(z)[0]
@@ -48,8 +60,8 @@ def affine_trial(
         residuals=() if predicted is None else _residuals(problem, predicted),
         variable_names=tuple(v.name for v in family.unknowns),
         variable_units=tuple(v.unit for v in family.unknowns),
-        simulated_variables=_variables(problem, theta, _states(problem, simulated)),
-        predicted_variables=_variables(problem, theta, states),
+        simulated_variables=_variables(model, problem, experiments, theta, _states(problem, simulated)),
+        predicted_variables=_variables(model, problem, experiments, theta, states),
         slopes=() if predicted is None else _slopes(problem, predicted),
         initial_states=() if predicted is None else predicted.initial_states,
         growth=()
@@ -104,7 +116,19 @@ def _outputs(problem: Problem, found: Simulated | Predicted | None) -> tuple[np.
     )
 
 
-def _variables(problem: Problem, theta: np.ndarray, states: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
+def _variables(
+    model: AffineModel,
+    problem: Problem,
+    experiments: Sequence[Experiment],
+    theta: np.ndarray,
+    states: Sequence[np.ndarray],
+) -> tuple[np.ndarray, ...]:
+    """All internal variables (n_samples, n_v) of every record at the recorded times."""
+    if not model.is_whole:
+        return tuple(
+            variables_along(model.explicit, theta, experiment, problem.hold, x[record.recorded])
+            for experiment, record, x in zip(experiments, problem.records, states, strict=True)
+        )
     ss = state_space(problem.family, theta)
     return tuple(
         (x @ ss.X.T + record.inputs @ ss.U.T + ss.x0)[record.recorded]

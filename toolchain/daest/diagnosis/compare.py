@@ -11,7 +11,7 @@ from typing import Literal, cast
 
 import numpy as np
 
-from daest.diagnosis.affine_trial import affine_trial
+from daest.diagnosis.affine_trial import AffineModel, affine_model, affine_trial
 from daest.diagnosis.nonlinear_trial import NonlinearModel, nonlinear_model, nonlinear_trial
 from daest.diagnosis.residual_tests import (
     LEVEL,
@@ -31,9 +31,9 @@ from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.model.linear import StateSpaceFamily
 from daest.parallel import Workers, workers
-from daest.systems.linearize import is_affine_model
+from daest.systems.affine_dynamics import has_affine_dynamics
+from daest.systems.reduce import reduce_index
 from daest.systems.simulate import simulate
-from daest.systems.state_space import state_space_family
 
 LEAST_BOOTSTRAPS = int(1 / LEVEL) - 1  # fewer records without fault cannot tell a level of LEVEL
 
@@ -45,12 +45,19 @@ class _Ready:
     """A candidate with what every trial of it needs again."""
 
     candidate: Candidate
-    prepared: StateSpaceFamily | NonlinearModel
+    prepared: AffineModel | NonlinearModel
 
     def trial(self, experiments: Sequence[Experiment]) -> Trial:
-        if isinstance(self.prepared, StateSpaceFamily):
+        if isinstance(self.prepared, AffineModel):
             return affine_trial(self.candidate, experiments, self.prepared)
         return nonlinear_trial(self.candidate, experiments, self.prepared)
+
+
+def _ready(candidate: Candidate) -> _Ready:
+    explicit = reduce_index(candidate.flat)
+    if has_affine_dynamics(explicit):
+        return _Ready(candidate, affine_model(explicit))
+    return _Ready(candidate, nonlinear_model(explicit, candidate.parameter_names))
 
 
 def compare_models(
@@ -87,8 +94,7 @@ def _model_trial(
     flat = candidate.flat
     # in_model_order reads no more of a family than its inputs and outputs.
     experiments = [in_model_order(e, cast(StateSpaceFamily, flat)) for e in experiments]
-    prepared = state_space_family(flat) if is_affine_model(flat) else nonlinear_model(candidate)
-    ready = _Ready(candidate, prepared)
+    ready = _ready(candidate)
     trial = ready.trial(experiments)
     raw, feedback = _tests(candidate, experiments, trial)
     level = None

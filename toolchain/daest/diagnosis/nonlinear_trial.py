@@ -10,7 +10,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daest.diagnosis.trial import Candidate, Trial, growth_of, horizons
+from daest.diagnosis.trial import (
+    Candidate,
+    Trial,
+    growth_of,
+    horizons,
+    inputs_and_slopes,
+    variables_along,
+)
 from daest.estimation import trajectories
 from daest.estimation.coordinates import Unknowns
 from daest.estimation.nonlinear_start import head
@@ -22,15 +29,12 @@ from daest.model.experiment import Experiment
 from daest.model.explicit import ExplicitModel
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import (
-    Hold,
     IntegrationError,
     Integrator,
     Trajectory,
     integrate,
     integrator,
-    interval_inputs,
 )
-from daest.systems.reduce import reduce_index
 
 FIRST_SAMPLES = 50  # fitted first, so that a wrong start does not lead the whole simulation astray
 ITERATIONS = 15  # of the search for initial states
@@ -46,10 +50,9 @@ class NonlinearModel:
     sensitive: Integrator
 
 
-def nonlinear_model(candidate: Candidate) -> NonlinearModel:
-    explicit = reduce_index(candidate.flat)
+def nonlinear_model(explicit: ExplicitModel, names: Sequence[str]) -> NonlinearModel:
+    """`names` are the estimated parameters."""
     plain = integrator(explicit)
-    names = candidate.parameter_names
     return NonlinearModel(plain, integrator(explicit, names) if names else plain)
 
 
@@ -146,17 +149,11 @@ def _observer(candidate: Candidate, problem: TrajectoryProblem, simulated: Error
     longest = int(np.argmax([e.n_samples for e in problem.experiments]))
     experiment = problem.experiments[longest]
     explicit = problem.model.explicit
-    ubar, states = _ubar(explicit, experiment, problem.hold), simulated.trajectories[longest].states
+    ubar = inputs_and_slopes(explicit, experiment, problem.hold)
+    states = simulated.trajectories[longest].states
     average = average_model(explicit, problem.theta(np.zeros(0)), experiment.time, states, ubar)
     intensity = np.array([noise.intensity or 0.0 for noise in candidate.flat.noises])
     return observer(average, intensity, problem.given_std)
-
-
-def _ubar(explicit: ExplicitModel, experiment: Experiment, hold: Hold) -> np.ndarray:
-    """Inputs and their slopes at every sample, (n_samples, n_ū)."""
-    u0, _ = interval_inputs(explicit, experiment.time, experiment.inputs, hold)
-    last = np.hstack([experiment.inputs[-1:], u0[-1:, experiment.inputs.shape[1] :]])
-    return np.vstack([u0, last])
 
 
 def _outputs(experiments: Sequence[Experiment], errors: Errors | None) -> tuple[np.ndarray, ...]:
@@ -170,18 +167,11 @@ def _variables(problem: TrajectoryProblem, errors: Errors | None) -> tuple[np.nd
     explicit = problem.model.explicit
     if errors is None:
         return tuple(np.full((e.n_samples, len(explicit.flat.unknowns)), np.nan) for e in problem.experiments)
-    theta, n_u = problem.theta(np.zeros(0)), len(explicit.flat.inputs)
-    result = []
-    for experiment, trajectory in zip(problem.experiments, errors.trajectories, strict=True):
-        ubar = _ubar(explicit, experiment, problem.hold)
-        if explicit.flat.given is not None:
-            along = (experiment.time, ubar, theta, trajectory.states)
-            result.append(explicit.flat.given.variables_along(explicit.flat, *along))
-            continue
-        w = np.zeros((len(explicit.flat.noises), experiment.n_samples))
-        columns = (trajectory.states.T, ubar[:, :n_u].T, ubar[:, n_u:].T, w, theta, experiment.time[None, :])
-        result.append(explicit.variables(*columns).full().T)
-    return tuple(result)
+    theta = problem.theta(np.zeros(0))
+    return tuple(
+        variables_along(explicit, theta, experiment, problem.hold, trajectory.states)
+        for experiment, trajectory in zip(problem.experiments, errors.trajectories, strict=True)
+    )
 
 
 def _slopes(

@@ -26,9 +26,10 @@ from daest.model.effects import Effect
 from daest.model.fit import IdentifyOptions
 from daest.model.flat import FlatModel
 from daest.modelica.attach import attach
+from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.integrate import integrator
-from daest.systems.linearize import is_affine_model
 from daest.systems.reduce import reduce_index
+from daest.systems.state_space import state_space_family
 
 MOST_DYNAMIC = 2  # of them go to the proof
 MOST_RICHER = 2
@@ -43,8 +44,8 @@ RTOL = 1e-4
 
 def dynamic_trials(null: Null, candidates: Sequence[Candidate]) -> tuple[Prepared, ...]:
     """The dynamic effects that improve the simulation most, started from their output-error fits. Only for
-    affine models, where such a fit takes a fraction of a second."""
-    if not is_affine_model(null.flat):
+    models with affine dynamics, where such a fit takes a fraction of a second."""
+    if not has_affine_dynamics(null.explicit):
         return ()
     nominal = _simulation_fit(null, null.flat, null.estimated)
     if nominal is None:
@@ -73,15 +74,20 @@ def _is_same(value: float, prepared: Prepared, other: tuple[float, Prepared]) ->
 
 
 def _best_dynamic(null: Null, candidate: Candidate) -> tuple[float, Prepared] | None:
+    effect, names = candidate.effect, (*null.estimated, *_own(candidate))
+    try:
+        flat = attach(null.flat, effect, candidate.site, candidate.name, _sizes(effect, 1.0))
+        explicit = reduce_index(flat)
+        if not has_affine_dynamics(explicit):
+            return None
+        family = state_space_family(explicit)
+    except DaestError:
+        return None
     best: tuple[float, Prepared] | None = None
     for share in START_SHARES:
-        sizes = {p.name: share * p.start for p in candidate.effect.sizes}
+        start = {f"{candidate.name}.{name}": size for name, size in _sizes(effect, share).items()}
         try:
-            flat = attach(null.flat, candidate.effect, candidate.site, candidate.name, sizes)
-            names = (*null.estimated, *_own(candidate))
-            if not is_affine_model(flat):
-                return None
-            fit = identify(flat, null.experiments, _options(null, names))
+            fit = identify(family, null.experiments, replace(_options(null, names), start=start))
         except DaestError:
             continue
         if best is None or fit.log_likelihood > best[0]:
@@ -89,6 +95,10 @@ def _best_dynamic(null: Null, candidate: Candidate) -> tuple[float, Prepared] | 
             values = tuple(fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
             best = (fit.log_likelihood, Prepared(Trial(candidate, values, ()), at_fit, names))
     return best
+
+
+def _sizes(effect: Effect, share: float) -> dict[str, float]:
+    return {p.name: share * p.start for p in effect.sizes}
 
 
 def _options(null: Null, names: Sequence[str]) -> IdentifyOptions:

@@ -10,8 +10,10 @@ import numpy as np
 
 from daest.model.comparison import Horizon
 from daest.model.experiment import Experiment
+from daest.model.explicit import ExplicitModel
 from daest.model.fit import Agreement
 from daest.model.flat import FlatModel
+from daest.systems.integrate import Hold, interval_inputs
 
 HORIZONS = (1, 3, 10, 30, 100, 300)  # samples, as far as LONGEST_HORIZON allows
 LONGEST_HORIZON = 0.1  # of the longest recording
@@ -83,6 +85,26 @@ def agreement(flat: FlatModel, experiments: Sequence[Experiment], outputs: Seque
         rms[output.name] = float(np.sqrt(error / count)) if known else None
         fits[output.name] = 100.0 * (1.0 - float(np.sqrt(error / spread))) if known and spread > 0 else None
     return Agreement(fits, rms)
+
+
+def inputs_and_slopes(explicit: ExplicitModel, experiment: Experiment, hold: Hold) -> np.ndarray:
+    """Inputs and their slopes at every sample, (n_samples, n_ū)."""
+    u0, _ = interval_inputs(explicit, experiment.time, experiment.inputs, hold)
+    last = np.hstack([experiment.inputs[-1:], u0[-1:, experiment.inputs.shape[1] :]])
+    return np.vstack([u0, last])
+
+
+def variables_along(
+    explicit: ExplicitModel, theta: np.ndarray, experiment: Experiment, hold: Hold, states: np.ndarray
+) -> np.ndarray:
+    """All internal variables (n_samples, n_v) without noise, along states (n_samples, n)."""
+    flat, ubar = explicit.flat, inputs_and_slopes(explicit, experiment, hold)
+    if flat.given is not None:
+        return flat.given.variables_along(flat, experiment.time, ubar, theta, states)
+    n_u = len(flat.inputs)
+    w = np.zeros((len(flat.noises), experiment.n_samples))
+    columns = (states.T, ubar[:, :n_u].T, ubar[:, n_u:].T, w, theta, experiment.time[None, :])
+    return explicit.variables(*columns).full().T
 
 
 def horizons(experiments: Sequence[Experiment]) -> tuple[int, ...]:
