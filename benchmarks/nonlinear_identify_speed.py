@@ -11,13 +11,12 @@ samples. Exit code 1 when a target is missed. Set OMP_NUM_THREADS=1 for repeatab
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Callable
 
 import numpy as np
-from nonlinear_speed import NAMES, VALUES, by_scipy, drive, servo
+from nonlinear_speed import NAMES, VALUES, by_scipy, drive, servo, told
 from scipy.optimize import least_squares
 
 from daest.estimation.identify import identify
@@ -100,15 +99,7 @@ def main() -> int:
     parser.add_argument("--samples", type=int, default=8000)
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    times = measure(given.samples)
-    missed = [name for name, target in TARGETS.items() if times[name] > target]
-    if given.json:
-        print(json.dumps({"times": times, "targets": TARGETS, "missed": missed}))
-    else:
-        for name, value in times.items():
-            target = f"   (target {TARGETS[name]:g})" if name in TARGETS else ""
-            print(f"{value:12.3f}  {name}{target}")
-    return 1 if missed else 0
+    return told(measure(given.samples), TARGETS, given.json)
 
 
 if __name__ == "__main__":
