@@ -229,16 +229,26 @@ def _differences(
     references = (*form.states, *form.drivers)
     point = np.concatenate([x, u])
     moved = moved_points(point, [runner.model.variables[vr].nominal for vr in references])
-    rows = np.vstack([point, moved])
-    n_x = x.size
+    values, problem = _values(runner, form, np.vstack([point, moved]), parameters, time)
+    return central_differences(moved, values[1:]), values[0], problem
+
+
+def _values(
+    runner: Runner,
+    form: SemiExplicitForm,
+    points: np.ndarray,
+    parameters: tuple[tuple[int, ...], np.ndarray],
+    time: float,
+) -> tuple[np.ndarray, str | None]:
+    """(ẋ, z) at points (x, u), (m, n_x + n_z) at (m, n_x + n_u), and what was refused."""
+    n_x, n_z = len(form.states), len(form.variables)
     found = runner.evaluate(
-        Points(form.drivers, rows[:, n_x:], rows[:, :n_x], np.full(len(rows), time)), form.variables,
+        Points(form.drivers, points[:, n_x:], points[:, :n_x], np.full(len(points), time)), form.variables,
         parameters, rates=True, settle=_settles(runner.model),
     )  # fmt: skip
     # Variables come first: some tools leave aliases of states stale once the derivatives are read.
-    n_z = len(form.variables)
-    values = np.hstack([found.values[0][:, n_z:], found.values[0][:, :n_z]])
-    return central_differences(moved, values[1:]), values[0], found.problem
+    values = found.values[0]
+    return np.hstack([values[:, n_z:], values[:, :n_z]]), found.problem
 
 
 def is_affine_there(
@@ -283,15 +293,9 @@ def _long_differences(
     time: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Differences over steps of nominal size around a point (x, u), and the values at it."""
-    n_x, point = at[0].size, np.concatenate(at)
+    point = np.concatenate(at)
     moved = long_points(point, [runner.model.variables[vr].nominal for vr in (*form.states, *form.drivers)])
-    rows = np.vstack([point, moved])
-    found = runner.evaluate(
-        Points(form.drivers, rows[:, n_x:], rows[:, :n_x], np.full(len(rows), time)), form.variables,
-        parameters, rates=True, settle=_settles(runner.model),
-    )  # fmt: skip
-    n_z = len(form.variables)
-    values = np.hstack([found.values[0][:, n_z:], found.values[0][:, :n_z]])
+    values, _ = _values(runner, form, np.vstack([point, moved]), parameters, time)
     return central_differences(moved, values[1:]), values[0]
 
 

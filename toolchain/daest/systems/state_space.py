@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from functools import lru_cache
 from typing import Any
@@ -43,6 +43,17 @@ def state_space_family(
         x, u, time = np.zeros(explicit.n_states), np.zeros(len(flat.inputs)), 0.0
     else:
         x, u, time = _operating_point(explicit, at)
+    return family_of(explicit, _matrix_function(explicit, x, u, time), has_affine_dynamics(explicit))
+
+
+def family_of(
+    explicit: ExplicitModel,
+    matrices: ca.Function,
+    is_affine: bool,
+    derivatives: Callable[[np.ndarray, tuple[int, ...]], list[np.ndarray]] | None = None,
+) -> StateSpaceFamily:
+    """The family of an explicit model with its names; the functions as `StateSpaceFamily` has them."""
+    flat = explicit.flat
     return StateSpaceFamily(
         state_names=explicit.state_names,
         state_units=explicit.state_units,
@@ -52,8 +63,9 @@ def state_space_family(
         noises=flat.noises,
         outputs=flat.outputs,
         parameters=flat.parameters,
-        matrices=_matrix_function(explicit, x, u, time),
-        is_affine=has_affine_dynamics(explicit),
+        matrices=matrices,
+        is_affine=is_affine,
+        derivatives=derivatives,
     )
 
 
