@@ -11,8 +11,9 @@ import pytest
 from ball_fmu import ball
 
 from daest.errors import FmuError
+from daest.fmu.drive import Drive
 from daest.fmu.load import load_fmu
-from daest.fmu.runner import Drive, Limits, Points, Runner
+from daest.fmu.runner import Limits, Points, Runner
 
 SHORT = Limits(seconds=1.0, memory=3 * 1024**3, written=4 * 1024**2)
 

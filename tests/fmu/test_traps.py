@@ -12,9 +12,10 @@ from fmu_archives import changed
 
 from daest.errors import FmuError
 from daest.fmu.compiler import build_shared
+from daest.fmu.drive import Drive
 from daest.fmu.linearize import linearize_fmu
 from daest.fmu.load import load_fmu
-from daest.fmu.runner import Drive, Points, Runner
+from daest.fmu.runner import Points, Runner
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="built for Linux")
 

@@ -23,7 +23,7 @@ from scipy.stats import chi2, norm
 from daest.errors import EstimationError
 from daest.estimation.identify import identify
 from daest.fmu.binary_form import BinaryForm
-from daest.fmu.laws import LAWS
+from daest.fmu.laws import LAWS, Law
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import FlatModel
@@ -255,10 +255,10 @@ def _sensed(y: np.ndarray, time: np.ndarray, trial: Trial, size: float) -> np.nd
     return changed
 
 
-def _law(case: Case, trial: Trial) -> dict[str, Any]:
+def _law(case: Case, trial: Trial) -> Law:
     names = [v.name for v in case.flat.unknowns]
-    reads = [case.form.form.states[names.index(trial.variable)]] if trial.variable else []
-    return {"name": trial.law, "input": trial.number, "reads": reads, "shape": list(trial.shape)}
+    reads = (case.form.form.states[names.index(trial.variable)],) if trial.variable else ()
+    return Law(trial.law, trial.number, reads, trial.shape)
 
 
 def _residuals(case: Case) -> list[np.ndarray]:

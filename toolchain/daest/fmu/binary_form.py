@@ -15,9 +15,10 @@ from daest.errors import ModelError
 from daest.fmu import words
 from daest.fmu.binary_functions import PointFunction, model_function, parameter_function, raise_failure
 from daest.fmu.description import base_and_order
+from daest.fmu.drive import RTOL, Drive
 from daest.fmu.load import load_fmu
 from daest.fmu.points import DIFFERENCE_FLOOR, central_differences, difference, long_points, moved_points
-from daest.fmu.runner import RTOL, Drive, Points, Runner, Simulated
+from daest.fmu.runner import Points, Runner, Simulated
 from daest.fmu.semi_explicit import (
     TRUST,
     SemiExplicitForm,
@@ -33,9 +34,10 @@ from daest.model.flat import Equation, FlatModel, NoiseInput
 from daest.model.fmu import FmuModel
 from daest.model.linear import LinearDAE, StateSpaceFamily
 from daest.systems.integrate import IntegrationError
+from daest.systems.state_space import family_of
 
-# Relative step of the differences of simulations: far above the error of the integrator (RTOL of the
-# runner), far below what bends.
+# Relative step of the differences of simulations: far above the error of the integrator (RTOL), far below
+# what bends.
 SIMULATION_STEP = 1e-3
 # Relative tolerance of simulations in a search: differences of them must mean something.
 SEARCH_RTOL = 1e-7
@@ -253,19 +255,8 @@ class BinaryForm:
             ]
 
         shapes = [m.shape for m in self._matrices(flat, flat.theta_values[None], x, u)[0]]
-        return StateSpaceFamily(
-            state_names=explicit.state_names,
-            state_units=explicit.state_units,
-            unknowns=flat.unknowns,
-            inputs=flat.inputs,
-            input_derivatives=tuple((d.index, d.order) for d in explicit.input_derivatives),
-            noises=flat.noises,
-            outputs=flat.outputs,
-            parameters=flat.parameters,
-            matrices=parameter_function(len(flat.parameters), shapes, matrices),
-            is_affine=self.has_affine_dynamics(flat),
-            derivatives=derivatives,
-        )
+        function = parameter_function(len(flat.parameters), shapes, matrices)
+        return family_of(explicit, function, self.has_affine_dynamics(flat), derivatives)
 
     def start(
         self, flat: FlatModel, theta: np.ndarray, u: np.ndarray, time: float, given: Mapping[str, float]

@@ -28,8 +28,8 @@ class Law:
     name: str
     input: int
     reads: tuple[int, ...]
-    size: float
     shape: tuple[float, ...] = ()
+    size: float = 1.0
 
     def value(self, variables: np.ndarray, time: float) -> float:
         return self.size * float(LAWS[self.name](variables, np.array(self.shape)))

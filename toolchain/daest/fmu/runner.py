@@ -25,6 +25,7 @@ import numpy as np
 from daest.errors import FmuError
 from daest.fmu.archive import open_archive
 from daest.fmu.compiler import native_platform
+from daest.fmu.drive import Drive
 from daest.fmu.instance import Binary
 from daest.fmu.wire import read_message, write_message
 from daest.model.fmu import FmuModel
@@ -33,7 +34,6 @@ from daest.model.fmu import FmuModel
 SECONDS_VARIABLE, MEMORY_VARIABLE = "DAEST_FMU_SECONDS", "DAEST_FMU_MEMORY"
 LOG_STATUS = 97
 SHOWN_LOG = 500  # characters of what the FMU printed last
-RTOL = 1e-8
 
 
 @dataclass(frozen=True)
@@ -74,24 +74,6 @@ class Points:
     values: np.ndarray
     states: np.ndarray
     times: np.ndarray
-
-
-@dataclass(frozen=True)
-class Drive:
-    """What drives simulations: inputs (n - 1, n_u) at both ends of every interval, u_last (n_u,) at the last
-    sample; `read` are recorded. `laws` as in `fmu.laws`, without their sizes. `measurements` (n, n_y) of the
-    first n_y of `read` and `gain` (n_x, n_y) correct the states at every sample."""
-
-    time: np.ndarray
-    inputs: tuple[int, ...]
-    u0: np.ndarray
-    u1: np.ndarray
-    u_last: np.ndarray
-    read: tuple[int, ...]
-    laws: tuple[Mapping[str, Any], ...] = ()
-    measurements: np.ndarray | None = None
-    gain: np.ndarray | None = None
-    rtol: float = RTOL
 
 
 @dataclass(frozen=True)
@@ -189,13 +171,13 @@ class Runner:
         sizes: np.ndarray | None = None,
     ) -> Simulated:
         """One simulation per row of parameter values (s, n_p), with initial states x0 (s, n_x) (None: those
-        of the FMU) and sizes (s, n_laws) of the laws."""
+        of the FMU) and sizes (s, n_laws) of the laws (None: their own)."""
         names, values = parameters
         if sizes is None:
-            sizes = np.zeros((len(values), len(drive.laws)))
+            sizes = np.tile([law.size for law in drive.laws], (len(values), 1))
         header = {
             "request": "simulate", "parameters": list(names), "inputs": list(drive.inputs),
-            "read": list(drive.read), "laws": [dict(law) for law in drive.laws], "rtol": drive.rtol,
+            "read": list(drive.read), "laws": [asdict(law) for law in drive.laws], "rtol": drive.rtol,
             "fresh": x0 is None or self.model.kind != "exchange",
         }  # fmt: skip
         tables = {"parameters": values, "sizes": sizes, "time": drive.time, "u0": drive.u0, "u1": drive.u1,

@@ -16,9 +16,10 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from daest.fmu.drive import Drive
 from daest.fmu.instance import Binary, Instance, Log, Refusal
 from daest.fmu.laws import Law
-from daest.fmu.trajectory import Recorded, Stopped, Task, run
+from daest.fmu.trajectory import Recorded, Stopped, run
 from daest.fmu.wire import read_message, write_message
 
 # Exit status of a worker whose FMU logged too much.
@@ -190,16 +191,16 @@ class Session:
         )
         events, stopped = 0, None
         for s, parameters in enumerate(sets):
-            task = _task(header, arrays, sizes[s])
-            inputs = (header["inputs"], task.u0[0] if n > 1 else task.u_last)
+            drive = _drive(header, arrays, sizes[s])
+            inputs = (header["inputs"], drive.u0[0] if n > 1 else drive.u_last)
             if header["fresh"]:
                 self._kept = None
             try:
-                instance = self._started(header, parameters, float(task.time[0]), False, inputs)
+                instance = self._started(header, parameters, float(drive.time[0]), False, inputs)
                 clean = self._kept
                 self._kept = None
                 x0 = None if starts is None else starts[s]
-                found = run(instance, task, x0, lambda now: self._alive("was simulated", now))
+                found = run(instance, drive, x0, lambda now: self._alive("was simulated", now))
                 values[s], states[s] = found.values, found.states
                 events += found.n_events
                 self._kept = clean if self._is_memoryless(found, starts) else None
@@ -245,22 +246,22 @@ def _values_at(
     return np.concatenate([values, instance.rates()]) if header["rates"] else values
 
 
-def _task(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray], sizes: np.ndarray) -> Task:
+def _drive(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray], sizes: np.ndarray) -> Drive:
     laws = tuple(
-        Law(law["name"], law["input"], tuple(law["reads"]), float(size), tuple(law["shape"]))
+        Law(law["name"], law["input"], tuple(law["reads"]), tuple(law["shape"]), float(size))
         for law, size in zip(header["laws"], sizes, strict=True)
     )
-    return Task(
+    return Drive(
         time=arrays["time"],
         inputs=tuple(header["inputs"]),
         u0=arrays["u0"],
         u1=arrays["u1"],
         u_last=arrays["u_last"],
         read=tuple(header["read"]),
-        rtol=header["rtol"],
         laws=laws,
         measurements=arrays.get("measurements"),
         gain=arrays.get("gain"),
+        rtol=header["rtol"],
     )
 
 
