@@ -188,15 +188,7 @@ def parameter_plot(document: Document) -> Plot | None:
         return None
     names = [name for name, _ in rows][::-1]
     widths = np.array([width for _, width in rows][::-1])
-    plot = figure(
-        y_range=names,
-        height=70 + 26 * len(names),
-        sizing_mode="stretch_width",
-        x_axis_label="95 % interval around the estimate [%]",
-        tools="save",
-        toolbar_location="above",
-    )
-    plot.toolbar.logo = None
+    plot = _named_bars(names, "95 % interval around the estimate [%]", 70 + 26 * len(names))
     source = ColumnDataSource({"name": names, "low": -widths, "high": widths})
     plot.hbar("name", left="low", right="high", height=0.45, color=COLORS[0], fill_alpha=0.35, source=source)
     plot.scatter(x=[0.0] * len(names), y=names, size=7, color=COLORS[0])
@@ -331,15 +323,7 @@ def screen_plot(document: Document) -> Plot | None:
         return None
     rows = list(best.items())[:12][::-1]
     names = [f"{effect} at {at}" for (effect, at), _ in rows]
-    plot = figure(
-        y_range=names,
-        height=80 + 24 * len(names),
-        sizing_mode="stretch_width",
-        x_axis_label="score [standard deviations]",
-        tools="save",
-        toolbar_location="above",
-    )
-    plot.toolbar.logo = None
+    plot = _named_bars(names, "score [standard deviations]", 80 + 24 * len(names))
     colors = [COLORS[0] if key in accepted else MEASURED for key, _ in rows]
     source = ColumnDataSource({"name": names, "score": [score for _, score in rows], "color": colors})
     plot.hbar("name", right="score", height=0.6, color="color", fill_alpha=0.6, source=source)
@@ -350,6 +334,20 @@ def screen_plot(document: Document) -> Plot | None:
         "Scores of the screen; effects that were not rejected in colour",
         _item(plot),
     )
+
+
+def _named_bars(names: Sequence[str], x_label: str, height: int) -> Any:
+    """An empty figure for horizontal bars, one per name, the first at the bottom."""
+    plot = figure(
+        y_range=list(names),
+        height=height,
+        sizing_mode="stretch_width",
+        x_axis_label=x_label,
+        tools="save",
+        toolbar_location="above",
+    )
+    plot.toolbar.logo = None
+    return plot
 
 
 def _figure(
