@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from daest.data.grid import Grid, cell_number, grid_table
+from daest.data.problems import empty_file, unreadable_file
 from daest.data.table import Table
 from daest.errors import DataError, Place
 
@@ -35,7 +36,7 @@ def read_csv(path: Path) -> Table:
         lines[0] = ""
     shown = [line for line in lines if line.strip() and not _is_comment(line)]
     if not shown:
-        raise _empty(path)
+        raise empty_file(path, "the file is empty")
     separator = excel[1] if excel else _separator(shown)
     decimal = _decimal(shown, separator)
     if decimal == ",":
@@ -43,14 +44,10 @@ def read_csv(path: Path) -> Table:
     try:
         rows, numbers = _rows(lines, separator)
     except csv.Error as error:
-        raise DataError(
-            "data-unreadable-file",
-            f"not a CSV file: {error}",
-            where=Place(str(path)),
-            remedy="look for a quotation mark that is not closed, or save the recording again",
-        ) from error
+        remedy = "look for a quotation mark that is not closed, or save the recording again"
+        raise unreadable_file(path, f"not a CSV file: {error}", remedy) from error
     if not rows:
-        raise _empty(path)
+        raise empty_file(path, "the file is empty")
     remarks = _remarks(lines, separator, numbers[0])
     return grid_table(Grid(rows, numbers, decimal, remarks, notes), path)
 
@@ -72,7 +69,7 @@ def _decoded(path: Path) -> tuple[str, tuple[str, ...]]:
     if "\0" in text:
         raise _not_text(path, raw, None)
     if not text.strip():
-        raise _empty(path)
+        raise empty_file(path, "the file is empty")
     return text, notes
 
 
@@ -83,15 +80,6 @@ def _not_text(path: Path, raw: bytes, error: UnicodeDecodeError | None) -> DataE
         f"byte {raw[at]:#04x} is not UTF-8 text",
         where=Place(str(path), raw.count(b"\n", 0, at) + 1),
         remedy="save the file as UTF-8",
-    )
-
-
-def _empty(path: Path) -> DataError:
-    return DataError(
-        "data-empty-file",
-        "the file is empty",
-        where=Place(str(path)),
-        remedy="a recording needs a header row and at least two rows of numbers",
     )
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from daest.data.grid import Grid, grid_table
+from daest.data.problems import empty_file, unreadable_file
 from daest.data.table import Table
 from daest.errors import DataError, Place
 
@@ -29,24 +30,15 @@ def read_excel(path: Path) -> Table:
         book.close()
     # A damaged archive makes the reader fail in many ways.
     except Exception as error:
-        raise DataError(
-            "data-unreadable-file",
-            f"the Excel file cannot be read: {error}",
-            where=Place(str(path)),
-            remedy="save it again, or as CSV",
-        ) from error
+        what = f"the Excel file cannot be read: {error}"
+        raise unreadable_file(path, what, "save it again, or as CSV") from error
     for title, sheet in sheets:
         rows = [[_text(value) for value in row] for row in sheet]
         numbered = [(row, line) for line, row in enumerate(rows, 1) if any(row)]
         if numbered:
             notes = (f"sheet '{title}' of {len(sheets)}",) if len(sheets) > 1 else ()
             return grid_table(Grid([r for r, _ in numbered], [n for _, n in numbered], notes=notes), path)
-    raise DataError(
-        "data-empty-file",
-        "the workbook is empty",
-        where=Place(str(path)),
-        remedy="a recording needs a header row and at least two rows of numbers",
-    )
+    raise empty_file(path, "the workbook is empty")
 
 
 def _text(value: Any) -> str:

@@ -9,12 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from daest.data.problems import unreadable_file
 from daest.data.result_file import is_result, result_table
 from daest.data.table import Column, Table
 from daest.errors import DataError, Place
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"  # a file of version 7.3 has it behind a header of 512 bytes
 _HEADER = 512
+_UNREADABLE = "the MATLAB file cannot be read"
+_AS_V7 = "save it in MATLAB with: save(name, '-v7')"
 
 
 def read_mat(path: Path) -> Table:
@@ -54,7 +57,7 @@ def _content(path: Path) -> dict[str, Any]:
         content = loadmat(path, squeeze_me=True, struct_as_record=False)
     # A damaged file makes the reader fail in many ways.
     except Exception as error:
-        raise _unreadable(path, error, "save it in MATLAB with: save(name, '-v7')") from error
+        raise unreadable_file(path, f"{_UNREADABLE}: {error}", _AS_V7) from error
     return {name: value for name, value in content.items() if not name.startswith("__")}
 
 
@@ -92,14 +95,5 @@ def _hdf5_vectors(path: Path) -> dict[str, np.ndarray]:
         with h5py.File(path, "r") as file:
             file.visititems(visit)
     except Exception as error:
-        raise _unreadable(path, error, "save it in MATLAB with: save(name, '-v7')") from error
+        raise unreadable_file(path, f"{_UNREADABLE}: {error}", _AS_V7) from error
     return found
-
-
-def _unreadable(path: Path, error: Exception, remedy: str) -> DataError:
-    return DataError(
-        "data-unreadable-file",
-        f"the MATLAB file cannot be read: {error}",
-        where=Place(str(path)),
-        remedy=remedy,
-    )

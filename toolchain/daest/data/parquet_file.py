@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from daest.data.frame import frame_table
+from daest.data.problems import unreadable_file
 from daest.data.table import Table
 from daest.errors import DataError, Place
 
@@ -23,10 +24,6 @@ def read_parquet(path: Path) -> Table:
             remedy="pip install 'daest[parquet]', or save the recording as CSV",
         ) from error
     except (OSError, ValueError) as error:
-        raise DataError(
-            "data-unreadable-file",
-            f"the Parquet file cannot be read: {error}",
-            where=Place(str(path)),
-            remedy="save it again, or as CSV",
-        ) from error
+        what = f"the Parquet file cannot be read: {error}"
+        raise unreadable_file(path, what, "save it again, or as CSV") from error
     return frame_table(frame, str(path))

@@ -1,10 +1,11 @@
-"""Several problems of one file, told in one message."""
+"""Problems of files: several of one file told in one message, and those that all formats have."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
-from daest.errors import DaestError
+from daest.errors import DaestError, DataError, Place
 
 MOST_SHOWN = 12
 
@@ -26,6 +27,21 @@ def raise_collected(problems: Sequence[DaestError], source: str) -> None:
     if len(problems) > MOST_SHOWN:
         lines.append(f"  ... and {len(problems) - MOST_SHOWN} more")
     raise type(first)(first.code if same else "several-problems", "\n".join(lines))
+
+
+def empty_file(path: Path, what: str) -> DataError:
+    """DataError `data-empty-file` of a file of rows; `what` says that it is empty."""
+    return DataError(
+        "data-empty-file",
+        what,
+        where=Place(str(path)),
+        remedy="a recording needs a header row and at least two rows of numbers",
+    )
+
+
+def unreadable_file(path: Path, what: str, remedy: str) -> DataError:
+    """DataError `data-unreadable-file`."""
+    return DataError("data-unreadable-file", what, where=Place(str(path)), remedy=remedy)
 
 
 def _indented(problem: DaestError) -> str:

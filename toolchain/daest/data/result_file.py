@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from daest.data.problems import unreadable_file
 from daest.data.table import Column, Table
-from daest.errors import DataError, Place
 
 _MATRICES = ("Aclass", "name", "description", "dataInfo", "data_2")
 _CHANGING = 2
@@ -37,12 +37,8 @@ def result_table(content: Mapping[str, Any], path: Path) -> Table:
         names, descriptions, info, data = _matrices(content)
         columns = _columns(names, descriptions, info, data)
     except (IndexError, ValueError, TypeError) as error:
-        raise DataError(
-            "data-unreadable-file",
-            f"the result file is damaged: {error}",
-            where=Place(str(path)),
-            remedy="simulate again, or export the result as CSV",
-        ) from error
+        what = f"the result file is damaged: {error}"
+        raise unreadable_file(path, what, "simulate again, or export the result as CSV") from error
     last_of_event = np.append(np.diff(columns[0].values) > 0, True)
     dropped = int((~last_of_event).sum())
     kept = tuple(Column(c.name, c.unit, c.values[last_of_event]) for c in columns)
