@@ -2,7 +2,9 @@
 
 import os
 import shutil
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -39,3 +41,42 @@ def browser():
             pytest.skip("no Chromium is installed")
         yield launched
         launched.close()
+
+
+@dataclass
+class WatchedPage:
+    """A page of a browser without a network; `complaints` of its console, and addresses it asked for."""
+
+    page: Any
+    scheme: str
+    width: int
+    complaints: list[str] = field(default_factory=list)
+    requests: list[str] = field(default_factory=list)
+
+    @property
+    def loaded_from_outside(self) -> list[str]:
+        return [url for url in self.requests if not url.startswith(("file:", "data:"))]
+
+    @property
+    def scroll_width(self) -> int:
+        """Width of the content: that of the window where nothing stands out."""
+        return self.page.evaluate("document.documentElement.scrollWidth")
+
+
+@pytest.fixture(params=["light", "dark"])
+def scheme(request) -> str:
+    return request.param
+
+
+@pytest.fixture(params=[1280, 390])
+def watched(request, browser, scheme):
+    """A page of a screen and of a telephone, light and dark."""
+    width = request.param
+    context = browser.new_context(color_scheme=scheme, viewport={"width": width, "height": 800}, offline=True)
+    found = WatchedPage(context.new_page(), scheme, width)
+    is_complaint = ("error", "warning")
+    found.page.on("console", lambda m: found.complaints.append(m.text) if m.type in is_complaint else None)
+    found.page.on("pageerror", lambda e: found.complaints.append(str(e)))
+    found.page.on("request", lambda r: found.requests.append(r.url))
+    yield found
+    context.close()

@@ -16,6 +16,13 @@ equation
   y = x;
 end Lag;
 """
+PROJECT = """\
+[model]
+source = "Lag.mo"
+[data]
+estimate = ["run1.csv"]
+validate = ["run2.csv"]
+"""
 TRUE = {"T": 0.5, "k": 2.0}
 PERIOD = 0.05
 NOISE = 0.02

@@ -5,15 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from lag_data import LAG, NOISE, TRUE, recording, write_csv
-
-PROJECT = """\
-[model]
-source = "Lag.mo"
-[data]
-estimate = ["run1.csv"]
-validate = ["run2.csv"]
-"""
+from lag_data import LAG, NOISE, PROJECT, TRUE, recording, write_csv
 
 
 @pytest.fixture

@@ -10,17 +10,10 @@ from pathlib import Path
 import html5lib
 import numpy as np
 import pytest
-from lag_data import LAG, recording, write_csv
+from lag_data import LAG, PROJECT, recording, write_csv
 
 EVIL = "<script>alert('x')</script><img src=x onerror=alert(1)>"
-PROJECT = """\
-[model]
-source = "Lag.mo"
-[data]
-estimate = ["run1.csv"]
-validate = ["run2.csv"]
-hold = "zoh"
-"""
+HELD = PROJECT + 'hold = "zoh"\n'
 PARTS = (
     "model",
     "noise",
@@ -40,7 +33,7 @@ NAMESPACE = "{http://www.w3.org/1999/xhtml}"
 
 @pytest.fixture
 def project(folder):
-    (folder / "daest.toml").write_text(PROJECT)
+    (folder / "daest.toml").write_text(HELD)
     return folder
 
 
@@ -144,7 +137,7 @@ def test_series_of_the_plots_are_those_of_the_results(told, daest):
 def test_texts_of_the_user_are_harmless(folder, daest):
     evil = LAG.replace('"Time constant"', json.dumps(EVIL)).replace("First-order lag", EVIL.replace('"', ""))
     (folder / "Lag.mo").write_text(evil)
-    (folder / "daest.toml").write_text(PROJECT.replace("run2.csv", "</script><b>.csv"))
+    (folder / "daest.toml").write_text(HELD.replace("run2.csv", "</script><b>.csv"))
     (folder / "</script><b>.csv").parent.mkdir(exist_ok=True)
     write_csv(folder / "</script><b>.csv", *recording(300, 2))
     for command in ("identify", "compare", "filter", "report"):
@@ -313,24 +306,15 @@ def contrast(one: str, other: str) -> float:
 
 
 @pytest.mark.browser
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [1280, 390])
-def test_a_browser_shows_it_without_complaint(told, daest, browser, scheme, width):
+def test_a_browser_shows_it_without_complaint(told, daest, watched):
     daest("report")
-    context = browser.new_context(color_scheme=scheme, viewport={"width": width, "height": 800}, offline=True)
-    page = context.new_page()
-    complaints, requests = [], []
-    page.on("console", lambda m: complaints.append(m.text) if m.type in ("error", "warning") else None)
-    page.on("pageerror", lambda e: complaints.append(str(e)))
-    page.on("request", lambda r: requests.append(r.url))
-    page.goto((told / "report.html").as_uri())
-    page.wait_for_selector("html[data-ready]", timeout=20_000)
-    assert complaints == []
-    assert [url for url in requests if not url.startswith(("file:", "data:"))] == []
-    assert page.evaluate("document.documentElement.scrollWidth") == width
-    ground = page.evaluate("getComputedStyle(document.body).backgroundColor")
-    assert ground == ("rgb(255, 255, 255)" if scheme == "light" else "rgb(17, 22, 29)")
-    context.close()
+    watched.page.goto((told / "report.html").as_uri())
+    watched.page.wait_for_selector("html[data-ready]", timeout=20_000)
+    assert watched.complaints == []
+    assert watched.requests and watched.loaded_from_outside == []
+    assert watched.scroll_width == watched.width
+    ground = watched.page.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert ground == ("rgb(255, 255, 255)" if watched.scheme == "light" else "rgb(17, 22, 29)")
 
 
 @pytest.mark.browser

@@ -199,21 +199,12 @@ def test_rates_stand_on_the_page(site):
 
 
 @pytest.mark.browser
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [1280, 390])
-def test_a_browser_opens_it_from_files(documents, browser, scheme, width):
-    context = browser.new_context(color_scheme=scheme, viewport={"width": width, "height": 800}, offline=True)
-    page = context.new_page()
-    complaints, requests = [], []
-    page.on("console", lambda m: complaints.append(m.text) if m.type in ("error", "warning") else None)
-    page.on("pageerror", lambda e: complaints.append(str(e)))
-    page.on("request", lambda r: requests.append(r.url))
+def test_a_browser_opens_it_from_files(documents, watched):
     for path in documents:
-        page.goto(path.as_uri())
-        assert page.evaluate("document.documentElement.scrollWidth") == width, path.name
-    assert complaints == []
-    assert [url for url in requests if not url.startswith(("file:", "data:"))] == []
-    context.close()
+        watched.page.goto(path.as_uri())
+        assert watched.scroll_width == watched.width, path.name
+    assert watched.complaints == []
+    assert watched.requests and watched.loaded_from_outside == []
 
 
 @pytest.mark.browser
