@@ -187,5 +187,12 @@ def test_measured_column_that_pushes_is_found():
     assert size.value == pytest.approx(0.2, rel=0.1)
 
 
+def test_law_of_a_measured_column_that_leaves_a_curve_is_refused():
+    record, truth = rotor_record(1200, seed=5, coulomb=lambda phi: 0.15)
+    found = diagnosed(replace(record, extra={"column": truth["w"] * abs(truth["w"])}), "MeasuredTorque")
+    (proof,) = found.proofs
+    assert proof.reason.startswith("another law acts there: what it leaves still follows rotor.w")
+
+
 def test_effects_of_the_tests_are_in_the_library():
     assert {e.name for e in some_effects(*STATIC)} == set(STATIC)

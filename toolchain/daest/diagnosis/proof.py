@@ -167,7 +167,7 @@ def prove(
         reason = f"a search over {n_screened} candidates finds as much by chance (p = {p_value:.1g})"
     left = None if reason else _left(null, with_effect, after or run_null(with_effect))
     if left is not None and not _is_most_of_it(explained, ratios):
-        reason = _wrong_law(fed, run, prepared, fit, gain, left)
+        reason = _wrong_law(null, run, prepared, fit, gain, left)
     parameters = tuple(replace(p, value=fit.theta.get(p.name, p.value)) for p in prepared.flat.parameters)
     return Proof(
         candidate=prepared.trial.candidate,
