@@ -83,6 +83,18 @@ def test_a_controller_without_delay_does_not_falsify():
     assert p_values(e, u, acts=False)["input_independence"] > 0.01
 
 
+@pytest.mark.parametrize("constant", [0.0, -1.570796, 1e9 / 3])
+def test_a_constant_input_tells_nothing(constant):
+    """Its mean is known but for rounding, which is no input."""
+    e = 1.0 + np.random.default_rng(5).normal(size=754)
+    tests, feedback = residual_tests(sequences(e, np.full(754, constant)), ["y"])
+    assert (
+        not feedback
+        and not tests["input_independence"]
+        and tests["variable_independence"]["y"].p_value < 1e-9
+    )
+
+
 def test_uncertain_parameters_are_forgiven_as_far_as_they_are_uncertain():
     """A parameter that is off by two standard errors moves the residuals along its slope."""
     rng = np.random.default_rng(6)

@@ -89,7 +89,7 @@ def joined(
     return Sequences(
         residuals=np.nan_to_num(whole),
         observed=np.isfinite(whole),
-        inputs=_with_gaps([u - u.mean(axis=0) for u in inputs], gap, 0.0),
+        inputs=_with_gaps([_centred(u) for u in inputs], gap, 0.0),
         variables=_standardised(_with_gaps(variables, gap, 0.0)),
         within=_with_gaps([np.ones((len(r), 1)) for r in residuals], gap, 0.0)[:, 0] > 0.0,
         slopes=np.moveaxis(stacked.reshape(len(whole), whole.shape[1], p), -1, 0),
@@ -274,6 +274,12 @@ def _with_gaps(parts: Sequence[np.ndarray], gap: int, value: float) -> np.ndarra
     spacer = np.full((gap, parts[0].shape[1]), value)
     pieces = [piece for part in parts for piece in (part, spacer)]
     return np.concatenate(pieces[:-1])
+
+
+def _centred(columns: np.ndarray) -> np.ndarray:
+    """Columns less their means; a constant is exactly zero, where its mean leaves rounding."""
+    moves = np.ptp(columns, axis=0) > 0.0
+    return (columns - columns.mean(axis=0)) * moves
 
 
 def _standardised(columns: np.ndarray) -> np.ndarray:
