@@ -8,9 +8,9 @@ from pathlib import Path
 
 import click
 
-from daest.cli.options import class_options, example, format_option, output_option, project_option
+from daest.cli.options import ModelOptions, example, format_option, model_options, output_option
 from daest.cli.output import emit, keep_inputs
-from daest.data.project import Project, load_project
+from daest.data.project import Project
 from daest.errors import ConfigError, DaestError
 from daest.model.flat import FlatModel
 from daest.model.quality import DataCheck, Finding, Role
@@ -19,16 +19,13 @@ from daest.model.quality import DataCheck, Finding, Role
 @click.command("check", epilog=example("daest check run1.csv", "daest check run1.csv --model Servo.mo"))
 @click.argument("data", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--model", type=click.Path(path_type=Path), help="A .mo file or an .fmu (default: daest.toml).")
-@class_options
-@project_option
+@model_options
 @format_option
 @output_option
 def command(
     data: tuple[Path, ...],
     model: Path | None,
-    class_name: str | None,
-    libraries: tuple[Path, ...],
-    project_file: Path | None,
+    model_options: ModelOptions,
     form: str,
     output: Path | None,
 ) -> int:
@@ -41,7 +38,7 @@ def command(
     from daest.report.documents import check as documents
     from daest.report.texts import check as texts
 
-    project = load_project(project_file)
+    project = model_options.project()
     paths = list(data) or [*project.estimate, *project.validate]
     if not paths:
         raise ConfigError(
@@ -50,11 +47,8 @@ def command(
             remedy='name a .csv file, or write [data] estimate = ["run.csv"] in daest.toml',
         )
     keep_inputs(output, paths)
-    flat = None
-    if model is not None or project.source is not None:
-        from daest.cli.models import load_model
-
-        flat = load_model(project, model, class_name, libraries)
+    is_given = model is not None or project.source is not None
+    flat = model_options.load(project, model) if is_given else None
     checks = [checked(path, project, flat) for path in paths]
     emit(documents.document(checks), "check", form, output, texts.text)
     return int(any(check.warnings for check in checks))

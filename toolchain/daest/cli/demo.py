@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from daest.cli.options import example, format_option, one_of
+from daest.cli.options import DataOptions, ModelOptions, example, format_option, one_of
 from daest.cli.output import emit, note
 
 
@@ -41,7 +41,6 @@ def command(name: str | None, form: str) -> None:
 def _run(name: str) -> dict[str, Any]:
     from daest.cli.compare import compared
     from daest.cli.identify import identified
-    from daest.cli.options import DataOptions
     from daest.data.examples import copy_example
     from daest.data.project import load_project
 
@@ -67,7 +66,9 @@ def _noise(folder: Path) -> dict[str, Any]:
     from daest.report.documents import noise as documents
     from daest.systems.noise import noise_report
 
-    return documents.document(noise_report(load_linear(load_project(folder), None, None, (), {}, None).dae))
+    return documents.document(
+        noise_report(load_linear(load_project(folder), None, ModelOptions(), {}, None).dae)
+    )
 
 
 def _list_text(document: Mapping[str, Any], width: int, color: bool) -> str:

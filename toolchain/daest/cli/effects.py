@@ -7,27 +7,24 @@ from typing import TYPE_CHECKING
 
 import click
 
-from daest.cli.options import class_options, example, format_option, output_option, project_option
+from daest.cli.options import ModelOptions, example, format_option, model_options, output_option
 from daest.cli.output import emit
 
 if TYPE_CHECKING:
-    from daest.data.project import Project
     from daest.model.effects import Effect, Site
+    from daest.model.flat import FlatModel
 
 
 @click.command("effects", epilog=example("daest effects", "daest effects CoulombFriction --model Servo.mo"))
 @click.argument("name", required=False)
 @click.option("--model", metavar="MODEL", type=click.Path(path_type=Path), help="List its places, too.")
-@class_options
-@project_option
+@model_options
 @format_option
 @output_option
 def command(
     name: str | None,
     model: Path | None,
-    class_name: str | None,
-    libraries: tuple[Path, ...],
-    project_file: Path | None,
+    model_options: ModelOptions,
     form: str,
     output: Path | None,
 ) -> None:
@@ -36,16 +33,15 @@ def command(
     With --model (or a daest.toml here) the places of that model where each can sit are listed. Classes of
     one's own are read from the folders of -L.
     """
-    from daest.data.project import load_project
     from daest.report.documents import effects as documents
     from daest.report.texts import effects as texts
 
-    project = load_project(project_file)
-    folders = (*libraries, *project.libraries)
+    project = model_options.project()
+    folders = (*model_options.libraries, *project.libraries)
     chosen = _chosen(name, folders)
     places = None
     if model is not None or project.source is not None:
-        places = _places(project, model, class_name, libraries, chosen)
+        places = _places(model_options.load(project, model), chosen)
     source = model or project.source
     document = documents.document(chosen, places, None if source is None else str(source))
     emit(document, "effects", form, output, texts.text)
@@ -58,15 +54,8 @@ def _chosen(name: str | None, folders: tuple[Path, ...]) -> list[Effect]:
     return list(effect_library(folders) if name is None else find_effects(name, folders))
 
 
-def _places(
-    project: Project,
-    model: Path | None,
-    class_name: str | None,
-    libraries: tuple[Path, ...],
-    chosen: list[Effect],
-) -> dict[str, list[Site]]:
-    from daest.cli.models import load_model
+def _places(flat: FlatModel, chosen: list[Effect]) -> dict[str, list[Site]]:
     from daest.modelica.sites import fits, sites
 
-    known = sites(load_model(project, model, class_name, libraries))
+    known = sites(flat)
     return {effect.class_name: [site for site in known if fits(effect, site)] for effect in chosen}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from daest.cli.options import class_options, example, format_option, output_option, project_option, set_option
+from daest.cli.options import ModelOptions, example, format_option, model_options, output_option, set_option
 from daest.cli.output import emit, keep_inputs, note, whole_file
 
 
@@ -22,8 +22,7 @@ from daest.cli.output import emit, keep_inputs, note, whole_file
     help="omc: let OpenModelica make the FMU, or with -o NAME.bmo Base Modelica.",
 )
 @set_option
-@class_options
-@project_option
+@model_options
 @format_option
 @output_option
 def command(
@@ -31,9 +30,7 @@ def command(
     platforms: str | None,
     compiler: str,
     settings: dict[str, float],
-    class_name: str | None,
-    libraries: tuple[Path, ...],
-    project_file: Path | None,
+    model_options: ModelOptions,
     form: str,
     output: Path | None,
 ) -> None:
@@ -42,31 +39,28 @@ def command(
 
     The file is MODEL.fmu here, or the one named with -o.
     """
-    from daest.cli.models import load_model, model_source
-    from daest.data.project import load_project
+    from daest.cli.models import model_source
     from daest.errors import ConfigError
     from daest.fmu.export import export_fmu
     from daest.report.documents import export as documents
     from daest.report.texts import export as texts
 
-    project = load_project(project_file)
+    project = model_options.project()
     source = model_source(project, model)
     target = output or Path(source.with_suffix(".fmu").name)
     if str(target) == "-":
         raise ConfigError("export-to-stdout", "an FMU is a file, not a text", remedy="name it: -o model.fmu")
     keep_inputs(target, [source])
     if compiler == "omc":
-        _export_by_omc(source, class_name, libraries, target, bool(platforms or settings))
+        _export_by_omc(source, model_options, target, bool(platforms or settings))
         return
-    flat = load_model(project, source, class_name, libraries, settings)
+    flat = model_options.load(project, source, settings)
     chosen = [name.strip() for name in platforms.split(",") if name.strip()] if platforms else None
     result = export_fmu(flat, target, chosen)
     emit(documents.document(result), "export", form, None, texts.text)
 
 
-def _export_by_omc(
-    source: Path, class_name: str | None, libraries: tuple[Path, ...], target: Path, has_options: bool
-) -> None:
+def _export_by_omc(source: Path, options: ModelOptions, target: Path, has_options: bool) -> None:
     """Write what OpenModelica makes of the model: an FMU, or Base Modelica under a name in .bmo."""
     from daest.errors import ConfigError
     from daest.modelica.class_choice import select_class
@@ -79,7 +73,7 @@ def _export_by_omc(
             "--platform and --set are not passed on to OpenModelica",
             remedy="leave them out: set values in the model, and build on the other platform",
         )
-    job = OmcJob(source, select_class(read_source(source), source, class_name), libraries)
+    job = OmcJob(source, select_class(read_source(source), source, options.class_name), options.libraries)
     content = base_modelica_by_omc(job) if target.suffix == ".bmo" else fmu_by_omc(job)
     with whole_file(target) as temporary:
         temporary.write_bytes(content)

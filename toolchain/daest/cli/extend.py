@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from daest.cli.options import class_options, example, format_option, output_option, project_option, set_option
+from daest.cli.options import ModelOptions, example, format_option, model_options, output_option, set_option
 from daest.cli.output import emit, keep_inputs, write_text
 from daest.errors import ConfigError, ModelError
 
@@ -36,8 +36,7 @@ if TYPE_CHECKING:
     multiple=True,
     help="Input of the new model that supplies a measured signal of the effect.",
 )
-@class_options
-@project_option
+@model_options
 @format_option
 @output_option
 def command(
@@ -48,9 +47,7 @@ def command(
     component: str | None,
     new_class: str | None,
     signals: tuple[str, ...],
-    class_name: str | None,
-    libraries: tuple[Path, ...],
-    project_file: Path | None,
+    model_options: ModelOptions,
     form: str,
     output: Path | None,
 ) -> None:
@@ -60,13 +57,12 @@ def command(
     stdout.
     """
     from daest.cli.models import model_source
-    from daest.data.project import load_project
     from daest.modelica.compile import compile_model
     from daest.modelica.extend import extend_model
     from daest.report.documents.effects import extension_document
     from daest.report.texts import extend as texts
 
-    project = load_project(project_file)
+    project = model_options.project()
     source = model_source(project, model)
     if source.suffix != ".mo":
         raise ModelError(
@@ -74,8 +70,8 @@ def command(
         )
     to_file = output is not None and str(output) != "-"
     keep_inputs(output, [source])
-    folders = (*libraries, *project.libraries)
-    chosen = class_name or (project.class_name if model is None else None)
+    folders = (*model_options.libraries, *project.libraries)
+    chosen = model_options.class_name or (project.class_name if model is None else None)
     flat = compile_model(source, chosen, folders)
     effect, site = _placed(effect_name, place, flat, folders)
     values, parameters = _values(settings, effect, flat)

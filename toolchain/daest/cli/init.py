@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from daest.cli.options import class_options, example, format_option, project_option
+from daest.cli.options import ModelOptions, example, format_option, model_options
 from daest.cli.output import emit, whole_file
 
 if TYPE_CHECKING:
@@ -19,15 +19,12 @@ if TYPE_CHECKING:
 @click.command("init", epilog=example("daest init Servo.mo run1.csv", "daest identify"))
 @click.argument("model", type=click.Path(path_type=Path))
 @click.argument("data", nargs=-1, type=click.Path(path_type=Path))
-@class_options
-@project_option
+@model_options
 @format_option
 def command(
     model: Path,
     data: tuple[Path, ...],
-    class_name: str | None,
-    libraries: tuple[Path, ...],
-    project_file: Path | None,
+    model_options: ModelOptions,
     form: str,
 ) -> None:
     """Write a commented daest.toml for MODEL and the recordings DATA.
@@ -35,15 +32,14 @@ def command(
     Columns are matched with inputs and outputs by name, or proposed by unit. An existing file is not touched.
     """
     from daest.cli.check import checked
-    from daest.cli.models import load_model
     from daest.data.match import match_columns, named_units, propose_time
     from daest.data.project import FILE_NAME, Project, load_project
     from daest.data.read import Signal, read_table
     from daest.data.template import Draft, project_text
 
-    file = project_file or Path(FILE_NAME)
+    file = model_options.project_file or Path(FILE_NAME)
     _refuse_existing(file)
-    flat = load_model(Project(Path()), model, class_name, libraries)
+    flat = model_options.load(Project(Path()), model)
     tables = [read_table(path) for path in data]
     inputs = [Signal(v.name, v.unit) for v in flat.inputs]
     outputs = [Signal(y.name, y.unit) for y in flat.outputs]
@@ -51,8 +47,8 @@ def command(
     draft = Draft(
         flat,
         _relative(model, file),
-        class_name,
-        tuple(_relative(path, file) for path in libraries),
+        model_options.class_name,
+        tuple(_relative(path, file) for path in model_options.libraries),
         tuple(_relative(path, file) for path in data),
         tuple(matches[: len(inputs)]),
         tuple(matches[len(inputs) :]),

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from daest.cli.models import load_model, model_source
+from daest.cli.models import model_source
+from daest.cli.options import ModelOptions
 from daest.cli.results import parameter_values, read_document
 from daest.data.project import Project
 from daest.data.table import nearest
@@ -53,8 +54,7 @@ def operating_values(path: Path | None) -> tuple[dict[str, float], dict[str, flo
 def load_linear(
     project: Project,
     model: Path | None,
-    class_name: str | None,
-    libraries: Sequence[Path],
+    options: ModelOptions,
     settings: Mapping[str, float],
     at: Path | None,
     route: str | None = None,
@@ -69,7 +69,7 @@ def load_linear(
     values = {**values, **settings}
     if source.suffix == ".fmu":
         return _of_fmu(source, values, point, route)
-    flat = load_model(project, source, class_name, libraries, values)
+    flat = options.load(project, source, values)
     from daest.systems.linearize import linearize
 
     return Linear(linearize(flat, at=point), flat, point, {})

@@ -11,17 +11,16 @@ import click
 
 from daest.cli.linear import Linear, load_linear
 from daest.cli.options import (
-    class_options,
+    ModelOptions,
     example,
     format_option,
+    model_options,
     output_option,
     plot_option,
-    project_option,
     set_option,
 )
 from daest.cli.output import emit, keep_inputs, note, whole_file
 from daest.cli.pictures import draw
-from daest.data.project import load_project
 from daest.model.linear import SparseForm, StandardForm
 from daest.report.arrays import save_arrays
 from daest.report.documents import linearize as documents
@@ -47,8 +46,7 @@ ARRAYS = (".npz", ".mat")
     "--symbolic", is_flag=True, help="Show the expressions of the entries that depend on parameters."
 )
 @click.option("--source", "route", metavar="SOURCE", help="For an FMU: where the matrices come from.")
-@class_options
-@project_option
+@model_options
 @format_option
 @output_option
 @plot_option
@@ -58,9 +56,7 @@ def command(
     at: Path | None,
     symbolic: bool,
     route: str | None,
-    class_name: str | None,
-    libraries: Sequence[Path],
-    project_file: Path | None,
+    model_options: ModelOptions,
     form: str,
     output: Path | None,
     plot: Path | None,
@@ -70,9 +66,9 @@ def command(
 
     With -o and a name in .npz or .mat the matrices are written as arrays.
     """
-    project = load_project(project_file)
+    project = model_options.project()
     keep_inputs(output, [model, at])
-    linear = load_linear(project, model, class_name, libraries, settings, at, route)
+    linear = load_linear(project, model, model_options, settings, at, route)
     standard = standard_form(linear.dae)
     functions = transfer_functions(linear.dae, standard)
     document = _document(linear, standard, functions)

@@ -12,17 +12,17 @@ from daest.cli.linear import load_linear
 from daest.cli.models import model_source
 from daest.cli.options import (
     DataOptions,
-    class_options,
+    ModelOptions,
     example,
     format_option,
+    model_options,
     output_option,
     plot_option,
-    project_option,
     set_option,
 )
 from daest.cli.output import emit, keep_inputs
 from daest.cli.pictures import draw
-from daest.data.project import Project, load_project
+from daest.data.project import Project
 from daest.errors import ConfigError, Place
 from daest.model.flat import FlatModel
 from daest.model.noise import NoiseAlong
@@ -48,8 +48,7 @@ from daest.systems.noise import noise_report
     help="Judge a nonlinear model along its simulation under the inputs of this recording too.",
 )
 @set_option
-@class_options
-@project_option
+@model_options
 @format_option
 @output_option
 @plot_option
@@ -59,9 +58,7 @@ def command(
     places: tuple[str, ...],
     along: Path | None,
     settings: Mapping[str, float],
-    class_name: str | None,
-    libraries: Sequence[Path],
-    project_file: Path | None,
+    model_options: ModelOptions,
     form: str,
     output: Path | None,
     plot: Path | None,
@@ -71,9 +68,9 @@ def command(
     Exit code 1 if a noise of the model, or a place that was asked for with --at, is not admissible, at the
     operating point or anywhere along the recording of --along.
     """
-    project = load_project(project_file)
+    project = model_options.project()
     keep_inputs(output, [model, along])
-    linear = load_linear(project, model, class_name, libraries, settings, None)
+    linear = load_linear(project, model, model_options, settings, None)
     dae = linear.dae
     report = noise_report(dae, at=places, tolerance=tolerance)
     judged = None if along is None else _along(project, linear.flat, along, places, tolerance)

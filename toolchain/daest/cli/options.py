@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
@@ -18,6 +18,7 @@ from daest.model.prior import Prior
 if TYPE_CHECKING:
     from daest.data.prepare import Preparation
     from daest.data.project import Hold, Project
+    from daest.model.flat import FlatModel
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -65,15 +66,23 @@ def gathered(
 class ModelOptions:
     """Where a command finds its model beside the name of the file: class, libraries and project file."""
 
-    class_name: str | None
-    libraries: tuple[Path, ...]
-    project_file: Path | None
+    class_name: str | None = None
+    libraries: tuple[Path, ...] = ()
+    project_file: Path | None = None
 
     def project(self) -> Project:
         """The project file, or an empty project. Raises what `load_project` raises."""
         from daest.data.project import load_project
 
         return load_project(self.project_file)
+
+    def load(
+        self, project: Project, given: Path | None, settings: Mapping[str, float] | None = None
+    ) -> FlatModel:
+        """The model of the command line, else that of the project. See `load_model`."""
+        from daest.cli.models import load_model
+
+        return load_model(project, given, self.class_name, self.libraries, settings)
 
 
 @dataclass(frozen=True)
@@ -109,7 +118,7 @@ class DataOptions:
         return "foh" if self.preparation(project).period is not None else project.hold
 
 
-project_option = click.option(
+_project_option = click.option(
     "-p",
     "--project",
     "project_file",
@@ -155,8 +164,7 @@ _class_options = (
         help="Folder of Modelica libraries; MODELICAPATH is read too.",
     ),
 )
-class_options = _stacked(*_class_options)
-model_options = gathered("model_options", ModelOptions, *_class_options, project_option)
+model_options = gathered("model_options", ModelOptions, *_class_options, _project_option)
 set_option = click.option(
     "--set",
     "settings",

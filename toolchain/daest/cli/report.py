@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from daest.cli.options import class_options, example, format_option, project_option
+from daest.cli.options import ModelOptions, example, format_option, model_options
 from daest.cli.output import emit, keep_inputs, write_text
 from daest.cli.results import LATEST, find_fit, fitted, read_document
-from daest.data.project import Project, load_project
+from daest.data.project import Project
 from daest.errors import ConfigError, DaestError, Place
 
 if TYPE_CHECKING:
@@ -43,28 +43,23 @@ SERIES = ("comparison", "filter")
     default=PAGE,
     help=f"Write the page there; - is stdout (default: {PAGE}).",
 )
-@class_options
-@project_option
+@model_options
 @format_option
-def command(
-    output: Path, class_name: str | None, libraries: tuple[Path, ...], project_file: Path | None, form: str
-) -> None:
+def command(output: Path, model_options: ModelOptions, form: str) -> None:
     """Write one HTML page of the project: model, noise, estimates, comparison, diagnosis, what was added.
 
     It shows what the other commands have left in results/, says which one makes what is missing, and opens
     without a network.
     """
-    project = load_project(project_file)
+    project = model_options.project()
     keep_inputs(output, [project.source, *project.estimate, *project.validate])
-    text, parts = report_page(project, class_name, libraries)
+    text, parts = report_page(project, model_options)
     write_text(text, output)
     if str(output) != "-":
         emit(_document(output, text, parts), "report", form, None, _summary)
 
 
-def report_page(
-    project: Project, class_name: str | None = None, libraries: tuple[Path, ...] = ()
-) -> tuple[str, list[Section]]:
+def report_page(project: Project, options: ModelOptions) -> tuple[str, list[Section]]:
     """HTML of the report, and its parts. Raises ConfigError `report-nothing`, `results-unreadable`."""
     from daest.report.page.material import Material
     from daest.report.page.render import page
@@ -78,7 +73,7 @@ def report_page(
             where=Place(str(project.results)),
             remedy="go to the folder of the project, or name its daest.toml with -p; daest init writes one",
         )
-    flat, remarks = _model(project, class_name, libraries)
+    flat, remarks = _model(project, options)
     ledger = documents.get("ledger")
     material = Material(
         title=project.folder.resolve().name if flat is None else flat.name,
@@ -127,16 +122,12 @@ def _documents(project: Project) -> dict[str, dict[str, Any]]:
     return {part: read_document(path) for part, path in paths.items() if path.is_file()}
 
 
-def _model(
-    project: Project, class_name: str | None, libraries: tuple[Path, ...]
-) -> tuple[FlatModel | None, tuple[str, ...]]:
+def _model(project: Project, options: ModelOptions) -> tuple[FlatModel | None, tuple[str, ...]]:
     """The model with the values of its fit, or why there is none."""
     if project.source is None:
         return None, ()
-    from daest.cli.models import load_model
-
     try:
-        flat = load_model(project, None, class_name, libraries)
+        flat = options.load(project, None)
         fit = find_fit(project, project.source, flat.name)
     except DaestError as problem:
         return None, (f"The model cannot be read: {problem.what}",)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from daest.cli.models import load_model, model_source
+from daest.cli.models import model_source
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -67,7 +67,7 @@ def command(
     project = model_options.project()
     keep_inputs(output, [inputs, model])
     source = model_source(project, model)
-    flat = load_model(project, source, model_options.class_name, model_options.libraries)
+    flat = model_options.load(project, source)
     fit = find_fit(project, source, flat.name)
     if fit is not None:
         note(f"parameters of {fit[0]}")
