@@ -175,7 +175,7 @@ _WORK = ("arg", "res", "iw", "w")
 
 @functools.lru_cache(maxsize=64)
 def _load(source: str) -> ctypes.CDLL:
-    return ctypes.CDLL(str(build_shared(source, "integrator", flags=("-O2",))))
+    return ctypes.CDLL(str(build_shared(source, "integrator", flags=("-O3",))))
 
 
 def interval_inputs(
