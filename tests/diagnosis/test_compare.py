@@ -94,6 +94,27 @@ def test_likelihood_without_process_noise_is_that_of_independent_errors():
     assert trial.bic == pytest.approx(2 * np.log(300) - 2 * expected, rel=1e-9)
 
 
+@pytest.mark.parametrize("delay", [0, 1])
+@pytest.mark.parametrize(
+    ("time_constant", "verdict", "cause"),
+    [(0.5, "not falsified", "closed loop."), (0.4, "falsified", "the model lacks something.")],
+)
+def test_feedback_falsifies_no_right_model(time_constant, verdict, cause, delay):
+    """A controller that answers to the measured value of the same sample, or of the one before."""
+    rng = np.random.default_rng(3)
+    n, x, keep = 2000, 0.0, np.exp(-PERIOD / TIME_CONSTANT)
+    u, y, e = np.repeat(rng.normal(size=n // 20), 20), np.zeros(n), 0.1 * rng.normal(size=n)
+    for k in range(n):
+        y[k] = x + e[k]
+        u[k] -= y[k - delay]
+        x = keep * x + (1 - keep) * GAIN * u[k]
+    run = experiment(PERIOD * np.arange(n), u, y)
+    (trial,) = compare_models([Candidate("Lag", lag(time_constant, 0.1), 2, "zoh")], [run]).models
+    assert trial.verdict == verdict
+    (remark,) = [note for note in trial.notes if note.startswith("the inputs follow the errors of y: ")]
+    assert cause in remark
+
+
 def test_nonlinear_model_is_simulated_from_its_own_initial_value():
     """T x' = -x³ without input has the solution x = 1/sqrt(1/x0² + 2 t/T)."""
     linear = lag()

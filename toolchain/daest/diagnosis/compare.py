@@ -112,7 +112,7 @@ def _model_trial(
         bic=float(candidate.n_parameters * np.log(n_values) - 2.0 * trial.log_likelihood),
         simulated=trial.simulated,
         predicted=trial.predicted,
-        notes=(*candidate.notes, *trial.notes, *_notes(trial, feedback)),
+        notes=(*candidate.notes, *trial.notes, *_notes(trial, feedback, is_doubtful=not all(passed))),
         tests=tests,
         feedback={name: with_limit(test, LEVEL) for name, test in feedback.items()},
         verdict=None if not passed else ("not falsified" if all(passed) else "falsified"),
@@ -122,7 +122,9 @@ def _model_trial(
     )
 
 
-def _notes(trial: Trial, feedback: Mapping[str, RawTest]) -> list[str]:
+def _notes(trial: Trial, feedback: Mapping[str, RawTest], *, is_doubtful: bool) -> list[str]:
+    """Remarks on the trial. Where the model is wrong (`is_doubtful`), what it lacks may follow the inputs of
+    long ago, and with them those to come, without any feedback."""
     notes = []
     if trial.residuals and trial.is_output_error:
         notes.append(
@@ -130,9 +132,10 @@ def _notes(trial: Trial, feedback: Mapping[str, RawTest]) -> list[str]:
         )
     closed = [name for name, test in feedback.items() if test.p_value < LEVEL / len(feedback)]
     if closed:
+        cause = "a controller acts on them, or the model lacks something" if is_doubtful else "closed loop"
         notes.append(
-            f"closed loop: the inputs follow the errors of {', '.join(closed)}; the error of predictions is "
-            "then a fairer judge than that of the simulation"
+            f"the inputs follow the errors of {', '.join(closed)}: {cause}. In closed loop the error of "
+            "predictions is a fairer judge than that of the simulation"
         )
     return notes
 

@@ -121,7 +121,8 @@ def residual_tests(sequences: Sequences, names: Sequence[str]) -> tuple[Raw, dic
         is_closed = returned is not None and returned.p_value < LEVEL
         tests["whiteness"][name] = _whiteness(sequences, j)
         past = _past_inputs(sequences, first=1 if is_closed or not sequences.acts_at_once else 0)
-        for kind, regressors in (("input", past), ("variable", _variable_features(sequences))):
+        features = _variable_features(sequences, first=1 if is_closed else 0)
+        for kind, regressors in (("input", past), ("variable", features)):
             found = _independence(sequences, j, regressors)
             if found is not None:
                 tests[f"{kind}_independence"][name] = found
@@ -228,12 +229,14 @@ def _past_inputs(sequences: Sequences, first: int) -> np.ndarray:
     return _rows([_lagged(u, lag, sequences.within) for lag in lags for u in sequences.inputs.T], sequences)
 
 
-def _variable_features(sequences: Sequences) -> np.ndarray:
-    """A constant, and every variable with its square and sign, of this and earlier predictions, (q, n)."""
+def _variable_features(sequences: Sequences, first: int) -> np.ndarray:
+    """A constant, and every variable with its square and sign, of predictions `first` and more samples
+    before, (q, n). In closed loop, what an input of the same sample moves knows the error of that sample."""
     rows = [sequences.within.astype(float)]
+    lags = [max(lag, first) for lag in VARIABLE_LAGS]
     for v in sequences.variables.T[:MOST_VARIABLES]:
         for feature in (v, v**2 - 1.0, np.sign(v)):
-            rows += [_lagged(feature * sequences.within, lag, sequences.within) for lag in VARIABLE_LAGS]
+            rows += [_lagged(feature * sequences.within, lag, sequences.within) for lag in lags]
     return _rows(rows, sequences)
 
 
