@@ -8,7 +8,7 @@ is calibrated, the loads of the null and a constant load being part of the hypot
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from daest.diagnosis.screen import (
     innovation_responses,
     nuisance,
     projected,
-    score_spread,
+    spread_under,
 )
 from daest.model.diagnosis import FreeForm
 
@@ -37,6 +37,7 @@ SOFT = 0.05  # of a speed's rms over which its sign changes
 JUMP = 3.0  # times that, where the curve is shown beside its jump
 SAME_COURSE = 1e-6  # 1 - |correlation| of two variables that are one, up to offset and factor
 
+Spread = Callable[[np.ndarray], np.ndarray]  # of the scores of unit responses
 Key = tuple[int, str, str]  # load, variable, speed whose sign multiplies the curve
 
 
@@ -61,7 +62,7 @@ def free_forms(null: Null, run: NullObserver, variables: Iterable[str] | None = 
         if all((name, speed) in table for table in tables)
         and (wanted is None or (name in wanted and (not speed or speed in wanted)))
     ]
-    parameters = nuisance(run, len(null.estimated))
+    parameters, spread = nuisance(run, len(null.estimated)), spread_under(run.whitened)
     forms = []
     for index in range(len(null.loads)):
         # A constant load follows nothing.
@@ -70,7 +71,8 @@ def free_forms(null: Null, run: NullObserver, variables: Iterable[str] | None = 
         for name, speed in shared:
             own = [table[name, speed] for table in tables]
             responses = _responses(null, run, index, [basis.course for basis in own])
-            forms.append(_tested(null, (index, name, speed), own[0], responses, directions, run.whitened))
+            key = index, name, speed
+            forms.append(_tested(null, key, own[0], responses, directions, run.whitened, spread))
     corrected = [replace(f, p_value=min(1.0, len(forms) * f.p_value)) for f in forms]
     return tuple(sorted(corrected, key=_rank))
 
@@ -185,6 +187,7 @@ def _tested(
     responses: np.ndarray,
     directions: np.ndarray,
     white: np.ndarray,
+    spread: Spread,
 ) -> FreeForm:
     index, variable, speed = key
     frame = _frame(responses)
@@ -193,7 +196,7 @@ def _tested(
     values, vectors = np.linalg.eigh(rest @ rest.T)
     kept = values > ABSORBED**2
     unit, _ = projected((vectors[:, kept] / np.sqrt(values[kept])).T @ frame @ responses, directions)
-    z = unit @ white / score_spread(unit, white) if np.any(kept) else np.zeros(0)
+    z = unit @ white / spread(unit) if np.any(kept) else np.zeros(0)
     statistic, degrees = float(z @ z), max(int(kept.sum()), 1)
     # The curve at the null's parameters: what they took stays theirs.
     weights = frame.T @ (frame @ responses @ white)

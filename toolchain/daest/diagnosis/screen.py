@@ -9,7 +9,7 @@ exactly.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, cast
@@ -180,14 +180,14 @@ def _responses(
     names = [name for c in candidates for name in size_names(c)]
     ends = np.cumsum([0, *(len(c.effect.sizes) for c in candidates)])
     rows = [slice(a, b) for a, b in pairwise(ends.tolist())]
-    drives = _drive_function(explicit, names)
+    of_rates, of_outputs = _drive_functions(explicit, names)
     basis = _basis(null, run, explicit)
     parts = []
     for experiment, observed in zip(null.experiments, run.observed, strict=True):
-        g, _ = _drives(null, explicit, drives, experiment, observed.filtered, basis)
+        g = _drives(null, explicit, of_rates, experiment, observed.filtered @ basis.T)
         # What a sensor effect does to an innovation must not know that innovation.
-        _, direct = _drives(null, explicit, drives, experiment, observed.predicted, basis)
-        parts.append(innovation_responses(run, experiment, g, direct))
+        direct = _drives(null, explicit, of_outputs, experiment, observed.predicted @ basis.T)
+        parts.append(innovation_responses(run, experiment, g @ np.linalg.inv(basis).T, direct))
     return np.concatenate(parts, axis=1), rows
 
 
@@ -249,8 +249,8 @@ def _basis(null: Null, run: NullObserver, explicit: ExplicitModel) -> np.ndarray
     return np.array(slopes(run.observed[0].filtered.mean(axis=0)))
 
 
-def _drive_function(explicit: ExplicitModel, names: Sequence[str]) -> ca.Function:
-    """(x, u, v, theta, t) -> ∂f/∂sizes (n, k), ∂h/∂sizes (n_y, k)."""
+def _drive_functions(explicit: ExplicitModel, names: Sequence[str]) -> tuple[ca.Function, ca.Function]:
+    """(x, u, v, theta, t) -> ∂f/∂sizes (n, k), and ∂h/∂sizes (n_y, k)."""
     known = {p.name: i for i, p in enumerate(explicit.flat.parameters)}
     sizes = [known[name] for name in names]
     n_x, n_u, n_v, n_w, n_theta = (explicit.rhs.numel_in(i) for i in range(5))
@@ -261,11 +261,13 @@ def _drive_function(explicit: ExplicitModel, names: Sequence[str]) -> ca.Functio
     whole[sizes] = chosen
     f = explicit.rhs(x, u, v, ca.SX.zeros(n_w), whole, t)
     h = explicit.outputs(x, u, v, ca.SX.zeros(n_w), whole, t)
-    parts = [ca.densify(ca.jacobian(f, chosen)), ca.densify(ca.jacobian(h, chosen))]
-    at_null = ca.Function("drives", [x, u, v, theta, t, chosen], parts)
-    return ca.Function(
-        "drives", [x, u, v, theta, t], at_null.call([x, u, v, theta, t, theta[sizes]], True, False)
-    )
+
+    def slopes(law: ca.SX) -> ca.Function:
+        at_null = ca.Function("slopes", [x, u, v, theta, t, chosen], [ca.densify(ca.jacobian(law, chosen))])
+        values = at_null.call([x, u, v, theta, t, theta[sizes]], True, False)
+        return ca.Function("drives", [x, u, v, theta, t], values)
+
+    return slopes(f), slopes(h)
 
 
 def _drives(
@@ -273,28 +275,33 @@ def _drives(
     explicit: ExplicitModel,
     drives: ca.Function,
     experiment: Experiment,
-    filtered: np.ndarray,
-    basis: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """∂f/∂sizes (k, n_samples, n) in the null's order of states, and ∂h/∂sizes (k, n_samples, n_y)."""
+    states: np.ndarray,
+) -> np.ndarray:
+    """Values (k, n_samples, n_rows) of a drive function along the states (n_samples, n) of `explicit`."""
     n_samples = experiment.n_samples
-    x = basis @ filtered.T
     n_u = explicit.rhs.numel_in(1)
-    u = np.zeros((n_u, n_samples))
+    u = np.zeros((n_samples, n_u))
     ubar = _ubar(null, experiment)
     own = len(experiment.input_names)
-    u[:own] = ubar[:, :own].T
+    u[:, :own] = ubar[:, :own]
     for i, variable in enumerate(explicit.flat.inputs[own:]):
-        u[own + i] = np.nan_to_num(experiment.extra[variable.name])
-    v = np.zeros((explicit.rhs.numel_in(2), n_samples))
-    v[: ubar.shape[1] - own] = ubar[:, own:].T
-    theta = np.tile(explicit.flat.theta_values[:, None], (1, n_samples))
-    g, direct = drives.map(n_samples)(x, u, v, theta, experiment.time)
-    k = drives.numel_out(0) // explicit.n_states
-    g = np.array(g).reshape(explicit.n_states, n_samples, k).transpose(2, 1, 0)
-    g = g @ np.linalg.inv(basis).T
-    direct = np.array(direct).reshape(-1, n_samples, k).transpose(2, 1, 0)
-    return np.nan_to_num(g), np.nan_to_num(direct)
+        u[:, own + i] = np.nan_to_num(experiment.extra[variable.name])
+    v = np.zeros((n_samples, explicit.rhs.numel_in(2)))
+    v[:, : ubar.shape[1] - own] = ubar[:, own:]
+    theta = np.tile(explicit.flat.theta_values, (n_samples, 1))
+    n_rows, k = drives.size_out(0)
+    arguments = [np.ascontiguousarray(a, dtype=float) for a in (states, u, v, theta, experiment.time)]
+    values = np.empty((n_samples, k, n_rows))
+    # Straight into the array: CasADi's own way goes through a list of numbers.
+    whole: Any = drives.map(n_samples)
+    buffer, evaluate = whole.buffer()
+    for i, argument in enumerate(arguments):
+        if argument.size:
+            buffer.set_arg(i, argument.data)
+    if values.size:
+        buffer.set_res(0, values.data)
+    evaluate()
+    return np.nan_to_num(np.ascontiguousarray(values.transpose(1, 0, 2)), copy=False)
 
 
 def _scored(
@@ -310,7 +317,7 @@ def _scored(
     norms = np.linalg.norm(rest, axis=1)
     seen = (share >= ABSORBED) & (norms > 0.0)
     unit = np.where(seen[:, None], rest / np.where(norms > 0.0, norms, 1.0)[:, None], 0.0)
-    spread = score_spread(unit, white)
+    spread = spread_under(white)(unit)
     z = np.where(seen, unit @ white / spread, 0.0)
     correlation = unit @ unit.T
     tests = [_Test(c, r, correlation, seen) for c, r in zip(candidates, rows, strict=True)]
@@ -387,19 +394,25 @@ def projected(responses: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray
     return rest, np.linalg.norm(rest, axis=1) / np.where(size > 0.0, size, 1.0)
 
 
-def score_spread(unit: np.ndarray, white: np.ndarray) -> np.ndarray:
-    """Standard deviation of each score under the innovations' own spectrum (1 where they are white)."""
+def spread_under(white: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Standard deviation (k,) of the scores of unit responses (k, m) under the spectrum of the innovations
+    (m,) themselves: 1 where they are white."""
     coefficients, cov = autoregression(white[:, None])
     if coefficients.shape[0] == 0:
-        return np.full(unit.shape[0], np.sqrt(cov[0, 0]))
+        return lambda unit: np.full(unit.shape[0], np.sqrt(cov[0, 0]))
     length = 2 * int(2 ** np.ceil(np.log2(white.size)))
     frequencies = np.arange(length // 2 + 1) / length
     delays = np.exp(-2j * np.pi * np.outer(frequencies, np.arange(1, coefficients.shape[0] + 1)))
     density = cov[0, 0] / np.abs(1.0 - delays @ coefficients[:, 0, 0]) ** 2
     weights = np.full(frequencies.size, 2.0)
     weights[0] = weights[-1] = 1.0
-    spread = [np.abs(np.fft.rfft(row, length)) ** 2 @ (weights * density) / length for row in unit]
-    return np.sqrt(np.maximum(spread, 1e-12))
+    weights *= density
+
+    def spread(unit: np.ndarray) -> np.ndarray:
+        variance = [np.abs(np.fft.rfft(row, length)) ** 2 @ weights / length for row in unit]
+        return np.sqrt(np.maximum(variance, 1e-12))
+
+    return spread
 
 
 def _largest(tests: Sequence[_Test], correlation: np.ndarray, seed: int) -> np.ndarray:
