@@ -4,6 +4,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from daest.numerics.elimination import choose_pivots
+from daest.numerics.sparse_basis import different_rows, independent_block
 
 ZERO = 1e-12
 
@@ -45,3 +46,12 @@ def test_small_entries_are_no_pivots():
     assert choose_pivots(matrix, np.arange(1), np.array([False, True]), ZERO).columns[0] == 0
     tiny = sp.csr_array(np.array([[1e-11, 1.0]]))
     assert choose_pivots(tiny, np.arange(1), np.array([False, True]), ZERO).columns[0] == 1
+
+
+def test_a_rounding_error_does_not_stand_for_the_column_that_it_is_parallel_to():
+    matrix = sp.csr_array(np.array([[1.0, 0.0, 0.0], [0.0, 5e-17, 1.0]]))
+    first, group, factor = different_rows(sp.csr_array(matrix.T))
+    assert first.tolist() == [0, 2] and group.tolist() == [0, 1, 1]
+    np.testing.assert_allclose(factor, [1.0, 5e-17, 1.0])
+    rows, columns = independent_block(matrix)
+    assert sorted(rows) == [0, 1] and sorted(columns) == [0, 2]

@@ -44,7 +44,8 @@ def test_verdicts_on_every_example(path):
 
 
 @pytest.mark.parametrize(
-    ("name", "n"), [("Chain", 12), ("Ladder", 20), ("Resistors", 20), ("Rigid", 20), ("Grid", 4)]
+    ("name", "n"),
+    [("Chain", 12), ("Ladder", 20), ("Resistors", 20), ("Rigid", 20), ("Grid", 4), ("Gears", 9)],
 )
 def test_verdicts_poles_and_transfer_functions_of_arrays(name, n):
     dae = large(name, n)
@@ -157,15 +158,37 @@ def test_too_large_for_dense_algebra_is_said_before_it_starts(monkeypatch):
     assert caught.value.code == "model-too-large" and "GB" in str(caught.value)
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_verdicts_of_random_sparse_pencils(seed):
+    E, J = scattered_pencil(np.random.default_rng(seed))
+    plain, n = large("Ladder", 8), len(E)
+    dae = dataclasses.replace(
+        plain,
+        equations=plain.equations[:n],
+        unknowns=plain.unknowns[:n],
+        E=sp.csr_array(E),
+        J=sp.csr_array(J),
+        K=plain.K[:n],
+        B=np.eye(n)[:, :0],
+        C=plain.C[:, :n],
+        offset=plain.offset[:n],
+    )
+    assert_same_reports(noise_report(dae, split(dae)), noise_report(dae, sparse_form(dae)))
+
+
 @pytest.mark.slow
-def test_ten_thousand_equations_within_twenty_seconds():
+@pytest.mark.parametrize(
+    ("name", "n", "numbers"),
+    [("Chain", 588, (10002, 1176, 3, 4116)), ("Rigid", 1428, (10012, 2, 3, 5711))],
+)
+def test_ten_thousand_equations_within_twenty_seconds(name, n, numbers):
     import time
 
-    dae = large("Chain", 588)
+    dae = large(name, n)
     started = time.monotonic()
     report = noise_report(dae)
     assert time.monotonic() - started < 20.0
-    assert (len(report.places), report.n_dynamic, report.index, report.n_forbidden) == (10002, 1176, 3, 4116)
+    assert (len(report.places), report.n_dynamic, report.index, report.n_forbidden) == numbers
 
 
 def test_long_reaches_are_counted_and_named_on_request():

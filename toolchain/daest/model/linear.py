@@ -99,6 +99,18 @@ class StandardForm:
 
 
 @dataclass(frozen=True)
+class GroupedMatrix:
+    """A large matrix whose rows, and columns, come in groups of multiples of each other: entry (j, i) is
+    row_factor[j] · core[row_group[j], column_group[i]] · column_factor[i], zero where a group is -1."""
+
+    core: sp.csc_array  # one row and one column for each group
+    row_group: np.ndarray
+    row_factor: np.ndarray
+    column_group: np.ndarray
+    column_factor: np.ndarray
+
+
+@dataclass(frozen=True)
 class SparseForm:
     """What the standard form says of a large model, without a basis for z2: z1' = A z1 + P1 b w and
     ξ = Q1 z1 + Σ maps[i] b w^(i), maps[i] = -Q2 N^i P2, for any column b.
@@ -111,7 +123,7 @@ class SparseForm:
     left_dynamic: sp.csr_array  # P1 (n_dynamic, n)
     right_dynamic: sp.csr_array  # Q1 (n, n_dynamic)
     A: sp.csr_array  # (n_dynamic, n_dynamic)
-    maps: tuple[sp.csc_array, ...]  # `index` of them, (n, n) each
+    maps: tuple[GroupedMatrix, ...]  # `index` of them, (n, n) each; from maps[1] on all of the same groups
     index: int
     decisions: tuple[RankDecision, ...]
 

@@ -174,16 +174,18 @@ def _singular(reason: str) -> NumericalError:
 
 
 def inverse_columns(
-    expansion: Expansion, wanted: np.ndarray, powers: Sequence[int]
+    expansion: Expansion, wanted: np.ndarray, powers: Sequence[int], rows: np.ndarray | None = None
 ) -> dict[int, sp.csc_array]:
-    """Columns `wanted` of the coefficients of s^m in (sE - J)⁻¹, m in `powers`; each (n, len(wanted))."""
+    """Columns `wanted` of the coefficients of s^m in (sE - J)⁻¹, m in `powers`; each (n, len(wanted)), or
+    (len(rows), len(wanted)) where only these rows are asked for."""
     parts: dict[int, list[sp.csc_array]] = {m: [] for m in powers}
     chunks = list(_chunks(expansion.rows[wanted]))
+    rows = np.arange(expansion.rows.size) if rows is None else rows
     for chunk in chunks:
         offset = int(expansion.rows[wanted[chunk[0]]])
-        for m, block in _chunk(expansion, wanted[chunk], offset, powers):
+        for m, block in _chunk(expansion, wanted[chunk], offset, powers, rows):
             parts[m].append(block)
-    shape = (expansion.rows.size, wanted.size)
+    shape = (rows.size, wanted.size)
     return {m: _joined(parts.pop(m), chunks, shape) for m in powers}
 
 
@@ -201,8 +203,27 @@ def inverse_rows(expansion: Expansion, wanted: np.ndarray, powers: Sequence[int]
     return {m: sp.csr_array(part.T) for m, part in found.items()}
 
 
+def apply_inverse(expansion: Expansion, right: np.ndarray, power: int) -> np.ndarray:
+    """The coefficient of s^power in (sE - J)⁻¹ times `right` (n, r), rounding errors set to zero.
+
+    With R_c, the rows of `right` at equations of offset c, T_t = Σ X(c+t) R_c follows the recursion of the
+    Xk: Â0 T_t = R_(-t) - Â1 T_(t-1) - …; row j of the product is that of T_t, t = -d_j - power.
+    """
+    terms: list[np.ndarray] = []
+    result, largest = np.zeros_like(right), np.zeros(right.shape[1])
+    for t in range(-int(expansion.rows.max()), 1 - int(expansion.columns.min()) - power):
+        known = np.where(expansion.rows[:, None] == -t, right, 0.0)
+        for lower, term in zip(expansion.lower, terms[::-1], strict=False):
+            known -= lower @ term
+        terms.append(expansion.jacobian.factors.solve(known))
+        largest = np.maximum(largest, np.abs(terms[-1]).max(axis=0))
+        own = expansion.columns == -t - power
+        result[own] = terms[-1][own]
+    return np.where(np.abs(result) > ROUNDING * largest, result, 0.0)
+
+
 def _chunk(
-    expansion: Expansion, wanted: np.ndarray, offset: int, powers: Sequence[int]
+    expansion: Expansion, wanted: np.ndarray, offset: int, powers: Sequence[int], rows: np.ndarray
 ) -> Iterator[tuple[int, sp.csc_array]]:
     """Coefficients for columns that share the offset c: those of s^m stand in row j of X_k, k = c - d_j -
     m. Rounding errors are set to zero."""
@@ -211,18 +232,24 @@ def _chunk(
     terms = _terms(expansion, wanted, n_terms)
     largest = np.max([largest_entries(term) for term in terms], axis=0) if terms else np.zeros(wanted.size)
     for m in powers:
-        yield m, _rows_of_terms(terms, lag - m, ROUNDING * largest)
+        yield m, _rows_of_terms(terms, lag - m, ROUNDING * largest, rows)
 
 
-def _rows_of_terms(terms: Sequence[sp.csc_array], term_of: np.ndarray, limits: np.ndarray) -> sp.csc_array:
-    """Row j of terms[term_of[j]], entries above the limit of their column; rows of no term are zero."""
-    shape, found = (term_of.size, limits.size), []
+def _rows_of_terms(
+    terms: Sequence[sp.csc_array], term_of: np.ndarray, limits: np.ndarray, rows: np.ndarray
+) -> sp.csc_array:
+    """Row rows[j] of terms[term_of[rows[j]]] for all j, entries above the limit of their column; rows of no
+    term are zero."""
+    place = np.full(term_of.size, -1, dtype=np.int32)
+    place[rows] = np.arange(rows.size)
+    term_of = np.where(place >= 0, term_of, -1)
+    shape, found = (rows.size, limits.size), []
     for k, term in enumerate(terms):
         column = np.repeat(np.arange(limits.size, dtype=np.int32), np.diff(term.indptr))
         kept = (term_of[term.indices] == k) & (np.abs(term.data) > limits[column])
         if np.any(kept):
             pointers = np.concatenate([[0], np.cumsum(np.bincount(column[kept], minlength=limits.size))])
-            found.append(sp.csc_array((term.data[kept], term.indices[kept], pointers), shape=shape))
+            found.append(sp.csc_array((term.data[kept], place[term.indices[kept]], pointers), shape=shape))
     return sp.csc_array(sum(found[1:], found[0])) if found else sp.csc_array(shape)
 
 

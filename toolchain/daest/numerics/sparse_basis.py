@@ -39,7 +39,8 @@ def independent_block(
 
 
 def different_rows(matrix: sp.csr_array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(representatives, group, factor): row i is factor[i] times row representatives[group[i]].
+    """(representatives, group, factor): row i is factor[i] times row representatives[group[i]], the largest
+    of its group, for a small one may be a rounding error.
 
     Rows of zeros belong to no group (-1, factor 0).
     """
@@ -47,7 +48,7 @@ def different_rows(matrix: sp.csr_array) -> tuple[np.ndarray, np.ndarray, np.nda
     matrix = sp.csr_array(matrix)
     matrix.sort_indices()
     known: dict[bytes, int] = {}
-    representatives: list[int] = []
+    representatives: list[int] = []  # of each group, in the order of their first rows
     group, factor, scale = np.full(n, -1), np.zeros(n), np.ones(n)
     for i in range(n):
         span = slice(matrix.indptr[i], matrix.indptr[i + 1])
@@ -61,6 +62,8 @@ def different_rows(matrix: sp.csr_array) -> tuple[np.ndarray, np.ndarray, np.nda
             known[key] = len(representatives)
             representatives.append(i)
         group[i], scale[i] = known[key], largest
+        if abs(largest) > abs(scale[representatives[group[i]]]):
+            representatives[group[i]] = i
     used = group >= 0
     first = np.array(representatives, dtype=int)
     factor[used] = scale[used] / scale[first[group[used]]]

@@ -3,48 +3,91 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.linalg as sla
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from daest.model.linear import LinearDAE, RankDecision, SparseForm, StandardForm
+from daest.model.linear import GroupedMatrix, LinearDAE, RankDecision, SparseForm, StandardForm
+from daest.numerics.grouped import product
 from daest.numerics.pencils import Scaling
 from daest.numerics.ranks import decide_rank
-from daest.numerics.sparse_basis import different_rows, independent_block
-from daest.numerics.sparse_columns import scaled
+from daest.numerics.sparse_basis import independent_block
+from daest.numerics.sparse_columns import largest_entries
 
 LARGEST_RANK = 2000
 """Rank of N up to which the singular values of a sparse form are computed: dense algebra of this size."""
 
-
 DENSE_SHARE = 0.05
 """From this share of non-zero entries on, products are formed as those of dense matrices."""
 
+CHUNK = 256
+"""Columns that are projected at a time."""
 
-@dataclass(frozen=True)
-class RowSpace:
-    """The row space of N P2: columns b that `rows` (rank N, n) maps to zero are admissible. `gram` solves
-    with rows · rows'; None where the rows are orthonormal."""
 
-    rows: sp.csr_array
-    gram: Any
+class RowSpace(Protocol):
+    """The row space of N P2: columns b that are orthogonal to it are admissible."""
 
     def norm(self, b: np.ndarray) -> float:
-        """|(I - M M⁺) b|, (40): the length of the part of b in the row space."""
-        part = self.rows @ b
-        return float(np.sqrt(max(part @ (part if self.gram is None else self.gram.solve(part)), 0.0)))
+        """|(I - M M⁺) b|, (40): the length of the part of b (n,) in the row space."""
+        ...
 
     def unit_norms(self) -> np.ndarray:
         """`norm` of every unit column, shape (n,)."""
-        if self.gram is None:
-            return np.sqrt(self.rows.multiply(self.rows).sum(axis=0)).ravel()
-        first, group, factor = different_rows(sp.csr_array(self.rows.T))
-        columns = sp.csc_array(self.rows)[:, first].toarray()
-        norms = np.sqrt(np.maximum(np.sum(columns * self.gram.solve(columns), axis=0), 0.0))
-        return np.abs(factor) * np.append(norms, 0.0)[group]
+        ...
+
+
+@dataclass(frozen=True)
+class OrthonormalRows:
+    """A row space by orthonormal `rows` (rank N, n)."""
+
+    rows: np.ndarray
+
+    def norm(self, b: np.ndarray) -> float:
+        return float(np.linalg.norm(self.rows @ b))
+
+    def unit_norms(self) -> np.ndarray:
+        return np.linalg.norm(self.rows, axis=0)
+
+
+@dataclass(frozen=True)
+class Complement:
+    """The row space of N P2: what is orthogonal to the range of M = [J ker E, E Q1], the admissible columns.
+
+    `factors` are those of [[I, M], [M', 0]], which gives b - M M⁺ b for (b, 0); None where nothing is
+    forbidden. Equations of a group of `differentiated`, the coefficient of s, have parallel projections.
+    """
+
+    n: int
+    factors: Any
+    differentiated: GroupedMatrix
+
+    def norm(self, b: np.ndarray) -> float:
+        if self.factors is None or not np.any(product(self.differentiated, b)):
+            return 0.0
+        size = self.factors.shape[0]
+        return float(np.linalg.norm(self.factors.solve(np.append(b, np.zeros(size - self.n)))[: self.n]))
+
+    def unit_norms(self) -> np.ndarray:
+        norms = np.zeros(self.n)
+        if self.factors is None:
+            return norms
+        group, factor = self.differentiated.column_group, np.abs(self.differentiated.column_factor)
+        reaching = np.append(largest_entries(self.differentiated.core) > 0.0, False)
+        used = np.flatnonzero(reaching[group])
+        order = used[np.lexsort((-factor[used], group[used]))]
+        first = order[np.flatnonzero(np.diff(group[order], prepend=-1))]
+        found = np.zeros(reaching.size)
+        for start in range(0, first.size, CHUNK):
+            some = first[start : start + CHUNK]
+            unit = np.zeros((self.factors.shape[0], some.size))
+            unit[some, np.arange(some.size)] = 1.0
+            parts = np.linalg.norm(self.factors.solve(unit)[: self.n], axis=0)
+            found[group[some]] = parts / factor[some]
+        norms[used] = found[group[used]] * factor[used]
+        return norms
 
 
 @dataclass(frozen=True)
@@ -74,54 +117,82 @@ def _of_dense(form: StandardForm) -> Nilpotent:
     rank, n = decision.rank, form.left.shape[0]
     rows = sla.qr((vectors[:rank] @ form.left[form.n_dynamic :]).T, mode="economic")[0].T
     kept = np.where(np.arange(values.size) < rank, values, 0.0)
-    return Nilpotent(kept, decision, RowSpace(sp.csr_array(rows if rank else np.empty((0, n))), None))
+    return Nilpotent(kept, decision, OrthonormalRows(rows if rank else np.empty((0, n))))
 
 
 def _of_sparse(dae: LinearDAE, form: SparseForm, scaling: Scaling) -> Nilpotent:
     n = dae.n
     if form.index < 2:
         decision = RankDecision("N of the standard form", (), 0.0, 0, float("inf"))
-        return Nilpotent(np.zeros(n - form.n_dynamic), decision, RowSpace(sp.csr_array((0, n)), None))
-    comparable = scaled(form.maps[1], 1.0 / scaling.columns, 1.0 / scaling.rows)
-    rows, columns = independent_block(comparable)
-    del comparable  # as large as the map itself
-    rank = rows.size
+        nothing = GroupedMatrix(
+            sp.csc_array((0, 0)), np.full(n, -1), np.zeros(n), np.full(n, -1), np.zeros(n)
+        )
+        return Nilpotent(np.zeros(n - form.n_dynamic), decision, Complement(n, None, nothing))
+    kernel = _kernel(sp.csr_array(dae.E), scaling)
+    rank = n - kernel.shape[1] - form.n_dynamic  # P E Q = diag(I, N)
     values = np.zeros(n - form.n_dynamic if rank <= LARGEST_RANK else 0)
     if values.size:
-        values[:rank] = _singular_values(dae, form, rows, columns)
+        values[:rank] = _singular_values(dae, form, rank)
     decision = RankDecision("N of the standard form", tuple(values.tolist()), 0.0, rank, float("inf"))
-    return Nilpotent(values, decision, _row_space(sp.csr_array(form.maps[1][rows])))
+    return Nilpotent(values, decision, Complement(n, _projection(dae, form, kernel), form.maps[1]))
 
 
-def _row_space(rows: sp.csr_array) -> RowSpace:
+def _kernel(E: sp.csr_array, scaling: Scaling) -> sp.csc_array:
+    """A basis (n, n - rank) of the null space of E: unit vectors but for unknowns whose derivatives occur
+    only in combinations."""
+    comparable = sp.csr_array(sp.diags_array(scaling.rows) @ E @ sp.diags_array(scaling.columns))
+    rows, columns = independent_block(comparable)
+    others = np.setdiff1d(np.arange(E.shape[1]), columns)
+    places = (others, np.arange(others.size))
+    basis = sp.csc_array((np.ones(others.size), places), shape=(E.shape[1], others.size))
+    rest = sp.csc_array(E[rows][:, others])
+    if rest.nnz:
+        shares = sp.coo_array(spla.spsolve(sp.csc_array(E[rows][:, columns]), rest))
+        basis = basis - sp.csc_array(
+            (shares.data, (columns[shares.coords[0]], shares.coords[1])), basis.shape
+        )
+    return sp.csc_array(basis)
+
+
+def _projection(dae: LinearDAE, form: SparseForm, kernel: sp.csc_array) -> Any:
+    """Factors of [[I, M], [M', 0]] with the columns of M at unit length."""
+    M = sp.csc_array(sp.hstack([sp.csr_array(dae.J) @ kernel, sp.csr_array(dae.E) @ form.right_dynamic]))
+    M = M @ sp.diags_array(1.0 / np.sqrt(M.multiply(M).sum(axis=0)).ravel())
+    return spla.splu(sp.csc_array(sp.block_array([[sp.eye_array(dae.n), M], [M.T, None]])))
+
+
+def _singular_values(dae: LinearDAE, form: SparseForm, rank: int) -> np.ndarray:
+    """The `rank` largest singular values of N, where |z2| is the distance of ξ from the range of Q1.
+
+    They are those of (I - Q1 Q1⁺) T J, T = -Q2 N P2 the coefficient of s, from Gram matrices of the size of
+    its groups: small ones are accurate to 1e-8 of the largest.
+    """
+    T = form.maps[1]
+    used = np.flatnonzero(largest_entries(T.core) > 0.0)
+    left = _expansion(T.row_group, T.row_factor, T.core.shape[0])
+    right = _expansion(T.column_group, T.column_factor, T.core.shape[1])[:, used].T @ sp.csr_array(dae.J)
+    reached = sp.csc_array(left @ T.core[:, used])
+    left_gram = _full(_product(reached.T, reached)) - _inside(form.right_dynamic, reached)
+    root = _root(right)
+    squares = sla.eigvalsh(root.T @ left_gram @ root)[::-1]
+    return np.sqrt(np.maximum(squares[:rank], 0.0))
+
+
+def _root(rows: sp.csr_array) -> np.ndarray:
+    """A matrix R, as high as `rows` (m, n), with R R' = rows · rows'."""
     lengths = np.sqrt(rows.multiply(rows).sum(axis=1)).ravel()
+    lengths[lengths == 0.0] = 1.0
     rows = sp.csr_array(sp.diags_array(1.0 / lengths) @ rows)
-    return RowSpace(rows, _factors(_gram(rows)))
+    factor, order, rank, _ = sla.lapack.dpstrf(_full(_product(rows, rows.T)), lower=1)
+    root = np.empty((rows.shape[0], rank))
+    root[order - 1] = np.tril(factor)[:, :rank]
+    return lengths[:, None] * root
 
 
-@dataclass(frozen=True)
-class _DenseFactors:
-    """LU factors of a dense matrix, with the `solve` of SuperLU."""
-
-    factors: tuple[np.ndarray, np.ndarray]
-
-    def solve(self, right: np.ndarray) -> np.ndarray:
-        return np.asarray(sla.lu_solve(self.factors, right))
-
-
-def _factors(matrix: np.ndarray | sp.csr_array) -> Any:
-    if isinstance(matrix, np.ndarray):
-        return _DenseFactors(sla.lu_factor(matrix))
-    return spla.splu(sp.csc_array(matrix))
-
-
-def _gram(rows: sp.csr_array) -> np.ndarray | sp.csr_array:
-    """rows · rows'; columns that are multiples of each other are taken together."""
-    first, group, factor = different_rows(sp.csr_array(rows.T))
-    used = group >= 0
-    sizes = np.sqrt(np.bincount(group[used], factor[used] ** 2, minlength=first.size))
-    core = sp.csc_array(rows)[:, first] @ sp.diags_array(sizes)
-    return _product(sp.csr_array(core), sp.csc_array(core.T))
+def _expansion(group: np.ndarray, factor: np.ndarray, n_groups: int) -> sp.csr_array:
+    """The matrix (n, n_groups) that repeats groups with their factors."""
+    used = np.flatnonzero(group >= 0)
+    return sp.csr_array((factor[used], (used, group[used])), shape=(group.size, n_groups))
 
 
 def _product(left: sp.csr_array, right: sp.csc_array) -> np.ndarray | sp.csr_array:
@@ -131,34 +202,15 @@ def _product(left: sp.csr_array, right: sp.csc_array) -> np.ndarray | sp.csr_arr
     return left @ right
 
 
-def _singular_values(dae: LinearDAE, form: SparseForm, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """The singular values of N that are not zero, where |z2| is the distance of ξ from the range of Q1.
-
-    They are those of (I - Q1 Q1⁺) T J, T = -Q2 N P2 = T_c T_rc⁻¹ T_r, from Gram matrices of the size of the
-    rank: small ones are accurate to 1e-8 of the largest.
-    """
-    T = form.maps[1]
-    T_c, T_r = sp.csc_array(T[:, columns]), sp.csr_array(T[rows])
-    right = T_r @ sp.csr_array(dae.J)
-    left_gram = _full(_product(T_c.T, T_c)) - _inside(form.right_dynamic, T_c)
-    lengths = np.sqrt(right.multiply(right).sum(axis=1)).ravel()
-    right = sp.csr_array(sp.diags_array(1.0 / lengths) @ right)
-    right_gram = _full(_product(right, right.T))
-    root = lengths[:, None] * sla.cholesky(right_gram, lower=True)
-    middle = spla.splu(sp.csc_array(T_r[:, columns])).solve(root)
-    squares = sla.eigvalsh(middle.T @ left_gram @ middle)[::-1]
-    return np.sqrt(np.maximum(squares, 0.0))
-
-
 def _full(matrix: np.ndarray | sp.csr_array) -> np.ndarray:
     return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
 
 
-def _inside(Q1: sp.csr_array, T_c: sp.csc_array) -> np.ndarray:
-    """T_c' Q1 Q1⁺ T_c."""
+def _inside(Q1: sp.csr_array, columns: sp.csc_array) -> np.ndarray:
+    """columns' Q1 Q1⁺ columns."""
     if Q1.shape[1] == 0:
-        return np.zeros((T_c.shape[1],) * 2)
+        return np.zeros((columns.shape[1],) * 2)
     lengths = np.sqrt(Q1.multiply(Q1).sum(axis=0)).ravel()
     Q1 = sp.csr_array(Q1 @ sp.diags_array(1.0 / lengths))
-    shared = sp.csc_array(Q1.T @ T_c)
+    shared = sp.csc_array(Q1.T @ columns)
     return np.asarray(shared.T @ spla.splu(sp.csc_array(Q1.T @ Q1)).solve(shared.toarray()))

@@ -17,11 +17,11 @@ import scipy.sparse as sp
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from daest.errors import ConfigError
-from daest.model.linear import LinearDAE, RankDecision, SparseForm, StandardForm
+from daest.model.linear import GroupedMatrix, LinearDAE, RankDecision, SparseForm, StandardForm
 from daest.model.noise import NoisePlace, NoiseReport
+from daest.numerics.grouped import column, column_norms, product, ungrouped
 from daest.numerics.pencils import unit_scaling
 from daest.numerics.ranks import decide_rank, default_tolerance
-from daest.numerics.sparse_columns import scaled_norms
 from daest.systems.nilpotent import Nilpotent, RowSpace, nilpotent_part
 from daest.systems.standard_form import standard_form
 
@@ -36,6 +36,9 @@ NAMED_UNKNOWNS = 100
 """Unknowns with differentiated noise that the verdict on an equation names: in a large model noise on each of
 n equations may reach n unknowns."""
 
+ADMISSIBLE = -2
+"""In place of a group of equations: equations that reach nothing differentiated."""
+
 
 @dataclass(frozen=True)
 class NoiseGains:
@@ -48,7 +51,7 @@ class NoiseGains:
     """
 
     forbidden: RowSpace
-    maps: tuple[sp.csc_array, ...]
+    maps: tuple[GroupedMatrix, ...]
     rows: np.ndarray
     columns: np.ndarray
     norms: tuple[np.ndarray, ...]
@@ -60,15 +63,15 @@ class NoiseGains:
 
     def part(self, i: int, b: np.ndarray) -> np.ndarray:
         """maps[i] b (n,), rounding errors set to zero."""
-        value = self._product(i, b)
-        limit = (NO_NOISE if i else default_tolerance(len(b))) * self.largest[i]
-        return np.where(np.abs(value) > limit * np.linalg.norm(self.rows * b) * self.columns, value, 0.0)
+        value = product(self.maps[i], b)
+        limit = self._negligible(i) * np.linalg.norm(self.rows * b) * self.columns
+        return np.where(np.abs(value) > limit, value, 0.0)
 
     def strength(self, b: np.ndarray) -> float:
         """Size of the first derivative of the noise in ξ, scaled; 1 is the most that one equation could
         give."""
         size = np.linalg.norm(self.rows * b) * self.largest[1] if len(self.maps) > 1 else 0.0
-        return float(np.linalg.norm(self._product(1, b) / self.columns) / size) if size > 0 else 0.0
+        return float(np.linalg.norm(product(self.maps[1], b) / self.columns) / size) if size > 0 else 0.0
 
     def unit_strengths(self) -> np.ndarray:
         """`strength` of every equation, shape (n,)."""
@@ -76,35 +79,27 @@ class NoiseGains:
             return np.zeros(self.rows.size)
         return self.norms[1] / self.largest[1]
 
-    def unit_part(self, i: int, equation: int) -> tuple[np.ndarray, np.ndarray]:
-        """`part` of the unit column of one equation: the unknowns concerned, in order, and the values."""
-        matrix = self.maps[i]
-        span = slice(matrix.indptr[equation], matrix.indptr[equation + 1])
-        unknowns, values = matrix.indices[span], matrix.data[span]
-        limit = (NO_NOISE if i else default_tolerance(self.rows.size)) * self.largest[i]
-        kept = np.abs(values) > limit * self.rows[equation] * self.columns[unknowns]
-        return unknowns[kept], values[kept]
+    def unit_part(self, equation: int) -> np.ndarray:
+        """`part` 0 of the unit column of one equation."""
+        value = column(self.maps[0], equation)
+        limit = self._negligible(0) * self.rows[equation] * self.columns
+        return np.where(np.abs(value) > limit, value, 0.0)
 
-    def _product(self, i: int, b: np.ndarray) -> np.ndarray:
-        """maps[i] b over the few equations that b acts on."""
-        matrix, value = self.maps[i], np.zeros(b.size)
-        for k in np.flatnonzero(b):
-            span = slice(matrix.indptr[k], matrix.indptr[k + 1])
-            value[matrix.indices[span]] += matrix.data[span] * b[k]
-        return value
+    def reached(self, i: int, equation: int) -> np.ndarray:
+        """Which unknowns (n,) bool the noise on one equation enters with derivative i."""
+        size = np.abs(column(self.maps[i], equation))
+        return size > self._negligible(i) * self.rows[equation] * self.columns
+
+    def _negligible(self, i: int) -> float:
+        return (NO_NOISE if i else default_tolerance(self.rows.size)) * self.largest[i]
 
 
 def in_outputs(C: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
     """C times `unknowns` (n,); sums that cancel to rounding are zero."""
     used = np.flatnonzero(unknowns)
-    return _in_outputs(C, used, unknowns[used])
-
-
-def _in_outputs(C: np.ndarray, used: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """C times a column with `values` at the unknowns `used`."""
     if used.size == 0:
         return np.zeros(C.shape[0])
-    value, size = C[:, used] @ values, np.abs(C[:, used]) @ np.abs(values)
+    value, size = C[:, used] @ unknowns[used], np.abs(C[:, used]) @ np.abs(unknowns[used])
     return np.where(np.abs(value) > default_tolerance(C.shape[1]) * size, value, 0.0)
 
 
@@ -156,16 +151,16 @@ def noise_gains(
     scaling = unit_scaling(dae.E, dae.J)
     nilpotent = nilpotent_part(dae, form, scaling) if nilpotent is None else nilpotent
     maps = form.maps if isinstance(form, SparseForm) else _dense_maps(form)
-    maps = maps or (sp.csc_array((dae.n, dae.n)),)
-    norms = tuple(scaled_norms(part, 1.0 / scaling.columns, 1.0 / scaling.rows) for part in maps)
+    maps = maps or (ungrouped(sp.csc_array((dae.n, dae.n))),)
+    norms = tuple(column_norms(part, 1.0 / scaling.columns, 1.0 / scaling.rows) for part in maps)
     return NoiseGains(nilpotent.row_space, maps, scaling.rows, scaling.columns, norms)
 
 
-def _dense_maps(form: StandardForm) -> tuple[sp.csc_array, ...]:
+def _dense_maps(form: StandardForm) -> tuple[GroupedMatrix, ...]:
     P2, Q2 = form.left[form.n_dynamic :], form.right[:, form.n_dynamic :]
     maps, power = [], np.eye(form.N.shape[0])
     for _ in range(max(form.index, 1)):
-        maps.append(sp.csc_array(-Q2 @ power @ P2))
+        maps.append(ungrouped(sp.csc_array(-Q2 @ power @ P2)))
         power = form.N @ power
     return tuple(maps)
 
@@ -178,60 +173,111 @@ def verdict(
     norm = gains.forbidden.norm(b) / size if size > 0 else 0.0
     admissible = gains.strength(b) <= NO_NOISE if tolerance is None else norm <= tolerance
 
-    def part(i: int) -> tuple[np.ndarray, np.ndarray]:
-        value = gains.part(i, b)
-        return np.flatnonzero(value), value[value != 0.0]
-
-    place = NoisePlace(name, tuple(np.flatnonzero(b).tolist()), admissible, norm, 0, (), (), "")
     own = [k for k, noise in enumerate(dae.noises) if noise.name == name]
-    return _with_reach(dae, place, part, len(gains.maps), dae.H[:, own[0]] if own else None, None)
+    white: tuple[str, ...] = ()
+    if admissible:
+        value = in_outputs(dae.C, gains.part(0, b)) + (dae.H[:, own[0]] if own else 0.0)
+        white = tuple(dae.outputs[k].name for k in np.flatnonzero(value))
+    reach = NOTHING if admissible else _reach(len(gains.maps), lambda i: gains.part(i, b) != 0.0)
+    equations = tuple(np.flatnonzero(b).tolist())
+    return _place(dae, name, equations, admissible, norm, reach, _names(dae, reach, None), white)
+
+
+@dataclass(frozen=True)
+class _Reach:
+    """Which unknowns noise enters differentiated, and how often at most."""
+
+    unknowns: np.ndarray
+    order: int
+
+
+NOTHING = _Reach(np.empty(0, dtype=int), 0)
+
+
+def _reach(n_maps: int, enters: Callable[[int], np.ndarray]) -> _Reach:
+    """`enters(i)` tells which unknowns (n,) bool contain derivative i."""
+    found = [enters(i) for i in range(1, n_maps)]
+    order = max((i for i, reached in enumerate(found, 1) if np.any(reached)), default=0)
+    return _Reach(np.flatnonzero(np.any(found, axis=0)), order) if order else NOTHING
+
+
+def _names(dae: LinearDAE, reach: _Reach, at_most: int | None) -> tuple[str, ...]:
+    return tuple(dae.unknowns[j].name for j in reach.unknowns[:at_most].tolist())
+
+
+def _place(
+    dae: LinearDAE,
+    name: str,
+    equations: tuple[int, ...],
+    admissible: bool,
+    norm: float,
+    reach: _Reach,
+    named: tuple[str, ...],
+    white_outputs: tuple[str, ...],
+) -> NoisePlace:
+    return NoisePlace(
+        name=name,
+        equations=equations,
+        admissible=admissible,
+        projection_norm=norm,
+        order=reach.order,
+        differentiated=named,
+        n_differentiated=reach.unknowns.size,
+        white_outputs=white_outputs,
+        advice="",
+    )
 
 
 def _unit_verdicts(dae: LinearDAE, gains: NoiseGains, tolerance: float | None) -> list[NoisePlace]:
     """`verdict` on noise on every single equation."""
     norms = gains.forbidden.unit_norms()
     admissible = gains.unit_strengths() <= NO_NOISE if tolerance is None else norms <= tolerance
+    white = _white_outputs(dae, gains, admissible)
+    reaches = _unit_reaches(gains, np.flatnonzero(~admissible))
+    names = {key: _names(dae, reach, NAMED_UNKNOWNS) for key, reach in reaches.items()}
+    keys = np.where(admissible, ADMISSIBLE, _groups(gains)).tolist()
     return [
-        _unit_verdict(dae, gains, k, bool(admissible[k]), float(norms[k]), NAMED_UNKNOWNS)
-        for k in range(dae.n)
+        _place(
+            dae,
+            dae.equations[k].text,
+            (k,),
+            bool(admissible[k]),
+            float(norms[k]),
+            reaches[key],
+            names[key],
+            white.get(k, ()),
+        )
+        for k, key in enumerate(keys)
     ]
 
 
-def _unit_verdict(
-    dae: LinearDAE, gains: NoiseGains, k: int, admissible: bool, norm: float, named: int | None
-) -> NoisePlace:
-    place = NoisePlace(dae.equations[k].text, (k,), admissible, norm, 0, (), (), "")
-    return _with_reach(dae, place, lambda i: gains.unit_part(i, k), len(gains.maps), None, named)
+def _groups(gains: NoiseGains) -> np.ndarray:
+    """Equations of one group send multiples of the same into the unknowns."""
+    return gains.maps[1].column_group if len(gains.maps) > 1 else np.full(gains.rows.size, -1)
 
 
-def _with_reach(
-    dae: LinearDAE,
-    place: NoisePlace,
-    part: Callable[[int], tuple[np.ndarray, np.ndarray]],
-    n_maps: int,
-    direct: np.ndarray | None,
-    named: int | None,
-) -> NoisePlace:
-    """The place with what the noise reaches: unknowns through its derivatives, or outputs by itself.
+def _unit_reaches(gains: NoiseGains, equations: np.ndarray) -> dict[int, _Reach]:
+    """What noise on single equations reaches, by group: for all of it, what the strongest of them reaches."""
+    found, groups = {ADMISSIBLE: NOTHING}, _groups(gains)
+    for k in equations[np.argsort(-gains.unit_strengths()[equations], kind="stable")].tolist():
+        if int(groups[k]) not in found:
+            found[int(groups[k])] = _unit_reach(gains, k)
+    return found
 
-    `part(i)` are the unknowns, and the values, that contain the derivative i; `direct` (n_y,) is what the
-    noise adds to outputs without an unknown between; at most `named` unknowns are named.
-    """
-    if place.admissible:
-        value = _in_outputs(dae.C, *part(0)) + (0.0 if direct is None else direct)
-        return replace(place, white_outputs=tuple(dae.outputs[k].name for k in np.flatnonzero(value)))
-    is_reached, order = np.zeros(dae.n, dtype=bool), 0
-    for i in range(1, n_maps):
-        unknowns = part(i)[0]
-        is_reached[unknowns] = True
-        order = i if unknowns.size else order
-    reached = np.flatnonzero(is_reached)
-    return replace(
-        place,
-        order=order,
-        differentiated=tuple(dae.unknowns[j].name for j in reached[:named].tolist()),
-        n_differentiated=reached.size,
-    )
+
+def _unit_reach(gains: NoiseGains, equation: int) -> _Reach:
+    return _reach(len(gains.maps), lambda i: gains.reached(i, equation))
+
+
+def _white_outputs(dae: LinearDAE, gains: NoiseGains, admissible: np.ndarray) -> dict[int, tuple[str, ...]]:
+    """The outputs that contain the noise itself, by admissible equation, where there is one."""
+    used = np.flatnonzero(admissible & (gains.norms[0] > 0.0))
+    values = {k: in_outputs(dae.C, gains.unit_part(k)) for k in used.tolist()}
+    return {
+        k: tuple(dae.outputs[i].name for i in np.flatnonzero(value))
+        for k, value in values.items()
+        if np.any(value)
+    }
 
 
 def _verdict_decision(
@@ -322,8 +368,9 @@ def _asked(
 
 
 def _with_all_names(dae: LinearDAE, gains: NoiseGains, place: NoisePlace) -> NoisePlace:
-    full = _unit_verdict(dae, gains, place.equations[0], place.admissible, place.projection_norm, None)
-    return replace(place, differentiated=full.differentiated)
+    if place.admissible:
+        return place
+    return replace(place, differentiated=_names(dae, _unit_reach(gains, place.equations[0]), None))
 
 
 def place_equations(dae: LinearDAE, item: int | str) -> list[int]:

@@ -13,14 +13,29 @@ import numpy as np
 import scipy.sparse as sp
 
 from daest.errors import NumericalError
-from daest.model.linear import LinearDAE, RankDecision, SparseForm
-from daest.numerics.laurent import Expansion, expand_at_infinity, inverse_columns, inverse_rows, sparse_system
+from daest.model.linear import GroupedMatrix, LinearDAE, RankDecision, SparseForm
+from daest.numerics.grouped import ungrouped
+from daest.numerics.laurent import (
+    Expansion,
+    apply_inverse,
+    expand_at_infinity,
+    inverse_columns,
+    inverse_rows,
+    sparse_system,
+)
 from daest.numerics.pencils import Scaling, apply_scaling, unit_scaling
+from daest.numerics.proportional import proportional_rows
 from daest.numerics.sparse_basis import independent_block
 from daest.numerics.sparse_columns import scaled as in_units
 
 NEGLIGIBLE = 1e-12
 """Part of the largest entry of its row or column up to which an entry of Q1 or A is a rounding error."""
+
+SKETCHED = 4
+"""From so many derivatives for each finite mode on, the finite subspace is found from random combinations."""
+
+SPARE = 8
+"""Combinations beyond the number of finite modes: one alone may happen to be nearly dependent on others."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +64,6 @@ def sparse_form(dae: LinearDAE, tolerance: float | None = None) -> SparseForm:
     A = _without_rounding(P1 @ scaled.J @ Q1)
     maps, decisions = _differentiated(scaled, tolerance)
     maps = [_direct(scaled, dae), *maps] if dae.n > states.size else []
-    index = len(maps)
     rows, columns, time = (
         sp.diags_array(scaled.scaling.rows),
         scaled.scaling.columns,
@@ -61,20 +75,22 @@ def sparse_form(dae: LinearDAE, tolerance: float | None = None) -> SparseForm:
         left_dynamic=sp.csr_array(sp.diags_array(own * time) @ P1 @ rows),
         right_dynamic=sp.csr_array(sp.diags_array(columns) @ Q1 @ sp.diags_array(1.0 / own)),
         A=sp.csr_array(sp.diags_array(own * time) @ A @ sp.diags_array(1.0 / own)),
-        maps=tuple(in_units(maps.pop(0), columns / time**m, scaled.scaling.rows) for m in range(index)),
-        index=index,
+        maps=tuple(maps),
+        index=len(maps),
         decisions=(scaled.expansion.decision, *decisions),
     )
 
 
 def _differentiated(
     scaled: ScaledExpansion, tolerance: float | None
-) -> tuple[list[sp.csc_array], list[RankDecision]]:
+) -> tuple[list[GroupedMatrix], list[RankDecision]]:
     """Coefficients of s, s², … up to the highest that is not zero, and the decisions on that."""
-    expansion = scaled.expansion
-    wanted = np.flatnonzero(expansion.rows > 0)
+    expansion, scaling = scaled.expansion, scaled.scaling
+    rows = proportional_rows(scaled.E, scaled.J)
+    columns = proportional_rows(sp.csr_array(scaled.E.T), sp.csr_array(scaled.J.T))
     powers = range(1, expansion.highest_power + 1)
-    found = inverse_columns(expansion, wanted, powers)
+    wanted = np.flatnonzero(expansion.rows[columns.representatives] > 0)
+    found = inverse_columns(expansion, columns.representatives[wanted], powers, rows.representatives)
     sizes = {m: float(abs(part).max()) if part.nnz else 0.0 for m, part in found.items()}
     threshold = (NEGLIGIBLE if tolerance is None else tolerance) * max(sizes.values(), default=0.0)
     decisions = [
@@ -82,7 +98,19 @@ def _differentiated(
         for m, size in sizes.items()
     ]
     last = max((m for m in powers if sizes[m] > threshold), default=0)
-    return [_spread(found[m], wanted, expansion.rows.size) for m in range(1, last + 1)], decisions
+    place = np.full(columns.representatives.size + 1, -1)
+    place[wanted] = np.arange(wanted.size)
+    maps = [
+        GroupedMatrix(
+            core=found[m],
+            row_group=rows.group,
+            row_factor=rows.factor * scaling.columns / scaling.time**m,
+            column_group=place[columns.group],
+            column_factor=columns.factor * scaling.rows,
+        )
+        for m in range(1, last + 1)
+    ]
+    return maps, decisions
 
 
 def _spread(part: sp.csc_array, columns: np.ndarray, n: int) -> sp.csc_array:
@@ -93,7 +121,7 @@ def _spread(part: sp.csc_array, columns: np.ndarray, n: int) -> sp.csc_array:
     return sp.csc_array((part.data, part.indices, pointers), shape=(part.shape[0], n))
 
 
-def _direct(scaled: ScaledExpansion, dae: LinearDAE) -> sp.csc_array:
+def _direct(scaled: ScaledExpansion, dae: LinearDAE) -> GroupedMatrix:
     """Coefficient of s⁰: rows of unknowns in outputs, columns of equations with inputs, noises or offsets."""
     n = dae.n
     seen = np.flatnonzero(np.any(dae.C != 0.0, axis=0))
@@ -103,7 +131,7 @@ def _direct(scaled: ScaledExpansion, dae: LinearDAE) -> sp.csc_array:
     others = np.ones(n)
     others[used] = 0.0
     by_row = _spread(sp.csc_array((rows @ sp.diags_array(others)).T), seen, n).T
-    return sp.csc_array(columns + by_row)
+    return ungrouped(in_units(sp.csc_array(columns + by_row), scaled.scaling.columns, scaled.scaling.rows))
 
 
 def _dynamic(scaled: ScaledExpansion) -> tuple[np.ndarray, sp.csr_array, sp.csr_array]:
@@ -113,10 +141,8 @@ def _dynamic(scaled: ScaledExpansion) -> tuple[np.ndarray, sp.csr_array, sp.csr_
     if degree == 0:
         return np.empty(0, dtype=int), sp.csr_array((0, n)), sp.csr_array((n, 0))
     rates = np.flatnonzero(np.diff(sp.csc_array(E).indptr) > 0)
-    equations = np.flatnonzero(np.diff(E.indptr) > 0)
-    residues = inverse_columns(expansion, equations, [-1])[-1]
-    projector = sp.csr_array(residues @ E[equations][:, rates])  # on the finite subspace, other columns zero
-    picked, opposite = independent_block(sp.csr_array(projector[rates]))
+    span = _finite_subspace(expansion, E, rates)
+    picked, opposite = independent_block(sp.csr_array(span[rates]))
     if picked.size != degree:
         raise NumericalError(
             "system-jacobian-singular",
@@ -125,11 +151,23 @@ def _dynamic(scaled: ScaledExpansion) -> tuple[np.ndarray, sp.csr_array, sp.csr_
         )
     order = np.argsort(rates[picked])
     states, opposite = rates[picked][order], opposite[order]
-    span = sp.csc_array(projector[:, opposite])
+    span = sp.csc_array(span[:, opposite])
     # Q1 = span · (span in the rows of the states)⁻¹, solved for as the transposed system
     system = sparse_system(sp.csr_array(span.T[:, states]), np.arange(degree))
     Q1 = _without_rounding(sp.csr_array(system.solve(sp.csc_array(span.T)).T))
     return states, inverse_rows(expansion, states, [-1])[-1], Q1
+
+
+def _finite_subspace(expansion: Expansion, E: sp.csr_array, rates: np.ndarray) -> sp.csr_array:
+    """Columns (n, …) that span the finite subspace: those of the projector Q1 P1 E at `rates`, or, where its
+    rank is a small part of them, as many combinations of these as the rank (and `SPARE`)."""
+    degree = expansion.degree
+    if SKETCHED * degree >= rates.size:
+        equations = np.flatnonzero(np.diff(E.indptr) > 0)
+        residues = inverse_columns(expansion, equations, [-1])[-1]
+        return sp.csr_array(residues @ E[equations][:, rates])
+    mixed = np.random.default_rng(0).standard_normal((rates.size, degree + SPARE))
+    return sp.csr_array(apply_inverse(expansion, E[:, rates] @ mixed, -1))
 
 
 def _without_rounding(matrix: sp.csr_array) -> sp.csr_array:
