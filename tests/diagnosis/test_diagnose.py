@@ -55,6 +55,16 @@ def test_coulomb_friction_is_named_with_its_size():
     assert {p.name: p.value for p in best.fit.parameters}["d"] == pytest.approx(0.3, rel=0.1)
 
 
+def test_friction_is_a_term_of_a_bare_equation():
+    record, _ = rotor_record(1200, seed=5, coulomb=lambda phi: 0.15)
+    chosen = options("CoulombFriction", "QuadraticDrag", "DeadZone")
+    found = diagnose(model("BareRotor"), library(), [record], options=chosen)
+    assert found.verdict == "supported" and accepted(found) == {"CoulombFriction"}
+    assert found.proofs[0].candidate.site.name == "1:w"
+    size = next(p for p in found.proofs[0].fit.parameters if p.name.endswith("tau_c"))
+    assert size.value == pytest.approx(0.15, rel=0.1)
+
+
 def test_drag_is_named_or_in_the_set():
     found = diagnosed(rotor_record(1200, seed=6, torque=lambda w, phi: -0.15 * w * abs(w))[0])
     assert found.verdict in ("supported", "cannot tell") and "QuadraticDrag" in accepted(found)

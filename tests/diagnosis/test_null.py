@@ -50,7 +50,11 @@ def test_innovations_of_the_null_are_white():
 def test_no_place_is_an_error():
     with pytest.raises(EstimationError) as caught:
         fit_null(without_noises(model()), [], (rotor_record(300)[0],), "zoh")
-    assert caught.value.code == "diagnose-no-place"
+    assert caught.value.code == "diagnose-no-place" and "declare units" in caught.value.remedy
+    loose = [s for s in sites(model("TwoMass")) if s.name == "loose.flange_a"]
+    with pytest.raises(EstimationError) as caught:
+        fit_null(without_noises(model("TwoMass")), loose, (rotor_record(300)[0],), "zoh")
+    assert caught.value.code == "diagnose-no-place" and "measure an output" in caught.value.remedy
 
 
 def test_hold_of_the_inputs_is_told_by_the_likelihood_with_loads():

@@ -161,7 +161,7 @@ def begin(
     began = time.perf_counter()
     experiments, validation = _divided(tuple(experiments), tuple(validation))
     progress("fitting the model as it is, with unknown loads")
-    nodes = [site for site in sites(flat) if site.kind == "node"]
+    nodes = [site for site in sites(flat) if site.kind in ("node", "equation")]
     null = fit_null(without_noises(flat), nodes, experiments, options.hold)
     baseline = refit(null.flat, null.explicit, null.estimated, null, validation=validation)
     return Stand(flat, null, baseline, tuple(validation), began)

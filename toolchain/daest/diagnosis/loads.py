@@ -42,7 +42,7 @@ def load_places(flat: FlatModel, nodes: Sequence[Site]) -> tuple[LoadPlace, ...]
     rows: dict[int, str] = {}
     # Where the outputs cannot tell, a load is named by its mechanical place: currents are known better.
     for node in sorted(nodes, key=lambda n: n.domain in SELDOM_LOADED):
-        for row in resolve_place(flat, node.connectors[0]):
+        for row in _rows(flat, node):
             rows.setdefault(row, node.name)
     spaces = {row: space for row in rows if (space := _driven_by(flat, row)) is not None}
     if not spaces:
@@ -66,6 +66,11 @@ def load_places(flat: FlatModel, nodes: Sequence[Site]) -> tuple[LoadPlace, ...]
         LoadPlace(members[0], tuple(rows[m] for m in members), _flow_unit(flat, members[0]))
         for _, members in groups
     )
+
+
+def _rows(flat: FlatModel, node: Site) -> list[int]:
+    """Equations that a load at the node enters: its balance of flows, or the bare equation itself."""
+    return resolve_place(flat, node.name.partition(":")[0] if node.kind == "equation" else node.connectors[0])
 
 
 def _driven_by(flat: FlatModel, row: int) -> StateSpace | None:

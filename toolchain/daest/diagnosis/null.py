@@ -87,11 +87,7 @@ def fit_null(
     """
     places = load_places(flat, nodes)
     if not places:
-        raise EstimationError(
-            "diagnose-no-place",
-            "no force, torque, current or flow that acted on the model would show in its outputs",
-            remedy="measure an output that the model moves; `daest noise` shows where a load is admissible",
-        )
+        raise _no_place(nodes)
     time = experiments[0].time
     period = float(np.median(np.diff(time)))
     duration = float(sum(e.time[-1] - e.time[0] for e in experiments))
@@ -102,6 +98,21 @@ def fit_null(
     null = _at_estimate(loaded, best, places, tuple(experiments))
     rivals = [f.hold for f in others if best.log_likelihood - f.log_likelihood < CLEAR_HOLD]
     return replace(null, other_hold=rivals[0] if rivals else None)
+
+
+def _no_place(nodes: Sequence[Site]) -> EstimationError:
+    if not nodes:
+        return EstimationError(
+            "diagnose-no-place",
+            "the model has neither connectors nor bare equations whose variables tell a physical domain by "
+            "their unit: there is no place where something could be missing",
+            remedy='declare units, as in Real w(unit = "rad/s"), or build the model from components',
+        )
+    return EstimationError(
+        "diagnose-no-place",
+        "no force, torque, current or flow that acted on the model would show in its outputs",
+        remedy="measure an output that the model moves; `daest noise` shows where a load is admissible",
+    )
 
 
 def _loaded_fit(
