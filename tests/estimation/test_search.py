@@ -81,3 +81,24 @@ def test_few_iterations_are_told():
     found = minimise(objective, np.array([-1.2, 1.0]), -FREE, FREE, max_iterations=2)
     assert found.reason == "iteration limit"
     assert found.iterations == 2
+
+
+def test_no_point_is_evaluated_twice_where_every_first_trial_is_better():
+    asked = []
+
+    def told(z, with_slopes):
+        asked.append((float(z[0]), with_slopes))
+        return squares(lambda z: z - 5.0, lambda z: np.eye(1))(z, with_slopes)
+
+    found = minimise(told, np.array([-3.0]), -FREE[:1], FREE[:1])
+    assert found.reason == "converged" and found.z[0] == pytest.approx(5.0, abs=2e-3)
+    assert len(asked) == found.iterations + 1 and all(with_slopes for _, with_slopes in asked)
+
+
+def test_slopes_that_do_not_exist_stop_no_search():
+    def objective(z, with_slopes):
+        is_edge = abs(z[0]) < 1.0 and with_slopes
+        return None if is_edge else squares(lambda z: z - 5.0, lambda z: np.eye(1))(z, with_slopes)
+
+    found = minimise(objective, np.array([-3.0]), -FREE[:1], FREE[:1])
+    assert found.z[0] == pytest.approx(5.0, abs=2e-3)

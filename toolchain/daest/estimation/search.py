@@ -44,6 +44,17 @@ class Found:
     predicted_gain: float
 
 
+@dataclass(frozen=True)
+class _Step:
+    """A better point with the damping for the next step; `evaluation` has slopes if they were computed at
+    once, `is_first` tells whether the first trial was better."""
+
+    z: np.ndarray
+    damping: float
+    evaluation: Evaluation
+    is_first: bool
+
+
 def minimise(
     objective: Objective,
     start: np.ndarray,
@@ -59,18 +70,19 @@ def minimise(
     if here is None:
         return None
     damping, gain = FIRST_DAMPING, np.inf
+    at_once = True  # slopes with the first trial of an iteration, as long as first trials are good
     for iteration in range(max_iterations):
         free = _free(z, here, lower, upper)
         gain = _predicted_gain(here, free)
         if gain < converged_gain:
             return Found(z, here, "converged", iteration, gain)
-        step = _improve(objective, z, here, free, damping, lower, upper)
+        step = _improve(objective, z, here, free, damping, lower, upper, at_once)
         if step is None:
             is_near = gain < max(STALLED_GAIN, converged_gain)
             reason: Literal["converged", "stalled"] = "converged" if is_near else "stalled"
             return Found(z, here, reason, iteration, gain)
-        z, damping = step
-        here = objective(z, True) or here
+        z, damping, at_once = step.z, step.damping, step.is_first
+        here = step.evaluation if step.evaluation.gradient.size else objective(z, True) or here
     return Found(z, here, "iteration limit", max_iterations, gain)
 
 
@@ -82,19 +94,29 @@ def _improve(
     damping: float,
     lower: np.ndarray,
     upper: np.ndarray,
-) -> tuple[np.ndarray, float] | None:
-    """The next point and its damping; None when no damping gives a better point."""
+    at_once: bool,
+) -> _Step | None:
+    """The next point; None when no damping gives a better one. `at_once` computes slopes with the first
+    trial: they are wanted if it is better."""
+    is_first = True
     while damping <= LARGEST_DAMPING:
         step = _damped_step(here, free, damping)
         trial = np.clip(z + step, lower, upper)
         moved = trial - z
-        there = objective(trial, False) if np.any(moved) else None
+        there = _evaluated(objective, trial, at_once and is_first) if np.any(moved) else None
         promised = -(here.gradient @ moved + moved @ here.information @ moved / 2)
         if there is not None and there.value < here.value:
             ratio = (here.value - there.value) / promised if promised > 0.0 else 0.0
-            return trial, damping * (0.1 if ratio > 0.7 else 1.0 if ratio > 0.2 else 4.0)
+            factor = 0.1 if ratio > 0.7 else 1.0 if ratio > 0.2 else 4.0
+            return _Step(trial, damping * factor, there, is_first)
+        is_first = False
         damping = max(damping, FIRST_DAMPING / 10) * 8.0
     return None
+
+
+def _evaluated(objective: Objective, z: np.ndarray, with_slopes: bool) -> Evaluation | None:
+    """With slopes only if they exist."""
+    return (objective(z, True) if with_slopes else None) or objective(z, False)
 
 
 def _free(z: np.ndarray, here: Evaluation, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
