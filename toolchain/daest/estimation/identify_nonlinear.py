@@ -38,7 +38,7 @@ from daest.estimation.nonlinear_start import (
     started,
     with_hold,
 )
-from daest.estimation.observer import observer
+from daest.estimation.observer import AverageModel, observer
 from daest.estimation.priors import prior_penalty
 from daest.estimation.profile import Searched, Tell, silent, with_profiles
 from daest.estimation.search import minimise
@@ -219,9 +219,9 @@ def _settled(setup: NonlinearSetup, end: Ending, options: IdentifyOptions) -> En
     innovations: a filter with these levels then is the predictor of the fit."""
     if end.levels is None:
         return end
-    found = observer(
-        average_along(end.problem, end.found.z), end.levels.intensity, end.levels.measurement_std
-    )
+    average = average_along(end.problem, end.found.z)
+    assert average is not None
+    found = observer(average, end.levels.intensity, end.levels.measurement_std)
     if found is None:
         return end
     problem = gained(end.problem, found)
@@ -229,8 +229,9 @@ def _settled(setup: NonlinearSetup, end: Ending, options: IdentifyOptions) -> En
     again = minimise(trajectories.objective(problem), end.found.z, lower, upper, options.max_iterations)
     if again is None:
         return end
-    levels = at_size_of_innovations(setup, problem, again.z, end.levels, found)
-    return Ending(problem, again, levels or end.levels)
+    errors = prediction_errors(problem, again.z)
+    levels = end.levels if errors is None else at_size_of_innovations(setup, errors, end.levels, found)
+    return Ending(problem, again, levels)
 
 
 def _search_on(setup: NonlinearSetup, warm: WarmStart, options: IdentifyOptions) -> Ending:
@@ -244,10 +245,11 @@ def _search_on(setup: NonlinearSetup, warm: WarmStart, options: IdentifyOptions)
     x0 = [np.array([state.get(name, 0.0) for name in names]) for state in warm.initial_states]
     problem, z = scaled(problem, np.concatenate([problem.unknowns.start, *x0]))
     problem = replace(problem, rtol=WARM_RTOL)
+    average = average_along(problem, z)
     ends = []
     for share in (1.0, NEARLY_NONE):
         intensity = np.where(setup.estimate_intensity, share * warm.intensity, warm.intensity)
-        end = _search_at(replace(problem, gain=None), z, Levels(intensity, warm.measurement_std))
+        end = _search_at(problem, z, Levels(intensity, warm.measurement_std), average)
         ends += [] if end is None else [end]
     if not ends:
         raise no_start()
@@ -289,12 +291,11 @@ def _rescanned(setup: NonlinearSetup, end: Ending, warm: WarmStart) -> Ending:
     return Ending(problem, replace(end.found, evaluation=evaluation), levels)
 
 
-def _search_at(problem: TrajectoryProblem, z: np.ndarray, levels: Levels) -> Ending | None:
-    """Rough search of the parameters with the gain of given noise levels."""
-    runs = prediction_errors(problem, z) is not None
-    found_gain = (
-        observer(average_along(problem, z), levels.intensity, levels.measurement_std) if runs else None
-    )
+def _search_at(
+    problem: TrajectoryProblem, z: np.ndarray, levels: Levels, average: AverageModel | None
+) -> Ending | None:
+    """Rough search of the parameters with the gain of given noise levels, if `average` gives one."""
+    found_gain = None if average is None else observer(average, levels.intensity, levels.measurement_std)
     if found_gain is not None:
         problem = gained(problem, found_gain)
     lower, upper = limits(problem)

@@ -88,6 +88,7 @@ def with_gain(
     """
     problem = setup.problem
     average = average_along(problem, z)
+    assert average is not None
     start = around or _first_levels(setup, average, z, known)
     q_free = np.flatnonzero(setup.estimate_intensity)
     std_free = np.flatnonzero(np.isnan(setup.given_std))[1 if setup.has_free_size else 0 :]
@@ -98,23 +99,41 @@ def with_gain(
         std[std_free] *= np.exp(logs[q_free.size :])
         return Levels(q, std)
 
-    def value(logs: np.ndarray) -> float:
-        tried = levels(logs)
-        found = observer(average, tried.intensity, tried.measurement_std)
-        if found is None:
-            return np.inf
-        errors = prediction_errors(gained(problem, found), z)
-        if errors is None:
-            return np.inf
-        return errors.negative_log_likelihood + (0.0 if setup.has_free_size else _misfit(errors, found))
+    tried: dict[bytes, _Tried | None] = {}
 
-    best = _searched_logs(value, q_free.size, std_free.size, evaluations)
-    found_levels = levels(best)
-    found = observer(average, found_levels.intensity, found_levels.measurement_std)
-    if found is None:
+    def at(logs: np.ndarray) -> _Tried | None:
+        # The scan, the first corner of the simplex and the end of the search ask for the same.
+        if logs.tobytes() not in tried:
+            tried[logs.tobytes()] = _try_levels(setup, average, z, levels(logs))
+        return tried[logs.tobytes()]
+
+    def value(logs: np.ndarray) -> float:
+        one = at(logs)
+        return np.inf if one is None else one.value
+
+    best = at(_searched_logs(value, q_free.size, std_free.size, evaluations))
+    if best is None:
         return problem, known
-    sized = at_size_of_innovations(setup, gained(problem, found), z, found_levels, found)
-    return (problem, known) if sized is None else (gained(problem, found), sized)
+    return gained(problem, best.observer), best.levels
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """A predictor: its negative log-likelihood, and the levels behind its gain at the size of its
+    innovations."""
+
+    value: float
+    observer: Observer
+    levels: Levels
+
+
+def _try_levels(setup: NonlinearSetup, average: AverageModel, z: np.ndarray, levels: Levels) -> _Tried | None:
+    found = observer(average, levels.intensity, levels.measurement_std)
+    errors = None if found is None else prediction_errors(gained(setup.problem, found), z)
+    if found is None or errors is None:
+        return None
+    value = errors.negative_log_likelihood + (0.0 if setup.has_free_size else _misfit(errors, found))
+    return _Tried(value, found, at_size_of_innovations(setup, errors, levels, found))
 
 
 def gained(problem: TrajectoryProblem, found: Observer) -> TrajectoryProblem:
@@ -122,14 +141,8 @@ def gained(problem: TrajectoryProblem, found: Observer) -> TrajectoryProblem:
     return replace(problem, gain=found.gain, given_std=np.full(problem.given_std.size, np.nan))
 
 
-def at_size_of_innovations(
-    setup: NonlinearSetup, problem: TrajectoryProblem, z: np.ndarray, levels: Levels, found: Observer
-) -> Levels | None:
-    """The levels, with the common size that the innovations tell where it is free; None where the predictor
-    fails."""
-    errors = prediction_errors(problem, z)
-    if errors is None:
-        return None
+def at_size_of_innovations(setup: NonlinearSetup, errors: Errors, levels: Levels, found: Observer) -> Levels:
+    """The levels, with the common size that the innovations tell where it is free."""
     if not setup.has_free_size:
         return levels
     return levels.times(float(np.mean(np.diagonal(errors.covariance) / np.diagonal(found.innovation_cov))))
@@ -143,12 +156,13 @@ def _misfit(errors: Errors, found: Observer) -> float:
     return float(n_samples * (np.trace(ratio) - S.shape[0] - np.linalg.slogdet(ratio)[1]) / 2)
 
 
-def average_along(problem: TrajectoryProblem, z: np.ndarray) -> AverageModel:
-    """Average linearisation along the longest experiment."""
+def average_along(problem: TrajectoryProblem, z: np.ndarray) -> AverageModel | None:
+    """Average linearisation along the longest experiment; None where the integration fails."""
     longest = int(np.argmax([e.n_samples for e in problem.experiments]))
     experiment = problem.experiments[longest]
     errors = prediction_errors(problem, z)
-    assert errors is not None
+    if errors is None:
+        return None
     u0, _ = interval_inputs(problem.model.explicit, experiment.time, experiment.inputs, problem.hold)
     ubar = np.vstack([u0, u0[-1:]])
     states = errors.trajectories[longest].states
