@@ -131,7 +131,8 @@ def better_hold(stand: Stand, found: Diagnosis) -> Hold | None:
     other = replace(null, hold=null.other_hold, experiments=fed(null.experiments, best.candidate))
     names = tuple(p.name for p in best.fit.parameters)
     try:
-        fit = refit(best.flat, reduce_index(best.flat), names, other)
+        hopeless = best.fit.log_likelihood - CLEARLY_WORSE
+        fit = refit(best.flat, reduce_index(best.flat), names, other, hopeless=hopeless)
     except DaestError:
         return None
     return null.other_hold if fit.log_likelihood > best.fit.log_likelihood + HOLD_GAIN else None
