@@ -144,6 +144,15 @@ def test_two_effects_are_found_in_two_rounds():
     assert errors[-1] < errors[0] / 5.0
 
 
+def test_the_only_effect_is_added_once():
+    record, _ = rotor_record(1200, seed=5, coulomb=lambda phi: 0.15)
+    found = improve(model("BareRotor"), library(), [record], options=options("CoulombFriction"))
+    assert [s.proof.candidate.site.name for s in found.steps if s.proof] == ["1:w"]
+    assert found.last.screen.entries == () and found.last.screen.n_screened == 0
+    (label, reason) = found.last.screen.skipped[0]
+    assert label == "CoulombFriction at 1:w" and "already" in reason
+
+
 def test_every_phase_of_a_periodic_effect_is_tried():
     found = diagnosed(
         rotor_record(1000, seed=20, torque=lambda w, phi: -0.2 * np.sin(3.0 * phi))[0], "CoggingTorque"

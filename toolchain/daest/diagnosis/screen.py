@@ -146,6 +146,8 @@ def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed:
             remedy="name effects and places (--effect, --at), or see `daest effects`",
         )
     usable, refused_shapes, explicit = attachable(null.flat, shaped)
+    if not usable:
+        return Screen((), np.zeros((0, 0)), 1.0, 0, (*skipped, *refused, *refused_shapes))
     responses, columns = _responses(null, run, explicit, usable)
     directions = nuisance(run, len(null.estimated))
     return _scored(
