@@ -16,7 +16,7 @@ from daest.diagnosis.proof import (
     Trial,
     _failed_gate,
     _inside,
-    _simulation_ratios,
+    _ratios,
     _wrong_law,
     best_accepted,
     is_significant,
@@ -149,12 +149,13 @@ def test_simulation_that_gets_worse_in_every_output_is_no_proof():
     assert _failed_gate(prepared, fit, 50.0, 0.9, []) == ""
 
 
-def test_simulation_ratios():
+def test_ratios_of_simulation_errors():
     stand, (_, proof) = rubbing(), proved()
-    (ratio,) = _simulation_ratios(stand.baseline, proof.fit)
+    before, after = stand.baseline.simulated, proof.fit.simulated
+    (ratio,) = _ratios(before, after)
     assert ratio < 0.4
-    assert _simulation_ratios(proof.fit, stand.baseline) == [pytest.approx(1.0 / ratio)]
-    assert _simulation_ratios(replace(stand.baseline, simulated={}), proof.fit) == []
+    assert _ratios(after, before) == [pytest.approx(1.0 / ratio)]
+    assert _ratios({}, after) == []
 
 
 def test_size_as_large_as_it_can_be_is_no_weakness():

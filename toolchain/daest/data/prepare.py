@@ -5,8 +5,9 @@ The order is fixed: cut (while reading), resample, split, detrend each part.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -24,6 +25,10 @@ GRID_TOLERANCE = 1e-3
 CUTOFF = 0.9
 TRANSITION = 0.4
 ATTENUATION = 60.0
+HALF_WIDTH = 0.5 * (ATTENUATION - 8.0) / (2.285 * TRANSITION * np.pi)  # periods, by Kaiser's formula
+BETA = 0.1102 * (ATTENUATION - 8.7)  # Kaiser's, for a stop band between 50 dB and beyond
+STOP = 0.5 * (CUTOFF + TRANSITION)  # frequency, in units of 1 / period, beyond which nothing passes
+KERNEL_STEP = 1.0 / 64.0  # periods between the tabulated values of a kernel
 # A resampled output counts as missing if missing samples carry more than this share of the filter's weight.
 MISSING_SHARE = 0.05
 
@@ -127,7 +132,9 @@ def resample(experiment: Experiment, period: float) -> Experiment:
 
     The filter is a Kaiser-windowed sinc without delay: new samples stand at old times, and because all
     signals go through the same filter a linear model that relates them before relates them afterwards.
-    Samples nearer to an end than half the filter are dropped rather than invented. Unevenly sampled records
+    Straight lines between samples are smaller than the signal that they stand for, by sinc² of the
+    frequency times the period; the samples of the inputs are raised by as much, so that it is the straight
+    lines through them that are the filtered input. Samples nearer to an end than half the filter are dropped rather than invented. Unevenly sampled records
     are first interpolated linearly on a grid of half their median step. Raises ConfigError `option-resample`
     if `period` is shorter than the recording's own, DataError `data-too-few-rows` if the record is shorter
     than the filter.
@@ -154,7 +161,8 @@ def resample(experiment: Experiment, period: float) -> Experiment:
             remedy="choose a shorter period or a longer recording",
         )
     times = _aligned(even, first, n_new, period)
-    weights = _filter_matrix(even.time, times, period, half_width)
+    weights = _filter_matrix(even.time, times, period, _low_pass)
+    held = _filter_matrix(even.time, times, period, _low_pass_before_lines)
     note = (
         f"resampled to {period:.6g} s behind a linear-phase low-pass filter "
         f"(half gain at {0.5 * CUTOFF / period:.4g} Hz); {half_width:.3g} s dropped at either end"
@@ -162,7 +170,7 @@ def resample(experiment: Experiment, period: float) -> Experiment:
     return replace(
         experiment,
         time=times,
-        inputs=_apply(weights, even.inputs),
+        inputs=_apply(held, even.inputs),
         outputs=_apply(weights, even.outputs),
         extra={name: _apply(weights, values[:, None])[:, 0] for name, values in even.extra.items()},
         notes=(*experiment.notes, note),
@@ -192,8 +200,33 @@ def _without_trend(time: np.ndarray, values: np.ndarray, degree: int) -> np.ndar
 
 
 def _half_width(period: float) -> float:
-    # Kaiser's formula for the length of a filter: (A - 8) / (2.285 Δω), with Δω = TRANSITION π / period.
-    return 0.5 * (ATTENUATION - 8.0) / (2.285 * TRANSITION * np.pi) * period
+    return HALF_WIDTH * period
+
+
+def _low_pass(lag: np.ndarray) -> np.ndarray:
+    """Kernel of the filter at `lag` (periods), zero beyond HALF_WIDTH."""
+    window = np.i0(BETA * np.sqrt(np.clip(1.0 - (lag / HALF_WIDTH) ** 2, 0.0, None))) / np.i0(BETA)
+    return CUTOFF * np.sinc(CUTOFF * lag) * window
+
+
+def _low_pass_before_lines(lag: np.ndarray) -> np.ndarray:
+    """Kernel whose samples, joined by straight lines, are the signal behind the filter: the response of the
+    filter over that of the lines, sinc²."""
+    from scipy.interpolate import CubicSpline
+
+    table, values = _raised_kernel()
+    return np.asarray(CubicSpline(table, values)(np.abs(lag)))
+
+
+@cache
+def _raised_kernel() -> tuple[np.ndarray, np.ndarray]:
+    lags = np.arange(0.0, HALF_WIDTH + 2.0 * KERNEL_STEP, KERNEL_STEP)
+    frequencies = np.linspace(0.0, STOP, 801)
+    # Both kernels and their responses are even: cosine transforms by the trapezoidal rule.
+    waves = 2.0 * np.cos(2.0 * np.pi * np.outer(frequencies, lags))
+    response = np.trapezoid(waves * _low_pass(lags), dx=KERNEL_STEP, axis=1)
+    raised = response / np.sinc(frequencies) ** 2
+    return lags, np.trapezoid(waves * raised[:, None], frequencies, axis=0)
 
 
 def _aligned(even: Experiment, first: float, n_new: int, period: float) -> np.ndarray:
@@ -204,21 +237,20 @@ def _aligned(even: Experiment, first: float, n_new: int, period: float) -> np.nd
     return times[times <= limit + 1e-9 * period]
 
 
-def _filter_matrix(old: np.ndarray, new: np.ndarray, period: float, half_width: float) -> sp.csr_array:
-    """Weights (n_new, n_old), rows with sum 1: the kernel of the filter at every old time within its half
-    width."""
+def _filter_matrix(
+    old: np.ndarray, new: np.ndarray, period: float, kernel: Callable[[np.ndarray], np.ndarray]
+) -> sp.csr_array:
+    """Weights (n_new, n_old), rows with sum 1: the kernel, a function of the lag in periods, at every old
+    time within the filter's half width."""
     import scipy.sparse as sp
 
+    half_width = _half_width(period)
     low = np.searchsorted(old, new - half_width)
     high = np.searchsorted(old, new + half_width, side="right")
     counts = high - low
     rows = np.repeat(np.arange(new.size), counts)
     columns = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(low, counts)
-    lag = old[columns] - new[rows]
-    # Kaiser's β for a stop band between 50 dB and beyond.
-    beta = 0.1102 * (ATTENUATION - 8.7)
-    window = np.i0(beta * np.sqrt(np.clip(1.0 - (lag / half_width) ** 2, 0.0, None))) / np.i0(beta)
-    weights = np.sinc(CUTOFF * lag / period) * window
+    weights = kernel((old[columns] - new[rows]) / period)
     matrix = sp.csr_array((weights, (rows, columns)), shape=(new.size, old.size))
     return sp.csr_array(sp.diags_array(1.0 / matrix.sum(axis=1)) @ matrix)
 

@@ -403,7 +403,8 @@ def _proofs(
             proofs += stages.proved(_prepared(null, simpler_laws(best, found, proofs)), proofs)[0]
         best = best_start(ranked(proofs))
         if best is not None and _leaves_something(best):
-            proofs += stages.proved(richer_laws(null, run, best, library, proofs), proofs)[0]
+            # They start from the best: a first pass that is worse has only not come back to it yet.
+            proofs += stages.proved(richer_laws(null, run, best, library, proofs), ())[0]
     return ranked(proofs)
 
 

@@ -24,6 +24,7 @@ from daest.diagnosis.screen import (
     spread_under,
 )
 from daest.model.diagnosis import FreeForm
+from daest.model.experiment import Experiment
 
 KNOTS = 8  # of a curve, with equally many samples between each two
 HARMONICS = 3  # of an angle that turns round
@@ -43,8 +44,8 @@ Key = tuple[int, str, str]  # load, variable, speed whose sign multiplies the cu
 
 @dataclass(frozen=True)
 class Basis:
-    """Basis functions along one experiment (k, n_samples), and their values (k, m) at the abscissae x (m,)
-    that show the curve."""
+    """Basis functions along one experiment, at the corrected states and then at the predicted ones (k,
+    2 n_samples), and their values (k, m) at the abscissae x (m,) that show the curve."""
 
     course: np.ndarray
     x: np.ndarray
@@ -66,7 +67,7 @@ def free_forms(null: Null, run: NullObserver, variables: Iterable[str] | None = 
     forms = []
     for index in range(len(null.loads)):
         # A constant load follows nothing.
-        constant = _responses(null, run, index, [np.ones((1, e.n_samples)) for e in null.experiments])
+        constant = _responses(null, run, index, [np.ones((1, 2 * e.n_samples)) for e in null.experiments])
         directions = np.vstack([parameters, constant])
         for name, speed in shared:
             own = [table[name, speed] for table in tables]
@@ -108,15 +109,16 @@ def _frame(responses: np.ndarray) -> np.ndarray:
 
 
 def _responses(null: Null, run: NullObserver, index: int, courses: Sequence[np.ndarray]) -> np.ndarray:
-    """Responses (k, m) of the whitened innovations to loads of the given courses (k, n_samples), one array
+    """Responses (k, m) of the whitened innovations to loads of the given courses (k, 2 n_samples), one array
     per experiment."""
     row = run.state_names.index(null.loads[index].name)
     entry = run.average.A[:, row].copy()
     entry[row] = 0.0  # the load's own decay
-    parts = [
-        innovation_responses(run, experiment, course[:, :, None] * entry)
-        for experiment, course in zip(null.experiments, courses, strict=True)
-    ]
+    parts = []
+    for number, (experiment, course) in enumerate(zip(null.experiments, courses, strict=True)):
+        corrected, predicted = np.split(course, 2, axis=1)
+        ends = np.stack([corrected[:, :-1], predicted[:, 1:]], axis=1)
+        parts.append(innovation_responses(run, number, experiment, ends[..., None] * entry))
     return np.concatenate(parts, axis=1)
 
 
@@ -124,12 +126,14 @@ def _tables(null: Null, run: NullObserver, named: Sequence[str] = ()) -> list[di
     """Basis functions of every experiment by variable and speed; of variables that are alike, the `named`."""
     units = {v.name: v.unit for v in (*null.flat.unknowns, *null.flat.inputs)}
     courses = [internal_variables(null, run, i, named) for i in range(len(null.experiments))]
-    limits = {
-        name: np.concatenate([c[name] for c in courses])
-        for name in courses[0]
-        if all(name in c for c in courses)
-    }
-    return [_bases({name: c[name] for name in limits}, limits, units) for c in courses]
+    shared = [name for name in courses[0] if all(name in c for c in courses)]
+    limits = {name: np.concatenate([c[name] for c in courses]) for name in shared}
+    tables = []
+    for number, course in enumerate(courses):
+        predicted = _predicted_variables(null, run, number)
+        both = {name: np.concatenate([course[name], predicted[name]]) for name in shared}
+        tables.append(_bases(both, limits, units))
+    return tables
 
 
 def _bases(
@@ -226,13 +230,8 @@ def internal_variables(
     without the loads has it: a variable that contains the load would explain the load."""
     explicit = null.explicit
     one = null.experiments[experiment]
-    n = one.n_samples
-    u = one.inputs.T
-    v, w = np.zeros((explicit.rhs.numel_in(2), n)), np.zeros((explicit.rhs.numel_in(3), n))
-    theta = np.tile(null.theta[:, None], (1, n))
+    values = _variables_at(null, one, run.observed[experiment].filtered, one.inputs)
     loads = {load.name for load in null.loads}
-    states = run.observed[experiment].filtered * [name not in loads for name in run.state_names]
-    values = np.array(explicit.variables.map(n)(states.T, u, v, w, theta, one.time))
     found: dict[str, np.ndarray] = dict(zip(one.input_names, one.inputs.T, strict=True))
     seen = [_normalised(x) for x in found.values()]
     # Of proportional variables the `named` come first, then states, then motions before torques and flows.
@@ -249,6 +248,25 @@ def internal_variables(
             found[variable.name] = row
             seen.append(shape)
     return found
+
+
+def _predicted_variables(null: Null, run: NullObserver, number: int) -> dict[str, np.ndarray]:
+    """All internal variables and inputs at the end of the interval before every sample, by name."""
+    one = null.experiments[number]
+    held = np.vstack([one.inputs[:1], one.inputs[:-1]]) if null.hold == "zoh" else one.inputs
+    values = _variables_at(null, one, run.observed[number].predicted, held)
+    names = [v.name for v in null.explicit.flat.unknowns]
+    return dict(zip(names, values, strict=True)) | dict(zip(one.input_names, held.T, strict=True))
+
+
+def _variables_at(null: Null, one: Experiment, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+    """All internal variables (n, n_samples) without the loads."""
+    explicit, n = null.explicit, one.n_samples
+    v, w = np.zeros((explicit.rhs.numel_in(2), n)), np.zeros((explicit.rhs.numel_in(3), n))
+    theta = np.tile(null.theta[:, None], (1, n))
+    loads = {load.name for load in null.loads}
+    unloaded = states * [name not in loads for name in explicit.state_names]
+    return np.array(explicit.variables.map(n)(unloaded.T, inputs.T, v, w, theta, one.time))
 
 
 def _normalised(x: np.ndarray) -> np.ndarray:

@@ -88,16 +88,23 @@ def fit_null(
     places = load_places(flat, nodes)
     if not places:
         raise _no_place(nodes)
-    time = experiments[0].time
-    period = float(np.median(np.diff(time)))
-    duration = float(sum(e.time[-1] - e.time[0] for e in experiments))
-    longest = LONGEST_LOAD * duration
+    period = _period(experiments)
     loaded = with_loads(flat, places, [FIRST_LOAD * period] * len(places))
-    fits = [_loaded_fit(loaded, experiments, one, period, longest) for one in ((hold,) if hold else HOLDS)]
+    fits = [_loaded_fit(loaded, experiments, one) for one in ((hold,) if hold else HOLDS)]
     best, *others = sorted(fits, key=lambda fit: -fit.log_likelihood)
     null = _at_estimate(loaded, best, places, tuple(experiments))
     rivals = [f.hold for f in others if best.log_likelihood - f.log_likelihood < CLEAR_HOLD]
     return replace(null, other_hold=rivals[0] if rivals else None)
+
+
+def _period(experiments: Sequence[Experiment]) -> float:
+    return float(np.median(np.diff(experiments[0].time)))
+
+
+def _time_constants(experiments: Sequence[Experiment]) -> tuple[float, float]:
+    """The shortest and the longest that a load can have [s]."""
+    duration = float(sum(e.time[-1] - e.time[0] for e in experiments))
+    return SHORTEST_LOAD * _period(experiments), LONGEST_LOAD * duration
 
 
 def _no_place(nodes: Sequence[Site]) -> EstimationError:
@@ -115,11 +122,9 @@ def _no_place(nodes: Sequence[Site]) -> EstimationError:
     )
 
 
-def _loaded_fit(
-    loaded: FlatModel, experiments: Sequence[Experiment], hold: Hold, period: float, longest: float
-) -> FitResult:
+def _loaded_fit(loaded: FlatModel, experiments: Sequence[Experiment], hold: Hold) -> FitResult:
     times = [p.name for p in loaded.parameters if p.name.startswith("load_")]
-    bounds = dict.fromkeys(times, (SHORTEST_LOAD * period, longest))
+    bounds = dict.fromkeys(times, _time_constants(experiments))
     physical = tuple(p.name for p in loaded.parameters if p.estimate)
     try:
         options = IdentifyOptions(method="pem", estimate=(*physical, *bounds), bounds=bounds, hold=hold)
@@ -128,20 +133,15 @@ def _loaded_fit(
         if not str(error.where).startswith("load_"):
             raise
         # Nothing in the data tells the time constants apart: the most likely of a few.
-        return _with_given_time_constants(loaded, physical, experiments, hold, period, longest)
+        return _with_given_time_constants(loaded, physical, experiments, hold)
 
 
 def _with_given_time_constants(
-    loaded: FlatModel,
-    physical: tuple[str, ...],
-    experiments: Sequence[Experiment],
-    hold: Hold,
-    period: float,
-    longest: float,
+    loaded: FlatModel, physical: tuple[str, ...], experiments: Sequence[Experiment], hold: Hold
 ) -> FitResult:
     fits = []
     for periods in GIVEN_LOADS:
-        T = min(periods * period, longest)
+        T = min(periods * _period(experiments), _time_constants(experiments)[1])
         fixed = {p.name: T for p in loaded.parameters if p.name.startswith("load_")}
         options = IdentifyOptions(method="pem", estimate=physical, fix=fixed, hold=hold)
         fits.append(identify(loaded, experiments, options))
@@ -219,21 +219,26 @@ def refit(
     hopeless: float = -np.inf,
 ) -> FitResult:
     """Fit a model that contains the null's loads, starting from the values in `flat`, noise from the null's.
-    A search whose first pass stays below the log-likelihood `hopeless` is not pursued."""
-    known = [p.name for p in flat.parameters]
+    A search whose first pass stays below the log-likelihood `hopeless` is not pursued.
+
+    The time constants of the loads are fitted, too, though not told as parameters: with an effect in the
+    model, what is left unexplained is slower or faster than it was.
+    """
+    known = {p.name: p for p in flat.parameters}
+    bounds = {name: (known[name].min, known[name].max) for name in names}
+    times = dict.fromkeys(
+        (f"{load.name}.T" for load in null.loads if load.size > 0.0), _time_constants(null.experiments)
+    )
     coordinates = tuple(
-        parameter_coordinate(
-            flat, name, flat.parameters[known.index(name)].value,
-            (flat.parameters[known.index(name)].min, flat.parameters[known.index(name)].max),
-        )
-        for name in names
-    )  # fmt: skip
+        parameter_coordinate(flat, name, known[name].value, limits)
+        for name, limits in (bounds | times).items()
+    )
     n_w = len(flat.noises)
     unknowns = Unknowns(coordinates, flat.theta_values, np.zeros(n_w), np.ones(len(flat.outputs)))
     levels = dict(zip((w.name for w in null.flat.noises), null.intensity, strict=True))
     intensity = np.array([levels.get(w.name, 0.0) for w in flat.noises])
     options = IdentifyOptions(hold=null.hold, max_iterations=max_iterations)
-    return identify_nonlinear(
+    fit = identify_nonlinear(
         explicit,
         unknowns,
         null.experiments,
@@ -243,5 +248,18 @@ def refit(
         np.full(len(flat.outputs), np.nan),
         options,
         validation,
-        WarmStart(intensity, null.measurement_std, null.initial_states, hopeless=hopeless),
+        WarmStart(
+            intensity,
+            null.measurement_std,
+            null.initial_states,
+            at_rest=tuple(load.name for load in null.loads),
+            hopeless=hopeless,
+        ),
+    )
+    n_told = len(names)
+    return replace(
+        fit,
+        parameters=fit.parameters[:n_told],
+        correlation_names=fit.correlation_names[:n_told],
+        correlation=fit.correlation[:n_told, :n_told],
     )

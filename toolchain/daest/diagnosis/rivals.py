@@ -217,7 +217,7 @@ def _in_place(null: Null, best: Proof, candidate: Candidate, size: float) -> Pre
         return None
     at_fit = _with_values(flat, {name: best.fit.theta[name] for name in null.estimated})
     trial = Trial(candidate, (size,), _at_other_places(best.candidate, best))
-    return Prepared(trial, at_fit, (*null.estimated, *_own(candidate)))
+    return Prepared(trial, at_fit, (*null.estimated, *_own(candidate)), similar=best.fit)
 
 
 def _simulation_value(null: Null, best: Proof, prepared: Prepared) -> float | None:

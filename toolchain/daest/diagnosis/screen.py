@@ -20,14 +20,13 @@ from scipy.special import ndtri_exp
 from scipy.stats import chi2, norm
 
 from daest.diagnosis.candidates import attachable, attached, with_shapes
+from daest.diagnosis.error_dynamics import ErrorDynamics, dynamics_along
 from daest.diagnosis.null import Null
 from daest.errors import EstimationError
 from daest.estimation.observer import AverageModel, average_model, observer
 from daest.model.diagnosis import Candidate, Screen, Screened
 from daest.model.experiment import Experiment
 from daest.model.explicit import ExplicitModel
-from daest.numerics.exponential import transition_integrals
-from daest.numerics.recursions import linear_recursion
 from daest.numerics.statistics import autoregression
 from daest.systems.integrate import (
     Correction,
@@ -67,6 +66,7 @@ class NullObserver:
     gain: np.ndarray  # (n, n_y), zero where no gain exists or nothing drives the states
     root: np.ndarray  # inverse root of the innovation covariance (n_y, n_y)
     observed: tuple[Observed, ...]
+    dynamics: tuple[ErrorDynamics, ...]
 
     @property
     def whitened(self) -> np.ndarray:
@@ -96,7 +96,16 @@ def run_null(null: Null) -> NullObserver:
         )
         for run, error in zip(runs, errors, strict=True)
     )
-    return NullObserver(names, average, gain, root, observed)
+    dynamics = dynamics_along(
+        null.explicit,
+        average,
+        null.experiments,
+        [o.filtered for o in observed],
+        [o.predicted for o in observed],
+        null.hold,
+        RTOL,
+    )
+    return NullObserver(names, average, gain, root, observed, dynamics)
 
 
 def _average(null: Null, model: Integrator, x0: np.ndarray, experiment: Experiment) -> AverageModel:
@@ -185,11 +194,14 @@ def _responses(
     of_rates, of_outputs = _drive_functions(explicit, names)
     basis = _basis(null, run, explicit)
     parts = []
-    for experiment, observed in zip(null.experiments, run.observed, strict=True):
-        g = _drives(null, explicit, of_rates, experiment, observed.filtered @ basis.T)
-        # What a sensor effect does to an innovation must not know that innovation.
-        direct = _drives(null, explicit, of_outputs, experiment, observed.predicted @ basis.T)
-        parts.append(innovation_responses(run, experiment, g @ np.linalg.inv(basis).T, direct))
+    for number, (experiment, observed) in enumerate(zip(null.experiments, run.observed, strict=True)):
+        time, (first, last) = experiment.time, _driven_inputs(null, explicit, experiment)
+        at_starts = _drives(explicit, of_rates, time, observed.filtered @ basis.T, first)
+        # What an effect does to an innovation must not know that innovation.
+        at_ends = _drives(explicit, of_rates, time, observed.predicted @ basis.T, last)
+        direct = _drives(explicit, of_outputs, time, observed.predicted @ basis.T, last)
+        g = np.stack([at_starts[:, :-1], at_ends[:, 1:]], axis=1) @ np.linalg.inv(basis).T
+        parts.append(innovation_responses(run, number, experiment, g, direct))
     return np.concatenate(parts, axis=1), rows
 
 
@@ -207,21 +219,12 @@ def law_response(
 
 
 def innovation_responses(
-    run: NullObserver, experiment: Experiment, g: np.ndarray, direct: np.ndarray | None = None
+    run: NullObserver, number: int, experiment: Experiment, g: np.ndarray, direct: np.ndarray | None = None
 ) -> np.ndarray:
-    """Responses (k, n_samples · n_y) of the whitened innovations to the drives g (k, n_samples, n) of the
-    states' rates and `direct` (k, n_samples, n_y) of the outputs, through the observer's error dynamics."""
-    average = run.average
-    eye = np.eye(average.A.shape[0])
-    flow = transition_integrals(average.A, average.period)
-    closed = flow.transition @ (eye - run.gain @ average.C)
-    drive = g @ flow.first.T
-    if direct is not None:
-        drive = drive - (direct @ run.gain.T) @ flow.transition.T
-    states = linear_recursion(closed, drive[:, :-1], np.zeros(eye.shape[0]))
-    change = states @ average.C.T
-    if direct is not None:
-        change = change + direct
+    """Responses (k, n_samples · n_y) of the whitened innovations of an experiment to drives g (k, 2,
+    n_samples - 1, n) of the states' rates at the starts and ends of its intervals, and `direct` (k,
+    n_samples, n_y) of the outputs, through the observer's error dynamics."""
+    change = run.dynamics[number].errors(run.gain, g, direct)
     change = np.where(np.isfinite(experiment.outputs), change, 0.0)
     return (change @ run.root.T).reshape(g.shape[0], -1)
 
@@ -272,27 +275,37 @@ def _drive_functions(explicit: ExplicitModel, names: Sequence[str]) -> tuple[ca.
     return slopes(f), slopes(h)
 
 
+def _driven_inputs(
+    null: Null, explicit: ExplicitModel, experiment: Experiment
+) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """u (n_u, n_samples) and v (n_v, n_samples) at the start of the interval after every sample and at the
+    end of the one before it."""
+    known = len(experiment.input_names)
+    added = [np.nan_to_num(experiment.extra[v.name]) for v in explicit.flat.inputs[known:]]
+    whole = np.column_stack([experiment.inputs, *added])
+    u0, u1 = interval_inputs(null.explicit, experiment.time, whole, null.hold)
+    n_u = whole.shape[1]
+    found = []
+    for ubar in (np.vstack([u0, u1[-1:]]), np.vstack([u0[:1], u1])):
+        v = np.zeros((explicit.rhs.numel_in(2), experiment.n_samples))
+        v[: ubar.shape[1] - n_u] = ubar[:, n_u:].T
+        found.append((ubar[:, :n_u].T, v))
+    return tuple(found)
+
+
 def _drives(
-    null: Null,
     explicit: ExplicitModel,
     drives: ca.Function,
-    experiment: Experiment,
+    time: np.ndarray,
     states: np.ndarray,
+    inputs: tuple[np.ndarray, np.ndarray],
 ) -> np.ndarray:
     """Values (k, n_samples, n_rows) of a drive function along the states (n_samples, n) of `explicit`."""
-    n_samples = experiment.n_samples
-    n_u = explicit.rhs.numel_in(1)
-    u = np.zeros((n_samples, n_u))
-    ubar = _ubar(null, experiment)
-    own = len(experiment.input_names)
-    u[:, :own] = ubar[:, :own]
-    for i, variable in enumerate(explicit.flat.inputs[own:]):
-        u[:, own + i] = np.nan_to_num(experiment.extra[variable.name])
-    v = np.zeros((n_samples, explicit.rhs.numel_in(2)))
-    v[:, : ubar.shape[1] - own] = ubar[:, own:]
+    n_samples = time.size
     theta = np.tile(explicit.flat.theta_values, (n_samples, 1))
+    columns = (states, inputs[0].T, inputs[1].T, theta, time)
+    arguments = [np.ascontiguousarray(column, dtype=float) for column in columns]
     n_rows, k = drives.size_out(0)
-    arguments = [np.ascontiguousarray(a, dtype=float) for a in (states, u, v, theta, experiment.time)]
     values = np.empty((n_samples, k, n_rows))
     # Straight into the array: CasADi's own way goes through a list of numbers.
     whole: Any = drives.map(n_samples)

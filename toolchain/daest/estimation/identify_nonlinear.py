@@ -66,12 +66,14 @@ NEARLY_NONE = 1e-6  # of the noise intensity of a similar model
 class WarmStart:
     """Where a prediction-error search starts when a similar model has been fitted before: noise levels and
     the initial state of every experiment by state name. `noise_evaluations` limits the search over noise
-    levels. A first pass that ends below the log-likelihood `hopeless` is the last."""
+    levels. A first pass that ends below the log-likelihood `hopeless` is the last. The simulations that
+    validate begin with the states `at_rest` at zero: they stand for noise."""
 
     intensity: np.ndarray  # (n_w,)
     measurement_std: np.ndarray  # (n_y,)
     initial_states: tuple[Mapping[str, float], ...]
     noise_evaluations: int = 30
+    at_rest: tuple[str, ...] = ()
     hopeless: float = -np.inf
 
     @property
@@ -115,7 +117,8 @@ def identify_nonlinear(
     simulated = {"estimation": agreement(best, best.problem.experiments, with_gain=False)}
     one_step = {"estimation": agreement(best, best.problem.experiments, with_gain=True)}
     if validation:
-        simulated["validation"] = agreement(best, tuple(validation), with_gain=False)
+        at_rest = () if warm is None else warm.at_rest
+        simulated["validation"] = agreement(best, tuple(validation), with_gain=False, at_rest=at_rest)
         one_step["validation"] = agreement(best, tuple(validation), with_gain=True)
     result = nonlinear_result(setup, ends, simulated, one_step)
     if options.profile and best.cut is not None:

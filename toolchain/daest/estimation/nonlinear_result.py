@@ -33,8 +33,11 @@ from daest.model.fit import Agreement, FitResult, FittedInitialState, FittedNois
 AGREEMENT_ITERATIONS = 10  # of the search for the initial states that an agreement is judged from
 
 
-def agreement(end: Ending, experiments: tuple[Experiment, ...], *, with_gain: bool) -> Agreement:
-    """Agreement from the best initial state of each experiment, parameters held."""
+def agreement(
+    end: Ending, experiments: tuple[Experiment, ...], *, with_gain: bool, at_rest: Sequence[str] = ()
+) -> Agreement:
+    """Agreement from the best initial state of each experiment, parameters held; the states `at_rest` start
+    at zero."""
     names = [o.name for o in end.problem.model.explicit.flat.outputs]
     measured = [e.outputs for e in experiments]
     if end.cut is not None and experiments is end.problem.experiments:
@@ -47,9 +50,15 @@ def agreement(end: Ending, experiments: tuple[Experiment, ...], *, with_gain: bo
         z = end.found.z
     else:
         x0 = consistent_states(problem, parameters) / problem.state_scale
-        z = fit_initial_states(problem, np.concatenate([parameters, x0.ravel()]))
+        z = np.concatenate([parameters, x0.ravel()])
     lower, upper = limits(problem)
     lower[:n] = upper[:n] = parameters
+    if at_rest:
+        rows = np.isin(problem.model.explicit.state_names, at_rest)
+        rests = np.concatenate([np.zeros(n, dtype=bool), np.tile(rows, len(experiments))])
+        lower, upper, z = (np.where(rests, 0.0, part) for part in (lower, upper, z))
+    if experiments is not end.problem.experiments:
+        z = fit_initial_states(problem, z, lower, upper)
     found = minimise(trajectories.objective(problem), z, lower, upper, AGREEMENT_ITERATIONS)
     errors = None if found is None else prediction_errors(problem, found.z)
     return agreement_of(names, measured, None if errors is None else errors.errors)

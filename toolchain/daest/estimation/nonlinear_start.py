@@ -29,7 +29,7 @@ def started(problem: TrajectoryProblem) -> tuple[TrajectoryProblem, np.ndarray]:
     unknowns = problem.unknowns
     z = np.concatenate([unknowns.start, consistent_states(problem, unknowns.start).ravel()])
     problem, z = scaled(problem, z)
-    return problem, fit_initial_states(problem, z)
+    return problem, fit_initial_states(problem, z, *limits(problem))
 
 
 def consistent_states(problem: TrajectoryProblem, z_parameters: np.ndarray) -> np.ndarray:
@@ -50,12 +50,13 @@ def scaled(problem: TrajectoryProblem, z: np.ndarray) -> tuple[TrajectoryProblem
     return replace(problem, state_scale=scale), np.concatenate([z[:n], x0.ravel()])
 
 
-def fit_initial_states(problem: TrajectoryProblem, z: np.ndarray) -> np.ndarray:
-    """z with the initial states that fit the first samples, parameters held."""
+def fit_initial_states(
+    problem: TrajectoryProblem, z: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> np.ndarray:
+    """z with the initial states within bounds that fit the first samples, parameters held."""
     heads = tuple(head(e, FIRST_LENGTH) for e in problem.experiments)
     n = len(problem.unknowns.coordinates)
-    lower, upper = limits(problem)
-    lower[:n] = upper[:n] = z[:n]
+    lower, upper = (np.concatenate([z[:n], bound[n:]]) for bound in (lower, upper))
     short = replace(problem, experiments=heads)
     found = minimise(trajectories.objective(short), z, lower, upper, INITIAL_ITERATIONS)
     return z if found is None else found.z
@@ -139,5 +140,5 @@ def further_starts(problem: TrajectoryProblem, z: np.ndarray, options: IdentifyO
     for _ in range(options.starts - 1):
         moved = z.copy()
         moved[: spread.size] += rng.uniform(-spread, spread)
-        result.append(fit_initial_states(problem, np.clip(moved, lower, upper)))
+        result.append(fit_initial_states(problem, np.clip(moved, lower, upper), lower, upper))
     return result

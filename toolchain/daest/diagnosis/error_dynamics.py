@@ -1,0 +1,175 @@
+"""Error dynamics of the null's observer: how a small unknown drive reaches the innovations.
+
+The predicted state's error obeys e[k+1] = Φ[k] (I - K C[k]) e[k] + Γ₀[k] g₀[k] + Γ₁[k] g₁[k] for a drive of
+the states' rates that runs straight from g₀ to g₁ within an interval. Where the dynamics are affine, all
+matrices are constant. Else they are taken along the recording: an average slope takes friction for damping,
+and a law seen through it would not be what refitted parameters, whose slopes are exact, can absorb.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from daest.estimation.observer import AverageModel
+from daest.model.experiment import Experiment
+from daest.model.explicit import ExplicitModel
+from daest.numerics.exponential import transition_integrals
+from daest.numerics.recursions import linear_recursion
+from daest.systems.affine_dynamics import has_affine_dynamics
+from daest.systems.integrate import Correction, Hold, Integrator, integrate, integrator
+
+MOST_STATES = 20  # beyond, the sensitivities along a recording take more memory than they are worth
+SHIFT, DRIVE, RAMP = "daest_shift_", "daest_drive_", "daest_ramp_"
+
+
+@dataclass(frozen=True)
+class ErrorDynamics:
+    """Φ, Γ₀, Γ₁ (n_samples - 1, n, n) of every interval and C (n_samples, n_y, n) at every sample; (1, ...)
+    where they are constant."""
+
+    transition: np.ndarray
+    at_start: np.ndarray
+    at_end: np.ndarray
+    C: np.ndarray
+
+    def errors(self, gain: np.ndarray, drive: np.ndarray, direct: np.ndarray | None = None) -> np.ndarray:
+        """Errors of the predicted outputs (k, n_samples, n_y) from drives (k, 2, n_samples - 1, n) at the
+        starts and ends of the intervals, and `direct` errors (k, n_samples, n_y) of the predictions."""
+        pushed = _times(drive[:, 0], self.at_start) + _times(drive[:, 1], self.at_end)
+        if direct is not None:
+            pushed = pushed - _times(direct[:, :-1] @ gain.T, self.transition)
+        closed = self.transition - self.transition @ gain @ self.C[: self.transition.shape[0]]
+        if closed.shape[0] == 1:
+            states = linear_recursion(closed[0], pushed, np.zeros(closed.shape[1]))
+        else:
+            states = _varying_recursion(closed, pushed)
+        change = _times(states, self.C)
+        return change if direct is None else change + direct
+
+
+def _times(rows: np.ndarray, matrices: np.ndarray) -> np.ndarray:
+    """Every row (k, m, n) by the matrix of its sample (m, p, n) or by the one matrix (1, p, n)."""
+    if matrices.shape[0] == 1:
+        return rows @ matrices[0].T
+    return np.matmul(rows.transpose(1, 0, 2), matrices.transpose(0, 2, 1)).transpose(1, 0, 2)
+
+
+def _varying_recursion(closed: np.ndarray, drive: np.ndarray) -> np.ndarray:
+    """States (k, n_steps + 1, n) of x[i+1] = closed[i] x[i] + drive[i] from zero."""
+    states = np.zeros((closed.shape[0] + 1, *drive.shape[::2]))
+    steps = np.ascontiguousarray(drive.transpose(1, 0, 2))
+    back = np.ascontiguousarray(closed.transpose(0, 2, 1))
+    for i in range(closed.shape[0]):
+        np.matmul(states[i], back[i], out=states[i + 1])
+        states[i + 1] += steps[i]
+    return states.transpose(1, 0, 2)
+
+
+def average_dynamics(average: AverageModel) -> ErrorDynamics:
+    """Of the average linearisation."""
+    flow = transition_integrals(average.A, average.period)
+    at_start = flow.first - flow.second
+    return ErrorDynamics(flow.transition[None], at_start[None], flow.second[None], average.C[None])
+
+
+def dynamics_along(
+    explicit: ExplicitModel,
+    average: AverageModel,
+    experiments: tuple[Experiment, ...],
+    filtered: list[np.ndarray],
+    predicted: list[np.ndarray],
+    hold: Hold,
+    rtol: float,
+) -> tuple[ErrorDynamics, ...]:
+    """Of every experiment along its filtered states (n_samples, n), predictions starting from them."""
+    is_varying = explicit.invariants is None and explicit.n_states <= MOST_STATES
+    if not is_varying or has_affine_dynamics(explicit):
+        return (average_dynamics(average),) * len(experiments)
+    model = integrator(_pushed(explicit), _pushes(explicit.n_states))
+    slopes = _output_slopes(explicit)
+    return tuple(
+        _along(explicit, model, slopes, *one, hold, rtol)
+        for one in zip(experiments, filtered, predicted, strict=True)
+    )
+
+
+def _pushes(n: int) -> tuple[str, ...]:
+    return tuple(f"{kind}{i}" for kind in (SHIFT, DRIVE, RAMP) for i in range(n))
+
+
+def _pushed(explicit: ExplicitModel) -> ExplicitModel:
+    """The model with its states as outputs, and parameters (zero) that shift its states and drive their rates
+    by a constant and by a multiple of the time."""
+    n, flat = explicit.n_states, explicit.flat
+    whole = ca.vertcat(flat.theta, ca.SX.sym("pushes", 3 * n))
+    extra = tuple(replace(flat.parameters[0], name=name, value=0.0) for name in _pushes(n))
+    kind: Any = ca.SX if explicit.is_symbolic else ca.MX
+    x, u, v, w = (kind.sym("a", explicit.rhs.numel_in(i)) for i in range(4))
+    theta, t = kind.sym("theta", len(flat.parameters) + 3 * n), kind.sym("t")
+    own = theta[: len(flat.parameters)]
+    shift, drive, ramp = ca.vertsplit(theta[len(flat.parameters) :], [0, n, 2 * n, 3 * n])
+    at = [x, u, v, w, theta, t]
+    rate = explicit.rhs(x + shift, u, v, w, own, t) + drive + ramp * t
+    return replace(
+        explicit,
+        flat=replace(flat, parameters=(*flat.parameters, *extra), theta=whole),
+        rhs=ca.Function("rhs", at, [rate]),
+        outputs=ca.Function("outputs", at, [x]),
+    )
+
+
+def _output_slopes(explicit: ExplicitModel) -> ca.Function:
+    """(x, u, v, theta, t) -> ∂h/∂x (n_y, n)."""
+    kind: Any = ca.SX if explicit.is_symbolic else ca.MX
+    x, u, v, w, theta = (kind.sym("a", explicit.rhs.numel_in(i)) for i in range(5))
+    t = kind.sym("t")
+    slopes = ca.densify(ca.jacobian(explicit.outputs(x, u, v, w, theta, t), x))
+    quiet = ca.substitute(slopes, w, kind.zeros(w.numel()))
+    return ca.Function("slopes", [x, u, v, theta, t], [quiet])
+
+
+def _along(
+    explicit: ExplicitModel,
+    model: Integrator,
+    slopes: ca.Function,
+    experiment: Experiment,
+    filtered: np.ndarray,
+    predicted: np.ndarray,
+    hold: Hold,
+    rtol: float,
+) -> ErrorDynamics:
+    """Every sample puts the state back to the filtered one, and with it all sensitivities to zero: what is
+    seen at the next sample is of one interval."""
+    n, n_samples = explicit.n_states, experiment.n_samples
+    theta = np.concatenate([explicit.flat.theta_values, np.zeros(3 * n)])
+    sens = integrate(
+        model,
+        experiment.time,
+        experiment.inputs,
+        theta,
+        filtered[0],
+        hold=hold,
+        sensitivities=True,
+        correction=Correction(filtered, np.eye(n)),
+        rtol=rtol,
+    ).sensitivities[1:]
+    # A shift by δ moves the end by Φ δ, seen from the shifted state by Φ δ - δ.
+    transition = sens[:, :, :n] + np.eye(n)
+    constant, ramp = sens[:, :, n : 2 * n], sens[:, :, 2 * n : 3 * n]
+    start, period = experiment.time[:-1, None, None], np.diff(experiment.time)[:, None, None]
+    at_end = (ramp - start * constant) / period
+    n_v = explicit.rhs.numel_in(2)
+    rows = slopes.map(n_samples)(
+        predicted.T,
+        experiment.inputs.T,
+        np.zeros((n_v, n_samples)),
+        np.tile(explicit.flat.theta_values[:, None], (1, n_samples)),
+        experiment.time,
+    )
+    n_y = slopes.size1_out(0)
+    C = np.array(rows).reshape(n_y, n_samples, n).transpose(1, 0, 2)
+    return ErrorDynamics(transition, constant - at_end, at_end, C)
