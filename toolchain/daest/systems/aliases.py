@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from daest.model.flat import FlatModel, Variable
+from daest.systems.sparse_jacobian import sparse_jacobian
 
 SELECT_RANK = {"never": 0, "avoid": 1, "default": 2, "prefer": 3, "always": 4}
 
@@ -55,12 +56,13 @@ def _alias_equations(flat: FlatModel) -> list[tuple[int, int, int, float]]:
     """(row, i, j, factor) for every equation that says ξ_i = factor ξ_j with factor ±1 and nothing else."""
     others = ca.vertcat(flat.derivatives, flat.u, flat.w, flat.theta, flat.time)
     mixed = set(ca.jacobian_sparsity(flat.residual, others).get_triplet()[0])
-    slopes = ca.jacobian(flat.residual, flat.xi)
+    slopes = sparse_jacobian(flat.residual, flat.xi)
     entries: dict[int, list[tuple[int, Any]]] = {}
     for row, column, value in zip(*slopes.sparsity().get_triplet(), slopes.nonzeros(), strict=True):
         entries.setdefault(row, []).append((column, value))
     points = _probes(flat.n)
     values = _residuals(flat, points)
+    rounding = ROUNDING * np.abs(points).max(axis=0)
     found = []
     for row, pair in entries.items():
         if row in mixed or len(pair) != 2:
@@ -69,7 +71,7 @@ def _alias_equations(flat: FlatModel) -> list[tuple[int, int, int, float]]:
         if not (a.is_constant() and b.is_constant() and abs(float(a)) == abs(float(b)) != 0.0):
             continue
         linear = float(a) * points[i] + float(b) * points[j]
-        if np.all(np.abs(values[row] - linear) <= ROUNDING * np.abs(points).max(axis=0)):
+        if np.all(np.abs(values[row] - linear) <= rounding):
             found.append((row, i, j, -float(b) / float(a)))
     return sorted(found)
 

@@ -70,23 +70,28 @@ def _pivot_columns(block: np.ndarray, wish: np.ndarray, pivot: float) -> list[in
     picked: list[int] = []
     for threshold in (pivot, smallest):
         for value in np.unique(wish):
-            candidates = [j for j in np.flatnonzero(wish == value).tolist() if j not in picked]
+            candidates = wish == value
+            candidates[picked] = False
             picked += _greedy(remaining, candidates, threshold, block.shape[0] - len(picked))
     return picked
 
 
-def _greedy(remaining: np.ndarray, candidates: list[int], threshold: float, wanted: int) -> list[int]:
-    """Take candidates by largest remaining norm and project them out of `remaining` (in place)."""
+def _greedy(remaining: np.ndarray, candidates: np.ndarray, threshold: float, wanted: int) -> list[int]:
+    """Take `candidates` (bool per column) by largest remaining norm and project them out of `remaining` (in
+    place), where they have entries: constraints are mostly local."""
     picked: list[int] = []
-    while candidates and len(picked) < wanted:
-        norms = np.linalg.norm(remaining[:, candidates], axis=0)
-        if norms.max() <= threshold:
-            break
-        best = int(np.flatnonzero(norms >= (1 - PIVOT_TIE) * norms.max())[-1])
-        column = candidates.pop(best)
-        direction = remaining[:, column] / norms[best]
-        remaining -= np.outer(direction, direction @ remaining)
+    norms = np.where(candidates, np.linalg.norm(remaining, axis=0), 0.0)
+    while len(picked) < wanted and norms.max(initial=0.0) > threshold:
+        column = int(np.flatnonzero(norms >= (1 - PIVOT_TIE) * norms.max())[-1])
+        direction = remaining[:, column] / norms[column]
+        rows = np.flatnonzero(np.abs(direction) > np.finfo(float).eps)
+        shares = direction[rows] @ remaining[rows]
+        touched = np.flatnonzero(shares)
+        remaining[np.ix_(rows, touched)] -= np.outer(direction[rows], shares[touched])
         picked.append(column)
+        norms[column] = 0.0
+        touched = touched[norms[touched] > 0.0]
+        norms[touched] = np.linalg.norm(remaining[:, touched], axis=0)
     return picked
 
 

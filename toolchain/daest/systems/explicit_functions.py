@@ -140,7 +140,8 @@ def _everything(parts: Expressions, definitions: Definitions) -> ca.SX:
 
 def _only_known(expression: ca.SX, known: list[ca.SX]) -> ca.SX:
     """The expression with NaN in the rows that contain other symbols than the known ones."""
-    strangers = [s for s in ca.symvar(expression) if not ca.depends_on(ca.vertcat(*known), s)]
+    names = {symbol.element_hash() for symbol in ca.symvar(ca.vertcat(*known))}
+    strangers = [symbol for symbol in ca.symvar(expression) if symbol.element_hash() not in names]
     if not strangers:
         return expression
     rows = sorted(set(ca.jacobian_sparsity(expression, ca.vertcat(*strangers)).get_triplet()[0]))

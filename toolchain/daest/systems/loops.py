@@ -12,6 +12,7 @@ from scipy.linalg import solve_triangular
 
 from daest.numerics.matching import Tearing, block_triangular, maximum_matching, tear
 from daest.systems.dummy_derivatives import DependentEquations, dependent_rows
+from daest.systems.sparse_jacobian import sparse_jacobian
 from daest.systems.symbolic_elimination import eliminate
 
 CRAMER_LIMIT = 3  # unknowns; adjugate over determinant is valid at every regular point and short up to here
@@ -90,7 +91,7 @@ def equations_at(
     residual: ca.SX, z: ca.SX, known: ca.SX, theta: ca.SX, sample: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> Equations:
     """The system with its Jacobian differentiated and evaluated at the sample point."""
-    jacobian = ca.jacobian(residual, z)
+    jacobian = sparse_jacobian(residual, z)
     rows, columns = (np.array(part, dtype=int) for part in jacobian.sparsity().get_triplet())
     entries: list[Any] = jacobian.nonzeros()
     stacked = ca.vertcat(ca.SX(0, 1), *entries)

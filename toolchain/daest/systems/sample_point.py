@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import lsmr
 
 from daest.systems.expand import ExpandedSystem
+from daest.systems.sparse_jacobian import sparse_jacobian
 
 MAX_STEPS = 25
 TOLERANCE = 1e-10  # residual relative to the largest term of its linearisation, at which the search stops
@@ -37,7 +38,7 @@ def sample_point(system: ExpandedSystem) -> SamplePoint:
     start[0] = [0.0 if v.start is None else v.start for v in system.aliases.variables]
     point = SamplePoint(start, _other_values(system))
     unknowns = ca.vertcat(*system.z)
-    jacobian = ca.jacobian(system.residual, unknowns)
+    jacobian = sparse_jacobian(system.residual, unknowns)
     if not ca.depends_on(jacobian, ca.vertcat(unknowns, *system.u, *system.w, system.flat.time)):
         return point
     moved = _project(ca.Function("F", [unknowns, system.others], [system.residual, jacobian]), system, point)

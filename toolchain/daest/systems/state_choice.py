@@ -15,6 +15,7 @@ from daest.systems.dummy_derivatives import PIVOT_CONSTANT, PIVOT_VARYING, Depen
 from daest.systems.expand import ExpandedSystem
 from daest.systems.pantelides import name_equations
 from daest.systems.sample_point import SamplePoint, nudged
+from daest.systems.sparse_jacobian import sparse_jacobian
 
 MOST_PLACES = 256  # sizes of alias groups beyond this are not told apart
 
@@ -84,7 +85,7 @@ def _leading_jacobian(system: ExpandedSystem) -> LeadingJacobian:
     rows, columns = np.zeros(0, dtype=int), np.zeros(0, dtype=int)
     entries: list[Any] = []
     for order, symbols in enumerate(system.z[:2]):
-        jacobian = ca.jacobian(system.residual[:n], symbols)
+        jacobian = sparse_jacobian(system.residual[:n], symbols)
         i, j = (np.array(part, dtype=int) for part in jacobian.sparsity().get_triplet())
         leads = np.flatnonzero(counts.unknowns[j] - counts.equations[i] == order)
         nonzeros = jacobian.nonzeros()

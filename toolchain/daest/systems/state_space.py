@@ -83,7 +83,7 @@ def _operating_point(
 
 
 def _matrix_function(explicit: ExplicitModel, x0: np.ndarray, u0: np.ndarray, time: float) -> ca.Function:
-    """theta -> (A, B, G, b, C, D, H, d, X, U, W, x0), Jacobians at (x0, u0, v = 0, w = 0, time)."""
+    """theta -> (A, B, G, b, C, D, H, d, X, U, W, x0), Jacobians at (x0, u0, v = 0, w = 0, time), sparse."""
     kind: Any = ca.SX if explicit.rhs.is_a("SXFunction") else ca.MX
     arguments = [kind.sym(name, explicit.rhs.size1_in(i)) for i, name in enumerate(explicit.rhs.name_in())]
     x, u, v, w, theta, _ = arguments
@@ -94,12 +94,10 @@ def _matrix_function(explicit: ExplicitModel, x0: np.ndarray, u0: np.ndarray, ti
         by_x, by_input, by_w = (ca.jacobian(value, part) for part in (x, inputs, w))
         offset = value - ca.mtimes(by_x, x) - ca.mtimes(by_input, inputs)
         slopes += [by_x, by_input, by_w, offset]
-    general = ca.Function("general", arguments, [ca.densify(part) for part in slopes])
+    general = ca.Function("general", arguments, slopes)
     parameter = kind.sym("theta", theta.numel())
     point = [x0, u0, np.zeros(v.numel()), np.zeros(w.numel()), parameter, time]
-    return ca.Function(
-        "matrices", [parameter], [ca.densify(m) for m in general(*point)], ["theta"], list(MATRICES)
-    )
+    return ca.Function("matrices", [parameter], general(*point), ["theta"], list(MATRICES))
 
 
 def state_space(family: StateSpaceFamily, theta: np.ndarray) -> StateSpace:
