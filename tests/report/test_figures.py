@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -100,6 +101,16 @@ def test_comparison_shows_time_errors_spectrum_tests(comparison):
     assert growth.get_yscale() == "log" and white.get_xlabel() == "lag [s]"
     assert [t.get_text() for t in verdicts.texts] == ["failed, p < 1e-12", "passed, p = 0.4"]
     assert values.get_title(loc="left") == "run"
+
+
+def test_every_recording_has_its_own_fit(run, comparison):
+    (trial,) = comparison.models
+    other = replace(run, name="other")
+    two = replace(trial, simulated=(0.9 * Y, 0.5 * Y), growth=())
+    figure = comparison_figure(replace(comparison, experiments=(run, other), models=(two,)))
+    labels = [ax.get_legend_handles_labels()[1][-1] for ax in figure.get_axes() if ax.get_title(loc="left")]
+    assert labels == ["M (90.0 %)", "M (50.0 %)"]
+    assert not any("predictions" in ax.get_title() for ax in figure.get_axes())
 
 
 def fit(std_error: float | None = 0.1) -> FitResult:
@@ -211,7 +222,7 @@ def test_structure_by_component(sparse):
 
 
 def test_groups():
-    assert component("motor") == "motor" and component("a.p, b.n") == component("") == "connections"
+    assert [component(o) for o in ("motor", "a.p, b.n", "")] == ["motor", "connections", "top level"]
     assert owner("motor.w") == "motor" and owner("u") == "top level"
     assert grouped(["a", "b", "a", "c", "b"]) == [0, 2, 1, 4, 3]
     assert stretches([True, True, False]) == [(True, 0, 2), (False, 2, 3)] and stretches([]) == []
@@ -227,6 +238,14 @@ def test_frequency_response_of_a_lag():
     corner = np.argmin(np.abs(2 * np.pi * hertz - 2.0))
     assert phase.get_lines()[0].get_ydata()[corner] == pytest.approx(-45.0, abs=1.0)
     assert poles.get_lines()[0].get_data() == ([-2.0], [0.0])
+
+
+def test_an_output_that_nothing_moves_is_told():
+    silent = TransferFunction("u", "y", (0.0,), (1.0,))
+    poles = np.array([-1.0 + 9.9j, -1.0 - 9.9j])
+    magnitude, _, plane = linear_figure([silent], poles, {}).get_axes()
+    assert [t.get_text() for t in magnitude.texts] == ["no input moves y here"]
+    assert plane.get_ylim()[1] > 10.0
 
 
 @pytest.mark.parametrize("poles", [[], [0.0], [1.0 + 1.0j, 1.0 - 1.0j]])

@@ -68,10 +68,11 @@ def _draw_runs(comparison: Comparison, axes: Any) -> None:
             measured = experiment.outputs[:, i]
             values.plot(experiment.time, measured, **MEASURED)
             for model, color in zip(comparison.models, style.colors(), strict=False):
-                fit = model.simulation.fit_percent[output]
+                error = measured - model.simulated[column][:, i]
+                fit = _fit_percent(measured, error)
                 label = model.name if fit is None else f"{model.name} ({fit:.1f} %)"
                 values.plot(experiment.time, model.simulated[column][:, i], color=color, lw=1.0, label=label)
-                errors.plot(experiment.time, measured - model.simulated[column][:, i], color=color, lw=0.8)
+                errors.plot(experiment.time, error, color=color, lw=0.8)
             values.set_ylabel(style.label(output, comparison.output_units[i]))
             errors.set_ylabel(style.label("error", comparison.output_units[i]))
             style.zero_line(errors)
@@ -79,13 +80,26 @@ def _draw_runs(comparison: Comparison, axes: Any) -> None:
         axes[-1][column].set_xlabel("time [s]")
 
 
+def _fit_percent(measured: np.ndarray, error: np.ndarray) -> float | None:
+    """100 (1 - |error| / |measured - mean|) of one recording; None where nothing varies."""
+    seen = np.isfinite(measured)
+    spread = np.linalg.norm(measured[seen] - measured[seen].mean()) if seen.any() else 0.0
+    fit = 100.0 * (1.0 - np.linalg.norm(error[seen]) / spread) if spread > 0.0 else np.nan
+    return float(fit) if np.isfinite(fit) else None
+
+
 def _columns(comparison: Comparison, tested: bool) -> list[Any]:
     """What is drawn beside each other, by output: spectra where the sampling allows, tests where there are
-    any."""
+    any, the growth of errors where there are predictions over several samples."""
     experiment = comparison.experiments[0]
     measured = experiment.outputs.T
     spectral = any(spectrum(experiment.time, values) is not None for values in measured)
-    return [*([_draw_spectrum] if spectral else []), *([_draw_white, _draw_growth] if tested else [])]
+    ahead = any(model.growth for model in comparison.models)
+    return [
+        *([_draw_spectrum] if spectral else []),
+        *([_draw_white] if tested else []),
+        *([_draw_growth] if tested and ahead else []),
+    ]
 
 
 def _draw_columns(comparison: Comparison, columns: list[Any], part: Any) -> None:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 POINTS = 500  # of a frequency response
 BEYOND = 1.3  # decades that are drawn below the slowest and above the fastest corner
+BEYOND_LAST = 1.6  # times the last tick: no pole lies on the edge of its picture
 AT_REST = 1e-9  # magnitude below which a pole is at zero, relative to the fastest
 
 
@@ -74,6 +75,15 @@ def _draw_response(
     phase.set_xlabel("frequency [Hz]")
     if magnitude.get_lines():
         magnitude.legend(loc="lower left", fontsize=SMALL)
+        return
+    for ax in (magnitude, phase):
+        ax.set_xscale("log")
+        ax.set_xlim(hertz[0], hertz[-1])
+        ax.set_yticks([])
+    magnitude.annotate(
+        f"no input moves {output} here",
+        (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", fontsize=SMALL,
+    )  # fmt: skip
 
 
 def _named(g: TransferFunction, units: Mapping[str, str]) -> str:
@@ -98,6 +108,7 @@ def _draw_poles(poles: np.ndarray, ax: Axes) -> None:
         )
         decades = 10.0 ** np.arange(first, last + 1)
         axis.set_ticks([*-decades[::-1], 0.0, *decades])
+        ax.set(**{f"{axis.axis_name}lim": (-BEYOND_LAST * decades[-1], BEYOND_LAST * decades[-1])})
     for draw in (ax.axhline, ax.axvline):
         draw(0.0, color="0.8", lw=0.6, zorder=0)
     ax.set_xlabel("real part of the poles [1/s] (both axes linear around 0, then logarithmic)")

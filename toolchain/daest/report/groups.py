@@ -13,8 +13,9 @@ TOP = "top level"
 
 
 def component(origin: str) -> str:
-    """The component that an equation belongs to; connections, between several, are one group."""
-    return CONNECTIONS if "," in origin or not origin else origin
+    """The component that an equation belongs to; connections, between several, are one group, and so are the
+    model's own equations."""
+    return CONNECTIONS if "," in origin else origin or TOP
 
 
 def owner(name: str) -> str:
