@@ -150,13 +150,12 @@ def compared(
 
 
 def _candidate(project: Project, source: Path, flat: FlatModel, options: DataOptions) -> Candidate:
-    fit = find_fit(project, source, flat.name)
+    fit = find_fit(project, source, flat)
     if fit is None:
         hold = options.known_hold(project) or "foh"
         return Candidate(flat.name, flat, 0, hold, notes=("no fit found: the values of the model are used",))
-    path, document = fit
-    hold = options.known_hold(project) or document.get("hold") or "foh"
-    return _with_fit(flat, document, hold, (f"fit of {path}",))
+    hold = options.known_hold(project) or fit.document.get("hold") or "foh"
+    return _with_fit(flat, fit.document, hold, (f"fit of {fit.path}", *fit.remarks))
 
 
 def _refitted(project: Project, source: Path, flat: FlatModel, options: DataOptions, seed: int) -> Candidate:

@@ -32,9 +32,9 @@ from daest.cli.output import emit, keep_inputs, note, to_json, whole_file, with_
 from daest.cli.pictures import draw
 from daest.cli.progress import progress
 from daest.cli.recordings import training_data
-from daest.cli.results import find_fit, parameter_values
+from daest.cli.results import KeptFit, find_fit, parameter_values
 from daest.data.prepare import split_all
-from daest.data.project import Project
+from daest.data.project import Hold, Project
 from daest.errors import EstimationError, FmuError, ModelError
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
@@ -88,6 +88,7 @@ class Case:
     library: tuple[Effect, ...]
     options: DiagnoseOptions
     recordings: tuple[Path, ...] = ()
+    remarks: tuple[str, ...] = ()  # on the earlier fit that is held against the data
 
 
 @click.command("diagnose", epilog=example("daest diagnose run1.csv --model Servo.mo --split 0.5"))
@@ -153,12 +154,13 @@ def opened(
 
     Raises ModelError `effect-unknown`, `effect-place` or `effect-fit`, and ConfigError of `workers`.
     """
+    from daest.diagnosis.kept import KeptProofs, run_digest
     from daest.modelica.effects import effect_library
 
     require_cluster(search.cluster)
     source = model_source(project, model)
-    flat = load_model(project, source, class_name, libraries)
-    if flat.given is not None:
+    loaded = load_model(project, source, class_name, libraries)
+    if loaded.given is not None:
         raise FmuError(
             "fmu-no-equations",
             "an FMU without equations cannot be extended",
@@ -166,7 +168,7 @@ def opened(
             remedy="use the Modelica source, or an FMU of daest export; daest diagnose tells what shows from "
             "outside",
         )
-    flat, estimation, validation = training_data(flat, project, data, data_choice)
+    flat, estimation, validation = training_data(loaded, project, data, data_choice)
     if not validation:
         note("no validation data: the second half of every recording validates")
         halves = replace(data_choice.preparation(project), split=HALF)
@@ -174,6 +176,10 @@ def opened(
     folders = (*libraries, *project.libraries)
     library = effect_library(folders)
     own = project.source is not None and source.resolve() == project.source.resolve()
+    fit = _earlier_fit(project, source, loaded, estimation)
+    options = _options(flat, folders, search, data_choice.known_hold(project), fit)
+    decisive = (options.effects, options.places, options.hold, options.seed)
+    run = run_digest(flat, estimation, validation, decisive)
     return Case(
         project,
         source,
@@ -183,38 +189,30 @@ def opened(
         estimation,
         validation,
         library,
-        _options(flat, estimation, validation, folders, search, data_choice, project, source),
+        replace(options, keeper=KeptProofs(project.results / KEPT, run, whole_file)),
         tuple(training_files(project, data)),
+        () if fit is None else fit.remarks,
     )
 
 
 def _options(
-    flat: FlatModel,
-    estimation: Sequence[Experiment],
-    validation: Sequence[Experiment],
-    folders: Sequence[Path],
-    search: Search,
-    data_choice: DataOptions,
-    project: Project,
-    source: Path,
+    flat: FlatModel, folders: Sequence[Path], search: Search, hold: Hold | None, fit: KeptFit | None
 ) -> DiagnoseOptions:
-    """Options of the engine, which keeps its refits in results/diagnosis."""
+    """Options of the engine."""
     from daest.diagnosis.diagnose import DiagnoseOptions
-    from daest.diagnosis.kept import KeptProofs, run_digest
 
     effects, places = _known(flat, search, folders)
-    options = DiagnoseOptions(
+    known = {p.name for p in flat.parameters}
+    values = {} if fit is None else parameter_values(fit.document)
+    return DiagnoseOptions(
         effects=effects,
         places=places,
-        hold=data_choice.known_hold(project),
+        hold=hold,
         seed=search.seed,
         jobs=search.jobs or os.cpu_count() or 1,
         cluster=search.cluster,
-        fitted=_fitted(project, source, flat, estimation),
+        fitted={name: value for name, value in values.items() if name in known},
     )
-    decisive = (effects, places, options.hold, search.seed)
-    run = run_digest(flat, estimation, validation, decisive)
-    return replace(options, keeper=KeptProofs(project.results / KEPT, run, whole_file))
 
 
 def _known(
@@ -271,19 +269,19 @@ def _require_a_place(flat: FlatModel, group: Sequence[Effect]) -> None:
     )
 
 
-def _fitted(
+def _earlier_fit(
     project: Project, source: Path, flat: FlatModel, estimation: Sequence[Experiment]
-) -> dict[str, float]:
-    """Values of an earlier fit of this model to other recordings, which these data may contradict."""
-    found = find_fit(project, source, flat.name)
+) -> KeptFit | None:
+    """A fit of this model to other recordings, whose values these data may contradict."""
+    found = find_fit(project, source, flat)
     if found is None:
-        return {}
-    path, document = found
-    if _recordings(document.get("initial_state", {})) & _recordings(e.name for e in estimation):
-        return {}
-    note(f"the values of {path} are held against the data")
-    known = {p.name for p in flat.parameters}
-    return {name: value for name, value in parameter_values(document).items() if name in known}
+        return None
+    if _recordings(found.document.get("initial_state", {})) & _recordings(e.name for e in estimation):
+        return None
+    note(f"the values of {found.path} are held against the data")
+    for remark in found.remarks:
+        note(remark)
+    return found
 
 
 def _recordings(names: Iterable[str]) -> set[str]:
@@ -357,4 +355,5 @@ def context(case: Case) -> dict[str, Any]:
         "validated_on": [e.name for e in case.validation],
         "outputs": {o.name: o.unit for o in case.flat.outputs},
         "searched": {"effects": list(case.options.effects), "places": list(case.options.places)},
+        "notes": list(case.remarks),
     }

@@ -11,7 +11,7 @@ import click
 import numpy as np
 
 from daest.cli.kept import keep, made_from, unseen_files
-from daest.cli.models import load_model, model_source
+from daest.cli.models import model_source
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -27,7 +27,7 @@ from daest.cli.output import emit, keep_inputs, note, write_text
 from daest.cli.pictures import draw
 from daest.cli.recordings import unseen_data
 from daest.cli.results import find_fit, fitted
-from daest.data.project import Project
+from daest.data.project import Hold, Project
 from daest.errors import ConfigError, EstimationError
 from daest.estimation.filter import run_filter
 from daest.estimation.filter_cost import LARGE, filter_cost
@@ -97,11 +97,10 @@ def command(
 
     project = model_options.project()
     keep_inputs(output, [data, model])
-    flat, experiment, known_hold = _prepared(
-        project, model, model_options.class_name, model_options.libraries, data, data_options
-    )
+    prepared = _prepared(project, model, model_options, data, data_options)
+    flat, experiment = prepared.flat, prepared.experiment
     chosen = kind or ("time-varying" if is_affine_model(flat) else "ekf")
-    wanted = _Wanted(list(measure) or None, smooth, known_hold, particles, seed)
+    wanted = _Wanted(list(measure) or None, smooth, prepared.hold, particles, seed)
     result = _estimated(flat, experiment, chosen, wanted)
     text = csv_text(*documents.table(result, list(only) or None))
     draw(plot, lambda: filter_figure(result, experiment, only))
@@ -111,7 +110,7 @@ def command(
     target = output or project.results / ESTIMATES
     write_text(text, target)
     note(f"the estimates are in {target}")
-    document = documents.document(result)
+    document = {**documents.document(result), "notes": list(prepared.remarks)}
     names = documents.shown(result, experiment, only)
     origin = made_from(project, [model_source(project, model)], unseen_files(project, [data] if data else []))
     described = {**document, "series": documents.described(result, experiment, names)}
@@ -173,23 +172,34 @@ def _tell_cost(n_states: int, n_unknowns: int, n_samples: int, is_stationary: bo
     )
 
 
+@dataclass(frozen=True)
+class _Prepared:
+    """The fitted model with its measured outputs, the recording, the hold, and what is to be said of the
+    fit."""
+
+    flat: FlatModel
+    experiment: Experiment
+    hold: Hold
+    remarks: tuple[str, ...]
+
+
 def _prepared(
     project: Project,
     model: Path | None,
-    class_name: str | None,
-    libraries: Sequence[Path],
+    model_options: ModelOptions,
     data: Path | None,
     options: DataOptions,
-) -> tuple[FlatModel, Experiment, Any]:
-    """The fitted model with its measured outputs, the recording, and the hold."""
+) -> _Prepared:
     source = model_source(project, model)
-    flat = load_model(project, source, class_name, libraries)
-    fit = find_fit(project, source, flat.name)
+    flat = model_options.load(project, source)
+    fit = find_fit(project, source, flat)
     if fit is None:
         note("no fit found: the parameters and the noise of the model are used")
     else:
-        note(f"parameters and noise of {fit[0]}")
-        flat = fitted(flat, fit[1])
+        note(f"parameters and noise of {fit.path}")
+        for remark in fit.remarks:
+            note(remark)
+        flat = fitted(flat, fit.document)
     flat, experiments = unseen_data(flat, project, [data] if data else [], options)
     if len(experiments) > 1:
         names = ", ".join(experiment.name for experiment in experiments)
@@ -198,8 +208,8 @@ def _prepared(
             f"a filter runs over one recording, and daest.toml names {len(experiments)}: {names}",
             remedy="name one of them: daest filter run2.csv",
         )
-    hold = options.known_hold(project) or (fit[1].get("hold") if fit else None) or "foh"
-    return flat, experiments[0], hold
+    hold = options.known_hold(project) or (fit.document.get("hold") if fit else None) or "foh"
+    return _Prepared(flat, experiments[0], hold, () if fit is None else fit.remarks)
 
 
 def _known(sizes: Sequence[tuple[str, float | None]], what: str, section: str) -> np.ndarray:

@@ -198,7 +198,8 @@ def identified(
     source = model_source(project, model)
     if flat is None:
         flat = load_model(project, source, class_name, libraries)
-    flat, estimation, validation = training_data(flat, project, data, data_options)
+    loaded = flat
+    flat, estimation, validation = training_data(loaded, project, data, data_options)
     options = options or IdentifyOptions(hold=data_options.known_hold(project))
     is_long = bool(options.profile or bootstrap or options.starts > 1)
     with progress() if is_long else nullcontext(silent) as tell:
@@ -207,7 +208,7 @@ def identified(
             result = with_bootstrap(result, flat, estimation, options, bootstrap, tell)
     document = documents.document(result)
     origin = made_from(project, [source], training_files(project, data))
-    path = save_fit(project, source, flat.name, document, origin)
+    path = save_fit(project, source, loaded, document, origin)
     note(f"the fit is in {path}")
     if not result.is_converged:
         note(f"not converged: {result.message}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from daest.cli.options import ModelOptions, example, format_option, model_options
-from daest.cli.output import emit, keep_inputs, write_text
+from daest.cli.output import emit, keep_inputs, note, write_text
 from daest.cli.results import LATEST, find_fit, fitted, read_document
 from daest.data.project import Project
 from daest.errors import ConfigError, DaestError, Place
@@ -53,14 +53,17 @@ def command(output: Path, model_options: ModelOptions, form: str) -> None:
     """
     project = model_options.project()
     keep_inputs(output, [project.source, *project.estimate, *project.validate])
-    text, parts = report_page(project, model_options)
+    text, parts, remarks = report_page(project, model_options)
     write_text(text, output)
+    for remark in remarks:
+        note(remark)
     if str(output) != "-":
-        emit(_document(output, text, parts), "report", form, None, _summary)
+        emit({**_document(output, text, parts), "notes": list(remarks)}, "report", form, None, _summary)
 
 
-def report_page(project: Project, options: ModelOptions) -> tuple[str, list[Section]]:
-    """HTML of the report, and its parts. Raises ConfigError `report-nothing`, `results-unreadable`."""
+def report_page(project: Project, options: ModelOptions) -> tuple[str, Sequence[Section], tuple[str, ...]]:
+    """HTML of the report, its parts, and remarks on the model. Raises ConfigError `report-nothing`,
+    `results-unreadable`."""
     from daest.report.page.material import Material
     from daest.report.page.render import page
     from daest.report.page.sections import sections
@@ -90,7 +93,7 @@ def report_page(project: Project, options: ModelOptions) -> tuple[str, list[Sect
     )
     try:
         parts = sections(material)
-        return page(material, parts), parts
+        return page(material, parts), parts, remarks
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
         raise ConfigError(
             "results-unreadable",
@@ -128,10 +131,10 @@ def _model(project: Project, options: ModelOptions) -> tuple[FlatModel | None, t
         return None, ()
     try:
         flat = options.load(project, None)
-        fit = find_fit(project, project.source, flat.name)
+        fit = find_fit(project, project.source, flat)
     except DaestError as problem:
         return None, (f"The model cannot be read: {problem.what}",)
-    return (flat if fit is None else fitted(flat, fit[1])), ()
+    return (flat, ()) if fit is None else (fitted(flat, fit.document), fit.remarks)
 
 
 def _series(project: Project, part: str, documents: Mapping[str, dict[str, Any]]) -> dict[str, np.ndarray]:

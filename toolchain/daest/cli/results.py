@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from daest.cli.fingerprint import differences, model_fingerprint
 from daest.cli.output import Document, to_json, whole_file, with_schema
 from daest.data.project import Project
 from daest.errors import ConfigError, Place
@@ -18,32 +19,59 @@ LATEST = "fit.json"
 BY_MODEL = "fits"  # one fit per model, so that compare finds each one's
 
 
+@dataclass(frozen=True)
+class KeptFit:
+    """The fit of a model with its file; `remarks` say where the model has changed since."""
+
+    path: Path
+    document: Document
+    remarks: tuple[str, ...] = ()
+
+
 def save_fit(
-    project: Project, source: Path, name: str, document: Mapping[str, Any], origin: Mapping[str, Any]
+    project: Project, source: Path, flat: FlatModel, document: Mapping[str, Any], origin: Mapping[str, Any]
 ) -> Path:
-    """Write the fit as results/fit.json and as the fit of this model; returns the first. `origin` says what
-    it was made from."""
-    key = _model_key(project, source, name)
+    """Write the fit as results/fit.json and as the fit of this model; returns the first. `flat` is the model
+    before the fit, and `origin` says what the fit was made from."""
+    key = {**_model_key(project, source, flat.name), "fingerprint": model_fingerprint(flat, source)}
     marked = with_schema({**document, "model": key, "made_from": origin}, "identify")
-    for path in (project.results / BY_MODEL / f"{name}.json", project.results / LATEST):
+    for path in reversed(_fit_files(project.results, flat.name)):
         with whole_file(path) as temporary:
             temporary.write_text(to_json(marked), encoding="utf-8")
     return project.results / LATEST
 
 
-def find_fit(project: Project, source: Path, name: str) -> tuple[Path, Document] | None:
-    """The fit of this very model, beside daest.toml or beside the model; None if there is none.
+def find_fit(project: Project, source: Path, flat: FlatModel) -> KeptFit | None:
+    """The fit of this very model, beside daest.toml or beside the model; None if there is none. `flat` is the
+    model before the fit.
 
     Raises ConfigError `results-unreadable` for a damaged file.
     """
     folders = dict.fromkeys([project.results, source.parent / "results"])
     for folder in folders:
-        for path in (folder / LATEST, folder / BY_MODEL / f"{name}.json"):
+        files = _fit_files(folder, flat.name)
+        for i, path in enumerate(files):
             if path.is_file():
                 document = read_document(path)
-                if _is_of(document, folder.parent, source, name):
-                    return path, document
+                if _is_of(document, folder.parent, source, flat.name):
+                    return KeptFit(path, document, _remarks(document, source, flat, files[i:]))
     return None
+
+
+def _fit_files(results: Path, name: str) -> tuple[Path, Path]:
+    return results / LATEST, results / BY_MODEL / f"{name}.json"
+
+
+def _remarks(document: Document, source: Path, flat: FlatModel, files: Sequence[Path]) -> tuple[str, ...]:
+    """What has changed since the fit in the first of `files`, with the remedy; none where nothing has."""
+    changes = differences(document["model"].get("fingerprint", {}), model_fingerprint(flat, source))
+    if not changes:
+        return ()
+    removed = " and ".join(str(path) for path in files if path.is_file())
+    return (
+        f"{flat.name} has changed since the fit {files[0]}, whose values are used: {'; '.join(changes)}; run "
+        f"daest identify again, or remove {removed} to use the values of the model",
+    )
 
 
 def read_document(path: Path) -> Document:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import click
@@ -68,16 +68,16 @@ def command(
     keep_inputs(output, [inputs, model])
     source = model_source(project, model)
     flat = model_options.load(project, source)
-    fit = find_fit(project, source, flat.name)
+    fit = find_fit(project, source, flat)
     if fit is not None:
-        note(f"parameters of {fit[0]}")
-        flat = fitted(flat, fit[1])
+        note(f"parameters of {fit.path}")
+        flat = fitted(flat, fit.document)
     flat = _with_settings(flat, settings)
     recording = driving_data(flat, project, [inputs] if inputs else [], data_options)[0]
-    chosen = data_options.known_hold(project) or (fit[1].get("hold") if fit else None) or "foh"
+    chosen = data_options.known_hold(project) or (fit.document.get("hold") if fit else None) or "foh"
     result = simulate(flat, recording, hold=chosen, noise=noise, seed=seed if noise else None)
     draw(plot, lambda: simulation_figure(result, recording))
-    _write(result, form, output, all_variables)
+    _write(result, form, output, all_variables, () if fit is None else fit.remarks)
 
 
 def _with_settings(flat: FlatModel, settings: Mapping[str, float]) -> FlatModel:
@@ -86,9 +86,14 @@ def _with_settings(flat: FlatModel, settings: Mapping[str, float]) -> FlatModel:
     return with_values(flat, dict(settings)) if settings else flat
 
 
-def _write(result: Simulation, form: str, output: Path | None, all_variables: bool) -> None:
+def _write(
+    result: Simulation, form: str, output: Path | None, all_variables: bool, remarks: Sequence[str]
+) -> None:
     note(f"{result.n_samples} samples, {result.method}, hold {result.hold}")
+    for remark in remarks:
+        note(remark)
     if form == "json":
-        emit(documents.document(result), "simulate", form, output, lambda *_args, **_options: "")
+        document = {**documents.document(result), "notes": list(remarks)}
+        emit(document, "simulate", form, output, lambda *_args, **_options: "")
     else:
         write_text(csv_text(*documents.table(result, all_variables)), output)
