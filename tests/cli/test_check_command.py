@@ -32,7 +32,19 @@ def test_what_identify_would_refuse_is_a_finding(folder, daest):
     found = {f["code"]: f for f in json.loads(out)["recordings"][0]["findings"]}
     assert code == 1 and set(found) == {"check-unusable", "check-clock-duplicate", "check-clock-gap"}
     assert found["check-unusable"]["text"].startswith("the recording cannot be used")
+    assert found["check-unusable"]["text"].endswith(
+        "; correct the unit in the column header, or the unit in the model"
+    )
     assert found["check-clock-duplicate"]["time"] == 0.1
+
+
+def test_every_missing_column_is_a_finding(folder, daest):
+    columns = 'inputs = { u = "drive" }\noutputs = { y = "answer" }'
+    (folder / "daest.toml").write_text(f'[model]\nsource = "Lag.mo"\n[data]\n{columns}\n')
+    code, out, _ = daest("check", "run1.csv", "--format", "json")
+    texts = [f["text"] for f in json.loads(out)["recordings"][0]["findings"]]
+    assert code == 1 and [t.split("'")[1] for t in texts] == ["drive", "answer"]
+    assert all("map it in daest.toml" in t and "\n" not in t for t in texts)
 
 
 def test_identify_warns_and_goes_on(folder, daest):

@@ -36,6 +36,7 @@ def test_columns_are_proposed_and_doubts_are_said(folder, daest):
     assert code == 0 and document["schema"] == "daest/init/1"
     assert document["inputs"] == {"u": "U_V"} and document["outputs"] == {"y": "response"}
     assert document["estimate"] == ["T", "k"]
+    assert document["doubtful"] == ["u", "y"]
     assert "matched by unit: please check" in (folder / "daest.toml").read_text()
     assert load_project().outputs == {"y": "response"}
 
@@ -44,7 +45,8 @@ def test_what_fits_nothing_is_left_to_the_user(folder, daest):
     text = (folder / "run1.csv").read_text().replace("time,u,y", "time,a,b")
     (folder / "odd.csv").write_text(text)
     _, out, _ = daest("init", "Lag.mo", "odd.csv")
-    assert "input u: NO COLUMN FITS" in out
+    assert "input u: NO COLUMN FITS, please complete daest.toml" in out
+    assert "check-unusable" not in out
     assert '# u = "?"' in (folder / "daest.toml").read_text()
     assert load_project().inputs == {}
 
@@ -76,4 +78,15 @@ def test_faults_of_the_recording_are_told_at_once(folder, daest):
     text = (folder / "run1.csv").read_text().replace("\n0.15,", "\n0.1,", 1)
     (folder / "bad.csv").write_text(text)
     code, out, _ = daest("init", "Lag.mo", "bad.csv")
-    assert code == 0 and "warning[check-clock-duplicate]" in out
+    assert code == 0 and "warning[check-clock-duplicate]: bad: the clock" in out
+
+
+def test_what_is_to_be_checked_or_completed_is_told(folder, daest):
+    (folder / "odd.csv").write_text((folder / "run1.csv").read_text().replace("time,u,y", "time,u_drive,y"))
+    model = (folder / "Lag.mo").read_text().replace("estimate = true", "estimate = false")
+    (folder / "Lag.mo").write_text(model)
+    _, out, _ = daest("init", "Lag.mo", "odd.csv")
+    assert "input u: u_drive, please check" in out and "output y: y\n" in out
+    assert "estimated parameters: NONE MARKED, see [parameters] of daest.toml" in out
+    code, _, err = daest("identify")
+    assert code == 2 and "[parameters] NAME = { estimate = true }" in err

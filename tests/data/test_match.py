@@ -38,6 +38,17 @@ def test_unit_only_where_it_is_unambiguous():
     assert proposals([Signal("gain", "")], "time", "a [N]") == [(None, None)]
 
 
+def test_name_inside_a_longer_one():
+    signals = [Signal("goal", "rad"), Signal("enable", ""), Signal("q", "rad")]
+    headers = ("time_s", "goal_position_rad", "torque_enable", "position_rad", "goal_speed_V")
+    found = [("goal_position_rad", "part of its name"), ("torque_enable", "part of its name")]
+    assert proposals(signals, *headers) == [*found, ("position_rad", "unit")]
+    # Not a part of a word, and not where two have it.
+    assert proposals([Signal("goal", "rad")], "time_s", "goals_rad", "x_deg") == [(None, None)]
+    assert proposals([Signal("goal", "")], "time_s", "goal_a", "left_goal_rad")[0][0] == "goal_a"
+    assert proposals([Signal("goal", "")], "time_s", "left_goal", "right_goal") == [(None, None)]
+
+
 def test_time_is_no_signal():
     assert proposals([Signal("duration", "s")], "time [s]", "x") == [(None, None)]
 

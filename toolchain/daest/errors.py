@@ -6,6 +6,7 @@ as one message and ends with exit code 2; a program catches `DaestError` and rea
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 
@@ -27,14 +28,24 @@ class Place:
 
 
 class DaestError(Exception):
-    """Something could not be done. `code` is a key of `EXPLANATIONS`; `remedy` says what to do."""
+    """Something could not be done. `code` is a key of `EXPLANATIONS`; `remedy` says what to do. An error that
+    tells several has them in `problems`."""
 
-    def __init__(self, code: str, what: str, *, where: Place | str | None = None, remedy: str = "") -> None:
+    def __init__(
+        self,
+        code: str,
+        what: str,
+        *,
+        where: Place | str | None = None,
+        remedy: str = "",
+        problems: Sequence[DaestError] = (),
+    ) -> None:
         super().__init__(what)
         self.code = code
         self.what = what
         self.where = where
         self.remedy = remedy
+        self.problems = tuple(problems)
 
     def __str__(self) -> str:
         lines = [f"error[{self.code}]: {self.what}"]
@@ -45,13 +56,18 @@ class DaestError(Exception):
         return "\n".join(lines)
 
     def __reduce__(self) -> tuple:
-        return _rebuild, (type(self), self.code, self.what, self.where, self.remedy)
+        return _rebuild, (type(self), self.code, self.what, self.where, self.remedy, self.problems)
 
 
 def _rebuild(
-    kind: type[DaestError], code: str, what: str, where: Place | str | None, remedy: str
+    kind: type[DaestError],
+    code: str,
+    what: str,
+    where: Place | str | None,
+    remedy: str,
+    problems: Sequence[DaestError],
 ) -> DaestError:
-    return kind(code, what, where=where, remedy=remedy)
+    return kind(code, what, where=where, remedy=remedy, problems=problems)
 
 
 class ModelError(DaestError):

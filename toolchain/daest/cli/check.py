@@ -75,7 +75,13 @@ def _against(path: Path, project: Project, flat: FlatModel) -> Sequence[Finding]
 
     try:
         measured, experiments = measured_recordings(flat, project, [path])
-    except DaestError as problem:
-        text = f"cannot be used with the model: {problem.what}"
-        return [Finding("check-unusable", "warning", None, text, subject="the recording")]
+    except DaestError as error:
+        return [_unusable(problem) for problem in error.problems or (error,)]
     return polarity_findings(measured, experiments[0])
+
+
+def _unusable(problem: DaestError) -> Finding:
+    text = f"cannot be used with the model: {problem.what}"
+    if problem.remedy:
+        text += f"; {problem.remedy}"
+    return Finding("check-unusable", "warning", None, text, subject="the recording")

@@ -82,16 +82,24 @@ def _relative(path: Path, file: Path) -> str:
 def _document(file: Path, draft: Any, checks: Sequence[DataCheck]) -> dict[str, Any]:
     from daest.report.documents.check import finding_entry
 
+    is_complete = all(match.column is not None for match in (*draft.inputs, *draft.outputs))
     return {
         "file": str(file),
         "model": draft.flat.name,
         "inputs": {match.signal.name: match.column for match in draft.inputs},
         "outputs": {match.signal.name: match.column for match in draft.outputs},
+        "doubtful": [m.signal.name for m in (*draft.inputs, *draft.outputs) if m.how not in (None, "name")],
         "estimate": [p.name for p in draft.flat.parameters if p.estimate],
         "noises": [noise.name for noise in draft.flat.noises],
         "time": draft.time,
         "units": dict(draft.units),
-        "findings": [finding_entry(finding) for check in checks for finding in check.findings],
+        "findings": [
+            finding_entry(finding) | {"recording": check.name}
+            for check in checks
+            for finding in check.findings
+            # What has no column yet cannot be used, which is no fault of the recording.
+            if is_complete or finding.code != "check-unusable"
+        ],
     }
 
 
@@ -99,11 +107,14 @@ def _text(document: Mapping[str, Any], width: int, color: bool) -> str:
     lines = [f"wrote {document['file']} for {document['model']}"]
     for kind in ("inputs", "outputs"):
         for name, column in document[kind].items():
-            lines.append(f"  {kind[:-1]} {name}: {column or 'NO COLUMN FITS, please complete the file'}")
+            doubt = ", please check" if name in document["doubtful"] else ""
+            chosen = f"{column}{doubt}" if column else f"NO COLUMN FITS, please complete {document['file']}"
+            lines.append(f"  {kind[:-1]} {name}: {chosen}")
     if document["time"] is not None:
         lines.append(f"  time: {document['time']}, please check")
     for column, unit in document["units"].items():
         lines.append(f"  unit of {column}: {unit}, please check")
-    lines.append(f"  estimated parameters: {', '.join(document['estimate']) or 'none marked'}")
-    lines += [f"  {f['level']}[{f['code']}]: {f['text']}" for f in document["findings"]]
+    marked = ", ".join(document["estimate"]) or f"NONE MARKED, see [parameters] of {document['file']}"
+    lines.append(f"  estimated parameters: {marked}")
+    lines += [f"  {f['level']}[{f['code']}]: {f['recording']}: {f['text']}" for f in document["findings"]]
     return "\n".join(lines) + "\n"

@@ -16,7 +16,7 @@ from daest.errors import DataError
 from daest.quantities import conversion, is_known_unit
 
 _BEHIND = re.compile(r"_(?P<unit>[^_]+?)(?:_per_(?P<per>[^_]+))?$")
-How = Literal["name", "similar name", "unit"]
+How = Literal["name", "similar name", "part of its name", "unit"]
 
 
 @dataclass(frozen=True)
@@ -56,12 +56,13 @@ def named_units(matches: Sequence[Match], table: Table) -> dict[str, str]:
 
 def match_columns(signals: Sequence[Signal], table: Table) -> list[Match]:
     """One proposal per signal: the column of the same name, else of the same name but for case or a trailing
-    unit (`position_m`), else the only free column of a fitting unit where no other signal has that unit."""
+    unit (`position_m`), else the only free one whose name has the signal's in it (`goal_position` for `goal`)
+    and whose unit fits, else the only free column of a fitting unit where no other signal has that unit."""
     free = [
         column for column in table.columns if column.name and time_unit(column) is None and not column.texts
     ]
     found: dict[str, Match] = {}
-    for how in ("name", "similar name", "unit"):
+    for how in ("name", "similar name", "part of its name", "unit"):
         open_signals = [signal for signal in signals if signal.name not in found]
         for signal in open_signals:
             fits = [column for column in free if _fits(signal, column, how, open_signals)]
@@ -77,8 +78,17 @@ def _fits(signal: Signal, column: Column, how: How, others: Sequence[Signal]) ->
     if how == "similar name":
         names = {column.name.lower(), _stem(column.name).lower()}
         return signal.name.lower() in names or signal.name.rsplit(".", 1)[-1].lower() in names
+    if how == "part of its name":
+        unit = column_unit(column)
+        bare = column.name if column.unit is not None or not unit else _BEHIND.sub("", column.name)
+        is_part = _words(signal.name.rsplit(".", 1)[-1]) <= _words(bare)
+        return is_part and (not unit or not signal.unit or _same_kind(unit, signal.unit))
     rivals = [other for other in others if other is not signal and _same_kind(other.unit, signal.unit)]
     return not rivals and bool(signal.unit) and _same_kind(column_unit(column), signal.unit)
+
+
+def _words(name: str) -> set[str]:
+    return {word for word in re.split(r"[\W_]+", name.lower()) if word}
 
 
 def _stem(name: str) -> str:

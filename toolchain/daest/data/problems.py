@@ -26,7 +26,8 @@ def raise_collected(problems: Sequence[DaestError], source: str) -> None:
     lines += [_indented(problem) for problem in problems[:MOST_SHOWN]]
     if len(problems) > MOST_SHOWN:
         lines.append(f"  ... and {len(problems) - MOST_SHOWN} more")
-    raise type(first)(first.code if same else "several-problems", "\n".join(lines))
+    code = first.code if same else "several-problems"
+    raise type(first)(code, "\n".join(lines), problems=problems)
 
 
 def empty_file(path: Path, what: str) -> DataError:

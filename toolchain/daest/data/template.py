@@ -80,7 +80,7 @@ def _mapping(kind: str, matches: Sequence[Match]) -> Iterator[str]:
 
 
 def _parameters(flat: FlatModel) -> Iterator[str]:
-    yield "\n[parameters]  # start, min, max; scale: linear, log or auto"
+    yield "\n[parameters]  # value; or estimate = true with start, min, max, scale (linear, log, auto)"
     for parameter in flat.parameters:
         marked = "" if parameter.estimate else "# "
         remark = _remark(parameter.unit, parameter.description)

@@ -217,7 +217,8 @@ def _unknowns(family: StateSpaceFamily, options: IdentifyOptions) -> tuple[np.nd
         raise EstimationError(
             "identify-nothing-to-estimate",
             "no parameter is marked as unknown",
-            remedy="mark it in the model (__Daest(estimate = true)) or name it (--estimate NAME)",
+            remedy="mark it in the model (__Daest(estimate = true)) or in daest.toml ([parameters] "
+            "NAME = { estimate = true }), or name it (--estimate NAME)",
         )
     coordinates = []
     for name, index in zip(names, indices, strict=True):
