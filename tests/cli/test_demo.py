@@ -26,6 +26,9 @@ def test_run(tmp_path, monkeypatch, daest):
         assert abs(found["value"] - truth[name]) < 4 * found["std_error"]
     assert min(document["compare"]["models"][0]["fit_percent"].values()) > 98
     assert (tmp_path / "servo" / "results" / "fit.json").is_file()
+    monkeypatch.chdir(tmp_path / "servo")
+    code, out, _ = daest("report", "--format", "json")
+    assert code == 0 and "daest diagnose" in out and "daest compare" not in out
 
 
 @pytest.mark.parametrize("name", [example.name for example in examples() if not example.has_recording])
@@ -61,3 +64,15 @@ def test_refusals(tmp_path, monkeypatch, daest, name, code, mentions):
     status, _, err = daest("demo", name)
     assert status == 2 and code in err and mentions in err
     assert list((tmp_path / "servo").iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_written(tmp_path, monkeypatch, daest):
+    def refuse(source, target, **_):
+        target.mkdir()
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("shutil.copytree", refuse)
+    code, _, err = daest("demo", "tank")
+    assert code == 2 and "output-unwritable" in err and "Permission denied" in err and "--> tank" in err
+    assert not (tmp_path / "tank").exists()

@@ -7,7 +7,7 @@ import pytest
 import scipy.io
 
 from daest.data.prepare import Preparation
-from daest.data.read import Signal, read_experiments
+from daest.data.read import Signal, read_experiments, read_table
 from daest.errors import DataError
 
 TIME = np.array([0.0, 0.5, 1.5, 2.0])
@@ -138,6 +138,20 @@ def test_the_time_may_have_another_name(tmp_path):
     with pytest.raises(DataError) as caught:
         read(path, time="tt")
     assert caught.value.code == "data-unknown-column" and "did you mean t?" in str(caught.value)
+
+
+def test_matlab_matrices_and_odd_lengths_are_told(tmp_path):
+    path = tmp_path / "run.mat"
+    scipy.io.savemat(path, {"data": np.ones((30, 4)), "note": "text"})
+    with pytest.raises(DataError) as caught:
+        read_table(path)
+    assert caught.value.what == "the MATLAB file holds no numeric vector, but data (30 x 4)"
+    assert "time = data(:, 1)" in caught.value.remedy
+    time = 0.1 * np.arange(30)
+    scipy.io.savemat(path, {"time": time, "y": time, "u": time[:-2]})
+    with pytest.raises(DataError) as caught:
+        read_experiments([path], [Signal("u", "V")], [Signal("y", "V")])
+    assert caught.value.what == "'u' for that input is no column: it has 28 values, where most have 30"
 
 
 def test_matlab_version_7_3(tmp_path):

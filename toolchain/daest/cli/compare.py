@@ -108,13 +108,18 @@ def command(
         cluster=cluster,
     )
     draw(plot, lambda: comparison_figure(found.comparison))
-    sources = [model_source(project, path) for path in models] or [model_source(project, None)]
-    origin = made_from(project, sources, unseen_files(project, data))
-    keep(project, "comparison", "compare", found.document, origin, documents.series(found.comparison))
+    keep_comparison(project, models, data, found)
     emit(found.document, "compare", form, output, texts.text)
     too_low = fail_below is not None and _is_below(found.comparison, fail_below)
     falsified = fail_if_falsified and _is_falsified(found.comparison)
     return int(too_low or falsified)
+
+
+def keep_comparison(project: Project, models: Sequence[Path], data: Sequence[Path], found: Compared) -> None:
+    """Leave the comparison in the results of the project, for `daest report`."""
+    sources = [model_source(project, path) for path in models] or [model_source(project, None)]
+    origin = made_from(project, sources, unseen_files(project, data))
+    keep(project, "comparison", "compare", found.document, origin, documents.series(found.comparison))
 
 
 def compared(

@@ -39,7 +39,7 @@ def command(name: str | None, form: str) -> None:
 
 
 def _run(name: str) -> dict[str, Any]:
-    from daest.cli.compare import compared
+    from daest.cli.compare import compared, keep_comparison
     from daest.cli.identify import identified
     from daest.data.examples import copy_example
     from daest.data.project import load_project
@@ -51,10 +51,12 @@ def _run(name: str) -> dict[str, Any]:
     note(f"copied to {folder}; the same by hand: cd {folder}; daest identify; daest compare")
     project = load_project(folder)
     fit = identified(project, None, (), DataOptions())
+    comparison = compared(project, (), (), DataOptions())
+    keep_comparison(project, (), (), comparison)
     return {
         "folder": str(folder),
         "identify": fit.document,
-        "compare": compared(project, (), (), DataOptions()).document,
+        "compare": comparison.document,
         "noise": None,
     }
 

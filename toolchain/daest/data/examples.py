@@ -39,7 +39,7 @@ def examples() -> list[Example]:
 def copy_example(name: str, target: Path) -> Example:
     """Copy the example `name` to the new folder `target`, without results of earlier runs.
 
-    Raises ConfigError `example-unknown`, or `example-folder-exists`.
+    Raises ConfigError `example-unknown`, `example-folder-exists`, or `output-unwritable`.
     """
     known = {example.name: example for example in examples()}
     if name not in known:
@@ -55,9 +55,18 @@ def copy_example(name: str, target: Path) -> Example:
             where=Place(str(target)),
             remedy="remove it, or call daest demo in another folder",
         )
-    shutil.copytree(
-        known[name].folder, target, ignore=shutil.ignore_patterns(_RESULTS, "__pycache__", "*.fmu")
-    )
+    try:
+        shutil.copytree(
+            known[name].folder, target, ignore=shutil.ignore_patterns(_RESULTS, "__pycache__", "*.fmu")
+        )
+    except OSError as error:
+        shutil.rmtree(target, ignore_errors=True)
+        raise ConfigError(
+            "output-unwritable",
+            f"the example cannot be copied: {error.strerror or 'some files could not be written'}",
+            where=Place(str(target)),
+            remedy="call daest demo in a folder that can be written",
+        ) from error
     return known[name]
 
 

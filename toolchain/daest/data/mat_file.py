@@ -27,6 +27,7 @@ def read_mat(path: Path) -> Table:
     """
     with path.open("rb") as file:
         head = file.read(_HEADER + len(_HDF5))
+    content = None
     if head.startswith(_HDF5) or head[_HEADER:] == _HDF5:
         vectors = _hdf5_vectors(path)
     else:
@@ -35,18 +36,29 @@ def read_mat(path: Path) -> Table:
             return result_table(content, path)
         vectors = _vectors(content)
     if not vectors:
+        tables = {} if content is None else _matrices(content)
+        instead = (
+            f", but {', '.join(f'{name} ({n} x {m})' for name, (n, m) in tables.items())}" if tables else ""
+        )
+        example = next(iter(tables), "data")
         raise DataError(
             "data-empty-file",
-            "the MATLAB file holds no numeric vector",
+            f"the MATLAB file holds no numeric vector{instead}",
             where=Place(str(path)),
-            remedy="save vectors of equal length, one of them called time",
+            remedy=f"save vectors of equal length, one of them called time: time = {example}(:, 1); "
+            f"u = {example}(:, 2); save(name, 'time', 'u')",
         )
     # Scalars and odd vectors of settings may stand beside the recording.
     length = Counter(vector.size for vector in vectors.values()).most_common(1)[0][0]
     columns = tuple(
         Column(name, None, vector.astype(float)) for name, vector in vectors.items() if vector.size == length
     )
-    return Table(str(path), columns, None)
+    left_out = {
+        name: f"it has {vector.size} values, where most have {length}"
+        for name, vector in vectors.items()
+        if vector.size != length
+    }
+    return Table(str(path), columns, None, left_out=left_out)
 
 
 def _content(path: Path) -> dict[str, Any]:
@@ -69,6 +81,15 @@ def _vectors(content: Mapping[str, Any]) -> dict[str, np.ndarray]:
         elif hasattr(value, "_fieldnames"):
             found.update(_vectors({field: getattr(value, field) for field in value._fieldnames}))
     return found
+
+
+def _matrices(content: Mapping[str, Any]) -> dict[str, tuple[int, int]]:
+    """Rows and columns of numeric matrices."""
+    return {
+        name: (int(value.shape[0]), int(value.shape[1]))
+        for name, value in content.items()
+        if isinstance(value, np.ndarray) and value.ndim == 2 and value.dtype.kind in "fiub" and value.size
+    }
 
 
 def _hdf5_vectors(path: Path) -> dict[str, np.ndarray]:

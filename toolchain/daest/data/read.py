@@ -326,6 +326,13 @@ def _unknown_column(table: Table, signal: Signal, kind: str, wanted: str) -> Dat
     mapped = (
         f" (the column named for {kind} '{signal.name}')" if wanted != signal.name else f" for that {kind}"
     )
+    if wanted in table.left_out:
+        return DataError(
+            "data-unknown-column",
+            f"'{wanted}'{mapped} is no column: {table.left_out[wanted]}",
+            where=table.place(),
+            remedy="save vectors of equal length, one value for each time",
+        )
     hint = nearest(wanted, table.names)
     section = "inputs" if kind == "input" else "outputs"
     return DataError(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -39,13 +39,14 @@ class Column:
 class Table:
     """All columns of a file; `lines` (n_rows,) are line numbers for messages, None where a file has no
     lines, and `header_line` is that of the names. `notes` say how the file was read where that was not
-    plain."""
+    plain; `left_out` says of what is no column, by name, why."""
 
     file: str
     columns: tuple[Column, ...]
     lines: np.ndarray | None
     header_line: int = 1
     notes: tuple[str, ...] = ()
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
     def place(self, row: int | None = None, column: Column | None = None) -> Place:
         """Where a row (counted from 0) stands; the header without one."""
