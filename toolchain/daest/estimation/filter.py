@@ -289,7 +289,7 @@ def _messages(
         messages.append(f"{used} never show {hidden}: its uncertainty is that of the given initial state.")
     if noise == "held":
         messages.append("White noise reaches an output directly; it is held over each sample.")
-    direct = np.flatnonzero(np.diagonal(ss.W @ intensity @ ss.W.T) > 0.0)
+    direct = np.flatnonzero(np.sum(ss.W @ intensity * ss.W, axis=1) > 0.0)
     if direct.size:
         noisy = _listed([ss.unknown_names[i] for i in direct])
         messages.append(f"{noisy} contain white noise: their values are means over one sample.")

@@ -183,7 +183,7 @@ class StateSpace(Shown):
 class StateSpaceFamily:
     """θ -> StateSpace with exact derivatives, built once per model.
 
-    `matrices` maps theta (all parameters, n_θ) to (A, B, G, b, C, D, H, d, X, U, W, x0) as dense DMs.
+    `matrices` maps theta (all parameters, n_θ) to (A, B, G, b, C, D, H, d, X, U, W, x0) as DMs.
     `jacobian(names)` functions are made by `systems.state_space`; see there. `at` is the operating point of
     the linearisation for nonlinear models (None when the model is affine).
     """

@@ -10,9 +10,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import expm
+import scipy.sparse as sp
+from scipy.linalg import expm, matrix_balance
+from scipy.linalg.lapack import dpstrf
 
 SHORT_STEP_NORM = 0.5  # ‖A h‖₁ up to which Van Loan's block is evaluated directly, before doubling
+LARGE = 100  # states from which on series and doublings of the parts replace exponentials of block matrices
+TERMS = 16  # of the series at ‖A h‖₁ = SHORT_STEP_NORM: the next is 1e-19
+NODES = 10  # of the Gauss quadrature of the covariance over a short step, exact to degree 19
+FEW = 4  # a covariance of a rank below this part of its size is integrated by its factor
+NEGLIGIBLE = 1e-17  # part of the largest singular value of a factor up to which others are left out
 
 
 @dataclass(frozen=True)
@@ -26,6 +33,11 @@ class TransitionIntegrals:
 
 def transition_integrals(A: np.ndarray, period: float) -> TransitionIntegrals:
     """Φ and its two integrals over `period` [s] for A (n, n) [1/s]."""
+    if A.shape[0] >= LARGE:
+        balanced, (size, _) = matrix_balance(A, permute=False, separate=True)  # x = size · balanced x
+        found = _doubled_integrals(balanced, period)
+        parts = (found.transition, found.first, found.second)
+        return TransitionIntegrals(*(size[:, None] * part / size for part in parts))
     return _unpack(expm(_augmented(A * period)), A.shape[0], period)
 
 
@@ -38,8 +50,14 @@ def transition_integral_derivatives(A: np.ndarray, dA: np.ndarray, period: float
 
 
 def covariance_integral(A: np.ndarray, Q: np.ndarray, period: float) -> np.ndarray:
-    """∫₀ᵀ e^(A s) Q e^(Aᵀ s) ds for A (n, n) and symmetric Q (n, n)."""
+    """∫₀ᵀ e^(A s) Q e^(Aᵀ s) ds for A (n, n) and positive semidefinite Q (n, n)."""
     n = A.shape[0]
+    if n >= LARGE:
+        factor = _factor(Q)
+        if FEW * factor.shape[1] <= n:
+            balanced, (size, _) = matrix_balance(A, permute=False, separate=True)
+            found = _covariance_of_factor(balanced, factor / size[:, None], period)
+            return size[:, None] * found * size
     doublings, step = _doublings(A, period)
     block = expm(_van_loan(A, Q, step))
     transition = block[n:, n:].T
@@ -68,6 +86,74 @@ def covariance_integral_derivatives(
         dtransition = dtransition @ transition + transition @ dtransition
         transition = transition @ transition
     return (dcovariance + _transposed(dcovariance)) / 2
+
+
+def _doubled_integrals(A: np.ndarray, period: float) -> TransitionIntegrals:
+    """Series over a short step h, where A may be sparse, and Φ(2h) = Φ², I(2h) = I + Φ I, R(2h) = R + Φ R +
+    h I for I = ∫ e^(A s) ds and R = ∫ e^(A (h-s)) s ds."""
+    n = A.shape[0]
+    doublings, step = _doublings(A, period)
+    first, second = _phi(sp.csr_array(A * step), n)
+    whole, ramp = step * first, step**2 * second
+    transition = np.eye(n) + A @ whole
+    for _ in range(doublings):
+        ramp = ramp + transition @ ramp + step * whole
+        whole = whole + transition @ whole
+        transition = transition @ transition
+        step *= 2.0
+    return TransitionIntegrals(transition, whole, ramp / period)
+
+
+def _phi(At: sp.csr_array, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """φ1 = Σ M^k / (k+1)! and φ2 = Σ M^k / (k+2)! of a small M (n, n)."""
+    second = np.zeros((n, n))
+    for k in range(TERMS, 1, -1):  # Horner: φ2 = (I + M/3 (I + M/4 (…))) / 2
+        second = (np.eye(n) + At @ second) / k
+    return np.eye(n) + At @ second, second
+
+
+def _factor(Q: np.ndarray) -> np.ndarray:
+    """L with L Lᵀ = Q, as many columns as the rank of a positive semidefinite Q, in any units."""
+    size = np.sqrt(np.maximum(np.diagonal(Q), 0.0))
+    unit = np.where(size > 0.0, size, 1.0)
+    lower, order, rank, _ = dpstrf(Q / np.outer(unit, unit), lower=1)
+    factor = np.empty((Q.shape[0], rank))
+    factor[order - 1] = np.tril(lower)[:, :rank]
+    return size[:, None] * factor
+
+
+def _covariance_of_factor(A: np.ndarray, factor: np.ndarray, period: float) -> np.ndarray:
+    """∫₀ᵀ e^(A s) L Lᵀ e^(Aᵀ s) ds by a factor of few columns: quadrature over a short step h, then the
+    factor of 2h is [X, Φ X], its columns brought together by a singular value decomposition."""
+    doublings, step = _doublings(A, period)
+    sparse = sp.csr_array(A)
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    moved = [_moved(sparse * (step * (node + 1.0) / 2.0), factor) for node in nodes]
+    columns = _shortened(np.hstack(np.sqrt(step * weights / 2.0)[:, None, None] * np.stack(moved)))
+    transition = _phi(sparse * step, A.shape[0])[0]
+    transition = np.eye(A.shape[0]) + sparse @ (step * transition)
+    for i in range(doublings):
+        columns = _shortened(np.hstack([columns, transition @ columns]))
+        if i + 1 < doublings:
+            transition = transition @ transition
+    covariance = columns @ columns.T
+    return (covariance + covariance.T) / 2
+
+
+def _moved(At: sp.csr_array, columns: np.ndarray) -> np.ndarray:
+    """e^(A t) times columns, for a small A t."""
+    result = columns
+    for k in range(TERMS + 2, 0, -1):
+        result = columns + At @ result / k
+    return result
+
+
+def _shortened(columns: np.ndarray) -> np.ndarray:
+    """Columns with the same product X Xᵀ, none where a direction is negligible, in any units."""
+    size = np.linalg.norm(columns, axis=1, keepdims=True)
+    left, values, _ = np.linalg.svd(columns / np.where(size > 0.0, size, 1.0), full_matrices=False)
+    kept = values > NEGLIGIBLE * values.max(initial=0.0)
+    return size * left[:, kept] * values[kept]
 
 
 def _augmented(At: np.ndarray) -> np.ndarray:

@@ -12,12 +12,14 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+import scipy.sparse as sp
 
 from daest.model.estimates import GaussianSequence
 
 CHUNK = 128  # samples per compiled call
 SCALAR_SIZE = 20  # up to this many states a step is expanded into scalar operations; above, into matrix ones
 BLOCK = 4_000_000  # numbers of a block of products of `marginals`: 32 MB
+SPARSE_SHARE = 0.1  # of entries of large rows: above it, products are those of dense matrices
 FREE_TOLERANCE = 1e-8  # a component is undetermined when it moves by more than this part of its scale
 
 
@@ -97,6 +99,11 @@ def marginals(sequence: GaussianSequence, rows: np.ndarray) -> tuple[np.ndarray,
 def _quadratic_forms(rows: np.ndarray, cov: np.ndarray) -> np.ndarray:
     """rows_i' cov_k rows_i as (k, i), for as many k at a time as fit into `BLOCK` numbers."""
     result = np.empty((len(cov), len(rows)))
+    if rows.size > BLOCK and np.count_nonzero(rows) < SPARSE_SHARE * rows.size:
+        sparse = sp.csr_array(rows)
+        for k, one in enumerate(cov):
+            result[k] = sparse.multiply(sparse @ one).sum(axis=1)
+        return result
     step = max(1, BLOCK // max(rows.size, 1))
     for start in range(0, len(cov), step):
         products = rows @ cov[start : start + step]

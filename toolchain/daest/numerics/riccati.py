@@ -7,12 +7,15 @@ import warnings
 import numpy as np
 import scipy.linalg
 
+from daest.numerics.remembered import remembered
+
 RESIDUAL_TOLERANCE = 1e-8  # of a Riccati solution, relative to the size of its terms
 STABILITY_MARGIN = 1e-12  # a closed loop with a pole beyond 1 - this does not forget its start
 DOUBLINGS = 60  # rounds; 2^60 steps of the recursion
 REFINEMENTS = 3  # Newton steps after the Schur solution
 
 
+@remembered
 def filter_riccati(
     Phi: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, S12: np.ndarray
 ) -> np.ndarray | None:
@@ -46,10 +49,12 @@ def predictor_gain(
     return np.swapaxes(K, -1, -2), S
 
 
+@remembered
 def is_stable(F: np.ndarray) -> bool:
     return F.size == 0 or float(np.max(np.abs(np.linalg.eigvals(F)))) < 1.0 - STABILITY_MARGIN
 
 
+@remembered
 def unobservable_subspace(Phi: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Observable row space (r, n) and unobservable subspace (n, n - r) of (C, Φ), in units of the states.
 
@@ -100,10 +105,11 @@ def _doubling(
     A, G, H = (Phi - S12 @ C).T, C.T @ C, Q - S12 @ S12.T
     for _ in range(DOUBLINGS):
         W = np.eye(A.shape[0]) + G @ H
-        try:
-            forward, backward = np.linalg.solve(W, A), np.linalg.solve(W.T, A.T).T
-        except np.linalg.LinAlgError:
+        factors = scipy.linalg.lu_factor(W, check_finite=False)
+        if np.any(np.diagonal(factors[0]) == 0.0):
             return None
+        forward = scipy.linalg.lu_solve(factors, A, check_finite=False)
+        backward = scipy.linalg.lu_solve(factors, A.T, trans=1, check_finite=False).T
         change = forward.T @ H @ A
         G = G + backward @ G @ A.T
         A, G, H = A @ forward, (G + G.T) / 2, H + (change + change.T) / 2

@@ -21,6 +21,7 @@ from daest.systems.reduce import reduce_index
 
 MATRICES = ("A", "B", "G", "b", "C", "D", "H", "d", "X", "U", "W", "x0")
 VECTORS = frozenset({"b", "d", "x0"})
+DENSE = 100_000  # entries up to which a matrix is computed with its zeros, which takes less time
 CACHED_DERIVATIVES = 32  # (family, names) pairs whose compiled derivative functions are kept
 
 
@@ -83,7 +84,7 @@ def _operating_point(
 
 
 def _matrix_function(explicit: ExplicitModel, x0: np.ndarray, u0: np.ndarray, time: float) -> ca.Function:
-    """theta -> (A, B, G, b, C, D, H, d, X, U, W, x0), Jacobians at (x0, u0, v = 0, w = 0, time), sparse."""
+    """theta -> (A, B, G, b, C, D, H, d, X, U, W, x0), Jacobians at (x0, u0, v = 0, w = 0, time)."""
     kind: Any = ca.SX if explicit.rhs.is_a("SXFunction") else ca.MX
     arguments = [kind.sym(name, explicit.rhs.size1_in(i)) for i, name in enumerate(explicit.rhs.name_in())]
     x, u, v, w, theta, _ = arguments
@@ -94,7 +95,9 @@ def _matrix_function(explicit: ExplicitModel, x0: np.ndarray, u0: np.ndarray, ti
         by_x, by_input, by_w = (ca.jacobian(value, part) for part in (x, inputs, w))
         offset = value - ca.mtimes(by_x, x) - ca.mtimes(by_input, inputs)
         slopes += [by_x, by_input, by_w, offset]
-    general = ca.Function("general", arguments, slopes)
+    general = ca.Function(
+        "general", arguments, [ca.densify(part) if part.numel() <= DENSE else part for part in slopes]
+    )
     parameter = kind.sym("theta", theta.numel())
     point = [x0, u0, np.zeros(v.numel()), np.zeros(w.numel()), parameter, time]
     return ca.Function("matrices", [parameter], general(*point), ["theta"], list(MATRICES))
