@@ -159,6 +159,17 @@ def test_filter_runs_over_one_recording(folder, daest):
     )
     status, _, err = daest("filter")
     assert status == 2 and "error[filter-one-recording]" in err and "run1, run2" in err
+    assert "daest filter run2.csv" in err
+
+
+def test_filter_takes_the_whole_of_a_window(fitted, daest):
+    """Of a split recording, the part that identification has not seen; a window as it is asked for."""
+    text = PROJECT.replace('validate = ["run2.csv"]', "split = 0.5")
+    (fitted / "daest.toml").write_text(text)
+    for options, first, last in (((), "10", "19.95"), (("--from", "5", "--to", "12"), "5", "12")):
+        assert daest("filter", *options)[0] == 0
+        rows = list(csv.DictReader((fitted / "results" / "estimates.csv").open()))
+        assert (rows[0]["time"], rows[-1]["time"]) == (first, last)
 
 
 def test_models_without_common_outputs_are_not_compared(folder, daest):

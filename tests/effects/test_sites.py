@@ -132,6 +132,8 @@ def test_places_that_are_none(name, effect, code, says) -> None:
     with pytest.raises(ModelError) as caught:
         find_site(rig(), name, find_effect(effect) if effect else None)
     assert caught.value.code == code and says in str(caught.value)
+    named = caught.value.remedy.split(": ")[-1].split(", ")
+    assert len(named) == len(set(named))
 
 
 BARE = """\

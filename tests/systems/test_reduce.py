@@ -269,8 +269,8 @@ def test_structurally_singular_model_names_equations_and_unknowns():
         "v = u",
         "i = 3",
         "Open.mo:1",
-        "3 equations for only 2 unknowns (v, i)",
-        ": p",
+        "3 equations for only 2 unknowns (v, i):",
+        "1 unknown with no equation: p",
     ):
         assert expected in caught.value.what
 

@@ -200,13 +200,14 @@ def _prepared(
         for remark in fit.remarks:
             note(remark)
         flat = fitted(flat, fit.document)
-    flat, experiments = unseen_data(flat, project, [data] if data else [], options)
+    # What is estimated from a recording needs no part that the model has not seen.
+    flat, experiments = unseen_data(flat, project, [data] if data else [], options, splits_windows=False)
     if len(experiments) > 1:
         names = ", ".join(experiment.name for experiment in experiments)
         raise ConfigError(
             "filter-one-recording",
             f"a filter runs over one recording, and daest.toml names {len(experiments)}: {names}",
-            remedy="name one of them: daest filter run2.csv",
+            remedy=f"name one of them: daest filter {(project.validate or project.estimate)[-1]}",
         )
     hold = options.known_hold(project) or (fit.document.get("hold") if fit else None) or "foh"
     return _Prepared(flat, experiments[0], hold, () if fit is None else fit.remarks)

@@ -96,6 +96,10 @@ class DataOptions:
     split: float | None = None
     hold: Literal["zoh", "foh"] | None = None
 
+    @property
+    def has_window(self) -> bool:
+        return self.start is not None or self.stop is not None
+
     def preparation(self, project: Project) -> Preparation:
         """Options of the command line before those of daest.toml."""
         from daest.data.prepare import Preparation

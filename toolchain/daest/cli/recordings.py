@@ -38,16 +38,23 @@ def training_data(
 
 
 def unseen_data(
-    flat: FlatModel, project: Project, paths: Sequence[Path], options: DataOptions
+    flat: FlatModel,
+    project: Project,
+    paths: Sequence[Path],
+    options: DataOptions,
+    *,
+    splits_windows: bool = True,
 ) -> tuple[FlatModel, list[Experiment]]:
     """The model with its measured outputs alone, and the recordings that it is tried on: `paths`, else
-    [data] validate, else the later part of the split, else [data] estimate."""
+    [data] validate, else the later part of the split, else [data] estimate. Not `splits_windows`: what
+    --from and --to cut out is taken as a whole."""
     preparation = options.preparation(project)
     chosen = list(paths) or list(project.validate) or list(project.estimate)
     _require(chosen)
-    validates = not paths and not project.validate and preparation.split is not None
+    is_whole = options.has_window and not splits_windows
+    validates = not paths and not project.validate and preparation.split is not None and not is_whole
     if not paths:
-        part = "the validation part of " if validates else ""
+        part = "the validation part of " if validates else "the window of " if is_whole else ""
         note(f"using {part}{', '.join(str(path) for path in chosen)}")
     whole = preparation if validates else replace(preparation, split=None)
     flat, experiments = _measured(flat, _read(flat, project, chosen, whole))

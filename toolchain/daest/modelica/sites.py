@@ -177,9 +177,10 @@ def _wanted(effect: Effect) -> str:
 
 
 def _listed(usable: Sequence[Site], most: int = 12) -> str:
-    names = [f"`{site.name}`" for site in usable[:most]]
-    more = f" and {len(usable) - most} more" if len(usable) > most else ""
-    return ", ".join(names) + more
+    # A node and a cut through it go by the same name.
+    names = list(dict.fromkeys(f"`{site.name}`" for site in usable))
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 class Network:

@@ -94,18 +94,21 @@ def _defect_lines(
 ) -> list[str]:
     lines = []
     if defect.over_rows:
-        lines.append(
-            f"{len(defect.over_rows)} equations for only {len(defect.over_columns)} unknowns "
-            f"({name_unknowns(unknowns, defect.over_columns) or 'none'}):"
-        )
+        names = name_unknowns(unknowns, defect.over_columns)
+        few = f"only {_counted(len(defect.over_columns), 'unknown')} ({names})" if names else "no unknown"
+        lines.append(f"{_counted(len(defect.over_rows), 'equation')} for {few}:")
         lines += name_equations(equations, defect.over_rows)
     if defect.under_columns:
-        lines.append(
-            f"{len(defect.under_columns)} unknowns with only {len(defect.under_rows)} equations: "
-            f"{name_unknowns(unknowns, defect.under_columns)}"
-        )
+        rows = len(defect.under_rows)
+        few = f"only {_counted(rows, 'equation')}" if rows else "no equation"
+        names = name_unknowns(unknowns, defect.under_columns)
+        lines.append(f"{_counted(len(defect.under_columns), 'unknown')} with {few}: {names}")
         lines += name_equations(equations, defect.under_rows)
     return lines
+
+
+def _counted(n: int, what: str) -> str:
+    return f"{n} {what}{'' if n == 1 else 's'}"
 
 
 def name_equations(equations: tuple[Equation, ...], rows: tuple[int, ...]) -> list[str]:
