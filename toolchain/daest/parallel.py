@@ -8,6 +8,7 @@ equal machines; another processor may round otherwise.
 from __future__ import annotations
 
 import hashlib
+import logging
 import math
 import os
 import pickle
@@ -278,7 +279,7 @@ def _connected(address: str) -> Iterator[Any]:
             "work on a cluster needs Dask, which is not installed",
             remedy="pip install 'daest[cluster]'",
         ) from error
-    with dask.config.set({"distributed.admin.large-graph-warning-threshold": LARGE}):
+    with dask.config.set({"distributed.admin.large-graph-warning-threshold": LARGE}), _without_logs():
         try:
             client = distributed.Client(address, timeout=CONNECT_SECONDS)
         except (OSError, ValueError, TimeoutError) as error:
@@ -286,6 +287,20 @@ def _connected(address: str) -> Iterator[Any]:
         with client:
             _check(client, address)
             yield client
+
+
+@contextmanager
+def _without_logs() -> Iterator[None]:
+    """Dask logs the end of a connection with its traceback; here it is told as one error."""
+    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
+    levels = [logger.level for logger in loggers]
+    try:
+        for logger in loggers:
+            logger.setLevel(logging.CRITICAL)
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
 
 
 def _unreachable(address: str, what: str) -> ConfigError:
