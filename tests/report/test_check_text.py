@@ -21,3 +21,9 @@ def test_numbers_stay_whole_at_60_columns():
     row = next(line for line in shown.splitlines() if "output" in line).split()
     low, high, step, noise = row[-4:]
     assert (high, step) == ("1e+05", "-") and float(low) < -1200 and float(noise) > 0.5
+
+
+def test_roles_stand_where_a_model_gives_them():
+    time = 0.01 * np.arange(500)
+    check = check_table(Table("run.csv", (Column("time", "s", time), Column("y", "V", time)), None), {})
+    assert "role" not in text(document([check]))

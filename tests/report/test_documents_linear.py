@@ -13,6 +13,8 @@ from daest.errors import Place
 from daest.model.flat import Equation, FlatModel, NoiseInput, Output, Parameter, Variable
 from daest.report.documents import linearize as linearize_documents
 from daest.report.documents import noise as noise_documents
+from daest.report.texts import linearize as linearize_texts
+from daest.report.texts import noise as noise_texts
 from daest.systems.linearize import linearize, theta_entries
 from daest.systems.noise import noise_report
 from daest.systems.split import split
@@ -111,3 +113,16 @@ def test_noise_document(flat: FlatModel) -> None:
     assert [a["admissible"] for a in found["asked"]] == [True, False]
     assert found["all_admissible"] is False
     assert all(set(d) >= {"what", "singular_values", "threshold", "rank", "gap"} for d in found["decisions"])
+
+
+def test_words_where_there_is_nothing(flat: FlatModel) -> None:
+    document = noise_documents.document(noise_report(linearize(flat)))
+    bare = {**document, "annotated": [], "n_forbidden": 0}
+    shown = noise_texts.text(bare)
+    assert "all of them may carry white noise" in shown and "Noise of the model\n  none: declare it" in shown
+    assert "; 1 equation may not carry white noise" in noise_texts.text(document)
+    dae = linearize(flat)
+    form = split(dae)
+    found = linearize_documents.document(dae, form, transfer_functions(dae, form), theta_entries(flat))
+    zero = {"input": "u", "output": "y", "num": [0.0], "den": [1.0]}
+    assert "u -> y:  0\n" in linearize_texts.text({**found, "transfer_functions": [zero]})

@@ -273,9 +273,8 @@ def message_of(
 def _weak_text(direction: WeakDirection) -> str:
     """One weak direction in words."""
     names, weights = list(direction.combination), set(direction.combination.values())
-    size = (
-        "not known at all" if np.isinf(direction.relative_std) else f"± {100 * direction.relative_std:.2g} %"
-    )
+    percent = 100.0 * direction.relative_std
+    size = "not known at all" if np.isinf(percent) else f"± {percent:.{2 if percent < 100.0 else 3}g} %"
     if len(names) == 1:
         return f"{names[0]} is hardly known ({size})."
     listed = ", ".join(names[:-1]) + " and " + names[-1]
@@ -287,7 +286,8 @@ def _weak_text(direction: WeakDirection) -> str:
 
 def _ending(best: Found) -> str:
     if best.reason == "converged":
-        return f"Converged after {best.iterations} iterations."
+        # None: what came before the search proper was the best already.
+        return f"Converged after {best.iterations} iterations." if best.iterations else "Converged."
     if best.reason == "stalled":
         return (
             f"No better point was found after {best.iterations} iterations, although a gain of "

@@ -14,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 NARROWEST_TEXT = 8  # characters that a column of text keeps in a narrow terminal
+LONGEST_NAME = 24  # characters of a word that are kept together where that is asked for
 
 
 def rendered(parts: Iterable[RenderableType], width: int, color: bool) -> str:
@@ -34,20 +35,28 @@ def rendered(parts: Iterable[RenderableType], width: int, color: bool) -> str:
     return "\n".join(line.rstrip() for line in lines) + "\n"
 
 
-def table(columns: Sequence[str], rows: Iterable[Sequence[str]], text_columns: Iterable[int] = (0,)) -> Table:
+def table(
+    columns: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    text_columns: Iterable[int] = (0,),
+    whole_columns: Iterable[int] = (),
+) -> Table:
     """A table whose columns are right-aligned except for `text_columns`.
 
-    Where it does not fit, headers and texts wrap; numbers are never broken.
+    Where it does not fit, headers and texts wrap; numbers are never broken, nor are the words of
+    `whole_columns` up to LONGEST_NAME.
     """
-    left, cells = set(text_columns), [tuple(row) for row in rows]
+    left, whole, cells = set(text_columns), set(whole_columns), [tuple(row) for row in rows]
     result = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     for index, name in enumerate(columns):
         widest = max((len(row[index]) for row in cells), default=0)
+        words = (len(word) for row in cells for word in row[index].split())
+        narrowest = min(max(words, default=0), LONGEST_NAME) if index in whole else NARROWEST_TEXT
         result.add_column(
             name,
             justify="left" if index in left else "right",
             overflow="fold",
-            min_width=min(widest, NARROWEST_TEXT) if index in left else widest,
+            min_width=min(widest, narrowest) if index in left else widest,
             header_style="bold",
         )
     for row in cells:

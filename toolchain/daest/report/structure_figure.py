@@ -47,9 +47,8 @@ def noise_figure(dae: LinearDAE, report: NoiseReport) -> Figure:
     ax.set_ylim(dae.n, -1.0)
     ax.set_xlabel(f"{dae.n} unknowns, by component")
     ax.set_ylabel(f"{dae.n} equations, by component")
-    ax.set_title(
-        f"{report.n_forbidden} of {dae.n} equations may not carry white noise (coloured rows)", fontsize=9
-    )
+    forbidden = f"{report.n_forbidden} of {dae.n} equations may not carry white noise (coloured rows)"
+    ax.set_title(forbidden if report.n_forbidden else "all equations may carry white noise", fontsize=9)
     _key(figure, bool(report.annotated))
     return figure
 

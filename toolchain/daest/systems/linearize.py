@@ -252,7 +252,7 @@ def _notes(flat: FlatModel, is_affine: bool, point: OperatingPoint) -> tuple[str
     if not is_affine and not point.is_given:
         notes.append(
             "The model is nonlinear: these are its matrices at the start values "
-            "(no operating point was given)."
+            "(--at gives another operating point)."
         )
     if ca.depends_on(ca.vertcat(flat.residual, flat.output_expressions), flat.time):
         notes.append(

@@ -73,7 +73,8 @@ def headline(material: Material) -> list[tuple[str, str]]:
         verdicts = [f"{m['name']}: {m['verdict'] or 'not tested'}" for m in material.comparison["models"]]
         found.append(("data against model", "; ".join(verdicts)))
     if material.diagnosis is not None:
-        found.append(("diagnosis", f"{material.diagnosis['verdict']}. {material.diagnosis['message']}"))
+        message = material.diagnosis["message"].replace(" -> ", " → ")
+        found.append(("diagnosis", f"{material.diagnosis['verdict'].capitalize()}. {message}"))
     if material.ledger is not None:
         found.append(("improvement", _ledger_sentence(material.ledger)))
     return found

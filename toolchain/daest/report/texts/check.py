@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from rich.console import RenderableType
@@ -22,16 +22,20 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
         span = f"{recording['start']:.6g} s to {recording['stop']:.6g} s"
         yield heading(recording["name"])
         yield Text(f"{recording['n_samples']} samples {every}, {span}")
-        yield table(
-            ("column", "role", "min", "max", "step", "noise"),
-            (_row(column) for column in recording["columns"]),
-            text_columns=(0, 1),
-        )
+        yield _columns(recording["columns"])
         if not recording["findings"]:
             yield indented("nothing found")
         for finding in recording["findings"]:
             at = "" if finding["time"] is None else f" (from {finding['time']:.6g} s)"
             yield indented(f"{finding['level']}[{finding['code']}]: {finding['text']}{at}")
+
+
+def _columns(columns: Sequence[Mapping[str, Any]]) -> RenderableType:
+    """A row for each column; roles only where a model gives them."""
+    names, rows = ("column", "role", "min", "max", "step", "noise"), [_row(column) for column in columns]
+    if any(column["role"] for column in columns):
+        return table(names, rows, text_columns=(0, 1))
+    return table((names[0], *names[2:]), ((row[0], *row[2:]) for row in rows))
 
 
 def _row(column: Mapping[str, Any]) -> tuple[str, ...]:

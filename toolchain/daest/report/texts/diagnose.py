@@ -73,7 +73,7 @@ def _refitted(document: Mapping[str, Any]) -> RenderableType:
     ]
     errors = [f"{name} [{unit or '1'}]" for name, unit in outputs.items()]
     columns = ("effect", "place", *errors, "BIC gain", "explained", "verdict")
-    return table(columns, [first, *rows], text_columns=(0, 1, len(columns) - 1))
+    return table(columns, [first, *rows], text_columns=(0, 1, len(columns) - 1), whole_columns=(0,))
 
 
 def _errors(entry: Mapping[str, Any], outputs: Mapping[str, str]) -> list[str]:
@@ -114,7 +114,7 @@ def _screen(screen: Mapping[str, Any]) -> Iterator[RenderableType]:
             f"{e['effect']} at {e['at']}",
             number(e["score"], 3),
             number(e["p_value"], 2),
-            f"{number(e['detectable'], 2)} {e['unit']}".rstrip(),
+            f"{number(e['detectable'], 2)} {e['unit'] if e['unit'] != '1' else ''}".rstrip(),
         )
         for e in _distinct(screen["best"])[:MOST_SCREENED]
     ]

@@ -138,7 +138,8 @@ def _remark(p: Mapping[str, Any]) -> str:
 def _relative(p: Mapping[str, Any]) -> str:
     if p["std_error"] is None or not p["value"]:
         return "-"
-    return number(100 * p["std_error"] / abs(p["value"]), 2)
+    percent = 100.0 * p["std_error"] / abs(p["value"])
+    return number(percent, 2 if percent < 100.0 else 3)
 
 
 def _noise(noise: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> RenderableType:

@@ -89,6 +89,8 @@ def _complex(pole: Sequence[float]) -> str:
 
 
 def _ratio(entry: Mapping[str, Any]) -> str:
+    if not any(entry["num"]):
+        return "0"
     return f"({_polynomial(entry['num'])}) / ({_polynomial(entry['den'])})"
 
 

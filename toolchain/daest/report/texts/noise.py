@@ -20,7 +20,7 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     singular = [value for value in document["N_singular_values"] if value]
     yield Text(
         f"{document['n_equations']} equations, {document['n_dynamic']} dynamic, index {document['index']}; "
-        f"{document['n_forbidden']} equations may not carry white noise"
+        f"{_forbidden(document['n_forbidden'])}"
     )
     if document["N_singular_values"] or document["index"] < 2:
         yield indented(f"singular values of N: {listed([number(value) for value in singular])}")
@@ -42,6 +42,9 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
             text_columns=(1, 2, 4),
         )
         yield from _advice(forbidden)
+    if not document["annotated"] and not document["asked"]:
+        yield heading("Noise of the model")
+        yield indented("none: declare it in the model (Daest.Noise) or in daest.toml ([noise.process])")
     for key, title in (("annotated", "Noise of the model"), ("asked", "Places that were asked for")):
         if document[key]:
             yield heading(title)
@@ -58,6 +61,12 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
             for d in document["decisions"]
         ),
     )
+
+
+def _forbidden(n: int) -> str:
+    if n == 0:
+        return "all of them may carry white noise"
+    return f"{n} equation{'s' if n > 1 else ''} may not carry white noise"
 
 
 def _along(along: Mapping[str, Any], n_equations: int) -> Iterator[RenderableType]:
