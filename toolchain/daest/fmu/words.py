@@ -124,7 +124,8 @@ def point_notes(is_affine: bool, at: Mapping[str, float] | None) -> tuple[str, .
     if is_affine or at is not None:
         return ()
     return (
-        "The model is nonlinear: these are its matrices at the start values (--at gives another operating point).",
+        "The model is nonlinear: these are its matrices at the start values "
+        "(--at gives another operating point).",
     )
 
 
