@@ -1,9 +1,11 @@
 """Resampling, splitting and detrending against closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from daest.data.prepare import Preparation, detrend, resample, split_all
+from daest.data.prepare import Preparation, detrend, resample, split_all, sufficient_period
 from daest.errors import ConfigError, DataError
 from daest.model.experiment import Experiment
 
@@ -19,9 +21,49 @@ def test_resampled_sine_keeps_phase_and_amplitude_in_the_pass_band():
     result = resample(recording(time, slow, slow), 0.05)
     assert result.period == pytest.approx(0.05)
     # A filter of 60 dB ripples by 1e-3; a delay of one old sample would show as 0.06.
-    assert result.inputs[:, 0] == pytest.approx(np.sin(2 * np.pi * result.time), abs=2e-3)
-    assert result.outputs == pytest.approx(result.inputs)
+    assert result.outputs[:, 0] == pytest.approx(np.sin(2 * np.pi * result.time), abs=2e-3)
     assert any("resampled to 0.05 s" in note for note in result.notes)
+
+
+@pytest.mark.parametrize("frequency", [1.0, 3.0, 6.0])
+def test_straight_lines_through_a_resampled_input_are_the_input(frequency):
+    """Below 7 Hz the filter lets all pass; samples of the input itself would lack 29 % at 6 Hz."""
+    time = np.arange(40_000) * 0.001
+    wave = np.sin(2 * np.pi * frequency * time)
+    result = resample(recording(time, wave, wave), 0.05)
+    inner = (time > result.time[0]) & (time < result.time[-1])
+    lines = np.interp(time[inner], result.time, result.inputs[:, 0])
+    turns = 2 * np.pi * frequency * time[inner]
+    basis = np.column_stack([np.sin(turns), np.cos(turns)])
+    amplitude, quadrature = np.linalg.lstsq(basis, lines, rcond=None)[0]
+    assert amplitude == pytest.approx(1.0, abs=3e-3) and abs(quadrature) < 3e-3
+
+
+def moved(noise, period=0.001, n=20_000, band=1.0):
+    """An output that moves below `band` Hz, with white noise."""
+    time = np.arange(n) * period
+    rng = np.random.default_rng(1)
+    y = sum(np.sin(2 * np.pi * f * time + rng.uniform(0, 6)) for f in np.linspace(0.1, band, 5))
+    return recording(time, y, y + noise * rng.standard_normal(n))
+
+
+def test_much_too_fine_recording_has_a_sufficient_period():
+    period = sufficient_period([moved(1e-6), moved(1e-6, band=2.0)])
+    # Six samples in the period of the fastest part, but for the resolution of the spectrum.
+    assert period == pytest.approx(1.0 / 12.0, rel=0.1)
+    assert period / 0.001 == pytest.approx(round(period / 0.001))
+    assert sufficient_period([moved(1e-6, n=4_000)]) == pytest.approx(0.01)  # 400 samples are kept
+
+
+def test_sensor_noise_and_uneven_times_keep_their_period():
+    assert sufficient_period([moved(0.02)]) is None
+    assert sufficient_period([moved(1e-6), moved(0.02)]) is None
+    assert sufficient_period([moved(1e-6, period=0.05, n=2_000)]) is None  # as fine as need be
+    shaken = moved(1e-6)
+    time = shaken.time + 2e-4 * np.random.default_rng(0).random(shaken.n_samples)
+    assert sufficient_period([replace(shaken, time=time)]) is None
+    assert sufficient_period([replace(shaken, outputs=0.0 * shaken.outputs)]) is None
+    assert sufficient_period([]) is None
 
 
 def test_resampling_does_not_alias():

@@ -51,7 +51,7 @@ def test_refit_finds_the_true_curve_and_parameters():
     curve = found.curve
     assert (curve.variable, curve.sign_of, curve.period) == ("rotor.phi", "rotor.w", 2.0 * np.pi)
     error = (curve.y + friction(curve.x)) / curve.std
-    assert np.mean(np.abs(error) < 2.0) >= 0.9 and np.max(np.abs(error)) < 3.5
+    assert np.mean(np.abs(error) < 2.0) >= 0.8 and np.max(np.abs(error)) < 3.5
     assert np.max(curve.std) < 0.03
     values = {p.name: p for p in found.fit.parameters}
     for name, true in (("J", 0.5), ("d", 0.3)):

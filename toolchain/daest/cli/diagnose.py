@@ -33,7 +33,7 @@ from daest.cli.pictures import draw
 from daest.cli.progress import progress
 from daest.cli.recordings import training_data
 from daest.cli.results import KeptFit, find_fit, parameter_values
-from daest.data.prepare import split_all
+from daest.data.prepare import resample, split_all, sufficient_period
 from daest.data.project import Hold, Project
 from daest.errors import EstimationError, FmuError, ModelError
 from daest.model.experiment import Experiment
@@ -173,11 +173,12 @@ def opened(
         note("no validation data: the second half of every recording validates")
         halves = replace(data_choice.preparation(project), split=HALF)
         estimation, validation = split_all(estimation, halves)
+    estimation, validation, hold = _sufficient(estimation, validation, project, data_choice)
     folders = (*libraries, *project.libraries)
     library = effect_library(folders)
     own = project.source is not None and source.resolve() == project.source.resolve()
     fit = _earlier_fit(project, source, loaded, estimation)
-    options = _options(flat, folders, search, data_choice.known_hold(project), fit)
+    options = _options(flat, folders, search, hold, fit)
     decisive = (options.effects, options.places, options.hold, options.seed)
     run = run_digest(flat, estimation, validation, decisive)
     return Case(
@@ -193,6 +194,26 @@ def opened(
         tuple(training_files(project, data)),
         () if fit is None else fit.remarks,
     )
+
+
+def _sufficient(
+    estimation: list[Experiment], validation: list[Experiment], project: Project, data_choice: DataOptions
+) -> tuple[list[Experiment], list[Experiment], Hold | None]:
+    """The recordings and the hold; coarser, and on straight lines, where the recordings are much finer than
+    their outputs move and no period is asked for."""
+    hold = data_choice.known_hold(project)
+    if data_choice.preparation(project).period is not None:
+        return estimation, validation, hold
+    period = sufficient_period([*estimation, *validation])
+    if period is None:
+        return estimation, validation, hold
+    own = estimation[0].period
+    note(
+        f"nothing in the outputs moves as fast as the recordings are sampled ({own:.4g} s): diagnosed at "
+        f"{period:.4g} s, behind an anti-alias filter (--resample {own:.4g} keeps them as they are)"
+    )
+    coarse = [[resample(e, period) for e in part] for part in (estimation, validation)]
+    return coarse[0], coarse[1], "foh"
 
 
 def _options(

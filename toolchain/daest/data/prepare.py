@@ -29,6 +29,12 @@ HALF_WIDTH = 0.5 * (ATTENUATION - 8.0) / (2.285 * TRANSITION * np.pi)  # periods
 BETA = 0.1102 * (ATTENUATION - 8.7)  # Kaiser's, for a stop band between 50 dB and beyond
 STOP = 0.5 * (CUTOFF + TRANSITION)  # frequency, in units of 1 / period, beyond which nothing passes
 KERNEL_STEP = 1.0 / 64.0  # periods between the tabulated values of a kernel
+# A recording is much finer than need be if its outputs' rates have POWER of their power below the
+# FINER_THAN_NEEDED-th part of the Nyquist frequency; KEPT times that band is what is kept of it.
+POWER = 0.99
+FINER_THAN_NEEDED = 20.0
+KEPT = 3.0
+FEWEST_KEPT = 400  # samples of all recordings that a coarser period leaves at least
 # A resampled output counts as missing if missing samples carry more than this share of the filter's weight.
 MISSING_SHARE = 0.05
 
@@ -126,6 +132,44 @@ def detrend(experiment: Experiment, kind: Detrend) -> Experiment:
     )
 
 
+def sufficient_period(experiments: Sequence[Experiment]) -> float | None:
+    """A period [s] that keeps all that the outputs show of a much finer recording, a multiple of its own;
+    None where it is not that much finer, or uneven.
+
+    White sensor noise is content up to the Nyquist frequency: a recording with it is never too fine. Where
+    nothing is left up there, what little there is tells of filters and of the number format, and a
+    likelihood that takes it for sensor noise would trust it above all.
+    """
+    periods = [e.period for e in experiments]
+    if not periods or any(period is None for period in periods):
+        return None
+    own = max(period for period in periods if period is not None)
+    band = max((_band(e) for e in experiments), default=np.inf)
+    if not 0.0 < band * FINER_THAN_NEEDED < 0.5 / own:
+        return None
+    n_samples = sum(e.n_samples for e in experiments)
+    factor = min(int(0.5 / (KEPT * band * own)), n_samples // FEWEST_KEPT)
+    return factor * own if factor > 1 else None
+
+
+def _band(experiment: Experiment) -> float:
+    """Frequency [Hz] below which POWER of the power of the rate of every output lies; 0 where none moves."""
+    from scipy.signal import welch
+
+    assert experiment.period is not None
+    values = _bridged(experiment.outputs, ~np.isfinite(experiment.outputs))
+    bands = []
+    for rate in np.diff(values, axis=0).T:
+        if not np.any(rate):
+            continue
+        frequencies, density = welch(
+            rate - rate.mean(), 1.0 / experiment.period, nperseg=min(rate.size, 8192)
+        )
+        power = np.cumsum(density)
+        bands.append(float(frequencies[np.searchsorted(power, POWER * power[-1])]))
+    return max(bands, default=0.0)
+
+
 def resample(experiment: Experiment, period: float) -> Experiment:
     """The recording at `period` seconds, behind one linear-phase low-pass filter for inputs and outputs
     alike.
@@ -134,10 +178,10 @@ def resample(experiment: Experiment, period: float) -> Experiment:
     signals go through the same filter a linear model that relates them before relates them afterwards.
     Straight lines between samples are smaller than the signal that they stand for, by sinc² of the
     frequency times the period; the samples of the inputs are raised by as much, so that it is the straight
-    lines through them that are the filtered input. Samples nearer to an end than half the filter are dropped rather than invented. Unevenly sampled records
-    are first interpolated linearly on a grid of half their median step. Raises ConfigError `option-resample`
-    if `period` is shorter than the recording's own, DataError `data-too-few-rows` if the record is shorter
-    than the filter.
+    lines through them that are the filtered input. Samples nearer to an end than half the filter are
+    dropped rather than invented. Unevenly sampled records are first interpolated linearly on a grid of half
+    their median step. Raises ConfigError `option-resample` if `period` is shorter than the recording's own,
+    DataError `data-too-few-rows` if the record is shorter than the filter.
     """
     own = experiment.period or float(np.median(np.diff(experiment.time)))
     if period < own * (1 - GRID_TOLERANCE):

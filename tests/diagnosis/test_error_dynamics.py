@@ -1,0 +1,90 @@
+"""Error dynamics of an observer against differences of its own runs."""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from hidden_plants import model, rotor_record
+
+from daest.diagnosis.diagnose import DiagnoseOptions, begin
+from daest.diagnosis.error_dynamics import average_dynamics
+from daest.diagnosis.screen import run_null
+from daest.modelica.attach import attach
+from daest.modelica.effects import effect_library
+from daest.modelica.sites import sites
+from daest.systems.integrate import Correction, integrate, integrator
+
+PUSH = 1e-5  # N.m
+
+
+def rubbing(sharpness):
+    """The rotor with friction over a soft sign, so that differences of runs are exact."""
+    effect = next(e for e in effect_library() if e.class_name.endswith("Rotational.CoulombFriction"))
+    site = next(s for s in sites(model()) if s.name == "rotor.flange_a")
+    return attach(model(), effect, site, "rub", {"tau_c": 0.15, "w_s": sharpness})
+
+
+def null_of(flat, record):
+    stand = begin(flat, [record], [], DiagnoseOptions(hold="foh"))
+    return stand.null, run_null(stand.null)
+
+
+def pushed(null, run, torque):
+    """Predicted outputs of the observer with a further torque (n_samples,) on straight lines."""
+    explicit = null.explicit
+    experiment = null.experiments[0]
+    row = run.state_names.index(null.loads[0].name)
+    entry = run.average.A[:, row].copy()
+    entry[row] = 0.0
+    arguments = explicit.rhs.sx_in()
+    extra = ca.SX.sym("push")
+    x, u, v, w, theta, t = arguments
+    with_push = [x, ca.vertcat(u, extra), v, w, theta, t]
+    grown = replace(
+        explicit,
+        flat=replace(
+            explicit.flat,
+            inputs=(*explicit.flat.inputs, replace(explicit.flat.inputs[0], name="push")),
+            u=ca.vertcat(explicit.flat.u, ca.SX.sym("push")),
+        ),
+        rhs=ca.Function("rhs", with_push, [explicit.rhs(*arguments) + ca.DM(entry) * extra]),
+        outputs=ca.Function("outputs", with_push, [explicit.outputs(*arguments)]),
+    )
+    x0 = np.array([null.initial_states[0][name] for name in explicit.state_names])
+    return integrate(
+        integrator(grown),
+        experiment.time,
+        np.column_stack([experiment.inputs, torque]),
+        null.theta,
+        x0,
+        hold="foh",
+        correction=Correction(experiment.outputs, run.gain),
+        rtol=1e-9,
+    ).outputs, entry
+
+
+def relative_errors(flat):
+    """Of the response to a small torque, against the difference of two runs: by the error dynamics along the
+    recording, and by those of the average slopes."""
+    null, run = null_of(flat, rotor_record(600, seed=5, coulomb=lambda phi: 0.15)[0])
+    torque = PUSH * np.sin(1.3 * null.experiments[0].time)
+    (up, entry), (down, _) = pushed(null, run, torque), pushed(null, run, -torque)
+    g = torque[:, None] * entry
+    drive, expected = np.stack([g[:-1], g[1:]])[None], (up - down) / 2.0
+    return [
+        np.max(np.abs(dynamics.errors(run.gain, drive)[0] - expected)) / np.max(np.abs(expected))
+        for dynamics in (run.dynamics[0], average_dynamics(run.average))
+    ]
+
+
+def test_response_of_an_affine_model_is_the_difference_of_two_runs():
+    along, average = relative_errors(model())
+    assert along < 1e-3 and average == along
+
+
+@pytest.mark.parametrize("sharpness", [0.05, 0.2])
+def test_response_of_a_rubbing_model_is_the_difference_of_two_runs(sharpness):
+    along, average = relative_errors(rubbing(sharpness))
+    assert along < 0.01
+    assert average > 5.0 * along and average > 0.05
