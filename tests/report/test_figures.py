@@ -99,6 +99,9 @@ def test_comparison_shows_time_errors_spectrum_tests(comparison):
     assert peak == pytest.approx(5 / (2 * np.pi), abs=1.0)
     assert np.allclose(error.get_ydata(), 0.1 * measured.get_ydata(), rtol=1e-6)
     assert growth.get_yscale() == "log" and white.get_xlabel() == "lag [s]"
+    near = replace(comparison.models[0], growth=(Horizon(1, 0.01, {"y": 0.09}),))
+    level = comparison_figure(replace(comparison, models=(near,))).get_axes()[4]
+    assert level.get_ylim() == pytest.approx((0.0, 0.11))  # over the dashed line of the simulation, 0.1
     assert [t.get_text() for t in verdicts.texts] == ["failed, p < 1e-12", "passed, p = 0.4"]
     assert values.get_title(loc="left") == "run"
 

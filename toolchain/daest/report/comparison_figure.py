@@ -22,6 +22,7 @@ TESTS = {
     "nis": "size of the errors",
 }
 ROW = 0.22  # inches of height of a bar
+HEADROOM = 1.1  # of an axis from zero over what is drawn in it
 LEAST_P = 1e-12  # of a drawn p-value
 
 
@@ -173,7 +174,7 @@ def _scale_errors(ax: Axes) -> None:
     )
     drawn = drawn[np.isfinite(drawn) & (drawn > 0.0)]
     if not drawn.size or drawn.max() <= 10.0 * drawn.min():
-        ax.set_ylim(bottom=0.0)
+        ax.set_ylim(0.0, HEADROOM * drawn.max(initial=0.0) or 1.0)
         return
     ax.set_yscale("log")
     if drawn.max() <= 200.0 * drawn.min():  # too few whole decades for a scale of them alone

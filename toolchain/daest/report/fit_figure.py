@@ -74,4 +74,5 @@ def _draw_correlations(result: FitResult, ax: Axes, part: Any) -> None:
     for (i, j), value in np.ndenumerate(shown):
         if np.isfinite(value) and i != j:
             color = "white" if abs(value) > 0.6 else "black"
-            ax.text(j, i, f"{value:.2f}", ha="center", va="center", fontsize=6, color=color)
+            written = f"{round(value, 2) + 0.0:.2f}"  # no -0.00
+            ax.text(j, i, written, ha="center", va="center", fontsize=6, color=color)
