@@ -42,7 +42,7 @@ from daest.diagnosis.rivals import dynamic_trials, richer_laws, simpler_laws
 from daest.diagnosis.screen import NullObserver, run_null, screen
 from daest.errors import DaestError, EstimationError
 from daest.estimation.records import part_of
-from daest.model.diagnosis import Candidate, Diagnosis, Proof, Screen
+from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, Proof, Screen
 from daest.model.effects import Effect, Site
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult
@@ -198,9 +198,8 @@ def _examined(
     ]
     gains = place_gains(null, run)
     load = smoothed_load(null, run, gains)
-    proofs = _proofs(stand, run, load, found, candidates, chosen_library, options, progress)
-    forms = free_forms(null, run)
-    form = forms[0] if forms else None
+    form = next(iter(free_forms(null, run)), None)
+    proofs = _proofs(stand, run, load, form, found, candidates, chosen_library, options, progress)
     decided = verdicts.decide(
         verdicts.Evidence(
             stand.declared, null, run, stand.baseline, found, proofs, gains, form, options.fitted
@@ -310,6 +309,7 @@ class _Search:
     stand: Stand
     run: NullObserver
     load: SmoothedLoad | None
+    form: FreeForm | None
     n_screened: int
     hopeless: float = -np.inf
 
@@ -327,6 +327,7 @@ def _refitted(search: _Search, prepared: Prepared) -> Proof:
             search.load,
             search.n_screened,
             search.hopeless,
+            search.form,
         )
 
 
@@ -378,6 +379,7 @@ def _proofs(
     stand: Stand,
     run: NullObserver,
     load: SmoothedLoad | None,
+    form: FreeForm | None,
     found: Screen,
     candidates: Sequence[Candidate],
     library: Sequence[Effect],
@@ -389,7 +391,7 @@ def _proofs(
     wanted = trials(found, SCREEN_LEVEL, options.most_trials + MORE_TRIALS)
     chosen = _prepared(null, wanted[: options.most_trials])
     with workers(options.jobs, options.cluster) as pool:
-        stages = _Stages(_Search(stand, run, load, found.n_screened), pool, options, progress)
+        stages = _Stages(_Search(stand, run, load, form, found.n_screened), pool, options, progress)
         first = partial(_dynamic, null, candidates)
         proofs, (dynamic,) = stages.proved(chosen[:FIRST_TRIALS], (), [first])
         proofs = stages.proved(dynamic, proofs)[0] + proofs

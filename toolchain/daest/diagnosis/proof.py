@@ -13,7 +13,7 @@ from daest.diagnosis.free_forms import covers, free_forms
 from daest.diagnosis.null import Null, grown, loads_of, refit
 from daest.diagnosis.screen import NullObserver, law_response, run_null
 from daest.errors import DaestError
-from daest.model.diagnosis import Candidate, FreeForm, Proof, Screen
+from daest.model.diagnosis import Candidate, FreeForm, Load, Proof, Screen
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult, FittedParameter
 from daest.model.flat import FlatModel
@@ -146,11 +146,13 @@ def prove(
     load: SmoothedLoad | None,
     n_screened: int = 1,
     hopeless: float = -np.inf,
+    form: FreeForm | None = None,
 ) -> Proof:
     """Refit one candidate and judge it against the null refitted the same way.
 
-    `run` is the null's observer and `load` its largest load; `experiments` are the null's with the signals
-    that the effect needs; `n_screened` candidates were searched. Raises what `refit` raises.
+    `run` is the null's observer, `load` its largest load and `form` the curve that it follows best;
+    `experiments` are the null's with the signals that the effect needs; `n_screened` candidates were
+    searched. Raises what `refit` raises.
     """
     explicit = reduce_index(prepared.flat)
     fed = replace(null, experiments=tuple(experiments))
@@ -166,11 +168,15 @@ def prove(
     explained = _explained(null_fit, with_effect, after, load)
     p_value = float(min(1.0, n_screened * chi2.sf(2.0 * max(gain, 0.0), n_own)))
     ratios, one_step = _ratios(null_fit.simulated, fit.simulated), _ratios(null_fit.one_step, fit.one_step)
-    reason = _failed_gate(prepared, fit, delta_bic, explained, ratios, one_step)
+    # A law that says all that the load has to do with any variable need not explain more of the load.
+    is_curve = form is not None and form.p_value < LEFT_LEVEL and gain >= form.log_likelihood_gain
+    reason = _failed_gate(prepared, fit, delta_bic, 1.0 if is_curve else explained, ratios, one_step)
     if not reason and p_value > CHANCE:
         reason = f"a search over {n_screened} candidates finds as much by chance (p = {p_value:.1g})"
     left = None if reason else _left(null, with_effect, after or run_null(with_effect))
-    if left is not None and not _is_most_of_it(explained, ratios):
+    if left is not None and is_curve and left.p_value < LEFT_LEVEL:
+        reason = _failed_gate(prepared, fit, delta_bic, explained, ratios, one_step)
+    if left is not None and not reason and not _is_most_of_it(explained, ratios):
         reason = _wrong_law(null, run, prepared, fit, gain, left)
     parameters = tuple(replace(p, value=fit.theta.get(p.name, p.value)) for p in prepared.flat.parameters)
     return Proof(
@@ -233,12 +239,16 @@ def _explained(
     model, or of the smoothed course (rms) of the one that matters most, whichever is more. 1 where the null
     needed no load: there was none to explain.
 
-    Sizes also hold fast ripple that no effect removes; the smoothed course, where two effects are missing,
-    also holds the other one.
+    Sizes also hold fast ripple that no effect removes, though not what is faster than the load was; the
+    smoothed course, where two effects are missing, also holds the other one.
     """
     if before is None or run is None:
         return 1.0
-    was, now = (np.array([load.size for load in loads_of(f, null.places)]) for f in (null_fit, null.fit))
+    first = loads_of(null_fit, null.places)
+    was, now = (
+        np.array([_slow_size(one, load.time_constant) for one, load in zip(loads, first, strict=True)])
+        for loads in (first, loads_of(null.fit, null.places))
+    )
     left = np.minimum(now / np.where(was > 0.0, was, np.inf), 1.0)
     shares = [float(1.0 - np.sum(was**2 * left) / np.sum(was**2)) if np.any(was > 0.0) else 1.0]
     after = smoothed_at(null, run, before.index)
@@ -246,6 +256,11 @@ def _explained(
     if after is not None and size > 0.0:
         shares.append(1.0 - float(np.sqrt(np.mean(after.values**2))) / size)
     return max(shares)
+
+
+def _slow_size(load: Load, time_constant: float) -> float:
+    """rms of the part of a load below the corner frequency of another with that time constant."""
+    return load.size * float(np.sqrt(2.0 / np.pi * np.arctan(load.time_constant / time_constant)))
 
 
 def _failed_gate(
