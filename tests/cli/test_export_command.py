@@ -42,6 +42,7 @@ def test_identify_reads_the_equations_from_the_fmu(folder, daest):
     ("arguments", "code"),
     [
         (["Lag.mo", "-o", "-"], "export-to-stdout"),
+        (["Lag.mo", "-o", "Lag.txt"], "export-suffix"),
         (["Lag.mo", "--platform", "amiga"], "fmu-platform-unknown"),
         (["Lag.mo", "-o", "Lag.mo"], "output-is-input"),
         (["Lag.mo", "--set", "z=1"], "parameter-unknown"),

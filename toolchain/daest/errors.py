@@ -418,6 +418,7 @@ EXPLANATIONS: dict[str, str] = {
         "daest explain knows the codes that stand in brackets behind the word error; without a code it "
         "lists all of them."
     ),
+    "export-suffix": "Other tools know an FMU by the end of its name. Give one that ends in .fmu.",
     "export-to-stdout": "daest export writes a file; an FMU cannot be printed. Name it with -o model.fmu.",
     "filter-initial-state": (
         "The initial state of a filter does not have the size of the model's state, or gives an unknown "

@@ -54,6 +54,10 @@ def command(
     if compiler == "omc":
         _export_by_omc(source, model_options, target, bool(platforms or settings))
         return
+    if target.suffix.lower() != ".fmu":
+        raise ConfigError(
+            "export-suffix", f"an FMU is not called '{target.name}'", remedy="give a name that ends in .fmu"
+        )
     flat = model_options.load(project, source, settings)
     chosen = [name.strip() for name in platforms.split(",") if name.strip()] if platforms else None
     result = export_fmu(flat, target, chosen)

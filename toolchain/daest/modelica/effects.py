@@ -127,6 +127,8 @@ def find_effects(name: str, libraries: Sequence[str | Path] = ()) -> tuple[Effec
     short = {e.name.lower(): e.name for e in known}
     near = get_close_matches(name.rpartition(".")[2].lower(), short, 3)
     hint = f"Did you mean {' or '.join(short[one] for one in near)}? " if near else ""
+    if name.endswith((".mo", ".fmu")):
+        hint = f"A model is named by --model {name}. "
     raise ModelError(
         "effect-unknown", f"there is no effect `{name}`", remedy=hint + "daest effects lists them all."
     )

@@ -112,7 +112,7 @@ def _column(result: FilterResult, name: str) -> int:
         "filter-unknown-variable",
         f"the model has no variable {name}",
         where=name,
-        remedy=f"similar names: {', '.join(near)}" if near else "see `daest linearize` for all names",
+        remedy=f"similar names: {', '.join(near)}" if near else "without --only the table names all of them",
     )
 
 
