@@ -51,9 +51,9 @@ def test_noise_document(daest, tmp_path, monkeypatch):
 
 
 def test_a_large_filter_tells_its_cost(capsys):
-    filter_command._tell_cost(149, 2000, 1000, False)
+    filter_command._tell_cost(149, 2000, 1000, "stored")
     assert capsys.readouterr().err == ""
-    filter_command._tell_cost(1000, 10000, 1000, False)
+    filter_command._tell_cost(1000, 10000, 1000, "stored")
     told = capsys.readouterr().err
     assert "1000 states and 1000 samples" in told and "GB" in told and "--kind stationary" in told
     assert float(told.split(" and ")[-1].split(" GB")[0]) > 8.0  # a covariance of 8 MB per sample

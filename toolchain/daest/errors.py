@@ -439,6 +439,11 @@ EXPLANATIONS: dict[str, str] = {
         "The model says that an output can be predicted without any error: neither the output nor the states "
         "behind it have noise. Give every measured output a standard deviation above zero."
     ),
+    "filter-too-large": (
+        "The covariances that this filter keeps, one for each sample, are larger than the memory of this "
+        "machine. daest filter --kind stationary keeps one; the time-varying filter does, too, where steps "
+        "are equal, no measured value is missing, no smoother is asked for, and there is a stationary filter."
+    ),
     "filter-undriven-mode": (
         "A state that never settles by itself (a constant bias, an integrator) has no process noise. A "
         "stationary filter would in the end ignore the measurements about it. Give it a noise intensity, or "

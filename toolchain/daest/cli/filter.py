@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,13 +26,15 @@ from daest.cli.options import (
 )
 from daest.cli.output import emit, keep_inputs, note, write_text
 from daest.cli.pictures import draw
+from daest.cli.progress import progress
 from daest.cli.recordings import unseen_data
 from daest.cli.results import find_fit, fitted
 from daest.data.project import Hold, Project
 from daest.errors import ConfigError, EstimationError
 from daest.estimation.filter import run_filter
-from daest.estimation.filter_cost import LARGE, filter_cost
+from daest.estimation.filter_cost import LARGE, FilterCost, Way, filter_cost, way_of_filter
 from daest.estimation.nonlinear_filter import PARTICLES, run_nonlinear_filter
+from daest.estimation.profile import silent
 from daest.model.estimates import FilterKind, FilterResult, NonlinearKind
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
@@ -42,6 +45,7 @@ from daest.systems.reduce import reduce_index
 from daest.systems.state_space import state_space_family
 
 ESTIMATES = "estimates.csv"
+LONG = 10.0  # seconds from which on progress is shown
 
 
 @click.command("filter", epilog=example("daest filter run2.csv --measure phi --smooth -o estimates.csv"))
@@ -140,11 +144,22 @@ def _estimated(
         if not is_affine_model(flat):
             note(f"the {kind} filter sees the model linearised at its operating point; --kind ekf does not")
         family = state_space_family(flat)
-        _tell_cost(len(family.state_names), flat.n, len(experiment.time), kind == "stationary")
-        measure, smooth = wanted.measure, wanted.smooth
-        return run_filter(
-            family, flat.theta_values, experiment, intensity, std**2, kind, measure, smooth, hold=wanted.hold
-        )
+        way = way_of_filter(kind, experiment, wanted.measure, wanted.smooth)
+        cost = _tell_cost(len(family.state_names), flat.n, len(experiment.time), way)
+        is_long = len(family.state_names) >= LARGE and cost.seconds > LONG
+        with progress() if is_long else nullcontext(silent) as tell:
+            return run_filter(
+                family,
+                flat.theta_values,
+                experiment,
+                intensity,
+                std**2,
+                kind,
+                wanted.measure,
+                wanted.smooth,
+                hold=wanted.hold,
+                tell=tell,
+            )
     return run_nonlinear_filter(
         reduce_index(flat),
         flat.theta_values,
@@ -160,16 +175,16 @@ def _estimated(
     )
 
 
-def _tell_cost(n_states: int, n_unknowns: int, n_samples: int, is_stationary: bool) -> None:
-    """What the filter of a large model will cost, on stderr, before it starts."""
-    if n_states < LARGE:
-        return
-    cost = filter_cost(n_states, n_unknowns, n_samples, is_stationary)
-    way = "" if is_stationary else "; --kind stationary takes less"
-    note(
-        f"{n_states} states and {n_samples} samples: this takes about {max(cost.seconds, 1):.0f} s and "
-        f"{max(cost.bytes / 1e9, 0.1):.1f} GB of memory{way}"
-    )
+def _tell_cost(n_states: int, n_unknowns: int, n_samples: int, way: Way) -> FilterCost:
+    """The cost of a filter, told on stderr before it starts where the model is large."""
+    cost = filter_cost(n_states, n_unknowns, n_samples, way)
+    if n_states >= LARGE:
+        cheaper = "" if way == "stationary" else "; --kind stationary takes less"
+        note(
+            f"{n_states} states and {n_samples} samples: this takes about {max(cost.seconds, 1):.0f} s and "
+            f"{max(cost.bytes / 1e9, 0.1):.1f} GB of memory{cheaper}"
+        )
+    return cost
 
 
 @dataclass(frozen=True)

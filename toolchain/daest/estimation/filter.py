@@ -7,7 +7,7 @@ Internal variables are ξ = X x + U ū + W w + x0; the covariance of x with w is
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -15,14 +15,15 @@ import numpy as np
 from scipy.stats import chi2
 
 from daest.errors import EstimationError
+from daest.estimation.filter_cost import LARGE, check_memory, filter_cost
 from daest.estimation.kalman import kalman_filter
-from daest.estimation.modes import models_by_interval
+from daest.estimation.large_filter import LargeResult, can_stream, large_filter
+from daest.estimation.modes import has_equal_steps, models_by_interval
 from daest.estimation.smoother import smooth as smooth_record
 from daest.estimation.stationary import combination_text, stationary_filter
 from daest.model.estimates import (
     FilterKind,
     FilterResult,
-    GaussianSequence,
     InitialState,
     KalmanResult,
     NisSummary,
@@ -72,6 +73,7 @@ def run_filter(
     smooth: bool = False,
     initial: InitialState | None = None,
     hold: Hold = "foh",
+    tell: Callable[[str], None] = lambda text: None,
 ) -> FilterResult:
     """Estimate all internal variables of `model` at `theta` (None for a StateSpace) from a recording.
 
@@ -79,10 +81,11 @@ def run_filter(
     (n_y,) or (n_y, n_y): covariance of one sample of the measurement noises, both in the order of the model.
     `measure` names the outputs to use (None: all that were recorded); the other recorded outputs are compared
     with their estimates. `initial` None is an unknown initial state for the time-varying filter, zero for the
-    stationary one. `smooth` gives the estimates from the whole record instead of the past.
+    stationary one. `smooth` gives the estimates from the whole record instead of the past. `tell` hears of
+    the progress of a large filter.
 
-    Errors (EstimationError): `filter-unknown-output`, and those of `kalman_filter`. What cannot be estimated
-    has NaN and inf in the result and is named in its messages.
+    Errors (EstimationError): `filter-unknown-output`, `filter-too-large`, and those of `kalman_filter`. What
+    cannot be estimated has NaN and inf in the result and is named in its messages.
     """
     ss, all_units = _at(model, theta)
     measure = used_outputs(ss.output_names, experiment, measure)
@@ -93,10 +96,20 @@ def run_filter(
     cov = _square(measurement_cov, len(ss.output_names))[np.ix_(rows, rows)]
     models = sampled_models(used, experiment.time, hold, intensity, cov, noise)
     record = _record(ss, experiment, measure)
-    result = kalman_filter(models, record, initial, kind, ss.state_names)
-    estimates = smooth_record(result).smoothed if smooth else result.filtered
     names, units, rows_of = _variables(ss, all_units)
-    values, std = _values(rows_of, record.inputs, estimates)
+    result: KalmanResult | LargeResult
+    if kind == "time-varying" and initial is None and not smooth and can_stream(models, record):
+        result = large_filter(models, record, _with_noise(rows_of.state_and_noise, len(ss.noise_names)), tell)
+        values, std = result.values, result.std
+    else:
+        if kind == "time-varying" and len(ss.state_names) >= LARGE:
+            check_memory(filter_cost(len(ss.state_names), len(names), len(experiment.time), "stored"))
+        result = kalman_filter(models, record, initial, kind, ss.state_names)
+        estimates = smooth_record(result).smoothed if smooth else result.filtered
+        values, std = marginals(estimates, _with_noise(rows_of.state_and_noise, len(ss.noise_names)))
+    values, noise_values = np.split(values, [len(names)], axis=1)
+    std, noise_std = np.split(std, [len(names)], axis=1)
+    values = values + record.inputs @ rows_of.inputs.T + rows_of.offset
     compared = [n for n in experiment.output_names if n in ss.output_names and n not in measure]
     steady = result.steady_sample
     return FilterResult(
@@ -116,7 +129,7 @@ def run_filter(
             n: comparison(_measured(experiment, n), values[:, names.index(n)], std[:, names.index(n)])
             for n in compared
         },
-        process_noise=_process_noise(ss, all_units, estimates),
+        process_noise=ProcessNoiseEstimate(ss.noise_names, all_units.noises, noise_values, noise_std),
         steady_after=None if steady is None else float(experiment.time[steady] - experiment.time[0]),
         noise=noise,
         hold=hold,
@@ -145,16 +158,15 @@ def sampled_models(
     steps = np.diff(time)
     if steps.size == 0:
         raise EstimationError("data-too-few-rows", "a filter needs at least two samples")
-    mean = float((time[-1] - time[0]) / steps.size)
-    if np.all(np.abs(steps - mean) <= 1e-6 * mean + 1e-9 * abs(float(time[-1]))):
-        return sample(ss, mean, hold, intensity, measurement_cov, noise)
+    if has_equal_steps(time):
+        return sample(ss, float((time[-1] - time[0]) / steps.size), hold, intensity, measurement_cov, noise)
     grid = STEP_RESOLUTION * float(np.median(steps))
     lengths, which = np.unique(np.round(steps / grid), return_inverse=True)
     models = [sample(ss, float(length * grid), hold, intensity, measurement_cov, noise) for length in lengths]
     return [models[i] for i in which]
 
 
-def nis_summary(result: KalmanResult) -> NisSummary:
+def nis_summary(result: KalmanResult | LargeResult) -> NisSummary:
     """Mean normalised innovation square per scalar innovation with its 95 % chi-square band."""
     n = int(np.sum(result.nis_dof))
     if n == 0:
@@ -231,11 +243,9 @@ def _variables(ss: StateSpace, units: _Units) -> tuple[tuple[str, ...], tuple[st
     return names, units.unknowns + tuple(units.outputs[i] for i in extra), rows
 
 
-def _values(rows: _Rows, inputs: np.ndarray, estimates: GaussianSequence) -> tuple[np.ndarray, np.ndarray]:
-    values, std = marginals(estimates, rows.state_and_noise)
-    values += inputs @ rows.inputs.T
-    values += rows.offset
-    return values, std
+def _with_noise(rows: np.ndarray, n_noises: int) -> np.ndarray:
+    """The rows, and those of the noises themselves."""
+    return np.vstack([rows, np.eye(rows.shape[1])[rows.shape[1] - n_noises :]])
 
 
 def _measured(experiment: Experiment, name: str) -> np.ndarray:
@@ -255,12 +265,6 @@ def comparison(measured: np.ndarray, estimate: np.ndarray, std: np.ndarray) -> O
     return OutputComparison(float(fit), float(np.sqrt(np.mean(error**2))), int(np.sum(use)))
 
 
-def _process_noise(ss: StateSpace, units: _Units, estimates: GaussianSequence) -> ProcessNoiseEstimate:
-    n, n_w = ss.G.shape
-    values, std = marginals(estimates, np.hstack([np.zeros((n_w, n)), np.eye(n_w)]))
-    return ProcessNoiseEstimate(ss.noise_names, units.noises, values, std)
-
-
 def _square(value: np.ndarray, size: int) -> np.ndarray:
     value = np.asarray(value, dtype=float)
     return np.diag(value) if value.ndim == 1 else value.reshape(size, size)
@@ -268,7 +272,7 @@ def _square(value: np.ndarray, size: int) -> np.ndarray:
 
 def _messages(
     ss: StateSpace,
-    result: KalmanResult,
+    result: KalmanResult | LargeResult,
     names: tuple[str, ...],
     std: np.ndarray,
     intensity: np.ndarray,

@@ -156,7 +156,7 @@ def _unknown_start(model: DiscreteModel, initial: InitialState, unobservable: np
     stationary = try_stationary_filter(model)
     P = np.zeros_like(model.transition) if stationary is None else stationary.predicted_cov
     size = np.sqrt(np.diagonal(P))
-    information = _information_scale(model)
+    information = information_scale(model)
     scale = np.where(size > SENSITIVITY_FLOOR * information, size, information)
     cov = np.where(unknown[:, None] | unknown[None, :], 0.0, initial.cov)
     if np.all(unknown):
@@ -165,12 +165,12 @@ def _unknown_start(model: DiscreteModel, initial: InitialState, unobservable: np
         cov[unknown, unknown] = scale[unknown] ** 2
     columns = np.diag(scale)[:, unknown]
     observable, _ = unobservable_subspace(model.transition, model.output)
-    basis, n_observable = _observable_first(observable @ columns)
+    basis, n_observable = observable_first(observable @ columns)
     mean = np.where(unknown, 0.0, initial.mean)
     return _Start(mean, cov, columns @ basis, n_observable, scale, unobservable)
 
 
-def _observable_first(rows: np.ndarray) -> tuple[np.ndarray, int]:
+def observable_first(rows: np.ndarray) -> tuple[np.ndarray, int]:
     """Orthonormal basis of δ whose first columns are seen by `rows` (r, q) and whose other columns are
     not."""
     q = rows.shape[1]
@@ -182,7 +182,7 @@ def _observable_first(rows: np.ndarray) -> tuple[np.ndarray, int]:
     return (np.eye(q), q) if rank == q else (directions.T, rank)
 
 
-def _information_scale(model: DiscreteModel) -> np.ndarray:
+def information_scale(model: DiscreteModel) -> np.ndarray:
     """Standard deviation (n,) of each state alone from a few outputs: a size in the state's unit, 1 if
     unseen."""
     noise = np.diagonal(model.measurement_cov)
@@ -419,7 +419,7 @@ def _as_pass(recorder: _Recorder, modes: Modes, start: _Start) -> FilterPass:
     cov, mode = np.concatenate(recorder.cov), np.concatenate(recorder.mode)
     S = np.concatenate(recorder.innovation_cov)
     white = whitening(S)
-    filter_gain, filtered_cov = _filtered_moments(modes, mode, cov, white)
+    filter_gain, filtered_cov = filtered_moments(modes, mode, cov, white)
     return FilterPass(
         modes=modes,
         predicted=recorder.predicted,
@@ -474,7 +474,7 @@ def _assemble(
     )
 
 
-def _filtered_moments(
+def filtered_moments(
     modes: Modes, mode: np.ndarray, P: np.ndarray, white: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Gain (n + n_w, n_y) and covariance of (x[k], w̄[k]) given y up to k for known δ, by distinct entry.

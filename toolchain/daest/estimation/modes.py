@@ -81,6 +81,13 @@ def modes_of(models: list[DiscreteModel], which: np.ndarray, outputs: np.ndarray
     )
 
 
+def has_equal_steps(time: np.ndarray) -> bool:
+    """Whether one sampled model serves the whole record; times are rounded."""
+    steps = np.diff(time)
+    mean = float((time[-1] - time[0]) / max(steps.size, 1))
+    return bool(np.all(np.abs(steps - mean) <= 1e-6 * mean + 1e-9 * abs(float(time[-1]))))
+
+
 def by_index(matrices: np.ndarray, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """matrices[index[k]] @ rows[k] for all k, (n_samples, m); long runs of one index are one product."""
     if matrices.shape[0] == 1:

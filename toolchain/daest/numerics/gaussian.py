@@ -87,7 +87,7 @@ def marginals(sequence: GaussianSequence, rows: np.ndarray) -> tuple[np.ndarray,
     NaN and inf where a row sees a free direction by more than FREE_TOLERANCE of its own scale Σ |row| scale.
     """
     mean = sequence.mean @ rows.T
-    variance = _quadratic_forms(rows, sequence.cov.distinct)
+    variance = quadratic_forms(rows, sequence.cov.distinct)
     std = np.sqrt(np.maximum(variance, 0.0))[sequence.cov.index]
     open_ = undetermined(sequence.free.distinct, rows, sequence.scale)
     if np.any(open_):
@@ -96,7 +96,7 @@ def marginals(sequence: GaussianSequence, rows: np.ndarray) -> tuple[np.ndarray,
     return mean, std
 
 
-def _quadratic_forms(rows: np.ndarray, cov: np.ndarray) -> np.ndarray:
+def quadratic_forms(rows: np.ndarray, cov: np.ndarray) -> np.ndarray:
     """rows_i' cov_k rows_i as (k, i), for as many k at a time as fit into `BLOCK` numbers."""
     result = np.empty((len(cov), len(rows)))
     if rows.size > BLOCK and np.count_nonzero(rows) < SPARSE_SHARE * rows.size:
