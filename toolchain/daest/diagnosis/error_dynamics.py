@@ -23,6 +23,7 @@ from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.integrate import Correction, Hold, Integrator, integrate, integrator
 
 MOST_STATES = 20  # beyond, the sensitivities along a recording take more memory than they are worth
+PIECE = 2000  # samples whose sensitivities are held at a time
 SHIFT, DRIVE, RAMP = "daest_shift_", "daest_drive_", "daest_ramp_"
 
 
@@ -146,30 +147,36 @@ def _along(
     seen at the next sample is of one interval."""
     n, n_samples = explicit.n_states, experiment.n_samples
     theta = np.concatenate([explicit.flat.theta_values, np.zeros(3 * n)])
-    sens = integrate(
-        model,
-        experiment.time,
-        experiment.inputs,
-        theta,
-        filtered[0],
-        hold=hold,
-        sensitivities=True,
-        correction=Correction(filtered, np.eye(n)),
-        rtol=rtol,
-    ).sensitivities[1:]
-    # A shift by δ moves the end by Φ δ, seen from the shifted state by Φ δ - δ.
-    transition = sens[:, :, :n] + np.eye(n)
-    constant, ramp = sens[:, :, n : 2 * n], sens[:, :, 2 * n : 3 * n]
+    transition, constant, ramp = (np.empty((n_samples - 1, n, n)) for _ in range(3))
+    for first in range(0, n_samples - 1, PIECE):
+        piece = slice(first, first + PIECE + 1)
+        intervals = slice(first, min(first + PIECE, n_samples - 1))
+        sens = integrate(
+            model,
+            experiment.time[piece],
+            experiment.inputs[piece],
+            theta,
+            filtered[first],
+            hold=hold,
+            sensitivities=True,
+            correction=Correction(filtered[piece], np.eye(n)),
+            rtol=rtol,
+        ).sensitivities[1:]
+        # A shift by δ moves the end by Φ δ, seen from the shifted state by Φ δ - δ.
+        transition[intervals] = sens[:, :, :n] + np.eye(n)
+        constant[intervals], ramp[intervals] = sens[:, :, n : 2 * n], sens[:, :, 2 * n : 3 * n]
     start, period = experiment.time[:-1, None, None], np.diff(experiment.time)[:, None, None]
     at_end = (ramp - start * constant) / period
-    n_v = explicit.rhs.numel_in(2)
-    rows = slopes.map(n_samples)(
-        predicted.T,
-        experiment.inputs.T,
-        np.zeros((n_v, n_samples)),
-        np.tile(explicit.flat.theta_values[:, None], (1, n_samples)),
-        experiment.time,
-    )
-    n_y = slopes.size1_out(0)
-    C = np.array(rows).reshape(n_y, n_samples, n).transpose(1, 0, 2)
+    C = _slopes_along(explicit, slopes, experiment, predicted)
     return ErrorDynamics(transition, constant - at_end, at_end, C)
+
+
+def _slopes_along(
+    explicit: ExplicitModel, slopes: ca.Function, experiment: Experiment, states: np.ndarray
+) -> np.ndarray:
+    """∂h/∂x (n_samples, n_y, n) at the states (n_samples, n)."""
+    n_samples, n = states.shape
+    theta = np.tile(explicit.flat.theta_values[:, None], (1, n_samples))
+    v = np.zeros((explicit.rhs.numel_in(2), n_samples))
+    rows = slopes.map(n_samples)(states.T, experiment.inputs.T, v, theta, experiment.time)
+    return np.array(rows).reshape(-1, n_samples, n).transpose(1, 0, 2)
