@@ -90,7 +90,7 @@ def dynamics_along(
     is_varying = explicit.invariants is None and explicit.n_states <= MOST_STATES
     if not is_varying or has_affine_dynamics(explicit):
         return (average_dynamics(average),) * len(experiments)
-    model = integrator(_pushed(explicit), _pushes(explicit.n_states))
+    model = integrator(_pushed(explicit), _pushes(explicit.n_states), runs_once=True)
     slopes = _output_slopes(explicit)
     return tuple(
         _along(explicit, model, slopes, *one, hold, rtol)

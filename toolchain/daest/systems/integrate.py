@@ -91,8 +91,10 @@ def integrator(
     names: Sequence[str] = (),
     *,
     compiled: bool = True,
+    runs_once: bool = False,
 ) -> Integrator:
-    """Build the functions of `explicit` once; compile them if a C compiler is found and `compiled` is set.
+    """Build the functions of `explicit` once; compile them if a C compiler is found and `compiled` is set,
+    with less effort where they are wanted for one run (`runs_once`).
 
     The start, every sample and every corrected state are projected onto the invariants of the model, if it
     has any. Raises ModelError `unknown-parameter` for a name that is no parameter.
@@ -101,7 +103,7 @@ def integrator(
     library = None
     if compiled and explicit.flat.given is None:
         try:
-            library = _compile(rhs, sens, out, hold)
+            library = _compile(rhs, sens, out, hold, "-O1" if runs_once else "-O3")
         except FmuError as error:
             if error.code != "no-c-compiler":
                 raise
@@ -149,7 +151,9 @@ def _model_functions(
     return rhs, sens, out, hold[0] if hold else None
 
 
-def _compile(rhs: ca.Function, sens: ca.Function, out: ca.Function, hold: ca.Function | None) -> ctypes.CDLL:
+def _compile(
+    rhs: ca.Function, sens: ca.Function, out: ca.Function, hold: ca.Function | None, effort: str
+) -> ctypes.CDLL:
     generator = ca.CodeGenerator("model.c")
     for function in (rhs, sens, out) if hold is None else (rhs, sens, out, hold):
         generator.add(function)
@@ -167,15 +171,15 @@ def _compile(rhs: ca.Function, sens: ca.Function, out: ca.Function, hold: ca.Fun
     header = "".join(f"#define {name} {value}\n" for name, value in constants)
     names = ("radau.c",) if hold is None else ("project.c", "radau.c")
     drivers = [resources.files("daest.numerics").joinpath(name).read_text(encoding="utf-8") for name in names]
-    return _load(generator.dump() + header + "".join(drivers))
+    return _load(generator.dump() + header + "".join(drivers), effort)
 
 
 _WORK = ("arg", "res", "iw", "w")
 
 
 @functools.lru_cache(maxsize=64)
-def _load(source: str) -> ctypes.CDLL:
-    return ctypes.CDLL(str(build_shared(source, "integrator", flags=("-O3",))))
+def _load(source: str, effort: str) -> ctypes.CDLL:
+    return ctypes.CDLL(str(build_shared(source, "integrator", flags=(effort,))))
 
 
 def interval_inputs(
