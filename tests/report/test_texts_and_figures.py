@@ -72,12 +72,15 @@ def test_csv_reads_back_to_the_same_numbers():
 
 def test_comparison_figure_shows_data_models_and_errors(comparison, tmp_path):
     figure = comparison_figure(comparison)
-    axes = figure.get_axes()
+    errors_of_a, errors_of_b, *axes = figure.get_axes()
+    assert [errors_of_a.get_xlabel(), errors_of_b.get_xlabel()] == ["rms error, a [rad]", "rms error, b [1]"]
+    names = [tick.get_text() for tick in errors_of_a.get_yticklabels()]
+    assert names == [f"{i}  {model.name}" for i, model in enumerate(comparison.models, 1)]
     assert [ax.get_ylabel() for ax in axes] == ["a [rad]", "error [rad]", "b [1]", "error [1]"]
     assert axes[-1].get_xlabel() == "time [s]"
     measured, first, second = axes[0].get_lines()
     assert measured.get_linestyle() == "None" and measured.get_label() == "measured"
-    assert first.get_label() == "First (89.8 %)" and second.get_color() != first.get_color()
+    assert first.get_label() == "1 (89.8 %)" and second.get_color() != first.get_color()
     assert np.nanmax(np.abs(first.get_ydata() - 0.9 * measured.get_ydata())) < 1e-12
     error = axes[1].get_lines()[0].get_ydata()
     assert np.nanmax(np.abs(error - 0.1 * measured.get_ydata())) < 1e-12

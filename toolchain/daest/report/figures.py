@@ -7,6 +7,7 @@ axis has a name and a unit.
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,6 +33,10 @@ WIDTH = 8.0  # inches
 PANEL = 1.9  # inches of height per panel
 DPI = 150
 SMALL = 7  # points of legends and of long names
+LINE = 0.13  # inches of height of a line of SMALL letters
+LETTER = 0.058  # inches of width of a SMALL letter, on average
+KEY = 8  # letters that take the room of a line and the gaps beside it in a legend
+DASHES = ("-", "--", ":")  # of models of the same colour
 
 
 def figure(height: float, width: float = WIDTH) -> Figure:
@@ -50,6 +55,25 @@ def colors() -> Iterator[str]:
     return itertools.cycle(LINES)
 
 
+def model_lines() -> Iterator[dict[str, Any]]:
+    """Colour and dashes of models, in their order: no two of the first eighteen are alike."""
+    rounds = itertools.cycle(DASHES)
+    return ({"color": color, "linestyle": dashes} for dashes in rounds for color in LINES)
+
+
+def wrapped(name: str, width: int) -> str:
+    """`name` in lines of at most `width` characters, broken behind blanks, underscores and points, and within
+    a word where it is longer than a line."""
+    lines = [""]
+    for word in re.findall(r"[^\s_.]*[\s_.]*", name):
+        if lines[-1] and len(lines[-1]) + len(word.rstrip()) > width:
+            lines.append("")
+        lines[-1] += word
+        while len(lines[-1].rstrip()) > width:
+            lines[-1:] = [lines[-1][:width], lines[-1][width:]]
+    return "\n".join(line.rstrip() for line in lines)
+
+
 def label(name: str, unit: str | None) -> str:
     return f"{name} [{unit or '1'}]"
 
@@ -59,18 +83,36 @@ def zero_line(ax: Axes) -> None:
 
 
 def legend(ax: Axes, heading: str = "") -> None:
-    """The legend above the axes at the right, where it hides nothing, and a heading at the left."""
+    """The legend above the axes at the right, where it hides nothing, and a heading at the left, above the
+    legend where both do not fit beside each other. Long names are broken."""
+    handles, labels = ax.get_legend_handles_labels()
+    room = int(_width(ax) / LETTER)  # in letters
+    names = [wrapped(name, max(12, room - KEY)) for name in labels]
+    wide = max((len(line) + KEY for name in names for line in name.split("\n")), default=1)
+    columns = max(1, min(len(names), room // wide))
+    beside = columns == len(names) and columns * wide + 1.3 * len(heading) <= room
+    lines = 0 if beside else max((n.count("\n") + 1 for n in names), default=0) * -(-len(names) // columns)
     if heading:
-        ax.set_title(heading, fontsize=9, loc="left")
-    if ax.get_legend_handles_labels()[1]:
-        ax.legend(
-            loc="lower right",
-            bbox_to_anchor=(1.0, 1.0),
-            borderaxespad=0.1,
-            ncols=4,
-            frameon=False,
-            fontsize=SMALL,
-        )
+        ax.set_title(heading, fontsize=9, loc="left", pad=None if beside else 1.5 * SMALL * lines + 6)
+    if not labels:
+        return
+    ax.legend(
+        handles,
+        names,
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        borderaxespad=0.1,
+        ncols=columns,
+        frameon=False,
+        fontsize=SMALL,
+    )
+
+
+def _width(ax: Axes) -> float:
+    """Inches from one axes of a row to the next, less what labels take."""
+    place, figure = ax.get_subplotspec(), ax.figure
+    columns = 1 if place is None else place.get_gridspec().ncols
+    return float(figure.bbox.width / figure.dpi / columns - 1.0)
 
 
 def save(figure: Figure, path: Path) -> None:
