@@ -10,6 +10,7 @@ from daest.diagnosis.diagnose import DiagnoseOptions, diagnose
 from daest.diagnosis.improve import improve
 from daest.errors import EstimationError
 from daest.estimation.records import part_of
+from daest.report.diagnosis_figures import diagnosis_figure
 
 STATIC = (
     "CoulombFriction",
@@ -151,6 +152,8 @@ def test_the_only_effect_is_added_once():
     assert found.last.screen.entries == () and found.last.screen.n_screened == 0
     (label, reason) = found.last.screen.skipped[0]
     assert label == "CoulombFriction at 1:w" and "already" in reason
+    figure = diagnosis_figure(found.last, {"phi": "rad"})
+    assert " ".join(figure.get_suptitle().split()).endswith(found.last.message)
 
 
 def test_every_phase_of_a_periodic_effect_is_tried():

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 BARS = 12  # of the screen
 WRAPPED = 105  # characters of a line of the message
-LINES_OF_MESSAGE = 3
+LINE = 0.15  # inches of height of a line of the message
 DECADE = 10.0  # ratio of errors from which their axis is logarithmic
 RELATED = 1e-3  # p-value of a curve below which it is drawn
 
@@ -31,9 +31,9 @@ def diagnosis_figure(diagnosis: Diagnosis, units: Mapping[str, str]) -> Figure:
     heights = (
         [0.5 + 0.22 * BARS] + ([PANEL + 0.4] if diagnosis.proofs else []) + ([1.6 * PANEL] if drawn else [])
     )
-    message = "\n".join(textwrap.wrap(diagnosis.message, WRAPPED)[:LINES_OF_MESSAGE])
-    figure = style.figure(sum(heights) + 0.9)
-    figure.suptitle(f"{diagnosis.verdict}\n{message}", fontsize=9)
+    lines = [diagnosis.verdict.capitalize(), *textwrap.wrap(diagnosis.message, WRAPPED)]
+    figure = style.figure(sum(heights) + 0.3 + LINE * len(lines))
+    figure.suptitle("\n".join(lines), fontsize=9)
     parts = style.parts(figure, heights)
     _draw_scores(diagnosis, parts.pop(0).subplots())
     if diagnosis.proofs:
