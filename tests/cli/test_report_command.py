@@ -106,6 +106,29 @@ def test_results_are_shown_with_their_numbers(told, daest):
     assert digest[:16] in text_of(tree, "origin") and "unchanged" in text_of(tree, "origin")
 
 
+def test_several_models_are_numbered_and_their_tests_side_by_side(told, daest):
+    name = "Lag_with_a_name_that_is_much_longer_than_a_telephone_is_wide"
+    (told / "Long.mo").write_text(LAG.replace("model Lag", f"model {name}").replace("end Lag", f"end {name}"))
+    code, _, err = daest("compare", "Lag.mo", "Long.mo")
+    assert code == 0, err
+    assert daest("report")[0] == 0
+    tree = parsed(told / "report.html")
+    models = json.loads((told / "results" / "comparison.json").read_text())["models"]
+    for part in ("comparison", "residuals"):
+        for i, model in enumerate(models, 1):
+            assert f"{i} {model['name']}" in text_of(tree, part).replace("_ ", "_")
+    text = text_of(tree, "residuals")
+    tests = [test for model in models for by_output in model["tests"].values() for test in by_output.values()]
+    assert text.count("passed") == sum(test["pass"] for test in tests)
+    assert text.count("failed") == sum(not test["pass"] for test in tests)
+    (section,) = [e for e in elements(tree, "section") if e.get("id") == "comparison"]
+    bars = [e.get("style") for e in elements(section, "span") if e.get("class") == "fill"]
+    largest = max(model["rms"]["y"] for model in models)
+    parts = [f"width: {round(100.0 * model['rms']['y'] / largest, 1)}%" for model in models]
+    assert bars == parts
+    assert len(elements(section, "wbr")) >= name.count("_")
+
+
 def test_page_is_one_file_of_bearable_size(told, daest):
     assert daest("report")[0] == 0
     page = told / "report.html"

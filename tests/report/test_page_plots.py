@@ -7,7 +7,13 @@ import json
 import numpy as np
 import pytest
 
-from daest.report.page.plots import comparison_plots, filter_plot, frequency_plots
+from daest.report.page.plots import (
+    comparison_plots,
+    filter_plot,
+    frequency_plots,
+    model_labels,
+    residual_plots,
+)
 
 N = 200_000
 SPIKE = 123_457
@@ -74,3 +80,27 @@ def test_short_recordings_are_whole():
     plot = filter_plot(document, series)
     assert plot is not None and plot.note == ""
     assert any(a.size == 100 and np.allclose(a, values[:, 0], atol=1e-6) for a in arrays(plot.item))
+
+
+def growing(rms: dict[str, float], first: float) -> dict:
+    """A model whose errors grow from `first` to those of its simulation."""
+    steps = [{"seconds": t, "rms": dict.fromkeys(rms, first * t / 0.1)} for t in (0.1, 1.0)]
+    return {"name": f"A_long_name_{first}", "where": [], "growth": steps, "rms": rms}
+
+
+def test_several_models_are_numbers_in_legends_and_one_has_its_name(long):
+    document, _ = long
+    assert model_labels(document) == ["1", "2"]
+    assert model_labels({**document, "models": document["models"][:1]}) == ["M"]
+
+
+@pytest.mark.parametrize(("first", "scale"), [(1e-5, "LogScale"), (0.05, "LinearScale")])
+def test_errors_of_predictions_and_of_the_simulation_are_in_range(first, scale):
+    models = [growing({"y": 0.3}, first), growing({"y": 0.2}, first)]
+    document = {"data": ["run"], "outputs": {"y": "m"}, "models": models}
+    (plot,) = residual_plots(document, {"0.time": np.arange(10) * 0.1})
+    (root,) = json.loads(plot.item)["doc"]["roots"]
+    attributes = root["attributes"]
+    assert attributes["y_scale"]["name"] == scale
+    limits = attributes["y_range"]["attributes"]
+    assert limits["end"] > 0.3 and limits.get("start", 0.0) < first

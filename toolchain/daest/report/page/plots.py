@@ -35,9 +35,18 @@ COLORS = ("#2b7fc4", "#cf5f12", "#2c8c64", "#a066c4", "#9a7b12", "#7d8590")
 MEASURED = "#7d8590"
 ALARM = "#cf5f12"
 DASHES = ("solid", "dashed", "dotdash", "dotted", "dashdot", "solid")
+BORDERS = (
+    "solid",
+    "dashed",
+    "dashed",
+    "dotted",
+    "dashed",
+    "solid",
+)  # the dashes that HTML has
 BAND = 1.96  # standard deviations to either side of a 95 % band
 MOST_POINTS = 4000  # of a series
 MOST_IN_ALL = 120_000  # points of all series of a kind of plot
+DECADE = 10.0  # ratio of errors from which their axis is logarithmic
 NARROW, MIDDLE, TALL = 190, 240, 300  # px
 
 
@@ -52,9 +61,15 @@ class Plot:
     note: str = ""
 
 
+def model_labels(document: Document) -> list[str]:
+    """What stands for every model of a comparison in legends: its number, or its name where it is alone."""
+    models = document["models"]
+    return [str(i) for i in range(1, len(models) + 1)] if len(models) > 1 else [m["name"] for m in models]
+
+
 def comparison_plots(document: Document, series: Series) -> Iterator[Plot]:
     """Per recording: measured and simulated values of every output, and below them the errors."""
-    outputs, models = document["outputs"], [m["name"] for m in document["models"]]
+    outputs, models = document["outputs"], model_labels(document)
     most = _points(len(document["data"]) * len(outputs) * (1 + 2 * len(models)))
     for r, recording in enumerate(document["data"]):
         time, measured = series[f"{r}.time"], series[f"{r}.measured"]
@@ -99,10 +114,11 @@ def frequency_plots(document: Document, series: Series) -> Iterator[Plot]:
             continue
         plot = _figure("frequency [Hz]", f"{name} [{unit or '1'}/√Hz]", TALL, None, "log", "log")
         plot.line(*found, color=MEASURED, line_width=2, legend_label="measured")
-        for m, model in enumerate(document["models"]):
+        for m, label in enumerate(model_labels(document)):
             error = spectrum(time, measured - series[f"0.{m}.simulated"][:, i])
             if error is not None:
-                _plain_line(plot, *error, f"error of {model['name']}", m)
+                several = len(document["models"]) > 1
+                _plain_line(plot, *error, label if several else f"error of {label}", m)
         _legend(plot)
         yield Plot(
             f"plot-frequency-{i}", f"Spectrum of {name} and of the errors of its simulation", _item(plot)
@@ -115,35 +131,43 @@ def residual_plots(document: Document, series: Series) -> Iterator[Plot]:
     period = float(np.median(np.diff(series["0.time"]))) if series["0.time"].size > 1 else 1.0
     for i, (name, unit) in enumerate(document["outputs"].items()):
         white = _figure("lag [s]", f"autocorrelation of {name} [1]", TALL)
-        growth = _figure("predicted over [s]", _titled(f"rms error of {name}", unit), TALL, None, "log")
-        for m, model in enumerate(document["models"]):
+        low, high, scale = _error_range(document, name)
+        growth = _figure(
+            "predicted over [s]", _titled(f"rms error of {name}", unit), TALL, None, "log", scale
+        )
+        growth.y_range = Range1d(low, high)
+        for m, (model, label) in enumerate(zip(document["models"], model_labels(document), strict=True)):
             residuals = [
                 series[f"{r}.{m}.residuals"][:, i] for r in recordings if f"{r}.{m}.residuals" in series
             ]
             if residuals:
                 values, band = autocorrelation(residuals)
-                _plain_line(
-                    white, period * np.arange(1, values.size + 1), values, model["name"], m, dots=True
-                )
+                _plain_line(white, period * np.arange(1, values.size + 1), values, label, m, dots=True)
                 white.add_layout(_shade(MEASURED, 0.2, bottom=-band, top=band))
             ahead = [(h["seconds"], h["rms"][name]) for h in model["growth"] if h["rms"][name] is not None]
             if ahead:
-                _plain_line(growth, *_columns(ahead), model["name"], m, True)
+                _plain_line(growth, *_columns(ahead), label, m, True)
             whole = model["rms"][name]
             if whole is not None:
-                color = COLORS[m % len(COLORS)]
-                growth.add_layout(
-                    Span(location=whole, dimension="width", line_color=color, line_dash="dashed")
-                )
+                growth.add_layout(_level(whole, COLORS[m % len(COLORS)]))
         if white.renderers:
             _legend(white)
             label = f"Autocorrelation of the one-step errors of {name}; grey: 99 % band if white"
             yield Plot(f"plot-white-{i}", label, _item(white))
         if growth.renderers:
-            growth.y_range.start = 0.0
             _legend(growth)
             label = f"Error of predictions of {name} against their horizon; dashed: of the whole simulation"
             yield Plot(f"plot-growth-{i}", label, _item(growth))
+
+
+def _error_range(document: Document, output: str) -> tuple[float, float, str]:
+    """Range of all errors of predictions and simulations, logarithmic where they span more than a decade."""
+    steps = [h["rms"][output] for model in document["models"] for h in model["growth"]]
+    whole = [model["rms"][output] for model in document["models"]]
+    known = [value for value in [*steps, *whole] if value is not None and value > 0.0]
+    if known and max(known) > DECADE * min(known):
+        return min(known) / 1.5, max(known) * 1.5, "log"
+    return 0.0, 1.1 * max(known, default=1.0), "linear"
 
 
 def filter_plot(document: Document, series: Series) -> Plot | None:

@@ -10,9 +10,11 @@ from markupsafe import Markup, escape
 
 from daest.report.console import number, percent
 from daest.report.page.material import Material
+from daest.report.page.plots import BORDERS, COLORS
 from daest.report.page.sections import Section, headline, places
 
 ROOM = "daest.report.page"
+JOINT = re.compile("([_.])")
 QUOTED = re.compile("`([^`]*)`")
 
 
@@ -28,6 +30,8 @@ def page(material: Material, parts: Sequence[Section]) -> str:
     environment.filters["number"] = number
     environment.filters["percent"] = percent
     environment.filters["quoted"] = _quoted
+    environment.filters["breakable"] = _breakable
+    environment.globals["line_colors"], environment.globals["line_dashes"] = COLORS, BORDERS
     environment.globals["places"] = places
     template = environment.get_template("page.html.jinja")
     try:
@@ -46,6 +50,11 @@ def page(material: Material, parts: Sequence[Section]) -> str:
 def _quoted(text: str) -> Markup:
     """The text, escaped, with what stands between backquotes as code."""
     return Markup(QUOTED.sub(r"<code>\1</code>", str(escape(text))))
+
+
+def _breakable(name: str) -> Markup:
+    """The name, escaped, which may be broken behind underscores and points."""
+    return Markup(JOINT.sub(r"\1<wbr>", str(escape(name))))
 
 
 def _library() -> str:

@@ -171,29 +171,48 @@ def _comparison(material: Material) -> Section:
         return Section("comparison", title, "`daest compare` makes it", False)
     drawn = tuple(plots.comparison_plots(document, material.comparison_series))
     spectra = tuple(plots.frequency_plots(document, material.comparison_series))
-    content = {"document": document, "spectra": spectra}
+    content = {"document": document, "spectra": spectra, "rows": list(_compared(document))}
     return Section("comparison", title, "", True, content, drawn)
+
+
+def _compared(document: Document) -> Iterator[dict[str, Any]]:
+    """A row per model and output; `part` is the error as a share of the largest of its output, in percent."""
+    for name, unit in document["outputs"].items():
+        errors = [model["rms"][name] for model in document["models"]]
+        largest = max((e for e in errors if e is not None), default=0.0)
+        for m, (model, error) in enumerate(zip(document["models"], errors, strict=True)):
+            part = 100.0 * error / largest if error is not None and largest > 0.0 else None
+            yield {"m": m, "model": model, "output": name, "unit": unit, "rms": error, "part": part}
 
 
 def _residuals(material: Material) -> Section:
     document, title = material.comparison, "What the errors say: residual tests"
     if document is None or not any(model["tests"] for model in document["models"]):
         return Section("residuals", title, "`daest compare` makes it", False)
+    kinds = [kind for kind in TESTS if any(model["tests"].get(kind) for model in document["models"])]
     rows = [
-        {"model": model["name"], "test": kind, "output": output, **test}
-        for model in document["models"]
-        for kind, by_output in model["tests"].items()
-        for output, test in by_output.items()
+        {
+            "m": m,
+            "model": model,
+            "output": output,
+            "tests": [model["tests"].get(kind, {}).get(output) for kind in kinds],
+        }
+        for m, model in enumerate(document["models"])
+        for output in document["outputs"]
     ]
     drawn = tuple(plots.residual_plots(document, material.comparison_series))
-    return Section("residuals", title, "", True, {"rows": rows, "document": document, "tests": TESTS}, drawn)
+    return Section("residuals", title, "", True, {"rows": rows, "tests": [TESTS[k] for k in kinds]}, drawn)
 
 
 def _failures(document: Document | None) -> Section:
     title = "Where it fails"
     if document is None:
         return Section("failures", title, "`daest compare` makes it", False)
-    rows = [{"model": model["name"], **finding} for model in document["models"] for finding in model["where"]]
+    rows = [
+        {"m": m, "model": model, **finding}
+        for m, model in enumerate(document["models"])
+        for finding in model["where"]
+    ]
     return Section("failures", title, "", True, {"rows": rows, "several": len(document["models"]) > 1})
 
 
