@@ -8,6 +8,7 @@ python-control has no descriptor systems of its own.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import resource
 import subprocess
@@ -27,13 +28,17 @@ SIZES = {
     "Ladder": (16, 42, 83, 167, 417, 833),
     "Resistors": (16, 42, 83, 167, 417, 833),
     "Grid": (4, 7, 9, 12, 18, 21),
-    "Rigid": (14, 72, 143, 286),
+    "Rigid": (14, 72, 143, 286, 1428),
+    "Gears": (10, 50, 99, 198, 714),
 }
 ABOVE_FINITE = 1e9
 """Eigenvalues of a scaled pencil beyond this size count as infinite in ordered QZ: it has no better way."""
 
 RELATIVE = 1e-9
 """Part of the largest derivative that counts as none, as in `daest.systems.noise`."""
+
+SAMPLES, PERIOD = 2000, 0.02
+"""Length [samples] and period [s] of the records that are filtered."""
 
 LONGEST = 60.0
 """A way is left out where its last time, grown with the third power of the size, exceeds these seconds."""
@@ -107,6 +112,39 @@ def one(name: str, n: int, way: str) -> dict[str, object]:
     return {"n": dae.n, "seconds": seconds, **memory, **answer}
 
 
+def one_filter(name: str, n_states: int, kind: str) -> dict[str, object]:
+    """Numbers of one filter run in this process: noise on the input, one output, an unknown start."""
+    from daest.estimation.filter import run_filter
+    from daest.systems.state_space import state_space, state_space_family
+
+    n = n_states // 2 if name == "Chain" else n_states
+    flat = daest.compile_model(MODELS / f"{name}.mo", overrides={"n": n})
+    ss = state_space(state_space_family(flat), flat.theta_values)
+    ss = dataclasses.replace(ss, G=ss.B[:, :1], H=ss.D[:, :1], W=ss.U[:, :1], noise_names=("noise",))
+    time_, rng = PERIOD * np.arange(SAMPLES), np.random.default_rng(0)
+    u, y = np.sign(np.sin(0.2 * time_))[:, None], 1e-3 * rng.standard_normal((SAMPLES, 1))
+    experiment = daest.Experiment("size", time_, u, y, ss.input_names, ss.output_names)
+    started = time.perf_counter()
+    run_filter(ss, None, experiment, np.array([1e-3]), np.array([1e-6]), kind)
+    seconds = time.perf_counter() - started
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    return {"n_states": ss.A.shape[0], "n": flat.n, "seconds": seconds, "peak_gb": peak}
+
+
+def filters(largest: int) -> None:
+    """Time and memory of filters over `SAMPLES` samples, each in a process of its own."""
+    for name in ("Chain", "Ladder"):
+        for n_states in (n for n in (100, 300, 1000) if n <= largest):
+            for kind in ("stationary", "time-varying"):
+                command = [sys.executable, __file__, "--one-filter", name, str(n_states), kind]
+                found = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+                print(
+                    f"{name:10} {found['n_states']:5} states  {kind:12} {found['seconds']:8.2f} s  "
+                    f"{found['peak_gb']:5.2f} GB",
+                    flush=True,
+                )
+
+
 def separate(name: str, n: int, way: str) -> dict[str, object] | str:
     """`one` in a process of its own; a sentence where it failed."""
     command = [sys.executable, __file__, "--one", name, str(n), way]
@@ -122,6 +160,8 @@ def separate(name: str, n: int, way: str) -> dict[str, object] | str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--one", nargs=3, metavar=("MODEL", "N", "WAY"))
+    parser.add_argument("--one-filter", nargs=3, metavar=("MODEL", "STATES", "KIND"))
+    parser.add_argument("--filters", action="store_true", help="filters in place of noise verdicts")
     parser.add_argument("--models", nargs="+", default=list(SIZES))
     parser.add_argument("--ways", nargs="+", default=list(WAYS))
     parser.add_argument("--largest", type=int, default=10**9, help="leave out larger n")
@@ -130,6 +170,13 @@ def main() -> None:
     if arguments.one:
         name, n, way = arguments.one
         print(json.dumps(one(name, int(n), way)))
+        return
+    if arguments.one_filter:
+        name, n, kind = arguments.one_filter
+        print(json.dumps(one_filter(name, int(n), kind)))
+        return
+    if arguments.filters:
+        filters(arguments.largest)
         return
     rows = []
     for name in arguments.models:

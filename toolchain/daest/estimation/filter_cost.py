@@ -27,8 +27,11 @@ the record: fitted to chains of springs of 300 and 1000 states, as the others be
 STREAMED_PRODUCTS = 1.2
 """Those of each sample while the start is not known, in the worst case of all; one sample is kept at once."""
 
-STORED_PRODUCTS = 30.0
+STORED_PRODUCTS = 60.0
 """Those of each sample where the covariances of all samples are kept."""
+
+STORED_MATRICES = 14.0
+"""Matrices of the size of the state that are then kept for each sample."""
 
 Way = Literal["stationary", "streamed", "stored"]
 
@@ -57,7 +60,7 @@ def filter_cost(n_states: int, n_unknowns: int, n_samples: int, way: Way) -> Fil
     each = {"stationary": 0.0, "streamed": STREAMED_PRODUCTS, "stored": STORED_PRODUCTS}[way]
     stored = n_samples if way == "stored" else 1
     spreads = product * stored * n_unknowns / max(n_states, 1)
-    numbers = 3.0 * stored * n_states**2 + 20.0 * n_states**2 + 4.0 * n_samples * n_unknowns
+    numbers = STORED_MATRICES * stored * n_states**2 + 20.0 * n_states**2 + 4.0 * n_samples * n_unknowns
     numbers += 6.0 * n_unknowns * n_states
     return FilterCost(product * (STATIONARY_PRODUCTS + each * n_samples) + spreads, 8.0 * numbers)
 
