@@ -302,6 +302,27 @@ def test_emps_agrees_with_the_inverse_model(command: Command, shared_data: Path)
     assert fit["fit_percent"]["validation"] == pytest.approx(expected("emps")["fit_percent"], abs=0.5)
 
 
+@pytest.mark.slow
+def test_emps_improves_by_dry_friction_and_by_damping_that_knows_the_direction(
+    command: Command, shared_data: Path
+) -> None:
+    """Published: Fc = 20.39 N, and a better fit with a friction that differs between the directions."""
+    command("emps", "linearize", "Emps.mo")  # copies the example
+    for name in ("train.csv", "test_pulses.csv"):
+        shutil.copy(shared_data / "emps" / name, name)
+    ledger = command("emps", "improve")
+    nominal, dry, damped = ledger["steps"][:3]
+    assert nominal["added"] is None and dry["added"] == "CoulombFriction"
+    assert dry["parameters"][f"{dry['component']}.f_c"]["value"] == pytest.approx(20.39, rel=0.1)
+    assert dry["parameters"]["M"]["value"] == pytest.approx(95.11, rel=0.05)
+    assert damped["added"].startswith("Asymmetric")
+    errors = [step["rms"]["validation"]["position"] for step in ledger["steps"]]
+    assert errors == sorted(errors, reverse=True) and len(set(errors)) == len(errors)
+    assert errors[1] < 6e-3 < errors[0]
+    told = (EXAMPLES / "emps" / "README.md").read_text()
+    assert all(f"{1e3 * error:#.3g} mm" in told for error in errors)
+
+
 # The filter experiment of the report, section 3.4.2
 
 

@@ -142,6 +142,8 @@ def test_significant_search_without_a_proof_cannot_tell():
 def test_nearest_law_of_the_library_is_named_beside_an_unknown_effect():
     found = decide(evidence(proofs=[proof(verdict="rejected")], related=True))
     assert found.name == "unknown effect" and "nearest of the library is CoulombFriction" in found.message
+    far = replace(proof(verdict="rejected"), explained=0.1)
+    assert "nearest" not in decide(evidence(proofs=[far], related=True)).message
 
 
 def test_second_effect_behind_a_supported_one_is_told():

@@ -21,6 +21,7 @@ LOAD_GAIN = 10.0  # log-likelihood that a load must buy to be a finding
 EXPECTED_NOISE = 10.0  # times the declared intensity: noise up to that is what the model expects
 WHITE_LEVEL = 1e-4  # p-value below which the innovations of the null are certainly not white
 NEAR = 10.0  # BIC gain above which a rejected candidate is worth a word
+SOME = 0.2  # share of the load below which no law is near to the one that is missing
 CHANGED = 3.0  # standard errors that a refitted parameter must move to be off
 
 
@@ -198,7 +199,7 @@ def _moved(evidence: Evidence) -> list[str]:
 
 
 def _unknown(evidence: Evidence, form: FreeForm) -> Decided:
-    nearest = next((p for p in evidence.proofs if p.delta_bic > NEAR), None)
+    nearest = next((p for p in evidence.proofs if p.delta_bic > NEAR and p.explained > SOME), None)
     text = (
         f"An effect that the library does not hold acts at {_group(evidence.gains[form.load])}: the "
         f"unexplained load follows {form.label} (p = {form.p_value:.1g}); the curve is given."
