@@ -18,6 +18,8 @@ LARGEST_DAMPING = 1e12
 LARGEST_STEP = 2.5  # per iteration and coordinate: a factor 12 for a logarithmic one
 CONVERGED_GAIN = 1e-6  # predicted gain of the next step, in log-likelihood: 0.0014 standard errors
 STALLED_GAIN = 1e-3  # above this predicted gain, a search that finds no better point has not converged
+SLOW_STEPS = 5  # a search also ends where that many steps together gain less than SLOW_GAIN
+SLOW_GAIN = 10.0  # times the gain of one step that ends it: a flat valley, or the noise of the integration
 FLAT = 1e-14  # information of a coordinate, relative to the largest, below which it has no influence
 
 
@@ -63,26 +65,31 @@ def minimise(
     max_iterations: int = 60,
     converged_gain: float = CONVERGED_GAIN,
 ) -> Found | None:
-    """Search from `start` until a step would gain less than `converged_gain` in log-likelihood; None when the
-    objective has no value there."""
+    """Search from `start` until a step would gain less than `converged_gain` in log-likelihood, or several
+    steps have gained little more; None when the objective has no value there."""
     z = np.clip(start, lower, upper)
     here = objective(z, True)
     if here is None:
         return None
     damping, gain = FIRST_DAMPING, np.inf
+    values = [here.value]
     at_once = True  # slopes with the first trial of an iteration, as long as first trials are good
     for iteration in range(max_iterations):
         free = _free(z, here, lower, upper)
         gain = _predicted_gain(here, free)
         if gain < converged_gain:
             return Found(z, here, "converged", iteration, gain)
-        step = _improve(objective, z, here, free, damping, lower, upper, at_once)
+        is_slow = (
+            len(values) > SLOW_STEPS and values[-1 - SLOW_STEPS] - values[-1] < SLOW_GAIN * converged_gain
+        )
+        step = None if is_slow else _improve(objective, z, here, free, damping, lower, upper, at_once)
         if step is None:
             is_near = gain < max(STALLED_GAIN, converged_gain)
             reason: Literal["converged", "stalled"] = "converged" if is_near else "stalled"
             return Found(z, here, reason, iteration, gain)
         z, damping, at_once = step.z, step.damping, step.is_first
         here = step.evaluation if step.evaluation.gradient.size else objective(z, True) or here
+        values.append(here.value)
     return Found(z, here, "iteration limit", max_iterations, gain)
 
 
