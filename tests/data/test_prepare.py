@@ -144,3 +144,12 @@ def test_split_and_detrend_each_part_by_itself():
     assert split_all([given], Preparation())[1] == []
     with pytest.raises(DataError):
         split_all([given], Preparation(split=0.001))
+
+
+def test_unused_columns_are_resampled_like_inputs():
+    """Each may become one: a command in volts stays proportional to the force that it stands for."""
+    time = np.arange(4000) * 0.01
+    force = np.sign(np.sin(2 * np.pi * 0.7 * time))
+    record = replace(recording(time, force, force), extra={"command": force / 35.0})
+    result = resample(record, 0.05)
+    assert result.extra["command"] == pytest.approx(result.inputs[:, 0] / 35.0, rel=1e-12)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hidden_plants import library, model, rotor_record, some_effects
 
-from daest.diagnosis.diagnose import DiagnoseOptions, diagnose
+from daest.diagnosis.diagnose import DiagnoseOptions, _is_new_signal, diagnose
 from daest.diagnosis.improve import improve
 from daest.errors import EstimationError
 from daest.estimation.records import part_of
@@ -218,3 +218,20 @@ def test_law_of_a_measured_column_that_leaves_a_curve_is_refused():
 
 def test_effects_of_the_tests_are_in_the_library():
     assert {e.name for e in some_effects(*STATIC)} == set(STATIC)
+
+
+def test_columns_that_repeat_what_is_measured_are_no_causes():
+    record, _ = rotor_record(1200, seed=3)
+    rng = np.random.default_rng(0)
+    phi = record.outputs[:, 0]
+    speed = np.gradient(np.convolve(phi, np.ones(5) / 5.0, "same"), record.time)
+    noise = rng.standard_normal(record.n_samples)
+    columns = {
+        "command": 3.0 * record.inputs[:, 0] + 1.0,
+        "encoder": phi + 0.001 * noise,
+        "speed": np.gradient(phi, record.time) + 0.05 * np.std(speed) * noise,
+        "wind": np.convolve(noise, np.ones(20), "same"),
+        "still": np.full(record.n_samples, 2.0),
+    }
+    experiments = [replace(record, extra=columns)]
+    assert [name for name in columns if _is_new_signal(name, experiments)] == ["wind"]

@@ -216,7 +216,8 @@ def resample(experiment: Experiment, period: float) -> Experiment:
         time=times,
         inputs=_apply(held, even.inputs),
         outputs=_apply(weights, even.outputs),
-        extra={name: _apply(weights, values[:, None])[:, 0] for name, values in even.extra.items()},
+        # What the model does not use yet may become an input.
+        extra={name: _apply(held, values[:, None])[:, 0] for name, values in even.extra.items()},
         notes=(*experiment.notes, note),
     )
 

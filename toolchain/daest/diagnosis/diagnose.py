@@ -64,9 +64,8 @@ RICHER_LEVEL = 0.1  # corrected p-value of what the best candidate leaves, below
 FIRST_TRIALS = 2  # are refitted in any case
 FEWEST_SAMPLES = 200
 REFIT_SECONDS = 3.0  # times that of the model as it is: a refit has more parameters, and is judged besides
-SAME_SIGNAL = (
-    0.01  # share of a column's variance that inputs and outputs leave, below which it is one of them
-)
+# Share of a column's variance that inputs, outputs and rates of outputs leave, below which it is one of them.
+SAME_SIGNAL = 0.05
 
 Progress = Callable[[str], None]
 
@@ -276,15 +275,22 @@ def _chosen(
 
 def _is_new_signal(name: str, experiments: Sequence[Experiment]) -> bool:
     """Whether an unused column could be a cause: it moves in every experiment, and it is not just another
-    form of an input or of a measured output (a command in other units, the reference of a control loop)."""
+    form of an input or of a measured output (a command in other units, the reference of a control loop, a
+    speed beside a measured angle)."""
     for experiment in experiments:
         if name not in experiment.extra or np.ptp(np.nan_to_num(experiment.extra[name])) == 0.0:
             return False
     column = np.concatenate([np.nan_to_num(e.extra[name]) for e in experiments])
-    known = np.concatenate([np.hstack([e.inputs, np.nan_to_num(e.outputs)]) for e in experiments])
+    known = np.concatenate([_known_signals(e) for e in experiments])
     table = np.column_stack([np.ones(column.size), known])
     rest = column - table @ np.linalg.lstsq(table, column, rcond=None)[0]
     return bool(np.sum(rest**2) > SAME_SIGNAL * np.sum((column - column.mean()) ** 2))
+
+
+def _known_signals(experiment: Experiment) -> np.ndarray:
+    """Inputs, outputs and rates of outputs (n_samples, n)."""
+    outputs = np.nan_to_num(experiment.outputs)
+    return np.hstack([experiment.inputs, outputs, np.gradient(outputs, experiment.time, axis=0)])
 
 
 def fed(experiments: Sequence[Experiment], candidate: Candidate) -> tuple[Experiment, ...]:
