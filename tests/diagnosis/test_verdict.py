@@ -146,6 +146,25 @@ def test_nearest_law_of_the_library_is_named_beside_an_unknown_effect():
     assert "nearest" not in decide(evidence(proofs=[far], related=True)).message
 
 
+def test_a_rejected_law_that_foresees_unseen_data_is_named_beside_an_unknown_effect():
+    """The smaller error of two, or both where they are alike; none that is worse than half of the model's;
+    none twice."""
+    good, better = (
+        replace(proof(name, "rejected", simulated), explained=0.1)
+        for name, simulated in (("QuadraticDrag", 0.4), ("CoulombFriction", 0.3))
+    )
+    message = decide(evidence(proofs=[good, better], related=True)).message
+    assert "CoulombFriction at rotor.flange_a foresees the validation data far better" in message
+    assert "(error times 0.3)" in message and "although no." in message and "QuadraticDrag" not in message
+    alike = replace(good, fit=fit(0.31))
+    message = decide(evidence(proofs=[alike, better], related=True)).message
+    assert "QuadraticDrag at rotor.flange_a and CoulombFriction at rotor.flange_a foresee the" in message
+    poor = replace(proof("CoulombFriction", "rejected", 0.6), explained=0.1)
+    assert "foresees" not in decide(evidence(proofs=[poor], related=True)).message
+    near = decide(evidence(proofs=[proof(verdict="rejected")], related=True)).message
+    assert near.count("CoulombFriction") == 1
+
+
 def test_second_effect_behind_a_supported_one_is_told():
     form = evidence(related=True).form
     found = decide(evidence(proofs=[replace(proof(), left=form)]))

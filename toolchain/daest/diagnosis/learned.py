@@ -85,12 +85,17 @@ def _is_loop(null: Null, flat: FlatModel) -> bool:
 def said(learned: LearnedLoad) -> str:
     """What the curve does to the validation error, as a sentence that follows others."""
     how = "With the curve, refitted, in the model" if learned.fit else "With the curve in the model"
-    parts = [
-        f"{name} {before:.3g} -> {after:.3g}"
+    pairs = {
+        name: (before, after)
         for name, before in learned.before.items()
         if before is not None and (after := learned.after.get(name)) is not None
-    ]
-    return f" {how}: validation error (rms) {', '.join(parts)}." if parts else ""
+    }
+    if not pairs:
+        return ""
+    parts = [f"{name} {before:.3g} -> {after:.3g}" for name, (before, after) in pairs.items()]
+    worse = all(after >= before for before, after in pairs.values())
+    warning = ", no better: take the curve as a hint, not as a model" if worse else ""
+    return f" {how}: validation error (rms) {', '.join(parts)}{warning}."
 
 
 def _fitted(

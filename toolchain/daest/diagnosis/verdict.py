@@ -22,6 +22,8 @@ EXPECTED_NOISE = 10.0  # times the declared intensity: noise up to that is what 
 WHITE_LEVEL = 1e-4  # p-value below which the innovations of the null are certainly not white
 NEAR = 10.0  # BIC gain above which a rejected candidate is worth a word
 SOME = 0.2  # share of the load below which no law is near to the one that is missing
+FORESEEN = 0.5  # of the error on unseen data, below which a rejected candidate is worth a word, too
+ALIKE = 1.1  # ratio of errors on unseen data that tells no candidates apart
 CHANGED = 3.0  # standard errors that a refitted parameter must move to be off
 
 
@@ -206,8 +208,35 @@ def _unknown(evidence: Evidence, form: FreeForm) -> Decided:
     )
     if nearest is not None:
         text += f" The nearest of the library is {nearest.candidate.label}, but {nearest.reason}."
+    text += _foreseen(evidence, nearest)
     record = f"Record {form.variable} over a wider range, slowly and in both directions, to tell its form."
     return Decided("unknown effect", text, record)
+
+
+def _foreseen(evidence: Evidence, nearest: Proof | None) -> str:
+    """The rejected candidates other than `nearest` that foresee unseen data much better than the model as it
+    is, those about as good as the best of them, as a sentence; empty where there is none. An unknown load
+    that is free enough takes the likelihood from a law that is right; a simulation has no such load."""
+    ratios = {id(proof): _error_ratio(evidence, proof) for proof in evidence.proofs if proof is not nearest}
+    best = min(ratios.values(), default=np.inf)
+    if not best < FORESEEN:
+        return ""
+    found = [p for p in evidence.proofs if ratios.get(id(p), np.inf) <= ALIKE * best]
+    names, verb = " and ".join(p.candidate.label for p in found), "foresees" if len(found) == 1 else "foresee"
+    return (
+        f" {names} {verb} the validation data far better (error times {best:.2g}) and may be what acts there, "
+        f"although {found[0].reason}."
+    )
+
+
+def _error_ratio(evidence: Evidence, proof: Proof) -> float:
+    """Error of the candidate on unseen data relative to that of the model as it is, of the output where it is
+    largest; inf where one is unknown."""
+    before, after = (fit.simulated.get("validation") for fit in (evidence.baseline, proof.fit))
+    if before is None or after is None or not before.rms:
+        return np.inf
+    pairs = [(rms, after.rms.get(name)) for name, rms in before.rms.items()]
+    return max(np.inf if not old or new is None else new / old for old, new in pairs)
 
 
 def _is_coloured(evidence: Evidence) -> bool:
