@@ -224,8 +224,8 @@ def _foreseen(evidence: Evidence, nearest: Proof | None) -> str:
     found = [p for p in evidence.proofs if ratios.get(id(p), np.inf) <= ALIKE * best]
     names, verb = " and ".join(p.candidate.label for p in found), "foresees" if len(found) == 1 else "foresee"
     return (
-        f" {names} {verb} the validation data far better (error times {best:.2g}) and may be what acts there, "
-        f"although {found[0].reason}."
+        f" {names} {verb} the validation data far better (error times {best:.2g}) and may be what acts "
+        f"there, although {found[0].reason}."
     )
 
 
