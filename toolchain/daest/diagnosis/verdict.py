@@ -11,7 +11,7 @@ from daest.diagnosis.null import Null
 from daest.diagnosis.proof import is_significant
 from daest.diagnosis.screen import NullObserver
 from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, VerdictName
-from daest.model.fit import FitResult
+from daest.model.fit import FitResult, FittedParameter
 from daest.model.flat import FlatModel
 from daest.numerics.statistics import whiteness_p_value
 
@@ -22,7 +22,7 @@ EXPECTED_NOISE = 10.0  # times the declared intensity: noise up to that is what 
 WHITE_LEVEL = 1e-4  # p-value below which the innovations of the null are certainly not white
 NEAR = 10.0  # BIC gain above which a rejected candidate is worth a word
 SOME = 0.2  # share of the load below which no law is near to the one that is missing
-FORESEEN = 0.5  # of the error on unseen data, below which a rejected candidate is worth a word, too
+FORESEEN = 0.6  # of the error on unseen data, below which a rejected candidate is worth a word, too
 ALIKE = 1.1  # ratio of errors on unseen data that tells no candidates apart
 CHANGED = 3.0  # standard errors that a refitted parameter must move to be off
 
@@ -84,9 +84,9 @@ def decide(evidence: Evidence) -> Decided:
 
 def _supported(evidence: Evidence, proof: Proof) -> str:
     values = ", ".join(
-        f"{p.name.partition('.')[2]} = {p.value:.4g} ± {p.std_error:.2g} {p.unit}".rstrip()
+        f"{p.name.partition('.')[2]} = {p.value:.4g} ± {p.std_error:.2g} {_unit(p)}".rstrip()
         if p.std_error is not None
-        else f"{p.name.partition('.')[2]} = {p.value:.4g} {p.unit}".rstrip()
+        else f"{p.name.partition('.')[2]} = {p.value:.4g} {_unit(p)}".rstrip()
         for p in proof.fit.parameters
         if p.name.startswith(f"{proof.candidate.name}.")
     )
@@ -95,7 +95,12 @@ def _supported(evidence: Evidence, proof: Proof) -> str:
         text += f" The sensors cannot tell it from the same effect at {_listed(proof.equivalent)}."
     if proof.left is not None and is_significant(proof.left, proof.delta_log_likelihood):
         text += f" Something else is missing besides: what is left follows {proof.left.label}."
-    return text + _errors(evidence, proof)
+    ratio = _error_ratio(evidence, proof)
+    return text + _errors(evidence, proof) + _foreseen(evidence, proof, FORESEEN * min(ratio, 1.0))
+
+
+def _unit(parameter: FittedParameter) -> str:
+    return "" if parameter.unit == "1" else parameter.unit
 
 
 def _errors(evidence: Evidence, proof: Proof) -> str:
@@ -213,16 +218,21 @@ def _unknown(evidence: Evidence, form: FreeForm) -> Decided:
     return Decided("unknown effect", text, record)
 
 
-def _foreseen(evidence: Evidence, nearest: Proof | None) -> str:
-    """The rejected candidates other than `nearest` that foresee unseen data much better than the model as it
-    is, those about as good as the best of them, as a sentence; empty where there is none. An unknown load
-    that is free enough takes the likelihood from a law that is right; a simulation has no such load."""
-    ratios = {id(proof): _error_ratio(evidence, proof) for proof in evidence.proofs if proof is not nearest}
-    best = min(ratios.values(), default=np.inf)
-    if not best < FORESEEN:
+def _foreseen(evidence: Evidence, named: Proof | None, limit: float = FORESEEN) -> str:
+    """The rejected candidates other than `named` whose error on unseen data is below `limit` times that of
+    the model as it is, those about as good as the best of them, as a sentence; empty where there is none. An
+    unknown load that is free enough takes the likelihood from a law that is right; a simulation has no such
+    load."""
+    others = [p for p in evidence.proofs if p is not named and p.verdict == "rejected"]
+    ratios = [_error_ratio(evidence, proof) for proof in others]
+    best = min(ratios, default=np.inf)
+    if not best < limit:
         return ""
-    found = [p for p in evidence.proofs if ratios.get(id(p), np.inf) <= ALIKE * best]
-    names, verb = " and ".join(p.candidate.label for p in found), "foresees" if len(found) == 1 else "foresee"
+    found = [proof for proof, ratio in zip(others, ratios, strict=True) if ratio <= ALIKE * best]
+    names, verb = (
+        _listed(tuple(p.candidate.label for p in found)),
+        "foresees" if len(found) == 1 else "foresee",
+    )
     return (
         f" {names} {verb} the validation data far better (error times {best:.2g}) and may be what acts "
         f"there, although {found[0].reason}."
