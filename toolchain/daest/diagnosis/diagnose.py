@@ -190,7 +190,7 @@ def _examined(
     null = stand.null
     run = run_null(null)
     candidates = _chosen(library, sites(stand.declared), null.experiments, options)
-    progress(f"screening {len(candidates)} effects at places")
+    progress(f"screening {len(candidates)} effect{'' if len(candidates) == 1 else 's'} at places")
     found = screen(null, run, candidates, options.seed)
     chosen_library = [
         e for e in library if not options.effects or {e.name, e.class_name} & set(options.effects)
