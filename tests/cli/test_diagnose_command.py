@@ -76,6 +76,7 @@ def test_text_begins_with_the_answer(cart, daest):
     assert "Only CoulombFriction was searched for." in out
     assert re.search(r"the model as it is +0\.\d+\n", out)
     assert re.search(r"CoulombFriction +cart\.flange_a +0\.00\d+ .* supported", out)
+    assert "The model as it is: its parameters refitted together with unknown loads" in out
 
 
 def test_nothing_missing(cart, daest):
@@ -170,7 +171,8 @@ def test_model_that_cannot_be_written_says_why(cart, daest):
     lost = recording(1000, 5, force=np.sign(wanted) * np.maximum(np.abs(wanted) - 2.0, 0.0))
     lost[:, 1] = wanted
     write_recording(cart / "dead.csv", lost)
-    found, _ = diagnosis(daest, "dead.csv", "--effect", "DeadZone", "--at", "F")
+    found, err = diagnosis(daest, "dead.csv", "--effect", "DeadZone", "--at", "F")
+    assert "screening 1 effect at places" in err
     best = found["candidates"][0]
     assert best["verdict"] == "supported" and best["parameters"]["width"]["value"] == pytest.approx(
         4.0, rel=0.05

@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_plants import model, quiet, rotor_null, rotor_record, some_effects
+from hidden_plants import model, quiet, rotor_null, rotor_record, rubbing, some_effects
 
+from daest.diagnosis.compare import Candidate, compare_models
 from daest.diagnosis.diagnose import DiagnoseOptions, begin, better_hold, examine, without_noises
 from daest.diagnosis.null import CLEAR_HOLD, fit_null
 from daest.errors import EstimationError
+from daest.estimation.identify import identify
+from daest.model.fit import IdentifyOptions
 from daest.modelica.sites import sites
 
 
@@ -78,3 +81,18 @@ def test_other_hold_is_taken_once_the_effect_shows_it():
     assert found.proofs[0].verdict == "supported"
     assert better_hold(wrong, found) == "zoh"
     assert better_hold(stand, found) is None, "a hold that the user gave stays"
+
+
+def test_error_of_the_model_as_it_is_is_that_of_a_comparison_with_its_refitted_values():
+    stand = rubbing()
+    values = stand.baseline.theta
+    refitted = replace(
+        model(), parameters=tuple(replace(p, value=values[p.name]) for p in model().parameters)
+    )
+    (trial,) = compare_models([Candidate("refitted", refitted, 0, "zoh")], stand.validation).models
+    error = trial.simulation.rms["phi"]
+    assert error == pytest.approx(stand.baseline.simulated["validation"].rms["phi"], rel=2e-3)
+    alone = identify(
+        model(), stand.null.experiments, IdentifyOptions(method="oe", hold="zoh"), stand.validation
+    )
+    assert abs(alone.simulated["validation"].rms["phi"] / error - 1.0) > 0.01

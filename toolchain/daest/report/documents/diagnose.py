@@ -12,6 +12,10 @@ from daest.model.diagnosis import Diagnosis, FreeForm, Improvement, LearnedLoad,
 from daest.model.fit import Agreement, FitResult
 
 SCREENED = 20  # entries of the screen that are listed
+AS_IT_IS = (
+    "The model as it is: its parameters refitted together with unknown loads, then simulated without them; "
+    "daest compare takes the values of daest identify, or those of the model."
+)
 
 
 def document(
@@ -21,7 +25,7 @@ def document(
     return {
         "verdict": diagnosis.verdict,
         "message": diagnosis.message,
-        "baseline": _errors(diagnosis.baseline),
+        "baseline": {**_errors(diagnosis.baseline), "remark": AS_IT_IS},
         "candidates": [_candidate(p, (models or {}).get(p.candidate.name)) for p in diagnosis.proofs],
         "screen": {
             "p_value": diagnosis.screen.p_value,

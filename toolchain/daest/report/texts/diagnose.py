@@ -30,6 +30,7 @@ def parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     if document["candidates"]:
         yield heading("Candidates, refitted (rms errors of the simulation on validation data)")
         yield from candidates(document)
+        yield from remark(document)
     yield heading(f"Screen: {document['screen']['n_screened']} candidates")
     yield from _screen(document["screen"])
     loaded = [p for p in document["places"] if (p["log_likelihood_gain"] or 0.0) > LEAST_GAIN]
@@ -74,6 +75,12 @@ def _refitted(document: Mapping[str, Any]) -> RenderableType:
     errors = [f"{name} [{unit or '1'}]" for name, unit in outputs.items()]
     columns = ("effect", "place", *errors, "BIC gain", "explained", "verdict")
     return table(columns, [first, *rows], text_columns=(0, 1, len(columns) - 1), whole_columns=(0,))
+
+
+def remark(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+    """How the errors of the model as it is were found, where that is not as in a comparison."""
+    if "remark" in document["baseline"]:
+        yield indented(document["baseline"]["remark"])
 
 
 def _errors(entry: Mapping[str, Any], outputs: Mapping[str, str]) -> list[str]:

@@ -26,6 +26,7 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     yield _ledger(document)
     for i, step in enumerate(document["steps"]):
         yield from _remarks(i, step)
+    yield from diagnose.remark(document["final"])
     if document["folder"]:
         yield indented(f"models, ledger.json and staircase.png are in {document['folder']}")
     if document["final"]["candidates"]:
