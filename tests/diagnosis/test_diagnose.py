@@ -1,15 +1,17 @@
 """Diagnoses from end to end on small records whose truth is known."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hidden_plants import library, model, rotor_record, some_effects
 
-from daest.diagnosis.diagnose import DiagnoseOptions, _is_new_signal, diagnose
+from daest.diagnosis.diagnose import DiagnoseOptions, _is_new_signal, _told_by_rest, diagnose
 from daest.diagnosis.improve import improve
 from daest.errors import EstimationError
 from daest.estimation.records import part_of
+from daest.model.diagnosis import FreeForm
 from daest.report.diagnosis_figures import diagnosis_figure
 
 STATIC = (
@@ -235,3 +237,25 @@ def test_columns_that_repeat_what_is_measured_are_no_causes():
     }
     experiments = [replace(record, extra=columns)]
     assert [name for name in columns if _is_new_signal(name, experiments)] == ["wind"]
+
+
+def form_over(variable, sign_of="", statistic=400.0, p_value=1e-50):
+    nothing = np.zeros(1)
+    return FreeForm(
+        load=0, place="rotor.flange_a", variable=variable, sign_of=sign_of, unit="N.m", variable_unit="",
+        statistic=statistic, degrees=8, p_value=p_value, x=nothing, w=nothing, std=nothing, over_a_turn=False,
+    )  # fmt: skip
+
+
+def test_unknown_effect_is_told_over_what_the_nearest_wrong_law_leaves():
+    """Dry friction says most of any form with the sign of the speed; what it leaves tells the forms apart."""
+    forms = (form_over("rotor.w", "", 420.0), form_over("rotor.phi", "rotor.w", 410.0))
+    left = form_over("rotor.phi", "rotor.w", 300.0)
+    wrong = SimpleNamespace(left=left, delta_log_likelihood=900.0)
+    assert _told_by_rest(forms, [wrong]) is forms[1]
+    assert _told_by_rest(forms, [SimpleNamespace(left=None, delta_log_likelihood=900.0)]) is forms[0]
+    chance = SimpleNamespace(left=replace(left, p_value=0.2), delta_log_likelihood=900.0)
+    assert _told_by_rest(forms, [chance]) is forms[0]
+    weak = (forms[0], replace(forms[1], statistic=100.0))
+    assert _told_by_rest(weak, [wrong]) is weak[0]
+    assert _told_by_rest((), [wrong]) is None

@@ -42,7 +42,7 @@ from daest.diagnosis.rivals import dynamic_trials, richer_laws, simpler_laws
 from daest.diagnosis.screen import NullObserver, run_null, screen
 from daest.errors import DaestError, EstimationError
 from daest.estimation.records import part_of
-from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, Proof, Screen
+from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen
 from daest.model.effects import Effect, Site
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult
@@ -55,6 +55,7 @@ from daest.systems.sample import Hold
 SCREEN_LEVEL = 0.05  # corrected p-value of a score below which a candidate goes to the proof
 MOST_TRIALS = 5
 MORE_TRIALS = 4  # where none of those is accepted, or the best leaves a curve over some variable
+MUCH = 0.5  # of the gain of the form that says most
 HOLD_GAIN = 10.0  # log-likelihood that the other hold must gain with the effect in the model
 AGAIN: dict[Hold, str] = {
     "zoh": "with the effect, the inputs are held between the samples after all: once more",
@@ -197,8 +198,10 @@ def _examined(
     ]
     gains = place_gains(null, run)
     load = smoothed_load(null, run, gains)
-    form = next(iter(free_forms(null, run)), None)
+    forms = free_forms(null, run)
+    form = next(iter(forms), None)
     proofs = _proofs(stand, run, load, form, found, candidates, chosen_library, options, progress)
+    form = _told_by_rest(forms, proofs)
     decided = verdicts.decide(
         verdicts.Evidence(
             stand.declared, null, run, stand.baseline, found, proofs, gains, form, options.fitted
@@ -207,7 +210,7 @@ def _examined(
     learned = None
     if decided.name == "unknown effect" and form is not None and form.p_value < verdicts.CERTAIN:
         progress(f"refitting with the load as a curve over {form.label}")
-        learned = learned_load(null, run, stand.baseline, form, stand.validation)
+        learned = _learned(stand, run, form)
     return Diagnosis(
         verdict=decided.name,
         message=decided.message + (said(learned) if learned else ""),
@@ -221,6 +224,33 @@ def _examined(
         seconds=time.perf_counter() - stand.began,
         learned=learned,
     )
+
+
+def _learned(stand: Stand, run: NullObserver, form: FreeForm) -> LearnedLoad | None:
+    """The load as a curve, with the other hold where the curve settles that it is the better one."""
+    null = stand.null
+    learned = learned_load(null, run, stand.baseline, form, stand.validation)
+    if learned is None or learned.fit is None or null.other_hold is None:
+        return learned
+    again = replace(null, hold=null.other_hold)
+    other = learned_load(again, run, stand.baseline, form, stand.validation)
+    if other is None or other.fit is None:
+        return learned
+    return other if other.fit.log_likelihood > learned.fit.log_likelihood + HOLD_GAIN else learned
+
+
+def _told_by_rest(forms: Sequence[FreeForm], proofs: Sequence[Proof]) -> FreeForm | None:
+    """The form over the variable that the most likely wrong law leaves, if it says much; else the first.
+
+    Forms with the same sign share most of what they say, that of dry friction. What is beyond it shows beside
+    a law that takes that part."""
+    wrong = [p for p in proofs if p.left is not None and is_significant(p.left, p.delta_log_likelihood)]
+    nearest = max(wrong, key=lambda p: p.delta_log_likelihood, default=None)
+    if nearest is None or nearest.left is None or not forms:
+        return next(iter(forms), None)
+    key = (nearest.left.load, nearest.left.variable, nearest.left.sign_of)
+    same = [f for f in forms if (f.load, f.variable, f.sign_of) == key]
+    return next((f for f in same if f.log_likelihood_gain > MUCH * forms[0].log_likelihood_gain), forms[0])
 
 
 def accept(stand: Stand, proof: Proof) -> Stand:
