@@ -177,6 +177,7 @@ def test_model_that_cannot_be_written_says_why(cart, daest):
     assert best["verdict"] == "supported" and best["parameters"]["width"]["value"] == pytest.approx(
         4.0, rel=0.05
     )
+    assert best["parameters"]["width"]["unit"] == found["screen"]["best"][0]["unit"] == "N"
     assert best["model"] is None and "used in an equation" in best["model_reason"]
 
 

@@ -79,6 +79,15 @@ def is_known_unit(text: str) -> bool:
     return bool(text.strip())
 
 
+def dimensions(text: str) -> dict[str, float] | None:
+    """Exponents of the base quantities ([mass], [length], [time], ...) in a unit; those of an angle, of `1`
+    and of the empty text are none. None for a unit that is not known."""
+    try:
+        return {str(d): float(e) for d, e in _in_base_units(parse_unit(text), text).dimensionality.items()}
+    except DataError:
+        return None
+
+
 def conversion(given: str, wanted: str) -> Conversion:
     """The conversion from unit `given` to unit `wanted`.
 

@@ -14,6 +14,7 @@ from daest.model.effects import Effect, EffectParameter, Placement, Site
 from daest.model.explicit import ExplicitModel
 from daest.model.flat import FlatModel
 from daest.modelica.attach import attach_all
+from daest.modelica.place_units import units_at
 from daest.modelica.sites import fits
 from daest.systems.reduce import reduce_index
 
@@ -55,9 +56,10 @@ def with_shapes(
     ranges = _ranges(explicit, time, states, inputs)
     result: list[Candidate] = []
     for candidate in usable:
+        units = units_at(flat, candidate.effect, candidate.site)
         for number, values in enumerate(_shapes(candidate, ranges)):
             name = f"{candidate.name}_{number + 1}"
-            result.append(replace(candidate, name=name, shape=values))
+            result.append(replace(candidate, name=name, shape=values, units=units))
     return tuple(result), refused
 
 

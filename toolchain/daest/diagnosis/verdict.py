@@ -181,7 +181,8 @@ def _nothing(evidence: Evidence) -> Decided:
     for entry in seen:
         size = entry.candidate.effect.sizes[0]
         label = f"{entry.candidate.effect.name} at {entry.candidate.site.name}"
-        smallest.setdefault(label, f"{label} from {size.name} = {entry.detectable:.2g} {size.unit}".rstrip())
+        unit = "" if entry.candidate.size_unit == "1" else entry.candidate.size_unit
+        smallest.setdefault(label, f"{label} from {size.name} = {entry.detectable:.2g} {unit}".rstrip())
     shown = "; ".join(list(smallest.values())[:4])
     return Decided(
         "nothing missing",

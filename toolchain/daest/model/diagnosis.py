@@ -42,14 +42,21 @@ class Load:
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect at a site as component `name`, with its shape and sharpness values, and the recorded signals
-    that supply its inputs."""
+    """An effect at a site as component `name`, with its shape and sharpness values, the recorded signals
+    that supply its inputs, and the units that its parameters have there."""
 
     effect: Effect
     site: Site
     name: str
     shape: dict[str, float] = field(default_factory=dict)
     inputs: dict[str, str] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def size_unit(self) -> str:
+        """Unit of the first of its sizes; empty where it is not known."""
+        size = self.effect.sizes[0]
+        return self.units.get(size.name, size.unit)
 
     @property
     def label(self) -> str:

@@ -21,7 +21,8 @@ class EffectParameter:
     (rounds a kink; not estimated) or "given" (taken from the parameter `given_from` of the component that
     the effect belongs to; `required` if the effect makes no sense without it). `grid` holds values worth
     trying, in multiples of the largest magnitude of the effect's variable `scale_of`, or as they are where
-    that is empty. An element of an array is called `y[1]`.
+    that is empty. An element of an array is called `y[1]`. `signal_unit` is "u" or "u/s" for a parameter in
+    the unit of the signal that the effect sits on, or in that per second.
     """
 
     name: str
@@ -37,6 +38,7 @@ class EffectParameter:
     scale_of: str = ""
     estimate: bool = False
     required: bool = False
+    signal_unit: str = ""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ KEYS: dict[Role, tuple[str, ...]] = {
     # The second row is read by the catalogue of effects.
     "parameter": (
         *("estimate", "scale", "min", "max"),
-        *("role", "null", "grid", "of", "from", "required"),
+        *("role", "null", "grid", "of", "from", "required", "unit"),
     ),
     "input": ("noise", "intensity", "estimate"),
     "output": ("std", "estimate"),

@@ -27,6 +27,7 @@ from daest.model.flat import (
 from daest.modelica.balances import balances, needs_position
 from daest.modelica.connectors import DOMAINS, connectors_of
 from daest.modelica.effects import OWN, EffectModel, effect_model
+from daest.modelica.place_units import units_at
 from daest.modelica.sites import connection_sets, fits
 
 __all__ = ["attach", "attach_all", "component_name"]
@@ -234,6 +235,7 @@ class _Assembly:
         model's."""
         check_values(member.effect, placement.values)
         roles = {p.name: p for p in member.effect.parameters}
+        units = units_at(self.flat, member.effect, placement.site)
         symbols: list[ca.SX] = []
         for parameter in member.model.parameters:
             full = f"{member.name}.{parameter.name}"
@@ -245,7 +247,7 @@ class _Assembly:
             else:
                 value = ca.SX.sym(full)
                 start = float(placement.values.get(parameter.name, parameter.value))
-                self.parameters.append(replace(parameter, name=full, value=start))
+                self.parameters.append(replace(parameter, name=full, value=start, unit=units[parameter.name]))
                 self.theta.append(value)
             self._values[full] = value
             symbols.append(value)

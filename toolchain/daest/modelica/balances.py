@@ -27,12 +27,13 @@ _SEED = 20040102
 class Balance:
     """Row `row` balances what drives the rate of unknown `variable`; `sign` is +1 where the rate stands on
     the left with a positive factor. `position` is the unknown whose derivative the variable is, -1 if there
-    is none."""
+    is none; `rate` is where the rate stands among the unknowns and, behind them, their derivatives."""
 
     row: int
     variable: int
     sign: float
     position: int
+    rate: int
 
     def name(self, flat: FlatModel) -> str:
         return f"{self.row}:{flat.unknowns[self.variable].name}"
@@ -63,9 +64,10 @@ def balances(flat: FlatModel) -> list[Balance]:
             continue
         for variable in range(n):
             at = [n + variable, *([rates[variable]] if variable in rates else [])]
-            slope = next((slopes[row, i] for i in at if slopes[row, i]), 0.0)
-            if slope:
-                found.append(Balance(row, variable, float(np.sign(slope)), positions.get(variable, -1)))
+            rate = next((i for i in at if slopes[row, i]), None)
+            if rate is not None:
+                sign = float(np.sign(slopes[row, rate]))
+                found.append(Balance(row, variable, sign, positions.get(variable, -1), rate))
     return found
 
 

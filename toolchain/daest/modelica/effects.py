@@ -56,6 +56,7 @@ _SUPPORT = "support"
 _SIGNALS: tuple[Attachment, ...] = ("signal", "input", "output", "parameter")
 _ATTACHMENTS: tuple[Attachment, ...] = ("connector", "parallel", "series", *_SIGNALS)
 _ROLES: tuple[ParameterRole, ...] = ("size", "shape", "sharpness", "given")
+_SIGNAL_UNITS = ("", "u", "u/s")
 _KEYS = ("effect", "attach", "law", "dynamic", "inputs")
 _DOCUMENTATION = re.compile(r'Documentation\s*\(\s*info\s*=\s*"((?:[^"\\]|\\.)*)"', re.DOTALL)
 _TAG = re.compile(r"<[^>]*>")
@@ -516,6 +517,13 @@ def _parameter(parameter: Parameter, source: _Source) -> EffectParameter:
     role = entries.get("role", "shape")
     if role not in _ROLES:
         raise annotation.error("role", f"role of `{parameter.name}`", f"Choose one of {', '.join(_ROLES)}.")
+    signal_unit = entries.get("unit", "")
+    if signal_unit not in _SIGNAL_UNITS:
+        raise annotation.error(
+            "unit",
+            f"unit of `{parameter.name}`",
+            'Write "u" for the unit of the signal, "u/s" for that per second.',
+        )
     null = entries.get("null", 0 if role == "size" else None)
     grid = entries.get("grid", ())
     if not isinstance(grid, tuple) or any(not isinstance(v, int | float) for v in grid):
@@ -536,6 +544,7 @@ def _parameter(parameter: Parameter, source: _Source) -> EffectParameter:
         scale_of=str(entries.get("of", "")),
         estimate=parameter.estimate,
         required=bool(entries.get("required", False)),
+        signal_unit=signal_unit,
     )
 
 

@@ -26,6 +26,7 @@ from daest.modelica.compile import compile_text
 from daest.modelica.compiler import modification
 from daest.modelica.effects import effect_model
 from daest.modelica.outline import ClassHead, class_heads, within
+from daest.modelica.place_units import units_at
 from daest.modelica.sites import sites
 from daest.modelica.source import read_source
 from daest.modelica.text import number_text
@@ -144,7 +145,7 @@ def extend_model(
     component = name or component_name(effect, names_of(flat))
     placement = Placement(effect, site, component, values or {}, inputs or {})
     draft = _Draft(changes=_changes(parameters))
-    draft.declarations.append(_declaration(placement))
+    draft.declarations.append(_declaration(placement, units_at(flat, effect, site)))
     _supply(draft, placement, flat)
     _connect(draft, placement, original)
     own_name = _class_name(original, effect.name, new_name)
@@ -268,7 +269,7 @@ def _extends(base: str, changes: Sequence[str]) -> list[str]:
     return [f"  extends {base}(", *(f"    {change}," for change in changes[:-1]), f"    {changes[-1]});"]
 
 
-def _declaration(placement: Placement) -> str:
+def _declaration(placement: Placement, units: Mapping[str, str]) -> str:
     """`Daest.Effects.Rotational.CoulombFriction coulombFriction(tau_c = 0.006) "Dry friction: …";`"""
     effect, site = placement.effect, placement.site
     changes = ["useSupport = true"] if _is_across(placement) else []
@@ -276,7 +277,7 @@ def _declaration(placement: Placement) -> str:
         source = given_source(parameter, site)
         if source and parameter.name not in placement.values:
             changes.append(f"{parameter.name} = {source}")
-    changes += _assignments(placement)
+    changes += _assignments(placement, units)
     modified = f"({', '.join(changes)})" if changes else ""
     head = f"{effect.class_name} {placement.name}{modified}"
     about = f'"{_quoted(effect.description)}";'
@@ -287,20 +288,29 @@ def _is_across(placement: Placement) -> bool:
     return placement.effect.attach == "connector" and placement.site.kind == "component"
 
 
-def _assignments(placement: Placement) -> list[str]:
-    """`tau_c = 0.006`; the elements of an array in one list, those without a value at their start."""
+def _assignments(placement: Placement, units: Mapping[str, str]) -> list[str]:
+    """`tau_c = 0.006`, with the unit where it is that of the signal; the elements of an array in one list,
+    those without a value at their start."""
     arrays: dict[str, list[str]] = {}
     found: list[str] = []
     for parameter in placement.effect.parameters:
         array, _, index = parameter.name.partition("[")
         value = placement.values.get(parameter.name)
+        unit = units[parameter.name] if parameter.signal_unit else ""
         if index:
             start = parameter.start if value is None else value
-            arrays.setdefault(array, []).append(number_text(float(start)))
+            arrays.setdefault(array + _with_unit(unit, "each "), []).append(number_text(float(start)))
         elif value is not None:
-            found.append(f"{parameter.name} = {number_text(float(value))}")
+            found.append(f"{parameter.name}{_with_unit(unit)} = {number_text(float(value))}")
+        elif unit:
+            found.append(parameter.name + _with_unit(unit))
     changed = {name.partition("[")[0] for name in placement.values if "[" in name}
-    return found + [f"{name} = {{{', '.join(arrays[name])}}}" for name in arrays if name in changed]
+    given = [name for name in arrays if name.partition("(")[0] in changed]
+    return found + [f"{name} = {{{', '.join(arrays[name])}}}" for name in given]
+
+
+def _with_unit(unit: str, each: str = "") -> str:
+    return f'({each}unit = "{unit}")' if unit else ""
 
 
 def _quoted(text: str) -> str:

@@ -2,9 +2,9 @@ within Daest.Effects.Signals;
 block DeadZone "Small values of the signal are lost"
   extends Interfaces.SignalEffect;
   parameter Real width(min = 0) = 0.1 "Width of the dead zone from end to end"
-    annotation(__Daest(estimate = true, role = "size", null = 0));
+    annotation(__Daest(estimate = true, role = "size", null = 0, unit = "u"));
   parameter Real u_s(min = 1e-12) = 1e-3 "Range over which the kinks are rounded"
-    annotation(__Daest(role = "sharpness", of = "u", grid = {0.01}));
+    annotation(__Daest(role = "sharpness", of = "u", grid = {0.01}, unit = "u"));
 equation
   y = u + (sqrt((u - width/2)^2 + u_s^2) - sqrt((u + width/2)^2 + u_s^2))/2;
   annotation(

@@ -2,7 +2,7 @@ within Daest.Effects.Signals;
 block Offset "Constant added to the signal"
   extends Interfaces.SignalEffect;
   parameter Real b = 0.1 "Offset"
-    annotation(__Daest(estimate = true, role = "size", null = 0));
+    annotation(__Daest(estimate = true, role = "size", null = 0, unit = "u"));
 equation
   y = u + b;
   annotation(

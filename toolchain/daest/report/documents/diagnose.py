@@ -38,7 +38,7 @@ def document(
                     "p_value": e.p_value,
                     "sizes": dict(zip((p.name for p in e.candidate.effect.sizes), e.sizes, strict=True)),
                     "detectable": e.detectable,
-                    "unit": e.candidate.effect.sizes[0].unit,
+                    "unit": e.candidate.size_unit,
                 }
                 for e in diagnosis.screen.entries[:SCREENED]
             ],

@@ -1,0 +1,109 @@
+"""Units of an effect's parameters: of the signal that it sits on, and none where an equation tells none."""
+
+import pytest
+
+from daest.errors import ModelError
+from daest.modelica.attach import attach
+from daest.modelica.compile import compile_model
+from daest.modelica.effects import effect_library, find_effect
+from daest.modelica.place_units import units_at
+from daest.modelica.sites import find_site
+
+MODEL = """\
+model Bare
+  parameter Real J(unit = "kg.m2") = 2;
+  parameter Real n(unit = "1") = 3;
+  parameter Real l(unit = "m") = 2;
+  parameter Real m(unit = "kg") = 1;
+  parameter Real k(unit = "N.m/A") = 1;
+  parameter Real C(unit = "J/K") = 100;
+  parameter Real plain = 1;
+  input Real u(unit = "V");
+  input Real bare;
+  output Real y(unit = "m/s");
+  Real w1(unit = "rad/s");
+  Real w2(unit = "rad/s");
+  Real w3(unit = "rad/s");
+  Real w4(unit = "rad/s");
+  Real w5(unit = "rad/s");
+  Real v(unit = "m/s");
+  Real a(unit = "m/s2");
+  Real T(unit = "degC");
+  Real T2(unit = "K");
+equation
+  y = v;
+  (J*n^2 + 0.5*m*l^2)*der(w1) = u - w1;
+  der(w2) = (u - 0.1*w2)/J;
+  plain*der(w3) = bare - w3;
+  0.5*der(w4) = u - w4;
+  k*der(w5) = u - w5;
+  a = der(v);
+  m*a = -v;
+  C*der(T) = 5 - T;
+  der(T2) = -T2;
+end Bare;
+"""
+
+
+@pytest.fixture(scope="module")
+def flat(tmp_path_factory):
+    file = tmp_path_factory.mktemp("bare") / "Bare.mo"
+    file.write_text(MODEL)
+    return compile_model(file)
+
+
+def units(flat, name: str, place: str) -> dict[str, str]:
+    effect = find_effect(name)
+    return units_at(flat, effect, find_site(flat, place, effect))
+
+
+def test_equations_that_tell_the_unit_of_their_terms(flat) -> None:
+    known = {"tau_c": "N.m", "b": "1", "w_st": "rad/s", "w_s": "rad/s"}
+    assert units(flat, "Rotational.StribeckFriction", "0:w1") == known
+    assert units(flat, "Translational.ViscousFriction", "6:v")["d"] == "N.s/m"
+    assert units(flat, "Thermal.ConstantHeatGain", "7:T") == {"Q_0": "W"}
+
+
+@pytest.mark.parametrize("place", ["1:w2", "2:w3", "3:w4", "4:w5"])
+def test_rates_and_factors_without_a_unit_tell_none(flat, place: str) -> None:
+    unknown = {"tau_c": "", "b": "1", "w_st": "rad/s", "w_s": "rad/s"}
+    assert units(flat, "Rotational.StribeckFriction", place) == unknown
+    assert units(flat, "Thermal.ConstantHeatGain", "8:T2") == {"Q_0": ""}
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter", "by_signal"),
+    [
+        ("DeadZone", "width", {"u": "V", "y": "m/s", "bare": ""}),
+        ("Offset", "b", {"u": "V", "y": "m/s", "bare": ""}),
+        ("Saturation", "limit", {"u": "V", "y": "m/s", "bare": ""}),
+        ("Drift", "r", {"u": "V/s", "y": "(m/s)/s", "bare": ""}),
+        ("Gain", "g", {"u": "1", "y": "1", "bare": "1"}),
+        ("Lag", "T", {"u": "s", "y": "s", "bare": "s"}),
+    ],
+)
+def test_sizes_on_a_signal_have_its_unit(flat, name: str, parameter: str, by_signal: dict[str, str]) -> None:
+    effect = find_effect(name)
+    for signal, unit in by_signal.items():
+        assert units(flat, name, signal)[parameter] == unit
+        extended = attach(flat, effect, find_site(flat, signal, effect), "extra")
+        assert {p.name: p.unit for p in extended.parameters}[f"extra.{parameter}"] == unit
+
+
+def test_parameters_of_signal_effects_have_a_unit() -> None:
+    signals = [e for e in effect_library() if e.domain == "signal"]
+    without = [(e.name, p.name) for e in signals for p in e.parameters if not (p.unit or p.signal_unit)]
+    assert without == [("MeasuredInput", "k")]  # per unit of a column, which may have none
+
+
+def test_a_unit_that_is_none_is_refused(tmp_path) -> None:
+    (tmp_path / "Bias.mo").write_text(
+        "block Bias\n  extends Daest.Effects.Signals.Interfaces.SignalEffect;\n"
+        '  parameter Real b = 1 annotation(__Daest(estimate = true, role = "size", unit = "V"));\n'
+        "equation\n  y = u + b;\n"
+        '  annotation(__Daest(effect = true, attach = "signal", law = "y = u + b"));\n'
+        "end Bias;\n"
+    )
+    with pytest.raises(ModelError, match="unit of `b`") as caught:
+        effect_library([tmp_path])
+    assert 'Write "u"' in caught.value.remedy

@@ -1,0 +1,107 @@
+"""Units of an effect's parameters at a place: those of the signal there, and none in an equation whose terms
+have no known unit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import casadi as ca
+import numpy as np
+
+from daest.model.effects import Domain, Effect, EffectParameter, Site
+from daest.model.flat import FlatModel
+from daest.modelica.balances import Balance, balances
+from daest.quantities import dimensions
+
+_FLOWS: dict[Domain, str] = {
+    "translational": "N",
+    "rotational": "N.m",
+    "thermal": "W",
+    "hydraulic": "m3/s",
+}
+_SIGNAL = "u"  # in the unit of a parameter: the unit of the signal
+_TOLERANCE = 1e-9  # relative, of numbers that rounding alone makes differ
+_SCALES = {  # another size of every base unit; no power of one is a power of others
+    "[mass]": 1.31,
+    "[length]": 2.17,
+    "[time]": 1.73,
+    "[temperature]": 1.49,
+    "[current]": 2.71,
+    "[substance]": 1.87,
+    "[luminosity]": 2.39,
+}
+
+
+def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
+    """Unit of every parameter of `effect` at `site` of the model, by its name; empty where it is not
+    known."""
+    if site.kind in ("input", "output"):
+        known = {x.name: x.unit for x in flat.inputs} | {y.name: y.unit for y in flat.outputs}
+        unit = known.get(site.name, "")
+        return {p.name: _of_signal(p, unit) for p in effect.parameters}
+    if site.kind == "equation":
+        balance = next((b for b in balances(flat) if b.name(flat) == site.name), None)
+        if balance is not None and not _balances_flows(flat, balance, site.domain):
+            own = (flat.unknowns[balance.variable].unit, "s")
+            return {p.name: p.unit if _is_made_of(p.unit, own) else "" for p in effect.parameters}
+    return {p.name: p.unit for p in effect.parameters}
+
+
+def _of_signal(parameter: EffectParameter, unit: str) -> str:
+    """`u` stands for the unit of the signal, `u/s` for that per second; without one, neither is known."""
+    written = parameter.signal_unit
+    if not written:
+        return parameter.unit
+    if not unit or written == _SIGNAL:
+        return unit
+    return (f"({unit})" if "/" in unit else unit) + written.removeprefix(_SIGNAL)
+
+
+def _balances_flows(flat: FlatModel, balance: Balance, domain: Domain) -> bool:
+    """Whether the terms of the equation have the unit of the domain's flow, as the units of the variables
+    and parameters in the factor of the rate tell.
+
+    In other base units every quantity has another value. The factor must change as flow over rate does.
+    """
+    wanted = dimensions(_FLOWS.get(domain, ""))
+    rate = dimensions(flat.unknowns[balance.variable].unit)
+    if not wanted or rate is None or not flat.unknowns[balance.variable].unit:
+        return False
+    need = {d: wanted.get(d, 0.0) - rate.get(d, 0.0) for d in {*wanted, *rate}}
+    need["[time]"] = need.get("[time]", 0.0) + 1.0
+    plain, changed = (_factor(flat, balance, s) for s in ({}, _SCALES))
+    return bool(np.isclose(changed, plain * _power(_SCALES, need), rtol=_TOLERANCE, atol=0.0))
+
+
+def _factor(flat: FlatModel, balance: Balance, scales: Mapping[str, float]) -> float:
+    """Slope of the equation over the rate, with every quantity in base units changed by `scales`."""
+    everything = ca.vertcat(flat.xi, flat.derivatives)
+    symbols = [everything, flat.u, flat.theta, flat.w, flat.time]
+    slope = ca.jacobian(flat.residual[balance.row], everything[balance.rate])
+    units = [v.unit for v in flat.unknowns]
+    values = [
+        _changed([*units, *(f"({unit})/s" if unit else "" for unit in units)], scales),
+        _changed([v.unit for v in flat.inputs], scales),
+        flat.theta_values * _changed([p.unit for p in flat.parameters], scales),
+        np.zeros(flat.w.numel()),
+        scales.get("[time]", 1.0),
+    ]
+    return float(ca.Function("factor", symbols, [slope])(*values))
+
+
+def _changed(units: Sequence[str], scales: Mapping[str, float]) -> np.ndarray:
+    """What one of each unit is in the changed base units; a quantity without a unit stays."""
+    return np.array([_power(scales, dimensions(unit) or {}) for unit in units])
+
+
+def _power(scales: Mapping[str, float], exponents: Mapping[str, float]) -> float:
+    return float(np.prod([scales.get(d, 1.0) ** e for d, e in exponents.items()]))
+
+
+def _is_made_of(unit: str, known: Sequence[str]) -> bool:
+    """Whether the unit is a product of powers of the known ones."""
+    parts = [dimensions(one) or {} for one in (*known, unit)]
+    names = sorted({d for part in parts for d in part})
+    table = np.array([[part.get(d, 0.0) for d in names] for part in parts])
+    rest = table[-1] - np.linalg.lstsq(table[:-1].T, table[-1], rcond=None)[0] @ table[:-1]
+    return bool(np.linalg.norm(rest) < _TOLERANCE)
