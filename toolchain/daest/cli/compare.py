@@ -27,7 +27,7 @@ from daest.cli.options import (
     require_cluster,
     seed_option,
 )
-from daest.cli.output import emit, keep_inputs
+from daest.cli.output import emit, keep_inputs, note, telling
 from daest.cli.pictures import draw
 from daest.cli.recordings import unseen_data
 from daest.cli.results import find_fit, fitted
@@ -107,9 +107,9 @@ def command(
         jobs=jobs or os.cpu_count() or 1,
         cluster=cluster,
     )
-    draw(plot, lambda: comparison_figure(found.comparison))
-    keep_comparison(project, models, data, found)
-    emit(found.document, "compare", form, output, texts.text)
+    with telling(lambda: emit(found.document, "compare", form, output, texts.text)):
+        keep_comparison(project, models, data, found)
+        draw(plot, lambda: comparison_figure(found.comparison))
     too_low = fail_below is not None and _is_below(found.comparison, fail_below)
     falsified = fail_if_falsified and _is_falsified(found.comparison)
     return int(too_low or falsified)
@@ -164,11 +164,15 @@ def _candidate(project: Project, source: Path, flat: FlatModel, options: DataOpt
 
 
 def _refitted(project: Project, source: Path, flat: FlatModel, options: DataOptions, seed: int) -> Candidate:
-    from daest.cli.identify import identified
+    from daest.cli.identify import identified, keep_fit
 
     fit = identified(
         project, source, (), options, IdentifyOptions(hold=options.known_hold(project), seed=seed), flat=flat
     )
+    try:
+        keep_fit(project, fit)
+    except ConfigError as problem:
+        note(f"the fit of {flat.name} is not kept: {problem.what}")
     return _with_fit(flat, fit.document, fit.result.hold, ())
 
 

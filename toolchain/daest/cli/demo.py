@@ -40,7 +40,7 @@ def command(name: str | None, form: str) -> None:
 
 def _run(name: str) -> dict[str, Any]:
     from daest.cli.compare import compared, keep_comparison
-    from daest.cli.identify import identified
+    from daest.cli.identify import identified, keep_fit
     from daest.data.examples import copy_example
     from daest.data.project import load_project
 
@@ -51,6 +51,7 @@ def _run(name: str) -> dict[str, Any]:
     note(f"copied to {folder}; the same by hand: cd {folder}; daest identify; daest compare")
     project = load_project(folder)
     fit = identified(project, None, (), DataOptions())
+    keep_fit(project, fit)
     comparison = compared(project, (), (), DataOptions())
     keep_comparison(project, (), (), comparison)
     return {

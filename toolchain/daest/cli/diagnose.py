@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,11 +28,11 @@ from daest.cli.options import (
     seed_option,
     split_data_options,
 )
-from daest.cli.output import emit, keep_inputs, note, to_json, whole_file, with_schema
+from daest.cli.output import emit, keep_inputs, note, telling, to_json, whole_file, with_schema
 from daest.cli.pictures import draw
 from daest.cli.progress import progress
 from daest.cli.recordings import training_data
-from daest.cli.results import KeptFit, find_fit, parameter_values
+from daest.cli.results import KEPT_ELSEWHERE, KeptFit, find_fit, parameter_values
 from daest.data.prepare import resample, split_all, sufficient_period
 from daest.data.project import Hold, Project
 from daest.errors import EstimationError, FmuError, ModelError
@@ -124,7 +124,9 @@ def command(
     names = (*search.effects, *search.places)
     outside = black_box_document(project, model, data, data_options, names, search.seed)
     if outside is not None:
-        emit(outside, "diagnose", form, output, texts.text)
+        content, made_of = outside
+        with telling(lambda: emit(content, "diagnose", form, output, texts.text)):
+            keep_diagnosis(project, content, made_of)
         return
     case = opened(
         project,
@@ -137,8 +139,9 @@ def command(
     )
     diagnosis = diagnosed(case)
     document = written_document(case, diagnosis)
-    draw(plot, lambda: diagnosis_figure(diagnosis, document["outputs"]))
-    emit(document, "diagnose", form, output, texts.text)
+    with telling(lambda: emit(document, "diagnose", form, output, texts.text)):
+        keep_diagnosis(project, document, origin(case))
+        draw(plot, lambda: diagnosis_figure(diagnosis, document["outputs"]))
 
 
 def opened(
@@ -336,20 +339,23 @@ def _require_seen(case: Case, found: Diagnosis) -> None:
 
 
 def written_document(case: Case, diagnosis: Diagnosis) -> dict[str, Any]:
-    """The document of the diagnosis with the models that it found, which stands in results/diagnosis.json."""
+    """The document of the diagnosis with the models that it found."""
     from daest.diagnosis.written import written_load
     from daest.report.documents.diagnose import document
 
     load = None
     if diagnosis.learned is not None:
         load = written_load(case.source, case.class_name, diagnosis.learned, case.folders)
-    content = {**document(diagnosis, models_of(case, diagnosis), load), **context(case)}
-    path = case.project.results / RESULT
-    stored = with_schema({**content, "made_from": origin(case)}, "diagnose")
-    with whole_file(path) as temporary:
+    return {**document(diagnosis, models_of(case, diagnosis), load), **context(case)}
+
+
+def keep_diagnosis(project: Project, document: Mapping[str, Any], origin: Mapping[str, Any]) -> None:
+    """Leave the diagnosis in the results of the project. Raises ConfigError `output-unwritable`."""
+    path = project.results / RESULT
+    with whole_file(path, KEPT_ELSEWHERE) as temporary:
+        stored = with_schema({**document, "made_from": origin}, "diagnose")
         temporary.write_text(to_json(stored), encoding="utf-8")
     note(f"the diagnosis is in {path}")
-    return content
 
 
 def models_of(case: Case, diagnosis: Diagnosis) -> dict[str, Written]:

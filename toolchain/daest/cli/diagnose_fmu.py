@@ -9,13 +9,12 @@ from typing import Any
 
 from daest.cli.kept import made_from, training_files
 from daest.cli.models import load_model, model_source
-from daest.cli.output import note, to_json, whole_file, with_schema
+from daest.cli.output import note
 from daest.cli.recordings import DataOptions, training_data
 from daest.data.prepare import split_all
 from daest.data.project import Project
 from daest.errors import ConfigError
 
-RESULT = "diagnosis.json"
 HALF = 0.5
 
 
@@ -26,9 +25,9 @@ def black_box_document(
     data_choice: DataOptions,
     searched: Sequence[str],
     seed: int,
-) -> dict[str, Any] | None:
-    """The document of the diagnosis of an FMU without equations, written to results/diagnosis.json; None for
-    any other model. ConfigError `diagnose-fmu-search` for names of effects and places."""
+) -> tuple[dict[str, Any], dict[str, Any]] | None:
+    """The document of the diagnosis of an FMU without equations, and what it was made from; None for any
+    other model. ConfigError `diagnose-fmu-search` for names of effects and places."""
     source = model_source(project, model)
     if source.suffix != ".fmu":
         return None
@@ -58,11 +57,4 @@ def black_box_document(
         "outputs": {o.name: o.unit for o in flat.outputs},
         "searched": {"effects": [], "places": []},
     }
-    path = project.results / RESULT
-    origin = made_from(project, [source], training_files(project, data))
-    with whole_file(path) as temporary:
-        temporary.write_text(
-            to_json(with_schema({**content, "made_from": origin}, "diagnose")), encoding="utf-8"
-        )
-    note(f"the diagnosis is in {path}")
-    return content
+    return content, made_from(project, [source], training_files(project, data))

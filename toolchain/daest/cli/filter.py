@@ -24,7 +24,7 @@ from daest.cli.options import (
     plot_option,
     seed_option,
 )
-from daest.cli.output import emit, keep_inputs, note, write_text
+from daest.cli.output import emit, keep_inputs, note, telling, write_text
 from daest.cli.pictures import draw
 from daest.cli.progress import progress
 from daest.cli.recordings import unseen_data
@@ -107,19 +107,20 @@ def command(
     wanted = _Wanted(list(measure) or None, smooth, prepared.hold, particles, seed)
     result = _estimated(flat, experiment, chosen, wanted)
     text = csv_text(*documents.table(result, list(only) or None))
-    draw(plot, lambda: filter_figure(result, experiment, only))
     if output is not None and str(output) == "-":
+        draw(plot, lambda: filter_figure(result, experiment, only))
         write_text(text, output)
         return
-    target = output or project.results / ESTIMATES
-    write_text(text, target)
-    note(f"the estimates are in {target}")
     document = {**documents.document(result), "notes": list(prepared.remarks)}
     names = documents.shown(result, experiment, only)
     origin = made_from(project, [model_source(project, model)], unseen_files(project, [data] if data else []))
     described = {**document, "series": documents.described(result, experiment, names)}
-    keep(project, "filter", "filter", described, origin, documents.series(result, experiment, names))
-    emit(document, "filter", form, None, texts.text)
+    target = output or project.results / ESTIMATES
+    with telling(lambda: emit(document, "filter", form, None, texts.text)):
+        write_text(text, target)
+        note(f"the estimates are in {target}")
+        draw(plot, lambda: filter_figure(result, experiment, only))
+        keep(project, "filter", "filter", described, origin, documents.series(result, experiment, names))
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from daest.cli.options import (
     seed_option,
     split_data_options,
 )
-from daest.cli.output import emit, keep_inputs, note
+from daest.cli.output import emit, keep_inputs, note, telling
 from daest.cli.pictures import checked, draw
 from daest.cli.progress import progress
 from daest.cli.recordings import training_data
@@ -46,12 +46,15 @@ from daest.report.documents import fit as documents
 
 @dataclass(frozen=True)
 class Identified:
-    """A fit with its document, and what it was made from."""
+    """A fit with its document, and what it was made from; `loaded` is the model before the recordings said
+    which outputs are measured."""
 
     result: FitResult
     document: dict[str, Any]
     flat: FlatModel
+    loaded: FlatModel
     source: Path
+    recordings: list[Path]
     estimation: list[Experiment]
     validation: list[Experiment]
 
@@ -175,11 +178,12 @@ def command(
         model_options.libraries,
         bootstrap=bootstrap or 0,
     )
-    if plot is not None:
-        _draw(found, plot)
-    if profile_plot is not None:
-        _draw_profiles(found, profile_plot)
-    emit(found.document, "identify", form, output, texts.text)
+    with telling(lambda: emit(found.document, "identify", form, output, texts.text)):
+        keep_fit(project, found)
+        if plot is not None:
+            _draw(found, plot)
+        if profile_plot is not None:
+            _draw_profiles(found, profile_plot)
 
 
 def identified(
@@ -194,7 +198,7 @@ def identified(
     *,
     bootstrap: int = 0,
 ) -> Identified:
-    """Identify the model (default: that of daest.toml) from the recordings and keep the fit in results/."""
+    """Identify the model (default: that of daest.toml) from the recordings."""
     source = model_source(project, model)
     if flat is None:
         flat = load_model(project, source, class_name, libraries)
@@ -206,13 +210,19 @@ def identified(
         result = identify(flat, estimation, options, validation, tell)
         if bootstrap:
             result = with_bootstrap(result, flat, estimation, options, bootstrap, tell)
-    document = documents.document(result)
-    origin = made_from(project, [source], training_files(project, data))
-    path = save_fit(project, source, loaded, document, origin)
-    note(f"the fit is in {path}")
     if not result.is_converged:
         note(f"not converged: {result.message}")
-    return Identified(result, document, flat, source, estimation, validation)
+    recordings = training_files(project, data)
+    return Identified(
+        result, documents.document(result), flat, loaded, source, recordings, estimation, validation
+    )
+
+
+def keep_fit(project: Project, found: Identified) -> None:
+    """Leave the fit in the results of the project. Raises ConfigError `output-unwritable`."""
+    origin = made_from(project, [found.source], found.recordings)
+    path = save_fit(project, found.source, found.loaded, found.document, origin)
+    note(f"the fit is in {path}")
 
 
 def _draw_profiles(found: Identified, plot: Path) -> None:

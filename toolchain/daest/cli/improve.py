@@ -18,7 +18,7 @@ from daest.cli.options import (
     plot_option,
     split_data_options,
 )
-from daest.cli.output import emit, note, to_json, whole_file, with_schema
+from daest.cli.output import emit, note, telling, to_json, whole_file, with_schema
 from daest.cli.pictures import draw
 from daest.cli.progress import progress
 from daest.cli.results import read_document
@@ -90,9 +90,12 @@ def command(
         model_options.class_name,
         model_options.libraries,
     )
-    document = improved(case, folder, max_effects)
-    draw(plot, lambda: staircase_figure(document))
-    emit(document, "improve", form, None, texts.text)
+    document, models = improved(case, folder, max_effects)
+    shown = {**document, "folder": ""}
+    with telling(lambda: emit(shown, "improve", form, None, texts.text)):
+        _write(document, origin(case), models, folder)
+        shown["folder"] = str(folder)
+        draw(plot, lambda: staircase_figure(document))
 
 
 def _require_own(folder: Path) -> None:
@@ -107,8 +110,9 @@ def _require_own(folder: Path) -> None:
     )
 
 
-def improved(case: Case, folder: Path, most_effects: int) -> dict[str, Any]:
-    """Improve the model and write models, ledger and picture; returns the document."""
+def improved(case: Case, folder: Path, most_effects: int) -> tuple[dict[str, Any], dict[str, str]]:
+    """Improve the model; returns the document, and the texts of the models by the name of their file in
+    `folder`."""
     from daest.diagnosis.improve import improve
     from daest.diagnosis.written import LOAD_FILE, offered_load, with_names, written_steps
     from daest.report.documents.diagnose import improvement_document
@@ -118,8 +122,7 @@ def improved(case: Case, folder: Path, most_effects: int) -> dict[str, Any]:
             case.flat, case.library, case.estimation, case.validation, case.options, most_effects, show
         )
         show("writing the models")
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".daest-", dir=folder) as passing:
+        with tempfile.TemporaryDirectory(prefix="daest-") as passing:
             models, names = written_steps(case.source, case.class_name, found, Path(passing), case.folders)
             load = offered_load(
                 case.source, case.class_name, found, models, names, Path(passing), case.folders
@@ -142,8 +145,7 @@ def improved(case: Case, folder: Path, most_effects: int) -> dict[str, Any]:
     texts = {files[number]: models[number].text or "" for number in files}
     if load is not None and load.extension is not None:
         texts[LOAD_FILE] = load.extension.text
-    _write(document, origin(case), texts, folder)
-    return document
+    return document, texts
 
 
 def simulated(case: Case, step: Step, written: Written) -> dict[str, float | None] | None:

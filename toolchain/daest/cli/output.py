@@ -18,6 +18,7 @@ from daest.cli.main import leave_broken_pipe
 from daest.errors import ConfigError, Place
 
 Document = dict[str, Any]
+UNWRITABLE = "output-unwritable"
 
 
 def to_json(document: Mapping[str, Any]) -> str:
@@ -62,7 +63,23 @@ def write_text(text: str, output: Path | None) -> None:
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
+def telling(tell: Callable[[], None]) -> Iterator[None]:
+    """`tell` the result when the block has kept it, and also where the block cannot write its files: that
+    error comes after the result."""
+    unwritten = None
+    try:
+        yield
+    except ConfigError as problem:
+        if problem.code != UNWRITABLE:
+            raise
+        unwritten = problem
+    tell()
+    if unwritten is not None:
+        raise unwritten
+
+
+@contextmanager
+def whole_file(path: Path, remedy: str = "choose a folder that can be written, with -o") -> Iterator[Path]:
     """A temporary file in the folder of `path` that takes its name when the block ends well, and vanishes
     otherwise.
 
@@ -72,7 +89,7 @@ def whole_file(path: Path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=".daest-", suffix=path.suffix, dir=path.parent)
     except OSError as error:
-        raise _unwritable(path, error) from error
+        raise _unwritable(path, error, remedy) from error
     os.close(handle)
     temporary = Path(name)
     try:
@@ -80,7 +97,7 @@ def whole_file(path: Path) -> Iterator[Path]:
         temporary.chmod(_usual_mode(path))
         os.replace(temporary, path)
     except OSError as error:
-        raise _unwritable(path, error) from error
+        raise _unwritable(path, error, remedy) from error
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -117,12 +134,12 @@ def _usual_mode(path: Path) -> int:
     return 0o666 & ~mask
 
 
-def _unwritable(path: Path, error: OSError) -> ConfigError:
+def _unwritable(path: Path, error: OSError, remedy: str) -> ConfigError:
     return ConfigError(
-        "output-unwritable",
+        UNWRITABLE,
         f"the result cannot be written: {error.strerror or error}",
         where=Place(str(path)),
-        remedy="choose a folder that can be written, with -o",
+        remedy=remedy,
     )
 
 

@@ -16,6 +16,7 @@ from daest.errors import ConfigError, Place
 from daest.model.flat import FlatModel
 
 LATEST = "fit.json"
+KEPT_ELSEWHERE = "work in a copy of the project, in a folder that can be written"
 BY_MODEL = "fits"  # one fit per model, so that compare finds each one's
 
 
@@ -36,7 +37,7 @@ def save_fit(
     key = {**_model_key(project, source, flat.name), "fingerprint": model_fingerprint(flat, source)}
     marked = with_schema({**document, "model": key, "made_from": origin}, "identify")
     for path in reversed(_fit_files(project.results, flat.name)):
-        with whole_file(path) as temporary:
+        with whole_file(path, KEPT_ELSEWHERE) as temporary:
             temporary.write_text(to_json(marked), encoding="utf-8")
     return project.results / LATEST
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import json
@@ -17,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from daest.diagnosis.proof import Prepared
+from daest.errors import ConfigError
 from daest.model.diagnosis import Proof
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
@@ -43,9 +45,10 @@ class KeptProofs:
             return None
 
     def keep(self, prepared: Prepared, proof: Proof) -> None:
+        """Write the proof; a folder that cannot be written is no reason to end a diagnosis."""
         kept = [f.name for f in dataclasses.fields(proof) if f.name not in _LEFT_OUT]
         content = {name: _plain(getattr(proof, name)) for name in kept}
-        with self.whole_file(self._path(prepared)) as temporary:
+        with contextlib.suppress(ConfigError), self.whole_file(self._path(prepared)) as temporary:
             temporary.write_text(json.dumps(content), encoding="utf-8")
 
     def _path(self, prepared: Prepared) -> Path:
