@@ -1,7 +1,8 @@
 /* A small FMI 2.0 FMU for tests, Model Exchange and Co-Simulation: a ball with drag under a force u,
  *   h' = v,  v' = -g - d v |v| + u,  y = h,  w = 2 v.
  * With BOUNCE it bounces at h = 0 (state event: v = -e v); with SWITCH the gravity changes its sign at t = 1 (time
- * event). TRAP makes it misbehave in one call, from the time TRAP_TIME on. */
+ * event); with REMEMBERS a part of the drag is that of the last completed step. TRAP makes it misbehave in one call,
+ * from the time TRAP_TIME on. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,6 +15,9 @@
 #ifndef SWITCH
 #define SWITCH 0
 #endif
+#ifndef REMEMBERS
+#define REMEMBERS 0
+#endif
 #ifndef TRAP
 #define TRAP NONE
 #endif
@@ -22,7 +26,7 @@
 #endif
 enum { NONE, CRASH, HANG, EXIT, ABORT, LOG, PRINT, MEMORY, REFUSE_ALL, NOT_A_NUMBER, NEVER_SETTLES, TERMINATES, ZERO_NOMINALS };
 enum { H, V, DH, DV, U, Y, W, D, E, G, N };
-typedef struct { double v[N], t, sign; int below; const fmi2CallbackFunctions *f; } M;
+typedef struct { double v[N], t, sign, heard; int below; const fmi2CallbackFunctions *f; } M;
 
 static int trap(M *m) {
     if (m->t < TRAP_TIME) return 0;
@@ -43,6 +47,7 @@ static int trap(M *m) {
 static void compute(M *m) {
     m->v[DH] = m->v[V];
     m->v[DV] = -m->sign * m->v[G] - m->v[D] * m->v[V] * fabs(m->v[V]) + m->v[U];
+    if (REMEMBERS) m->v[DV] -= 0.1 * m->heard;
     m->v[Y] = m->v[H];
     m->v[W] = 2 * m->v[V];
 }
@@ -75,6 +80,7 @@ fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
 fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean a, fmi2Boolean *event, fmi2Boolean *end) {
     *event = (TRAP == NEVER_SETTLES || TRAP == TERMINATES) && ((M *)c)->t >= TRAP_TIME;
     *end = 0;
+    ((M *)c)->heard = ((M *)c)->v[V];
     return fmi2OK;
 }
 fmi2Status fmi2SetTime(fmi2Component c, fmi2Real t) { ((M *)c)->t = t; return fmi2OK; }

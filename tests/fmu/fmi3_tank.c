@@ -1,6 +1,7 @@
 /* A small FMI 3.0 Model Exchange FMU for tests: the level h of a tank, h' = u - k sqrt(h), y = 2 h, which has no
  * answer at h < 0. As the standard has it, an error is a state: from then on everything is refused but Reset and
- * FreeInstance. With ONLY_ONCE the process cannot instantiate it a second time, and its state is global. */
+ * FreeInstance. With ONLY_ONCE the process cannot instantiate it a second time, and its state is global. With
+ * SHARED it keeps the values of all instances in one place, as no FMU should. */
 #include <math.h>
 #include <stdlib.h>
 #include "fmi3Functions.h"
@@ -8,6 +9,9 @@
 enum { TIME, H, DH, U, Y, K, N };
 typedef struct { double v[N]; int broken; fmi3LogMessageCallback log; fmi3InstanceEnvironment environment; } M;
 static int made;
+#ifdef SHARED
+static M only;
+#endif
 
 static void fresh(M *m) {
     for (int i = 0; i < N; i++) m->v[i] = 0;
@@ -31,13 +35,21 @@ static fmi3Status compute(M *m) {
 fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
                                           fmi3Boolean logging, fmi3InstanceEnvironment e, fmi3LogMessageCallback log) {
     if (ONLY_ONCE && made++) return NULL;
+#ifdef SHARED
+    M *m = &only;
+#else
     M *m = calloc(1, sizeof(M));
+#endif
     m->log = log;
     m->environment = e;
     fresh(m);
     return m;
 }
+#ifdef SHARED
+void fmi3FreeInstance(fmi3Instance c) { (void)c; }
+#else
 void fmi3FreeInstance(fmi3Instance c) { free(c); }
+#endif
 fmi3Status fmi3Reset(fmi3Instance c) { fresh(c); return fmi3OK; }
 fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean a, fmi3Float64 b, fmi3Float64 d, fmi3Boolean e, fmi3Float64 f) { return fmi3OK; }
 fmi3Status fmi3ExitInitializationMode(fmi3Instance c) { return fmi3OK; }

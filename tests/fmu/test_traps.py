@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.integrate
 from ball_fmu import DESCRIPTION
 from fmu_archives import changed
+from tank_fmu import K, U, Y, levels, tank
 
 from daest.errors import FmuError
 from daest.fmu.compiler import build_shared
@@ -18,37 +18,6 @@ from daest.fmu.load import load_fmu
 from daest.fmu.runner import Points, Runner
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="built for Linux")
-
-H, U, Y, K = 1, 3, 4, 5
-TANK = """<fmiModelDescription fmiVersion="3.0" modelName="Tank" instantiationToken="{tank}">
-<ModelExchange modelIdentifier="tank" ONCE/>
-<ModelVariables>MORE<Float64 name="time" valueReference="0" causality="independent"/>
-<Float64 name="h" valueReference="1" start="1"/><Float64 name="der(h)" valueReference="2" derivative="1"/>
-<Float64 name="u" valueReference="3" causality="input" start="0"/>
-<Float64 name="y" valueReference="4" causality="output"/>
-<Float64 name="k" valueReference="5" causality="parameter" variability="tunable" start="0.5"/>
-</ModelVariables><ModelStructure><Output valueReference="4"/>
-<ContinuousStateDerivative valueReference="2"/></ModelStructure></fmiModelDescription>"""
-
-
-def tank(folder, only_once=False, more=""):
-    source = (Path(__file__).parent / "fmi3_tank.c").read_text()
-    library = build_shared(source, "tank", ("-O1", f"-DONLY_ONCE={int(only_once)}"))
-    once = 'canBeInstantiatedOnlyOncePerProcess="true"' if only_once else ""
-    path = Path(folder) / "tank.fmu"
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", TANK.replace("ONCE", once).replace("MORE", more))
-        archive.write(library, "binaries/x86_64-linux/tank.so")
-    return path
-
-
-def levels(k, time):
-    """h(t) from 1 with the inflow 0.3, by an independent integrator."""
-
-    def rate(t, h):
-        return 0.3 - k * np.sqrt(h)
-
-    return scipy.integrate.solve_ivp(rate, (0, time[-1]), [1.0], t_eval=time, rtol=1e-10, atol=1e-12).y[0]
 
 
 def test_error_state_ends_with_the_point_that_caused_it(tmp_path):

@@ -15,7 +15,8 @@ from daest.errors import ModelError
 from daest.fmu import words
 from daest.fmu.binary_functions import PointFunction, model_function, parameter_function, raise_failure
 from daest.fmu.description import base_and_order
-from daest.fmu.drive import RTOL, Drive
+from daest.fmu.drive import Drive
+from daest.fmu.engine import Plan, engine_library
 from daest.fmu.load import load_fmu
 from daest.fmu.points import DIFFERENCE_FLOOR, central_differences, difference, long_points, moved_points
 from daest.fmu.runner import Points, Runner, Simulated
@@ -33,7 +34,11 @@ from daest.model.explicit import ExplicitModel, InputDerivative
 from daest.model.flat import Equation, FlatModel, NoiseInput
 from daest.model.fmu import FmuModel
 from daest.model.linear import LinearDAE, StateSpaceFamily
-from daest.systems.integrate import IntegrationError
+from daest.systems.integrate import (
+    MAX_STEPS_PER_INTERVAL,
+    MEAN_STEPS_PER_INTERVAL,
+    IntegrationError,
+)
 from daest.systems.state_space import family_of
 
 # Relative step of the differences of simulations: far above the error of the integrator (RTOL), far below
@@ -57,6 +62,22 @@ class Slopes:
     by_time: np.ndarray
 
 
+# States (n, n_x), outputs (n, n_y), sensitivities (n, n_y, directions).
+Integrated = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What is integrated: `run` is that of systems.integrate, `columns` are the parameters that slopes are
+    wanted for, `scale` (n_states,) the sizes of the states."""
+
+    flat: FlatModel
+    columns: tuple[int, ...]
+    run: Any
+    scale: np.ndarray
+    has_slopes: bool
+
+
 class BinaryForm:
     """The `GivenForm` of an FMU. The process of the FMU starts when something is asked, and stays."""
 
@@ -65,6 +86,7 @@ class BinaryForm:
         self.hides_states = self.model.kind == "co-simulation"
         self.form: SemiExplicitForm = semi_explicit_form(self.model)
         self._runner: Runner | None = None
+        self._method = "CVODE (BDF)"  # of the last integration
         self._affine_rows: dict[tuple[int, ...], bool] = {}  # answers of `has_affine_dynamics`
         self._columns = {
             name: i
@@ -127,7 +149,7 @@ class BinaryForm:
 
     @property
     def method(self) -> str:
-        return "the FMU's own steps" if self.hides_states else f"CVODE (BDF) on the FMU, rtol {RTOL:g}"
+        return "the FMU's own steps" if self.hides_states else f"{self._method} on the FMU"
 
     @cached_property
     def is_affine(self) -> bool:
@@ -277,30 +299,66 @@ class BinaryForm:
     def integrate(
         self, flat: FlatModel, names: tuple[str, ...], drive: Any, options: Mapping[str, Any]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Sensitivities by central differences of whole simulations, all in one request. Options:
-        `sensitivities`; `state_scale` (n_states,); `with_states` puts the states behind the outputs."""
+        """By the compiled integrator where the FMU has no events, else (or where that gives up) by CVODE.
+        Options: `sensitivities`; `state_scale` (n_states,); `with_states` puts the states behind the
+        outputs."""
         known = [p.name for p in flat.parameters]
-        columns = tuple(known.index(name) for name in names)
-        theta, x0 = drive.theta, drive.x0
-        sets, starts, steps = theta[None], x0[None], np.zeros(0)
-        if options["sensitivities"]:
-            moved, steps = self._moved_parameters(flat, theta, columns, SIMULATION_STEP)
-            turned, more = _moved_states(x0, options["state_scale"], SIMULATION_STEP)
-            sets = np.vstack([sets, moved, np.repeat(theta[None], len(turned), axis=0)])
-            starts = np.vstack([starts, np.repeat(x0[None], len(moved), axis=0), turned])
-            steps = np.concatenate([steps, more])
-        columns = (*self.form.states, *self.form.variables)
-        read = tuple(columns[row] for row in self.output_rows(flat))
+        columns = tuple(known.index(name) for name in names) if options["sensitivities"] else ()
+        task = _Task(flat, columns, drive, options["state_scale"], options["sensitivities"])
+        references = (*self.form.states, *self.form.variables)
+        read = [references[row] for row in self.output_rows(flat)]
+        read += self.form.states if options["with_states"] else ()
         request = self.drive(drive.time, drive.u0, drive.u1, drive.u_last, read)
-        request = replace(request, rtol=min(drive.rtol, SEARCH_RTOL))
         if drive.correction is not None:
             request = replace(request, measurements=drive.correction.measurements, gain=drive.correction.gain)
-        found = self.simulated(request, sets, starts)
-        outputs = (
-            np.concatenate([found.values, found.states], axis=2) if options["with_states"] else found.values
-        )
-        changes = (outputs[1::2] - outputs[2::2]) / (2 * steps)[:, None, None]
-        return found.states[0], outputs[0], np.moveaxis(changes, 0, 2)
+        is_possible = self._has_no_events and not (self.model.only_once and task.has_slopes)
+        if is_possible and drive.time.size > 1:
+            found = self._followed(task, request)
+            if found is not None:
+                self._method = f"Radau IIA order 5, rtol {drive.rtol:g}"
+                return found
+        self._method = f"CVODE (BDF), rtol {min(drive.rtol, SEARCH_RTOL):g}"
+        return self._simulated_apart(task, request)
+
+    @property
+    def _has_no_events(self) -> bool:
+        return not (self.hides_states or self.model.n_event_indicators) and bool(self.form.states)
+
+    def _followed(self, task: _Task, request: Drive) -> Integrated | None:
+        """With the slopes of the computed solution, from differences at its points."""
+        theta = task.run.theta
+        moved, steps = self._moved_parameters(task.flat, theta, task.columns, PARAMETER_STEP)
+        request = replace(request, rtol=task.run.rtol)
+        plan = self._plan(task, request, steps)
+        sets = np.vstack([theta[None], moved])
+        found = plan and self.runner.follow(request, self._parameters(sets), task.run.x0, plan)
+        return (found.states, found.values, found.slopes) if found else None
+
+    def _simulated_apart(self, task: _Task, request: Drive) -> Integrated:
+        """By CVODE, with central differences of whole simulations, all in one request."""
+        sets, starts, steps = self._moved(task)
+        request = replace(request, rtol=min(task.run.rtol, SEARCH_RTOL))
+        return _with_differences(self.simulated(request, sets, starts), steps)
+
+    def _plan(self, task: _Task, request: Drive, steps: np.ndarray) -> Plan | None:
+        fmi, n_x = int(self.model.fmi_version[0]), len(self.form.states)
+        library = engine_library(fmi, n_x, len(request.inputs), steps.size, len(request.read))
+        if library is None:
+            return None
+        most = MAX_STEPS_PER_INTERVAL, MAX_STEPS_PER_INTERVAL + MEAN_STEPS_PER_INTERVAL * request.time.size
+        return Plan(str(library), steps, np.abs(task.scale), task.run.atol, most, task.has_slopes)
+
+    def _moved(self, task: _Task) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Parameters (s, p) and starts (s, n_x) of the solution itself and, where slopes are wanted, of those
+        moved up and down in every direction, and the steps."""
+        theta, x0 = task.run.theta, task.run.x0
+        if not task.has_slopes:
+            return theta[None], x0[None], np.zeros(0)
+        moved, steps = self._moved_parameters(task.flat, theta, task.columns, SIMULATION_STEP)
+        turned, more = _moved_states(x0, task.scale, SIMULATION_STEP)
+        sets = np.vstack([theta[None], moved, np.repeat(theta[None], len(turned), axis=0)])
+        starts = np.vstack([x0[None], np.repeat(x0[None], len(moved), axis=0), turned])
+        return sets, starts, np.concatenate([steps, more])
 
     def variables_along(
         self, flat: FlatModel, time: np.ndarray, ubar: np.ndarray, theta: np.ndarray, states: np.ndarray
@@ -582,6 +640,13 @@ def _with_identity(block: np.ndarray, argument: int, n_x: int) -> np.ndarray:
     """Rows of the states themselves before those of the variables."""
     own = np.eye(n_x) if argument == 0 else np.zeros((n_x, block.shape[1]))
     return np.vstack([own, block])
+
+
+def _with_differences(found: Simulated, steps: np.ndarray) -> Integrated:
+    """The first solution, with central differences of the others, which were moved by `steps`."""
+    values = found.values
+    changes = (values[1::2] - values[2::2]) / (2 * steps)[:, None, None]
+    return found.states[0], values[0], np.moveaxis(changes, 0, 2)
 
 
 def _moved_states(x0: np.ndarray, scale: np.ndarray | None, share: float) -> tuple[np.ndarray, np.ndarray]:

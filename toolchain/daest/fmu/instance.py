@@ -278,6 +278,21 @@ class Instance:
         if terminate.value:
             raise Refusal(self._words("the FMU asked for the end of the simulation"))
 
+    # For compiled code that calls the binary by itself.
+
+    @property
+    def component(self) -> Any:
+        """The address of the instance in the binary."""
+        found = self._unit.component
+        return found.value if isinstance(found, _POINTER) else found
+
+    def address(self, name: str) -> int | None:
+        """The address of the function fmi2`name` or fmi3`name`; None where the binary has none."""
+        full = f"fmi{self.binary.fmi_major}{name}"
+        if not hasattr(self._unit.dll, full):
+            return None
+        return ctypes.cast(getattr(self._unit.dll, full), _POINTER).value
+
     # ---------------------------------------------------------------------------------------- calls
 
     def _array_of(self, references: Sequence[int]) -> np.ndarray:

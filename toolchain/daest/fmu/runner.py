@@ -26,6 +26,7 @@ from daest.errors import FmuError
 from daest.fmu.archive import open_archive
 from daest.fmu.compiler import native_platform
 from daest.fmu.drive import Drive
+from daest.fmu.engine import Followed, Plan
 from daest.fmu.instance import Binary
 from daest.fmu.wire import read_message, write_message
 from daest.model.fmu import FmuModel
@@ -188,6 +189,26 @@ class Runner:
         stop = reply["stopped"]
         stopped = None if stop is None else Stop(stop["what"], stop["time"], stop["set"])
         return Simulated(found["values"], found["states"], reply["n_events"], stopped)
+
+    def follow(
+        self, drive: Drive, parameters: tuple[Sequence[int], np.ndarray], x0: np.ndarray, plan: Plan
+    ) -> Followed | None:
+        """The trajectory from x0 (n_x,) by the compiled integrator, with the first row of the parameter
+        values (1 + 2 n_moved, n_p); in the others parameters are moved up and down by the steps of `plan`.
+        None where the FMU is none for it, or where it gives up."""
+        names, values = parameters
+        header = {
+            "request": "follow", "parameters": list(names), "inputs": list(drive.inputs),
+            "read": list(drive.read), "laws": [], "rtol": drive.rtol, "library": plan.library,
+            "most": list(plan.most), "has_slopes": plan.has_slopes,
+        }  # fmt: skip
+        tables = {"parameters": values, "time": drive.time, "u0": drive.u0, "u1": drive.u1,
+                  "u_last": drive.u_last, "x0": x0}  # fmt: skip
+        tables |= {"steps": plan.steps, "sizes": plan.sizes, "atol": plan.atol}
+        optional = {"measurements": drive.measurements, "gain": drive.gain}
+        tables |= {name: table for name, table in optional.items() if table is not None}
+        reply, found = self._ask(header, tables)
+        return Followed(**found) if reply["followed"] else None
 
     def _ask(
         self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]

@@ -17,6 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from daest.fmu.drive import Drive
+from daest.fmu.engine import Followed, Plan, follow
 from daest.fmu.instance import Binary, Instance, Log, Refusal
 from daest.fmu.laws import Law
 from daest.fmu.trajectory import Recorded, Stopped, run
@@ -26,6 +27,10 @@ from daest.fmu.wire import read_message, write_message
 LOG_STATUS = 97
 # The caller hears at most this often that the work goes on.
 ALIVE_SECONDS = 0.2
+# Points at which an instance that has heard of steps is compared with a new one, and the difference, relative
+# to the largest value among them, beyond which it remembers: above the error of a solver inside the FMU.
+HISTORY_POINTS = 4
+SAME_ANSWER = 1e-6
 
 
 def main() -> None:
@@ -80,12 +85,19 @@ class Session:
         self._binary, self._replies = binary, replies
         self._log = Log(log_limit, lambda: os._exit(LOG_STATUS))
         self._instance: Instance | None = None
+        self._moved: list[Instance] = []  # instances with moved parameters
+        self._remembers: bool | None = None  # not known yet
         self._kept: Any = None  # what the instance was started with, while nothing has changed it
         self._told = 0.0
 
     def answer(self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
         """One request, one reply: results, or why there are none."""
-        work = {"evaluate": self._evaluate, "differentiate": self._differentiate, "simulate": self._simulate}
+        work = {
+            "evaluate": self._evaluate,
+            "differentiate": self._differentiate,
+            "simulate": self._simulate,
+            "follow": self._follow,
+        }
         try:
             reply, tables = work[header["request"]](header, arrays)
             self._send({"kind": "done", **reply}, tables)
@@ -123,7 +135,7 @@ class Session:
         inputs: tuple[Sequence[int], np.ndarray] = ((), np.zeros(0)),
     ) -> Instance:
         """The instance with parameter `values`, as it is after its initialisation."""
-        key = (header["request"] == "simulate", tuple(values), time, dae_mode, tuple(inputs[1]))
+        key = (header["request"] in ("simulate", "follow"), tuple(values), time, dae_mode, tuple(inputs[1]))
         instance = self._loaded()
         if self._kept != key:
             self._kept = None
@@ -209,6 +221,73 @@ class Session:
                 self._kept = None
         return {"stopped": stopped, "n_events": events}, {"values": values, "states": states}
 
+    def _follow(self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> tuple[dict, dict]:
+        """One trajectory by the compiled integrator: parameters (1 + 2 n_moved, n_p), those of the solution
+        and the moved ones, x0 (n_x,) -> values (n, n_y), states (n, n_x), slopes (n, n_y, n_moved + n_x).
+        Nothing where the FMU has events after all or remembers more than its states, where its instances
+        disturb each other, or where it or the integrator gives up."""
+        nothing: tuple[dict, dict] = {"followed": False}, {}
+        steps, sizes, atol = (arrays[name] for name in ("steps", "sizes", "atol"))
+        plan = Plan(header["library"], steps, sizes, atol, tuple(header["most"]), header["has_slopes"])
+        drive, sets, x0 = _drive(header, arrays, np.zeros(0)), arrays["parameters"], arrays["x0"]
+        inputs = (header["inputs"], drive.u0[0])
+        first = self._started(header, sets[0], float(drive.time[0]), False, inputs)
+        clean, self._kept = self._kept, None
+        if first.n_event_indicators or first.next_event is not None or (plan.has_slopes and self._remembers):
+            return nothing
+        try:
+            others = self._all_moved(header, sets[1:], drive, x0, inputs) if plan.has_slopes else []
+            found = None if others is None else follow(
+                (first, *others), drive, x0, plan, lambda now: self._alive("was simulated", now)
+            )  # fmt: skip
+            if found is None or (plan.has_slopes and self._is_history(header, sets[0], drive, found, inputs)):
+                return nothing
+        except Refusal as problem:
+            if problem.is_fatal:
+                raise
+            return nothing
+        self._kept = None if self._binary.reports_steps else clean
+        return {"followed": True}, {"values": found.values, "states": found.states, "slopes": found.slopes}
+
+    def _is_history(
+        self, header: Mapping[str, Any], parameters: np.ndarray, drive: Drive, found: Followed, inputs: Any
+    ) -> bool:
+        """Whether the answers of an FMU that hears of steps depend on those it has heard of, as the answers
+        of a delay do: a new instance then answers otherwise at points of the solution. Asked once."""
+        if self._remembers is None and self._binary.reports_steps:
+            assert self._instance is not None
+            new = Instance(self._binary, self._log)
+            new.start((header["parameters"], parameters), float(drive.time[0]), False, inputs)
+            chosen = np.unique(np.linspace(0, drive.time.size - 1, HISTORY_POINTS + 1).astype(int)[1:])
+            old, fresh = (
+                np.array([_answers(one, drive, k, found.states[k]) for k in chosen])
+                for one in (self._instance, new)
+            )
+            new.free()
+            sizes = np.max(np.abs(old), axis=0, initial=0.0)
+            self._remembers = not bool(np.all(np.abs(old - fresh) <= SAME_ANSWER * sizes))
+        return bool(self._remembers)
+
+    def _all_moved(
+        self, header: Mapping[str, Any], sets: np.ndarray, drive: Drive, x0: np.ndarray, inputs: Any
+    ) -> list[Instance] | None:
+        """Instances with the moved parameters `sets`; None where they change what the first one answers, as
+        those of a binary do that keeps its values in one place for all. Raises Refusal."""
+        assert self._instance is not None
+        while len(self._moved) < len(sets):
+            self._moved.append(Instance(self._binary, self._log))
+        chosen = self._moved[: len(sets)]
+        before = _answers(self._instance, drive, 0, x0)
+        for instance, parameters in zip(chosen, sets, strict=True):
+            self._alive("was initialised")
+            instance.start((header["parameters"], parameters), float(drive.time[0]), False, inputs)
+            _answers(instance, drive, 0, x0)
+        if np.array_equal(before, _answers(self._instance, drive, 0, x0)):
+            return chosen
+        for instance in self._moved:
+            instance.free()
+        return None
+
     def _is_memoryless(self, found: Recorded, starts: np.ndarray | None) -> bool:
         """The instance can be used again: its state is all that it remembers, and will be given."""
         binary = self._binary
@@ -244,6 +323,13 @@ def _values_at(
         go()
     values = instance.get(header["read"])
     return np.concatenate([values, instance.rates()]) if header["rates"] else values
+
+
+def _answers(instance: Instance, drive: Drive, k: int, x: np.ndarray) -> np.ndarray:
+    """What is read, and the rates, at sample k in the state x."""
+    header = {"set": drive.inputs, "read": drive.read, "rates": True}
+    u = drive.u0[k] if k < len(drive.u0) else drive.u_last
+    return _values_at(instance, header, u, x, float(drive.time[k]), False)
 
 
 def _drive(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray], sizes: np.ndarray) -> Drive:

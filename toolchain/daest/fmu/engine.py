@@ -1,0 +1,143 @@
+"""Simulation with sensitivities by `radau.c` on the binary of an FMU that has no events.
+
+The integrator and what it asks of the FMU are compiled together (`foreign.c`), so that no evaluation passes
+through Python. `engine_library` compiles; the rest is foreign code that only `fmu.worker` runs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import functools
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from daest.errors import FmuError
+from daest.fmu.compiler import build_shared
+from daest.fmu.drive import Drive
+from daest.fmu.instance import Instance
+
+# The caller hears this often how far the solution has come.
+TOLD_SECONDS = 0.2
+_LONG = ctypes.c_long
+
+
+@functools.lru_cache(maxsize=64)
+def engine_library(fmi: int, n_x: int, n_u: int, n_p: int, n_y: int) -> Path | None:
+    """The compiled integrator for FMUs of FMI 2 or 3 with n_x states, n_u inputs, n_y outputs, and n_p chosen
+    parameters; None without a C compiler."""
+    sizes = {"FMI": fmi, "NX": n_x, "NU": n_u, "NP": n_p, "NY": n_y, "NG": 0}
+    work = [f"{part}_{kind}" for part in ("RHS", "SENS", "OUT", "HOLD") for kind in ("ARG", "RES", "IW", "W")]
+    lines = [f"#define {name} {value}" for name, value in (sizes | dict.fromkeys(work, 0)).items()]
+    asked = resources.files("daest.fmu").joinpath("foreign.c").read_text(encoding="utf-8")
+    method = resources.files("daest.numerics").joinpath("radau.c").read_text(encoding="utf-8")
+    try:
+        return build_shared("\n".join((*lines, asked, method)), "engine")
+    except FmuError as error:
+        if error.code != "no-c-compiler":
+            raise
+        return None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How a trajectory is followed: the `library` of `engine_library`; `steps` (n_p,) by which the instances
+    behind the first have their parameters moved; `sizes` (n_x,) of the states; `atol` (n_x,); the `most`
+    steps in an interval and in all; whether there are sensitivities (n, n_y, n_p + n_x) (`has_slopes`)."""
+
+    library: str
+    steps: np.ndarray
+    sizes: np.ndarray
+    atol: np.ndarray
+    most: tuple[int, int]
+    has_slopes: bool
+
+
+@dataclass(frozen=True)
+class Followed:
+    """values (n, n_y) and states (n, n_x) before corrections, sensitivities (n, n_y, n_p + n_x) of values."""
+
+    values: np.ndarray
+    states: np.ndarray
+    slopes: np.ndarray
+
+
+def follow(
+    instances: Sequence[Instance], drive: Drive, x0: np.ndarray, plan: Plan, alive: Callable[[float], None]
+) -> Followed | None:
+    """Follow the first instance from x0 (n_x,); None where the FMU or the integrator gives up."""
+    library = ctypes.CDLL(plan.library)
+    _bind(library, instances, drive, plan)
+    n, n_x, n_y = drive.time.size, x0.size, len(drive.read)
+    directions = plan.steps.size + n_x if plan.has_slopes else 0
+    found = Followed(np.empty((n, n_y)), np.empty((n, n_x)), np.empty((n, n_y, directions)))
+    start = np.zeros((n_x, directions))
+    if directions:
+        start[:, plan.steps.size :] = np.eye(n_x)
+    info = (_LONG * 2)()
+    given = (drive.time, drive.u0, drive.u1, drive.u_last, None, x0)
+    correction = _correction(drive)
+    with _told(lambda: float(drive.time[info[1]]), alive):
+        status = library.daest_simulate(
+            _LONG(n), *map(_pointer, given), ctypes.c_int(directions), _pointer(start),
+            *map(_pointer, correction), _LONG(0), ctypes.c_double(drive.rtol), _pointer(plan.atol),
+            *map(_LONG, plan.most), *map(_pointer, (found.states, found.values, found.slopes)), info,
+        )  # fmt: skip
+    return None if status or library.daest_refused() else found
+
+
+def _correction(drive: Drive) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Measurements and gain for all that is read: what is not measured corrects nothing."""
+    if drive.measurements is None or drive.gain is None:
+        return None, None
+    more = len(drive.read) - drive.measurements.shape[1]
+    y = np.pad(drive.measurements, ((0, 0), (0, more)), constant_values=np.nan)
+    return y, np.pad(drive.gain, ((0, 0), (0, more)))
+
+
+def _bind(library: ctypes.CDLL, instances: Sequence[Instance], drive: Drive, plan: Plan) -> None:
+    first = instances[0]
+    is_fmi3 = first.binary.fmi_major == 3
+    kind, rates = ("Float64", "GetContinuousStateDerivatives") if is_fmi3 else ("Real", "GetDerivatives")
+    names = ["SetTime", "SetContinuousStates", rates, f"Set{kind}", f"Get{kind}"]
+    addresses = [first.address(name) for name in names]
+    addresses.append(first.address("CompletedIntegratorStep") if first.binary.reports_steps else None)
+    functions = (ctypes.c_void_p * len(addresses))(*addresses)
+    components = (ctypes.c_void_p * len(instances))(*(one.component for one in instances))
+    inputs, outputs = (np.array(refs, dtype=np.uint32) for refs in (drive.inputs, drive.read))
+    arrays = (inputs, outputs, plan.steps, plan.sizes)
+    library.daest_bind(functions, components, *map(_pointer, arrays), ctypes.c_int(plan.has_slopes))
+
+
+def _pointer(array: np.ndarray | None) -> ctypes.c_void_p | None:
+    if array is None:
+        return None
+    assert array.flags.c_contiguous
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+@contextlib.contextmanager
+def _told(reached: Callable[[], float], alive: Callable[[float], None]) -> Iterator[None]:
+    """`alive` hears of the time reached as long as it grows: a solution that stands still is not alive."""
+    is_done = threading.Event()
+
+    def tell() -> None:
+        last = None
+        while not is_done.wait(TOLD_SECONDS):
+            now = reached()
+            if now != last:
+                alive(now)
+            last = now
+
+    teller = threading.Thread(target=tell, daemon=True)
+    teller.start()
+    try:
+        yield
+    finally:
+        is_done.set()
+        teller.join()
