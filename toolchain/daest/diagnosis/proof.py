@@ -28,7 +28,11 @@ LEAST_EXPLAINED = 0.5  # of the load's size that an accepted effect must do away
 PARTLY_EXPLAINED = 0.35  # enough where the simulation of unseen data becomes much better besides
 BETTER = 0.7  # simulation error relative to the one without the effect
 WORSE = 1.2  # likewise, of all outputs
-FORESEEN = 0.95  # error of one step on unseen data, relative; a machine that sticks drifts apart by chance
+MUCH_WORSE = (
+    2.0  # likewise, though each step is foreseen better; a machine that sticks drifts apart by chance
+)
+FORESEEN = 0.95  # error of one step on unseen data, relative
+CURVE_EXPLAINED = 0.2  # enough where the law says all that the load has to do with any variable
 LEFT_LEVEL = 1e-3  # corrected p-value below which the rest of the load certainly follows a variable
 LEFT_SHARE = 0.1  # of the effect's own gain in log-likelihood: less is how a law is rounded, not another law
 COVERED = 0.75  # share of a law's score that a free form explains, from which the law is a part of the form
@@ -169,7 +173,8 @@ def prove(
     p_value = float(min(1.0, n_screened * chi2.sf(2.0 * max(gain, 0.0), n_own)))
     ratios, one_step = _ratios(null_fit.simulated, fit.simulated), _ratios(null_fit.one_step, fit.one_step)
     # A law that says all that the load has to do with any variable need not explain more of the load.
-    is_curve = form is not None and form.p_value < LEFT_LEVEL and gain >= form.log_likelihood_gain
+    says_all = form is not None and form.p_value < LEFT_LEVEL and gain >= form.log_likelihood_gain
+    is_curve = says_all and explained >= CURVE_EXPLAINED
     reason = _failed_gate(prepared, fit, delta_bic, 1.0 if is_curve else explained, ratios, one_step)
     if not reason and p_value > CHANCE:
         reason = f"a search over {n_screened} candidates finds as much by chance (p = {p_value:.1g})"
@@ -221,8 +226,12 @@ def _wrong_law(
     try:
         response = law_response(null, run, prepared.trial.candidate, fit.theta)
     except DaestError:
-        return ""
-    if covers(null, run, left, response) < COVERED:
+        # A law with states of its own has no response. One that stands for dry friction, too, is a curve with
+        # the sign of the speed in the main.
+        is_covered = prepared.similar is not None and bool(left.sign_of)
+    else:
+        is_covered = covers(null, run, left, response) >= COVERED
+    if not is_covered:
         return ""
     return f"another law acts there: what it leaves still follows {left.label} (p = {left.p_value:.1g})"
 
@@ -279,7 +288,8 @@ def _failed_gate(
         return f"the likelihood gains too little for its parameters (BIC gain {delta_bic:.1f})"
     if explained < (PARTLY_EXPLAINED if ratios and max(ratios) <= BETTER else LEAST_EXPLAINED):
         return f"it explains only {100 * explained:.0f} % of the unexplained load"
-    if ratios and min(ratios) > WORSE and min(one_step, default=1.0) > FORESEEN:
+    limit = WORSE if min(one_step, default=1.0) > FORESEEN else MUCH_WORSE
+    if ratios and min(ratios) > limit:
         return f"the simulation of unseen data gets {max(ratios):.1f} times worse"
     candidate = prepared.trial.candidate
     found = {p.name: p for p in fit.parameters}
