@@ -197,8 +197,9 @@ def test_a_wild_start_does_not_hide_the_rest():
 
 @pytest.mark.parametrize("sparse", [False, True])
 def test_structure_by_component(sparse):
-    origins = ("a", "b", "a, b", "a")
-    equations = tuple(Equation(f"e{i}", "component", origin) for i, origin in enumerate(origins))
+    origins = ("a", "b", "a, b", "a.flange")
+    kinds = ("component", "component", "connection", "unconnected")
+    equations = tuple(Equation(f"e{i}", *e) for i, e in enumerate(zip(kinds, origins, strict=True)))
     unknowns = tuple(Variable(name) for name in ("a.x", "b.x", "a.v", "top"))
     E = np.diag([1.0, 0.0, 0.0, 0.0])
     J = np.eye(4)
@@ -226,6 +227,8 @@ def test_structure_by_component(sparse):
 
 def test_groups():
     assert [component(o) for o in ("motor", "a.p, b.n", "")] == ["motor", "connections", "top level"]
+    ends = ("gear.inertia.flange_b", "load.flange_b", "flange")
+    assert [component(o, "unconnected") for o in ends] == ["gear.inertia", "load", "top level"]
     assert owner("motor.w") == "motor" and owner("u") == "top level"
     assert grouped(["a", "b", "a", "c", "b"]) == [0, 2, 1, 4, 3]
     assert stretches([True, True, False]) == [(True, 0, 2), (False, 2, 3)] and stretches([]) == []

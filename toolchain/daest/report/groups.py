@@ -12,9 +12,11 @@ CONNECTIONS = "connections"
 TOP = "top level"
 
 
-def component(origin: str) -> str:
-    """The component that an equation belongs to; connections, between several, are one group, and so are the
-    model's own equations."""
+def component(origin: str, kind: str = "component") -> str:
+    """The component that an equation of that `origin` and `kind` belongs to, also that of an unconnected
+    connector; connections, between several, are one group, and so are the model's own equations."""
+    if kind == "unconnected":
+        origin = origin.rpartition(".")[0]
     return CONNECTIONS if "," in origin else origin or TOP
 
 

@@ -27,7 +27,7 @@ def noise_figure(dae: LinearDAE, report: NoiseReport) -> Figure:
     has. Rows that may not carry white noise are coloured; triangles mark the equations of the model's own
     noises."""
     admissible = np.array([place.admissible for place in report.places], dtype=bool)
-    rows = [component(equation.origin) for equation in dae.equations]
+    rows = [component(equation.origin, equation.kind) for equation in dae.equations]
     columns = [owner(unknown.name) for unknown in dae.unknowns]
     row_of, column_of = _places(grouped(rows)), _places(grouped(columns))
     height = min(max(LEAST, ROW * dae.n), MOST)

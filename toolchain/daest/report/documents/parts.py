@@ -14,7 +14,13 @@ def equation_entry(index: int, equation: Equation) -> dict[str, Any]:
     """`index` counts from 0, as the rows of E do; `place` is `file:line`, None where it is not known."""
     place = equation.place
     where = None if place is None else f"{place.file}:{place.line}" if place.line is not None else place.file
-    return {"index": index, "text": equation.text, "origin": equation.origin, "place": where}
+    return {
+        "index": index,
+        "text": equation.text,
+        "kind": equation.kind,
+        "origin": equation.origin,
+        "place": where,
+    }
 
 
 def decision_entry(decision: RankDecision) -> dict[str, Any]:

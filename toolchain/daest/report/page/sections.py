@@ -106,7 +106,7 @@ def _model(flat: FlatModel | None) -> Section:
     for equation in flat.equations:
         place = equation.place
         where = "" if place is None else f"{_file_name(place.file)}:{place.line or ''}".rstrip(":")
-        groups.setdefault(component(equation.origin), []).append((equation.text, where))
+        groups.setdefault(component(equation.origin, equation.kind), []).append((equation.text, where))
     content = {
         "name": flat.name,
         "description": flat.description,
@@ -129,7 +129,7 @@ def _noise(document: Document | None) -> Section:
     advice: dict[str, list[str]] = {}
     for equation in forbidden:
         advice.setdefault(equation["advice"], []).append(equation["text"])
-    groups = [component(e["origin"]) for e in document["equations"]]
+    groups = [component(e["origin"], e.get("kind", "")) for e in document["equations"]]
     names = [u["name"] for u in document["structure"]["unknowns"]]
     columns = [owner(name) for name in names]
     content = {"document": document, "forbidden": forbidden, "advice": list(advice.items())}
