@@ -73,6 +73,7 @@ def test_linearize_document(flat: FlatModel) -> None:
     assert found["equations"][1] == {
         "index": 1,
         "text": "m*der(omega) = u - d*omega + w",
+        "kind": "component",
         "origin": "cart",
         "place": "Cart.mo:4",
     }
