@@ -955,6 +955,11 @@ EXPLANATIONS: dict[str, str] = {
         "function that is defined inside another one. Run it in one process: without --cluster, and with "
         "--jobs 1."
     ),
+    "unit-contradiction": (
+        "The model connects two variables whose declared units have different dimensions, a voltage with a "
+        "force, say. One of the two units is wrong, or the wrong connectors are joined. The equations are "
+        "used as they stand; numbers are printed with the units as they are declared."
+    ),
     "unit-incompatible": (
         "A recorded signal has a unit of another dimension than the model variable it is matched with, so "
         "no conversion exists. Either the wrong column is mapped, or the unit in the header or in the model "

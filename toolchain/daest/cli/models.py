@@ -61,12 +61,22 @@ def load_model(
     flat = _load(
         source, class_name or (project.class_name if own else None), [*libraries, *project.libraries]
     )
+    _warn_of_units(flat)
     flat = configured(flat, project, strict=own)
     if settings:
         from daest.modelica.compile import with_values
 
         flat = with_values(flat, dict(settings))
     return flat
+
+
+def _warn_of_units(flat: FlatModel) -> None:
+    from daest.cli.output import warn
+    from daest.modelica.connected_units import contradictions, sentence
+
+    found = contradictions(flat)
+    if found:
+        warn("unit-contradiction", sentence(found))
 
 
 def configured(flat: FlatModel, project: Project, *, strict: bool) -> FlatModel:

@@ -1,0 +1,47 @@
+"""Declared units that a connection contradicts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from daest.errors import DataError
+from daest.model.flat import Equation, FlatModel
+from daest.quantities import conversion, is_known_unit
+
+MOST_NAMED = 3  # connections that a warning names
+
+
+def contradictions(flat: FlatModel) -> tuple[str, ...]:
+    """Connections that equate variables whose units no factor converts into each other, with the names and
+    the line. Variables without a unit, and units that are not known, contradict nothing."""
+    units = {y.name: y.unit for y in flat.outputs if y.unit}
+    units |= {v.name: v.unit for v in (*flat.inputs, *flat.unknowns) if v.unit}
+    found = []
+    for equation in flat.equations:
+        if equation.kind != "connection":
+            continue
+        left, _, right = equation.text.partition(" = ")
+        if left in units and right in units and _contradict(units[left], units[right]):
+            found.append(f"`{left}` [{units[left]}] with `{right}` [{units[right]}]{_where(equation)}")
+    return tuple(dict.fromkeys(found))
+
+
+def sentence(found: Sequence[str]) -> str:
+    """The contradictions as one sentence."""
+    rest = len(found) - MOST_NAMED
+    more = f", and {rest} more" if rest > 0 else ""
+    return f"units contradict each other where the model connects {', '.join(found[:MOST_NAMED])}{more}"
+
+
+def _contradict(one: str, other: str) -> bool:
+    if one == other or not (is_known_unit(one) and is_known_unit(other)):
+        return False
+    try:
+        conversion(one, other)
+    except DataError:
+        return True
+    return False
+
+
+def _where(equation: Equation) -> str:
+    return "" if equation.place is None else f" ({equation.place})"
