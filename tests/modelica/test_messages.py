@@ -148,6 +148,16 @@ CASES = {
         "external",
         "Write the function in Modelica",
     ),
+    "table": (
+        "model M\n function ExternalCombiTable1D input Real x; output Real y; external "
+        '"C" y = f(x); end ExternalCombiTable1D;\n'
+        " Real x;\nequation\n"
+        " x = ExternalCombiTable1D(time);\nend M;",
+        "model-function",
+        (5, 6),
+        "ExternalCombiTable1D",
+        "CoulombFriction",
+    ),
     "while": (
         "model M\n function f input Real x; output Real y; algorithm y := x;\n  while y > 1 loop y := y/2;"
         " end while; end f;\n Real x;\nequation\n x = f(time);\nend M;",

@@ -39,7 +39,8 @@ _RELATIONS: dict[str, Callable[[Scalar, Scalar], Scalar]] = {
 }
 _REFUSAL_REMEDY = (
     "Only differential-algebraic equations can be estimated: remove events, clocks and memory, or describe "
-    "the behaviour by a smooth equation (tanh(x/width) for sign(x), a first-order lag for a delay)."
+    "the behaviour by a smooth equation (tanh(x/width) for sign(x), a first-order lag for a delay); let a "
+    "source of pulses or a table over time be an input, and its values a column of the recording."
 )
 
 

@@ -103,12 +103,22 @@ def assigned(body: Sequence[s.Statement]) -> list[str]:
     return list(dict.fromkeys(found))
 
 
+# The Modelica Standard Library reads its tables in C; its friction elements are made of such tables.
+_TABLE_REMEDY = (
+    "It reads a table: describe the curve by a formula (friction by Daest.Effects.Rotational.CoulombFriction "
+    "or StribeckFriction, also for Translational), let a table over time be an input that a recording gives, "
+    "or, with OpenModelica installed, make an FMU by `daest export MODEL --compiler omc`."
+)
+
+
 def _not_executable(name: str, function: s.Function | None, evaluator: Evaluator) -> ModelError:
     if function is None:
         what = f"function `{name}` is not known"
     else:
         what = f"function `{name}` is external (written in C or Fortran)"
     remedy = "Write the function in Modelica, or replace the call by its formula."
+    if "ExternalCombiT" in name:
+        remedy = _TABLE_REMEDY
     return evaluator.error("model-function", what, None, remedy)
 
 
