@@ -123,3 +123,17 @@ def test_no_compiler_is_no_obstacle(monkeypatch):
     engine_library.cache_clear()
     assert engine_library(3, 1, 1, 1, 1) is None
     engine_library.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("trap", "code"), [("CRASH", "fmu-crashed"), ("HANG", "fmu-hangs"), ("EXIT", "fmu-exited")]
+)
+def test_what_an_fmu_does_in_the_compiled_loop_ends_in_one_message(tmp_path, monkeypatch, trap, code):
+    monkeypatch.setenv("DAEST_FMU_SECONDS", "2")
+    flat = BinaryForm(ball(tmp_path, TRAP=trap)).flat()
+    with pytest.raises(FmuError) as caught:
+        integrate(
+            integrator(reduce_index(flat)), TIME, np.zeros((21, 1)), np.array([0.1, 0.7, 9.81]),
+            np.array([1.0, 0.0]), hold="zoh",
+        )  # fmt: skip
+    assert caught.value.code == code
