@@ -87,6 +87,7 @@ class BinaryForm:
         self.form: SemiExplicitForm = semi_explicit_form(self.model)
         self._runner: Runner | None = None
         self._method = "CVODE (BDF)"  # of the last integration
+        self._last_slopes: tuple[tuple, Slopes] | None = None
         self._affine_rows: dict[tuple[int, ...], bool] = {}  # answers of `has_affine_dynamics`
         self._columns = {
             name: i
@@ -554,7 +555,15 @@ class BinaryForm:
         return np.concatenate([found.values[:, :, n_z:], found.values[:, :, :n_z]], axis=2)
 
     def _slopes(self, theta: np.ndarray, x: np.ndarray, ubar: np.ndarray, time: float) -> Slopes:
-        """Values and slopes at one point, time included, in one request."""
+        """Values and slopes at one point, time included. The last answer is kept: a filter asks for several
+        functions at the same point."""
+        key = (theta.tobytes(), x.tobytes(), ubar.tobytes(), time)
+        if self._last_slopes is None or self._last_slopes[0] != key:
+            self._last_slopes = key, self._slopes_asked(theta, x, ubar, time)
+        return self._last_slopes[1]
+
+    def _slopes_asked(self, theta: np.ndarray, x: np.ndarray, ubar: np.ndarray, time: float) -> Slopes:
+        """In one request for the values and, where the FMU has them, one for its derivatives."""
         drivers = np.zeros(len(self.form.drivers))
         drivers[: ubar.size] = ubar
         point = np.concatenate([x, drivers, [time]])
