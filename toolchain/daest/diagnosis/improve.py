@@ -53,7 +53,7 @@ def improve(
         if not _helps(stand.baseline, best.fit):
             reason = f"{best.candidate.label} is supported, but it does not lower the validation error."
             return Improvement(tuple(steps), diagnosis, reason)
-        hold = better_hold(stand, diagnosis) if len(steps) == 1 else None
+        hold = better_hold(stand, diagnosis)
         if hold is not None:
             progress(AGAIN[hold])
             again = replace(options, hold=hold)
