@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, cast
 
@@ -59,14 +60,23 @@ class Observed:
 
 @dataclass(frozen=True)
 class NullObserver:
-    """The null's observer, with what the innovations of all experiments are made of."""
+    """The observer of `null`, with what the innovations of all experiments are made of."""
 
+    null: Null
     state_names: tuple[str, ...]
     average: AverageModel
     gain: np.ndarray  # (n, n_y), zero where no gain exists or nothing drives the states
     root: np.ndarray  # inverse root of the innovation covariance (n_y, n_y)
     observed: tuple[Observed, ...]
-    dynamics: tuple[ErrorDynamics, ...]
+
+    @cached_property
+    def dynamics(self) -> tuple[ErrorDynamics, ...]:
+        """Of every experiment. Asked for by responses alone: most candidates are judged without any."""
+        null = self.null
+        filtered, predicted = [o.filtered for o in self.observed], [o.predicted for o in self.observed]
+        return dynamics_along(
+            null.explicit, self.average, null.experiments, filtered, predicted, null.hold, RTOL
+        )
 
     @property
     def whitened(self) -> np.ndarray:
@@ -96,16 +106,7 @@ def run_null(null: Null) -> NullObserver:
         )
         for run, error in zip(runs, errors, strict=True)
     )
-    dynamics = dynamics_along(
-        null.explicit,
-        average,
-        null.experiments,
-        [o.filtered for o in observed],
-        [o.predicted for o in observed],
-        null.hold,
-        RTOL,
-    )
-    return NullObserver(names, average, gain, root, observed, dynamics)
+    return NullObserver(null, names, average, gain, root, observed)
 
 
 def _average(null: Null, model: Integrator, x0: np.ndarray, experiment: Experiment) -> AverageModel:
