@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from daest.estimation.observer import AverageModel
+from daest.estimation.observer import AverageModel, jacobians
 from daest.model.experiment import Experiment
 from daest.model.explicit import ExplicitModel
 from daest.numerics.exponential import transition_integrals
@@ -91,7 +91,7 @@ def dynamics_along(
     if not is_varying or has_affine_dynamics(explicit):
         return (average_dynamics(average),) * len(experiments)
     model = integrator(_pushed(explicit), _pushes(explicit.n_states), runs_once=True)
-    slopes = _output_slopes(explicit)
+    slopes = jacobians(explicit)
     return tuple(
         _along(explicit, model, slopes, *one, hold, rtol)
         for one in zip(experiments, filtered, predicted, strict=True)
@@ -121,16 +121,6 @@ def _pushed(explicit: ExplicitModel) -> ExplicitModel:
         rhs=ca.Function("rhs", at, [rate]),
         outputs=ca.Function("outputs", at, [x]),
     )
-
-
-def _output_slopes(explicit: ExplicitModel) -> ca.Function:
-    """(x, u, v, theta, t) -> ∂h/∂x (n_y, n)."""
-    kind: Any = ca.SX if explicit.is_symbolic else ca.MX
-    x, u, v, w, theta = (kind.sym("a", explicit.rhs.numel_in(i)) for i in range(5))
-    t = kind.sym("t")
-    slopes = ca.densify(ca.jacobian(explicit.outputs(x, u, v, w, theta, t), x))
-    quiet = ca.substitute(slopes, w, kind.zeros(w.numel()))
-    return ca.Function("slopes", [x, u, v, theta, t], [quiet])
 
 
 def _along(
@@ -176,7 +166,7 @@ def _slopes_along(
 ) -> np.ndarray:
     """∂h/∂x (n_samples, n_y, n) at the states (n_samples, n)."""
     n_samples, n = states.shape
+    ubar = np.vstack([experiment.inputs.T, np.zeros((explicit.rhs.numel_in(2), n_samples))])
     theta = np.tile(explicit.flat.theta_values[:, None], (1, n_samples))
-    v = np.zeros((explicit.rhs.numel_in(2), n_samples))
-    rows = slopes.map(n_samples)(states.T, experiment.inputs.T, v, theta, experiment.time)
+    _, _, rows = slopes.map(n_samples)(states.T, ubar, theta, experiment.time)
     return np.array(rows).reshape(-1, n_samples, n).transpose(1, 0, 2)

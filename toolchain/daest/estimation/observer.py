@@ -47,8 +47,8 @@ def average_model(
 ) -> AverageModel:
     """Average linearisation over states (n_samples, n) with inputs ū (n_samples, n_ū)."""
     chosen = np.unique(np.linspace(0, time.size - 1, min(time.size, MOST_POINTS)).astype(int))
-    jacobians = _jacobians(explicit).map(chosen.size)
-    values = jacobians(states[chosen].T, ubar[chosen].T, ca.repmat(theta, 1, chosen.size), time[chosen])
+    along = jacobians(explicit).map(chosen.size)
+    values = along(states[chosen].T, ubar[chosen].T, ca.repmat(theta, 1, chosen.size), time[chosen])
     n, n_y = explicit.n_states, len(explicit.flat.outputs)
     sizes = (n, explicit.rhs.numel_in(3), n)
     A, G, C = (
@@ -58,7 +58,8 @@ def average_model(
     return AverageModel(A, G, C, float(np.median(np.diff(time))))
 
 
-def _jacobians(explicit: ExplicitModel) -> ca.Function:
+def jacobians(explicit: ExplicitModel) -> ca.Function:
+    """(x, ū, θ, t) -> ∂f/∂x (n, n), ∂f/∂w (n, n_w), ∂h/∂x (n_y, n) without noise."""
     kind: Any = ca.SX if explicit.is_symbolic else ca.MX
     n_u, n_v, n_w, n_theta = (explicit.rhs.numel_in(i) for i in (1, 2, 3, 4))
     x, ubar, w = kind.sym("x", explicit.n_states), kind.sym("u", n_u + n_v), kind.sym("w", n_w)
