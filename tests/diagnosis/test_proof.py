@@ -16,7 +16,6 @@ from daest.diagnosis.proof import (
     Trial,
     _failed_gate,
     _inside,
-    _ratios,
     _wrong_law,
     best_accepted,
     is_significant,
@@ -27,6 +26,7 @@ from daest.diagnosis.proof import (
 )
 from daest.diagnosis.screen import law_response, run_null, screen
 from daest.model.diagnosis import Screen, Screened
+from daest.model.fit import error_ratios
 from daest.modelica.sites import sites
 from daest.systems.reduce import reduce_index
 
@@ -152,10 +152,10 @@ def test_simulation_that_gets_worse_in_every_output_is_no_proof():
 def test_ratios_of_simulation_errors():
     stand, (_, proof) = rubbing(), proved()
     before, after = stand.baseline.simulated, proof.fit.simulated
-    (ratio,) = _ratios(before, after)
+    (ratio,) = error_ratios(before, after)
     assert ratio < 0.4
-    assert _ratios(after, before) == [pytest.approx(1.0 / ratio)]
-    assert _ratios({}, after) == []
+    assert error_ratios(after, before) == [pytest.approx(1.0 / ratio)]
+    assert error_ratios({}, after) == []
 
 
 def test_size_as_large_as_it_can_be_is_no_weakness():

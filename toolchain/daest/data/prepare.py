@@ -17,6 +17,7 @@ from daest.model.experiment import Experiment
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
+    from scipy.interpolate import CubicSpline
 
 # Time stamps this near (in periods) to a uniform grid are rounding or jitter of the clock, not information.
 GRID_TOLERANCE = 1e-3
@@ -257,21 +258,20 @@ def _low_pass(lag: np.ndarray) -> np.ndarray:
 def _low_pass_before_lines(lag: np.ndarray) -> np.ndarray:
     """Kernel whose samples, joined by straight lines, are the signal behind the filter: the response of the
     filter over that of the lines, sinc²."""
-    from scipy.interpolate import CubicSpline
-
-    table, values = _raised_kernel()
-    return np.asarray(CubicSpline(table, values)(np.abs(lag)))
+    return np.asarray(_raised_kernel()(np.abs(lag)))
 
 
 @cache
-def _raised_kernel() -> tuple[np.ndarray, np.ndarray]:
+def _raised_kernel() -> CubicSpline:
+    from scipy.interpolate import CubicSpline
+
     lags = np.arange(0.0, HALF_WIDTH + 2.0 * KERNEL_STEP, KERNEL_STEP)
     frequencies = np.linspace(0.0, STOP, 801)
     # Both kernels and their responses are even: cosine transforms by the trapezoidal rule.
     waves = 2.0 * np.cos(2.0 * np.pi * np.outer(frequencies, lags))
     response = np.trapezoid(waves * _low_pass(lags), dx=KERNEL_STEP, axis=1)
     raised = response / np.sinc(frequencies) ** 2
-    return lags, np.trapezoid(waves * raised[:, None], frequencies, axis=0)
+    return CubicSpline(lags, np.trapezoid(waves * raised[:, None], frequencies, axis=0))
 
 
 def _aligned(even: Experiment, first: float, n_new: int, period: float) -> np.ndarray:

@@ -23,6 +23,7 @@ from daest.diagnosis.screen import (
     projected,
     spread_under,
 )
+from daest.diagnosis.trial import variables_along
 from daest.model.diagnosis import FreeForm
 from daest.model.experiment import Experiment
 
@@ -261,12 +262,10 @@ def _predicted_variables(null: Null, run: NullObserver, number: int) -> dict[str
 
 def _variables_at(null: Null, one: Experiment, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
     """All internal variables (n, n_samples) without the loads."""
-    explicit, n = null.explicit, one.n_samples
-    v, w = np.zeros((explicit.rhs.numel_in(2), n)), np.zeros((explicit.rhs.numel_in(3), n))
-    theta = np.tile(null.theta[:, None], (1, n))
     loads = {load.name for load in null.loads}
-    unloaded = states * [name not in loads for name in explicit.state_names]
-    return np.array(explicit.variables.map(n)(unloaded.T, inputs.T, v, w, theta, one.time))
+    unloaded = states * [name not in loads for name in null.explicit.state_names]
+    moved = replace(one, inputs=inputs)
+    return variables_along(null.explicit, null.theta, moved, null.hold, unloaded).T
 
 
 def _normalised(x: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ from daest.errors import EstimationError
 from daest.model.diagnosis import Improvement, Proof, Step
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult
+from daest.model.fit import FitResult, error_ratios
 from daest.model.flat import FlatModel
 
 LEAST_PROGRESS = 0.98  # a round must bring the worst validation error below this part of the best so far
@@ -67,10 +67,9 @@ def improve(
 
 def _helps(before: FitResult, after: FitResult) -> bool:
     """Whether the simulation error on validation data falls for some output and rises for none by as much."""
-    old, new = before.simulated.get("validation"), after.simulated.get("validation")
-    if old is None or new is None:
+    if "validation" not in before.simulated or "validation" not in after.simulated:
         return True
-    ratios = [n / o for name, o in old.rms.items() if o and (n := new.rms.get(name)) is not None]
+    ratios = error_ratios(before.simulated, after.simulated)
     return bool(ratios) and min(ratios) < LEAST_PROGRESS and max(ratios) < 1.0 / LEAST_PROGRESS
 
 

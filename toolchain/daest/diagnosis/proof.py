@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from daest.diagnosis.screen import NullObserver, law_response, run_null
 from daest.errors import DaestError
 from daest.model.diagnosis import Candidate, FreeForm, Load, Proof, Screen
 from daest.model.experiment import Experiment
-from daest.model.fit import Agreement, FitResult, FittedParameter
+from daest.model.fit import FitResult, FittedParameter, error_ratios
 from daest.model.flat import FlatModel
 from daest.modelica.attach import attach
 from daest.systems.reduce import reduce_index
@@ -31,7 +31,7 @@ WORSE = 1.2  # likewise, of all outputs
 MUCH_WORSE = (
     2.0  # likewise, though each step is foreseen better; a machine that sticks drifts apart by chance
 )
-FORESEEN = 0.95  # error of one step on unseen data, relative
+BETTER_STEP = 0.95  # error of one step on unseen data, relative
 CURVE_EXPLAINED = 0.2  # enough where the law says all that the load has to do with any variable
 LEFT_LEVEL = 1e-3  # corrected p-value below which the rest of the load certainly follows a variable
 LEFT_SHARE = 0.1  # of the effect's own gain in log-likelihood: less is how a law is rounded, not another law
@@ -171,7 +171,10 @@ def prove(
     after = None if load is None else run_null(with_effect)
     explained = _explained(null_fit, with_effect, after, load)
     p_value = float(min(1.0, n_screened * chi2.sf(2.0 * max(gain, 0.0), n_own)))
-    ratios, one_step = _ratios(null_fit.simulated, fit.simulated), _ratios(null_fit.one_step, fit.one_step)
+    ratios, one_step = (
+        error_ratios(null_fit.simulated, fit.simulated),
+        error_ratios(null_fit.one_step, fit.one_step),
+    )
     # A law that says all that the load has to do with any variable need not explain more of the load.
     says_all = form is not None and form.p_value < LEFT_LEVEL and gain >= form.log_likelihood_gain
     is_curve = says_all and explained >= CURVE_EXPLAINED
@@ -180,7 +183,7 @@ def prove(
         reason = f"a search over {n_screened} candidates finds as much by chance (p = {p_value:.1g})"
     left = None if reason else _left(null, with_effect, after or run_null(with_effect))
     if left is not None and is_curve and left.p_value < LEFT_LEVEL:
-        reason = _failed_gate(prepared, fit, delta_bic, explained, ratios, one_step)
+        reason = _unexplained(explained, ratios)
     if left is not None and not reason and not _is_most_of_it(explained, ratios):
         reason = _wrong_law(null, run, prepared, fit, gain, left)
     parameters = tuple(replace(p, value=fit.theta.get(p.name, p.value)) for p in prepared.flat.parameters)
@@ -286,9 +289,9 @@ def _failed_gate(
         return "the fit did not converge"
     if delta_bic < BIC_GAIN:
         return f"the likelihood gains too little for its parameters (BIC gain {delta_bic:.1f})"
-    if explained < (PARTLY_EXPLAINED if ratios and max(ratios) <= BETTER else LEAST_EXPLAINED):
-        return f"it explains only {100 * explained:.0f} % of the unexplained load"
-    limit = WORSE if min(one_step, default=1.0) > FORESEEN else MUCH_WORSE
+    if reason := _unexplained(explained, ratios):
+        return reason
+    limit = WORSE if min(one_step, default=1.0) > BETTER_STEP else MUCH_WORSE
     if ratios and min(ratios) > limit:
         return f"the simulation of unseen data gets {max(ratios):.1f} times worse"
     candidate = prepared.trial.candidate
@@ -312,13 +315,11 @@ def _failed_gate(
     return "; ".join(reasons) or "its size was not estimated"
 
 
-def _ratios(before: Mapping[str, Agreement], after: Mapping[str, Agreement]) -> list[float]:
-    """Error on validation data relative to what it was, of every output."""
-    old, new = before.get("validation"), after.get("validation")
-    if old is None or new is None:
-        return []
-    pairs = [(new.rms.get(name), rms) for name, rms in old.rms.items()]
-    return [np.inf if rms is None else rms / was for rms, was in pairs if was]
+def _unexplained(explained: float, ratios: Sequence[float]) -> str:
+    """Why the effect does away with too little of the load; empty where it does with enough."""
+    if explained >= (PARTLY_EXPLAINED if ratios and max(ratios) <= BETTER else LEAST_EXPLAINED):
+        return ""
+    return f"it explains only {100 * explained:.0f} % of the unexplained load"
 
 
 def _weak_size(size: FittedParameter, null: float, least: float) -> str:

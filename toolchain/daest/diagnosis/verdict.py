@@ -11,7 +11,7 @@ from daest.diagnosis.null import Null
 from daest.diagnosis.proof import is_significant
 from daest.diagnosis.screen import NullObserver
 from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, VerdictName
-from daest.model.fit import FitResult, FittedParameter
+from daest.model.fit import FitResult, FittedParameter, error_ratios
 from daest.model.flat import FlatModel
 from daest.numerics.statistics import whiteness_p_value
 
@@ -242,12 +242,8 @@ def _foreseen(evidence: Evidence, named: Proof | None, limit: float = FORESEEN) 
 
 def _error_ratio(evidence: Evidence, proof: Proof) -> float:
     """Error of the candidate on unseen data relative to that of the model as it is, of the output where it is
-    largest; inf where one is unknown."""
-    before, after = (fit.simulated.get("validation") for fit in (evidence.baseline, proof.fit))
-    if before is None or after is None or not before.rms:
-        return np.inf
-    pairs = [(rms, after.rms.get(name)) for name, rms in before.rms.items()]
-    return max(np.inf if not old or new is None else new / old for old, new in pairs)
+    largest; inf where it is unknown."""
+    return max(error_ratios(evidence.baseline.simulated, proof.fit.simulated), default=np.inf)
 
 
 def _is_coloured(evidence: Evidence) -> bool:

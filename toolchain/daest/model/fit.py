@@ -127,6 +127,16 @@ class Agreement:
     rms: dict[str, float | None]
 
 
+def error_ratios(before: Mapping[str, Agreement], after: Mapping[str, Agreement]) -> list[float]:
+    """Error on validation data relative to what it was, of every output that had one; inf where the new one
+    is unknown. Empty without validation data."""
+    old, new = before.get("validation"), after.get("validation")
+    if old is None or new is None:
+        return []
+    pairs = [(new.rms.get(name), rms) for name, rms in old.rms.items()]
+    return [float("inf") if rms is None else rms / was for rms, was in pairs if was]
+
+
 @dataclass(frozen=True)
 class Profile:
     """Profile likelihood of one parameter: at `values` (m,), increasing, the log-likelihood re-optimised over
