@@ -100,7 +100,7 @@ def variables_along(
     """All internal variables (n_samples, n_v) without noise, along states (n_samples, n)."""
     flat, ubar = explicit.flat, inputs_and_slopes(explicit, experiment, hold)
     if flat.given is not None:
-        return flat.given.variables_along(flat, experiment.time, ubar, theta, states)
+        return flat.given.variables_along(flat, experiment.time, ubar, theta, states, hold)
     n_u = len(flat.inputs)
     w = np.zeros((len(flat.noises), experiment.n_samples))
     columns = (states.T, ubar[:, :n_u].T, ubar[:, n_u:].T, w, theta, experiment.time[None, :])

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
 
-from daest.errors import ModelError
+from daest.errors import FmuError, ModelError
 from daest.fmu import words
 from daest.fmu.binary_functions import PointFunction, model_function, parameter_function, raise_failure
 from daest.fmu.description import base_and_order
@@ -48,7 +48,11 @@ SIMULATION_STEP = 1e-3
 SEARCH_RTOL = 1e-7
 # Relative step of the differences of matrices in the parameters.
 PARAMETER_STEP = 1e-5
-TIME_STEP = 1e-5
+# Steps, and the first and last time [s] of them, after which an FMU that remembers steps answers otherwise.
+HEARD_STEPS, HEARD_TIMES = 64, (1e-3, 1e4)
+# States that differ by less than this share of their range are those of one simulation.
+SAME_STATES = 1e-4
+TINY = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True)
@@ -157,7 +161,7 @@ class BinaryForm:
         """ẋ and all variables are affine in states and inputs, and do not depend on time."""
         if self.hides_states or self.model.n_event_indicators:
             return False
-        return is_affine_there(self.runner, self.form, ((), np.zeros((1, 0))))
+        return is_affine_there(self.runner, self.form, ((), np.zeros((1, 0)))) and not self._remembers_steps
 
     def has_affine_dynamics(self, flat: FlatModel) -> bool:
         """ẋ and the outputs are affine, whatever the other variables are."""
@@ -167,8 +171,32 @@ class BinaryForm:
         rows = (*range(n_x), *sorted({row for row in self.output_rows(flat) if row >= n_x}))
         if rows not in self._affine_rows:
             found = is_affine_there(self.runner, self.form, ((), np.zeros((1, 0))), rows)
-            self._affine_rows[rows] = found
+            self._affine_rows[rows] = found and not self._remembers_steps
         return self._affine_rows[rows]
+
+    @cached_property
+    def _remembers_steps(self) -> bool:
+        """What the FMU answers depends on completed steps, as in a delay. Asked of models that can be
+        evaluated everywhere, along arbitrary steps over short and long times."""
+        if not self.model.reports_steps:
+            return False
+        random = np.random.default_rng(0)
+        x, u = (random.standard_normal((HEARD_STEPS, len(n))) for n in (self.form.states, self.form.drivers))
+        points = Points(self.form.drivers, u, x, np.geomspace(*HEARD_TIMES, HEARD_STEPS))
+        try:
+            return self.runner.hears_steps(points, self.form.variables)
+        except FmuError:
+            return True
+
+    @cached_property
+    def _may_jump(self) -> bool:
+        """What the FMU answers may depend on more than time, states and inputs: on discrete variables that
+        events have changed, or on steps that it has heard of."""
+        if self.is_affine:
+            return False
+        nowhere = Points((), np.zeros((1, 0)), np.zeros((1, 0)), np.zeros(1))
+        has_events = self.model.n_event_indicators > 0 or self.model.reports_steps
+        return has_events or self.runner.evaluate(nowhere, ()).has_time_events
 
     @cached_property
     def trusts_directional(self) -> bool:
@@ -362,15 +390,30 @@ class BinaryForm:
         return sets, starts, np.concatenate([steps, more])
 
     def variables_along(
-        self, flat: FlatModel, time: np.ndarray, ubar: np.ndarray, theta: np.ndarray, states: np.ndarray
+        self,
+        flat: FlatModel,
+        time: np.ndarray,
+        ubar: np.ndarray,
+        theta: np.ndarray,
+        states: np.ndarray,
+        hold: Literal["zoh", "foh"],
     ) -> np.ndarray:
+        n_u = len(flat.inputs)
+        ends = np.hstack([ubar[1:, :n_u] if hold == "foh" else ubar[:-1, :n_u], ubar[:-1, n_u:]])
+        request = self.drive(time, ubar[:-1], ends, ubar[-1], self.form.variables)
         if self.hides_states:
-            request = self.drive(time, ubar[:-1], ubar[1:], ubar[-1], self.form.variables)
             return self.simulated(request, theta[None], None).values[0]
+        if self._may_jump:
+            again = self.simulated(request, theta[None], states[:1])
+            if np.all(np.abs(again.states[0] - states) <= SAME_STATES * np.ptp(states, axis=0) + TINY):
+                return np.hstack([states, again.values[0]])
         drivers = np.zeros((time.size, len(self.form.drivers)))
         drivers[:, : ubar.shape[1]] = ubar
         points = Points(self.form.drivers, drivers, states, time)
-        found = self.runner.evaluate(points, self.form.variables, self._parameters(theta[None]))
+        found = self.runner.evaluate(
+            points, self.form.variables, self._parameters(theta[None]),
+            settle="each" if self.model.n_event_indicators else False,
+        )  # fmt: skip
         return np.hstack([states, found.values[0]])
 
     def raise_failure(self) -> None:
@@ -499,7 +542,7 @@ class BinaryForm:
                 moved = theta.copy()
                 moved[column] += sign * steps[-1]
                 sets.append(moved)
-        return np.array(sets).reshape(-1, theta.size), np.array(steps)
+        return np.array(sets).reshape(len(sets), theta.size), np.array(steps)
 
     def _matrices(
         self, flat: FlatModel, sets: np.ndarray, x: np.ndarray, drivers: np.ndarray

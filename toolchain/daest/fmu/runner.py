@@ -18,7 +18,7 @@ import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -98,10 +98,12 @@ class Simulated:
 
 @dataclass(frozen=True)
 class Evaluated:
-    """values (s, m, n_read + n_x): variables, then rates; NaN where the FMU refused, `problem` says why."""
+    """values (s, m, n_read + n_x): variables, then rates; NaN where the FMU refused, `problem` says why.
+    `has_time_events`: the FMU announces an event after its initialisation."""
 
     values: np.ndarray
     problem: str | None = None
+    has_time_events: bool = False
 
 
 class Runner:
@@ -137,15 +139,22 @@ class Runner:
         *,
         rates: bool = False,
         dae_mode: bool = False,
-        settle: bool = False,
+        settle: bool | Literal["each"] = False,
     ) -> Evaluated:
         """Values at every point for every row of parameter values (s, n_p). `settle`: discrete variables fit
-        the first point, and stay so at the others."""
+        the first point, and stay so at the others; or fit each point, as far as they follow from it."""
         header = {"request": "evaluate", "read": list(read), "rates": rates}
         reply, tables = self._ask(
             {**header, **_mode(points, parameters, dae_mode, settle)}, _tables(points, parameters)
         )
-        return Evaluated(tables["values"], reply["problem"])
+        return Evaluated(tables["values"], reply["problem"], reply["has_time_events"])
+
+    def hears_steps(self, points: Points, read: Sequence[int]) -> bool:
+        """Whether steps that are completed at the points lead to an event, or change what the FMU answers."""
+        header = {"request": "hear steps", "read": list(read), "rates": True}
+        none: tuple[Sequence[int], np.ndarray] = ((), np.zeros((1, 0)))
+        reply, _ = self._ask({**header, **_mode(points, none, False, False)}, _tables(points, none))
+        return bool(reply["changes"])
 
     def differentiate(
         self,
@@ -222,7 +231,12 @@ class Runner:
             raise
 
 
-def _mode(points: Points, parameters: tuple[Sequence[int], np.ndarray], dae_mode: bool, settle: bool) -> dict:
+def _mode(
+    points: Points,
+    parameters: tuple[Sequence[int], np.ndarray],
+    dae_mode: bool,
+    settle: bool | Literal["each"],
+) -> dict:
     return {
         "set": list(points.set),
         "parameters": list(parameters[0]),

@@ -20,7 +20,7 @@ from daest.fmu.points import (
     point_value,
     probe_point,
 )
-from daest.fmu.runner import Points, Runner
+from daest.fmu.runner import Evaluated, Points, Runner
 from daest.model.flat import Equation
 from daest.model.fmu import FmuModel
 from daest.model.linear import LinearDAE
@@ -229,8 +229,8 @@ def _differences(
     references = (*form.states, *form.drivers)
     point = np.concatenate([x, u])
     moved = moved_points(point, [runner.model.variables[vr].nominal for vr in references])
-    values, problem = _values(runner, form, np.vstack([point, moved]), parameters, time)
-    return central_differences(moved, values[1:]), values[0], problem
+    found, values = _values(runner, form, np.vstack([point, moved]), parameters, time)
+    return central_differences(moved, values[1:]), values[0], found.problem
 
 
 def _values(
@@ -239,8 +239,8 @@ def _values(
     points: np.ndarray,
     parameters: tuple[tuple[int, ...], np.ndarray],
     time: float,
-) -> tuple[np.ndarray, str | None]:
-    """(ẋ, z) at points (x, u), (m, n_x + n_z) at (m, n_x + n_u), and what was refused."""
+) -> tuple[Evaluated, np.ndarray]:
+    """What was answered at points (x, u) (m, n_x + n_u), and (ẋ, z) there, (m, n_x + n_z)."""
     n_x, n_z = len(form.states), len(form.variables)
     found = runner.evaluate(
         Points(form.drivers, points[:, n_x:], points[:, :n_x], np.full(len(points), time)), form.variables,
@@ -248,7 +248,7 @@ def _values(
     )  # fmt: skip
     # Variables come first: some tools leave aliases of states stale once the derivatives are read.
     values = found.values[0]
-    return np.hstack([values[:, n_z:], values[:, :n_z]]), found.problem
+    return found, np.hstack([values[:, n_z:], values[:, :n_z]])
 
 
 def is_affine_there(
@@ -261,7 +261,7 @@ def is_affine_there(
     values there what they predict: differences of an affine model are exact, however long. `asked` are rows
     of (rates, variables), None for all.
 
-    A model that cannot be evaluated there, or that crashes, is not affine.
+    A model that cannot be evaluated there, that crashes, or that announces events at times is not affine.
     """
     zero = (np.zeros(len(form.states)), np.zeros(len(form.drivers)))
     far = (probe_point(zero[0].size, 1), probe_point(zero[1].size, 2))
@@ -292,11 +292,14 @@ def _long_differences(
     parameters: tuple[tuple[int, ...], np.ndarray],
     time: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Differences over steps of nominal size around a point (x, u), and the values at it."""
+    """Differences over steps of nominal size around a point (x, u), and the values at it: NaN where time
+    events are announced."""
     point = np.concatenate(at)
     moved = long_points(point, [runner.model.variables[vr].nominal for vr in (*form.states, *form.drivers)])
-    values, _ = _values(runner, form, np.vstack([point, moved]), parameters, time)
-    return central_differences(moved, values[1:]), values[0]
+    found, values = _values(runner, form, np.vstack([point, moved]), parameters, time)
+    slopes = central_differences(moved, values[1:])
+    # Values between events say nothing about what happens at one.
+    return slopes, np.full_like(values[0], np.nan) if found.has_time_events else values[0]
 
 
 def _assemble(

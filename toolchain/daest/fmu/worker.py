@@ -94,6 +94,7 @@ class Session:
         """One request, one reply: results, or why there are none."""
         work = {
             "evaluate": self._evaluate,
+            "hear steps": self._hear_steps,
             "differentiate": self._differentiate,
             "simulate": self._simulate,
             "follow": self._follow,
@@ -148,17 +149,18 @@ class Session:
 
     def _evaluate(self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> tuple[dict, dict]:
         """Values at points: parameters (s, n_p), points (m, n_set), states (m, n_x), times (m,) -> values
-        (s, m, n_read + n_x), NaN where the FMU refuses a point; the first refusal in words."""
+        (s, m, n_read + n_x), NaN where the FMU refuses a point; the first refusal in words, and whether time
+        events are announced."""
         sets, points, states, times = (arrays[k] for k in ("parameters", "points", "states", "times"))
         n_rates = len(self._binary.states) if header["rates"] else 0
         values = np.full((len(sets), len(times), len(header["read"]) + n_rates), np.nan)
-        problem = None
+        problem, timed = None, False
         for s, parameters in enumerate(sets):
             instance, first = self._started(header, parameters, 0.0, header["dae_mode"]), 0
             for m in range(len(times)):
                 self._alive("was evaluated")
                 try:
-                    settle = header["settle"] and m == first
+                    settle = header["settle"] and (m == first or header["settle"] == "each")
                     values[s, m] = _values_at(instance, header, points[m], states[m], times[m], settle)
                 except Refusal as refusal:
                     if refusal.is_fatal:
@@ -168,9 +170,26 @@ class Session:
                         self._kept = None
                         instance = self._started(header, parameters, 0.0, header["dae_mode"])
                         first = m + 1
+            timed = timed or instance.next_event is not None
         if header["settle"]:
             self._kept = None  # its discrete variables belong to the first point
-        return {"problem": problem}, {"values": values}
+        return {"problem": problem, "has_time_events": timed}, {"values": values}
+
+    def _hear_steps(self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> tuple[dict, dict]:
+        """Whether completed steps at points (m, n_set), states (m, n_x), times (m,) lead to an event, or
+        change what is answered at the last of them."""
+        points, states, times = (arrays[k] for k in ("points", "states", "times"))
+        instance = self._started(header, np.zeros(0), 0.0)
+        changes = False
+        for point, x, time_ in zip(points, states, times, strict=True):
+            last = _values_at(instance, header, point, x, time_, False)
+            changes = changes or instance.completed_step()
+        self._kept = None
+        instance = self._started(header, np.zeros(0), 0.0)
+        fresh = _values_at(instance, header, points[-1], states[-1], times[-1], False)
+        sizes = np.maximum(np.abs(last), np.abs(fresh))
+        changes = changes or bool(np.any(np.abs(last - fresh) > SAME_ANSWER * sizes))
+        return {"changes": changes}, {}
 
     def _differentiate(
         self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
@@ -52,9 +52,15 @@ class GivenForm(Protocol):
         """States, outputs and sensitivities as in `systems.integrate.Trajectory`."""
 
     def variables_along(
-        self, flat: FlatModel, time: np.ndarray, ubar: np.ndarray, theta: np.ndarray, states: np.ndarray
+        self,
+        flat: FlatModel,
+        time: np.ndarray,
+        ubar: np.ndarray,
+        theta: np.ndarray,
+        states: np.ndarray,
+        hold: Literal["zoh", "foh"],
     ) -> np.ndarray:
-        """All internal variables (n_samples, n) along a simulation."""
+        """All internal variables (n_samples, n) along states (n_samples, n_states)."""
 
     def raise_failure(self) -> None:
         """Raise the error that a CasADi function of `explicit` met; its value was NaN."""

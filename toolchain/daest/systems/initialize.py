@@ -52,7 +52,9 @@ def initial_point(
         u, v, _, values, _ = arguments
         x = explicit.flat.given.start(explicit.flat, values, np.concatenate([u, v]), t0, given or {})
         ubar = np.concatenate([u, v])[None]
-        along = explicit.flat.given.variables_along(explicit.flat, np.array([t0]), ubar, values, x[None])
+        along = explicit.flat.given.variables_along(
+            explicit.flat, np.array([t0]), ubar, values, x[None], "zoh"
+        )
         return x, along[0]
     conditions = _conditions(explicit, dict(given or {}), arguments)
     start, wish = _start_values(explicit, arguments)

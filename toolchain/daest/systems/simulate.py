@@ -456,7 +456,7 @@ def _given_values(task: _Task, states: np.ndarray, w: np.ndarray) -> tuple[np.nd
     flat = task.explicit.flat
     assert flat.given is not None
     ubar = np.hstack([task.u, task.v])
-    variables = flat.given.variables_along(flat, task.time, ubar, task.theta, states)
+    variables = flat.given.variables_along(flat, task.time, ubar, task.theta, states, task.hold)
     names = [v.name for v in flat.unknowns]
     return variables[:, [names.index(o.name) for o in flat.outputs]], variables
 
