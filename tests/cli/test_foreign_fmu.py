@@ -1,7 +1,9 @@
 """Commands on an FMU without equations: what they do, and what they refuse."""
 
 import json
+import re
 import sys
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +11,8 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "fmu"))
-from ball_fmu import ball, fall
+from ball_fmu import DESCRIPTION, ball, fall
+from fmu_archives import changed
 
 from daest.cli.main import run
 from daest.diagnosis.black_box import diagnose_black_box
@@ -50,6 +53,23 @@ def test_identify_compare_and_noise(folder, capsys):
     assert run(["noise", "ball.fmu"]) == 0
 
 
+def test_values_that_are_no_numbers_and_outputs_that_are_none_are_told(folder, capsys):
+    ball(folder, "CoSimulation", TRAP="NOT_A_NUMBER")
+    assert run(["simulate", "ball.fmu", "--inputs", "run.csv", "-o", "out.csv"]) == 0
+    assert re.search(r"no finite values from t = 0\.5\d* s on: y", capsys.readouterr().err)
+    changed(folder / "ball.fmu", folder / "mute.fmu", replace={
+        "modelDescription.xml": description(folder / "ball.fmu").replace(' causality="output"', "")
+        .replace("<Outputs><Unknown index=\"6\"/></Outputs>", "").encode()
+    })  # fmt: skip
+    assert run(["simulate", "mute.fmu", "--inputs", "run.csv", "--to", "0.4", "-o", "out.csv"]) == 0
+    assert "no outputs that are numbers: --all writes its 4 variables" in capsys.readouterr().err
+
+
+def description(path):
+    with zipfile.ZipFile(path) as archive:
+        return archive.read("modelDescription.xml").decode()
+
+
 def test_effects_cannot_be_named_or_put_in(folder, capsys):
     assert run(["diagnose", "run.csv", "--model", "ball.fmu", "--effect", "CoulombFriction"]) == 2
     told(capsys, "diagnose-fmu-search")
@@ -74,11 +94,6 @@ def test_derivatives_that_a_binary_does_not_have(tmp_path):
 
 
 def test_purely_discrete_fmu(tmp_path, capsys):
-    import re
-    import zipfile
-
-    from ball_fmu import DESCRIPTION
-
     text = DESCRIPTION.replace("KIND", "ModelExchange").replace("INDICATORS", "0")
     text = re.sub(r'<ScalarVariable name="(?:[hvyw]|der.*)".*\n', "", text)
     text = re.sub(r"<ModelStructure>.*</ModelStructure>", "<ModelStructure/>", text, flags=re.DOTALL)

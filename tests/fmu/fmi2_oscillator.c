@@ -1,6 +1,7 @@
 /* A small FMI 2.0 FMU with the habits of other tools, for tests: x1' = x2, x2' = -k x1 + u, y = x1 (alias of the
  * state, read before the derivatives or stale), z = x1 + 2 x2.
- * Its directional derivatives are right only after the event iteration, and always forget that y is a state. */
+ * Its directional derivatives are right only after the event iteration, and forget that y is a state with
+ * FORGETS_ALIAS. With PROMISED_ALONE they are refused for z, which is neither a derivative nor an output. */
 #include <stdlib.h>
 #include <string.h>
 #include "fmi2Functions.h"
@@ -41,6 +42,11 @@ fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t n
     ((M *)c)->v[X2] = x[1];
     return fmi2OK;
 }
+fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t n) {
+    x[0] = ((M *)c)->v[X1];
+    x[1] = ((M *)c)->v[X2];
+    return fmi2OK;
+}
 fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real dx[], size_t n) {
     M *m = c;
     compute(m);
@@ -66,7 +72,12 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
     d.stale = FORGETS_ALIAS;
     for (size_t i = 0; i < nk; i++) d.v[k[i]] = dk[i];
     compute(&d);
-    for (size_t i = 0; i < nu; i++) du[i] = d.v[u[i]];
+    for (size_t i = 0; i < nu; i++) {
+#ifdef PROMISED_ALONE
+        if (u[i] == Z) return fmi2Error;
+#endif
+        du[i] = d.v[u[i]];
+    }
     return fmi2OK;
 }
 
@@ -78,4 +89,4 @@ REFUSE(fmi2GetInteger) REFUSE(fmi2GetBoolean) REFUSE(fmi2GetString) REFUSE(fmi2S
 REFUSE(fmi2SetString) REFUSE(fmi2GetFMUstate) REFUSE(fmi2SetFMUstate) REFUSE(fmi2FreeFMUstate)
 REFUSE(fmi2SerializedFMUstateSize) REFUSE(fmi2SerializeFMUstate) REFUSE(fmi2DeSerializeFMUstate)
 REFUSE(fmi2EnterEventMode) REFUSE(fmi2CompletedIntegratorStep) REFUSE(fmi2GetEventIndicators)
-REFUSE(fmi2GetContinuousStates) REFUSE(fmi2GetNominalsOfContinuousStates)
+REFUSE(fmi2GetNominalsOfContinuousStates)

@@ -11,6 +11,7 @@ from fmu_archives import changed, member
 
 from daest.errors import ConfigError, FmuError
 from daest.fmu import residual_form, semi_explicit, serialization
+from daest.fmu.binary_form import BinaryForm
 from daest.fmu.compiler import build_shared
 from daest.fmu.description import DAE_FOLDER, MANIFEST
 from daest.fmu.linearize import available_sources, cross_check_fmu, linearize_fmu, matrices_apart
@@ -154,12 +155,12 @@ OSCILLATOR = """<fmiModelDescription fmiVersion="2.0" modelName="oscillator" gui
 </fmiModelDescription>"""
 
 
-def oscillator(tmp_path, forgets_alias, declared="true"):
+def oscillator(tmp_path, forgets_alias, declared="true", *flags):
     """An FMI 2.0 FMU with stale aliases, an event iteration, and wrong derivatives if `forgets_alias`."""
     if not sys.platform.startswith("linux"):
         pytest.skip("built for Linux")
     source = (Path(__file__).parent / "fmi2_oscillator.c").read_text()
-    library = build_shared(source, "oscillator", ("-O1", f"-DFORGETS_ALIAS={int(forgets_alias)}"))
+    library = build_shared(source, "oscillator", ("-O1", f"-DFORGETS_ALIAS={int(forgets_alias)}", *flags))
     path = tmp_path / "oscillator.fmu"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("modelDescription.xml", OSCILLATOR.replace("DECLARED", declared))
@@ -192,6 +193,16 @@ def test_fmu_of_another_tool(tmp_path, forgets_alias, declared, source):
     assert np.allclose(dae.C, [[0.0, 0.0, 1.0, 0.0]])
     told = any("wrong" in note for note in dae.notes)
     assert told == (forgets_alias and declared == "true")
+
+
+def test_directional_derivatives_that_are_refused_of_internal_variables(tmp_path):
+    path = oscillator(tmp_path, False, "true", "-DPROMISED_ALONE")
+    dae = linearize_fmu(path)
+    assert dae.source == "directional derivatives"
+    assert any("internal variables" in note for note in dae.notes)
+    assert np.array_equal(dae.J[:3], EXACT_A[:3])  # the FMU's own have no rounding
+    assert np.allclose(dae.J[3], EXACT_A[3], atol=1e-8)
+    assert not BinaryForm(path).trusts_directional
 
 
 def test_parameters_reach_the_fmu_of_another_tool(tmp_path):

@@ -98,7 +98,9 @@ def test_xml_that_is_not_accepted(tmp_path, description):
 
 def test_other_kinds_of_fmu(tmp_path):
     assert code(fmu_with(tmp_path, '<fmiModelDescription fmiVersion="1.0"/>')) == "fmu-fmi-1"
-    assert code(fmu_with(tmp_path, '<fmiModelDescription fmiVersion="9.0"/>')) == "fmu-version"
+    for version in ("9.0", "3.0-beta.3", "2"):
+        text = f'<fmiModelDescription fmiVersion="{version}"/>'
+        assert code(fmu_with(tmp_path, text)) == "fmu-version"
     only_scheduled = fmi3(exchange='<ScheduledExecution modelIdentifier="m"/>')
     assert code(fmu_with(tmp_path, only_scheduled)) == "fmu-scheduled-only"
 
@@ -218,3 +220,12 @@ def test_manifests_of_all_drafts(tank_fmu, tmp_path, draft):
     assert [r.value_reference for r in found.residuals] == [9, 10]
     assert [r.dependencies for r in found.residuals] == [(0, 3), None]
     assert found.enable == (None if draft == "spring 2026" else 1)
+
+
+def test_what_a_co_simulation_fmu_says_of_states_does_not_matter(tmp_path):
+    """A rate without a state is an error where states can be seen alone."""
+    rate = '<Float64 name="rate" valueReference="1" causality="local"/>'
+    structure = '<ContinuousStateDerivative valueReference="1"/>'
+    hidden = fmi3(variables=rate, structure=structure, exchange='<CoSimulation modelIdentifier="m"/>')
+    assert load_fmu(fmu_with(tmp_path, hidden)).states == ()
+    assert code(fmu_with(tmp_path, fmi3(variables=rate, structure=structure))) == "fmu-inconsistent"

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import click
+import numpy as np
 
 from daest.cli.models import model_source
 from daest.cli.options import (
@@ -29,6 +30,9 @@ from daest.model.simulation import Simulation
 from daest.report.csv_text import csv_text
 from daest.report.documents import simulate as documents
 from daest.systems.simulate import simulate
+
+# Names of variables without finite values that are told.
+MOST_LOST = 5
 
 
 @click.command("simulate", epilog=example("daest simulate Servo.mo --inputs run1.csv -o out.csv"))
@@ -90,10 +94,25 @@ def _write(
     result: Simulation, form: str, output: Path | None, all_variables: bool, remarks: Sequence[str]
 ) -> None:
     note(f"{result.n_samples} samples, {result.method}, hold {result.hold}")
-    for remark in remarks:
+    for remark in (*remarks, *_what_is_missing(result, all_variables)):
         note(remark)
     if form == "json":
         document = {**documents.document(result), "notes": list(remarks)}
         emit(document, "simulate", form, output, lambda *_args, **_options: "")
     else:
         write_text(csv_text(*documents.table(result, all_variables)), output)
+
+
+def _what_is_missing(result: Simulation, all_variables: bool) -> list[str]:
+    """Remarks on a table without outputs, and on values that are no numbers."""
+    found = []
+    if not result.output_names:
+        others = f"--all writes its {len(result.variable_names)} variables" if result.variable_names else ""
+        remedy = others or "nothing in it is continuous"
+        found += [] if all_variables and others else [f"the model has no outputs that are numbers: {remedy}"]
+    names = (*result.output_names, *(result.variable_names if all_variables else ()))
+    lost = [name for name in dict.fromkeys(names) if not np.all(np.isfinite(result[name]))]
+    if lost:
+        first = min(int(np.argmin(np.isfinite(result[name]))) for name in lost)
+        found.append(f"no finite values from t = {result.time[first]:g} s on: {', '.join(lost[:MOST_LOST])}")
+    return found

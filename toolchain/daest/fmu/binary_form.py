@@ -200,13 +200,14 @@ class BinaryForm:
 
     @cached_property
     def trusts_directional(self) -> bool:
-        """The FMU declares directional derivatives, and they agree with differences at its start."""
+        """The FMU declares directional derivatives, has them of all variables, and they agree with
+        differences at its start."""
         if not self.model.provides_directional_derivatives or self.hides_states:
             return False
         x = self._start_states(self._parameter_starts(), np.zeros(len(self.form.drivers)), 0.0)
         none = ((), np.zeros((1, 0)))
         found, _ = jacobians(self.runner, self.form, x, np.zeros(len(self.form.drivers)), True, none)
-        if found.directional is None:
+        if found.directional is None or not found.is_complete:
             return False
         return difference([found.directional], [found.differences], DIFFERENCE_FLOOR) <= TRUST
 

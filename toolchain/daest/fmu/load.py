@@ -95,6 +95,7 @@ def _model(path: Path, root: ET.Element, archive: Archive) -> FmuModel:
     merged = _merge(variables)
     if kind == "co-simulation":
         rates = ()  # what it says about states cannot be set or read
+    _check_rates(rates, variables, path)
     states = tuple(merged[rate].derivative_of for rate in rates)
     identifier = exchange.get("modelIdentifier", "")
     provides = exchange.get(
@@ -155,7 +156,8 @@ def _check_version(path: Path, root: ET.Element, version: str) -> None:
             where=str(path),
             remedy="Export it as FMI 2.0 or 3.0 for Model Exchange.",
         )
-    if root.tag != "fmiModelDescription" or not version.startswith(("2.", "3.")):
+    # Drafts (3.0-beta.3) name their functions otherwise.
+    if root.tag != "fmiModelDescription" or not re.fullmatch(r"[23]\.\d+(\.\d+)?", version):
         raise FmuError(
             "fmu-version",
             f"FMI version `{version}` is not known.",
@@ -232,7 +234,6 @@ def _read_fmi3(root: ET.Element, path: Path) -> tuple[list[FmuVariable], tuple[i
             continue
         aliases = tuple(a.get("name", "") for a in element.findall("Alias"))
         variables.append(replace(variable, aliases=aliases))
-    _check_rates(rates, variables, path)
     notes = (f"Array or clocked variables are left out: {', '.join(skipped)}.",) if skipped else ()
     return variables, rates, notes
 
@@ -267,9 +268,7 @@ def _read_fmi2(root: ET.Element, path: Path) -> tuple[list[FmuVariable], tuple[i
     rates = tuple(
         by_index[i].value_reference for u in unknowns if (i := _integer(u, "index", path)) in by_index
     )
-    variables = list(by_index.values())
-    _check_rates(rates, variables, path)
-    return variables, rates, ()
+    return list(by_index.values()), rates, ()
 
 
 def _check_rates(rates: tuple[int, ...], variables: Iterable[FmuVariable], path: Path) -> None:

@@ -53,11 +53,13 @@ class SemiExplicitForm:
 @dataclass(frozen=True)
 class Jacobians:
     """∂(ẋ, z)/∂(x, u, w) by the FMU's directional derivatives (None: not offered) and by central
-    differences.
+    differences. `is_complete`: all of `directional` is the FMU's; else rows of internal variables, of which
+    FMI promises none, are differences.
     """
 
     directional: np.ndarray | None
     differences: np.ndarray
+    is_complete: bool = True
 
 
 def semi_explicit_form(model: FmuModel) -> SemiExplicitForm:
@@ -156,19 +158,38 @@ def jacobians(
     differences, values, problem = _differences(runner, form, x, u, parameters, time)
     if not np.all(np.isfinite(values)) and problem is not None:
         raise refused(runner.model, problem)
-    directional = None
-    if offer:
-        knowns = (*form.states, *form.drivers)
-        try:
-            directional = runner.differentiate(
-                Points(form.drivers, u[None], x[None], np.array([time])), (*form.rates, *form.variables),
-                knowns, parameters, settle=_settles(runner.model),
-            )[0, 0]  # fmt: skip
-        except FmuError as refusal:
-            if refusal.code != "fmu-call-failed":
-                raise
-            directional = None  # refused for some variable: the differences stand for all
-    return Jacobians(directional, differences), values
+    if not offer:
+        return Jacobians(None, differences), values
+    points = Points(form.drivers, u[None], x[None], np.array([time]))
+    references = (*form.rates, *form.variables)
+    every = range(len(references))
+    promised = [row for row in every if references[row] in (*form.rates, *form.outputs)]
+    for rows in (list(every), promised):
+        found = _directional(runner, form, points, [references[row] for row in rows], parameters)
+        if found is not None:
+            directional = differences.copy()
+            directional[rows] = found
+            return Jacobians(directional, differences, len(rows) == len(references)), values
+    return Jacobians(None, differences), values
+
+
+def _directional(
+    runner: Runner,
+    form: SemiExplicitForm,
+    points: Points,
+    unknowns: Sequence[int],
+    parameters: tuple[tuple[int, ...], np.ndarray],
+) -> np.ndarray | None:
+    """Directional derivatives of the unknowns at one point; None where any is refused."""
+    try:
+        return runner.differentiate(
+            points, unknowns, (*form.states, *form.drivers), parameters,
+            settle=_settles(runner.model),
+        )[0, 0]  # fmt: skip
+    except FmuError as refusal:
+        if refusal.code != "fmu-call-failed":
+            raise
+        return None
 
 
 def refused(model: FmuModel, problem: str) -> FmuError:
@@ -195,7 +216,8 @@ def _choose(found: Jacobians, offer: bool) -> tuple[np.ndarray, str, tuple[str, 
             f"The FMU's directional derivatives are wrong (off by {apart:.1g}): finite differences are used."
         )
         return found.differences, "finite differences", (note,)
-    return found.directional, "directional derivatives", ()
+    partly = "The FMU refuses directional derivatives of internal variables: theirs are finite differences."
+    return found.directional, "directional derivatives", () if found.is_complete else (partly,)
 
 
 def _start_point(

@@ -14,6 +14,7 @@ from daest.errors import ModelError, NumericalError
 from daest.model.experiment import Experiment
 from daest.model.explicit import ExplicitModel
 from daest.model.flat import FlatModel
+from daest.model.given import GivenForm
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.model.simulation import Simulation
 from daest.numerics.exponential import covariance_integral, transition_integrals
@@ -303,7 +304,7 @@ def _nonlinear(task: _Task, rtol: float) -> tuple[np.ndarray, str]:
             engine, task.time, task.u, task.theta, task.x0, hold=task.hold, rtol=rtol, state_scale=scale
         )
     except IntegrationError as error:
-        raise _failed(error.time, error.reason) from error
+        raise _failed(error.time, error.reason, task.explicit.flat.given) from error
     if task.explicit.flat.given is not None:
         return run.states, f"{task.explicit.flat.given.method}, {task.hold}"
     how = f"adaptive steps, rtol {rtol:g}" if engine.library is not None else "fixed steps"
@@ -311,12 +312,17 @@ def _nonlinear(task: _Task, rtol: float) -> tuple[np.ndarray, str]:
     return run.states, f"Radau IIA order 5, {how}, {task.hold}{held}"
 
 
-def _failed(time: float, reason: str) -> NumericalError:
+def _failed(time: float, reason: str, given: GivenForm | None = None) -> NumericalError:
+    remedy = (
+        "check the parameters and the inputs at that time, and whether a mass or another coefficient of a "
+    )
+    remedy += "derivative becomes zero; round a discontinuity over a width, as tanh(w/width) for sign(w)"
+    if given is not None:
+        remedy = "check the parameters and the inputs at that time"
+    if given is not None and given.hides_states:
+        remedy += "; an FMU that steps by itself may want samples at multiples of its own step: --resample"
     return NumericalError(
-        "simulation-failed",
-        f"the simulation stopped at t = {time:g} s: {reason}",
-        remedy="check the parameters and the inputs at that time, and whether a mass or another coefficient "
-        "of a derivative becomes zero; round a discontinuity over a width, as tanh(w/width) for sign(w)",
+        "simulation-failed", f"the simulation stopped at t = {time:g} s: {reason}", remedy=remedy
     )
 
 
