@@ -1,5 +1,5 @@
-"""`daest export --compiler omc`, against a program that writes down what it was asked for: no OpenModelica is
-needed. What it makes of real models is not tested here."""
+"""`daest export --compiler omc`, against a program that writes down what it was asked for and answers as
+OpenModelica 1.28 does: no OpenModelica is needed."""
 
 import sys
 from pathlib import Path
@@ -12,25 +12,32 @@ FAKE = """#!{python}
 import pathlib, sys
 script = pathlib.Path(sys.argv[1]).read_text()
 pathlib.Path({record!r}).write_text(script)
-if {fails}:
-    print('Error: class M not found in scope')
+said = {said!r}
+if said:
+    print('true\\n""\\n"' + said.replace('"', chr(92) + '"') + '"')
+    pathlib.Path('model.bmo').write_text('')
     sys.exit({status})
 is_fmu = 'fileNamePrefix="model"' in script
 pathlib.Path('model.fmu' if is_fmu else 'model.bmo').write_text('an FMU' if is_fmu else "package 'M'")
 """
 
+NO_NETWORK = """Error: Curl error for URL https://libraries.example/index.json: Couldn't resolve host name
+Error: Failed to download package index https://libraries.example/index.json to file index.json.
+"""
+
 
 @pytest.fixture
 def omc(tmp_path, monkeypatch):
-    """Puts a fake omc in place; returns a function (fails, status) -> file that will hold the script."""
+    """Puts a fake omc in place; returns a function (said, status) -> file that will hold the script."""
 
-    def install(fails: bool = False, status: int = 0) -> Path:
+    def install(said: str = "", status: int = 0) -> Path:
         record, program = tmp_path / "asked.mos", tmp_path / "bin" / "omc"
         program.parent.mkdir(exist_ok=True)
-        text = FAKE.format(python=sys.executable, record=str(record), fails=fails, status=status)
+        text = FAKE.format(python=sys.executable, record=str(record), said=said, status=status)
         program.write_text(text)
         program.chmod(0o755)
         monkeypatch.setenv("OMC", str(program))
+        monkeypatch.delenv("MODELICAPATH", raising=False)
         (tmp_path / "M.mo").write_text(MODEL)
         monkeypatch.chdir(tmp_path)
         return record
@@ -44,10 +51,14 @@ def test_an_fmu(omc, daest, tmp_path):
     code, _, _ = daest("export", "M.mo", "--compiler", "omc", "-L", "my libs", "-o", "m.fmu")
     assert code == 0 and (tmp_path / "m.fmu").read_bytes() == b"an FMU"
     lines = record.read_text().splitlines()
-    assert lines[0] == f'setModelicaPath("{tmp_path / "my libs"}" + ":" + getModelicaPath());'
-    assert lines[1] == f'loadFile("{tmp_path / "M.mo"}");'
-    assert lines[3] == 'buildModelFMU(M, version="2.0", fmuType="me", fileNamePrefix="model");'
-    assert lines[-1] == "getErrorString();"
+    assert lines[0].startswith(f'setModelicaPath("{tmp_path / "my libs"}:')
+    assert lines[0].endswith('" + ":" + getModelicaPath());')
+    assert lines[1:] == [
+        f'loadFile("{tmp_path / "M.mo"}");',
+        'setCommandLineOptions("-d=-disableDirectionalDerivatives");',
+        'buildModelFMU(M, version="2.0", fmuType="me", fileNamePrefix="model");',
+        "getErrorString();",
+    ]
 
 
 def test_base_modelica(omc, daest, tmp_path):
@@ -57,13 +68,79 @@ def test_base_modelica(omc, daest, tmp_path):
     assert 'setCommandLineOptions("--baseModelica");' in record.read_text()
 
 
+def test_libraries_that_the_model_names_are_loaded(omc, daest, tmp_path):
+    """OpenModelica loads none by itself: not the bundled one, not a class in the file beside this one."""
+    record = omc()
+    for library in ("Unused", "Blocks 1.0.0", "Blocks 2.0.0"):
+        (tmp_path / "libs" / library).mkdir(parents=True)
+        (tmp_path / "libs" / library / "package.mo").write_text(f"package {library.split()[0]} end;")
+    (tmp_path / "Motor.mo").write_text("model Motor end Motor;")
+    (tmp_path / "Other.mo").write_text("model Other end Other;")
+    (tmp_path / "M.mo").write_text(
+        "model M\n  import Daest.Units.SI;\n  Motor m;\n  Blocks.Gain g;\nend M;\n"
+    )
+    (tmp_path / "daest.toml").write_text('[model]\nsource = "M.mo"\nlibraries = ["libs"]\n')
+    assert daest("export", "--compiler", "omc")[0] == 0
+    lines = record.read_text().splitlines()
+    assert lines[2:5] == [
+        "loadModel(Blocks);",
+        "loadModel(Daest);",
+        f'loadFile("{tmp_path / "Motor.mo"}");',
+    ]
+    path = lines[0].removeprefix('setModelicaPath("').partition('"')[0].split(":")
+    assert path[0] == str(tmp_path / "libs") and (Path(path[-1]) / "Daest" / "package.mo").is_file()
+
+
+def test_a_library_named_by_its_own_folder(omc, daest, tmp_path):
+    record = omc()
+    (tmp_path / "libs" / "Blocks").mkdir(parents=True)
+    (tmp_path / "libs" / "Blocks" / "package.mo").write_text("package Blocks end Blocks;")
+    (tmp_path / "M.mo").write_text("model M Blocks.Gain g; end M;")
+    assert daest("export", "M.mo", "--compiler", "omc", "-L", "libs/Blocks")[0] == 0
+    lines = record.read_text().splitlines()
+    assert lines[0].startswith(f'setModelicaPath("{tmp_path / "libs"}:') and lines[2] == "loadModel(Blocks);"
+
+
+def test_a_class_of_a_package_is_loaded_with_the_package(omc, daest, tmp_path):
+    record = omc()
+    (tmp_path / "P" / "Q").mkdir(parents=True)
+    (tmp_path / "P" / "package.mo").write_text("package P end P;")
+    (tmp_path / "P" / "Q" / "package.mo").write_text("within P; package Q end Q;")
+    (tmp_path / "P" / "Q" / "M.mo").write_text("within P.Q; " + MODEL)
+    assert daest("export", "P/Q/M.mo", "--compiler", "omc", "-o", "m.fmu")[0] == 0
+    lines = record.read_text().splitlines()
+    assert lines[1] == f'loadFile("{tmp_path / "P" / "package.mo"}");'
+    assert lines[-2].startswith("buildModelFMU(P.Q.M, ")
+
+
 @pytest.mark.parametrize("status", [0, 1])
-def test_its_complaint_is_shown_and_nothing_is_written(omc, daest, tmp_path, status):
-    omc(fails=True, status=status)
-    (tmp_path / "m.fmu").write_text("mine")
-    code, _, err = daest("export", "M.mo", "--compiler", "omc", "-o", "m.fmu")
+@pytest.mark.parametrize("target", ["m.fmu", "m.bmo"])
+def test_its_complaint_is_shown_and_nothing_is_written(omc, daest, tmp_path, status, target):
+    omc("Error: class M not found in scope", status)
+    (tmp_path / target).write_text("mine")
+    code, _, err = daest("export", "M.mo", "--compiler", "omc", "-o", target)
     assert code == 2 and "omc-failed" in err and "class M not found" in err
-    assert (tmp_path / "m.fmu").read_text() == "mine"
+    assert (tmp_path / target).read_text() == "mine"
+
+
+def test_complaints_alone_are_shown_each_once_at_the_place_of_the_first(omc, daest, tmp_path):
+    place = f"[{tmp_path / 'M.mo'}:3:3-3:9:writable] "
+    complaint = place + 'Error: Type mismatch in binding of "x".\n'
+    omc(
+        "Warning: The initial conditions are not fully specified.\n"
+        + NO_NETWORK * 20
+        + complaint * 2
+        + "Notification: Use of -d=bltdump tells more.\n"
+    )
+    code, _, err = daest("export", "M.mo", "--compiler", "omc", "-o", "m.fmu")
+    assert code == 2 and err.splitlines()[1:3] == [complaint.strip(), "  --> M.mo:3:3"]
+
+
+def test_of_the_log_of_the_c_compiler_the_errors_are_shown(omc, daest):
+    log = "".join(f"[ {i}%] Building C object {i}.c.o\n" for i in range(60))
+    omc(f"Error: Error building simulator. Build log: cmd\n{log}model.c:7:10: fatal error: no file\n{log}")
+    code, _, err = daest("export", "M.mo", "--compiler", "omc", "-o", "m.fmu")
+    assert code == 2 and "Building C object" not in err and "model.c:7:10: fatal error: no file" in err
 
 
 def test_without_omc(omc, daest, monkeypatch, tmp_path):

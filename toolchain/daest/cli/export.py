@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from daest.cli.options import ModelOptions, example, format_option, model_options, output_option, set_option
 from daest.cli.output import emit, keep_inputs, note, whole_file
+
+if TYPE_CHECKING:
+    from daest.data.project import Project
 
 
 @click.command("export", epilog=example("daest export Servo.mo -o servo.fmu --platform linux64,win64"))
@@ -52,7 +56,7 @@ def command(
         raise ConfigError("export-to-stdout", "an FMU is a file, not a text", remedy="name it: -o model.fmu")
     keep_inputs(target, [source])
     if compiler == "omc":
-        _export_by_omc(source, model_options, target, bool(platforms or settings))
+        _export_by_omc(source, project, model_options, target, bool(platforms or settings))
         return
     if target.suffix.lower() != ".fmu":
         raise ConfigError(
@@ -64,8 +68,11 @@ def command(
     emit(documents.document(result), "export", form, None, texts.text)
 
 
-def _export_by_omc(source: Path, options: ModelOptions, target: Path, has_options: bool) -> None:
+def _export_by_omc(
+    source: Path, project: Project, options: ModelOptions, target: Path, has_options: bool
+) -> None:
     """Write what OpenModelica makes of the model: an FMU, or Base Modelica under a name in .bmo."""
+    from daest.cli.models import chosen_class
     from daest.errors import ConfigError
     from daest.modelica.class_choice import select_class
     from daest.modelica.omc import OmcJob, base_modelica_by_omc, fmu_by_omc
@@ -77,7 +84,9 @@ def _export_by_omc(source: Path, options: ModelOptions, target: Path, has_option
             "--platform and --set are not passed on to OpenModelica",
             remedy="leave them out: set values in the model, and build on the other platform",
         )
-    job = OmcJob(source, select_class(read_source(source), source, options.class_name), options.libraries)
+    text = read_source(source)
+    name = select_class(text, source, chosen_class(project, source, options.class_name))
+    job = OmcJob(source, text, name, (*options.libraries, *project.libraries))
     content = base_modelica_by_omc(job) if target.suffix == ".bmo" else fmu_by_omc(job)
     with whole_file(target) as temporary:
         temporary.write_bytes(content)

@@ -57,10 +57,8 @@ def load_model(
     [noise] apply where the names exist.
     """
     source = model_source(project, given)
-    own = project.source is not None and source.resolve() == project.source.resolve()
-    flat = _load(
-        source, class_name or (project.class_name if own else None), [*libraries, *project.libraries]
-    )
+    own = _is_own(project, source)
+    flat = _load(source, chosen_class(project, source, class_name), [*libraries, *project.libraries])
     _warn_of_units(flat)
     flat = configured(flat, project, strict=own)
     if settings:
@@ -68,6 +66,15 @@ def load_model(
 
         flat = with_values(flat, dict(settings))
     return flat
+
+
+def chosen_class(project: Project, source: Path, class_name: str | None) -> str | None:
+    """The class of the command line, else that of daest.toml if `source` is its model."""
+    return class_name or (project.class_name if _is_own(project, source) else None)
+
+
+def _is_own(project: Project, source: Path) -> bool:
+    return project.source is not None and source.resolve() == project.source.resolve()
 
 
 def _warn_of_units(flat: FlatModel) -> None:

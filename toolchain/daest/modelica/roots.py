@@ -64,6 +64,19 @@ def readable_roots(folders: Sequence[Path], text: bytes, path: Path) -> Roots:
     return Roots(tuple(made), origins)
 
 
+def library_entries(folder: Path) -> list[Path]:
+    """The libraries that a folder holds, or is: folders with a package.mo, and files."""
+    if (folder / "package.mo").is_file():
+        return [folder]
+    packages = [entry for entry in sorted(folder.iterdir()) if (entry / "package.mo").is_file()]
+    return packages + sorted(folder.glob("*.mo"))
+
+
+def library_name(entry: Path) -> str:
+    """The name of the library of a folder or file, without its version."""
+    return _library(entry)[0]
+
+
 def _library(folder: Path) -> tuple[str, tuple[int, ...]]:
     """Name and version of a library's folder or file: `Modelica 4.0.0`, or `Modelica` without a version."""
     name, _, version = (folder.stem if folder.suffix == ".mo" else folder.name).partition(" ")
@@ -72,8 +85,7 @@ def _library(folder: Path) -> tuple[str, tuple[int, ...]]:
 
 def _chosen(folder: Path, uses: Mapping[str, str], seen: set[str], path: Path) -> tuple[list[Path], bool]:
     """The entries of a folder that are used, and whether those are all that there are."""
-    entries = [entry for entry in sorted(folder.iterdir()) if (entry / "package.mo").is_file()]
-    entries += sorted(folder.glob("*.mo"))
+    entries = library_entries(folder)
     by_name: dict[str, list[Path]] = {}
     for entry in entries:
         by_name.setdefault(_library(entry)[0], []).append(entry)
