@@ -195,8 +195,9 @@ def test_fmu_of_another_tool(tmp_path, forgets_alias, declared, source):
     assert told == (forgets_alias and declared == "true")
 
 
-def test_directional_derivatives_that_are_refused_of_internal_variables(tmp_path):
-    path = oscillator(tmp_path, False, "true", "-DPROMISED_ALONE")
+@pytest.mark.parametrize("habit", [1, 2, 3], ids=["refused", "wrong", "no-number"])
+def test_directional_derivatives_are_taken_without_those_of_internal_variables(tmp_path, habit):
+    path = oscillator(tmp_path, False, "true", f"-DPROMISED_ALONE={habit}")
     dae = linearize_fmu(path)
     assert dae.source == "directional derivatives"
     assert any("internal variables" in note for note in dae.notes)

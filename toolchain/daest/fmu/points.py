@@ -32,7 +32,7 @@ def difference(these: Sequence[np.ndarray], those: Sequence[np.ndarray], floor: 
 
     Rows have their own units (volt here, newton there), so a difference counts against its own row only; but
     no row counts as smaller than `floor` times the largest entry of its matrix, because a row that is zero in
-    truth is nothing but rounding in finite differences.
+    truth is nothing but rounding in finite differences. NaN where any entry is.
     """
     largest = 0.0
     for a, b in zip(these, those, strict=True):
@@ -42,7 +42,7 @@ def difference(these: Sequence[np.ndarray], those: Sequence[np.ndarray], floor: 
         sizes = np.maximum(np.abs(a), np.abs(b))
         scale = np.maximum(sizes.max(axis=1, keepdims=True), floor * sizes.max())
         scale[scale == 0.0] = 1.0
-        largest = max(largest, float((np.abs(a - b) / scale).max()))
+        largest = float(np.maximum(largest, (np.abs(a - b) / scale).max()))
     return largest
 
 

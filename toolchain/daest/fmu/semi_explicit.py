@@ -54,7 +54,7 @@ class SemiExplicitForm:
 class Jacobians:
     """∂(ẋ, z)/∂(x, u, w) by the FMU's directional derivatives (None: not offered) and by central
     differences. `is_complete`: all of `directional` is the FMU's; else rows of internal variables, of which
-    FMI promises none, are differences.
+    FMI promises none, are differences: it refuses them, or (OpenModelica) answers with those of another.
     """
 
     directional: np.ndarray | None
@@ -162,15 +162,27 @@ def jacobians(
         return Jacobians(None, differences), values
     points = Points(form.drivers, u[None], x[None], np.array([time]))
     references = (*form.rates, *form.variables)
-    every = range(len(references))
-    promised = [row for row in every if references[row] in (*form.rates, *form.outputs)]
-    for rows in (list(every), promised):
-        found = _directional(runner, form, points, [references[row] for row in rows], parameters)
+    promised = np.isin(references, (*form.rates, *form.outputs))
+    for rows in (np.ones_like(promised), promised):
+        found = _directional(runner, form, points, np.array(references)[rows].tolist(), parameters)
         if found is not None:
             directional = differences.copy()
             directional[rows] = found
-            return Jacobians(directional, differences, len(rows) == len(references)), values
+            return _without_wrong_inner(
+                Jacobians(directional, differences, bool(rows.all())), promised
+            ), values
     return Jacobians(None, differences), values
+
+
+def _without_wrong_inner(found: Jacobians, promised: np.ndarray) -> Jacobians:
+    """Differences in the rows that are not promised, where these are not what the FMU says they are."""
+    assert found.directional is not None
+    inner = ~promised
+    apart = difference([found.directional[inner]], [found.differences[inner]], DIFFERENCE_FLOOR)
+    if apart <= TRUST:
+        return found
+    mixed = np.where(promised[:, None], found.directional, found.differences)
+    return Jacobians(mixed, found.differences, is_complete=False)
 
 
 def _directional(
@@ -216,7 +228,7 @@ def _choose(found: Jacobians, offer: bool) -> tuple[np.ndarray, str, tuple[str, 
             f"The FMU's directional derivatives are wrong (off by {apart:.1g}): finite differences are used."
         )
         return found.differences, "finite differences", (note,)
-    partly = "The FMU refuses directional derivatives of internal variables: theirs are finite differences."
+    partly = "The FMU has no directional derivatives of internal variables: theirs are finite differences."
     return found.directional, "directional derivatives", () if found.is_complete else (partly,)
 
 
