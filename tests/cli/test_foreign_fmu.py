@@ -65,6 +65,18 @@ def test_values_that_are_no_numbers_and_outputs_that_are_none_are_told(folder, c
     assert "no outputs that are numbers: --all writes its 4 variables" in capsys.readouterr().err
 
 
+def test_inner_variable_that_is_measured_has_its_noise(folder, capsys):
+    """[data] outputs makes it an output, [noise.measurement] may speak of it."""
+    (folder / "daest.toml").write_text(
+        '[model]\nsource = "ball.fmu"\n[data]\nestimate = ["run.csv"]\noutputs = { h = "y" }\n'
+        "[parameters]\nd = { estimate = true }\n[noise.measurement]\nh = { std = 0.005, estimate = true }\n"
+    )
+    assert run(["identify", "--method", "oe", "--format", "json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert abs(found["parameters"]["d"]["value"] - 0.25) < 4 * found["parameters"]["d"]["std_error"]
+    assert found["noise"]["measurement"]["h"]["std"] == pytest.approx(0.005, rel=0.4)
+
+
 def description(path):
     with zipfile.ZipFile(path) as archive:
         return archive.read("modelDescription.xml").decode()

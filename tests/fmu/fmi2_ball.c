@@ -2,7 +2,7 @@
  *   h' = v,  v' = -g - d v |v| + u,  y = h,  w = 2 v.
  * With BOUNCE it bounces at h = 0 (state event: v = -e v); with SWITCH the gravity changes its sign at t = 1 (time
  * event); with REMEMBERS a part of the drag is that of the last completed step. TRAP makes it misbehave in one call,
- * from the time TRAP_TIME on. */
+ * from the time TRAP_TIME on. The instance number WEARS_OUT of a process crashes it. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -54,6 +54,10 @@ static void compute(M *m) {
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String where,
                               const fmi2CallbackFunctions *f, fmi2Boolean visible, fmi2Boolean log) {
     M *m = calloc(1, sizeof(M));
+#ifdef WEARS_OUT
+    static int made;
+    if (++made >= WEARS_OUT) *(volatile int *)8 = 1;
+#endif
     m->v[H] = 1.0; m->v[D] = 0.1; m->v[E] = 0.7; m->v[G] = 9.81; m->sign = 1; m->f = f;
     return m;
 }

@@ -5,7 +5,9 @@ import pytest
 from ball_fmu import ball
 from relay_fmu import expected, relay
 
+from daest.estimation.nonlinear_filter import run_nonlinear_filter
 from daest.fmu.binary_form import BinaryForm
+from daest.model.experiment import Experiment
 from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.linearize import is_affine_model
 from daest.systems.reduce import reduce_index
@@ -34,6 +36,13 @@ def test_variables_at_states_of_a_filter_fit_these(tmp_path):
     x = np.where(np.arange(40) % 2, 0.8, -0.8)
     found = flat.given.variables_along(flat, TIME, INPUT[:, None], flat.theta_values, x[:, None], "foh")
     np.testing.assert_allclose(found[:, 1], x - np.sign(x))
+
+
+def test_filter_tells_what_it_does_not_follow(tmp_path):
+    flat = BinaryForm(relay(tmp_path, "RELAY")).flat()
+    data = Experiment("run", TIME, INPUT[:, None], expected("RELAY", TIME, INPUT)[:, None], ("u",), ("y",))
+    found = run_nonlinear_filter(reduce_index(flat), None, data, np.zeros(0), np.array([0.1]), longest=np.inf)
+    assert any("states that jump" in message for message in found.messages)
 
 
 @pytest.mark.parametrize("hold", ["zoh", "foh"])

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ball_fmu import DESCRIPTION
+from ball_fmu import DESCRIPTION, ball
 from fmu_archives import changed
 from tank_fmu import K, U, Y, levels, tank
 
@@ -123,3 +123,17 @@ def test_functions_that_nobody_calls_may_be_missing(tmp_path):
     with Runner(load_fmu(path)) as runner:
         found = runner.simulate(Drive(time, (U,), inflow, inflow, inflow[0], (Y,)), ((), np.zeros((1, 0))))
     np.testing.assert_allclose(found.values[0][:, 0], 2 * levels(0.5, time), rtol=1e-6)
+
+
+def test_binary_that_wears_out_goes_on_in_a_new_process(tmp_path):
+    """It crashes at its fifth instance; more than five in one request are too many."""
+    model = load_fmu(ball(tmp_path, WEARS_OUT=5))
+    time, held = np.linspace(0.0, 1.0, 3), np.zeros((2, 1))
+    drive = Drive(time, (4,), held, held, held[0], (5,))
+    values = np.array([[0.1], [0.2], [0.3]])
+    with Runner(model) as runner:
+        first, second = (runner.simulate(drive, ((7,), values), np.ones((3, 2))).values for _ in range(2))
+        np.testing.assert_array_equal(first, second)
+        with pytest.raises(FmuError) as caught:
+            runner.simulate(drive, ((7,), np.linspace(0.1, 0.5, 7)[:, None]), np.ones((7, 2)))
+    assert caught.value.code == "fmu-crashed"

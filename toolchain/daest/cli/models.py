@@ -130,15 +130,15 @@ def _with_declared(flat: FlatModel, project: Project, problems: list[DaestError]
     `problems`."""
     from daest.modelica.compile import declare
 
-    present = {noise.name: noise.intensity for noise in flat.noises}
+    intensities = {noise.name: noise.intensity for noise in flat.noises}
     steps: list[dict[str, Any]] = [{"outputs": [name]} for name in project.outputs]
     for name, setting in project.process_noise.items():
-        size = present.get(name) if setting.size is None else setting.size
+        size = intensities.get(name) if setting.size is None else setting.size
         steps += [{"noises": {name: size}}, *_estimated(name, setting)]
     for name, setting in project.measurement_noise.items():
         steps += [] if setting.size is None else [{"noise_std": {name: setting.size}}]
         steps += _estimated(name, setting)
-    outputs = []
+    outputs: list[str] = []
     for step in steps:
         try:
             changed = declare(flat, **step)
@@ -149,6 +149,9 @@ def _with_declared(flat: FlatModel, project: Project, problems: list[DaestError]
             continue
         if "outputs" in step:
             outputs += step["outputs"]
+            # All together until the noises are known: they may belong to any.
+            present = [output.name for output in flat.outputs]
+            flat = declare(flat, outputs=list(dict.fromkeys([*present, *outputs])))
         else:
             flat = changed
     return declare(flat, outputs=outputs) if outputs else flat

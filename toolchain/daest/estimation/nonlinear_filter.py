@@ -142,11 +142,11 @@ def _prepared(
     v0 = _first_slopes(explicit, time, inputs)
     x0, _ = initial_point(explicit, theta, inputs[0], v0, float(time[0]))
     mean, known_cov = (x0, None) if initial is None else _given_start(explicit, initial, x0)
-    notes: tuple[str, ...] = ()
+    notes = _doubts(explicit)
     used = good_everywhere(explicit)
     if used is not explicit:
         mean, known_cov = _in_states_of(used, explicit, mean, known_cov, theta, time, inputs)
-        notes = ("All differentiated variables are states, tied by the constraints of the model.",)
+        notes += ("All differentiated variables are states, tied by the constraints of the model.",)
     model = local_model(used, inside=kind == "particle", compiled=compiled)
     data = record(model, time, inputs, outputs, hold)
     size = _sizes(used, mean, theta, time, inputs, hold, compiled)
@@ -159,6 +159,17 @@ def _prepared(
         start = Start(*project(plain, mean, cov, data.u0[0], float(time[0]))[:2])
     task = _Task(model, data, theta, noise, start, np.inf, notes)
     return task if known_cov is not None and np.all(np.isfinite(known_cov)) else _recentred(task, known_cov)
+
+
+def _doubts(explicit: ExplicitModel) -> tuple[str, ...]:
+    """What a filter of a model without equations may pass over."""
+    given = explicit.flat.given
+    if given is None or not given.may_jump:
+        return ()
+    return (
+        "The FMU may have events: discrete variables fit the estimate at each point, but states that jump, "
+        "clocks and delays are not followed.",
+    )
 
 
 def _first_slopes(explicit: ExplicitModel, time: np.ndarray, inputs: np.ndarray) -> np.ndarray:

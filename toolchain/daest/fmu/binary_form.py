@@ -189,10 +189,10 @@ class BinaryForm:
             return True
 
     @cached_property
-    def _may_jump(self) -> bool:
+    def may_jump(self) -> bool:
         """What the FMU answers may depend on more than time, states and inputs: on discrete variables that
         events have changed, or on steps that it has heard of."""
-        if self.is_affine:
+        if self.is_affine or self.hides_states:
             return False
         nowhere = Points((), np.zeros((1, 0)), np.zeros((1, 0)), np.zeros(1))
         has_events = self.model.n_event_indicators > 0 or self.model.reports_steps
@@ -404,7 +404,7 @@ class BinaryForm:
         request = self.drive(time, ubar[:-1], ends, ubar[-1], self.form.variables)
         if self.hides_states:
             return self.simulated(request, theta[None], None).values[0]
-        if self._may_jump:
+        if self.may_jump:
             again = self.simulated(request, theta[None], states[:1])
             if np.all(np.abs(again.states[0] - states) <= SAME_STATES * np.ptp(states, axis=0) + TINY):
                 return np.hstack([states, again.values[0]])

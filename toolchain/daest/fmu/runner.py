@@ -222,6 +222,18 @@ class Runner:
     def _ask(
         self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
     ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        is_used = self._process is not None
+        try:
+            return self._answered(header, arrays)
+        except FmuError as error:
+            # Some FMUs wear out: what crashes after thousands of instances runs in a new process.
+            if not is_used or error.code not in ("fmu-crashed", "fmu-exited", "fmu-memory"):
+                raise
+            return self._answered(header, arrays)
+
+    def _answered(
+        self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
+    ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         if self._process is None:
             self._process = _Process(self.model, self.limits)
         try:

@@ -23,6 +23,11 @@ class GivenForm(Protocol):
     hides_states: bool
 
     @property
+    def may_jump(self) -> bool:
+        """Answers may depend on more than time, states and inputs: on discrete variables that events have
+        changed, or on steps that it has heard of."""
+
+    @property
     def method(self) -> str:
         """How simulations are computed."""
 
