@@ -343,11 +343,11 @@ class _Process:
                 where=str(self._model.path),
                 remedy="It may need a library that is missing here; export the FMU for this platform again.",
             )
+        remedy = "Choose parameter values, inputs and an operating point where the model can be evaluated."
+        if what.startswith("instantiate"):
+            remedy = "It may need a licence, or files of the tool that wrote it: export it to run without."
         return FmuError(
-            "fmu-call-failed",
-            f"The FMU refused {what}.",
-            where=str(self._model.path),
-            remedy="Choose parameter values, inputs and an operating point where the model can be evaluated.",
+            "fmu-call-failed", f"The FMU refused {what}.", where=str(self._model.path), remedy=remedy
         )
 
     def _hangs(self) -> FmuError:
