@@ -13,7 +13,7 @@ import pathlib, sys
 script = pathlib.Path(sys.argv[1]).read_text()
 pathlib.Path({record!r}).write_text(script)
 said = {said!r}
-if said:
+if said and ({always} or 'disableDirectionalDerivatives' in script):
     print('true\\n""\\n"' + said.replace('"', chr(92) + '"') + '"')
     pathlib.Path('model.bmo').write_text('')
     sys.exit({status})
@@ -28,12 +28,13 @@ Error: Failed to download package index https://libraries.example/index.json to 
 
 @pytest.fixture
 def omc(tmp_path, monkeypatch):
-    """Puts a fake omc in place; returns a function (said, status) -> file that will hold the script."""
+    """Puts a fake omc in place; returns a function (said, status, always) -> file that will hold the script.
+    It complains `always`, or only about directional derivatives."""
 
-    def install(said: str = "", status: int = 0) -> Path:
+    def install(said: str = "", status: int = 0, always: bool = True) -> Path:
         record, program = tmp_path / "asked.mos", tmp_path / "bin" / "omc"
         program.parent.mkdir(exist_ok=True)
-        text = FAKE.format(python=sys.executable, record=str(record), said=said, status=status)
+        text = FAKE.format(python=sys.executable, record=str(record), said=said, status=status, always=always)
         program.write_text(text)
         program.chmod(0o755)
         monkeypatch.setenv("OMC", str(program))
@@ -141,6 +142,16 @@ def test_of_the_log_of_the_c_compiler_the_errors_are_shown(omc, daest):
     omc(f"Error: Error building simulator. Build log: cmd\n{log}model.c:7:10: fatal error: no file\n{log}")
     code, _, err = daest("export", "M.mo", "--compiler", "omc", "-o", "m.fmu")
     assert code == 2 and "Building C object" not in err and "model.c:7:10: fatal error: no file" in err
+
+
+@pytest.mark.parametrize(
+    ("said", "code"),
+    [("Error: Error building simulator. Log: ...", 0), ("Error: Too few equations", 2)],
+)
+def test_directional_derivatives_that_do_not_build_are_left_out(omc, daest, tmp_path, said, code):
+    record = omc(said, always=False)
+    assert daest("export", "M.mo", "--compiler", "omc", "-o", "m.fmu")[0] == code
+    assert ("disableDirectionalDerivatives" in record.read_text()) == (code == 2)
 
 
 def test_without_omc(omc, daest, monkeypatch, tmp_path):
