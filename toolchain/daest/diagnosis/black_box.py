@@ -23,11 +23,12 @@ from scipy.stats import chi2, norm
 from daest.errors import EstimationError
 from daest.estimation.identify import identify
 from daest.fmu.binary_form import BinaryForm
+from daest.fmu.drive import Drive
 from daest.fmu.laws import LAWS, Law
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import FlatModel
-from daest.systems.integrate import Hold, IntegrationError, integrate, integrator, interval_inputs
+from daest.systems.integrate import Hold, IntegrationError, interval_inputs
 
 LEVEL = 0.01  # of the whole search
 REFITTED = 3  # candidates
@@ -75,7 +76,8 @@ class Trial:
 
 @dataclass(frozen=True)
 class Case:
-    """The FMU at fitted values with its recordings."""
+    """The FMU at fitted values with its recordings: `columns` are recorded signals that are no inputs,
+    `sizes` (n_x,) the largest values of the states."""
 
     flat: FlatModel
     form: BinaryForm
@@ -84,6 +86,8 @@ class Case:
     names: tuple[str, ...]
     theta: np.ndarray
     starts: tuple[np.ndarray, ...]
+    columns: tuple[str, ...]
+    sizes: np.ndarray
 
 
 def diagnose_black_box(
@@ -164,18 +168,25 @@ def _case(
         tuple(p.name for p in baseline.parameters),
         theta,
         tuple(starts),
+        tuple(
+            c
+            for c in experiments[0].extra
+            if all(np.all(np.isfinite(e.extra.get(c, np.nan))) for e in experiments)
+        ),
+        np.ones(len(form.form.states)),
     )
+    runs = [_course(case, i).states for i in range(len(experiments))]
+    case = replace(case, sizes=np.max([np.max(np.abs(x), axis=0) for x in runs], axis=0))
     return case if all(e.name in fitted for e in experiments) else _with_fitted_starts(case)
 
 
 def candidates(case: Case) -> list[Trial]:
     """Every law at every input, and every fault of a sensor at every output."""
     states = case.flat.unknowns[: len(case.form.form.states)][:MOST_STATES]
-    sizes = np.max([np.max(np.abs(_run(case, i)[1]), axis=0) for i in range(len(case.experiments))], axis=0)
     trials = []
     for number, u in enumerate(case.flat.inputs):
         trials.append(Trial("ConstantLoad", u.name, number, "constant", unit=u.unit))
-        for state, size in zip(states, sizes, strict=False):
+        for state, size in zip(states, case.sizes, strict=False):
             if size <= 0.0 or not np.isfinite(size):
                 continue
             for law, effect in STATE_LAWS.items():
@@ -183,9 +194,8 @@ def candidates(case: Case) -> list[Trial]:
                 trials.append(Trial(effect, u.name, number, law, state.name, shape=shape))
             if state.unit == "rad":
                 trials.append(Trial("Gravity", u.name, number, "sine", state.name, shape=(1.0, 0.0)))
-        for column in case.experiments[0].extra:
-            if all(np.all(np.isfinite(e.extra.get(column, np.nan))) for e in case.experiments):
-                trials.append(Trial("MeasuredInput", u.name, number, column=column))
+        for column in case.columns:
+            trials.append(Trial("MeasuredInput", u.name, number, "recorded", column=column))
     for number, y in enumerate(case.flat.outputs):
         for sensor, effect in (("offset", "Offset"), ("drift", "Drift"), ("gain", "Gain"), ("lag", "Lag")):
             trials.append(Trial(effect, y.name, number, sensor=sensor, unit=y.unit))
@@ -195,55 +205,56 @@ def candidates(case: Case) -> list[Trial]:
 # ------------------------------------------------------------------------------------------ simulation
 
 
-def _run(
-    case: Case, i: int, sets: np.ndarray | None = None, starts: np.ndarray | None = None,
-    trial: Trial | None = None, sizes: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Outputs (s, n, n_y) and largest-state table of recording i at sets of parameters, initial states and
-    sizes of a trial; one set: outputs (1, n, n_y) and states (n, n_x)."""
-    form, e = case.form, case.experiments[i]
-    sets = case.theta[None] if sets is None else sets
-    starts = np.repeat(case.starts[i][None], len(sets), axis=0) if starts is None else starts
-    explicit = form.explicit(case.flat)
-    u0, u1 = interval_inputs(explicit, e.time, e.inputs, case.hold)
-    columns = (*form.form.states, *form.form.variables)
-    read = tuple(columns[row] for row in form.output_rows(case.flat))
-    laws = () if trial is None or not trial.law else (_law(case, trial),)
-    request = form.drive(e.time, u0, u1, np.hstack([e.inputs[-1], u1[-1, e.inputs.shape[1] :]]), read)
-    request = replace(request, laws=laws)
-    law_sizes = None if not laws else np.asarray(sizes, dtype=float)[:, None]
-    if trial is not None and trial.column and sizes is not None:
-        return _with_column(case, e, request, sets, starts, trial, sizes)
-    found = form.simulated(request, sets, starts, law_sizes)
-    outputs = found.values
-    if trial is not None and trial.sensor and sizes is not None:
-        outputs = np.array([_sensed(y, e.time, trial, s) for y, s in zip(outputs, sizes, strict=True)])
-    return outputs, found.states[0]
+@dataclass(frozen=True)
+class _Course:
+    """A simulation of one recording: outputs (n, n_y), states (n, n_x), slopes (n, n_y, d) of the outputs by
+    the parameters of the case, the size of the trial if there is one, and the initial states."""
+
+    outputs: np.ndarray
+    states: np.ndarray
+    slopes: np.ndarray
 
 
-def _with_column(
-    case: Case, e: Experiment, request: Any, sets: np.ndarray, starts: np.ndarray, trial: Trial,
-    sizes: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Simulations with a recorded column added to the input."""
-    outputs, states = [], np.zeros(0)
-    column = e.extra[trial.column]
-    for theta, x0, size in zip(sets, starts, sizes, strict=True):
-        moved = request.u0.copy(), request.u1.copy(), request.u_last.copy()
-        end = column[:-1] if case.hold == "zoh" else column[1:]
-        moved[0][:, trial.number] += size * column[:-1]
-        moved[1][:, trial.number] += size * end
-        moved[2][trial.number] += size * column[-1]
-        changed = replace(request, u0=moved[0], u1=moved[1], u_last=moved[2])
-        found = case.form.simulated(changed, theta[None], x0[None], None)
-        outputs.append(found.values[0])
-        states = found.states[0]
-    return np.array(outputs), states
+def _course(
+    case: Case, i: int, trial: Trial | None = None, size: float = 0.0, slopes: bool = False
+) -> _Course:
+    """Recording i with `size` of the trial. Raises IntegrationError."""
+    form, n_x = case.form, case.starts[i].size
+    laws = () if trial is None or not trial.law else (_law(case, trial, size),)
+    read = tuple((*form.form.states, *form.form.variables)[row] for row in form.output_rows(case.flat))
+    request = replace(_request(case, case.experiments[i]), read=read, laws=laws)
+    steps = np.array([_size_step(case, trial)]) if laws and trial is not None else np.zeros(0)
+    scale = np.maximum(np.abs(case.starts[i]), 1.0)
+    states, outputs, found = form.integrate_with_laws(
+        case.flat, case.names, request, case.theta, case.starts[i], scale, steps if slopes else None
+    )
+    if trial is None or not trial.sensor:
+        return _Course(outputs, states, found)
+    time = case.experiments[i].time
+    sensed = outputs + size * _fault(outputs, time, trial)
+    if slopes:
+        by_size = _fault(outputs, time, trial)[:, :, None]
+        constant = _fault(np.zeros_like(outputs), time, trial)
+        faults = [_fault(found[:, :, d], time, trial) - constant for d in range(found.shape[2])]
+        found = found + size * np.stack(faults, axis=2)
+        at = found.shape[2] - n_x
+        found = np.concatenate([found[:, :, :at], by_size, found[:, :, at:]], axis=2)
+    return _Course(sensed, states, found)
 
 
-def _sensed(y: np.ndarray, time: np.ndarray, trial: Trial, size: float) -> np.ndarray:
-    """Outputs with the fault of a sensor."""
-    changed = y.copy()
+def _request(case: Case, e: Experiment) -> Drive:
+    """What drives a recording: inputs, and the recorded columns that are none behind them."""
+    u0, u1 = interval_inputs(case.form.explicit(case.flat), e.time, e.inputs, case.hold)
+    last = np.hstack([e.inputs[-1], u1[-1, e.inputs.shape[1] :]])
+    columns = np.column_stack([e.extra[name] for name in case.columns] or [np.zeros((e.time.size, 0))])
+    ends = columns[:-1] if case.hold == "zoh" else columns[1:]
+    return case.form.drive(
+        e.time, np.hstack([u0, columns[:-1]]), np.hstack([u1, ends]), np.hstack([last, columns[-1]]), ()
+    )
+
+
+def _fault(y: np.ndarray, time: np.ndarray, trial: Trial) -> np.ndarray:
+    """What a unit of the fault of a sensor adds to the outputs (n, n_y)."""
     own = y[:, trial.number]
     faults = {
         "offset": np.ones_like(own),
@@ -251,32 +262,30 @@ def _sensed(y: np.ndarray, time: np.ndarray, trial: Trial, size: float) -> np.nd
         "gain": own,
         "lag": -np.gradient(own, time),
     }
-    changed[:, trial.number] += size * faults[trial.sensor]
-    return changed
+    added = np.zeros_like(y)
+    added[:, trial.number] = faults[trial.sensor]
+    return added
 
 
-def _law(case: Case, trial: Trial) -> Law:
+def _law(case: Case, trial: Trial, size: float) -> Law:
+    if trial.column:
+        column = len(case.form.form.inputs) + case.columns.index(trial.column)
+        return Law(trial.law, trial.number, (), (), size, column)
     names = [v.name for v in case.flat.unknowns]
     reads = (case.form.form.states[names.index(trial.variable)],) if trial.variable else ()
-    return Law(trial.law, trial.number, reads, trial.shape)
+    return Law(trial.law, trial.number, reads, trial.shape, size)
 
 
-def _residuals(case: Case) -> list[np.ndarray]:
-    return [e.outputs - _run(case, i)[0][0] for i, e in enumerate(case.experiments)]
+def _residuals(case: Case, trial: Trial | None = None, size: float = 0.0) -> list[np.ndarray]:
+    return [e.outputs - _course(case, i, trial, size).outputs for i, e in enumerate(case.experiments)]
 
 
 def _parameter_slopes(case: Case) -> list[np.ndarray]:
     """∂ŷ/∂(parameters, initial states of all recordings), (d, n, n_y) per recording."""
     p, n_x = len(case.names), case.starts[0].size
-    model = integrator(case.form.explicit(case.flat), case.names)
     tables = []
-    for i, e in enumerate(case.experiments):
-        x0 = case.starts[i]
-        scale = np.maximum(np.abs(x0), 1.0)
-        found = integrate(
-            model, e.time, e.inputs, case.theta, x0, hold=case.hold, sensitivities=True, state_scale=scale
-        )
-        own = found.sensitivities.transpose(2, 0, 1)
+    for i in range(len(case.experiments)):
+        own = _course(case, i, slopes=True).slopes.transpose(2, 0, 1)
         table = np.zeros((p + n_x * len(case.experiments), *own.shape[1:]))
         table[:p] = own[:p]
         table[p + i * n_x : p + (i + 1) * n_x] = own[p:]
@@ -284,18 +293,16 @@ def _parameter_slopes(case: Case) -> list[np.ndarray]:
     return tables
 
 
-def _response(case: Case, trial: Trial) -> tuple[list[np.ndarray], float]:
-    """∂ŷ/∂size per recording, (n, n_y), and the step that it was computed with."""
-    step = _size_step(case, trial)
+def _response(case: Case, trial: Trial) -> list[np.ndarray]:
+    """∂ŷ/∂size per recording at size 0, (n, n_y)."""
+    alone = replace(case, names=())
     tables = []
-    for i in range(len(case.experiments)):
-        sets = np.repeat(case.theta[None], 2, axis=0)
+    for i, e in enumerate(case.experiments):
         try:
-            outputs, _ = _run(case, i, sets, trial=trial, sizes=np.array([step, -step]))
+            tables.append(_course(alone, i, trial, slopes=True).slopes[:, :, 0])
         except IntegrationError:
-            outputs = np.zeros((2, *case.experiments[i].outputs.shape))
-        tables.append((outputs[0] - outputs[1]) / (2 * step))
-    return tables, step
+            tables.append(np.zeros(e.outputs.shape))
+    return tables
 
 
 def _size_step(case: Case, trial: Trial) -> float:
@@ -308,8 +315,7 @@ def _size_step(case: Case, trial: Trial) -> float:
         largest = max(float(np.max(np.abs(e.extra[trial.column]))) for e in case.experiments)
     elif trial.variable:
         names = [v.name for v in case.flat.unknowns]
-        states = np.concatenate([_run(case, i)[1] for i in range(len(case.experiments))])
-        v = float(np.max(np.abs(states[:, names.index(trial.variable)])))
+        v = case.sizes[names.index(trial.variable)]
         largest = abs(float(LAWS[trial.law](np.array([v]), np.array(trial.shape))))
     else:
         largest = 1.0
@@ -355,7 +361,7 @@ def _white(tables: Sequence[np.ndarray], filters: Sequence[np.ndarray]) -> np.nd
 
 
 def _screen(
-    trials: Sequence[Trial], responses: Sequence[tuple[list[np.ndarray], float]],
+    trials: Sequence[Trial], responses: Sequence[list[np.ndarray]],
     residuals: Sequence[np.ndarray], slopes: Sequence[np.ndarray],
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Scores of all trials on the whitened residual, best first, p-values corrected for the search."""
@@ -367,7 +373,7 @@ def _screen(
     left = e - basis @ (basis.T @ e)
     seen_from = float(norm.isf(LEVEL / 2 / len(trials))) + POWER
     entries = []
-    for trial, (response, _) in zip(trials, responses, strict=True):
+    for trial, response in zip(trials, responses, strict=True):
         s = _white(response, filters) * weights
         own = s - basis @ (basis.T @ s)
         size, whole = float(np.linalg.norm(own)), float(np.linalg.norm(s))
@@ -453,41 +459,43 @@ def _refitted(case: Case, trial: Trial, size: float) -> tuple[Case, float, float
     """Parameters, initial states and size together by least squares weighted with the residual's spread."""
     known = [p.name for p in case.flat.parameters]
     columns = [known.index(name) for name in case.names]
-    n_x, step = case.starts[0].size, _size_step(case, trial)
-    scales = np.concatenate(
-        [
-            np.array([abs(case.theta[c]) or 1.0 for c in columns]),
-            *(
-                np.maximum(np.abs(x), 1e-3 * max(1.0, float(np.max(np.abs(x), initial=0.0))))
-                for x in case.starts
-            ),
-            [abs(size) or step],
-        ]
-    )
-    z0 = np.concatenate([case.theta[columns], *case.starts, [size]]) / scales
+    n_p, n_x = len(columns), case.starts[0].size
+    starts = [
+        np.maximum(np.abs(x), 1e-3 * max(1.0, float(np.max(np.abs(x), initial=0.0)))) for x in case.starts
+    ]
+    sizes = [abs(float(case.theta[c])) or 1.0 for c in columns]
+    scales = np.concatenate([sizes, [abs(size) or _size_step(case, trial)], *starts])
     spread = np.std(np.concatenate(_residuals(case)), axis=0)
     spread = np.where(spread > 0, spread, 1.0)
 
-    def errors_at(rows: np.ndarray) -> np.ndarray:
-        """(s, all residuals) of many search vectors, in one request per recording."""
-        values = rows * scales
-        sets = np.repeat(case.theta[None], len(rows), axis=0)
-        sets[:, columns] = values[:, : len(columns)]
-        parts = []
-        for i, e in enumerate(case.experiments):
-            first = len(columns) + i * n_x
-            try:
-                outputs, _ = _run(case, i, sets, values[:, first : first + n_x], trial, values[:, -1])
-            except IntegrationError:
-                outputs = np.full((len(rows), *e.outputs.shape), 1e3 * np.max(np.abs(e.outputs)))
-            parts.append(((e.outputs - outputs) / spread).reshape(len(rows), -1))
-        return np.hstack(parts)
+    def at(z: np.ndarray) -> tuple[Case, float]:
+        values = z * scales
+        theta = case.theta.copy()
+        theta[columns] = values[:n_p]
+        x0 = tuple(np.split(values[n_p + 1 :], len(case.experiments)))
+        return replace(case, theta=theta, starts=x0), float(values[n_p])
+
+    def errors(z: np.ndarray) -> np.ndarray:
+        moved, own = at(z)
+        try:
+            found = _residuals(moved, trial, own)
+        except IntegrationError:
+            found = [np.full(e.outputs.shape, 1e3 * np.max(np.abs(e.outputs))) for e in case.experiments]
+        return np.concatenate([(e / spread).ravel() for e in found])
 
     def jacobian(z: np.ndarray) -> np.ndarray:
-        moved = np.vstack([z + STEP * np.eye(z.size), z - STEP * np.eye(z.size)])
-        table = errors_at(moved)
-        return ((table[: z.size] - table[z.size :]) / (2 * STEP)).T
+        moved, own = at(z)
+        blocks = []
+        for i in range(len(case.experiments)):
+            slopes = _course(moved, i, trial, own, slopes=True).slopes / spread[None, :, None]
+            block = np.zeros((slopes.shape[0] * slopes.shape[1], z.size))
+            first = n_p + 1 + i * n_x
+            block[:, : n_p + 1] = slopes[:, :, : n_p + 1].reshape(len(block), -1)
+            block[:, first : first + n_x] = slopes[:, :, n_p + 1 :].reshape(len(block), -1)
+            blocks.append(-block * scales)
+        return np.vstack(blocks)
 
+    z0 = np.concatenate([case.theta[columns], [size], *case.starts]) / scales
     bounds = np.full((2, z0.size), np.inf) * np.array([[-1.0], [1.0]])
     for k, c in enumerate(columns):
         low, high = case.flat.parameters[c].min, case.flat.parameters[c].max
@@ -496,61 +504,45 @@ def _refitted(case: Case, trial: Trial, size: float) -> tuple[Case, float, float
     # The solver needs room between the start and a bound.
     room = 1e-6 * np.where(np.isfinite(bounds), np.abs(bounds) + 1.0, 0.0)
     z0 = np.clip(z0, bounds[0] + room[0], bounds[1] - room[1])
-    found = least_squares(
-        lambda z: errors_at(z[None])[0], z0, jacobian, bounds=tuple(bounds), max_nfev=MOST_EVALUATIONS
-    )
-    values = found.x * scales
-    theta = case.theta.copy()
-    theta[columns] = values[: len(columns)]
-    starts = tuple(np.split(values[len(columns) : -1], len(case.experiments)))
+    found = least_squares(errors, z0, jacobian, bounds=tuple(bounds), max_nfev=MOST_EVALUATIONS)
+    fitted, size = at(found.x)
     cov = np.linalg.pinv(found.jac.T @ found.jac) * 2 * found.cost / max(found.fun.size - z0.size, 1)
-    std_error = float(np.sqrt(max(cov[-1, -1], 0.0)) * scales[-1])
-    fitted = replace(case, theta=theta, starts=starts)
-    size = float(values[-1])
-    errors = [
-        e.outputs - _run(fitted, i, trial=trial, sizes=np.array([size]))[0][0]
-        for i, e in enumerate(case.experiments)
-    ]
-    return fitted, size, std_error, errors
+    std_error = float(np.sqrt(max(cov[n_p, n_p], 0.0)) * scales[n_p])
+    return fitted, size, std_error, _residuals(fitted, trial, size)
 
 
 def _with_fitted_starts(case: Case, trial: Trial | None = None, size: float = 0.0) -> Case:
     """The initial states that fit every recording best, parameters held."""
     if not case.starts or not case.starts[0].size:
         return case
+    alone = replace(case, names=())
     starts = []
     for i, e in enumerate(case.experiments):
         scale = np.maximum(np.abs(case.starts[i]), 1e-2)
+        n_x = scale.size
 
-        def errors_at(
-            rows: np.ndarray, i: int = i, e: Experiment = e, scale: np.ndarray = scale
+        def at(z: np.ndarray, i: int = i, scale: np.ndarray = scale) -> Case:
+            moved = list(alone.starts)
+            moved[i] = z * scale
+            return replace(alone, starts=tuple(moved))
+
+        def errors(z: np.ndarray, i: int = i, e: Experiment = e, at: Any = at) -> np.ndarray:
+            return (e.outputs - _course(at(z), i, trial, size).outputs).ravel()
+
+        def jacobian(
+            z: np.ndarray, i: int = i, at: Any = at, scale: np.ndarray = scale, n_x: int = n_x
         ) -> np.ndarray:
-            sets = np.repeat(case.theta[None], len(rows), axis=0)
-            sizes = None if trial is None else np.full(len(rows), size)
-            outputs, _ = _run(case, i, sets, rows * scale, trial, sizes)
-            return (e.outputs - outputs).reshape(len(rows), -1)
+            slopes = _course(at(z), i, trial, size, slopes=True).slopes[:, :, -n_x:]
+            return -slopes.reshape(-1, n_x) * scale
 
-        def jacobian(z: np.ndarray, errors_at: Any = errors_at) -> np.ndarray:
-            moved = np.vstack([z + STEP * np.eye(z.size), z - STEP * np.eye(z.size)])
-            table = errors_at(moved)
-            return ((table[: z.size] - table[z.size :]) / (2 * STEP)).T
-
-        found = least_squares(
-            lambda z, errors_at=errors_at: errors_at(z[None])[0],
-            case.starts[i] / scale,
-            jacobian,
-            max_nfev=10,
-        )
+        found = least_squares(errors, case.starts[i] / scale, jacobian, max_nfev=10)
         starts.append(found.x * scale)
     return replace(case, starts=tuple(starts))
 
 
 def _rms(case: Case, trial: Trial | None = None, size: float = 0.0) -> list[float]:
-    sizes = None if trial is None else np.array([size])
-    errors = [
-        e.outputs - _run(case, i, trial=trial, sizes=sizes)[0][0] for i, e in enumerate(case.experiments)
-    ]
-    return [float(r) for r in np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))]
+    errors = np.concatenate(_residuals(case, trial, size))
+    return [float(r) for r in np.sqrt(np.mean(errors**2, axis=0))]
 
 
 def _log_likelihood(errors: Sequence[np.ndarray]) -> float:

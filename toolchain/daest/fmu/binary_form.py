@@ -17,6 +17,7 @@ from daest.fmu.binary_functions import PointFunction, model_function, parameter_
 from daest.fmu.description import base_and_order
 from daest.fmu.drive import Drive
 from daest.fmu.engine import Plan, engine_library
+from daest.fmu.laws import law_table
 from daest.fmu.load import load_fmu
 from daest.fmu.points import DIFFERENCE_FLOOR, central_differences, difference, long_points, moved_points
 from daest.fmu.runner import Points, Runner, Simulated
@@ -35,8 +36,10 @@ from daest.model.flat import Equation, FlatModel, NoiseInput
 from daest.model.fmu import FmuModel
 from daest.model.linear import LinearDAE, StateSpaceFamily
 from daest.systems.integrate import (
+    ATOL_OF_SCALE,
     MAX_STEPS_PER_INTERVAL,
     MEAN_STEPS_PER_INTERVAL,
+    RTOL,
     IntegrationError,
 )
 from daest.systems.state_space import family_of
@@ -72,14 +75,19 @@ Integrated = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class _Task:
-    """What is integrated: `run` is that of systems.integrate, `columns` are the parameters that slopes are
-    wanted for, `scale` (n_states,) the sizes of the states."""
+    """What is integrated: theta, x0, rtol and atol (n_states,), `columns` are the parameters that slopes are
+    wanted for, `size_steps` (n_laws,) small changes of the sizes of laws, `scale` (n_states,) the sizes of
+    the states."""
 
     flat: FlatModel
     columns: tuple[int, ...]
-    run: Any
+    theta: np.ndarray
+    x0: np.ndarray
+    rtol: float
+    atol: np.ndarray
     scale: np.ndarray
     has_slopes: bool
+    size_steps: np.ndarray
 
 
 class BinaryForm:
@@ -334,20 +342,42 @@ class BinaryForm:
         outputs."""
         known = [p.name for p in flat.parameters]
         columns = tuple(known.index(name) for name in names) if options["sensitivities"] else ()
-        task = _Task(flat, columns, drive, options["state_scale"], options["sensitivities"])
+        task = _Task(
+            flat, columns, drive.theta, drive.x0, drive.rtol, drive.atol, options["state_scale"],
+            options["sensitivities"], np.zeros(0),
+        )  # fmt: skip
         references = (*self.form.states, *self.form.variables)
         read = [references[row] for row in self.output_rows(flat)]
         read += self.form.states if options["with_states"] else ()
         request = self.drive(drive.time, drive.u0, drive.u1, drive.u_last, read)
         if drive.correction is not None:
             request = replace(request, measurements=drive.correction.measurements, gain=drive.correction.gain)
+        return self._integrated(task, request)
+
+    def integrate_with_laws(
+        self, flat: FlatModel, names: Sequence[str], request: Drive, theta: np.ndarray, x0: np.ndarray,
+        state_scale: np.ndarray, size_steps: np.ndarray | None, rtol: float = RTOL,
+    ) -> Integrated:  # fmt: skip
+        """States, what `request` reads, and its slopes by the parameters `names`, by the sizes of the laws
+        and by the initial states; no slopes where `size_steps` (n_laws,), small changes of the sizes, is
+        None. Raises IntegrationError."""
+        known = [p.name for p in flat.parameters]
+        columns = () if size_steps is None else tuple(known.index(name) for name in names)
+        scale = np.maximum(np.abs(state_scale), TINY)
+        steps = np.zeros(len(request.laws)) if size_steps is None else size_steps
+        atol = rtol * ATOL_OF_SCALE * scale
+        return self._integrated(
+            _Task(flat, columns, theta, x0, rtol, atol, scale, size_steps is not None, steps), request
+        )
+
+    def _integrated(self, task: _Task, request: Drive) -> Integrated:
         is_possible = self._has_no_events and not (self.model.only_once and task.has_slopes)
-        if is_possible and drive.time.size > 1:
+        if is_possible and request.time.size > 1:
             found = self._followed(task, request)
             if found is not None:
-                self._method = f"Radau IIA order 5, rtol {drive.rtol:g}"
+                self._method = f"Radau IIA order 5, rtol {task.rtol:g}"
                 return found
-        self._method = f"CVODE (BDF), rtol {min(drive.rtol, SEARCH_RTOL):g}"
+        self._method = f"CVODE (BDF), rtol {min(task.rtol, SEARCH_RTOL):g}"
         return self._simulated_apart(task, request)
 
     @property
@@ -356,39 +386,45 @@ class BinaryForm:
 
     def _followed(self, task: _Task, request: Drive) -> Integrated | None:
         """With the slopes of the computed solution, from differences at its points."""
-        theta = task.run.theta
-        moved, steps = self._moved_parameters(task.flat, theta, task.columns, PARAMETER_STEP)
-        request = replace(request, rtol=task.run.rtol)
-        plan = self._plan(task, request, steps)
-        sets = np.vstack([theta[None], moved])
-        found = plan and self.runner.follow(request, self._parameters(sets), task.run.x0, plan)
+        sets, steps = self._moved_parameters(task.flat, task.theta, task.columns, PARAMETER_STEP)
+        sizes, size_steps = _moved_sizes(task, request)
+        sets = np.vstack([task.theta[None], sets, np.repeat(task.theta[None], len(sizes), axis=0)])
+        still = np.tile([law.size for law in request.laws], (1 + 2 * steps.size, 1))
+        request = replace(request, rtol=task.rtol)
+        plan = self._plan(task, request, np.concatenate([steps, size_steps]), np.vstack([still, sizes]))
+        found = plan and self.runner.follow(request, self._parameters(sets), task.x0, plan)
         return (found.states, found.values, found.slopes) if found else None
 
     def _simulated_apart(self, task: _Task, request: Drive) -> Integrated:
         """By CVODE, with central differences of whole simulations, all in one request."""
-        sets, starts, steps = self._moved(task)
-        request = replace(request, rtol=min(task.run.rtol, SEARCH_RTOL))
-        return _with_differences(self.simulated(request, sets, starts), steps)
+        request = replace(request, rtol=min(task.rtol, SEARCH_RTOL))
+        theta, x0 = task.theta, task.x0
+        own = np.array([law.size for law in request.laws])
+        if not task.has_slopes:
+            return _with_differences(self.simulated(request, theta[None], x0[None]), np.zeros(0))
+        moved, steps = self._moved_parameters(task.flat, theta, task.columns, SIMULATION_STEP)
+        sizes, size_steps = _moved_sizes(task, request)
+        turned, more = _moved_states(x0, task.scale, SIMULATION_STEP)
+        n, after = 1 + len(moved), len(sizes) + len(turned)
+        sets = np.vstack([theta[None], moved, np.repeat(theta[None], after, axis=0)])
+        starts = np.vstack([np.repeat(x0[None], n + len(sizes), axis=0), turned])
+        all_sizes = np.vstack([np.tile(own, (n, 1)), sizes, np.tile(own, (len(turned), 1))])
+        found = self.simulated(request, sets, starts, all_sizes)
+        return _with_differences(found, np.concatenate([steps, size_steps, more]))
 
-    def _plan(self, task: _Task, request: Drive, steps: np.ndarray) -> Plan | None:
+    def _plan(self, task: _Task, request: Drive, steps: np.ndarray, law_sizes: np.ndarray) -> Plan | None:
         fmi, n_x = int(self.model.fmi_version[0]), len(self.form.states)
-        library = engine_library(fmi, n_x, len(request.inputs), steps.size, len(request.read))
+        library = engine_library(
+            fmi, n_x, len(request.inputs), steps.size, len(request.read), request.u_last.size,
+            len(request.laws),
+        )  # fmt: skip
         if library is None:
             return None
         most = MAX_STEPS_PER_INTERVAL, MAX_STEPS_PER_INTERVAL + MEAN_STEPS_PER_INTERVAL * request.time.size
-        return Plan(str(library), steps, np.abs(task.scale), task.run.atol, most, task.has_slopes)
-
-    def _moved(self, task: _Task) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Parameters (s, p) and starts (s, n_x) of the solution itself and, where slopes are wanted, of those
-        moved up and down in every direction, and the steps."""
-        theta, x0 = task.run.theta, task.run.x0
-        if not task.has_slopes:
-            return theta[None], x0[None], np.zeros(0)
-        moved, steps = self._moved_parameters(task.flat, theta, task.columns, SIMULATION_STEP)
-        turned, more = _moved_states(x0, task.scale, SIMULATION_STEP)
-        sets = np.vstack([theta[None], moved, np.repeat(theta[None], len(turned), axis=0)])
-        starts = np.vstack([x0[None], np.repeat(x0[None], len(moved), axis=0), turned])
-        return sets, starts, np.concatenate([steps, more])
+        scale = np.abs(task.scale)
+        return Plan(
+            str(library), steps, scale, task.atol, most, task.has_slopes, law_table(request.laws), law_sizes
+        )
 
     def variables_along(
         self,
@@ -700,6 +736,16 @@ def _with_differences(found: Simulated, steps: np.ndarray) -> Integrated:
     values = found.values
     changes = (values[1::2] - values[2::2]) / (2 * steps)[:, None, None]
     return found.states[0], values[0], np.moveaxis(changes, 0, 2)
+
+
+def _moved_sizes(task: _Task, request: Drive) -> tuple[np.ndarray, np.ndarray]:
+    """Sizes of the laws moved up and down, one after the other, (2 n_laws, n_laws), and the steps; none
+    without slopes."""
+    n = len(request.laws)
+    if not task.has_slopes:
+        return np.zeros((0, n)), np.zeros(0)
+    moves = np.repeat(np.diag(task.size_steps), 2, axis=0) * np.tile([[1.0], [-1.0]], (n, 1))
+    return np.array([law.size for law in request.laws]).reshape(1, n) + moves, task.size_steps
 
 
 def _moved_states(x0: np.ndarray, scale: np.ndarray | None, share: float) -> tuple[np.ndarray, np.ndarray]:

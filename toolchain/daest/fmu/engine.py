@@ -28,10 +28,14 @@ _LONG = ctypes.c_long
 
 
 @functools.lru_cache(maxsize=64)
-def engine_library(fmi: int, n_x: int, n_u: int, n_p: int, n_y: int) -> Path | None:
+def engine_library(
+    fmi: int, n_x: int, n_u: int, n_p: int, n_y: int, n_columns: int | None = None, n_laws: int = 0
+) -> Path | None:
     """The compiled integrator for FMUs of FMI 2 or 3 with n_x states, n_u inputs, n_y outputs, and n_p chosen
-    parameters; None without a C compiler."""
-    sizes = {"FMI": fmi, "NX": n_x, "NU": n_u, "NP": n_p, "NY": n_y, "NG": 0}
+    parameters or sizes of the n_laws laws, which read n_columns columns (None: the inputs); None without a C
+    compiler."""
+    sizes = {"FMI": fmi, "NX": n_x, "NU": n_u if n_columns is None else n_columns, "NS": n_u, "NL": n_laws}
+    sizes |= {"NP": n_p, "NY": n_y, "NG": 0}
     work = [f"{part}_{kind}" for part in ("RHS", "SENS", "OUT", "HOLD") for kind in ("ARG", "RES", "IW", "W")]
     lines = [f"#define {name} {value}" for name, value in (sizes | dict.fromkeys(work, 0)).items()]
     asked = resources.files("daest.fmu").joinpath("foreign.c").read_text(encoding="utf-8")
@@ -48,7 +52,8 @@ def engine_library(fmi: int, n_x: int, n_u: int, n_p: int, n_y: int) -> Path | N
 class Plan:
     """How a trajectory is followed: the `library` of `engine_library`; `steps` (n_p,) by which the instances
     behind the first have their parameters moved; `sizes` (n_x,) of the states; `atol` (n_x,); the `most`
-    steps in an interval and in all; whether there are sensitivities (n, n_y, n_p + n_x) (`has_slopes`)."""
+    steps in an interval and in all; whether there are sensitivities (n, n_y, n_p + n_x) (`has_slopes`).
+    `laws` (n_laws, 6) is their `laws.law_table`, `law_sizes` (1 + 2 n_p, n_laws) those of every instance."""
 
     library: str
     steps: np.ndarray
@@ -56,6 +61,8 @@ class Plan:
     atol: np.ndarray
     most: tuple[int, int]
     has_slopes: bool
+    laws: np.ndarray
+    law_sizes: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -111,7 +118,10 @@ def _bind(library: ctypes.CDLL, instances: Sequence[Instance], drive: Drive, pla
     components = (ctypes.c_void_p * len(instances))(*(one.component for one in instances))
     inputs, outputs = (np.array(refs, dtype=np.uint32) for refs in (drive.inputs, drive.read))
     arrays = (inputs, outputs, plan.steps, plan.sizes)
-    library.daest_bind(functions, components, *map(_pointer, arrays), ctypes.c_int(plan.has_slopes))
+    library.daest_bind(
+        functions, components, *map(_pointer, arrays), ctypes.c_int(plan.has_slopes),
+        _pointer(plan.laws), _pointer(plan.law_sizes),
+    )  # fmt: skip
 
 
 def _pointer(array: np.ndarray | None) -> ctypes.c_void_p | None:

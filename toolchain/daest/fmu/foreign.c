@@ -3,8 +3,11 @@
  * Instance 0 has the parameters of the solution; instances 1 + 2 i and 2 + 2 i those with the chosen parameter
  * i moved up and down by parameter_step[i]. Slopes are differences at a point: central ones where they enter
  * sensitivities, one-sided ones for the Newton iteration.
- * Constants: those of radau.c, and FMI (2 or 3).
+ * Laws add size times a function of one variable of the FMU, or of one of u, to an input; the last of the chosen
+ * parameters may be sizes: every instance has its own.
+ * Constants: those of radau.c, FMI (2 or 3), NS (the first of u, which the FMU is given) and NL (laws).
  */
+#include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
 
@@ -36,26 +39,68 @@ static struct {
   Completed *completed; /* null where the FMU does not want to hear of steps */
 } fmu;
 static void *instance[1 + 2 * NP];
-static unsigned inputs[NU + 1], outputs[NY + 1];
+static unsigned inputs[NS + 1], outputs[NY + 1];
 static double parameter_step[NP + 1], size_of_state[NX];
 static double completed_at;
 static int has_slopes, is_first, has_refused;
 
+#if NL > 0
+/* In the order of fmu.laws.KINDS. */
+enum { CONSTANT, LINEAR, SIGN, SQUARE, CUBE, SINE, FOURTH_POWER, RECORDED };
+static struct {
+  int kind, input, from; /* from: the entry of u that is read, or -1 for a variable of the FMU */
+  unsigned reads;
+  double shape[2];
+} law[NL];
+static double law_size[1 + 2 * NP][NL];
+
+static double law_value(int l, double v) {
+  const double *shape = law[l].shape;
+  switch (law[l].kind) {
+    case CONSTANT: return 1.0;
+    case LINEAR: return -v;
+    case SIGN: return -tanh(v / shape[0]);
+    case SQUARE: return -v * fabs(v);
+    case CUBE: return -v * v * v;
+    case SINE: return -sin(shape[0] * v + shape[1]);
+    case FOURTH_POWER: return -pow(v / 100.0, 4);
+    default: return v;
+  }
+}
+
+static int add_laws(int i, const double *u) {
+  double whole[NS + 1];
+  for (int k = 0; k < NS; ++k) whole[k] = u[k];
+  for (int l = 0; l < NL; ++l) {
+    double v = law[l].from < 0 ? 0.0 : u[law[l].from];
+    if (law[l].from < 0 && REFUSED(fmu.get(instance[i], &law[l].reads, 1, &v LENGTH(1)))) return 1;
+    whole[law[l].input] += law_size[i][l] * law_value(l, v);
+  }
+  return REFUSED(fmu.set(instance[i], inputs, NS, whole LENGTH(NS)));
+}
+#endif
+
 /* Time stands last too: in some tools what was read stays stale without. */
-static int put(void *c, const double *x, const double *u, double t) {
+static int put(int i, const double *x, const double *u, double t) {
+  void *c = instance[i];
   if (REFUSED(fmu.time(c, t))) return 1;
-  if (NU && REFUSED(fmu.set(c, inputs, NU, u LENGTH(NU)))) return 1;
-  return REFUSED(fmu.states(c, x, NX)) || REFUSED(fmu.time(c, t));
+  if (NS && REFUSED(fmu.set(c, inputs, NS, u LENGTH(NS)))) return 1;
+  if (REFUSED(fmu.states(c, x, NX)) || REFUSED(fmu.time(c, t))) return 1;
+#if NL > 0
+  if (add_laws(i, u)) return 1;
+#endif
+  return 0;
 }
 
-typedef int Asked(void *c, const double *x, const double *u, double t, double *values);
+/* Asked of instance i. */
+typedef int Asked(int i, const double *x, const double *u, double t, double *values);
 
-static int rates(void *c, const double *x, const double *u, double t, double *f) {
-  return put(c, x, u, t) || REFUSED(fmu.rates(c, f, NX));
+static int rates(int i, const double *x, const double *u, double t, double *f) {
+  return put(i, x, u, t) || REFUSED(fmu.rates(instance[i], f, NX));
 }
 
-static int values(void *c, const double *x, const double *u, double t, double *h) {
-  return put(c, x, u, t) || (NY && REFUSED(fmu.get(c, outputs, NY, h LENGTH(NY))));
+static int values(int i, const double *x, const double *u, double t, double *h) {
+  return put(i, x, u, t) || (NY && REFUSED(fmu.get(instance[i], outputs, NY, h LENGTH(NY))));
 }
 
 static double step_of(const double *x, int i) {
@@ -72,10 +117,10 @@ static int by_states(Asked *asked, int n, const double *x, const double *u, doub
     double step = step_of(x, i), *column = slopes + i * n;
     moved[i] = x[i] + step;
     double high_end = moved[i];
-    if (asked(instance[0], moved, u, t, column)) return 1;
+    if (asked(0, moved, u, t, column)) return 1;
     moved[i] = here ? x[i] : x[i] - step;
     double width = high_end - moved[i];
-    if (!here && asked(instance[0], moved, u, t, low)) return 1;
+    if (!here && asked(0, moved, u, t, low)) return 1;
     moved[i] = x[i];
     for (int q = 0; q < n; ++q) column[q] = (column[q] - (here ? here[q] : low[q])) / width;
   }
@@ -87,7 +132,7 @@ static int by_parameters(Asked *asked, int n, const double *x, const double *u, 
   double low[NX > NY ? NX : NY + 1];
   for (int i = 0; i < NP; ++i) {
     double *column = slopes + i * n;
-    if (asked(instance[1 + 2 * i], x, u, t, column) || asked(instance[2 + 2 * i], x, u, t, low)) return 1;
+    if (asked(1 + 2 * i, x, u, t, column) || asked(2 + 2 * i, x, u, t, low)) return 1;
     for (int q = 0; q < n; ++q) column[q] = (column[q] - low[q]) / (2 * parameter_step[i]);
   }
   return 0;
@@ -112,7 +157,7 @@ static int complete(double t) {
 
 static int daest_rhs(const double **arg, double **res, casadi_int *iw, double *w, int memory) {
   (void)iw, (void)w, (void)memory;
-  if (rates(instance[0], arg[0], arg[1], arg[3][0], res[0])) return 1;
+  if (rates(0, arg[0], arg[1], arg[3][0], res[0])) return 1;
   if (!res[1]) return 0;
   if (complete(arg[3][0])) return 1;
   return by_states(rates, NX, arg[0], arg[1], arg[3][0], res[0], res[1]);
@@ -128,7 +173,7 @@ static int daest_sens(const double **arg, double **res, casadi_int *iw, double *
 
 static int daest_out(const double **arg, double **res, casadi_int *iw, double *w, int memory) {
   (void)iw, (void)w, (void)memory;
-  has_refused |= values(instance[0], arg[0], arg[1], arg[3][0], res[0]);
+  has_refused |= values(0, arg[0], arg[1], arg[3][0], res[0]);
   if (!has_slopes || has_refused) return has_refused;
   has_refused |= by_states(values, NY, arg[0], arg[1], arg[3][0], 0, res[1]) ||
                  by_parameters(values, NY, arg[0], arg[1], arg[3][0], res[2]);
@@ -137,9 +182,25 @@ static int daest_out(const double **arg, double **res, casadi_int *iw, double *w
 
 int daest_refused(void) { return has_refused; }
 
-/* What the next daest_simulate asks: functions in the order of `fmu`, instances, value references, steps. */
+/* What the next daest_simulate asks: functions in the order of `fmu`, instances, value references, steps; of every
+ * law its kind, input, place in u, value reference and two numbers of shape, and the sizes of each instance. */
 void daest_bind(void *const *functions, void *const *given, const unsigned *input_references,
-                const unsigned *output_references, const double *steps, const double *sizes, int slopes) {
+                const unsigned *output_references, const double *steps, const double *sizes, int slopes,
+                const double *laws, const double *law_sizes) {
+#if NL > 0
+  for (int l = 0; l < NL; ++l, laws += 6) {
+    law[l].kind = (int)laws[0];
+    law[l].input = (int)laws[1];
+    law[l].from = (int)laws[2];
+    law[l].reads = (unsigned)laws[3];
+    law[l].shape[0] = laws[4];
+    law[l].shape[1] = laws[5];
+  }
+  for (int i = 0; i < 1 + 2 * NP; ++i)
+    for (int l = 0; l < NL; ++l) law_size[i][l] = *law_sizes++;
+#else
+  (void)laws, (void)law_sizes;
+#endif
   fmu.time = (Time *)functions[0];
   fmu.states = (States *)functions[1];
   fmu.rates = (Rates *)functions[2];
@@ -147,7 +208,7 @@ void daest_bind(void *const *functions, void *const *given, const unsigned *inpu
   fmu.get = (Get *)functions[4];
   fmu.completed = (Completed *)functions[5];
   for (int i = 0; i < 1 + 2 * NP; ++i) instance[i] = given[i];
-  for (int i = 0; i < NU; ++i) inputs[i] = input_references[i];
+  for (int i = 0; i < NS; ++i) inputs[i] = input_references[i];
   for (int i = 0; i < NY; ++i) outputs[i] = output_references[i];
   for (int i = 0; i < NP; ++i) parameter_step[i] = steps[i];
   for (int i = 0; i < NX; ++i) size_of_state[i] = sizes[i];

@@ -22,7 +22,8 @@ def _law(name: str) -> Callable[[Callable[[np.ndarray, np.ndarray], float]], Cal
 class Law:
     """`size` times the law `name` of the variables `reads`, added to input number `input`.
 
-    `shape` holds what the law needs besides: the width of a sign, a dead band, a limit.
+    `shape` holds what the law needs besides: the width of a sign, a dead band, a limit. `column`: it reads
+    that column of what drives the simulation instead, an input or a recorded signal that is none.
     """
 
     name: str
@@ -30,9 +31,12 @@ class Law:
     reads: tuple[int, ...]
     shape: tuple[float, ...] = ()
     size: float = 1.0
+    column: int | None = None
 
-    def value(self, variables: np.ndarray, time: float) -> float:
-        return self.size * float(LAWS[self.name](variables, np.array(self.shape)))
+    def value(self, variables: np.ndarray, u: np.ndarray) -> float:
+        """The law at the `variables` that it reads, or at the columns u (n_columns,)."""
+        read = variables if self.column is None else u[self.column : self.column + 1]
+        return self.size * float(LAWS[self.name](read, np.array(self.shape)))
 
 
 @_law("constant")
@@ -75,3 +79,28 @@ def sine(v: np.ndarray, shape: np.ndarray) -> float:
 def fourth_power(v: np.ndarray, _: np.ndarray) -> float:
     """-(v / 100)⁴: radiation of a body at an absolute temperature."""
     return -float((v[0] / 100.0) ** 4)
+
+
+@_law("recorded")
+def recorded(v: np.ndarray, _: np.ndarray) -> float:
+    """v: a signal that is added to the input."""
+    return float(v[0])
+
+
+# The kinds of foreign.c, in its order.
+KINDS = tuple(LAWS)
+
+
+def law_table(laws: tuple[Law, ...]) -> np.ndarray:
+    """The laws as foreign.c reads them, (n_laws, 6): kind, input, column or -1, value reference, shape."""
+    rows = []
+    for law in laws:
+        reads = law.reads[0] if law.reads else 0
+        shape = (*law.shape, 0.0, 0.0)[:2]
+        rows.append([KINDS.index(law.name), law.input, _column(law), reads, *shape])
+    return np.array(rows, dtype=float).reshape(len(laws), 6)
+
+
+def _column(law: Law) -> int:
+    """A constant reads nothing, and so no variable of the FMU."""
+    return 0 if law.name == "constant" else -1 if law.column is None else law.column

@@ -214,6 +214,7 @@ class Runner:
         tables = {"parameters": values, "time": drive.time, "u0": drive.u0, "u1": drive.u1,
                   "u_last": drive.u_last, "x0": x0}  # fmt: skip
         tables |= {"steps": plan.steps, "sizes": plan.sizes, "atol": plan.atol}
+        tables |= {"laws": plan.laws, "law_sizes": plan.law_sizes}
         optional = {"measurements": drive.measurements, "gain": drive.gain}
         tables |= {name: table for name, table in optional.items() if table is not None}
         reply, found = self._ask(header, tables)

@@ -58,21 +58,24 @@ def _co_simulation(instance: Instance, drive: Drive, alive: Callable[[float], No
         now = float(drive.time[k])
         alive(now)
         # Outputs that follow an input directly belong to the input at the sample.
-        _guarded(instance.set, now, drive.inputs, drive.u0[k] if k + 1 < n else drive.u_last)
+        u = drive.u0[k] if k + 1 < n else drive.u_last
+        added = _added(instance, drive, u, now)
+        _guarded(instance.set, now, drive.inputs, u[: added.size] + added)
         values[k] = _guarded(instance.get, now, drive.read)
         if k + 1 == n:
             break
-        u = 0.5 * (drive.u0[k] + drive.u1[k]) + _added(instance, drive, now)
-        _guarded(instance.set, now, drive.inputs, u)
+        mean = 0.5 * (drive.u0[k] + drive.u1[k])
+        _guarded(instance.set, now, drive.inputs, mean[: added.size] + _added(instance, drive, mean, now))
         _guarded(instance.step, now, now, float(drive.time[k + 1] - now))
     return Recorded(values, np.empty((n, 0)), 0)
 
 
-def _added(instance: Instance, drive: Drive, time: float) -> np.ndarray:
-    u = np.zeros(len(drive.inputs))
+def _added(instance: Instance, drive: Drive, u: np.ndarray, time: float) -> np.ndarray:
+    """What the laws add to the inputs, (n_inputs,), with the columns at u (n_columns,)."""
+    added = np.zeros(len(drive.inputs))
     for law in drive.laws:
-        u[law.input] += law.value(_guarded(instance.get, time, law.reads), time)
-    return u
+        added[law.input] += law.value(_guarded(instance.get, time, law.reads), u)
+    return added
 
 
 def _guarded(call: Callable[..., Any], time: float, *arguments: Any) -> Any:
@@ -91,6 +94,7 @@ class _Driver:
         self.instance, self.drive = instance, drive
         self.problem: Refusal | None = None
         self._buffer, self._write = instance.writer(drive.inputs)
+        self._columns = np.zeros(drive.u_last.size)
         self._rise = drive.u1 - drive.u0
         self._lengths = np.diff(drive.time).tolist()
         self._times = drive.time.tolist()
@@ -109,25 +113,27 @@ class _Driver:
         if not self._buffer.size:
             return
         if k >= len(self._lengths):
-            self._buffer[:] = drive.u_last
+            self._columns[:] = drive.u_last
         elif self.is_held:
             if self._held_interval == k:
                 return
             self._held_interval = k
-            self._buffer[:] = drive.u0[k]
+            self._columns[:] = drive.u0[k]
         else:
             # The integrator looks beyond the end of an interval.
             while k + 1 < len(self._lengths) and time > self._times[k + 1]:
                 k += 1
             share = (time - self._times[k]) / self._lengths[k]
-            self._buffer[:] = drive.u0[k] + min(max(share, 0.0), 1.0) * self._rise[k]
+            self._columns[:] = drive.u0[k] + min(max(share, 0.0), 1.0) * self._rise[k]
+        self._buffer[:] = self._columns[: self._buffer.size]
         self._write()
 
-    def add_laws(self, time: float) -> None:
+    def add_laws(self, _time: float) -> None:
         """What the laws add at the states that are set."""
         if not self.drive.laws:
             return
-        added = [(law.input, law.value(self.instance.get(law.reads), time)) for law in self.drive.laws]
+        read = self.instance.get
+        added = [(law.input, law.value(read(law.reads), self._columns)) for law in self.drive.laws]
         for number, value in added:
             self._buffer[number] += value
         self._write()

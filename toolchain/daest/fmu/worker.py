@@ -223,7 +223,7 @@ class Session:
         events, stopped = 0, None
         for s, parameters in enumerate(sets):
             drive = _drive(header, arrays, sizes[s])
-            inputs = (header["inputs"], drive.u0[0] if n > 1 else drive.u_last)
+            inputs = (header["inputs"], drive.first_inputs())
             if header["fresh"]:
                 self._kept = None
             try:
@@ -247,9 +247,12 @@ class Session:
         disturb each other, or where it or the integrator gives up."""
         nothing: tuple[dict, dict] = {"followed": False}, {}
         steps, sizes, atol = (arrays[name] for name in ("steps", "sizes", "atol"))
-        plan = Plan(header["library"], steps, sizes, atol, tuple(header["most"]), header["has_slopes"])
+        plan = Plan(
+            header["library"], steps, sizes, atol, tuple(header["most"]), header["has_slopes"],
+            arrays["laws"], arrays["law_sizes"],
+        )  # fmt: skip
         drive, sets, x0 = _drive(header, arrays, np.zeros(0)), arrays["parameters"], arrays["x0"]
-        inputs = (header["inputs"], drive.u0[0])
+        inputs = (header["inputs"], drive.first_inputs())
         first = self._started(header, sets[0], float(drive.time[0]), False, inputs)
         clean, self._kept = self._kept, None
         if first.n_event_indicators or first.next_event is not None or (plan.has_slopes and self._remembers):
@@ -348,12 +351,12 @@ def _answers(instance: Instance, drive: Drive, k: int, x: np.ndarray) -> np.ndar
     """What is read, and the rates, at sample k in the state x."""
     header = {"set": drive.inputs, "read": drive.read, "rates": True}
     u = drive.u0[k] if k < len(drive.u0) else drive.u_last
-    return _values_at(instance, header, u, x, float(drive.time[k]), False)
+    return _values_at(instance, header, u[: len(drive.inputs)], x, float(drive.time[k]), False)
 
 
 def _drive(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray], sizes: np.ndarray) -> Drive:
     laws = tuple(
-        Law(law["name"], law["input"], tuple(law["reads"]), tuple(law["shape"]), float(size))
+        Law(law["name"], law["input"], tuple(law["reads"]), tuple(law["shape"]), float(size), law["column"])
         for law, size in zip(header["laws"], sizes, strict=True)
     )
     return Drive(
