@@ -38,7 +38,7 @@ def followed(path, law, size, by_size):
     drive = type(drive)(**{**drive.__dict__, "laws": laws})
     found = flat.given.integrate_with_laws(
         flat, ("d",), drive, np.array([0.1, 0.7, 9.81]), np.array([1.0, 0.0]), np.ones(2),
-        np.array([1e-3]) if by_size else None,
+        np.array([STEP * size]) if by_size else None,
     )  # fmt: skip
     return flat.given.method, found
 
