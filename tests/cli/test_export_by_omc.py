@@ -165,3 +165,16 @@ def test_options_that_would_be_lost(omc, daest):
     omc()
     code, _, err = daest("export", "M.mo", "--compiler", "omc", "--platform", "win64")
     assert code == 2 and "omc-options" in err
+
+
+def test_base_modelica_is_a_model_of_every_command(daest, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "lag.bmo").write_text(
+        "//! base 0.1.0\npackage 'Lag'\n  model 'Lag'\n    input Real 'u'(start = 0.0);\n"
+        "    output Real 'motor.w';\n  equation\n    der('motor.w') = 'u' - 3.0 * 'motor.w';\n"
+        "  end 'Lag';\nend 'Lag';\n"
+    )
+    code, out, _ = daest("linearize", "lag.bmo")
+    assert code == 0 and "outputs: motor.w" in out and "u -> motor.w:  (1) / (s + 3)" in out
+    code, _, err = daest("extend", "lag.bmo", "--effect", "Offset", "--at", "motor.w")
+    assert code == 2 and "Base Modelica cannot be extended" in err

@@ -66,7 +66,10 @@ def command(
     source = model_source(project, model)
     if source.suffix != ".mo":
         raise ModelError(
-            "effect-no-source", "an FMU cannot be extended", where=str(source), remedy="Name its .mo file."
+            "effect-no-source",
+            f"{'Base Modelica' if source.suffix == '.bmo' else 'an FMU'} cannot be extended",
+            where=str(source),
+            remedy="Name the .mo file that it was made from.",
         )
     to_file = output is not None and str(output) != "-"
     keep_inputs(output, [source])

@@ -13,7 +13,7 @@ from daest.data.table import nearest
 from daest.errors import ConfigError, DaestError, ModelError, Place
 from daest.model.flat import FlatModel, Parameter
 
-_MODELICA = ".mo"
+_MODELICA = (".mo", ".bmo")
 _FMU = ".fmu"
 
 
@@ -26,12 +26,12 @@ def model_source(project: Project, given: Path | None) -> Path:
             "no model is given",
             remedy='name a .mo or .fmu file, or write [model] source = "Servo.mo" in daest.toml',
         )
-    if source.suffix not in (_MODELICA, _FMU):
+    if source.suffix not in (*_MODELICA, _FMU):
         raise ConfigError(
             "model-unknown-format",
-            f"'{source.name}' is neither a .mo nor a .fmu file",
+            f"'{source.name}' is neither a .mo, a .bmo nor a .fmu file",
             where=Place(str(source)),
-            remedy="give a Modelica file or an FMU",
+            remedy="give a Modelica or Base Modelica file, or an FMU",
         )
     if not source.is_file():
         neighbours = [entry.name for entry in source.parent.glob("*.*")] if source.parent.is_dir() else []
@@ -111,7 +111,7 @@ def with_outputs(flat: FlatModel, names: Sequence[str]) -> FlatModel:
 
 
 def _load(source: Path, class_name: str | None, libraries: Sequence[Path]) -> FlatModel:
-    if source.suffix == _MODELICA:
+    if source.suffix in _MODELICA:
         from daest.modelica.compile import compile_model
 
         return compile_model(source, class_name, tuple(libraries))

@@ -10,6 +10,7 @@ from daest.errors import ModelError
 from daest.model.flat import FlatModel
 from daest.modelica import syntax as s
 from daest.modelica.assemble import assemble
+from daest.modelica.base import Names, without_quotes
 from daest.modelica.breaks import without_broken
 from daest.modelica.change import declare, with_values
 from daest.modelica.class_choice import select_class
@@ -47,10 +48,26 @@ def compile_text(
     overrides: Mapping[str, float] | None = None,
 ) -> FlatModel:
     """As `compile_model`, of a text that stands, or is going to stand, in file `path`."""
-    name = select_class(text, path, class_name)
+    text, names = without_quotes(text)
+    name = _chosen_class(text, names, path, class_name)
     roots = readable_roots(library_roots(libraries), text, path)
-    job = Job(path, without_broken(text, path, name), name, roots)
+    job = Job(path, without_broken(text, path, name), name, roots, names=names)
     return with_room(lambda: _compile(job, dict(overrides or {})))
+
+
+def _chosen_class(text: bytes, names: Names, path: Path, wanted: str | None) -> str:
+    """The class to compile. Base Modelica holds one, whose name need not be given."""
+    if not names.shown:
+        return select_class(text, path, wanted)
+    only = select_class(text, path, None)
+    if wanted not in (None, names.model(only)):
+        raise ModelError(
+            "model-unknown-class",
+            f"there is no model `{wanted}` in {path}",
+            where=str(path),
+            remedy=f"The file has: {names.model(only)}.",
+        )
+    return only
 
 
 def _compile(job: Job, overrides: dict[str, float]) -> FlatModel:

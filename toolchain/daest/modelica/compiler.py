@@ -8,7 +8,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,6 +17,7 @@ import rumoca
 from daest.errors import ModelError
 from daest.modelica import adapter, failures
 from daest.modelica import syntax as s
+from daest.modelica.base import Names
 from daest.modelica.compiled import kept_or_compiled
 from daest.modelica.function_text import (
     FunctionText,
@@ -48,14 +49,15 @@ _SPARE = "daest__spare"
 
 @dataclass(frozen=True)
 class Job:
-    """What to compile: the text of a file (UTF-8, no byte order mark), the class in it, library folders, and
-    the modification of the class (`n = 3, motor(J = 2)`)."""
+    """What to compile: the text of a file (UTF-8, no byte order mark), the class in it, library folders, the
+    modification of the class (`n = 3, motor(J = 2)`), and the user's names where the text has others."""
 
     path: Path
     text: bytes
     class_name: str
     roots: Roots
     modification: str = ""
+    names: Names = field(default_factory=Names)
 
 
 def with_room(work: Callable[[], T]) -> T:
@@ -212,12 +214,24 @@ def _compiled(job: Job, appended: bytes) -> s.FlatSource:
     try:
         flat, files = _load(job, text, _compiled_name(job, appended))
     except rumoca.RumocaError as problem:
-        raise failures.translated(str(problem), job.path, job.text, job.class_name) from None
+        said, name = job.names.restored(str(problem)), job.names.model(job.class_name)
+        raise failures.translated(said, job.path, job.text, name) from None
     except BaseException as problem:  # a panic of the compiler is no Exception
         if isinstance(problem, KeyboardInterrupt | SystemExit):
             raise
         raise failures.internal(problem, job.path, job.text) from None
-    return adapter.flat_source(job.class_name, flat, _texts(files, job), _own(files, job))
+    name = job.names.model(job.class_name)
+    return adapter.flat_source(name, _in_names_of(job, flat), _texts(files, job), _own(files, job))
+
+
+def _in_names_of(job: Job, flat: dict[str, Any]) -> dict[str, Any]:
+    """The compiler's form with the user's names. In Base Modelica all of it is declared by the model itself,
+    dots or not."""
+    if not job.names.shown:
+        return flat
+    flat = job.names.restored(flat)
+    outer = {v["name"].partition(".")[0].partition("[")[0] for v in flat["variables"].values()}
+    return {**flat, "top_level_connectors": outer}
 
 
 def _compiled_name(job: Job, appended: bytes) -> str:
