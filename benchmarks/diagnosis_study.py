@@ -27,7 +27,7 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache, partial
 from itertools import groupby
 from pathlib import Path
@@ -241,7 +241,8 @@ def servo_truth(case: Case, kind: str, size: float, n: int, seed: int) -> Truth:
     period = 0.01
     J1, J2, c, d, torque, R = 6.3e-6 * 900, 0.02, 1.5, 0.02, 30 * 0.06, 4.31617
     u = 6.0 * excitation(kind, n, period, 0.5, rng)
-    given = driven(u, values)
+    sag = excitation("steps", n, period, 0.8, np.random.default_rng([seed, 1]))  # of the supply, recorded
+    given = driven(u, values) - get("bias", 0.0) - get("sag", 0.0) * sag
     dt = period / SUBSTEPS
     kicks = rng.standard_normal((n, SUBSTEPS)) * np.sqrt(1e-6 * dt)
     memory = np.exp(-dt / get("load_T", 1.0))
@@ -266,13 +267,15 @@ def servo_truth(case: Case, kind: str, size: float, n: int, seed: int) -> Truth:
                 - get("unbalance", 0.0) * np.sin(a2)
                 - get("constant", 0.0)
             )
-            n1 = soft(w1 + dt * (torque * current - spring) / J1, dt * get("coulomb_1", 0.0) / J1)
+            drag = get("drag_1", 0.0) * w1 * abs(w1) + get("unbalance_1", 0.0) * np.sin(a1)
+            n1 = soft(w1 + dt * (torque * current - spring - drag) / J1, dt * get("coulomb_1", 0.0) / J1)
             n2 = soft(w2 + (dt * (spring + smooth) + kicks[k, j]) / J2, dt * get("coulomb_2", 0.0) / J2)
             a1 += dt * (w1 + n1) / 2.0
             a2 += dt * (w2 + n2) / 2.0
             w1, w2 = n1, n2
     y += rng.standard_normal((n, 2)) * (0.02, 0.01)
-    return Truth(Experiment(case.name, np.arange(n) * period, u[:, None], y, ("u",), ("omega", "phi")))
+    record = Experiment(case.name, np.arange(n) * period, u[:, None], y, ("u",), ("omega", "phi"))
+    return Truth(replace(record, extra={"sag": sag}) if "sag" in values else record)
 
 
 TRUTHS = {

@@ -4,8 +4,10 @@ Nothing can be put between the parts of a black box. What can be tried: a force,
 one of its inputs that follows a law of one of its states or a recorded column, and what a sensor may do to an
 output. The null hypothesis is the refitted model with a residual of any colour (an autoregression); every
 candidate is scored on the whitened residual after the responses of parameters and initial states are
-projected out, and the search over all of them is paid for. The best are refitted and tried on validation
-data.
+projected out, and the search over all of them is paid for. A slow effect looks like colour: what would
+explain much of the residual as it is counts, too. The best are refitted and tried on validation data. A law
+that leaves more than a tenth of what could be foreseen of the residual is refused: from outside, what acts
+between the parts looks a little like many laws.
 """
 
 from __future__ import annotations
@@ -20,7 +22,9 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import chi2, norm
 
-from daest.errors import EstimationError
+from daest.diagnosis.compare import Candidate, compare_models
+from daest.errors import EstimationError, NumericalError
+from daest.estimation.fitted import fitted_model
 from daest.estimation.identify import identify
 from daest.fmu.binary_form import BinaryForm
 from daest.fmu.drive import Drive
@@ -28,15 +32,21 @@ from daest.fmu.laws import LAWS, Law
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import FlatModel
+from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.integrate import Hold, IntegrationError, interval_inputs
+from daest.systems.reduce import reduce_index
 
 LEVEL = 0.01  # of the whole search
-REFITTED = 3  # candidates
+REFITTED = 3  # candidates by their score, and as many by the share of the residual that they would explain
+LEAST_SHARE = 0.2  # of the residual, for these
+MOST_LEFT = 0.1  # of what can be foreseen of the null's residual, in an effect that is accepted
+CERTAIN = 3.0  # standard errors that a size must have
 BEHIND = 3.0  # log-likelihood units within which a candidate is as good as the best
 LEAST_GAIN = 0.02  # relative, of the validation error, that an effect must bring
 MOST_ORDER = 8  # of the autoregression that whitens the residual
 ABSORBED = 1e-6  # share of a response that parameters leave over, below which they do all that it does
 SIGN_WIDTH = 0.02  # of the largest value of a state: the width of Coulomb friction
+SHARES = (1.0, 0.3, 0.0)  # of the size that one step from the null gives, where a refit starts
 STEP = 1e-3  # size of an effect against that of its input, when its response is computed
 MOST_STATES = 12  # whose laws are tried
 WHITE_LAGS = 20
@@ -109,15 +119,13 @@ def diagnose_black_box(
     trials = candidates(case)
     responses = [_response(case, trial) for trial in trials]
     screened = _screen(trials, responses, residuals, slopes)
-    found = [s for s in screened if not s["absorbed"]]
-    # One step from the null ranks like laws badly: if any is significant, the best few are refitted.
-    found = found if found and found[0]["p_value"] < LEVEL else []
     tried = _case(quiet, form, baseline, tuple(validation))
     proofs = []
-    for entry in found[:REFITTED]:
+    for entry in _worth_a_refit(screened):
         with contextlib.suppress(IntegrationError):  # an effect that the FMU cannot be simulated with is none
-            proofs.append(_proof(case, tried, entry, residuals))
-    verdict, message, experiment = _verdict(proofs, residuals, case)
+            proofs.append(_proof(case, tried, entry, residuals, len(trials)))
+    explained = _is_white(residuals) or _is_noise_of(flat, baseline, estimation, validation)
+    verdict, message, experiment = _verdict(proofs, explained)
     return {
         "verdict": verdict,
         "message": f"{message} {_limits_of_the_box(case)}",
@@ -137,6 +145,30 @@ def diagnose_black_box(
         "next_experiment": experiment,
         "seconds": clock.perf_counter() - began,
     }
+
+
+def _worth_a_refit(screened: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The best by score if any is significant, since one step from the null ranks like laws badly; and those
+    that would explain most of the residual as it is, which a filter for its colour would take for colour."""
+    found = [s for s in screened if not s["absorbed"]]
+    by_score = found[:REFITTED] if found and found[0]["p_value"] < LEVEL else []
+    by_share = sorted((s for s in found if s["share"] >= LEAST_SHARE), key=lambda s: -s["share"])[:REFITTED]
+    return [*by_score, *(s for s in by_share if not any(s is other for other in by_score))]
+
+
+def _is_noise_of(
+    flat: FlatModel, baseline: FitResult, estimation: Sequence[Experiment], validation: Sequence[Experiment]
+) -> bool:
+    """Whether white noise where the model declares it, fitted by maximum likelihood, leaves nothing that the
+    tests of a comparison find in validation data. Asked of linear models, where it is exact."""
+    if not flat.noises or not has_affine_dynamics(reduce_index(flat)):
+        return False
+    try:
+        fit = identify(flat, estimation, IdentifyOptions(method="pem", hold=baseline.hold))
+        candidate = Candidate(flat.name, fitted_model(flat, fit), len(fit.parameters), baseline.hold)
+        return compare_models([candidate], validation).models[0].verdict == "not falsified"
+    except NumericalError:
+        return False
 
 
 def _refuse_gaps(experiments: Sequence[Experiment]) -> None:
@@ -364,16 +396,18 @@ def _screen(
     trials: Sequence[Trial], responses: Sequence[list[np.ndarray]],
     residuals: Sequence[np.ndarray], slopes: Sequence[np.ndarray],
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Scores of all trials on the whitened residual, best first, p-values corrected for the search."""
+    """Scores of all trials on the whitened residual, best first, p-values corrected for the search; and the
+    share of the residual, as it is, that one step from the null would explain."""
     filters = _autoregression(residuals)
     weights = _weights(residuals, filters)
     e = _white(residuals, filters) * weights
     base = np.array([_white([t[k] for t in slopes], filters) * weights for k in range(slopes[0].shape[0])])
     basis = _orthonormal(base)
     left = e - basis @ (basis.T @ e)
+    shares = _shares(responses, residuals, slopes, _spreads(residuals, filters))
     seen_from = float(norm.isf(LEVEL / 2 / len(trials))) + POWER
     entries = []
-    for trial, response in zip(trials, responses, strict=True):
+    for trial, response, share in zip(trials, responses, shares, strict=True):
         s = _white(response, filters) * weights
         own = s - basis @ (basis.T @ s)
         size, whole = float(np.linalg.norm(own)), float(np.linalg.norm(s))
@@ -385,23 +419,50 @@ def _screen(
                 "effect": trial.effect, "at": _at(trial), "score": abs(score), "p_value": p,
                 "sizes": {"size": 0.0 if absorbed else score / size},
                 "detectable": None if absorbed else seen_from / size,
-                "unit": trial.unit, "trial": trial, "absorbed": absorbed,
+                "share": share, "unit": trial.unit, "trial": trial, "absorbed": absorbed,
             }
         )  # fmt: skip
     return sorted(entries, key=lambda s: -s["score"])
+
+
+def _shares(
+    responses: Sequence[list[np.ndarray]], residuals: Sequence[np.ndarray], slopes: Sequence[np.ndarray],
+    spreads: np.ndarray,
+) -> list[float]:  # fmt: skip
+    """Shares of the squared residual, in units of `spreads`, that responses explain beyond the parameters."""
+
+    def row(tables: Sequence[np.ndarray]) -> np.ndarray:
+        return np.concatenate([(table / spreads).ravel() for table in tables])
+
+    basis = _orthonormal(np.array([row([t[k] for t in slopes]) for k in range(slopes[0].shape[0])]))
+    e = row(residuals)
+    left = e - basis @ (basis.T @ e)
+    found = []
+    for response in responses:
+        own = row(response)
+        own = own - basis @ (basis.T @ own)
+        sizes = float(own @ own) * float(left @ left)
+        found.append(float(own @ left) ** 2 / sizes if np.isfinite(sizes) and sizes > 0 else 0.0)
+    return found
 
 
 def _at(trial: Trial) -> str:
     return f"{trial.at} ({trial.variable or trial.column})" if trial.reads else trial.at
 
 
-def _weights(residuals: Sequence[np.ndarray], filters: Sequence[np.ndarray]) -> np.ndarray:
-    """1 / standard deviation of the whitened residual of every output, in the order of `_white`."""
-    stds = [
+def _spreads(residuals: Sequence[np.ndarray], filters: Sequence[np.ndarray]) -> np.ndarray:
+    """Standard deviations of the whitened residual of every output, (n_y,)."""
+    found = [
         np.std(np.concatenate([np.convolve(e[:, j], taps)[: e.shape[0]][MOST_ORDER:] for e in residuals]))
         for j, taps in enumerate(filters)
     ]
-    parts = [np.full(e.shape[0] - MOST_ORDER, 1.0 / (s or 1.0)) for e in residuals for s in stds]
+    return np.array([s or 1.0 for s in found])
+
+
+def _weights(residuals: Sequence[np.ndarray], filters: Sequence[np.ndarray]) -> np.ndarray:
+    """1 / standard deviation of the whitened residual of every output, in the order of `_white`."""
+    stds = _spreads(residuals, filters)
+    parts = [np.full(e.shape[0] - MOST_ORDER, 1.0 / s) for e in residuals for s in stds]
     return np.concatenate(parts)
 
 
@@ -419,12 +480,11 @@ def _orthonormal(rows: np.ndarray) -> np.ndarray:
 
 
 def _proof(
-    case: Case, validation: Case, entry: dict[str, Any], residuals: Sequence[np.ndarray]
+    case: Case, validation: Case, entry: dict[str, Any], residuals: Sequence[np.ndarray], n_trials: int
 ) -> dict[str, Any]:
     """The effect put at its place and refitted with all parameters, and tried on validation data."""
     trial: Trial = entry["trial"]
-    start = entry["sizes"]["size"]
-    fitted, size, std_error, errors = _refitted(case, trial, start)
+    fitted, size, std_error, errors = _refitted(case, trial, entry["sizes"]["size"])
     gain = _log_likelihood(errors) - _log_likelihood(residuals)
     n = sum(e.size for e in errors)
     tried = _with_fitted_starts(replace(validation, theta=fitted.theta), trial, size)
@@ -433,7 +493,16 @@ def _proof(
     better = float(np.mean([1 - a / b for a, b in zip(with_effect, without, strict=True) if b > 0]))
     names = [o.name for o in case.flat.outputs]
     left = [float(r) for r in np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))]
-    supported = better > LEAST_GAIN and 2 * gain > np.log(n)
+    share = _foreseen(errors, residuals) / (_foreseen(residuals, errors) or 1.0)
+    reason = ""
+    if 2 * gain <= np.log(n) + 2 * np.log(n_trials):
+        reason = "it gains no more likelihood than chance would in such a search"
+    elif std_error is None or abs(size) < CERTAIN * std_error:
+        reason = "its size cannot be told from zero"
+    elif better <= LEAST_GAIN:
+        reason = "it does not lower the error on validation data"
+    elif share > MOST_LEFT:
+        reason = f"it leaves {share:.0%} of what can be foreseen of the residual, more than {MOST_LEFT:.0%}"
     return {
         "effect": trial.effect, "class": "", "at": _at(trial), "equivalent_places": [], "inputs": {},
         "parameters": {"size": {"value": size, "std_error": std_error, "unit": trial.unit or ""}},
@@ -448,11 +517,19 @@ def _proof(
         },
         "delta_log_likelihood": gain, "delta_bic": 2 * gain - float(np.log(n)), "p_value": entry["p_value"],
         "explained": max(0.0, better),
-        "verdict": "supported" if supported else "rejected",
-        "reason": "" if supported else "it does not lower the error on validation data",
+        "verdict": "rejected" if reason else "supported",
+        "reason": reason,
         "not_separable_from": [], "model": None,
         "model_reason": "an FMU cannot be extended from outside; the law is told above",
     }  # fmt: skip
+
+
+def _foreseen(errors: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> float:
+    """How much of the residual could be foreseen from its own past: its mean square beyond that of the
+    innovations, in units of the latter, over all outputs. As innovations counts the smaller of both."""
+    floors = [_spreads(some, _autoregression(some)) ** 2 for some in (errors, others)]
+    squares = np.mean(np.concatenate(errors) ** 2, axis=0)
+    return float(np.sum(np.maximum(squares / np.minimum(*floors) - 1.0, 0.0)))
 
 
 def _refitted(case: Case, trial: Trial, size: float) -> tuple[Case, float, float | None, list[np.ndarray]]:
@@ -495,7 +572,9 @@ def _refitted(case: Case, trial: Trial, size: float) -> tuple[Case, float, float
             blocks.append(-block * scales)
         return np.vstack(blocks)
 
-    z0 = np.concatenate([case.theta[columns], [size], *case.starts]) / scales
+    # One step from the null may be far off, and even unstable: a part of it, or none, is the better start.
+    starts_at = [np.concatenate([case.theta[columns], [share * size], *case.starts]) for share in SHARES]
+    z0 = min((z / scales for z in starts_at), key=lambda z: float(np.sum(errors(z) ** 2)))
     bounds = np.full((2, z0.size), np.inf) * np.array([[-1.0], [1.0]])
     for k, c in enumerate(columns):
         low, high = case.flat.parameters[c].min, case.flat.parameters[c].max
@@ -518,25 +597,28 @@ def _with_fitted_starts(case: Case, trial: Trial | None = None, size: float = 0.
     alone = replace(case, names=())
     starts = []
     for i, e in enumerate(case.experiments):
-        scale = np.maximum(np.abs(case.starts[i]), 1e-2)
-        n_x = scale.size
+        n_x, spread = case.starts[i].size, np.std(e.outputs, axis=0)
+        spread = np.where(spread > 0, spread, 1.0)
 
-        def at(z: np.ndarray, i: int = i, scale: np.ndarray = scale) -> Case:
+        def at(x0: np.ndarray, i: int = i) -> Case:
             moved = list(alone.starts)
-            moved[i] = z * scale
+            moved[i] = x0
             return replace(alone, starts=tuple(moved))
 
-        def errors(z: np.ndarray, i: int = i, e: Experiment = e, at: Any = at) -> np.ndarray:
-            return (e.outputs - _course(at(z), i, trial, size).outputs).ravel()
+        def errors(
+            x0: np.ndarray, i: int = i, e: Experiment = e, at: Any = at, spread: np.ndarray = spread
+        ) -> np.ndarray:
+            return ((e.outputs - _course(at(x0), i, trial, size).outputs) / spread).ravel()
 
         def jacobian(
-            z: np.ndarray, i: int = i, at: Any = at, scale: np.ndarray = scale, n_x: int = n_x
+            x0: np.ndarray, i: int = i, at: Any = at, n_x: int = n_x, spread: np.ndarray = spread
         ) -> np.ndarray:
-            slopes = _course(at(z), i, trial, size, slopes=True).slopes[:, :, -n_x:]
-            return -slopes.reshape(-1, n_x) * scale
+            slopes = _course(at(x0), i, trial, size, slopes=True).slopes[:, :, -n_x:]
+            return -(slopes / spread[None, :, None]).reshape(-1, n_x)
 
-        found = least_squares(errors, case.starts[i] / scale, jacobian, max_nfev=10)
-        starts.append(found.x * scale)
+        # No trust region around a start that knows nothing of this recording.
+        found = least_squares(errors, case.starts[i], jacobian, method="lm", x_scale="jac", max_nfev=30)
+        starts.append(found.x)
     return replace(case, starts=tuple(starts))
 
 
@@ -557,41 +639,50 @@ def _log_likelihood(errors: Sequence[np.ndarray]) -> float:
 # --------------------------------------------------------------------------------------------- verdict
 
 
-def _verdict(
-    proofs: list[dict[str, Any]], residuals: Sequence[np.ndarray], case: Case
-) -> tuple[str, str, str]:
-    """Verdict, message and what to record next."""
+def _verdict(proofs: list[dict[str, Any]], is_explained: bool) -> tuple[str, str, str]:
+    """Verdict, message and what to record next. `is_explained`: the residual is white, or that of declared
+    noise."""
     proofs.sort(key=lambda p: -p["delta_log_likelihood"])
     supported = [p for p in proofs if p["verdict"] == "supported"]
     if supported:
         best = supported[0]
-        close = [
-            p for p in supported[1:] if best["delta_log_likelihood"] - p["delta_log_likelihood"] < BEHIND
-        ]
-        name = f"{best['effect']} at {best['at']}"
+        close = []
+        for other in supported[1:]:
+            behind = best["delta_log_likelihood"] - other["delta_log_likelihood"]
+            if behind < BEHIND:
+                close.append(other)
+            else:
+                other["verdict"] = "rejected"
+                other["reason"] = f"{_name(best)} explains more: {behind:.1f} log-likelihood units"
         size = best["parameters"]["size"]
-        text = f"{name}, size {size['value']:.4g} ± {size['std_error']:.2g}"
+        text = f"{_name(best)}, size {size['value']:.4g} ± {size['std_error']:.2g}"
         if not close:
             return "supported", f"{text}: the data ask for it, and it predicts better.", ""
-        others = ", ".join(f"{p['effect']} at {p['at']}" for p in close)
         for p in (best, *close):
             p["verdict"] = "not separable"
-            p["not_separable_from"] = [
-                f"{q['effect']} at {q['at']}" for q in (best, *close) if q is not p
-            ]  # fmt: skip
+            p["not_separable_from"] = [_name(q) for q in (best, *close) if q is not p]
         return (
             "cannot tell",
-            f"{text}, or {others}: the data cannot tell them apart.",
+            f"{text}, or {', '.join(map(_name, close))}: the data cannot tell them apart.",
             "excite the inputs at other amplitudes and speeds, where these laws differ",
         )
-    if _is_white(residuals):
-        return "nothing missing", "The residual of the refitted FMU is white, and no effect fits it.", ""
+    if is_explained:
+        return (
+            "nothing missing",
+            "What the refitted FMU leaves is white, or what its own white noise would leave, and no effect "
+            "fits it.",
+            "",
+        )
     return (
         "external disturbance",
         "The residual is coloured, and no law that can be tried from outside explains it: a load from "
         "outside, or something inside the FMU.",
         "measure what may act on the plant, and add the column to the recording",
     )
+
+
+def _name(proof: dict[str, Any]) -> str:
+    return f"{proof['effect']} at {proof['at']}"
 
 
 def _is_white(residuals: Sequence[np.ndarray]) -> bool:

@@ -16,7 +16,7 @@ from daest.fmu import words
 from daest.fmu.binary_functions import PointFunction, model_function, parameter_function, raise_failure
 from daest.fmu.description import base_and_order
 from daest.fmu.drive import Drive
-from daest.fmu.engine import Plan, engine_library
+from daest.fmu.engine import Followed, Plan, engine_library
 from daest.fmu.laws import law_table
 from daest.fmu.load import load_fmu
 from daest.fmu.points import DIFFERENCE_FLOOR, central_differences, difference, long_points, moved_points
@@ -88,6 +88,7 @@ class _Task:
     scale: np.ndarray
     has_slopes: bool
     size_steps: np.ndarray
+    insists: bool  # where the compiled integrator gives up, CVODE tries
 
 
 class BinaryForm:
@@ -344,7 +345,7 @@ class BinaryForm:
         columns = tuple(known.index(name) for name in names) if options["sensitivities"] else ()
         task = _Task(
             flat, columns, drive.theta, drive.x0, drive.rtol, drive.atol, options["state_scale"],
-            options["sensitivities"], np.zeros(0),
+            options["sensitivities"], np.zeros(0), True,
         )  # fmt: skip
         references = (*self.form.states, *self.form.variables)
         read = [references[row] for row in self.output_rows(flat)]
@@ -360,14 +361,17 @@ class BinaryForm:
     ) -> Integrated:  # fmt: skip
         """States, what `request` reads, and its slopes by the parameters `names`, by the sizes of the laws
         and by the initial states; no slopes where `size_steps` (n_laws,), small changes of the sizes, is
-        None. Raises IntegrationError."""
+        None. Raises IntegrationError, at once where a law makes the model run away."""
         known = [p.name for p in flat.parameters]
         columns = () if size_steps is None else tuple(known.index(name) for name in names)
         scale = np.maximum(np.abs(state_scale), TINY)
         steps = np.zeros(len(request.laws)) if size_steps is None else size_steps
         atol = rtol * ATOL_OF_SCALE * scale
         return self._integrated(
-            _Task(flat, columns, theta, x0, rtol, atol, scale, size_steps is not None, steps), request
+            _Task(
+                flat, columns, theta, x0, rtol, atol, scale, size_steps is not None, steps, not request.laws
+            ),
+            request,
         )
 
     def _integrated(self, task: _Task, request: Drive) -> Integrated:
@@ -393,7 +397,9 @@ class BinaryForm:
         request = replace(request, rtol=task.rtol)
         plan = self._plan(task, request, np.concatenate([steps, size_steps]), np.vstack([still, sizes]))
         found = plan and self.runner.follow(request, self._parameters(sets), task.x0, plan)
-        return (found.states, found.values, found.slopes) if found else None
+        if found == "gave up" and not task.insists:
+            raise IntegrationError("the solution is too stiff or too unstable", float(request.time[0]))
+        return (found.states, found.values, found.slopes) if isinstance(found, Followed) else None
 
     def _simulated_apart(self, task: _Task, request: Drive) -> Integrated:
         """By CVODE, with central differences of whole simulations, all in one request."""

@@ -201,10 +201,10 @@ class Runner:
 
     def follow(
         self, drive: Drive, parameters: tuple[Sequence[int], np.ndarray], x0: np.ndarray, plan: Plan
-    ) -> Followed | None:
+    ) -> Followed | Literal["gave up"] | None:
         """The trajectory from x0 (n_x,) by the compiled integrator, with the first row of the parameter
         values (1 + 2 n_moved, n_p); in the others parameters are moved up and down by the steps of `plan`.
-        None where the FMU is none for it, or where it gives up."""
+        None where the FMU is none for it; "gave up" where it or the integrator did."""
         names, values = parameters
         header = {
             "request": "follow", "parameters": list(names), "inputs": list(drive.inputs),
@@ -218,7 +218,9 @@ class Runner:
         optional = {"measurements": drive.measurements, "gain": drive.gain}
         tables |= {name: table for name, table in optional.items() if table is not None}
         reply, found = self._ask(header, tables)
-        return Followed(**found) if reply["followed"] else None
+        if reply["followed"]:
+            return Followed(**found)
+        return "gave up" if reply["gave_up"] else None
 
     def _ask(
         self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]

@@ -245,7 +245,7 @@ class Session:
         and the moved ones, x0 (n_x,) -> values (n, n_y), states (n, n_x), slopes (n, n_y, n_moved + n_x).
         Nothing where the FMU has events after all or remembers more than its states, where its instances
         disturb each other, or where it or the integrator gives up."""
-        nothing: tuple[dict, dict] = {"followed": False}, {}
+        nothing: tuple[dict, dict] = {"followed": False, "gave_up": False}, {}
         steps, sizes, atol = (arrays[name] for name in ("steps", "sizes", "atol"))
         plan = Plan(
             header["library"], steps, sizes, atol, tuple(header["most"]), header["has_slopes"],
@@ -262,7 +262,9 @@ class Session:
             found = None if others is None else follow(
                 (first, *others), drive, x0, plan, lambda now: self._alive("was simulated", now)
             )  # fmt: skip
-            if found is None or (plan.has_slopes and self._is_history(header, sets[0], drive, found, inputs)):
+            if found is None:
+                return {"followed": False, "gave_up": others is not None}, {}
+            if plan.has_slopes and self._is_history(header, sets[0], drive, found, inputs):
                 return nothing
         except Refusal as problem:
             if problem.is_fatal:
