@@ -1,6 +1,7 @@
 /* A small FMI 2.0 Model Exchange FMU for tests, linear but for its memory m: x' = -x + m + u, y = x + m, der(x)
  * likewise. What changes m is chosen by MEMORY:
  *   RELAY  a relay with hysteresis: m = -1 above x = 0.5, m = 1 below x = -0.5 (state events);
+ *   STUCK  the same, with the sign alone for an indicator, which stays changed once it was, until the next event;
  *   CLOCK  m = -m at every multiple of 0.4 s (time events);
  *   STEPS  m = -m after a completed step beyond a multiple of 0.4 s (event asked for by the step);
  *   DELAY  m is the input 0.4 s ago, from the steps that were heard of. */
@@ -9,11 +10,11 @@
 #include <string.h>
 #include "fmi2Functions.h"
 
-enum { RELAY, CLOCK, STEPS, DELAY };
+enum { RELAY, CLOCK, STEPS, DELAY, STUCK };
 enum { X, DX, U, Y, MODE, N };
 #define PERIOD 0.4
 #define HEARD 100000
-typedef struct { double v[N], t, next; int n; double times[HEARD], values[HEARD]; } M;
+typedef struct { double v[N], t, next; int n, changed; double times[HEARD], values[HEARD]; } M;
 
 static double delayed(const M *m) {
     double t = m->t - PERIOD;
@@ -44,7 +45,8 @@ fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) { return fmi2OK; }
 fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
     M *m = c;
     memset(info, 0, sizeof *info);
-    if (MEMORY == RELAY && fabs(m->v[X]) >= 0.5) m->v[MODE] = m->v[X] > 0 ? -1 : 1;
+    m->changed = 0;
+    if ((MEMORY == RELAY || MEMORY == STUCK) && fabs(m->v[X]) >= 0.5) m->v[MODE] = m->v[X] > 0 ? -1 : 1;
     if ((MEMORY == CLOCK || MEMORY == STEPS) && m->t >= m->next) { m->v[MODE] = -m->v[MODE]; m->next += PERIOD; }
     info->nextEventTimeDefined = MEMORY == CLOCK;
     info->nextEventTime = m->next;
@@ -62,7 +64,10 @@ fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t n
 fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t n) { x[0] = ((M *)c)->v[X]; return fmi2OK; }
 fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real x[], size_t n) { x[0] = 1; return fmi2OK; }
 fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real z[], size_t n) {
-    if (n) z[0] = ((M *)c)->v[MODE] * ((M *)c)->v[X] - 0.5;
+    M *m = c;
+    double now = m->v[MODE] * m->v[X] - 0.5;
+    if (now > 0) m->changed = 1;
+    if (n) z[0] = MEMORY == STUCK ? (m->changed ? 1 : -1) : now;
     return fmi2OK;
 }
 fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real dx[], size_t n) { compute(c); dx[0] = ((M *)c)->v[DX]; return fmi2OK; }

@@ -25,6 +25,11 @@ _ONE_STEP = 2
 # Times that differ by less than this, relative to the later one, are one time.
 SAME_TIME = 1e-12
 
+# State events at one time that change nothing: so many are heard, then none over this part of the rest of the
+# interval, and twice as long at every further one that follows at once.
+HEARD_EVENTS = 10
+DEAF_PART = 1e-6
+
 
 class Stopped(Exception):
     """The simulation stopped at `time`, for a reason that other values may not have."""
@@ -197,6 +202,10 @@ class _Integrator:
         self._time = time
         self._solver: Any = None
         self._fresh = False
+        self._repeats = 0
+        self._deaf_length = 0.0
+        self._last_root = -np.inf
+        self._held = np.zeros(driver.instance.n_event_indicators)
 
     def correct(self, time: float, step: np.ndarray) -> None:
         if np.any(step != 0.0):
@@ -231,7 +240,30 @@ class _Integrator:
                 events += 1
                 if events > MOST_EVENTS:
                     raise Stopped(f"more than {MOST_EVENTS} events within one sample interval", time)
-                self._event(time)
+                if is_root:
+                    self._state_event(time, end)
+                else:
+                    self._event(time)
+
+    def _state_event(self, time: float, end: float) -> None:
+        """Settle a state event; hear of none for a while where they change nothing and do not let the time get
+        on: indicators of some FMUs (OpenModelica's of variables that no derivative needs), once changed, stay
+        so until the next event, and seem to change as soon as they are asked."""
+        is_same = time - self._last_root <= SAME_TIME * max(abs(time), 1.0) + 2 * self._deaf_length
+        self._last_root = time
+        before = self._motion(time) if is_same else None
+        self._event(time)
+        is_idle = before is not None and np.array_equal(before, self._motion(time))
+        self._repeats = self._repeats + 1 if is_idle else 0
+        doublings = self._repeats - HEARD_EVENTS
+        self._deaf_length = min(DEAF_PART * 2.0**doublings, 1.0) * (end - time) if doublings >= 0 else 0.0
+        if self._deaf_length:
+            self._instance.take_indicators(ctypes.c_void_p(self._held.ctypes.data))
+
+    def _motion(self, time: float) -> np.ndarray:
+        """States and their derivatives."""
+        self._driver.go(time, self.x)
+        return np.concatenate([self.x, self._instance.rates()])
 
     def _event(self, time: float, counted: bool = True) -> None:
         instance, driver = self._instance, self._driver
@@ -333,6 +365,9 @@ class _Integrator:
             np.ctypeslib.as_array(pointer, (size,))[:] = np.nan
 
     def _get_indicators(self, pointer: Any, size: int) -> None:
+        if self._time < self._last_root + self._deaf_length:
+            np.ctypeslib.as_array(pointer, (size,))[:] = self._held
+            return
         self._keep(self._driver.add_laws, self._time)
         if not self._keep(self._instance.take_indicators, pointer):
             np.ctypeslib.as_array(pointer, (size,))[:] = np.nan
