@@ -246,9 +246,9 @@ class _Integrator:
                     self._event(time)
 
     def _state_event(self, time: float, end: float) -> None:
-        """Settle a state event; hear of none for a while where they change nothing and do not let the time get
-        on: indicators of some FMUs (OpenModelica's of variables that no derivative needs), once changed, stay
-        so until the next event, and seem to change as soon as they are asked."""
+        """Settle a state event; hear of none for a while where they change nothing and hold the time up:
+        indicators of some FMUs (OpenModelica's of variables that no derivative needs), once changed, stay so
+        until the next event, and seem to change as soon as they are asked."""
         is_same = time - self._last_root <= SAME_TIME * max(abs(time), 1.0) + 2 * self._deaf_length
         self._last_root = time
         before = self._motion(time) if is_same else None
