@@ -137,3 +137,17 @@ def test_binary_that_wears_out_goes_on_in_a_new_process(tmp_path):
         with pytest.raises(FmuError) as caught:
             runner.simulate(drive, ((7,), np.linspace(0.1, 0.5, 7)[:, None]), np.ones((7, 2)))
     assert caught.value.code == "fmu-crashed"
+
+
+@pytest.mark.parametrize("told", ["", 'start="4"'])
+def test_operating_point_is_the_start_of_the_fmu_and_not_of_its_description(tmp_path, told):
+    """The level starts at 1, whatever the description says; at 0, without a word, there is no slope."""
+    path = tank(tmp_path)
+    with zipfile.ZipFile(path) as archive:
+        text = archive.read("modelDescription.xml").decode()
+    stated = 'name="h" valueReference="1" start="1"'
+    assert stated in text
+    text = text.replace(stated, f'name="h" valueReference="1" {told}').encode()
+    other = changed(path, tmp_path / "other.fmu", replace={"modelDescription.xml": text})
+    assert linearize_fmu(other).J[0, 0] == pytest.approx(-0.25, rel=1e-6)  # -k / (2 sqrt(h))
+    assert linearize_fmu(other, at={"h": 4.0}).J[0, 0] == pytest.approx(-0.125, rel=1e-6)

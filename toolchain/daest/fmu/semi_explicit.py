@@ -96,7 +96,6 @@ def linearize_semi_explicit(
 ) -> LinearDAE:
     """The linear DAE of x' = f, 0 = z - g. See `linearize_fmu`."""
     form = semi_explicit_form(model)
-    x, u = _start_point(model, form, at)
     offer = allow_directional and model.provides_directional_derivatives
     refuse_hidden(model, "a linear model")
     if not form.states and not form.variables:
@@ -108,8 +107,10 @@ def linearize_semi_explicit(
         )
     changed = changed_parameters(model, theta)
     with Runner(model) as runner:
-        found, values = jacobians(runner, form, x, u, offer, changed)
+        own = _own_start(runner, form, changed)  # before anything moves its states
         is_affine = is_affine_there(runner, form, changed)
+        x, u = _start_point(model, form, at, None if is_affine else own)
+        found, values = jacobians(runner, form, x, u, offer, changed)
     chosen, source, notes = _choose(found, offer)
     return _assemble(
         model,
@@ -233,8 +234,10 @@ def _choose(found: Jacobians, offer: bool) -> tuple[np.ndarray, str, tuple[str, 
 
 
 def _start_point(
-    model: FmuModel, form: SemiExplicitForm, at: Mapping[str, float] | None
+    model: FmuModel, form: SemiExplicitForm, at: Mapping[str, float] | None, own: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
+    """States and drivers to linearise at: what is given, else the states of the FMU's `own` start (None:
+    their start values in the description), and start values of the inputs."""
     given = dict(at or {})
 
     def values(references: tuple[int, ...]) -> np.ndarray:
@@ -242,13 +245,27 @@ def _start_point(
             [point_value(given, model.variables[vr].name, model.variables[vr].start) for vr in references]
         )
 
+    known_states = {model.variables[vr].name for vr in form.states} & given.keys()
     x, u = values(form.states), values(form.inputs)
+    if own is not None:
+        names = [model.variables[vr].name for vr in form.states]
+        x = np.array([v if n in known_states else s for n, v, s in zip(names, x, own, strict=True)])
     # Other variables follow from x and u; naming them in an operating point is no mistake.
     known = {v.name for v in model.variables.values()} | {
         derivative_name(v.name) for v in model.variables.values()
     }
     words.refuse_unknown_names({name: value for name, value in given.items() if name not in known}, model)
     return x, np.concatenate([u, np.zeros(len(form.noises))])
+
+
+def _own_start(
+    runner: Runner, form: SemiExplicitForm, parameters: tuple[tuple[int, ...], np.ndarray]
+) -> np.ndarray | None:
+    """The states (n_x,) after the FMU's own initialisation: some descriptions tell none, or others. None
+    where it has none that is finite."""
+    nowhere = Points((), np.zeros((1, 0)), np.zeros((1, 0)), np.zeros(1))
+    found = runner.evaluate(nowhere, form.states, parameters).values[0, 0]
+    return found if np.all(np.isfinite(found)) else None
 
 
 def _differences(
