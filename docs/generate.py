@@ -1,7 +1,7 @@
 """What MkDocs needs of this site beside its pages: reference from the code, numbers of the study, formulas.
 
 The pages below `reference/` exist only in the site. `theory.md` and `trust.md` are templates, filled with the
-limits of the code and the rates of rates.json. Formulas become MathML, which browsers draw without a script.
+limits of the code and the rates of the studies. Formulas become MathML, which browsers draw without a script.
 """
 
 from __future__ import annotations
@@ -25,12 +25,13 @@ import daest
 from daest.cli.main import COMMANDS, cli
 from daest.cli.schema import schema_names, schema_of
 from daest.data.project import KEYS
-from daest.diagnosis import proof, residual_tests
+from daest.diagnosis import black_box, proof, residual_tests
 from daest.errors import EXPLANATIONS
 from daest.model.effects import Effect
 from daest.modelica.effects import effect_library
 
 RATES = Path(__file__).with_name("rates.json")
+BLACK_BOX_RATES = Path(__file__).with_name("black_box_rates.json")
 TEMPLATES = ("theory.md", "trust.md")
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 TAG = re.compile(r"\\tag\{(.*?)\}")
@@ -224,13 +225,15 @@ def kind(entry: Mapping[str, Any]) -> str:
 
 
 def filled(markdown: str) -> str:
-    """A template with the rates of the study, and the limits of proof and tests as they stand in the code."""
-    rates = json.loads(RATES.read_text(encoding="utf-8"))
+    """A template with the rates of the studies and the limits of proof and tests of the code."""
+    rates, box = (json.loads(file.read_text(encoding="utf-8")) for file in (RATES, BLACK_BOX_RATES))
     environment = jinja2.Environment(
         undefined=jinja2.StrictUndefined, comment_start_string="{##", autoescape=False
     )
     template = environment.from_string(markdown)
-    return template.render(rates=rates, proof=proof, tests=residual_tests, percent=percent)
+    return template.render(
+        rates=rates, box=box, proof=proof, tests=residual_tests, black=black_box, percent=percent
+    )
 
 
 def percent(share: float) -> str:

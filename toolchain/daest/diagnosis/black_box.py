@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -124,8 +124,9 @@ def diagnose_black_box(
     for entry in _worth_a_refit(screened):
         with contextlib.suppress(IntegrationError):  # an effect that the FMU cannot be simulated with is none
             proofs.append(_proof(case, tried, entry, residuals, len(trials)))
-    explained = _is_white(residuals) or _is_noise_of(flat, baseline, estimation, validation)
-    verdict, message, experiment = _verdict(proofs, explained)
+    verdict, message, experiment = _verdict(
+        proofs, lambda: _is_white(residuals) or _is_noise_of(flat, baseline, estimation, validation)
+    )
     return {
         "verdict": verdict,
         "message": f"{message} {_limits_of_the_box(case)}",
@@ -639,9 +640,9 @@ def _log_likelihood(errors: Sequence[np.ndarray]) -> float:
 # --------------------------------------------------------------------------------------------- verdict
 
 
-def _verdict(proofs: list[dict[str, Any]], is_explained: bool) -> tuple[str, str, str]:
-    """Verdict, message and what to record next. `is_explained`: the residual is white, or that of declared
-    noise."""
+def _verdict(proofs: list[dict[str, Any]], is_explained: Callable[[], bool]) -> tuple[str, str, str]:
+    """Verdict, message and what to record next. `is_explained`, asked where no effect is supported: the
+    residual is white, or that of declared noise."""
     proofs.sort(key=lambda p: -p["delta_log_likelihood"])
     supported = [p for p in proofs if p["verdict"] == "supported"]
     if supported:
@@ -666,7 +667,7 @@ def _verdict(proofs: list[dict[str, Any]], is_explained: bool) -> tuple[str, str
             f"{text}, or {', '.join(map(_name, close))}: the data cannot tell them apart.",
             "excite the inputs at other amplitudes and speeds, where these laws differ",
         )
-    if is_explained:
+    if is_explained():
         return (
             "nothing missing",
             "What the refitted FMU leaves is white, or what its own white noise would leave, and no effect "
