@@ -23,7 +23,7 @@ STEP = 1e-4
 
 
 def relay(folder, memory):
-    """The FMU, with RELAY, STUCK, CLOCK, STEPS or DELAY for its memory."""
+    """The FMU, with RELAY, STUCK, UNREAD, CLOCK, STEPS or DELAY for its memory."""
     if not sys.platform.startswith("linux"):
         pytest.skip("built for Linux")
     source = (Path(__file__).parent / "fmi2_relay.c").read_text()
@@ -31,7 +31,7 @@ def relay(folder, memory):
     path = Path(folder) / "relay.fmu"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr(
-            "modelDescription.xml", DESCRIPTION.replace("INDICATORS", str(int(memory in ("RELAY", "STUCK"))))
+            "modelDescription.xml", DESCRIPTION.replace("INDICATORS", str(int(memory in ("RELAY", "STUCK", "UNREAD"))))
         )
         archive.write(library, "binaries/linux64/relay.so")
     return path
@@ -43,7 +43,7 @@ def expected(memory, time, u):
     inputs = np.interp(fine, time, u)
     x, m, y = 0.0, 1.0, np.empty(fine.size)
     for k, t in enumerate(fine):
-        if memory in ("RELAY", "STUCK"):
+        if memory in ("RELAY", "STUCK", "UNREAD"):
             m = -1.0 if x > 0.5 else 1.0 if x < -0.5 else m
         elif memory == "DELAY":
             m = np.interp(t - 0.4, time, u) if t > 0.4 else 0.0

@@ -18,7 +18,7 @@ TIME[0] = 0.0
 INPUT = 0.7 * np.sin(1.3 * TIME)
 
 
-@pytest.mark.parametrize("memory", ["RELAY", "STUCK", "CLOCK", "STEPS", "DELAY"])
+@pytest.mark.parametrize("memory", ["RELAY", "STUCK", "UNREAD", "CLOCK", "STEPS", "DELAY"])
 def test_outputs_of_a_simulation_are_those_with_its_memory(tmp_path, memory):
     flat = BinaryForm(relay(tmp_path, memory)).flat()
     assert not is_affine_model(flat) and not has_affine_dynamics(reduce_index(flat))
