@@ -149,6 +149,24 @@ def test_simulation_that_gets_worse_in_every_output_is_no_proof():
     assert _failed_gate(prepared, fit, 50.0, 0.9, []) == ""
 
 
+def test_beside_white_noise_of_the_process_unseen_data_have_to_tell(monkeypatch):
+    stand, (prepared, first) = rubbing(), proved()
+    (load,) = stand.null.loads
+    white = replace(stand.null, loads=(replace(load, time_constant=0.1),))
+    monkeypatch.setattr("daest.diagnosis.proof._explained", lambda *_: 0.0)
+
+    def verdict(null, baseline):
+        run = run_null(stand.null)
+        return prove(null, baseline, prepared, null.experiments, stand.validation, run, None)
+
+    assert error_ratios(stand.baseline.simulated, first.fit.simulated)[0] < 0.7
+    assert "explains only 0 %" in verdict(stand.null, stand.baseline).reason
+    assert verdict(white, stand.baseline).verdict == "supported"
+    # Where the model as it is simulates as well, nothing tells.
+    as_good = replace(stand.baseline, simulated=first.fit.simulated)
+    assert "explains only 0 %" in verdict(white, as_good).reason
+
+
 def test_ratios_of_simulation_errors():
     stand, (_, proof) = rubbing(), proved()
     before, after = stand.baseline.simulated, proof.fit.simulated

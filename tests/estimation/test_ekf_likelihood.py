@@ -128,7 +128,8 @@ def test_finds_parameters_and_noises():
     assert found.log_likelihood >= observer.log_likelihood - 0.5
 
 
-def test_sharp_friction_is_averaged_over_what_is_known_of_the_speed():
+def stuck_friction_identified(skipped=0):
+    """Size of sharp friction from a record without its first `skipped` samples: it begins in motion."""
     explicit = friction_servo(stiffening=0.0, width=0.02)
     n = 400
     time = 0.005 * np.arange(n)
@@ -138,18 +139,30 @@ def test_sharp_friction_is_averaged_over_what_is_known_of_the_speed():
     names = [p.name for p in explicit.flat.parameters]
     stick = Coordinate("stick", "parameter", names.index("stick"), 0.015, True, 1.0, 0.0, np.inf)
     unknowns = Unknowns((stick,), explicit.flat.theta_values, np.full(2, 1e-6), np.array([0.02, 0.01]))
-    found = identify_by_ekf(
+    rest = slice(skipped, None)
+    return identify_by_ekf(
         explicit,
         unknowns,
-        [experiment_of(explicit, time, u, y)],
+        [experiment_of(explicit, time[rest], u[rest], y[rest])],
         "pem",
         np.full(2, 1e-6),
         np.zeros(2, dtype=bool),
         np.array([0.02, 0.01]),
         IdentifyOptions(hold="zoh"),
     )
+
+
+def test_sharp_friction_is_averaged_over_what_is_known_of_the_speed():
+    found = stuck_friction_identified()
     assert any("extended Kalman filter" in note for note in found.notes)
     assert found.parameters[0].value == pytest.approx(0.02, rel=0.1)
+
+
+def test_simulation_begins_where_it_fits_best():
+    found = stuck_friction_identified(skipped=130)
+    assert any("extended Kalman filter" in note for note in found.notes)
+    rms = found.simulated["estimation"].rms
+    assert list(rms.values()) == pytest.approx([0.02, 0.01], rel=0.1)
 
 
 def test_a_record_too_coarse_for_the_model_is_left_to_the_observer(monkeypatch):

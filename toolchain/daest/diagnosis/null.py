@@ -23,6 +23,7 @@ from daest.systems.reduce import reduce_index
 from daest.systems.sample import Hold
 
 SHORTEST_LOAD = 2.0  # sampling periods: a faster load is white noise
+NEARLY = 1.05  # times the shortest time constant: the search has come to it
 LONGEST_LOAD = 0.25  # of the record: a slower one is a constant
 FIRST_LOAD = 20.0  # sampling periods, start of the search
 HOLDS: tuple[Hold, ...] = ("foh", "zoh")
@@ -59,6 +60,13 @@ class Null:
     def measurement_std(self) -> np.ndarray:
         found = {n.name: n.value for n in self.fit.noises if n.kind == "measurement"}
         return np.array([found.get(o.name, 1.0) for o in self.flat.outputs])
+
+    @property
+    def has_white_load(self) -> bool:
+        """Whether the strongest load is as fast as one can be: noise of the process at all frequencies that
+        these samples show."""
+        strongest = max(self.loads, key=lambda load: load.size**2 * load.time_constant)
+        return strongest.time_constant < NEARLY * _time_constants(self.experiments)[0]
 
     @property
     def initial_states(self) -> tuple[dict[str, float], ...]:

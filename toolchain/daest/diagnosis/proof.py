@@ -178,7 +178,10 @@ def prove(
     # A law that says all that the load has to do with any variable need not explain more of the load.
     says_all = form is not None and form.p_value < LEFT_LEVEL and gain >= form.log_likelihood_gain
     is_curve = says_all and explained >= CURVE_EXPLAINED
-    reason = _failed_gate(prepared, fit, delta_bic, 1.0 if is_curve else explained, ratios, one_step)
+    # White noise of the process is no load that a law could explain: unseen data have to tell.
+    is_told = null.has_white_load and bool(ratios) and max(ratios) <= BETTER
+    enough = 1.0 if is_curve or is_told else explained
+    reason = _failed_gate(prepared, fit, delta_bic, enough, ratios, one_step)
     if not reason and p_value > CHANCE:
         reason = f"a search over {n_screened} candidates finds as much by chance (p = {p_value:.1g})"
     left = None if reason else _left(null, with_effect, after or run_null(with_effect))

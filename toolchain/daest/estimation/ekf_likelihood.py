@@ -22,6 +22,7 @@ from daest.estimation.ekf_start import best_start, felt_intensity, with_lost_one
 from daest.estimation.filter_task import Directions, Noise, Record, Start, record
 from daest.estimation.identifiability import correlation, covariance, weak_directions, without_influence
 from daest.estimation.identify_nonlinear import identify_nonlinear
+from daest.estimation.nonlinear_start import fit_initial_states
 from daest.estimation.priors import log_likelihood, with_priors
 from daest.estimation.profile import Searched, Tell, silent, with_profiles
 from daest.estimation.result import bound_of, message_of
@@ -52,6 +53,7 @@ WORSE = 2.0  # log-likelihood by which the filter may fall short of the observer
 NEARLY_NONE = 1e-3  # of the intensity that outputs feel: no estimated noise starts below
 START_SAMPLES, START_SUBSTEPS = 2000, 4  # of the record, and per sample, when starts are compared
 TOLERATED = 10.0  # times that change, where the shortest substeps still leave it: far below a standard error
+AGREEMENT_ITERATIONS = 20  # of the search for the initial states that a simulation is judged from
 ROUNDS = 2  # of searching with a step of the linearisation that is checked afterwards
 
 
@@ -474,17 +476,18 @@ def _agreements(
         problem.state_scale,
         np.sqrt(noise.variance),
     )
-    x0 = [initial_point(explicit, theta, e.inputs[0])[0] / problem.state_scale for e in experiments]
-    limit = np.full(len(x0) * problem.state_scale.size, STATE_RANGE)
-    fit = minimise(trajectories.objective(held), np.concatenate(x0), -limit, limit, 20)
+    asked = [initial_point(explicit, theta, e.inputs[0])[0] / problem.state_scale for e in experiments]
+    limit = np.full(len(asked) * problem.state_scale.size, STATE_RANGE)
+    x0 = fit_initial_states(held, np.concatenate(asked), -limit, limit)
+    fit = minimise(trajectories.objective(held), x0, -limit, limit, AGREEMENT_ITERATIONS)
     names = [y.name for y in explicit.flat.outputs]
     simulation = None if fit is None else prediction_errors(held, fit.z)
     measured = [e.outputs for e in experiments]
     simulated = None if simulation is None else list(simulation.errors)
     predicted = []
-    starts = np.concatenate(x0) if fit is None else fit.z
+    starts = (x0 if fit is None else fit.z).reshape(len(asked), -1) * problem.state_scale
     wide = np.diag(problem.state_scale**2)
-    for experiment, start in zip(experiments, starts.reshape(len(x0), -1) * problem.state_scale, strict=True):
+    for experiment, start in zip(experiments, starts, strict=True):
         data = record(problem.model, experiment.time, experiment.inputs, experiment.outputs, first.hold)
         run = run_ekf(problem.model, data, theta, noise, Start(start, 1e-2 * wide), problem.longest)
         predicted.append(run.innovations)
