@@ -30,9 +30,8 @@ def relay(folder, memory):
     library = build_shared(source, "relay", ("-O1", f"-DMEMORY={memory}"))
     path = Path(folder) / "relay.fmu"
     with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr(
-            "modelDescription.xml", DESCRIPTION.replace("INDICATORS", str(int(memory in ("RELAY", "STUCK", "UNREAD"))))
-        )
+        indicators = int(memory in ("RELAY", "STUCK", "UNREAD"))
+        archive.writestr("modelDescription.xml", DESCRIPTION.replace("INDICATORS", str(indicators)))
         archive.write(library, "binaries/linux64/relay.so")
     return path
 

@@ -369,7 +369,7 @@ class _Integrator:
             np.ctypeslib.as_array(pointer, (size,))[:] = self._held
             return
         self._keep(self._driver.add_laws, self._time)
-        # OpenModelica's indicators see variables that no derivative needs as they were when one was last read.
+        # OpenModelica's indicators see what no derivative needs as it was when a variable was last read.
         self._keep(self._instance.get, self._instance.binary.states[:1])
         self._keep(self._instance.set_time, self._time)
         if not self._keep(self._instance.take_indicators, pointer):
