@@ -58,6 +58,9 @@ STATE_LAWS = {
     "square": "QuadraticDrag",
     "cube": "HardeningSpring",
 }
+# Of the input itself; their sizes are half a width, and what is cut off the largest value.
+INPUT_LAWS = {"dead zone": "DeadZone", "saturation": "Saturation"}
+CUT = 0.2  # of the largest value: the saturation that a response is computed for
 
 
 @dataclass(frozen=True)
@@ -227,6 +230,9 @@ def candidates(case: Case) -> list[Trial]:
                 trials.append(Trial(effect, u.name, number, law, state.name, shape=shape))
             if state.unit == "rad":
                 trials.append(Trial("Gravity", u.name, number, "sine", state.name, shape=(1.0, 0.0)))
+        largest = max(float(np.max(np.abs(e.inputs[:, number]))) for e in case.experiments)
+        for law, effect in INPUT_LAWS.items():
+            trials.append(Trial(effect, u.name, number, law, shape=(largest,), unit=u.unit))
         for column in case.columns:
             trials.append(Trial("MeasuredInput", u.name, number, "recorded", column=column))
     for number, y in enumerate(case.flat.outputs):
@@ -304,6 +310,8 @@ def _law(case: Case, trial: Trial, size: float) -> Law:
     if trial.column:
         column = len(case.form.form.inputs) + case.columns.index(trial.column)
         return Law(trial.law, trial.number, (), (), size, column)
+    if trial.law in INPUT_LAWS:
+        return Law(trial.law, trial.number, (), trial.shape, size, trial.number)
     names = [v.name for v in case.flat.unknowns]
     reads = (case.form.form.states[names.index(trial.variable)],) if trial.variable else ()
     return Law(trial.law, trial.number, reads, trial.shape, size)
@@ -327,11 +335,16 @@ def _parameter_slopes(case: Case) -> list[np.ndarray]:
 
 
 def _response(case: Case, trial: Trial) -> list[np.ndarray]:
-    """∂ŷ/∂size per recording at size 0, (n, n_y)."""
+    """∂ŷ/∂size per recording at size 0, (n, n_y); of a saturation, which has none there, a difference."""
     alone = replace(case, names=())
     tables = []
     for i, e in enumerate(case.experiments):
         try:
+            if trial.law == "saturation":
+                cut = CUT * trial.shape[0]
+                found = _course(alone, i, trial, cut).outputs - _course(alone, i).outputs
+                tables.append(found / (cut or 1.0))
+                continue
             tables.append(_course(alone, i, trial, slopes=True).slopes[:, :, 0])
         except IntegrationError:
             tables.append(np.zeros(e.outputs.shape))
@@ -574,7 +587,10 @@ def _refitted(case: Case, trial: Trial, size: float) -> tuple[Case, float, float
         return np.vstack(blocks)
 
     # One step from the null may be far off, and even unstable: a part of it, or none, is the better start.
-    starts_at = [np.concatenate([case.theta[columns], [share * size], *case.starts]) for share in SHARES]
+    sizes_at = [share * size for share in SHARES]
+    if trial.law == "saturation":
+        sizes_at = [share * trial.shape[0] for share in (0.5 * CUT, CUT, 2.0 * CUT)]
+    starts_at = [np.concatenate([case.theta[columns], [at], *case.starts]) for at in sizes_at]
     z0 = min((z / scales for z in starts_at), key=lambda z: float(np.sum(errors(z) ** 2)))
     bounds = np.full((2, z0.size), np.inf) * np.array([[-1.0], [1.0]])
     for k, c in enumerate(columns):

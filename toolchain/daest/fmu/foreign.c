@@ -3,7 +3,7 @@
  * Instance 0 has the parameters of the solution; instances 1 + 2 i and 2 + 2 i those with the chosen parameter
  * i moved up and down by parameter_step[i]. Slopes are differences at a point: central ones where they enter
  * sensitivities, one-sided ones for the Newton iteration.
- * Laws add size times a function of one variable of the FMU, or of one of u, to an input; the last of the chosen
+ * Laws add a function of one variable of the FMU, or of one of u, and of a size to an input; the last of the chosen
  * parameters may be sizes: every instance has its own.
  * Constants: those of radau.c, FMI (2 or 3), NS (the first of u, which the FMU is given) and NL (laws).
  */
@@ -46,7 +46,7 @@ static int has_slopes, is_first, has_refused;
 
 #if NL > 0
 /* In the order of fmu.laws.KINDS. */
-enum { CONSTANT, LINEAR, SIGN, SQUARE, CUBE, SINE, FOURTH_POWER, RECORDED };
+enum { CONSTANT, LINEAR, SIGN, SQUARE, CUBE, SINE, FOURTH_POWER, RECORDED, DEAD_ZONE, SATURATION };
 static struct {
   int kind, input, from; /* from: the entry of u that is read, or -1 for a variable of the FMU */
   unsigned reads;
@@ -54,17 +54,21 @@ static struct {
 } law[NL];
 static double law_size[1 + 2 * NP][NL];
 
-static double law_value(int l, double v) {
+static double within(double v, double limit) { return v > limit ? limit : v < -limit ? -limit : v; }
+
+static double law_value(int l, double v, double size) {
   const double *shape = law[l].shape;
   switch (law[l].kind) {
-    case CONSTANT: return 1.0;
-    case LINEAR: return -v;
-    case SIGN: return -tanh(v / shape[0]);
-    case SQUARE: return -v * fabs(v);
-    case CUBE: return -v * v * v;
-    case SINE: return -sin(shape[0] * v + shape[1]);
-    case FOURTH_POWER: return -pow(v / 100.0, 4);
-    default: return v;
+    case CONSTANT: return size;
+    case LINEAR: return -size * v;
+    case SIGN: return -size * tanh(v / shape[0]);
+    case SQUARE: return -size * v * fabs(v);
+    case CUBE: return -size * v * v * v;
+    case SINE: return -size * sin(shape[0] * v + shape[1]);
+    case FOURTH_POWER: return -size * pow(v / 100.0, 4);
+    case DEAD_ZONE: return size < 0 ? within(v, -size) : -within(v, size);
+    case SATURATION: return size < 0 ? 0.0 : within(v, fmax(shape[0] - size, 0.0)) - v;
+    default: return size * v;
   }
 }
 
@@ -74,7 +78,7 @@ static int add_laws(int i, const double *u) {
   for (int l = 0; l < NL; ++l) {
     double v = law[l].from < 0 ? 0.0 : u[law[l].from];
     if (law[l].from < 0 && REFUSED(fmu.get(instance[i], &law[l].reads, 1, &v LENGTH(1)))) return 1;
-    whole[law[l].input] += law_size[i][l] * law_value(l, v);
+    whole[law[l].input] += law_value(l, v, law_size[i][l]);
   }
   return REFUSED(fmu.set(instance[i], inputs, NS, whole LENGTH(NS)));
 }

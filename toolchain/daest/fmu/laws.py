@@ -20,7 +20,8 @@ def _law(name: str) -> Callable[[Callable[[np.ndarray, np.ndarray], float]], Cal
 
 @dataclass(frozen=True)
 class Law:
-    """`size` times the law `name` of the variables `reads`, added to input number `input`.
+    """The law `name` of the variables `reads` with its `size`, which is a factor of those in LAWS and a width
+    or a limit in SIZED, added to input number `input`.
 
     `shape` holds what the law needs besides: the width of a sign, a dead band, a limit. `column`: it reads
     that column of what drives the simulation instead, an input or a recorded signal that is none.
@@ -36,6 +37,8 @@ class Law:
     def value(self, variables: np.ndarray, u: np.ndarray) -> float:
         """The law at the `variables` that it reads, or at the columns u (n_columns,)."""
         read = variables if self.column is None else u[self.column : self.column + 1]
+        if self.name in SIZED:
+            return float(SIZED[self.name](float(read[0]), self.shape, self.size))
         return self.size * float(LAWS[self.name](read, np.array(self.shape)))
 
 
@@ -87,8 +90,23 @@ def recorded(v: np.ndarray, _: np.ndarray) -> float:
     return float(v[0])
 
 
+def dead_zone(v: float, _: tuple[float, ...], size: float) -> float:
+    """What a dead zone of the half width `size` takes away."""
+    return -float(np.sign(size) * np.clip(v, -abs(size), abs(size)))
+
+
+def saturation(v: float, shape: tuple[float, ...], size: float) -> float:
+    """What a limit takes away that stands `size` below the largest value, shape[0]; nothing below 0."""
+    limit = max(shape[0] - size, 0.0)
+    return float(np.clip(v, -limit, limit)) - v if size > 0 else 0.0
+
+
+SIZED: dict[str, Callable[[float, tuple[float, ...], float], float]] = {
+    "dead zone": dead_zone,
+    "saturation": saturation,
+}
 # The kinds of foreign.c, in its order.
-KINDS = tuple(LAWS)
+KINDS = (*LAWS, *SIZED)
 
 
 def law_table(laws: tuple[Law, ...]) -> np.ndarray:
