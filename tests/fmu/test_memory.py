@@ -8,6 +8,7 @@ from relay_fmu import expected, relay
 from daest.estimation.nonlinear_filter import run_nonlinear_filter
 from daest.fmu.binary_form import BinaryForm
 from daest.model.experiment import Experiment
+from daest.modelica.change import declare
 from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.linearize import is_affine_model
 from daest.systems.reduce import reduce_index
@@ -43,6 +44,12 @@ def test_filter_tells_what_it_does_not_follow(tmp_path):
     data = Experiment("run", TIME, INPUT[:, None], expected("RELAY", TIME, INPUT)[:, None], ("u",), ("y",))
     found = run_nonlinear_filter(reduce_index(flat), None, data, np.zeros(0), np.array([0.1]), longest=np.inf)
     assert any("states that jump" in message for message in found.messages)
+
+
+def test_noisy_simulation_tells_what_it_does_not_follow(tmp_path):
+    flat = declare(BinaryForm(relay(tmp_path, "RELAY")).flat(), noises={"der(x)": 1e-4})
+    found = simulate(flat, (TIME, INPUT[:, None]), noise=True, seed=1)
+    assert "states that jump are not followed" in found.method
 
 
 @pytest.mark.parametrize("hold", ["zoh", "foh"])

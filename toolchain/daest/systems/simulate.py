@@ -346,7 +346,9 @@ def _nonlinear_noisy(
             raise _failed(float(task.time[k]), "the model gives no finite derivative")
     kind = "held over a sample" if held else "white"
     pulled = "" if hold is None else ", projected on the constraints"
-    return states, w, f"local linearisation, {SUBSTEPS} substeps, {task.hold}, noise {kind}{pulled}"
+    given = task.explicit.flat.given
+    passed = ", states that jump are not followed" if given is not None and given.may_jump else ""
+    return states, w, f"local linearisation, {SUBSTEPS} substeps, {task.hold}, noise {kind}{pulled}{passed}"
 
 
 def _noisy_interval(
