@@ -178,3 +178,10 @@ def test_base_modelica_is_a_model_of_every_command(daest, tmp_path, monkeypatch)
     assert code == 0 and "outputs: motor.w" in out and "u -> motor.w:  (1) / (s + 3)" in out
     code, _, err = daest("extend", "lag.bmo", "--effect", "Offset", "--at", "motor.w")
     assert code == 2 and "Base Modelica cannot be extended" in err
+
+
+def test_an_fmu_is_no_source(omc, daest, tmp_path):
+    omc()
+    (tmp_path / "m.fmu").write_bytes(b"PK\x03\x04\xff")
+    code, _, err = daest("export", "m.fmu", "--compiler", "omc", "-o", "n.fmu")
+    assert code == 2 and "model-unknown-format" in err and not (tmp_path / "n.fmu").exists()

@@ -762,7 +762,7 @@ EXPLANATIONS: dict[str, str] = {
         "A class that is mentioned is not in the file, not beside it and not in a library folder. Check the "
         "spelling, or give the library's folder by -L or MODELICAPATH."
     ),
-    "model-unknown-format": "A model is a Modelica file (.mo) or an FMU (.fmu).",
+    "model-unknown-format": "A model is a Modelica file (.mo), Base Modelica (.bmo) or an FMU (.fmu).",
     "model-unknown-name": (
         "A name in an equation is not declared. Check its spelling and the component that it belongs to."
     ),

@@ -84,6 +84,12 @@ def _export_by_omc(
             "--platform and --set are not passed on to OpenModelica",
             remedy="leave them out: set values in the model, and build on the other platform",
         )
+    if source.suffix == ".fmu":
+        raise ConfigError(
+            "model-unknown-format",
+            f"'{source.name}' is no source that OpenModelica could compile",
+            remedy="give the Modelica file that it was made from",
+        )
     text = read_source(source)
     name = select_class(text, source, chosen_class(project, source, options.class_name))
     job = OmcJob(source, text, name, (*options.libraries, *project.libraries))

@@ -69,8 +69,9 @@ def translated(message: str, path: Path, text: bytes, class_name: str) -> ModelE
         "model-compile",
         f"`{class_name}` does not compile: {_plain(message)}",
         where=str(path),
-        remedy="Change the construct that the message names; or, with OpenModelica installed, make an FMU by "
-        "`daest export MODEL --compiler omc`, which all other commands take.",
+        remedy="Change the construct that the message names; or, with OpenModelica installed, make by "
+        "`daest export MODEL --compiler omc -o NAME.bmo` Base Modelica, or with NAME.fmu an FMU, which all "
+        "other commands take.",
     )
 
 
