@@ -9,7 +9,7 @@ exactly.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -44,6 +44,9 @@ RANK = 1e-7  # singular values of the scaled nuisance directions below this are 
 DRAWS = 20_000  # of the largest score under the null
 POWER = 0.9  # at which the smallest detectable size is stated
 RTOL = 1e-5
+PIECE = (
+    500  # samples at a time: the pattern of a function mapped over all of them takes longer than its values
+)
 
 
 @dataclass(frozen=True)
@@ -256,7 +259,7 @@ def _basis(null: Null, run: NullObserver, explicit: ExplicitModel) -> np.ndarray
 
 
 def _drive_functions(explicit: ExplicitModel, names: Sequence[str]) -> tuple[ca.Function, ca.Function]:
-    """(x, u, v, theta, t) -> ∂f/∂sizes (n, k), and ∂h/∂sizes (n_y, k)."""
+    """(x, u, v, theta, t) -> ∂f/∂sizes (n, k), and ∂h/∂sizes (n_y, k), both sparse."""
     known = {p.name: i for i, p in enumerate(explicit.flat.parameters)}
     sizes = [known[name] for name in names]
     n_x, n_u, n_v, n_w, n_theta = (explicit.rhs.numel_in(i) for i in range(5))
@@ -269,7 +272,7 @@ def _drive_functions(explicit: ExplicitModel, names: Sequence[str]) -> tuple[ca.
     h = explicit.outputs(x, u, v, ca.SX.zeros(n_w), whole, t)
 
     def slopes(law: ca.SX) -> ca.Function:
-        at_null = ca.Function("slopes", [x, u, v, theta, t, chosen], [ca.densify(ca.jacobian(law, chosen))])
+        at_null = ca.Function("slopes", [x, u, v, theta, t, chosen], [ca.jacobian(law, chosen)])
         values = at_null.call([x, u, v, theta, t, theta[sizes]], True, False)
         return ca.Function("drives", [x, u, v, theta, t], values)
 
@@ -302,22 +305,39 @@ def _drives(
     inputs: tuple[np.ndarray, np.ndarray],
 ) -> np.ndarray:
     """Values (k, n_samples, n_rows) of a drive function along the states (n_samples, n) of `explicit`."""
-    n_samples = time.size
+    n_samples, (n_rows, k) = time.size, drives.size_out(0)
     theta = np.tile(explicit.flat.theta_values, (n_samples, 1))
     columns = (states, inputs[0].T, inputs[1].T, theta, time)
     arguments = [np.ascontiguousarray(column, dtype=float) for column in columns]
-    n_rows, k = drives.size_out(0)
-    values = np.empty((n_samples, k, n_rows))
-    # Straight into the array: CasADi's own way goes through a list of numbers.
-    whole: Any = drives.map(n_samples)
-    buffer, evaluate = whole.buffer()
+    pattern = drives.sparsity_out(0)
+    values = np.empty((n_samples, pattern.nnz()))
+    for piece, several in _pieces(drives, n_samples if values.size else 0):
+        _evaluate(several, [argument[piece] for argument in arguments], values[piece])
+    # Most effects drive few states.
+    whole = np.zeros((k, n_samples, n_rows))
+    rows, places = pattern.get_triplet()
+    whole[places, :, rows] = np.nan_to_num(values, copy=False).T
+    return whole
+
+
+def _pieces(function: ca.Function, n_samples: int) -> Iterator[tuple[slice, ca.Function]]:
+    """Samples, and the function mapped over as many."""
+    whole, rest = divmod(n_samples, PIECE)
+    several = function.map(PIECE)
+    for i in range(whole):
+        yield slice(i * PIECE, (i + 1) * PIECE), several
+    if rest:
+        yield slice(whole * PIECE, n_samples), function.map(rest)
+
+
+def _evaluate(function: ca.Function, arguments: Sequence[np.ndarray], values: np.ndarray) -> None:
+    """The non-zeros of a mapped function into `values`, without CasADi's detour through a list of numbers."""
+    buffer, evaluate = cast(Any, function).buffer()
     for i, argument in enumerate(arguments):
         if argument.size:
             buffer.set_arg(i, argument.data)
-    if values.size:
-        buffer.set_res(0, values.data)
+    buffer.set_res(0, values.data)
     evaluate()
-    return np.nan_to_num(np.ascontiguousarray(values.transpose(1, 0, 2)), copy=False)
 
 
 def _scored(
