@@ -70,6 +70,23 @@ def test_ordinary_modelica_is_left_alone():
     assert text == source and names.restored("_00") == "_00" and names.model("P.M") == "P.M"
 
 
+def test_variables_of_a_function_are_protected(base):
+    law = """    output Real 'y';
+    Real 'a[1]'(min = 0.0, max = 9.0) = 2.0;
+    Real 'b';
+    input Real 'z' = 0.0;
+  algorithm
+    'b' := 'a[1]' * 'x';
+    'y' := 'b' + 'z';
+"""
+    text = OSCILLATOR.replace("    output Real 'y';\n  algorithm\n    'y' := 2.0 * 'x';\n", law)
+    plain, _ = without_quotes(text.encode())
+    assert (plain.count(b"protected "), plain.count(b"public ")) == (1, 1)
+    dae = linearize(compile_model(base(text)))
+    poles = scipy.linalg.eigvals(dae.J, dae.E)
+    assert np.allclose(sorted(poles[np.isfinite(poles)], key=lambda pole: pole.imag), [-2j, 2j])
+
+
 def test_a_name_that_is_in_use_is_not_given_again():
     text, names = without_quotes(b"//! base 0.1.0\nmodel 'M' Real '_00', _00, 'x'; end 'M';")
     assert text.split().count(b"_00,") == 1 and "_00" not in names.shown and len(names.shown) == 3
@@ -96,6 +113,11 @@ def test_the_class_may_be_named_without_quotes(base):
     with pytest.raises(ModelError) as caught:
         compile_model(base(OSCILLATOR), "Servo")
     assert caught.value.code == "model-unknown-class" and "The file has: Drive." in caught.value.remedy
+
+
+def test_other_classes_of_the_package_are_not_asked_for(base):
+    table = "class 'Table'\n    extends ExternalObject;\n  end 'Table';\n\n  record"
+    assert compile_model(base(OSCILLATOR.replace("record", table, 1))).name == "Drive"
 
 
 def test_errors_tell_the_names_of_the_text(base):

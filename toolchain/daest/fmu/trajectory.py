@@ -375,7 +375,7 @@ class _Integrator:
         if not self._keep(self._instance.take_indicators, pointer):
             np.ctypeslib.as_array(pointer, (size,))[:] = np.nan
 
-    def _keep(self, call: Callable[..., None], argument: Any) -> bool:
+    def _keep(self, call: Callable[..., object], argument: Any) -> bool:
         if self._driver.problem is None:
             try:
                 call(argument)

@@ -1,22 +1,24 @@
 """Base Modelica, as OpenModelica writes it: a flat model whose names stand in quotes, `'motor.flange_a.phi'`.
 
-The compiler takes quoted names for operators, and nobody wants to type them. It is given a text of the same
-length with plain names; what it answers gets the names without quotes.
+The compiler takes quoted names for operators, and nobody wants to type them. It is given a text with plain
+names of the same length; what it answers gets the names without quotes. Base Modelica knows no `protected`,
+which Modelica demands of the variables of a function.
 """
 
 from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from daest.modelica.tokens import tokens
+from daest.modelica.tokens import Token, tokens
 
 HEADING = b"//! base"
 """The comment that a Base Modelica text begins with."""
 
+_ENDING = ("algorithm", "external", "equation", "end", "annotation", "protected", "public")
 _DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
 _PLAIN = re.compile(r"\b_[0-9a-z]+\b")
 
@@ -46,10 +48,11 @@ class Names:
 
 
 def without_quotes(text: bytes) -> tuple[bytes, Names]:
-    """A Base Modelica text with plain names, byte for byte as long, and what they stand for; any other text
-    as it is."""
+    """A Base Modelica text as Modelica, line by line, with plain names, each as long as what it stands for;
+    and what they stand for. Any other text as it is."""
     if not text.lstrip().startswith(HEADING):
         return text, Names()
+    text = _with_protected(text)
     words = list(tokens(text))
     free = _free_names({word.text for word in words})
     plain: dict[str, str] = {}
@@ -61,6 +64,40 @@ def without_quotes(text: bytes) -> tuple[bytes, Names]:
             parts += [text[last : word.start], plain[word.text].encode()]
             last = word.end
     return b"".join([*parts, text[last:]]), Names({made: quoted[1:-1] for quoted, made in plain.items()})
+
+
+def _with_protected(text: bytes) -> bytes:
+    """The text with `protected` before the variables of functions."""
+    words = list(tokens(text))
+    places = [
+        place for i in range(len(words)) if _opens_function(words, i) for place in _sections(words, i + 2)
+    ]
+    parts, last = [], 0
+    for start, keyword in places:
+        parts += [text[last:start], keyword]
+        last = start
+    return b"".join([*parts, text[last:]])
+
+
+def _opens_function(words: Sequence[Token], i: int) -> bool:
+    """Whether the word at `i` opens a function with declarations: `function f = g` has none."""
+    after = [word.text for word in words[i + 1 : i + 3]]
+    return words[i].text == "function" and len(after) == 2 and after[1] not in ("=", ";", "extends")
+
+
+def _sections(words: Sequence[Token], i: int) -> Iterator[tuple[int, bytes]]:
+    """Where among the declarations of a function from word `i` on which keyword belongs."""
+    is_public, depth, is_new = True, 0, True
+    for word in words[i:]:
+        if is_new and word.kind == "text":
+            continue
+        if is_new and word.text in _ENDING:
+            return
+        if is_new and is_public != (word.text in ("input", "output")):
+            is_public = not is_public
+            yield word.start, b"public " if is_public else b"protected "
+        depth += (word.text in "([{") - (word.text in ")]}")
+        is_new = depth == 0 and word.text == ";"
 
 
 def _free_names(taken: set[str]) -> Callable[[int], str]:

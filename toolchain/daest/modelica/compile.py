@@ -16,6 +16,7 @@ from daest.modelica.change import declare, with_values
 from daest.modelica.class_choice import select_class
 from daest.modelica.compiler import Job, compile_source, modification, with_room
 from daest.modelica.library import library_roots
+from daest.modelica.outline import class_heads
 from daest.modelica.parameters import is_parameter
 from daest.modelica.roots import readable_roots
 from daest.modelica.source import read_source
@@ -56,10 +57,12 @@ def compile_text(
 
 
 def _chosen_class(text: bytes, names: Names, path: Path, wanted: str | None) -> str:
-    """The class to compile. Base Modelica holds one, whose name need not be given."""
+    """The class to compile. Of Base Modelica it is the model that is called as the package around it."""
     if not names.shown:
         return select_class(text, path, wanted)
-    only = select_class(text, path, None)
+    heads = class_heads(text)
+    own = [head.name for head in heads if head.name == f"{heads[0].name}.{heads[0].name}" and head.is_model]
+    only = own[0] if own else select_class(text, path, None)
     if wanted not in (None, names.model(only)):
         raise ModelError(
             "model-unknown-class",
