@@ -1,0 +1,33 @@
+"""Machines that somebody has measured, diagnosed without a hint."""
+
+from pathlib import Path
+
+import pytest
+
+import daest
+from daest.diagnosis.diagnose import DiagnoseOptions, diagnose
+from daest.estimation.records import part_of
+from daest.modelica.effects import effect_library
+
+MODELS = Path(__file__).parent / "models"
+
+
+@pytest.mark.slow
+def test_friction_of_a_geared_servo(shared_data):
+    """Duclusaud et al. (2025) report that viscous and Coulomb friction do not do for this servo: the friction
+    of its gear grows with the load."""
+    signals = [
+        daest.Signal("duty", "1", "load_raw_signed"),
+        daest.Signal("supply", "V", "input_voltage_V"),
+        daest.Signal("on", "1", "torque_enable"),
+    ]
+    file = shared_data / "bam_xl330" / "kp400_sin_time_square.csv"
+    (whole,) = daest.read_experiments([file], signals, [daest.Signal("angle", "rad", "position_rad")])
+    cut = int(0.6 * whole.n_samples)
+    parts = [part_of(whole, *rows) for rows in ((0, cut), (cut, whole.n_samples))]
+    flat = daest.compile_model(MODELS / "GearedServo.mo")
+    found = diagnose(flat, effect_library(), parts[:1], parts[1:], DiagnoseOptions())
+    accepted = [p for p in found.proofs if p.verdict != "rejected"]
+    assert {p.candidate.effect.name for p in accepted} == {"LoadDependentFriction"}
+    before, after = (fit.simulated["validation"].rms["angle"] for fit in (found.baseline, accepted[0].fit))
+    assert after < 0.6 * before
