@@ -86,6 +86,18 @@ def test_nothing_missing(cart, daest):
     assert "It would have shown" in found["message"]
 
 
+def test_coarser_period_is_told_in_the_result(cart, daest, monkeypatch):
+    """The cart's recordings are noisy: that they are taken coarser is only pretended."""
+    write_recording(cart / "clean.csv", recording(1200, 2))
+    monkeypatch.setattr("daest.cli.diagnose.sufficient_period", lambda _: 0.04)
+    code, out, err = daest("diagnose", "clean.csv", "--model", "Cart.mo", *COULOMB, "--format", "json")
+    assert code == 0
+    (remark,) = json.loads(out)["notes"]
+    assert "diagnosed at 0.04 s" in remark and "(--resample 0.02 keeps them as they are)" in remark
+    assert remark in err
+    assert diagnosis(daest, "clean.csv", *COULOMB, "--resample", "0.02")[0]["notes"] == []
+
+
 def test_fit_of_other_data_is_contradicted(cart, daest):
     write_recording(cart / "light.csv", recording(1000, 2))
     write_recording(cart / "heavy.csv", recording(1000, 3, mass=1.3))

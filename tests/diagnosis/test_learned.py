@@ -75,6 +75,8 @@ def test_a_curve_that_does_not_help_is_called_a_hint():
     found = replace(refitted(), before={"phi": 0.1, "w": None}, after={"phi": 0.2})
     assert said(found).endswith("phi 0.1 -> 0.2, no better: take the curve as a hint, not as a model.")
     assert said(replace(found, after={"phi": None})) == ""
+    loose = replace(found.curve, std=np.abs(found.curve.y))
+    assert said(replace(found, curve=loose)).endswith("with parameters refitted with it.")
 
 
 def test_written_model_is_the_fitted_one():

@@ -88,7 +88,7 @@ class Case:
     library: tuple[Effect, ...]
     options: DiagnoseOptions
     recordings: tuple[Path, ...] = ()
-    remarks: tuple[str, ...] = ()  # on the earlier fit that is held against the data
+    remarks: tuple[str, ...] = ()  # on the earlier fit that is held against the data, and on the data
 
 
 @click.command("diagnose", epilog=example("daest diagnose run1.csv --model Servo.mo --split 0.5"))
@@ -176,7 +176,7 @@ def opened(
         note("no validation data: the second half of every recording validates")
         halves = replace(data_choice.preparation(project), split=HALF)
         estimation, validation = split_all(estimation, halves)
-    estimation, validation, hold = _sufficient(estimation, validation, project, data_choice)
+    estimation, validation, hold, coarser = _sufficient(estimation, validation, project, data_choice)
     folders = (*libraries, *project.libraries)
     library = effect_library(folders)
     own = project.source is not None and source.resolve() == project.source.resolve()
@@ -195,28 +195,29 @@ def opened(
         library,
         replace(options, keeper=KeptProofs(project.results / KEPT, run, whole_file)),
         tuple(training_files(project, data)),
-        () if fit is None else fit.remarks,
+        (*(() if fit is None else fit.remarks), *coarser),
     )
 
 
 def _sufficient(
     estimation: list[Experiment], validation: list[Experiment], project: Project, data_choice: DataOptions
-) -> tuple[list[Experiment], list[Experiment], Hold | None]:
+) -> tuple[list[Experiment], list[Experiment], Hold | None, list[str]]:
     """The recordings and the hold; coarser, and on straight lines, where the recordings are much finer than
-    their outputs move and no period is asked for."""
+    their outputs move and no period is asked for, with a remark that says so."""
     hold = data_choice.known_hold(project)
     if data_choice.preparation(project).period is not None:
-        return estimation, validation, hold
+        return estimation, validation, hold, []
     period = sufficient_period([*estimation, *validation])
     if period is None:
-        return estimation, validation, hold
+        return estimation, validation, hold, []
     own = estimation[0].period
-    note(
+    remark = (
         f"nothing in the outputs moves as fast as the recordings are sampled ({own:.4g} s): diagnosed at "
         f"{period:.4g} s, behind an anti-alias filter (--resample {own:.4g} keeps them as they are)"
     )
+    note(remark)
     coarse = [[resample(e, period) for e in part] for part in (estimation, validation)]
-    return coarse[0], coarse[1], "foh"
+    return coarse[0], coarse[1], "foh", [remark]
 
 
 def _options(

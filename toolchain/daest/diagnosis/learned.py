@@ -34,6 +34,8 @@ NARROWEST = 1e-3  # of the range of the variable: knots that are nearer to each 
 MOST_KNOTS = 20
 WIDE = 1.0 / 16.0  # of the range of the variable: intervals that are narrower stay whole
 FAILURES = (DaestError, RuntimeError, np.linalg.LinAlgError)  # of a search, also those of CasADi's solvers
+BAND = 1.96  # standard deviations to either side of a 95 % band
+UNCERTAIN = " No value of the curve is certain: it shares its course with parameters refitted with it."
 FEWEST_BETWEEN = 20  # samples between two knots that get another one between them
 
 
@@ -95,7 +97,13 @@ def said(learned: LearnedLoad) -> str:
     parts = [f"{name} {before:.3g} -> {after:.3g}" for name, (before, after) in pairs.items()]
     worse = all(after >= before for before, after in pairs.values())
     warning = ", no better: take the curve as a hint, not as a model" if worse else ""
-    return f" {how}: validation error (rms) {', '.join(parts)}{warning}."
+    loose = "" if _has_certain_value(learned.curve) else UNCERTAIN
+    return f" {how}: validation error (rms) {', '.join(parts)}{warning}.{loose}"
+
+
+def _has_certain_value(curve: Curve) -> bool:
+    """Whether the band of 95 % leaves out zero anywhere."""
+    return bool(np.any(np.abs(curve.y) > BAND * curve.std))
 
 
 def _fitted(
