@@ -92,6 +92,13 @@ def test_libraries_that_the_model_names_are_loaded(omc, daest, tmp_path):
     assert path[0] == str(tmp_path / "libs") and (Path(path[-1]) / "Daest" / "package.mo").is_file()
 
 
+def test_the_standard_library_of_openmodelica_is_loaded(omc, daest, tmp_path):
+    record = omc()
+    (tmp_path / "M.mo").write_text("model M Modelica.Blocks.Sources.Sine s; end M;")
+    assert daest("export", "M.mo", "--compiler", "omc")[0] == 0
+    assert record.read_text().splitlines()[2] == "loadModel(Modelica);"
+
+
 def test_a_library_named_by_its_own_folder(omc, daest, tmp_path):
     record = omc()
     (tmp_path / "libs" / "Blocks").mkdir(parents=True)

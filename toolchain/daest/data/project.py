@@ -23,7 +23,7 @@ Hold = Literal["zoh", "foh"]
 # Section -> key -> what it says. In `parameters` and `noise` the keys are those of one entry.
 KEYS: dict[str, dict[str, str]] = {
     "model": {
-        "source": "the model, a `.mo` file or an `.fmu`",
+        "source": "the model, a `.mo` or `.bmo` file or an `.fmu`",
         "class": "its class, where the file holds several",
         "libraries": "folders of Modelica libraries, searched before MODELICAPATH",
     },

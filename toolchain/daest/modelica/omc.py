@@ -30,6 +30,9 @@ SHOWN_LINES = 20
 FMI_VERSION = "2.0"
 """OpenModelica's FMI 3.0 export lacks directional derivatives, its FMI 2.0 export has them."""
 
+ITS_OWN_LIBRARY = "Modelica"
+"""It comes with OpenModelica, which loads it only when it is told to."""
+
 _MESSAGE = re.compile(
     r"^(?:\[(?P<file>.+):(?P<line>\d+):(?P<column>\d+)-\d+:\d+:\w+\] )?"
     r"(?P<kind>Error|Warning|Notification): ",
@@ -122,9 +125,9 @@ def _outermost(file: Path) -> Path:
 
 
 def _named_libraries(job: OmcJob, folders: Iterable[Path]) -> list[str]:
-    """The libraries of the folders whose names stand in the text."""
+    """The libraries of the folders, and of OpenModelica itself, whose names stand in the text."""
     known = {library_name(entry) for folder in folders for entry in library_entries(folder)}
-    return sorted(known & _foreign_names(job.text))
+    return sorted((known | {ITS_OWN_LIBRARY}) & _foreign_names(job.text))
 
 
 def _named_neighbours(job: OmcJob, file: Path) -> list[Path]:
