@@ -92,6 +92,44 @@ def test_shooting_ends_where_an_easy_single_search_does():
     assert not single.notes and several.notes == ("found by multiple shooting (7 segments)",)
 
 
+def swinging(start):
+    """A pendulum with dry and viscous friction swings until it stands still: 4 s at 5 ms from the angle
+    `start`, integrated with set-valued friction; and the model, with the sign of the speed rounded."""
+    explicit = explicit_from(
+        ("phi", "w"),
+        {"J": 0.006, "d": 0.01, "tau_c": 0.01, "zero": -0.03},
+        lambda x, u, w, p, t: [
+            x[1],
+            (-p[1] * x[1] - p[2] * ca.tanh(x[1] / 0.02) - 0.48 * ca.sin(x[0] - p[3])) / p[0],
+        ],
+        {"angle": lambda x, u, p: x[0]},
+    )
+    n, step, substeps = 800, 0.005, 50
+    h, phi, w = step / substeps, start, 0.0
+    y = np.zeros((n, 1))
+    for k in range(n):
+        y[k] = phi
+        for _ in range(substeps):
+            free = w + h * (-0.006 * w - 0.48 * np.sin(phi + 0.03)) / 0.0068
+            after = np.sign(free) * max(abs(free) - h * 0.012 / 0.0068, 0.0)
+            phi, w = phi + h * (w + after) / 2, after
+    y += 1e-3 * np.random.default_rng(0).standard_normal(y.shape)
+    return explicit, experiment_of(explicit, step * np.arange(n), np.zeros((n, 1)), y)
+
+
+@pytest.mark.parametrize("start", [-0.95, -1.2])
+def test_a_search_that_loses_a_parameter_is_shot_again(start):
+    explicit, experiment = swinging(start)
+    begin = {"J": 0.006, "d": 0.01, "tau_c": 0.01}
+    lost = fit_of(explicit, [experiment], shooting=1, **begin)
+    found = fit_of(explicit, [experiment], **begin)
+    assert lost.theta["d"] < 1e-6 and lost.simulated["estimation"].rms["angle"] > 0.02
+    assert any("multiple shooting" in note for note in found.notes)
+    assert found.simulated["estimation"].rms["angle"] < 0.01
+    for name, true in (("J", 0.0068), ("d", 0.006), ("tau_c", 0.012)):
+        assert found.theta[name] == pytest.approx(true, rel=0.1)
+
+
 def test_two_records_are_cut_apart():
     explicit, first = turning(0, 400)
     _, second = turning(1, 320)

@@ -101,7 +101,7 @@ class Identified:
     "--shooting",
     metavar="SEGMENTS",
     type=click.IntRange(min=1),
-    help="Multiple shooting of a nonlinear model (default: where a simulation over the whole record fails).",
+    help="Multiple shooting of a nonlinear model (default: where a search over the whole record fails).",
 )
 @click.option(
     "--starts",

@@ -11,6 +11,8 @@ from daest.model.flat import FlatModel
 from daest.model.linear import StateSpaceFamily
 from daest.model.prior import Prior
 
+LOST = np.log(1e-3)  # of its start: a logarithmic parameter below has no slope left to come back by
+
 
 @dataclass(frozen=True)
 class Coordinate:
@@ -118,3 +120,18 @@ def parameter_coordinate(
         upper=float(upper),
         prior=parameter.prior,
     )
+
+
+def with_lost_ones(unknowns: Unknowns, z: np.ndarray, given: np.ndarray) -> np.ndarray:
+    """z with the logarithmic parameters that have run off towards zero back where the user started, as what
+    drove them there may by now be known to be noise; z itself where there are none."""
+    lost = [
+        i
+        for i, coordinate in enumerate(unknowns.coordinates)
+        if coordinate.kind == "parameter" and coordinate.is_log and z[i] < given[i] + LOST
+    ]
+    if not lost:
+        return z
+    revived = z.copy()
+    revived[lost] = given[lost]
+    return revived

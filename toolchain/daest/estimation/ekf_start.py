@@ -29,7 +29,6 @@ STD_LOGS = tuple(np.log([1.0, 0.1, 0.01]))  # of all searched measurement standa
 PAIR_LOGS = tuple(product(np.log([1.0, 1e-2, 1e2, 1e4, 1e6]), np.log([1.0, 0.2, 3.0])))  # of one of each
 FELT_SAMPLES = 5
 NO_SPREAD = 1e-20
-LOST = np.log(1e-3)  # of its start: a logarithmic parameter below has no slope left to come back by
 
 Objective = Callable[[np.ndarray, bool], Evaluation | None]
 
@@ -89,18 +88,3 @@ def felt_intensity(
         largest = float(np.max(moved / std**2, initial=0.0))
         felt[i] = 1.0 / largest if largest > 0.0 else 1.0
     return felt
-
-
-def with_lost_ones(unknowns: Unknowns, z: np.ndarray, given: np.ndarray) -> np.ndarray:
-    """z with the logarithmic parameters that have run off towards zero back where the user started, as what
-    drove them there may by now be known to be noise; z itself where there are none."""
-    lost = [
-        i
-        for i, coordinate in enumerate(unknowns.coordinates)
-        if coordinate.kind == "parameter" and coordinate.is_log and z[i] < given[i] + LOST
-    ]
-    if not lost:
-        return z
-    revived = z.copy()
-    revived[lost] = given[lost]
-    return revived

@@ -19,7 +19,7 @@ import numpy as np
 
 from daest.estimation import trajectories
 from daest.estimation.checks import no_start
-from daest.estimation.coordinates import Unknowns
+from daest.estimation.coordinates import Unknowns, with_lost_ones
 from daest.estimation.noise_levels import (
     Ending,
     Levels,
@@ -166,14 +166,15 @@ def _search_from(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions)
 
 def _simulated(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions) -> Ending | None:
     """The end of an output-error search: over the whole records, by multiple shooting where that is wanted,
-    or by the better of both where the former fails."""
+    or by the better of both where the former fails or loses a parameter."""
     problem, shooting = setup.problem, options.shooting
     single = None
     if shooting is None or shooting == 1:
         lower, upper = limits(problem)
         found = minimise(trajectories.objective(problem), z, lower, upper, options.max_iterations)
         single = None if found is None else Ending(problem, found, None)
-    if shooting == 1 or (shooting is None and (setup.method == "pem" or not _is_poor(single))):
+    is_doubtful = _has_lost_one(single, z) or (setup.method == "oe" and _is_poor(single))
+    if shooting == 1 or (shooting is None and not is_doubtful):
         return single
     if not problem.n_states:  # nothing that a segment could start from
         return single
@@ -181,6 +182,11 @@ def _simulated(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions) -
     cut = search_by_shooting(problem, z, n_segments, options.max_iterations)
     ends = [end for end in (single, _uncut(problem, cut, n_segments, options)) if end is not None]
     return min(ends, key=lambda end: end.found.evaluation.value, default=None)
+
+
+def _has_lost_one(end: Ending | None, start: np.ndarray) -> bool:
+    """Whether a search has lost a parameter: on a way over hills it may end where none was to be."""
+    return end is not None and with_lost_ones(end.problem.unknowns, end.found.z, start) is not end.found.z
 
 
 def _is_poor(end: Ending | None) -> bool:
