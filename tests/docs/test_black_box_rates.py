@@ -34,7 +34,7 @@ def test_rates_of_each_group(study):
     assert rates["nothing missing", "an effect named"] == (1, 2)
     assert rates["effect at the input or an output", "right where claimed"] == (1, 1)
     assert rates["effect at the input or an output", "right of all, size 1.0"] == (1, 2)
-    assert rates["effect between the parts", "an effect named"] == (0, 1)
+    assert rates["effect between the parts", "another law named"] == (0, 1)
     assert ("coloured external load", "an effect named") not in rates
 
 

@@ -128,7 +128,7 @@ def diagnose_black_box(
         with contextlib.suppress(IntegrationError):  # an effect that the FMU cannot be simulated with is none
             proofs.append(_proof(case, tried, entry, residuals, len(trials)))
     verdict, message, experiment = _verdict(
-        proofs, lambda: _is_white(residuals) or _is_noise_of(flat, baseline, estimation, validation)
+        proofs, lambda: _is_white(residuals) or _is_noise_of(flat, baseline, estimation)
     )
     return {
         "verdict": verdict,
@@ -160,19 +160,29 @@ def _worth_a_refit(screened: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return [*by_score, *(s for s in by_share if not any(s is other for other in by_score))]
 
 
-def _is_noise_of(
-    flat: FlatModel, baseline: FitResult, estimation: Sequence[Experiment], validation: Sequence[Experiment]
-) -> bool:
+def _is_noise_of(flat: FlatModel, baseline: FitResult, estimation: Sequence[Experiment]) -> bool:
     """Whether white noise where the model declares it, fitted by maximum likelihood, leaves nothing that the
-    tests of a comparison find in validation data. Asked of linear models, where it is exact."""
+    tests of a comparison find in the same data. Asked of linear models, where it is exact."""
     if not flat.noises or not has_affine_dynamics(reduce_index(flat)):
         return False
     try:
         fit = identify(flat, estimation, IdentifyOptions(method="pem", hold=baseline.hold))
-        candidate = Candidate(flat.name, fitted_model(flat, fit), len(fit.parameters), baseline.hold)
-        return compare_models([candidate], validation).models[0].verdict == "not falsified"
+        return compare_models([_with_its_fit(flat, fit)], estimation).models[0].verdict == "not falsified"
     except NumericalError:
         return False
+
+
+def _with_its_fit(flat: FlatModel, fit: FitResult) -> Candidate:
+    """The fitted model, with what its tests must know of the parameters."""
+    known = {p.name: p.std_error for p in fit.parameters if p.std_error and p.name in fit.correlation_names}
+    rows = [fit.correlation_names.index(name) for name in known]
+    stds = np.array(list(known.values()))
+    return Candidate(
+        flat.name, fitted_model(flat, fit), len(fit.parameters), fit.hold, fit.noise_model,
+        parameter_names=tuple(known),
+        parameter_cov=fit.correlation[np.ix_(rows, rows)] * np.outer(stds, stds) if known else None,
+        n_estimation=fit.n_samples,
+    )  # fmt: skip
 
 
 def _refuse_gaps(experiments: Sequence[Experiment]) -> None:
