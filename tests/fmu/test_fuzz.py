@@ -1,6 +1,7 @@
 """FMU archives and descriptions that nobody wrote: a value or one message, never a fault."""
 
 import io
+import os
 import re
 import zipfile
 
@@ -21,8 +22,9 @@ WORDS = (
     "4294967296",
 )  # fmt: skip
 TAGS = sorted(set(re.findall(r"<([A-Za-z]+)", TEXT)))
+EXAMPLES = int(os.environ.get("DAEST_FUZZ", "150"))
 RELAXED = settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=EXAMPLES, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 
 

@@ -3,6 +3,8 @@ model."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -12,35 +14,7 @@ from daest.modelica.base import without_quotes
 from daest.modelica.compile import compile_model
 from daest.systems.linearize import linearize
 
-OSCILLATOR = """//! base 0.1.0
-package 'Drive'
-  function 'Drive.law'
-    input Real 'x';
-    output Real 'y';
-  algorithm
-    'y' := 2.0 * 'x';
-  end 'Drive.law';
-
-  record 'Limits'
-    Real 'low';
-  end 'Limits';
-
-  model 'Drive' "A mass on a spring: it's driven"
-    parameter Real 'm'(unit = "kg", min = 0.0) = 0.5 "Mass";
-    parameter Real 'mass.m'(unit = "kg") = 'm';
-    input Real 'bus.u'(start = 0.0, unit = "N");
-    output Real 'bus.s'(unit = "m");
-    Real 'mass.s'(stateSelect = StateSelect.prefer, start = 0.0, unit = "m");
-    Real 'mass.v'(fixed = true, start = 0.0, unit = "m/s");
-    Real 'mass.flange[1].f';
-  equation
-    'bus.s' = 'mass.s';
-    'mass.v' = der('mass.s');
-    'mass.m' * der('mass.v') = 'bus.u' - 'mass.flange[1].f';
-    'mass.flange[1].f' = 'Drive.law'('mass.s');
-  end 'Drive';
-end 'Drive';
-"""
+OSCILLATOR = (Path(__file__).parent / "models" / "Oscillator.bmo").read_text()
 
 
 @pytest.fixture

@@ -1,5 +1,5 @@
 """Damaged Modelica text never crashes, hangs or ends with a wrong code: it compiles, or is refused with a
-message. DAEST_TEST_FUZZ sets the number of texts per test."""
+message. DAEST_FUZZ sets the number of texts per test."""
 
 import os
 import time
@@ -13,7 +13,7 @@ from daest.cli.main import run
 from daest.errors import DaestError
 from daest.modelica.compile import compile_text
 
-N_TEXTS = int(os.environ.get("DAEST_TEST_FUZZ", "25"))
+N_TEXTS = int(os.environ.get("DAEST_FUZZ", "25"))
 SECONDS = 30.0
 """Nothing may take longer, on a busy machine."""
 
@@ -21,6 +21,8 @@ ROOT = Path(__file__).parents[2]
 SOURCES = [
     path.read_text() for path in sorted([*ROOT.glob("tests/*/models/*.mo"), *ROOT.glob("examples/*/*.mo")])
 ]
+BASE_SOURCES = [path.read_text() for path in sorted(ROOT.glob("tests/*/models/*.bmo"))]
+BASE_WORDS = ["'", "'mass.", ".s'", "[1]", "'Drive'", "//! base 0.1.0", "package 'Other'", "model 'M'"]
 WORDS = [
     *(
         "model",
@@ -66,13 +68,13 @@ fuzzed = settings(
 
 
 @st.composite
-def damaged(draw) -> bytes:
+def damaged(draw, sources=SOURCES, words=WORDS) -> bytes:
     """A model of the tests with some pieces cut, doubled, moved, or replaced by words of the language."""
-    text = draw(st.sampled_from(SOURCES))
+    text = draw(st.sampled_from(sources))
     for _ in range(draw(st.integers(1, 4))):
         start = draw(st.integers(0, len(text)))
         stop = min(len(text), start + draw(st.integers(0, 40)))
-        piece = draw(st.sampled_from(["", text[start:stop] * 2, *WORDS]))
+        piece = draw(st.sampled_from(["", text[start:stop] * 2, *words]))
         text = text[:start] + piece + text[stop:]
     return text.encode()
 
@@ -90,6 +92,12 @@ def check(content: bytes) -> None:
 @fuzzed
 @given(damaged())
 def test_damaged_models(content):
+    check(content)
+
+
+@fuzzed
+@given(damaged(sources=BASE_SOURCES, words=[*WORDS, *BASE_WORDS]))
+def test_damaged_base_modelica(content):
     check(content)
 
 
