@@ -1,13 +1,28 @@
 """Scores: normal when nothing is missing, right derivatives, and the hidden effect on top."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
-from hidden_plants import library, model, quiet, rotor_null, rotor_record, rubbing, some_effects
+from hidden_plants import (
+    DAMPING,
+    INERTIA,
+    NOISE,
+    PERIOD,
+    SENSOR,
+    library,
+    model,
+    quiet,
+    rotor_null,
+    rotor_record,
+    rubbing,
+    some_effects,
+)
 from scipy.stats import kstest
 
 from daest.diagnosis.candidates import attachable, pairs, with_shapes
+from daest.diagnosis.null import loads_of
 from daest.diagnosis.screen import _responses, nuisance, projected, run_null, screen
 from daest.errors import EstimationError
 from daest.modelica.sites import sites
@@ -29,10 +44,22 @@ def candidates(*names):
     return pairs(some_effects(*names), sites(model()))
 
 
-def screened(record):
-    """The screen at the values that the null has on another record: no fit of its own."""
+@cache
+def true_null():
+    """The null with the rotor's own values and noises: white torque as a load of two sampling periods."""
     null, _ = quiet()
-    null = replace(null, experiments=(record,))
+    T = 2 * PERIOD
+    values = {"J": INERTIA, "d": DAMPING, "load_1.T": T}
+    parameters = tuple(replace(p, value=values.get(p.name, p.value)) for p in null.flat.parameters)
+    noises = tuple(replace(n, value=NOISE / T**2 if n.kind == "process" else SENSOR) for n in null.fit.noises)
+    fit = replace(null.fit, noises=noises, theta={**null.fit.theta, **values})
+    flat = replace(null.flat, parameters=parameters)
+    return replace(null, flat=flat, explicit=reduce_index(flat), fit=fit, loads=loads_of(fit, null.places))
+
+
+def screened(record):
+    """The screen at the true values: no fit of its own."""
+    null = replace(true_null(), experiments=(record,))
     return screen(null, run_null(null), candidates(*EFFECTS))
 
 
