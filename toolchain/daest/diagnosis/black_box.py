@@ -123,10 +123,7 @@ def diagnose_black_box(
     responses = [_response(case, trial) for trial in trials]
     screened = _screen(trials, responses, residuals, slopes)
     tried = _case(quiet, form, baseline, tuple(validation))
-    proofs = []
-    for entry in _worth_a_refit(screened):
-        with contextlib.suppress(IntegrationError):  # an effect that the FMU cannot be simulated with is none
-            proofs.append(_proof(case, tried, entry, residuals, len(trials)))
+    proofs = _proofs(case, tried, _worth_a_refit(screened), residuals, len(trials))
     verdict, message, experiment = _verdict(
         proofs, lambda: _is_white(residuals) or _is_noise_of(flat, baseline, estimation)
     )
@@ -423,12 +420,13 @@ def _screen(
     """Scores of all trials on the whitened residual, best first, p-values corrected for the search; and the
     share of the residual, as it is, that one step from the null would explain."""
     filters = _autoregression(residuals)
-    weights = _weights(residuals, filters)
+    spreads = _spreads(residuals, filters)
+    weights = _weights(residuals, spreads)
     e = _white(residuals, filters) * weights
     base = np.array([_white([t[k] for t in slopes], filters) * weights for k in range(slopes[0].shape[0])])
     basis = _orthonormal(base)
     left = e - basis @ (basis.T @ e)
-    shares = _shares(responses, residuals, slopes, _spreads(residuals, filters))
+    shares = _shares(responses, residuals, slopes, spreads)
     seen_from = float(norm.isf(LEVEL / 2 / len(trials))) + POWER
     entries = []
     for trial, response, share in zip(trials, responses, shares, strict=True):
@@ -483,10 +481,9 @@ def _spreads(residuals: Sequence[np.ndarray], filters: Sequence[np.ndarray]) -> 
     return np.array([s or 1.0 for s in found])
 
 
-def _weights(residuals: Sequence[np.ndarray], filters: Sequence[np.ndarray]) -> np.ndarray:
+def _weights(residuals: Sequence[np.ndarray], spreads: np.ndarray) -> np.ndarray:
     """1 / standard deviation of the whitened residual of every output, in the order of `_white`."""
-    stds = _spreads(residuals, filters)
-    parts = [np.full(e.shape[0] - MOST_ORDER, 1.0 / s) for e in residuals for s in stds]
+    parts = [np.full(e.shape[0] - MOST_ORDER, 1.0 / s) for e in residuals for s in spreads]
     return np.concatenate(parts)
 
 
@@ -503,17 +500,33 @@ def _orthonormal(rows: np.ndarray) -> np.ndarray:
 # ----------------------------------------------------------------------------------------------- proof
 
 
+def _proofs(
+    case: Case, validation: Case, entries: Sequence[dict[str, Any]], residuals: Sequence[np.ndarray],
+    n_trials: int,
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Of all entries; an effect that the FMU cannot be simulated with is none."""
+    found: list[dict[str, Any]] = []
+    if entries:
+        with contextlib.suppress(IntegrationError):
+            without = _rms(_with_fitted_starts(validation))
+            for entry in entries:
+                with contextlib.suppress(IntegrationError):
+                    found.append(_proof(case, validation, without, entry, residuals, n_trials))
+    return found
+
+
 def _proof(
-    case: Case, validation: Case, entry: dict[str, Any], residuals: Sequence[np.ndarray], n_trials: int
-) -> dict[str, Any]:
-    """The effect put at its place and refitted with all parameters, and tried on validation data."""
+    case: Case, validation: Case, without: Sequence[float], entry: dict[str, Any],
+    residuals: Sequence[np.ndarray], n_trials: int,
+) -> dict[str, Any]:  # fmt: skip
+    """The effect put at its place and refitted with all parameters, and tried on validation data, whose rms
+    errors are those `without` it so far."""
     trial: Trial = entry["trial"]
     fitted, size, std_error, errors = _refitted(case, trial, entry["sizes"]["size"])
     gain = _log_likelihood(errors) - _log_likelihood(residuals)
     n = sum(e.size for e in errors)
     tried = _with_fitted_starts(replace(validation, theta=fitted.theta), trial, size)
-    plain = _with_fitted_starts(validation)
-    with_effect, without = _rms(tried, trial, size), _rms(plain)
+    with_effect = _rms(tried, trial, size)
     better = float(np.mean([1 - a / b for a, b in zip(with_effect, without, strict=True) if b > 0]))
     names = [o.name for o in case.flat.outputs]
     left = [float(r) for r in np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))]
