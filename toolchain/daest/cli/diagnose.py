@@ -12,7 +12,7 @@ import click
 
 from daest.cli.diagnose_fmu import black_box_document
 from daest.cli.kept import made_from, training_files
-from daest.cli.models import load_model, model_source
+from daest.cli.models import chosen_class, load_model, model_source
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -179,7 +179,6 @@ def opened(
     estimation, validation, hold, coarser = _sufficient(estimation, validation, project, data_choice)
     folders = (*libraries, *project.libraries)
     library = effect_library(folders)
-    own = project.source is not None and source.resolve() == project.source.resolve()
     fit = _earlier_fit(project, source, loaded, estimation)
     options = _options(flat, folders, search, hold, fit)
     decisive = (options.effects, options.places, options.hold, options.seed)
@@ -187,7 +186,7 @@ def opened(
     return Case(
         project,
         source,
-        class_name or (project.class_name if own else None),
+        chosen_class(project, source, class_name),
         folders,
         flat,
         estimation,

@@ -94,7 +94,8 @@ def _write(
     result: Simulation, form: str, output: Path | None, all_variables: bool, remarks: Sequence[str]
 ) -> None:
     note(f"{result.n_samples} samples, {result.method}, hold {result.hold}")
-    for remark in (*remarks, *_what_is_missing(result, all_variables)):
+    remarks = (*remarks, *_what_is_missing(result, all_variables))
+    for remark in remarks:
         note(remark)
     if form == "json":
         document = {**documents.document(result), "notes": list(remarks)}

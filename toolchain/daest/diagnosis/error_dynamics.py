@@ -91,7 +91,7 @@ def dynamics_along(
     if not is_varying or has_affine_dynamics(explicit):
         return (average_dynamics(average),) * len(experiments)
     model = integrator(_pushed(explicit), _pushes(explicit.n_states), runs_once=True)
-    slopes = jacobians(explicit)
+    slopes = jacobians(explicit).slice("output_slopes", range(4), [2])
     return tuple(
         _along(explicit, model, slopes, *one, hold, rtol)
         for one in zip(experiments, filtered, predicted, strict=True)
@@ -168,5 +168,5 @@ def _slopes_along(
     n_samples, n = states.shape
     ubar = np.vstack([experiment.inputs.T, np.zeros((explicit.rhs.numel_in(2), n_samples))])
     theta = np.tile(explicit.flat.theta_values[:, None], (1, n_samples))
-    _, _, rows = slopes.map(n_samples)(states.T, ubar, theta, experiment.time)
+    rows = slopes.map(n_samples)(states.T, ubar, theta, experiment.time)
     return np.array(rows).reshape(-1, n_samples, n).transpose(1, 0, 2)

@@ -171,10 +171,8 @@ def prove(
     after = None if load is None else run_null(with_effect)
     explained = _explained(null_fit, with_effect, after, load)
     p_value = float(min(1.0, n_screened * chi2.sf(2.0 * max(gain, 0.0), n_own)))
-    ratios, one_step = (
-        error_ratios(null_fit.simulated, fit.simulated),
-        error_ratios(null_fit.one_step, fit.one_step),
-    )
+    ratios = error_ratios(null_fit.simulated, fit.simulated)
+    one_step = error_ratios(null_fit.one_step, fit.one_step)
     # A law that says all that the load has to do with any variable need not explain more of the load.
     says_all = form is not None and form.p_value < LEFT_LEVEL and gain >= form.log_likelihood_gain
     is_curve = says_all and explained >= CURVE_EXPLAINED

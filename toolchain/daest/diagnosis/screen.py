@@ -44,9 +44,8 @@ RANK = 1e-7  # singular values of the scaled nuisance directions below this are 
 DRAWS = 20_000  # of the largest score under the null
 POWER = 0.9  # at which the smallest detectable size is stated
 RTOL = 1e-5
-PIECE = (
-    500  # samples at a time: the pattern of a function mapped over all of them takes longer than its values
-)
+# Samples at a time: the pattern of a function mapped over all of them takes longer than its values.
+PIECE = 500
 
 
 @dataclass(frozen=True)

@@ -122,16 +122,10 @@ def parameter_coordinate(
     )
 
 
-def with_lost_ones(unknowns: Unknowns, z: np.ndarray, given: np.ndarray) -> np.ndarray:
-    """z with the logarithmic parameters that have run off towards zero back where the user started, as what
-    drove them there may by now be known to be noise; z itself where there are none."""
-    lost = [
+def lost_ones(unknowns: Unknowns, z: np.ndarray, start: np.ndarray) -> list[int]:
+    """The logarithmic parameters that have run off towards zero on the way from `start` to z."""
+    return [
         i
         for i, coordinate in enumerate(unknowns.coordinates)
-        if coordinate.kind == "parameter" and coordinate.is_log and z[i] < given[i] + LOST
+        if coordinate.kind == "parameter" and coordinate.is_log and z[i] < start[i] + LOST
     ]
-    if not lost:
-        return z
-    revived = z.copy()
-    revived[lost] = given[lost]
-    return revived

@@ -16,9 +16,9 @@ import numpy as np
 from daest.errors import EstimationError
 from daest.estimation import trajectories
 from daest.estimation.agreement import agreement_of
-from daest.estimation.coordinates import Coordinate, Unknowns, with_lost_ones
+from daest.estimation.coordinates import Coordinate, Unknowns
 from daest.estimation.ekf import EkfLikelihood, ekf_likelihood, run_ekf
-from daest.estimation.ekf_start import best_start, felt_intensity
+from daest.estimation.ekf_start import best_start, felt_intensity, with_lost_ones
 from daest.estimation.filter_task import Directions, Noise, Record, Start, record
 from daest.estimation.identifiability import correlation, covariance, weak_directions, without_influence
 from daest.estimation.identify_nonlinear import identify_nonlinear

@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 
 from daest.errors import EstimationError
-from daest.estimation.coordinates import Unknowns
+from daest.estimation.coordinates import Unknowns, lost_ones
 from daest.estimation.ekf import run_ekf
 from daest.estimation.filter_task import Noise, Record, Start
 from daest.estimation.search import Evaluation
@@ -88,3 +88,14 @@ def felt_intensity(
         largest = float(np.max(moved / std**2, initial=0.0))
         felt[i] = 1.0 / largest if largest > 0.0 else 1.0
     return felt
+
+
+def with_lost_ones(unknowns: Unknowns, z: np.ndarray, given: np.ndarray) -> np.ndarray:
+    """z with the parameters that a search has lost back where the user started, as what drove them there may
+    by now be known to be noise; z itself where there are none."""
+    lost = lost_ones(unknowns, z, given)
+    if not lost:
+        return z
+    revived = z.copy()
+    revived[lost] = given[lost]
+    return revived

@@ -19,7 +19,7 @@ import numpy as np
 
 from daest.estimation import trajectories
 from daest.estimation.checks import no_start
-from daest.estimation.coordinates import Unknowns, with_lost_ones
+from daest.estimation.coordinates import Unknowns, lost_ones
 from daest.estimation.noise_levels import (
     Ending,
     Levels,
@@ -186,7 +186,7 @@ def _simulated(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions) -
 
 def _has_lost_one(end: Ending | None, start: np.ndarray) -> bool:
     """Whether a search has lost a parameter: on a way over hills it may end where none was to be."""
-    return end is not None and with_lost_ones(end.problem.unknowns, end.found.z, start) is not end.found.z
+    return end is not None and bool(lost_ones(end.problem.unknowns, end.found.z, start))
 
 
 def _is_poor(end: Ending | None) -> bool:

@@ -313,13 +313,13 @@ def _nonlinear(task: _Task, rtol: float) -> tuple[np.ndarray, str]:
 
 
 def _failed(time: float, reason: str, given: GivenForm | None = None) -> NumericalError:
-    remedy = (
-        "check the parameters and the inputs at that time, and whether a mass or another coefficient of a "
-    )
-    remedy += "derivative becomes zero; round a discontinuity over a width, as tanh(w/width) for sign(w)"
-    if given is not None:
-        remedy = "check the parameters and the inputs at that time"
-    if given is not None and given.hides_states:
+    remedy = "check the parameters and the inputs at that time"
+    if given is None:
+        remedy += (
+            ", and whether a mass or another coefficient of a derivative becomes zero; round a discontinuity "
+            "over a width, as tanh(w/width) for sign(w)"
+        )
+    elif given.hides_states:
         remedy += "; an FMU that steps by itself may want samples at multiples of its own step: --resample"
     return NumericalError(
         "simulation-failed", f"the simulation stopped at t = {time:g} s: {reason}", remedy=remedy
