@@ -12,29 +12,29 @@ docs/black_box_rates.json` writes the rates that the documentation shows.
 
 from __future__ import annotations
 
-import argparse
 import json
 import tempfile
 import time
 import warnings
 import zipfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 
 import diagnosis_study
 import numpy as np
-from diagnosis_study import EXCITATIONS, SIZES, Case, Rate, limits, servo_truth
+from diagnosis_study import EXCITATIONS, SIZES, Case, Rate, arguments, chosen, keep, limits, servo_truth
 
 from daest.diagnosis.black_box import diagnose_black_box
 from daest.errors import DaestError
+from daest.estimation.records import part_of
 from daest.fmu.binary_form import BinaryForm
 from daest.fmu.export import export_fmu
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
-from daest.parallel import Outcome, workers
+from daest.parallel import workers
 
 # Faults of sensors at size 1: what is done to the outputs (omega, phi) of a record.
 FAULTS: dict[str, Callable[[np.ndarray, np.ndarray, float], np.ndarray]] = {
@@ -113,13 +113,11 @@ def record(case: Case, kind: str, size: float, samples: int, seed: int) -> Exper
     return made if fault is None else replace(made, outputs=fault(made.outputs, made.time, size))
 
 
-def half(e: Experiment, second: bool) -> Experiment:
-    n = e.time.size // 2
-    part = slice(n, None) if second else slice(0, n)
-    return replace(
-        e, name=f"{e.name} {2 if second else 1}", time=e.time[part], inputs=e.inputs[part],
-        outputs=e.outputs[part], extra={name: values[part] for name, values in e.extra.items()},
-    )  # fmt: skip
+def halves(e: Experiment) -> list[Experiment]:
+    """The one to fit, and the one to validate."""
+    cut, n = e.n_samples // 2, e.n_samples
+    parts = (part_of(e, 0, cut), part_of(e, cut, n))
+    return [replace(part, name=f"{e.name} {i + 1}") for i, part in enumerate(parts)]
 
 
 def one_run(task: tuple[str, int, int]) -> Run:
@@ -128,11 +126,11 @@ def one_run(task: tuple[str, int, int]) -> Run:
     warnings.simplefilter("ignore")
     kind, size = EXCITATIONS[seed % 3], SIZES[seed // 3 % 3]
     own = int(np.random.SeedSequence([seed, *case.name.encode()]).generate_state(1)[0])
-    whole = record(case, kind, size, samples, own)
+    first, second = halves(record(case, kind, size, samples, own))
     flat = box()
     began = time.perf_counter()
     try:
-        found = diagnose_black_box(flat, [half(whole, False)], [half(whole, True)], "zoh")
+        found = diagnose_black_box(flat, [first], [second], "zoh")
     except DaestError as error:
         found = {"verdict": f"error {error.code}", "candidates": [], "screen": {"p_value": None}}
     accepted = [c for c in found["candidates"] if c["verdict"] != "rejected"]
@@ -223,13 +221,6 @@ def _row(case: Case, runs: Sequence[Run]) -> dict:
 # Command ----------------------------------------------------------------------------------------------------
 
 
-def chosen(wanted: Iterable[str]) -> list[Case]:
-    unknown = set(wanted) - {case.name for case in CASES} - set(GROUPS)
-    if unknown:
-        raise SystemExit(f"no case {', '.join(sorted(unknown))}; see --list")
-    return [case for case in CASES if not wanted or {case.name, case.group} & set(wanted)]
-
-
 def kept(path: Path | None) -> list[Run]:
     if path is None or not path.exists():
         return []
@@ -237,29 +228,10 @@ def kept(path: Path | None) -> list[Run]:
     return [Run(**{**line, "claimed": tuple(line["claimed"])}) for line in lines]
 
 
-def keep(path: Path | None, _number: int, outcome: Outcome[Run]) -> None:
-    if outcome.error is not None:
-        return
-    run = outcome.get()
-    told = f"{run.verdict} {', '.join(run.claimed)}"
-    print(f"{run.case} {run.seed} {run.excitation} {run.size} {run.seconds} s: {told}", flush=True)
-    if path:
-        with path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(asdict(run)) + "\n")
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--case", action="append", default=[], help="group or case; may be repeated")
-    parser.add_argument("--runs", type=int, default=9, help="of each case")
-    parser.add_argument("--seed", type=int, default=0, help="of the first run")
-    parser.add_argument("--samples", type=int, default=1600, help="of a record; half are for validation")
-    parser.add_argument("--jobs", type=int, default=1, help="runs at a time")
-    parser.add_argument("--json", type=Path, help="file that keeps the runs")
-    parser.add_argument("--table", type=Path, help="file for the rates, as docs/black_box_rates.json")
-    parser.add_argument("--list", action="store_true", help="name the cases and end")
+    parser = arguments(__doc__, "docs/black_box_rates.json")
     options = parser.parse_args()
-    cases = chosen(options.case)
+    cases = chosen(options.case, CASES)
     if options.list:
         print("\n".join(f"{case.group:8} {case.name}" for case in cases))
         return

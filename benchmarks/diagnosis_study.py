@@ -685,9 +685,9 @@ def peer_rates(runs: Sequence[Run]) -> list[Rate]:
 # Command ----------------------------------------------------------------------------------------------------
 
 
-def chosen(wanted: Iterable[str]) -> list[Case]:
-    found = [case for case in CASES if not wanted or {case.name, case.group} & set(wanted)]
-    unknown = set(wanted) - {case.name for case in CASES} - {case.group for case in CASES}
+def chosen(wanted: Iterable[str], cases: Sequence[Case] = CASES) -> list[Case]:
+    found = [case for case in cases if not wanted or {case.name, case.group} & set(wanted)]
+    unknown = set(wanted) - {case.name for case in cases} - {case.group for case in cases}
     if unknown:
         raise SystemExit(f"no case {', '.join(sorted(unknown))}; see --list")
     return found
@@ -714,18 +714,24 @@ def _restored(content: dict) -> Run:
     return Run(**{**content, "claimed": tuple(content["claimed"])})
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+def arguments(description: str, table: str) -> argparse.ArgumentParser:
+    """The options that studies of records share; `table` is the file of rates in the documentation."""
+    parser = argparse.ArgumentParser(description=description.partition("\n")[0])
     parser.add_argument("--case", action="append", default=[], help="group or case; may be repeated")
     parser.add_argument("--runs", type=int, default=9, help="of each case")
     parser.add_argument("--seed", type=int, default=0, help="of the first run")
     parser.add_argument("--samples", type=int, default=1600, help="of a record; half are for validation")
     parser.add_argument("--jobs", type=int, default=1, help="runs at a time on this machine")
-    parser.add_argument("--cluster", help="address of a Dask cluster that runs them instead")
     parser.add_argument("--json", type=Path, help="file that keeps the runs")
-    parser.add_argument("--table", type=Path, help="file for the rates, as docs/rates.json")
-    parser.add_argument("--peers", action="store_true", help="other methods on the same records")
+    parser.add_argument("--table", type=Path, help=f"file for the rates, as {table}")
     parser.add_argument("--list", action="store_true", help="name the cases and end")
+    return parser
+
+
+def main() -> None:
+    parser = arguments(__doc__, "docs/rates.json")
+    parser.add_argument("--cluster", help="address of a Dask cluster that runs them instead")
+    parser.add_argument("--peers", action="store_true", help="other methods on the same records")
     options = parser.parse_args()
     cases = chosen(options.case)
     if options.list:
