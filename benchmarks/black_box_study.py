@@ -34,7 +34,7 @@ from daest.fmu.binary_form import BinaryForm
 from daest.fmu.export import export_fmu
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
-from daest.parallel import workers
+from daest.numerics.parallel import workers
 
 # Faults of sensors at size 1: what is done to the outputs (omega, phi) of a record.
 FAULTS: dict[str, Callable[[np.ndarray, np.ndarray, float], np.ndarray]] = {

@@ -43,7 +43,7 @@ from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.modelica.compile import compile_model
 from daest.modelica.effects import effect_library
-from daest.parallel import Outcome, workers
+from daest.numerics.parallel import Outcome, workers
 
 EXCITATIONS = ("steps", "noise", "sweep")
 SIZES = (0.3, 0.6, 1.0)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from daest.cli.main import run
-from daest.fmu import compiler
+from daest.numerics import compiler
 
 SERVO = Path(__file__).resolve().parents[1] / "examples" / "servo"
 N_ROWS = 400

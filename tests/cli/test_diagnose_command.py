@@ -225,7 +225,7 @@ def test_refused_data(cart, daest):
 
 def test_refused_cluster(cart, daest, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("daest.parallel.CONNECT_SECONDS", 0.5)
+    monkeypatch.setattr("daest.numerics.parallel.CONNECT_SECONDS", 0.5)
     err = refusal(daest, "rub.csv", "--cluster", "tcp://127.0.0.1:9")
     assert err.startswith("error[cluster-unreachable]") and "fitting" not in err
 

@@ -7,7 +7,7 @@ import pytest
 from lag_data import TRUE
 
 from daest.errors import FmuError
-from daest.fmu.compiler import find_compiler
+from daest.numerics.compiler import find_compiler
 
 
 @pytest.fixture(autouse=True)

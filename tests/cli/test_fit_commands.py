@@ -265,7 +265,7 @@ def test_bootstrap_in_text_and_json(fitted, daest):
 
 def test_cluster_that_is_not_there(fitted, daest, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("daest.parallel.CONNECT_SECONDS", 0.5)
+    monkeypatch.setattr("daest.numerics.parallel.CONNECT_SECONDS", 0.5)
     code, out, err = daest("identify", "--hold", "zoh", "--cluster", "tcp://127.0.0.1:9")
     assert code == 2 and not out and err.startswith("error[cluster-unreachable]")
     assert "--> tcp://127.0.0.1:9" in err and "dask scheduler" in err

@@ -242,7 +242,7 @@ def test_servo_without_fault_passes_and_friction_is_located(shared_data):
 
 
 def test_bootstrap_in_processes_is_the_same_to_the_last_bit(monkeypatch):
-    monkeypatch.setattr("daest.parallel.START_SECONDS", -np.inf)
+    monkeypatch.setattr("daest.numerics.parallel.START_SECONDS", -np.inf)
     time, u, x = exact(120)
     record = experiment(time, u, x + 0.02 * np.random.default_rng(4).standard_normal(120))
     candidate = Candidate("Lag", lag(noise_std=0.02), 2, "zoh")

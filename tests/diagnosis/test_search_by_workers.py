@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from hidden_plants import library, model, rotor_record
 
-from daest import parallel
 from daest.diagnosis.diagnose import DiagnoseOptions, diagnose
+from daest.numerics import parallel
 
 EFFECTS = ("CoulombFriction", "StribeckFriction", "QuadraticDrag", "Unbalance", "ExtraCompliance")
 

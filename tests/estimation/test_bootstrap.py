@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from nonlinear_models import explicit_from
 
-from daest import parallel
 from daest.errors import DaestError, EstimationError
 from daest.estimation import bootstrap as engine
 from daest.estimation.bootstrap import with_bootstrap
 from daest.estimation.identify import identify
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
+from daest.numerics import parallel
 
 PERIOD, N, STD, GAIN, RATE = 0.1, 120, 0.05, 2.0, 1.5
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 
-from daest.fmu.compiler import build_shared
+from daest.numerics.compiler import build_shared
 
 DESCRIPTION = """<fmiModelDescription fmiVersion="2.0" modelName="Ball" guid="{ball}"
  numberOfEventIndicators="INDICATORS" generationTool="test">

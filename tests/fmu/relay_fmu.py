@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daest.fmu.compiler import build_shared
+from daest.numerics.compiler import build_shared
 
 DESCRIPTION = """<fmiModelDescription fmiVersion="2.0" modelName="Relay" guid="{relay}"
  numberOfEventIndicators="INDICATORS"><ModelExchange modelIdentifier="relay"/>

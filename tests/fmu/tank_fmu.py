@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import scipy.integrate
 
-from daest.fmu.compiler import build_shared
+from daest.numerics.compiler import build_shared
 
 H, U, Y, K = 1, 3, 4, 5
 TANK = """<fmiModelDescription fmiVersion="3.0" modelName="Tank" instantiationToken="{tank}">

@@ -12,12 +12,12 @@ from fmu_archives import changed, member
 from daest.errors import ConfigError, FmuError
 from daest.fmu import residual_form, semi_explicit, serialization
 from daest.fmu.binary_form import BinaryForm
-from daest.fmu.compiler import build_shared
 from daest.fmu.description import DAE_FOLDER, MANIFEST
 from daest.fmu.linearize import available_sources, cross_check_fmu, linearize_fmu, matrices_apart
 from daest.fmu.load import load_fmu
 from daest.fmu.points import difference
 from daest.fmu.runner import Evaluated
+from daest.numerics.compiler import build_shared
 from daest.systems.linearize import linear_dae_function, linearize
 
 TIGHT = 1e-12

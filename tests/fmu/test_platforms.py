@@ -5,9 +5,9 @@ import zipfile
 
 import pytest
 
-from daest.fmu.compiler import PLATFORMS
 from daest.fmu.export import export_fmu
 from daest.modelica.compile import compile_text
+from daest.numerics.compiler import PLATFORMS
 
 lief = pytest.importorskip("lief")
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="needs the ziglang wheel")

@@ -11,11 +11,11 @@ from fmu_archives import changed
 from tank_fmu import K, U, Y, levels, tank
 
 from daest.errors import FmuError
-from daest.fmu.compiler import build_shared
 from daest.fmu.drive import Drive
 from daest.fmu.linearize import linearize_fmu
 from daest.fmu.load import load_fmu
 from daest.fmu.runner import Points, Runner
+from daest.numerics.compiler import build_shared
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="built for Linux")
 

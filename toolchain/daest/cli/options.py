@@ -218,7 +218,7 @@ def require_cluster(address: str | None) -> None:
     `cluster-differs` or `cluster-without-dask`."""
     if address is None:
         return
-    from daest.parallel import workers
+    from daest.numerics.parallel import workers
 
     with workers(1, address):
         return

@@ -47,7 +47,7 @@ def _ending_at_once(tidy: Callable[[], object]) -> Iterator[None]:
 
     def end(*_: object) -> NoReturn:
         tidy()
-        if parallel := sys.modules.get("daest.parallel"):
+        if parallel := sys.modules.get("daest.numerics.parallel"):
             parallel.stop()
         # Not by click: the signal may come while the stream is being written to, which is not reentrant.
         os.write(STDERR, b"\ninterrupted; what is done is kept, the same command goes on from there\n")

@@ -30,7 +30,7 @@ from daest.model.comparison import Comparison, ModelTrial
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.model.linear import StateSpaceFamily
-from daest.parallel import Workers, workers
+from daest.numerics.parallel import Workers, workers
 from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.reduce import reduce_index
 from daest.systems.simulate import simulate

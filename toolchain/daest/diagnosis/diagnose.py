@@ -48,7 +48,7 @@ from daest.model.experiment import Experiment
 from daest.model.fit import FitResult
 from daest.model.flat import FlatModel
 from daest.modelica.sites import sites
-from daest.parallel import Outcome, Workers, workers
+from daest.numerics.parallel import Outcome, Workers, workers
 from daest.systems.reduce import reduce_index
 from daest.systems.sample import Hold
 

@@ -22,7 +22,7 @@ from daest.errors import ConfigError
 from daest.model.diagnosis import Proof
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
-from daest.parallel import program
+from daest.numerics.parallel import program
 
 DIGITS = 6  # of a value that count: the last ones change from one machine to another
 _LEFT_OUT = ("candidate", "flat")  # of a proof: known before it is made

@@ -26,7 +26,7 @@ from daest.model.explicit import ExplicitModel
 from daest.model.fit import Bootstrap, FitResult, IdentifyOptions
 from daest.model.flat import FlatModel
 from daest.model.linear import StateSpaceFamily
-from daest.parallel import workers
+from daest.numerics.parallel import workers
 from daest.systems.reduce import reduce_index
 from daest.systems.redundant import good_everywhere
 from daest.systems.simulate import simulate

@@ -31,8 +31,8 @@ from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions, Method, NoiseChoice
 from daest.model.flat import FlatModel
 from daest.model.linear import StateSpaceFamily
+from daest.numerics.parallel import workers
 from daest.numerics.statistics import whiteness_p_value
-from daest.parallel import workers
 from daest.systems.reduce import reduce_index
 from daest.systems.redundant import good_everywhere
 from daest.systems.sample import Hold

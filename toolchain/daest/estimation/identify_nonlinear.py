@@ -47,7 +47,7 @@ from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
 from daest.model.explicit import ExplicitModel
 from daest.model.fit import FitResult, IdentifyOptions, Method
-from daest.parallel import workers
+from daest.numerics.parallel import workers
 from daest.systems.integrate import integrator
 
 NOISE_ROUNDS = 2  # of searching noise levels and parameters in turn

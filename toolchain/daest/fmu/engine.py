@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from daest.errors import FmuError
-from daest.fmu.compiler import build_shared
 from daest.fmu.drive import Drive
 from daest.fmu.instance import Instance
+from daest.numerics.compiler import build_shared
 
 # The caller hears this often how far the solution has come.
 TOLD_SECONDS = 0.2

@@ -16,12 +16,12 @@ import numpy as np
 import daest
 from daest.errors import FmuError
 from daest.fmu import description, serialization, sources
-from daest.fmu.compiler import Platform, build_shared, native_platform, platform_named
 from daest.fmu.layout import Layout, layout
 from daest.fmu.portable import portable
 from daest.model.explicit import ExplicitModel
 from daest.model.flat import FlatModel
 from daest.model.fmu import ExportResult
+from daest.numerics.compiler import Platform, build_shared, native_platform, platform_named
 from daest.systems.initialize import initial_point
 from daest.systems.reduce import reduce_index
 

@@ -24,12 +24,12 @@ import numpy as np
 
 from daest.errors import FmuError
 from daest.fmu.archive import open_archive
-from daest.fmu.compiler import native_platform
 from daest.fmu.drive import Drive
 from daest.fmu.engine import Followed, Plan
 from daest.fmu.instance import Binary
 from daest.fmu.wire import read_message, write_message
 from daest.model.fmu import FmuModel
+from daest.numerics.compiler import native_platform
 
 # Environment variables that change the limits.
 SECONDS_VARIABLE, MEMORY_VARIABLE = "DAEST_FMU_SECONDS", "DAEST_FMU_MEMORY"

@@ -10,7 +10,7 @@ import numpy as np
 
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement
-from daest.model.shown import Framed
+from daest.model.shown import Framed, Listing
 
 Verdict = Literal["falsified", "not falsified"]
 
@@ -98,3 +98,19 @@ class Comparison(Framed):
     output_names: tuple[str, ...]
     output_units: tuple[str, ...]
     models: tuple[ModelTrial, ...]
+
+    def tables(self) -> tuple[Listing, ...]:
+        rows = tuple(
+            (
+                m.name,
+                output,
+                m.simulation.fit_percent.get(output),
+                m.simulation.rms.get(output),
+                m.bic,
+                m.verdict,
+            )
+            for m in self.models
+            for output in self.output_names
+        )
+        names = ", ".join(e.name for e in self.experiments)
+        return (Listing(f"On {names}", ("model", "output", "fit %", "rms", "bic", "verdict"), rows),)

@@ -11,7 +11,7 @@ import numpy as np
 from daest.model.effects import Effect, Site
 from daest.model.fit import Agreement, FitResult
 from daest.model.flat import FlatModel
-from daest.model.shown import Framed
+from daest.model.shown import Framed, Listing
 
 VerdictName = Literal[
     "nothing missing",
@@ -199,6 +199,14 @@ class Diagnosis(Framed):
     seconds: float
     learned: LearnedLoad | None = None  # of an unknown effect
 
+    def tables(self) -> tuple[Listing, ...]:
+        columns = ("effect", "at", "verdict", "delta_bic", "p_value")
+        rows = tuple(
+            (p.candidate.effect.name, p.candidate.site.name, p.verdict, p.delta_bic, p.p_value)
+            for p in self.proofs
+        )
+        return (Listing(f"{self.verdict}: {self.message}", columns, rows),)
+
 
 @dataclass(frozen=True)
 class Step:
@@ -218,3 +226,10 @@ class Improvement(Framed):
     steps: tuple[Step, ...]
     last: Diagnosis
     reason: str
+
+    def tables(self) -> tuple[Listing, ...]:
+        rows = tuple(
+            (i, "" if step.proof is None else step.proof.candidate.name, step.remark, step.fit.log_likelihood)
+            for i, step in enumerate(self.steps)
+        )
+        return (Listing(self.reason, ("step", "added", "remark", "log-likelihood"), rows),)

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from daest.model.shown import Timed
+from daest.model.shown import Timed, Trajectories
 
 FilterKind = Literal["time-varying", "stationary"]
 NonlinearKind = Literal["ekf", "ukf", "particle"]
@@ -247,3 +247,13 @@ class FilterResult(Timed):
     hold: Literal["zoh", "foh"]
     messages: tuple[str, ...] = ()
     effective_sample_size: np.ndarray | None = None
+
+    def trajectories(self) -> Trajectories:
+        columns = {
+            **dict(zip(self.names, self.values.T, strict=True)),
+            **{f"{name}.std": std for name, std in zip(self.names, self.std.T, strict=True)},
+        }
+        units = dict(zip(self.names, self.units, strict=True))
+        units.update({f"{name}.std": unit for name, unit in list(units.items())})
+        kind = f"{self.kind} {'smoother' if self.smoothed else 'filter'}"
+        return Trajectories(kind, self.time, columns, units)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from daest.model.shown import Timed
+from daest.model.shown import Timed, Trajectories
 
 UNIFORM = 1e-6  # relative deviation of a step from the sampling period
 TIME_RESOLUTION = 1e-9  # of written times, relative to the last one
@@ -52,3 +52,11 @@ class Experiment(Timed):
         mean = (self.time[-1] - self.time[0]) / steps.size
         tolerance = UNIFORM * mean + TIME_RESOLUTION * abs(self.time[-1])
         return float(mean) if np.all(np.abs(steps - mean) <= tolerance) else None
+
+    def trajectories(self) -> Trajectories:
+        values = {
+            **dict(zip(self.input_names, self.inputs.T, strict=True)),
+            **dict(zip(self.output_names, self.outputs.T, strict=True)),
+            **self.extra,
+        }
+        return Trajectories(self.name, self.time, values, {})

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from daest.model.prior import Prior
-from daest.model.shown import Framed
+from daest.model.shown import Framed, Listing
 
 Method = Literal["oe", "pem"]
 Status = Literal["converged", "stalled", "iteration limit"]
@@ -209,3 +209,22 @@ class FitResult(Framed):
     @property
     def is_converged(self) -> bool:
         return self.status == "converged"
+
+    def tables(self) -> tuple[Listing, ...]:
+        columns = ("parameter", "value", "std_error", "unit", "start", "min", "max", "at_bound")
+        rows = tuple(
+            (p.name, p.value, p.std_error, p.unit, p.initial, p.min, p.max, p.at_bound)
+            for p in self.parameters
+        )
+        parameters = Listing(f"{self.status}: {self.message}", columns, rows)
+        return parameters, _agreements(self.simulated, self.one_step)
+
+
+def _agreements(simulated: Mapping[str, Agreement], one_step: Mapping[str, Agreement]) -> Listing:
+    rows = tuple(
+        (part, output, fit, agreement.rms[output], one_step[part].fit_percent.get(output))
+        for part, agreement in simulated.items()
+        for output, fit in agreement.fit_percent.items()
+    )
+    columns = ("data", "output", "fit %", "rms", "one-step fit %")
+    return Listing("Model against data, simulated", columns, rows)

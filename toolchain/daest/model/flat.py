@@ -1,104 +1,20 @@
-"""FlatModel: the equation list of a Modelica model, F(ξ', ξ, u, w, θ, t) = 0 and y = h(ξ, u, w, θ, t).
+"""FlatModel: the equation list of a Modelica model, F(ξ', ξ, u, w, θ, t) = 0 and y = h(ξ, u, w, θ, t); and
+ExplicitModel, its index-reduced form.
 
 Gerdin & Schön (1). One scalar equation per row, each with its text, its origin and its source line.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal, Protocol
 
 import casadi as ca
 import numpy as np
 
-from daest.errors import Place
-from daest.model.given import GivenForm
-from daest.model.prior import Prior
-
-
-@dataclass(frozen=True)
-class Variable:
-    """A scalar unknown or input. `start` is None where the source gives none; `unit` is Modelica's
-    spelling."""
-
-    name: str
-    unit: str = ""
-    description: str = ""
-    start: float | None = None
-    fixed: bool = False
-    min: float | None = None
-    max: float | None = None
-    nominal: float | None = None
-    is_flow: bool = False
-    state_select: Literal["never", "avoid", "default", "prefer", "always"] = "default"
-    place: Place | None = None
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A scalar parameter θ_i. `estimate` marks an unknown one; `scale` is the scale the search works in."""
-
-    name: str
-    value: float
-    unit: str = ""
-    description: str = ""
-    min: float | None = None
-    max: float | None = None
-    nominal: float | None = None
-    estimate: bool = False
-    scale: Literal["auto", "linear", "log"] = "auto"
-    place: Place | None = None
-    prior: Prior | None = None
-
-
-@dataclass(frozen=True)
-class DerivedParameter:
-    """A parameter that the source computes from others (`J2 = J1/2`): reported, not tunable."""
-
-    name: str
-    expression: str
-    unit: str = ""
-    description: str = ""
-    place: Place | None = None
-
-
-@dataclass(frozen=True)
-class NoiseInput:
-    """A scalar white noise w_i. `intensity` is its two-sided spectral density, [unit]² s: E w(t) w(s) =
-    intensity δ(t-s). None means that the source gives none."""
-
-    name: str
-    intensity: float | None = None
-    unit: str = ""
-    description: str = ""
-    estimate: bool = False
-    place: Place | None = None
-    intensity_parameter: str = ""  # name of the parameter that holds the intensity, if one does
-
-
-@dataclass(frozen=True)
-class Output:
-    """A scalar measured output y_i = h_i(ξ, u, w, θ, t) + e_i; `noise_std` is the standard deviation of one
-    sample of e_i, in the unit of the output, None where the source gives none."""
-
-    name: str
-    unit: str = ""
-    description: str = ""
-    noise_std: float | None = None
-    estimate_noise: bool = True
-    place: Place | None = None
-    noise_std_parameter: str = ""  # name of the parameter that holds the standard deviation, if one does
-
-
-@dataclass(frozen=True)
-class Equation:
-    """A scalar equation. `text` is readable Modelica (`J*a = flange_a.tau + flange_b.tau`); `kind` tells
-    where it comes from, `origin` names the component, or the connectors of a connection."""
-
-    text: str
-    kind: Literal["component", "connection", "flow", "unconnected", "binding"]
-    origin: str
-    place: Place | None = None
+from daest.model.linear import LinearDAE, StateSpaceFamily
+from daest.model.parts import DerivedParameter, Equation, NoiseInput, Output, Parameter, Variable
 
 
 @dataclass(frozen=True)
@@ -163,3 +79,107 @@ class FlatModel:
     def theta_values(self) -> np.ndarray:
         """Values of all parameters, shape (n_parameters,)."""
         return np.array([p.value for p in self.parameters])
+
+
+@dataclass(frozen=True)
+class InputDerivative:
+    """The `order`-th time derivative of input `index`, which the index reduction needs as an extra input."""
+
+    index: int
+    order: int
+
+
+@dataclass(frozen=True)
+class ExplicitModel:
+    """The form ẋ = f(x, u, u̇, …, w, θ, t) of a `FlatModel`: states chosen by index reduction, and functions
+    of them.
+
+    The argument vector of all functions is `(x, u, v, w, theta, t)`: x (n_states,), inputs u, input
+    derivatives v (`input_derivatives`, may be empty), white noises w, all parameters theta, scalar time t.
+    Every function is a CasADi function with exact derivatives.
+
+    `rhs` returns ẋ (n_states,); `variables` returns ξ (n,); `variable_derivatives` returns ξ' (n,) where the
+    model determines it without differentiating the inputs further (NaN otherwise); `outputs` returns y.
+    `is_symbolic` is True when all functions are plain SX expressions (no Newton iteration inside).
+    `invariants` returns g (m,): relations g = 0 that tie the states where there are more of them than degrees
+    of freedom (`systems.redundant`); None where the states are free.
+    """
+
+    flat: FlatModel
+    state_names: tuple[str, ...]  # names of unknowns, or `der(name)` for a derivative chosen as a state
+    state_units: tuple[str, ...]
+    input_derivatives: tuple[InputDerivative, ...]
+    rhs: ca.Function
+    variables: ca.Function
+    variable_derivatives: ca.Function
+    outputs: ca.Function
+    is_symbolic: bool
+    n_differentiations: int  # how many equations were differentiated, counted with multiplicity
+    structural_index: int
+    largest_loop: int  # unknowns in the largest algebraic loop after tearing, 0 when there is none
+    invariants: ca.Function | None = None
+
+    @property
+    def n_states(self) -> int:
+        return len(self.state_names)
+
+
+class GivenForm(Protocol):
+    """The form in which a model is given from outside, such as the binary of an FMU.
+
+    Its `FlatModel` has names, units and values, and NaN for every residual: each step that would take its
+    functions from the equations asks here. `hides_states`: only simulations can be had.
+    """
+
+    hides_states: bool
+
+    @property
+    def may_jump(self) -> bool:
+        """Answers may depend on more than time, states and inputs: on discrete variables that events have
+        changed, or on steps that it has heard of."""
+
+    @property
+    def method(self) -> str:
+        """How simulations are computed."""
+
+    @property
+    def is_affine(self) -> bool: ...
+
+    def has_affine_dynamics(self, flat: FlatModel) -> bool:
+        """Rates and outputs are affine, whatever the other variables are."""
+
+    def with_noises(self, flat: FlatModel, noises: Mapping[str, float | None]) -> FlatModel:
+        """The model with white noise of the given intensities at its places, by name."""
+
+    def explicit(self, flat: FlatModel) -> ExplicitModel: ...
+
+    def linearize(self, flat: FlatModel, theta: np.ndarray, at: Mapping[str, float] | None) -> LinearDAE: ...
+
+    def family(self, flat: FlatModel, at: Mapping[str, float] | None) -> StateSpaceFamily: ...
+
+    def start(
+        self, flat: FlatModel, theta: np.ndarray, u: np.ndarray, time: float, given: Mapping[str, float]
+    ) -> np.ndarray:
+        """Initial states (n_states,)."""
+
+    def integrate(
+        self, flat: FlatModel, names: tuple[str, ...], drive: Any, options: Mapping[str, Any]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """States, outputs and sensitivities as in `systems.integrate.Trajectory`."""
+
+    def variables_along(
+        self,
+        flat: FlatModel,
+        time: np.ndarray,
+        ubar: np.ndarray,
+        theta: np.ndarray,
+        states: np.ndarray,
+        hold: Literal["zoh", "foh"],
+    ) -> np.ndarray:
+        """All internal variables (n_samples, n) along states (n_samples, n_states)."""
+
+    def raise_failure(self) -> None:
+        """Raise the error that a CasADi function of `explicit` met; its value was NaN."""
+
+    def local_functions(self, flat: FlatModel) -> tuple[Any, Any]:
+        """`flow` and `see` of `systems.local_linear.LocalModel`."""

@@ -15,8 +15,8 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from daest.model.flat import Equation, NoiseInput, Output, Parameter, Variable
-from daest.model.shown import Shown, package
+from daest.model.parts import Equation, NoiseInput, Output, Parameter, Variable
+from daest.model.shown import Listing, Shown, package
 
 Matrix: TypeAlias = np.ndarray | sp.csr_array
 
@@ -52,6 +52,11 @@ class LinearDAE(Shown):
     @property
     def n(self) -> int:
         return len(self.equations)
+
+    def tables(self) -> tuple[Listing, ...]:
+        title = f"E ξ' = J ξ + K u + B w of {len(self.equations)} equations ({self.source})"
+        rows = tuple((p.name, p.value, p.unit, p.estimate) for p in self.parameters)
+        return (Listing(title, ("parameter", "value", "unit", "estimate"), rows),)
 
 
 @dataclass(frozen=True)
@@ -177,6 +182,15 @@ class StateSpace(Shown):
             outputs=list(self.output_names),
             name="daest",
         )
+
+    def tables(self) -> tuple[Listing, ...]:
+        poles = np.linalg.eigvals(self.A)
+        rows = tuple((float(p.real), float(p.imag)) for p in poles)
+        title = (
+            f"States {', '.join(self.state_names)}; inputs {', '.join(self.input_names)}; "
+            f"outputs {', '.join(self.output_names)}"
+        )
+        return (Listing(title, ("pole, real part", "imaginary part"), rows),)
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from daest.model.flat import Equation
 from daest.model.linear import RankDecision
-from daest.model.shown import Framed
+from daest.model.parts import Equation
+from daest.model.shown import Framed, Listing
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,22 @@ class NoiseReport(Framed):
     def all_admissible(self) -> bool:
         """True when every noise of the model and every place that was asked for is admissible."""
         return all(place.admissible for place in (*self.annotated, *self.asked))
+
+    def tables(self) -> tuple[Listing, ...]:
+        title = f"{self.n_forbidden} of {len(self.equations)} equations may not carry white noise"
+        columns = ("equation", "text", "admissible", "projection norm", "differentiated")
+        rows = tuple(
+            (i, equation.text, place.admissible, place.projection_norm, _differentiated(place))
+            for i, (equation, place) in enumerate(zip(self.equations, self.places, strict=True))
+        )
+        # What is forbidden is what a reader looks for.
+        ordered = tuple(sorted(rows, key=lambda row: row[2]))
+        return (Listing(title, columns, ordered),)
+
+
+def _differentiated(place: NoisePlace) -> str:
+    names, rest = ", ".join(place.differentiated), place.n_differentiated - len(place.differentiated)
+    return f"{names} and {rest} more" if rest > 0 else names
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from daest.model.shown import Framed
+from daest.model.shown import Framed, Listing
 
 Level = Literal["warning", "note"]
 Role = Literal["input", "output"]
@@ -64,3 +64,8 @@ class DataCheck(Framed):
     @property
     def warnings(self) -> tuple[Finding, ...]:
         return tuple(finding for finding in self.findings if finding.level == "warning")
+
+    def tables(self) -> tuple[Listing, ...]:
+        title = f"{self.name}: {self.n_samples} samples, {self.start:.6g} s to {self.stop:.6g} s"
+        rows = tuple((f.code, f.level, f.column, f.sentence, f.at, f.count) for f in self.findings)
+        return (Listing(title, ("code", "level", "column", "text", "time", "count"), rows),)

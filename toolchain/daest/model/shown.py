@@ -1,13 +1,18 @@
 """What results have in common for notebooks: a small table as HTML or Markdown, and DataFrames and Datasets.
 
-A value inherits from `Shown`, `Framed` or `Timed`; what stands in its tables is in `daest.model.listings`.
+A value inherits from `Shown` or `Framed` and says in `tables` what stands in its tables; or from `Timed`, and
+says in `trajectories` what it has over time.
 """
 
 from __future__ import annotations
 
 import importlib
+from collections.abc import Mapping
+from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from daest.errors import ConfigError
 
@@ -15,24 +20,41 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from daest.model.listings import Listing
-
 MOST_ROWS = 30  # of a table in a notebook; the rest is counted
 EXTRA = "frames"  # optional part of the installation that brings pandas and xarray
+
+
+@dataclass(frozen=True)
+class Listing:
+    """A table: a sentence above it, names of the columns, rows of numbers, texts, truth values or None."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Any, ...], ...]
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """Arrays (n_samples,) by name over `time` (s), with units by name."""
+
+    title: str
+    time: np.ndarray
+    values: Mapping[str, np.ndarray]
+    units: Mapping[str, str]
 
 
 class Shown:
     """A value that notebooks show as a table."""
 
-    def _repr_html_(self) -> str:
-        from daest.model.listings import listings_of
+    def tables(self) -> tuple[Listing, ...]:
+        """The tables of the value, the chief one first."""
+        raise NotImplementedError
 
-        return "".join(_html(listing) for listing in listings_of(self))
+    def _repr_html_(self) -> str:
+        return "".join(_html(listing) for listing in self.tables())
 
     def _repr_markdown_(self) -> str:
-        from daest.model.listings import listings_of
-
-        return "\n".join(_markdown(listing) for listing in listings_of(self))
+        return "\n".join(_markdown(listing) for listing in self.tables())
 
 
 class Framed(Shown):
@@ -40,9 +62,7 @@ class Framed(Shown):
 
     def to_frame(self) -> pd.DataFrame:
         """The table as a pandas DataFrame over its first column. Raises ConfigError `needs-package`."""
-        from daest.model.listings import listings_of
-
-        listing = listings_of(self)[0]
+        listing = self.tables()[0]
         frame = _package("pandas").DataFrame(list(listing.rows), columns=list(listing.columns))
         return frame.set_index(listing.columns[0])
 
@@ -50,12 +70,22 @@ class Framed(Shown):
 class Timed(Shown):
     """A value with trajectories."""
 
+    def trajectories(self) -> Trajectories:
+        """What the value has over time."""
+        raise NotImplementedError
+
+    def tables(self) -> tuple[Listing, ...]:
+        """The range of every trajectory."""
+        found = self.trajectories()
+        rows = tuple((name, found.units.get(name, ""), *_range(v)) for name, v in found.values.items())
+        span = f"{found.time[0]:.6g} s to {found.time[-1]:.6g} s" if found.time.size else "no time"
+        title = f"{found.title}: {found.time.size} samples, {span}"
+        return (Listing(title, ("name", "unit", "min", "mean", "max"), rows),)
+
     def to_frame(self) -> pd.DataFrame:
         """A column per trajectory over the index `time` [s]; units in `attrs["units"]`. Raises ConfigError
         `needs-package`."""
-        from daest.model.listings import trajectories_of
-
-        found = trajectories_of(self)
+        found = self.trajectories()
         pandas = _package("pandas")
         frame = pandas.DataFrame(found.values, index=pandas.Index(found.time, name="time"))
         frame.attrs["units"] = dict(found.units)
@@ -64,9 +94,7 @@ class Timed(Shown):
     def to_xarray(self) -> xr.Dataset:
         """A variable per trajectory over the coordinate `time` [s], with the attribute `units` where it is
         known. Raises ConfigError `needs-package`."""
-        from daest.model.listings import trajectories_of
-
-        found = trajectories_of(self)
+        found = self.trajectories()
         variables = {
             name: ("time", values, {"units": found.units[name]} if found.units.get(name) else {})
             for name, values in found.values.items()
@@ -89,6 +117,11 @@ def package(name: str, extra: str) -> Any:
 
 def _package(name: str) -> Any:
     return package(name, EXTRA)
+
+
+def _range(values: np.ndarray) -> tuple[float | None, float | None, float | None]:
+    known = values[np.isfinite(values)]
+    return (float(known.min()), float(known.mean()), float(known.max())) if known.size else (None, None, None)
 
 
 def _text(value: object) -> str:

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from daest.model.shown import Timed
+from daest.model.shown import Timed, Trajectories
 
 
 @dataclass(frozen=True)
@@ -57,3 +57,11 @@ class Simulation(Timed):
             if name in names:
                 return getattr(self, f"{kind}s")[:, names.index(name)]
         raise KeyError(name)
+
+    def trajectories(self) -> Trajectories:
+        values = {
+            **dict(zip(self.variable_names, self.variables.T, strict=True)),
+            **dict(zip(self.input_names, self.inputs.T, strict=True)),
+            **dict(zip(self.output_names, self.outputs.T, strict=True)),
+        }
+        return Trajectories(self.model_name, self.time, values, self.units)

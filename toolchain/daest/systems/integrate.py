@@ -19,8 +19,8 @@ import casadi as ca
 import numpy as np
 
 from daest.errors import FmuError, ModelError, NumericalError
-from daest.fmu.compiler import build_shared
 from daest.model.explicit import ExplicitModel
+from daest.numerics.compiler import build_shared
 from daest.numerics.projection import pull
 
 Hold = Literal["zoh", "foh"]

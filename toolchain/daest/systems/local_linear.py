@@ -18,8 +18,8 @@ import casadi as ca
 import numpy as np
 
 from daest.errors import EstimationError, FmuError, ModelError
-from daest.fmu.compiler import build_shared
 from daest.model.explicit import ExplicitModel
+from daest.numerics.compiler import build_shared
 from daest.systems.gaussian_average import averaged
 
 _WORK = ("arg", "res", "iw", "w")

@@ -33,7 +33,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 import daest
 from daest.errors import ConfigError, DaestError
-from daest.fmu.compiler import find_compiler
+from daest.numerics.compiler import find_compiler
 
 START_SECONDS = 3.0  # until processes work: tasks that would gain less run one after the other
 MOST_LOSSES = 3  # workers lost one after the other, without a result in between, that end a run

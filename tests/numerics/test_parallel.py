@@ -10,9 +10,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from daest import parallel
 from daest.errors import ConfigError, DaestError
-from daest.parallel import packed, unpacked, workers
+from daest.numerics import parallel
+from daest.numerics.parallel import packed, unpacked, workers
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
 

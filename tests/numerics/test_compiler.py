@@ -6,9 +6,9 @@ import fmu_models as models
 import pytest
 
 from daest.errors import FmuError
-from daest.fmu import compiler
 from daest.fmu.export import export_fmu
 from daest.fmu.load import load_fmu
+from daest.numerics import compiler
 
 SOURCE = "double twice(double x) { return FACTOR * x; }"
 

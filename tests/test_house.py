@@ -1,0 +1,118 @@
+"""The house: rooms import downwards only, and no file imports itself round a corner."""
+
+import ast
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import daest
+
+PACKAGE = Path(daest.__file__).parent
+
+# From the ground up. Rooms on one floor do not know each other.
+FLOORS = (
+    ("errors", "cache", "quantities"),
+    ("model",),
+    ("numerics",),
+    ("modelica", "systems"),
+    ("fmu", "data"),
+    ("estimation",),
+    ("diagnosis",),
+    ("report",),
+    ("cli",),
+    ("__main__",),
+)
+FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
+# Files on the ground lean on each other: units are checked with errors.
+GROUND = 0
+
+
+@cache
+def files() -> dict[str, Path]:
+    """Every module of the package by its name."""
+    names = {p: ("daest", *p.relative_to(PACKAGE).with_suffix("").parts) for p in PACKAGE.rglob("*.py")}
+    return {".".join(parts).removesuffix(".__init__"): path for path, parts in names.items()}
+
+
+@cache
+def arrows() -> dict[str, dict[str, int]]:
+    """What each module imports of the package, at whatever depth, with the line; `import daest` apart, which
+    loads nothing."""
+    return {name: dict(_imports(path)) for name, path in files().items()}
+
+
+def _imports(path: Path):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}:{node.lineno}: a relative import"
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                yield from _own(whole if whole in files() else str(node.module), node.lineno)
+        elif isinstance(node, ast.Import):
+            for alias in node.names:
+                yield from _own(alias.name, node.lineno)
+
+
+def _own(name: str, line: int):
+    if name.startswith("daest."):
+        yield name, line
+
+
+def room(module: str) -> str:
+    return module.split(".")[1]
+
+
+def test_every_room_has_a_floor():
+    assert {room(name) for name in files() if name != "daest"} == set(FLOOR)
+
+
+def test_rooms_import_downwards_only():
+    upward = [
+        f"{files()[name].relative_to(PACKAGE)}:{line} imports {other}"
+        for name, others in arrows().items()
+        if name != "daest"
+        for other, line in others.items()
+        if room(name) != room(other) and not _is_below(room(other), room(name))
+    ]
+    assert upward == []
+
+
+def _is_below(lower: str, upper: str) -> bool:
+    return FLOOR[lower] < FLOOR[upper] or FLOOR[lower] == FLOOR[upper] == GROUND
+
+
+def test_no_file_imports_itself_round_a_corner():
+    assert circles({name: set(others) for name, others in arrows().items()}) == []
+
+
+@pytest.mark.parametrize(
+    ("arrows", "expected"),
+    [
+        ({"a": {"b"}, "b": {"c"}, "c": set()}, []),
+        ({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}, [["a", "b", "c"]]),
+        ({"a": {"b"}, "b": {"a"}, "c": {"d"}, "d": {"c", "a"}}, [["a", "b"], ["c", "d"]]),
+    ],
+)
+def test_circles_are_found(arrows, expected):
+    assert circles(arrows) == expected
+
+
+def circles(arrows: dict[str, set[str]]) -> list[list[str]]:
+    """Files that reach themselves, those that reach each other together."""
+    reached = {name: _reached(arrows, name) for name in arrows}
+    rounds = {
+        tuple(sorted(o for o in reached[n] if n in reached.get(o, ()))) for n in arrows if n in reached[n]
+    }
+    return sorted(map(list, rounds))
+
+
+def _reached(arrows: dict[str, set[str]], start: str) -> set[str]:
+    seen: set[str] = set()
+    waiting = list(arrows[start])
+    while waiting:
+        name = waiting.pop()
+        if name not in seen:
+            seen.add(name)
+            waiting.extend(arrows.get(name, ()))
+    return seen

@@ -1,0 +1,94 @@
+"""What a model is made of: variables, parameters, noises, outputs and equations, each a scalar."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from daest.errors import Place
+from daest.model.prior import Prior
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A scalar unknown or input. `start` is None where the source gives none; `unit` is Modelica's
+    spelling."""
+
+    name: str
+    unit: str = ""
+    description: str = ""
+    start: float | None = None
+    fixed: bool = False
+    min: float | None = None
+    max: float | None = None
+    nominal: float | None = None
+    is_flow: bool = False
+    state_select: Literal["never", "avoid", "default", "prefer", "always"] = "default"
+    place: Place | None = None
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A scalar parameter θ_i. `estimate` marks an unknown one; `scale` is the scale the search works in."""
+
+    name: str
+    value: float
+    unit: str = ""
+    description: str = ""
+    min: float | None = None
+    max: float | None = None
+    nominal: float | None = None
+    estimate: bool = False
+    scale: Literal["auto", "linear", "log"] = "auto"
+    place: Place | None = None
+    prior: Prior | None = None
+
+
+@dataclass(frozen=True)
+class DerivedParameter:
+    """A parameter that the source computes from others (`J2 = J1/2`): reported, not tunable."""
+
+    name: str
+    expression: str
+    unit: str = ""
+    description: str = ""
+    place: Place | None = None
+
+
+@dataclass(frozen=True)
+class NoiseInput:
+    """A scalar white noise w_i. `intensity` is its two-sided spectral density, [unit]² s: E w(t) w(s) =
+    intensity δ(t-s). None means that the source gives none."""
+
+    name: str
+    intensity: float | None = None
+    unit: str = ""
+    description: str = ""
+    estimate: bool = False
+    place: Place | None = None
+    intensity_parameter: str = ""  # name of the parameter that holds the intensity, if one does
+
+
+@dataclass(frozen=True)
+class Output:
+    """A scalar measured output y_i = h_i(ξ, u, w, θ, t) + e_i; `noise_std` is the standard deviation of one
+    sample of e_i, in the unit of the output, None where the source gives none."""
+
+    name: str
+    unit: str = ""
+    description: str = ""
+    noise_std: float | None = None
+    estimate_noise: bool = True
+    place: Place | None = None
+    noise_std_parameter: str = ""  # name of the parameter that holds the standard deviation, if one does
+
+
+@dataclass(frozen=True)
+class Equation:
+    """A scalar equation. `text` is readable Modelica (`J*a = flange_a.tau + flange_b.tau`); `kind` tells
+    where it comes from, `origin` names the component, or the connectors of a connection."""
+
+    text: str
+    kind: Literal["component", "connection", "flow", "unconnected", "binding"]
+    origin: str
+    place: Place | None = None
