@@ -420,6 +420,10 @@ EXPLANATIONS: dict[str, str] = {
     ),
     "export-suffix": "Other tools know an FMU by the end of its name. Give one that ends in .fmu.",
     "export-to-stdout": "daest export writes a file; an FMU cannot be printed. Name it with -o model.fmu.",
+    "file-refused": (
+        "The operating system refuses a file or folder that is named: its name is too long, links lead in a "
+        "circle, or rights are missing. The message names it and the reason."
+    ),
     "filter-initial-state": (
         "The initial state of a filter does not have the size of the model's state, or gives an unknown "
         "state (infinite variance) a covariance with another one. Give one mean and one standard deviation "

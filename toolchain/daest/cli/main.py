@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import signal
 import sys
 import traceback
 import warnings
@@ -17,7 +18,8 @@ from typing import Any, NoReturn
 import click
 
 from daest import __version__
-from daest.errors import DaestError
+from daest.cli.streams import FULL, leave_stdout, prepare_streams
+from daest.errors import ConfigError, DaestError, Place
 
 # Name -> one line of help; the module is daest.cli.NAME and holds `command`. In the order in which they are
 # used.
@@ -90,6 +92,10 @@ def cli() -> None:
 
 def main() -> NoReturn:
     """Entry point of the command line."""
+    prepare_streams()
+    for name in ("SIGTERM", "SIGHUP"):  # a program that is asked to end tidies up as after Ctrl-C
+        if hasattr(signal, name) and signal.getsignal(getattr(signal, name)) is signal.SIG_DFL:
+            signal.signal(getattr(signal, name), _interrupted)
     sys.exit(run(sys.argv[1:]))
 
 
@@ -107,31 +113,50 @@ def run(arguments: Sequence[str]) -> int:
         error.show()
         return 2
     except DaestError as error:
-        click.echo(str(error), err=True)
-        _show_traceback()
-        return 2
+        return _failed(error)
     except (KeyboardInterrupt, click.Abort):
         click.echo("interrupted", err=True)
         return 130
     except BrokenPipeError:
-        leave_broken_pipe()
+        leave_stdout()
         return 0
+    except OSError as error:
+        return _failed(_refused(error))
     except Exception as error:
-        click.echo(_internal(error), err=True)
-        _show_traceback()
-        return 2
+        return _failed(_internal(error))
 
 
-def leave_broken_pipe() -> None:
-    """The reader of stdout has gone (`| head`): nothing more is written, and the interpreter must not
-    complain."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _failed(error: DaestError) -> int:
+    click.echo(str(error), err=True)
+    _show_traceback()
+    return 2
 
 
-def _internal(error: Exception) -> str:
+def _interrupted(*_: object) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+def _refused(error: OSError) -> DaestError:
+    """What the operating system refused, where no command knows more about it."""
+    reason = error.strerror or str(error)
+    if error.filename is None and error.errno in FULL:
+        leave_stdout()
+        remedy = "make room, or write to another place"
+        return ConfigError("output-unwritable", f"the result cannot be written: {reason}", remedy=remedy)
+    if error.filename is None:
+        return _internal(error)
+    return ConfigError(
+        "file-refused",
+        f"the system refuses a file or folder: {reason}",
+        where=Place(str(error.filename)),
+        remedy="check the name, the links on the way to it and your rights",
+    )
+
+
+def _internal(error: Exception) -> DaestError:
     what = f"{type(error).__name__}: {error}".splitlines()[0]
     remedy = f"this is a fault of daest; the traceback is shown with {TRACEBACK_VARIABLE}=1"
-    return str(DaestError("internal-error", what, remedy=remedy))
+    return DaestError("internal-error", what, remedy=remedy)
 
 
 def _show_traceback() -> None:

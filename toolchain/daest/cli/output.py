@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 import sys
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +14,8 @@ from typing import Any
 
 import click
 
-from daest.cli.main import leave_broken_pipe
+from daest import files
+from daest.cli.streams import is_closed, leave_stdout
 from daest.errors import ConfigError, Place
 
 Document = dict[str, Any]
@@ -45,7 +46,7 @@ def emit(
     elif to_file:
         text = as_text(document, width=100, color=False)
     else:
-        text = as_text(document, width=_terminal_width(), color=sys.stdout.isatty())
+        text = as_text(document, width=_terminal_width(), color=_is_terminal())
     write_text(text, output)
 
 
@@ -55,11 +56,17 @@ def write_text(text: str, output: Path | None) -> None:
         with whole_file(output) as temporary:
             temporary.write_text(text, encoding="utf-8")
         return
+    if is_closed(sys.stdout):
+        note("stdout is closed: the result is not shown; files that were written are whole")
+        return
     try:
         click.echo(text, nl=False, color=True)
         sys.stdout.flush()
     except BrokenPipeError:
-        leave_broken_pipe()
+        leave_stdout()
+    except OSError as error:
+        leave_stdout()
+        raise _unwritable("stdout", error, "the result can go to a file, with -o") from error
 
 
 @contextmanager
@@ -80,26 +87,14 @@ def telling(tell: Callable[[], None]) -> Iterator[None]:
 
 @contextmanager
 def whole_file(path: Path, remedy: str = "choose a folder that can be written, with -o") -> Iterator[Path]:
-    """A temporary file in the folder of `path` that takes its name when the block ends well, and vanishes
-    otherwise.
-
-    Raises ConfigError `output-unwritable` where nothing can be written.
-    """
+    """As `daest.files.whole_file`, in a folder that is made where it is missing. Raises ConfigError
+    `output-unwritable` where nothing can be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=".daest-", suffix=path.suffix, dir=path.parent)
+        with files.whole_file(path) as temporary:
+            yield temporary
     except OSError as error:
         raise _unwritable(path, error, remedy) from error
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        yield temporary
-        temporary.chmod(_usual_mode(path))
-        os.replace(temporary, path)
-    except OSError as error:
-        raise _unwritable(path, error, remedy) from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def keep_inputs(output: Path | None, inputs: Iterable[Path | None]) -> None:
@@ -126,15 +121,7 @@ def warn(code: str, text: str) -> None:
     click.echo(f"warning[{code}]: {text}", err=True)
 
 
-def _usual_mode(path: Path) -> int:
-    if path.exists():
-        return path.stat().st_mode & 0o777
-    mask = os.umask(0)
-    os.umask(mask)
-    return 0o666 & ~mask
-
-
-def _unwritable(path: Path, error: OSError, remedy: str) -> ConfigError:
+def _unwritable(path: Path | str, error: OSError, remedy: str) -> ConfigError:
     return ConfigError(
         UNWRITABLE,
         f"the result cannot be written: {error.strerror or error}",
@@ -143,13 +130,15 @@ def _unwritable(path: Path, error: OSError, remedy: str) -> ConfigError:
     )
 
 
+def _is_terminal() -> bool:
+    return sys.stdout is not None and sys.stdout.isatty()
+
+
 def _terminal_width() -> int:
     # 100 columns where nobody looks at a terminal (a pipe, a file, a test), so that output does not depend
     # on it.
-    if not sys.stdout.isatty() and "COLUMNS" not in os.environ:
+    if not _is_terminal() and "COLUMNS" not in os.environ:
         return 100
-    import shutil
-
     return shutil.get_terminal_size().columns
 
 

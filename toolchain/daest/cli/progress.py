@@ -14,6 +14,7 @@ from typing import NoReturn
 import click
 
 STDERR = 2
+ASKED = ("SIGINT", "SIGTERM", "SIGHUP")  # signals that ask a program to end
 INTERRUPTED = 130  # exit code of a command that Ctrl-C ends
 
 
@@ -53,8 +54,11 @@ def _ending_at_once(tidy: Callable[[], object]) -> Iterator[None]:
         os.write(STDERR, b"\ninterrupted; what is done is kept, the same command goes on from there\n")
         os._exit(INTERRUPTED)
 
-    before = signal.signal(signal.SIGINT, end)
+    known = [getattr(signal, name) for name in ASKED if hasattr(signal, name)]
+    asked = [number for number in known if signal.getsignal(number) is not signal.SIG_IGN]  # as nohup does
+    before = {number: signal.signal(number, end) for number in asked}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

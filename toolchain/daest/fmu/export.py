@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
-import tempfile
 import time
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -15,6 +13,7 @@ import numpy as np
 
 import daest
 from daest.errors import FmuError
+from daest.files import whole_file
 from daest.fmu import description, serialization, sources
 from daest.fmu.layout import Layout, layout
 from daest.fmu.portable import portable
@@ -54,7 +53,7 @@ def export_fmu(
     made = layout(explicit)
     state_start, _ = initial_point(explicit)
     archive = _archive(made, state_start, targets)
-    _write(Path(path), archive)
+    validation = _write(Path(path), archive)
     return ExportResult(
         path=Path(path),
         model_name=flat.name,
@@ -68,7 +67,7 @@ def export_fmu(
         noises=tuple(v.name for v in flat.noises),
         outputs=tuple(v.name for v in flat.outputs),
         parameters=tuple(v.name for v in flat.parameters),
-        validation=validate(path),
+        validation=validation,
         seconds=time.perf_counter() - began,
     )
 
@@ -120,33 +119,23 @@ def _token(*texts: str) -> str:
     return f"{{{digest.hexdigest()[:32]}}}"
 
 
-def _write(path: Path, content: Mapping[str, bytes]) -> None:
+def _write(path: Path, content: Mapping[str, bytes]) -> tuple[str, ...]:
+    """Write the archive; what the validator says of it."""
     try:
-        handle, temporary = tempfile.mkstemp(dir=path.absolute().parent, prefix=f".{path.name}.")
+        with whole_file(path) as temporary:
+            _archived(temporary, content)
+            return validate(temporary)
     except OSError as problem:
         raise _not_written(path, problem) from problem
-    try:
-        with os.fdopen(handle, "wb") as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name in sorted(content, key=lambda n: (n != "modelDescription.xml", n)):
-                entry = zipfile.ZipInfo(name, _ARCHIVE_TIME)
-                entry.external_attr = 0o644 << 16
-                entry.compress_type = zipfile.ZIP_DEFLATED
-                archive.writestr(entry, content[name], compresslevel=_COMPRESSION_LEVEL)
-        _give_usual_permissions(temporary)
-        os.replace(temporary, path)
-    except OSError as problem:
-        Path(temporary).unlink(missing_ok=True)
-        raise _not_written(path, problem) from problem
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
 
 
-def _give_usual_permissions(name: str) -> None:
-    """Temporary files are private; the result is readable as the user's other files are."""
-    mask = os.umask(0)
-    os.umask(mask)
-    os.chmod(name, 0o666 & ~mask)
+def _archived(path: Path, content: Mapping[str, bytes]) -> None:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in sorted(content, key=lambda n: (n != "modelDescription.xml", n)):
+            entry = zipfile.ZipInfo(name, _ARCHIVE_TIME)
+            entry.external_attr = 0o644 << 16
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            archive.writestr(entry, content[name], compresslevel=_COMPRESSION_LEVEL)
 
 
 def _not_written(path: Path, problem: OSError) -> FmuError:

@@ -1,0 +1,132 @@
+"""What must not outlive this process: files, folders and processes that are removed when it dies, however it
+dies.
+
+A small process beside this one knows them and waits for its end, which the system tells by closing a pipe.
+Where processes cannot be started so (Windows), litter stays after a process that is ended by force.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import json
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal
+
+PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of Linux
+POLL_SECONDS = 0.5  # between two looks at whether the parent lives, where the system does not tell
+_SWEEPER = """
+import json, os, shutil, signal, sys
+for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    signal.signal(number, signal.SIG_IGN)
+os.chdir("/")
+known = {}
+for line in sys.stdin:
+    is_there, kind, what = json.loads(line)
+    if is_there:
+        known[kind, what] = None
+    else:
+        known.pop((kind, what), None)
+for kind, what in reversed(list(known)):
+    try:
+        if kind == "group":
+            os.killpg(what, signal.SIGKILL)
+        elif os.path.isdir(what) and not os.path.islink(what):
+            shutil.rmtree(what, ignore_errors=True)
+        else:
+            os.unlink(what)
+    except OSError:
+        pass
+"""
+
+
+@contextmanager
+def removed_at_death(path: Path) -> Iterator[None]:
+    """The file or folder `path`, which may not exist yet, does not stay where this process dies inside the
+    block."""
+    name = os.path.abspath(path)
+    _tell(True, "path", name)
+    try:
+        yield
+    finally:
+        _tell(False, "path", name)
+
+
+@contextmanager
+def ended_at_death(group: int) -> Iterator[None]:
+    """The process group does not go on where this process dies inside the block."""
+    _tell(True, "group", group)
+    try:
+        yield
+    finally:
+        _tell(False, "group", group)
+
+
+def die_with_parent(parent: int) -> None:
+    """Let this process be killed when `parent`, the process that made it, ends; at once if it has ended.
+
+    On Linux the system does it, and counts the thread that made this process as the parent. Elsewhere a
+    thread looks for the parent from time to time.
+    """
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PARENT_DEATH_SIGNAL, signal.SIGKILL)
+    elif os.name == "posix":
+        threading.Thread(target=_watch, args=(parent,), daemon=True).start()
+    if os.name == "posix" and os.getppid() != parent:
+        os._exit(1)
+
+
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(POLL_SECONDS)
+    os._exit(1)
+
+
+# The process that sweeps ------------------------------------------------------------------------------------
+
+_lock = threading.Lock()
+_pipe: tuple[int, int] | None = None  # this process, and the end of the pipe that it writes to
+
+
+def _tell(is_there: bool, kind: Literal["path", "group"], what: str | int) -> None:
+    if not hasattr(os, "posix_spawn"):
+        return
+    line = json.dumps([is_there, kind, what]).encode() + b"\n"
+    with _lock, contextlib.suppress(OSError):  # without it litter may stay, which is no reason to fail
+        os.write(_sweeper(), line)
+
+
+def _sweeper() -> int:
+    """The pipe to the process that sweeps for this one; a fork starts its own."""
+    global _pipe
+    if _pipe is None or _pipe[0] != os.getpid():
+        if _pipe is not None:
+            os.close(_pipe[1])
+        _pipe = os.getpid(), _started()
+    return _pipe[1]
+
+
+def _started() -> int:
+    read, write = os.pipe()
+    try:
+        nothing = [(os.POSIX_SPAWN_OPEN, n, os.devnull, os.O_WRONLY, 0) for n in (1, 2)]
+        os.posix_spawn(
+            sys.executable,
+            [sys.executable, "-I", "-S", "-c", _SWEEPER],
+            {},
+            file_actions=[(os.POSIX_SPAWN_DUP2, read, 0), *nothing],
+            setsid=True,
+        )
+    except (OSError, NotImplementedError):
+        os.close(write)
+        raise OSError("no process can be started") from None
+    finally:
+        os.close(read)
+    return write
