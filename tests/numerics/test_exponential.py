@@ -5,7 +5,14 @@ import pytest
 from scipy.linalg import expm
 
 from daest.numerics import exponential
-from daest.numerics.exponential import LARGE, covariance_integral, transition_integrals
+from daest.numerics.balancing import balanced
+from daest.numerics.exponential import (
+    LARGE,
+    covariance_integral,
+    covariance_integral_derivatives,
+    transition_integral_derivatives,
+    transition_integrals,
+)
 
 
 def chain(n: int, stiffness: float) -> np.ndarray:
@@ -49,3 +56,27 @@ def test_the_covariance_of_few_noises_keeps_small_states():
     exact = 2.0 * period ** (total + 1) / (total + 1) / np.outer(factorial, factorial)
     np.testing.assert_allclose(covariance_integral(A, Q, period)[:6, :6], exact, rtol=1e-12)
     np.testing.assert_allclose(transition_integrals(A, period).transition, expm(A * period), atol=1e-14)
+
+
+def test_slopes_do_not_depend_on_units():
+    A = np.array([[0.0, 1.0, 0.0], [-20.0, -0.5, 3.0], [1.0, 0.0, -2.0]])
+    dA = np.array([[[0.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]])
+    Q = np.diag([0.0, 1.0, 0.1])
+    unit = np.array([1e8, 1.0, 1e-6])  # x = unit · z
+    around, pair = unit[:, None] / unit, np.outer(unit, unit)
+    plain = transition_integral_derivatives(A, dA, 0.02)
+    found = transition_integral_derivatives(A / around, dA / around, 0.02)
+    for name in ("transition", "first", "second"):
+        np.testing.assert_allclose(getattr(found, name) * around, getattr(plain, name), rtol=1e-9, atol=1e-18)
+    nothing = np.zeros((1, 3, 3))
+    wanted = covariance_integral_derivatives(A, Q, dA, nothing, 0.02)
+    given = covariance_integral_derivatives(A / around, Q / pair, dA / around, nothing, 0.02)
+    np.testing.assert_allclose(given * pair, wanted, rtol=1e-9, atol=1e-20)
+
+
+def test_balancing_tells_no_warning_about_units(recwarn):
+    A = np.array([[-1.0, 1e40], [1e-40, -2.0]])
+    scaled, size = balanced(A)
+    assert scaled == pytest.approx(A * size / size[:, None])
+    assert abs(scaled[0, 1]) == pytest.approx(abs(scaled[1, 0]), rel=15.0)
+    assert not recwarn

@@ -18,13 +18,15 @@ from daest.estimation.identifiability import (
     weak_directions,
     without_influence,
 )
-from daest.estimation.noise_levels import Ending, Levels, NonlinearSetup
+from daest.estimation.noise_levels import Ending, Levels, NonlinearSetup, average_along
 from daest.estimation.nonlinear_start import consistent_states, fit_initial_states, limits
+from daest.estimation.observer import AverageModel
 from daest.estimation.priors import log_likelihood, prior_precisions
 from daest.estimation.result import bound_of, message_of
 from daest.estimation.scores import Scores, scores
 from daest.estimation.search import minimise
 from daest.estimation.shooting import whole_errors
+from daest.estimation.stationary import unseen_directions, unseen_note
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
 from daest.model.explicit import ExplicitModel
@@ -100,6 +102,8 @@ def nonlinear_result(
         _fitted_parameter(explicit, c, v, s, b)
         for c, v, s, b in zip(unknowns.coordinates, values, std_errors, bounds, strict=True)
     )
+    average = average_along(problem, found.z)
+    unseen = () if average is None else _unseen(explicit, average)
     noises = fitted_noises(setup, end, errors.covariance, count)
     periods = {e.period for e in problem.experiments}
     theta = problem.theta(found.z)
@@ -125,8 +129,13 @@ def nonlinear_result(
         seconds=0.0,
         period=periods.pop() if len(periods) == 1 else None,
         hold=problem.hold,
-        notes=tuple(notes),
+        notes=(*notes, *unseen_note(unseen)),
+        unseen_states=unseen,
     )
+
+
+def _unseen(explicit: ExplicitModel, average: AverageModel) -> tuple[str, ...]:
+    return unseen_directions(average.A, average.C, average.period, explicit.state_names)
 
 
 def _judged_errors(end: Ending) -> tuple[Errors, list[Scores]]:

@@ -6,7 +6,7 @@ motion, where a linearisation at one point would give it none or an enormous one
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -15,6 +15,7 @@ import numpy as np
 from daest.estimation.stationary import try_stationary_filter
 from daest.model.explicit import ExplicitModel
 from daest.model.linear import DiscreteModel, StateSpace
+from daest.numerics.hidden import forgetting
 from daest.systems.sample import sample
 
 MOST_POINTS = 2000  # of a trajectory that the average is taken over
@@ -89,7 +90,8 @@ def observer(model: AverageModel, intensity: np.ndarray, measurement_std: np.nda
 
 
 def sampled_average(model: AverageModel, intensity: np.ndarray, measurement_std: np.ndarray) -> DiscreteModel:
-    """The average model sampled, without inputs."""
+    """The average model sampled, without inputs and without undamped modes that no output sees: those have no
+    stationary covariance, and reach no prediction."""
     n, n_w, n_y = model.A.shape[0], model.G.shape[1], model.C.shape[0]
     space = StateSpace(
         state_names=("",) * n,
@@ -111,4 +113,5 @@ def sampled_average(model: AverageModel, intensity: np.ndarray, measurement_std:
         W=np.zeros((0, n_w)),
         x0=np.zeros(0),
     )
-    return sample(space, model.period, "zoh", intensity, measurement_std**2)
+    sampled = sample(space, model.period, "zoh", intensity, measurement_std**2)
+    return replace(sampled, transition=forgetting(sampled.transition, sampled.output))

@@ -12,6 +12,7 @@ import numpy as np
 
 from daest.estimation.records import Record
 from daest.model.linear import StateSpace
+from daest.numerics.hidden import forgetting_model
 from daest.numerics.innovations import (
     Gains,
     NoiseModel,
@@ -105,10 +106,9 @@ def kalman_gains(dyn: Dynamics, record: Record) -> tuple[Gains, Gains | None] | 
 
     The filter starts with the stationary covariance P, around a mean that is estimated. For complete
     uniform records it is then stationary from the first sample: nothing is approximated. Otherwise it is
-    time-varying.
+    time-varying. Directions of the state that no output sees and that never settle are left out of P.
     """
-    noise = _noise_model(dyn)
-    change = _noise_slope(dyn)
+    noise, change = forgetting_model(_noise_model(dyn), _noise_slope(dyn))
     typical = noise if dyn.is_constant else _typical(noise)
     start = stationary_gains(typical)
     if start is None:

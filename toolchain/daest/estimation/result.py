@@ -22,6 +22,7 @@ from daest.estimation.priors import log_likelihood, prior_precisions
 from daest.estimation.records import observed_counts
 from daest.estimation.scores import Scores
 from daest.estimation.search import Found
+from daest.estimation.stationary import unseen_directions, unseen_note
 from daest.model.fit import (
     Agreement,
     Bound,
@@ -32,6 +33,7 @@ from daest.model.fit import (
     Method,
     WeakDirection,
 )
+from daest.systems.state_space import state_space
 
 AT_BOUND = 1e-6  # distance in z within which an unknown lies at its bound
 SAME_OPTIMUM = 1e-2  # difference of log-likelihoods within which two searches ended at the same place
@@ -76,6 +78,7 @@ def fit_result(
         for record, x0, part in zip(problem.records, judged.initial_states, judged.parts, strict=True)
     )
     periods = {r.period for r in problem.records}
+    unseen = _unseen(problem, theta)
     return FitResult(
         status=best.reason,
         message=message_of(best, parameters, noises, weak, ends),
@@ -98,8 +101,14 @@ def fit_result(
         seconds=0.0,
         period=periods.pop() if len(periods) == 1 else None,
         hold=problem.hold,
-        notes=notes,
+        notes=(*notes, *unseen_note(unseen)),
+        unseen_states=unseen,
     )
+
+
+def _unseen(problem: Problem, theta: np.ndarray) -> tuple[str, ...]:
+    ss, steps = state_space(problem.family, theta), np.diff(problem.records[0].time)
+    return unseen_directions(ss.A, ss.C, float(np.median(steps)), problem.family.state_names)
 
 
 def _judge(problem: Problem, method: Method, best: Found) -> Judged:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import qr
 
 from daest.errors import EstimationError
 from daest.model.linear import DiscreteModel
+from daest.numerics.exponential import transition_integrals
+from daest.numerics.hidden import UNDAMPED_MARGIN, hidden_basis
 from daest.numerics.riccati import filter_riccati, predictor_gain, undamped_modes, unobservable_subspace
 
-UNDAMPED_MARGIN = 1e-9  # a mode with |λ| > 1 - this does not die out within a record
 NAMED_SHARE = 0.05  # a state is named when it takes this part of the largest share of a combination
 
 
@@ -68,6 +70,30 @@ def unobservable_message(model: DiscreteModel, names: tuple[str, ...]) -> str:
     _, hidden = unobservable_subspace(model.transition, model.output)
     _, vectors = undamped_modes(model.transition, hidden, UNDAMPED_MARGIN)
     return "; ".join(dict.fromkeys(combination_text(vector, names) for vector in vectors.T))
+
+
+def unseen_directions(A: np.ndarray, C: np.ndarray, period: float, names: tuple[str, ...]) -> tuple[str, ...]:
+    """What outputs C x of ẋ = A x, sampled every `period` [s], do not show and what does not die out, in
+    words."""
+    if not np.all(np.isfinite(A)):
+        return ()
+    basis = hidden_basis(transition_integrals(A, period).transition, C)
+    if not basis.shape[1]:
+        return ()
+    # One state of its own for every direction keeps the others out of its text.
+    chosen = qr(basis.T, pivoting=True, mode="r")[1][: basis.shape[1]]
+    own = basis @ np.linalg.inv(basis[chosen])
+    return tuple(dict.fromkeys(combination_text(column, names) for column in own.T))
+
+
+def unseen_note(directions: tuple[str, ...]) -> tuple[str, ...]:
+    """One sentence on them, if there are any."""
+    if not directions:
+        return ()
+    return (
+        f"no output sees {'; or '.join(directions)}: where it starts is left open, "
+        "and nothing else depends on it",
+    )
 
 
 def combination_text(vector: np.ndarray, names: tuple[str, ...]) -> str:

@@ -179,6 +179,7 @@ class FitResult(Framed):
     `theta` holds every parameter of the model by name, estimated or not. `simulated` and `one_step` hold
     "estimation" and, when there are validation data, "validation". `status` "converged" is the only one that
     means that the estimate is a (local) optimum; `message` says what happened and what to try.
+    `unseen_states` tells the directions of the state space that no output sees, in words.
     """
 
     status: Status
@@ -203,6 +204,7 @@ class FitResult(Framed):
     period: float | None
     hold: Literal["foh", "zoh"]
     notes: tuple[str, ...] = ()
+    unseen_states: tuple[str, ...] = ()
     profiles: tuple[Profile, ...] = ()
     bootstrap: Bootstrap | None = None
 

@@ -11,8 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import expm, matrix_balance
+from scipy.linalg import expm
 from scipy.linalg.lapack import dpstrf
+
+from daest.numerics.balancing import balanced
 
 SHORT_STEP_NORM = 0.5  # ‖A h‖₁ up to which Van Loan's block is evaluated directly, before doubling
 LARGE = 100  # states from which on series and doublings of the parts replace exponentials of block matrices
@@ -33,31 +35,41 @@ class TransitionIntegrals:
 
 def transition_integrals(A: np.ndarray, period: float) -> TransitionIntegrals:
     """Φ and its two integrals over `period` [s] for A (n, n) [1/s]."""
+    scaled, size = balanced(A)
     if A.shape[0] >= LARGE:
-        balanced, (size, _) = matrix_balance(A, permute=False, separate=True)  # x = size · balanced x
-        found = _doubled_integrals(balanced, period)
-        parts = (found.transition, found.first, found.second)
-        return TransitionIntegrals(*(size[:, None] * part / size for part in parts))
-    return _unpack(expm(_augmented(A * period)), A.shape[0], period)
+        found = _doubled_integrals(scaled, period)
+    else:
+        found = _unpack(expm(_augmented(scaled * period)), A.shape[0], period)
+    return _in_units(found, size)
 
 
 def transition_integral_derivatives(A: np.ndarray, dA: np.ndarray, period: float) -> TransitionIntegrals:
     """Derivatives of `transition_integrals` in the directions dA (p, n, n); every field is (p, n, n)."""
-    n = A.shape[0]
+    n, (scaled, size) = A.shape[0], balanced(A)
     direction = np.zeros((dA.shape[0], 3 * n, 3 * n))
-    direction[:, :n, :n] = dA * period
-    return _unpack(_frechet(_augmented(A * period), direction), n, period)
+    direction[:, :n, :n] = dA * size / size[:, None] * period
+    return _in_units(_unpack(_frechet(_augmented(scaled * period), direction), n, period), size)
+
+
+def _in_units(found: TransitionIntegrals, size: np.ndarray) -> TransitionIntegrals:
+    """For x = size · z, from those of z."""
+    parts = (found.transition, found.first, found.second)
+    return TransitionIntegrals(*(size[:, None] * part / size for part in parts))
 
 
 def covariance_integral(A: np.ndarray, Q: np.ndarray, period: float) -> np.ndarray:
     """∫₀ᵀ e^(A s) Q e^(Aᵀ s) ds for A (n, n) and positive semidefinite Q (n, n)."""
-    n = A.shape[0]
-    if n >= LARGE:
+    scaled, size = balanced(A)
+    units = np.outer(size, size)
+    if A.shape[0] >= LARGE:
         factor = _factor(Q)
-        if FEW * factor.shape[1] <= n:
-            balanced, (size, _) = matrix_balance(A, permute=False, separate=True)
-            found = _covariance_of_factor(balanced, factor / size[:, None], period)
-            return size[:, None] * found * size
+        if FEW * factor.shape[1] <= A.shape[0]:
+            return units * _covariance_of_factor(scaled, factor / size[:, None], period)
+    return units * _covariance_by_doubling(scaled, Q / units, period)
+
+
+def _covariance_by_doubling(A: np.ndarray, Q: np.ndarray, period: float) -> np.ndarray:
+    n = A.shape[0]
     doublings, step = _doublings(A, period)
     block = expm(_van_loan(A, Q, step))
     transition = block[n:, n:].T
@@ -72,6 +84,14 @@ def covariance_integral_derivatives(
     A: np.ndarray, Q: np.ndarray, dA: np.ndarray, dQ: np.ndarray, period: float
 ) -> np.ndarray:
     """Derivatives (p, n, n) of `covariance_integral` in the directions (dA, dQ), both (p, n, n)."""
+    scaled, size = balanced(A)
+    units = np.outer(size, size)
+    return units * _covariance_derivatives(scaled, Q / units, dA * size / size[:, None], dQ / units, period)
+
+
+def _covariance_derivatives(
+    A: np.ndarray, Q: np.ndarray, dA: np.ndarray, dQ: np.ndarray, period: float
+) -> np.ndarray:
     n = A.shape[0]
     doublings, step = _doublings(A, period)
     base = _van_loan(A, Q, step)

@@ -7,6 +7,7 @@ import warnings
 import numpy as np
 import scipy.linalg
 
+from daest.numerics.balancing import balanced
 from daest.numerics.remembered import remembered
 
 RESIDUAL_TOLERANCE = 1e-8  # of a Riccati solution, relative to the size of its terms
@@ -65,7 +66,7 @@ def unobservable_subspace(Phi: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, n
     n = Phi.shape[0]
     if n == 0:
         return np.zeros((0, 0)), np.zeros((0, 0))
-    step, (size, _) = scipy.linalg.matrix_balance(Phi - np.eye(n), permute=False, separate=True)
+    step, size = balanced(Phi - np.eye(n))
     tolerance = 100 * n * np.finfo(float).eps * (1.0 + np.linalg.norm(step + np.eye(n), 2))
     rows = C * size  # x = size · balanced
     lengths = np.linalg.norm(rows, axis=1)

@@ -9,6 +9,7 @@ import scipy.linalg as sla
 
 from daest.errors import ModelError
 from daest.model.linear import LinearDAE, Matrix, SparseForm, StandardForm, StateSpace
+from daest.numerics.balancing import balanced
 from daest.numerics.pencils import split_pencil
 from daest.systems.noise import NoiseGains, in_outputs, noise_gains, noise_report, verdict
 
@@ -104,17 +105,8 @@ def _eigenvalues(A: np.ndarray) -> np.ndarray:
     if A.size == 0:
         return np.empty(0, complex)
     values = np.linalg.eigvals(A).astype(complex)
-    rounding = 64.0 * len(A) * np.finfo(float).eps * np.linalg.norm(_balanced(A), 2)
+    rounding = 64.0 * len(A) * np.finfo(float).eps * np.linalg.norm(balanced(A)[0], 2)
     return np.where(np.abs(values) <= rounding, 0.0, values)
-
-
-def _balanced(A: np.ndarray) -> np.ndarray:
-    """T⁻¹ A T with rows and columns of like size, T diagonal, of powers of 2.
-
-    Not permuted: LAPACK would set the rows of single eigenvalues aside, and then scale them by what suits the
-    others, which may blow them up.
-    """
-    return sla.matrix_balance(A, permute=False)[0]
 
 
 def _minimal(A: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -122,7 +114,7 @@ def _minimal(A: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, n
     if A.size:
         # With b and c: what a state means to them decides on its scale, too. A coupling that is zero but for
         # rounding would hide a state that has no other.
-        system = _balanced(np.block([[A, b[:, None]], [c[None, :], np.zeros((1, 1))]]))
+        system = balanced(np.block([[A, b[:, None]], [c[None, :], np.zeros((1, 1))]]))[0]
         A, b, c = system[:-1, :-1], system[:-1, -1], system[-1, :-1]
     A, b, c = _reachable(A, b, c)
     A, c, b = _reachable(A.T, c, b)

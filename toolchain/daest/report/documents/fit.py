@@ -52,6 +52,7 @@ def document(result: FitResult) -> dict[str, Any]:
         "period": result.period,
         "hold": result.hold,
         "notes": list(result.notes),
+        "unseen_states": list(result.unseen_states),
         "profiles": {p.name: _profile(p) for p in result.profiles},
         "bootstrap": result.bootstrap and _bootstrap(result.bootstrap),
     }
