@@ -7,6 +7,10 @@ import sys
 
 import pytest
 
+from daest.cli.main import COMMANDS
+from daest.diagnosis.residual_tests import LEVEL
+from daest.model.defaults import LEAST_NULL_RECORDS
+
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_script(daest, shell):
@@ -45,3 +49,18 @@ def completed(*words):
 )
 def test_words(words, offered):
     assert completed(*words) == [offered]
+
+
+@pytest.mark.parametrize("name", list(COMMANDS))
+def test_nothing_numerical_is_loaded_for_a_completion(name):
+    """The options of a command are known before numpy is: a Tab takes no longer than the interpreter."""
+    program = (
+        f"import sys, importlib; importlib.import_module('daest.cli.{name}');"
+        "print(sorted({'numpy', 'scipy', 'casadi', 'matplotlib', 'rich', 'fmpy'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+def test_least_records_fit_the_level_of_the_tests():
+    assert int(1 / LEVEL) - 1 == LEAST_NULL_RECORDS

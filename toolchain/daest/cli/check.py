@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from daest.cli.options import ModelOptions, example, format_option, model_options, output_option
 from daest.cli.output import emit, keep_inputs
-from daest.data.project import Project
 from daest.errors import ConfigError, DaestError
-from daest.model.flat import FlatModel
-from daest.model.quality import DataCheck, Finding, Role
+
+if TYPE_CHECKING:
+    from daest.data.project import Project
+    from daest.model.flat import FlatModel
+    from daest.model.quality import DataCheck, Finding, Role
 
 
 @click.command("check", epilog=example("daest check run1.csv", "daest check run1.csv --model Servo.mo"))
@@ -81,6 +84,8 @@ def _against(path: Path, project: Project, flat: FlatModel) -> Sequence[Finding]
 
 
 def _unusable(problem: DaestError) -> Finding:
+    from daest.model.quality import Finding
+
     text = f"cannot be used with the model: {problem.what}"
     if problem.remedy:
         text += f"; {problem.remedy}"

@@ -6,13 +6,10 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
-from daest.cli.kept import keep, made_from, unseen_files
-from daest.cli.models import load_model, model_source, with_outputs
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -29,15 +26,16 @@ from daest.cli.options import (
 )
 from daest.cli.output import emit, keep_inputs, note, telling
 from daest.cli.pictures import draw
-from daest.cli.recordings import unseen_data
-from daest.cli.results import find_fit, fitted
-from daest.data.project import Hold, Project
-from daest.diagnosis.compare import LEAST_BOOTSTRAPS, Candidate, compare_models
 from daest.errors import ConfigError, Place
-from daest.model.comparison import Comparison
-from daest.model.fit import IdentifyOptions
-from daest.model.flat import FlatModel
-from daest.report.documents import compare as documents
+from daest.model.defaults import LEAST_NULL_RECORDS
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from daest.data.project import Hold, Project
+    from daest.diagnosis.compare import Candidate
+    from daest.model.comparison import Comparison
+    from daest.model.flat import FlatModel
 
 
 @dataclass(frozen=True)
@@ -56,9 +54,10 @@ class Compared:
 @click.option("--refit", is_flag=True, help="Identify every model anew, on [data] estimate.")
 @click.option(
     "--bootstrap",
-    type=click.IntRange(min=LEAST_BOOTSTRAPS),
+    type=click.IntRange(min=LEAST_NULL_RECORDS),
     metavar="N",
-    help=f"Calibrate the tests with N simulated records (at least {LEAST_BOOTSTRAPS}), for short recordings.",
+    help=f"Calibrate the tests with N simulated records (at least {LEAST_NULL_RECORDS}), for short "
+    "recordings.",
 )
 @jobs_option
 @cluster_option
@@ -117,6 +116,10 @@ def command(
 
 def keep_comparison(project: Project, models: Sequence[Path], data: Sequence[Path], found: Compared) -> None:
     """Leave the comparison in the results of the project, for `daest report`."""
+    from daest.cli.kept import keep, made_from, unseen_files
+    from daest.cli.models import model_source
+    from daest.report.documents import compare as documents
+
     sources = [model_source(project, path) for path in models] or [model_source(project, None)]
     origin = made_from(project, sources, unseen_files(project, data))
     keep(project, "comparison", "compare", found.document, origin, documents.series(found.comparison))
@@ -137,6 +140,11 @@ def compared(
     cluster: str | None = None,
 ) -> Compared:
     """Every model (default: that of daest.toml) on the same recordings."""
+    from daest.cli.models import load_model, model_source
+    from daest.cli.recordings import unseen_data
+    from daest.diagnosis.compare import compare_models
+    from daest.report.documents import compare as documents
+
     sources = [model_source(project, path) for path in models] or [model_source(project, None)]
     flats = [load_model(project, source, class_name, libraries) for source in sources]
     measured, experiments = unseen_data(flats[0], project, data, options)
@@ -155,6 +163,9 @@ def compared(
 
 
 def _candidate(project: Project, source: Path, flat: FlatModel, options: DataOptions) -> Candidate:
+    from daest.cli.results import find_fit
+    from daest.diagnosis.compare import Candidate
+
     fit = find_fit(project, source, flat)
     if fit is None:
         hold = options.known_hold(project) or "foh"
@@ -165,6 +176,7 @@ def _candidate(project: Project, source: Path, flat: FlatModel, options: DataOpt
 
 def _refitted(project: Project, source: Path, flat: FlatModel, options: DataOptions, seed: int) -> Candidate:
     from daest.cli.identify import identified, keep_fit
+    from daest.model.fit import IdentifyOptions
 
     fit = identified(
         project, source, (), options, IdentifyOptions(hold=options.known_hold(project), seed=seed), flat=flat
@@ -177,6 +189,11 @@ def _refitted(project: Project, source: Path, flat: FlatModel, options: DataOpti
 
 
 def _with_fit(flat: FlatModel, document: Mapping[str, Any], hold: Hold, notes: tuple[str, ...]) -> Candidate:
+    import numpy as np
+
+    from daest.cli.results import fitted
+    from daest.diagnosis.compare import Candidate
+
     names, cov = parameter_covariance(document)
     known = {p.name for p in flat.parameters}
     kept = [i for i, name in enumerate(names) if name in known]
@@ -195,6 +212,8 @@ def _with_fit(flat: FlatModel, document: Mapping[str, Any], hold: Hold, notes: t
 
 def parameter_covariance(document: Mapping[str, Any]) -> tuple[tuple[str, ...], np.ndarray]:
     """Names and covariance of the parameters of a fit that the data determined."""
+    import numpy as np
+
     std = {
         name: entry["std_error"]
         for name, entry in document["parameters"].items()
@@ -211,6 +230,8 @@ def parameter_covariance(document: Mapping[str, Any]) -> tuple[tuple[str, ...], 
 
 
 def _on(candidate: Candidate, names: Sequence[str], source: Path) -> Candidate:
+    from daest.cli.models import with_outputs
+
     missing = [name for name in names if name not in {output.name for output in candidate.flat.outputs}]
     if missing:
         raise ConfigError(

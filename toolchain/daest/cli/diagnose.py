@@ -10,9 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from daest.cli.diagnose_fmu import black_box_document
-from daest.cli.kept import made_from, training_files
-from daest.cli.models import chosen_class, load_model, model_source
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -31,19 +28,17 @@ from daest.cli.options import (
 from daest.cli.output import emit, keep_inputs, note, telling, to_json, whole_file, with_schema
 from daest.cli.pictures import draw
 from daest.cli.progress import progress
-from daest.cli.recordings import training_data
-from daest.cli.results import KEPT_ELSEWHERE, KeptFit, find_fit, parameter_values
-from daest.data.prepare import resample, split_all, sufficient_period
-from daest.data.project import Hold, Project
 from daest.errors import EstimationError, FmuError, ModelError
-from daest.model.experiment import Experiment
-from daest.model.flat import FlatModel
 
 if TYPE_CHECKING:
+    from daest.cli.results import KeptFit
+    from daest.data.project import Hold, Project
     from daest.diagnosis.diagnose import DiagnoseOptions
     from daest.diagnosis.written import Written
     from daest.model.diagnosis import Diagnosis
     from daest.model.effects import Effect
+    from daest.model.experiment import Experiment
+    from daest.model.flat import FlatModel
 
 RESULT = "diagnosis.json"
 KEPT = "diagnosis"  # folder of the refits that are done
@@ -116,6 +111,7 @@ def command(
     Without validation data the second half of every recording validates. The result is written to
     results/diagnosis.json; an interrupted run goes on where it was.
     """
+    from daest.cli.diagnose_fmu import black_box_document
     from daest.report.diagnosis_figures import diagnosis_figure
     from daest.report.texts import diagnose as texts
 
@@ -157,6 +153,10 @@ def opened(
 
     Raises ModelError `effect-unknown`, `effect-place` or `effect-fit`, and ConfigError of `workers`.
     """
+    from daest.cli.kept import training_files
+    from daest.cli.models import chosen_class, load_model, model_source
+    from daest.cli.recordings import training_data
+    from daest.data.prepare import split_all
     from daest.diagnosis.kept import KeptProofs, run_digest
     from daest.modelica.effects import effect_library
 
@@ -203,6 +203,8 @@ def _sufficient(
 ) -> tuple[list[Experiment], list[Experiment], Hold | None, list[str]]:
     """The recordings and the hold; coarser, and on straight lines, where the recordings are much finer than
     their outputs move and no period is asked for, with a remark that says so."""
+    from daest.data.prepare import resample, sufficient_period
+
     hold = data_choice.known_hold(project)
     if data_choice.preparation(project).period is not None:
         return estimation, validation, hold, []
@@ -223,6 +225,7 @@ def _options(
     flat: FlatModel, folders: Sequence[Path], search: Search, hold: Hold | None, fit: KeptFit | None
 ) -> DiagnoseOptions:
     """Options of the engine."""
+    from daest.cli.results import parameter_values
     from daest.diagnosis.diagnose import DiagnoseOptions
 
     effects, places = _known(flat, search, folders)
@@ -297,6 +300,8 @@ def _earlier_fit(
     project: Project, source: Path, flat: FlatModel, estimation: Sequence[Experiment]
 ) -> KeptFit | None:
     """A fit of this model to other recordings, whose values these data may contradict."""
+    from daest.cli.results import find_fit
+
     found = find_fit(project, source, flat)
     if found is None:
         return None
@@ -351,6 +356,8 @@ def written_document(case: Case, diagnosis: Diagnosis) -> dict[str, Any]:
 
 def keep_diagnosis(project: Project, document: Mapping[str, Any], origin: Mapping[str, Any]) -> None:
     """Leave the diagnosis in the results of the project. Raises ConfigError `output-unwritable`."""
+    from daest.cli.results import KEPT_ELSEWHERE
+
     path = project.results / RESULT
     with whole_file(path, KEPT_ELSEWHERE) as temporary:
         stored = with_schema({**document, "made_from": origin}, "diagnose")
@@ -371,6 +378,8 @@ def models_of(case: Case, diagnosis: Diagnosis) -> dict[str, Written]:
 
 def origin(case: Case) -> dict[str, Any]:
     """Versions, and fingerprints of the model and of the recordings."""
+    from daest.cli.kept import made_from
+
     return made_from(case.project, [case.source], case.recordings)
 
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from daest.cli.kept import made_from, training_files
-from daest.cli.models import load_model, model_source
 from daest.cli.output import note
-from daest.cli.recordings import DataOptions, training_data
-from daest.data.prepare import split_all
-from daest.data.project import Project
 from daest.errors import ConfigError
+
+if TYPE_CHECKING:
+    from daest.cli.recordings import DataOptions
+    from daest.data.project import Project
 
 HALF = 0.5
 
@@ -28,6 +27,11 @@ def black_box_document(
 ) -> tuple[dict[str, Any], dict[str, Any]] | None:
     """The document of the diagnosis of an FMU without equations, and what it was made from; None for any
     other model. ConfigError `diagnose-fmu-search` for names of effects and places."""
+    from daest.cli.kept import made_from, training_files
+    from daest.cli.models import load_model, model_source
+    from daest.cli.recordings import training_data
+    from daest.data.prepare import split_all
+
     source = model_source(project, model)
     if source.suffix != ".fmu":
         return None

@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
-from daest.cli.kept import keep, made_from, unseen_files
-from daest.cli.models import model_source
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -27,22 +24,17 @@ from daest.cli.options import (
 from daest.cli.output import emit, keep_inputs, note, telling, write_text
 from daest.cli.pictures import draw
 from daest.cli.progress import progress
-from daest.cli.recordings import unseen_data
-from daest.cli.results import find_fit, fitted
-from daest.data.project import Hold, Project
 from daest.errors import ConfigError, EstimationError
-from daest.estimation.filter import run_filter
-from daest.estimation.filter_cost import LARGE, FilterCost, Way, filter_cost, way_of_filter
-from daest.estimation.nonlinear_filter import PARTICLES, run_nonlinear_filter
-from daest.estimation.profile import silent
-from daest.model.estimates import FilterKind, FilterResult, NonlinearKind
-from daest.model.experiment import Experiment
-from daest.model.flat import FlatModel
-from daest.report.csv_text import csv_text
-from daest.report.documents import filter as documents
-from daest.systems.linearize import is_affine_model
-from daest.systems.reduce import reduce_index
-from daest.systems.state_space import state_space_family
+from daest.model.defaults import PARTICLES
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from daest.data.project import Hold, Project
+    from daest.estimation.filter_cost import FilterCost, Way
+    from daest.model.estimates import FilterKind, FilterResult, NonlinearKind
+    from daest.model.experiment import Experiment
+    from daest.model.flat import FlatModel
 
 ESTIMATES = "estimates.csv"
 LONG = 10.0  # seconds from which on progress is shown
@@ -96,8 +88,13 @@ def command(
     The table goes to results/estimates.csv or the file of -o, a summary to stdout. Parameters and noise are
     those of results/fit.json.
     """
+    from daest.cli.kept import keep, made_from, unseen_files
+    from daest.cli.models import model_source
+    from daest.report.csv_text import csv_text
+    from daest.report.documents import filter as documents
     from daest.report.filter_figure import filter_figure
     from daest.report.texts import filter as texts
+    from daest.systems.linearize import is_affine_model
 
     project = model_options.project()
     keep_inputs(output, [data, model])
@@ -137,6 +134,14 @@ class _Wanted:
 def _estimated(
     flat: FlatModel, experiment: Experiment, kind: FilterKind | NonlinearKind, wanted: _Wanted
 ) -> FilterResult:
+    from daest.estimation.filter import run_filter
+    from daest.estimation.filter_cost import LARGE, way_of_filter
+    from daest.estimation.nonlinear_filter import run_nonlinear_filter
+    from daest.estimation.profile import silent
+    from daest.systems.linearize import is_affine_model
+    from daest.systems.reduce import reduce_index
+    from daest.systems.state_space import state_space_family
+
     if flat.given is not None and flat.given.hides_states:
         flat.given.local_functions(flat)  # says why there is no filter
     intensity = _known([(w.name, w.intensity) for w in flat.noises], "intensity", "process")
@@ -178,6 +183,8 @@ def _estimated(
 
 def _tell_cost(n_states: int, n_unknowns: int, n_samples: int, way: Way) -> FilterCost:
     """The cost of a filter, told on stderr before it starts where the model is large."""
+    from daest.estimation.filter_cost import LARGE, filter_cost
+
     cost = filter_cost(n_states, n_unknowns, n_samples, way)
     if n_states >= LARGE:
         cheaper = "" if way == "stationary" else "; --kind stationary takes less"
@@ -206,6 +213,10 @@ def _prepared(
     data: Path | None,
     options: DataOptions,
 ) -> _Prepared:
+    from daest.cli.models import model_source
+    from daest.cli.recordings import unseen_data
+    from daest.cli.results import find_fit, fitted
+
     source = model_source(project, model)
     flat = model_options.load(project, source)
     fit = find_fit(project, source, flat)
@@ -231,6 +242,8 @@ def _prepared(
 
 def _known(sizes: Sequence[tuple[str, float | None]], what: str, section: str) -> np.ndarray:
     """All sizes as an array. Raises EstimationError `filter-noise-unknown`."""
+    import numpy as np
+
     unknown = [name for name, size in sizes if size is None]
     if unknown:
         raise EstimationError(

@@ -7,12 +7,10 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from daest.cli.kept import made_from, training_files
-from daest.cli.models import load_model, model_source
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -32,16 +30,13 @@ from daest.cli.options import (
 from daest.cli.output import emit, keep_inputs, note, telling
 from daest.cli.pictures import checked, draw
 from daest.cli.progress import progress
-from daest.cli.recordings import training_data
-from daest.cli.results import fitted, save_fit
-from daest.data.project import Project
-from daest.estimation.bootstrap import LEAST_BOOTSTRAPS, with_bootstrap
-from daest.estimation.identify import identify
-from daest.estimation.profile import ALL, silent
-from daest.model.experiment import Experiment
-from daest.model.fit import FitResult, IdentifyOptions
-from daest.model.flat import FlatModel
-from daest.report.documents import fit as documents
+from daest.model.defaults import LEAST_REFITS
+
+if TYPE_CHECKING:
+    from daest.data.project import Project
+    from daest.model.experiment import Experiment
+    from daest.model.fit import FitResult, IdentifyOptions
+    from daest.model.flat import FlatModel
 
 
 @dataclass(frozen=True)
@@ -111,7 +106,7 @@ class Identified:
 )
 @click.option(
     "--bootstrap",
-    type=click.IntRange(min=LEAST_BOOTSTRAPS),
+    type=click.IntRange(min=LEAST_REFITS),
     metavar="N",
     help="Intervals from refits of N recordings that the fitted model makes, noise included.",
 )
@@ -149,6 +144,8 @@ def command(
 
     The result is written to results/fit.json, where filter, compare and simulate find it.
     """
+    from daest.estimation.profile import ALL
+    from daest.model.fit import IdentifyOptions
     from daest.report.texts import identify as texts
 
     project = model_options.project()
@@ -199,6 +196,15 @@ def identified(
     bootstrap: int = 0,
 ) -> Identified:
     """Identify the model (default: that of daest.toml) from the recordings."""
+    from daest.cli.kept import training_files
+    from daest.cli.models import load_model, model_source
+    from daest.cli.recordings import training_data
+    from daest.estimation.bootstrap import with_bootstrap
+    from daest.estimation.identify import identify
+    from daest.estimation.profile import silent
+    from daest.model.fit import IdentifyOptions
+    from daest.report.documents import fit as documents
+
     source = model_source(project, model)
     if flat is None:
         flat = load_model(project, source, class_name, libraries)
@@ -220,6 +226,9 @@ def identified(
 
 def keep_fit(project: Project, found: Identified) -> None:
     """Leave the fit in the results of the project. Raises ConfigError `output-unwritable`."""
+    from daest.cli.kept import made_from
+    from daest.cli.results import save_fit
+
     origin = made_from(project, [found.source], found.recordings)
     path = save_fit(project, found.source, found.loaded, found.document, origin)
     note(f"the fit is in {path}")
@@ -232,6 +241,7 @@ def _draw_profiles(found: Identified, plot: Path) -> None:
 
 
 def _draw(found: Identified, plot: Path) -> None:
+    from daest.cli.results import fitted
     from daest.diagnosis.compare import Candidate, compare_models
     from daest.report.fit_figure import fit_figure
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from daest.cli.diagnose import Case, Search, context, opened, origin, search_options
+from daest.cli.diagnose import search_options
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -21,10 +21,10 @@ from daest.cli.options import (
 from daest.cli.output import emit, note, telling, to_json, whole_file, with_schema
 from daest.cli.pictures import draw
 from daest.cli.progress import progress
-from daest.cli.results import read_document
 from daest.errors import ConfigError, DaestError, Place
 
 if TYPE_CHECKING:
+    from daest.cli.diagnose import Case, Search
     from daest.diagnosis.written import Written
     from daest.model.diagnosis import Improvement, Step
 
@@ -75,6 +75,7 @@ def command(
     and staircase.png, the error on validation data from step to step. An effect that no library holds is
     offered as a curve in unknown_effect.mo.
     """
+    from daest.cli.diagnose import opened, origin
     from daest.report.diagnosis_figures import staircase_figure
     from daest.report.texts import improve as texts
 
@@ -113,6 +114,7 @@ def _require_own(folder: Path) -> None:
 def improved(case: Case, folder: Path, most_effects: int) -> tuple[dict[str, Any], dict[str, str]]:
     """Improve the model; returns the document, and the texts of the models by the name of their file in
     `folder`."""
+    from daest.cli.diagnose import context
     from daest.diagnosis.improve import improve
     from daest.diagnosis.written import LOAD_FILE, offered_load, with_names, written_steps
     from daest.report.documents.diagnose import improvement_document
@@ -208,6 +210,8 @@ def _write(
 
 def _earlier_files(folder: Path) -> set[str]:
     """Models that the ledger of an earlier run names."""
+    from daest.cli.results import read_document
+
     if not (folder / LEDGER).is_file():
         return set()
     ledger = read_document(folder / LEDGER)

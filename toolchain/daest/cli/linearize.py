@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from daest.cli.linear import Linear, load_linear
 from daest.cli.options import (
     ModelOptions,
     example,
@@ -21,14 +20,11 @@ from daest.cli.options import (
 )
 from daest.cli.output import emit, keep_inputs, note, whole_file
 from daest.cli.pictures import draw
-from daest.model.linear import SparseForm, StandardForm
-from daest.report.arrays import save_arrays
-from daest.report.documents import linearize as documents
-from daest.report.frequency_figure import linear_figure
-from daest.report.texts import linearize as texts
-from daest.systems.linearize import theta_entries
-from daest.systems.standard_form import standard_form
-from daest.systems.transfer import TransferFunction, poles, transfer_functions
+
+if TYPE_CHECKING:
+    from daest.cli.linear import Linear
+    from daest.model.linear import SparseForm, StandardForm
+    from daest.systems.transfer import TransferFunction
 
 ARRAYS = (".npz", ".mat")
 
@@ -66,6 +62,13 @@ def command(
 
     With -o and a name in .npz or .mat the matrices are written as arrays.
     """
+    from daest.cli.linear import load_linear
+    from daest.report.arrays import save_arrays
+    from daest.report.frequency_figure import linear_figure
+    from daest.report.texts import linearize as texts
+    from daest.systems.standard_form import standard_form
+    from daest.systems.transfer import poles, transfer_functions
+
     project = model_options.project()
     keep_inputs(output, [model, at])
     linear = load_linear(project, model, model_options, settings, at, route)
@@ -84,5 +87,8 @@ def command(
 def _document(
     linear: Linear, standard: StandardForm | SparseForm, functions: Sequence[TransferFunction]
 ) -> dict[str, Any]:
+    from daest.report.documents import linearize as documents
+    from daest.systems.linearize import theta_entries
+
     theta = theta_entries(linear.flat, linear.at) if linear.flat is not None else []
     return documents.document(linear.dae, standard, functions, theta, linear.cross_check)

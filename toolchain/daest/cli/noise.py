@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from daest.cli.kept import keep, made_from
-from daest.cli.linear import load_linear
-from daest.cli.models import model_source
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -22,14 +20,12 @@ from daest.cli.options import (
 )
 from daest.cli.output import emit, keep_inputs
 from daest.cli.pictures import draw
-from daest.data.project import Project
 from daest.errors import ConfigError, Place
-from daest.model.flat import FlatModel
-from daest.model.noise import NoiseAlong
-from daest.report.documents import noise as documents
-from daest.report.structure_figure import noise_figure
-from daest.report.texts import noise as texts
-from daest.systems.noise import noise_report
+
+if TYPE_CHECKING:
+    from daest.data.project import Project
+    from daest.model.flat import FlatModel
+    from daest.model.noise import NoiseAlong
 
 
 @click.command("noise", epilog=example("daest noise Servo.mo", "daest noise Servo.mo --at disc.flange_b.tau"))
@@ -68,6 +64,14 @@ def command(
     Exit code 1 if a noise of the model, or a place that was asked for with --at, is not admissible, at the
     operating point or anywhere along the recording of --along.
     """
+    from daest.cli.kept import keep, made_from
+    from daest.cli.linear import load_linear
+    from daest.cli.models import model_source
+    from daest.report.documents import noise as documents
+    from daest.report.structure_figure import noise_figure
+    from daest.report.texts import noise as texts
+    from daest.systems.noise import noise_report
+
     project = model_options.project()
     keep_inputs(output, [model, along])
     linear = load_linear(project, model, model_options, settings, None)

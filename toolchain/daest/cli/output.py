@@ -20,6 +20,7 @@ from daest.errors import ConfigError, Place
 
 Document = dict[str, Any]
 UNWRITABLE = "output-unwritable"
+LATEST = "fit.json"  # in the results folder: the fit that was made last
 
 
 def to_json(document: Mapping[str, Any]) -> str:

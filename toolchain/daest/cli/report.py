@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from daest.cli.options import ModelOptions, example, format_option, model_options
-from daest.cli.output import emit, keep_inputs, note, write_text
-from daest.cli.results import LATEST, find_fit, fitted, read_document
-from daest.data.project import Project
+from daest.cli.output import LATEST, emit, keep_inputs, note, write_text
 from daest.errors import ConfigError, DaestError, Place
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from daest.data.project import Project
     from daest.model.flat import FlatModel
     from daest.report.page.material import Traced
     from daest.report.page.sections import Section
@@ -121,12 +120,16 @@ def _summary(document: Mapping[str, Any], width: int, color: bool) -> str:
 
 
 def _documents(project: Project) -> dict[str, dict[str, Any]]:
+    from daest.cli.results import read_document
+
     paths = {part: project.results / name for part, (name, _) in DOCUMENTS.items()}
     return {part: read_document(path) for part, path in paths.items() if path.is_file()}
 
 
 def _model(project: Project, options: ModelOptions) -> tuple[FlatModel | None, tuple[str, ...]]:
     """The model with the values of its fit, or why there is none."""
+    from daest.cli.results import find_fit, fitted
+
     if project.source is None:
         return None, ()
     try:

@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from daest.cli.fingerprint import differences, model_fingerprint
-from daest.cli.output import Document, to_json, whole_file, with_schema
+from daest.cli.output import LATEST, Document, to_json, whole_file, with_schema
 from daest.data.project import Project
 from daest.errors import ConfigError, Place
 from daest.model.flat import FlatModel
 
-LATEST = "fit.json"
 KEPT_ELSEWHERE = "work in a copy of the project, in a folder that can be written"
 BY_MODEL = "fits"  # one fit per model, so that compare finds each one's
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
-import numpy as np
 
-from daest.cli.models import model_source
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -23,13 +22,10 @@ from daest.cli.options import (
 )
 from daest.cli.output import emit, keep_inputs, note, write_text
 from daest.cli.pictures import draw
-from daest.cli.recordings import driving_data
-from daest.cli.results import find_fit, fitted
-from daest.model.flat import FlatModel
-from daest.model.simulation import Simulation
-from daest.report.csv_text import csv_text
-from daest.report.documents import simulate as documents
-from daest.systems.simulate import simulate
+
+if TYPE_CHECKING:
+    from daest.model.flat import FlatModel
+    from daest.model.simulation import Simulation
 
 # Names of variables without finite values that are told.
 MOST_LOST = 5
@@ -66,7 +62,11 @@ def command(
 
     Parameters are those of results/fit.json if it is a fit of this model, else those of the model.
     """
+    from daest.cli.models import model_source
+    from daest.cli.recordings import driving_data
+    from daest.cli.results import find_fit, fitted
     from daest.report.simulation_figure import simulation_figure
+    from daest.systems.simulate import simulate
 
     project = model_options.project()
     keep_inputs(output, [inputs, model])
@@ -93,6 +93,9 @@ def _with_settings(flat: FlatModel, settings: Mapping[str, float]) -> FlatModel:
 def _write(
     result: Simulation, form: str, output: Path | None, all_variables: bool, remarks: Sequence[str]
 ) -> None:
+    from daest.report.csv_text import csv_text
+    from daest.report.documents import simulate as documents
+
     note(f"{result.n_samples} samples, {result.method}, hold {result.hold}")
     remarks = (*remarks, *_what_is_missing(result, all_variables))
     for remark in remarks:
@@ -106,6 +109,8 @@ def _write(
 
 def _what_is_missing(result: Simulation, all_variables: bool) -> list[str]:
     """Remarks on a table without outputs, and on values that are no numbers."""
+    import numpy as np
+
     found = []
     if not result.output_names:
         others = f"--all writes its {len(result.variable_names)} variables" if result.variable_names else ""

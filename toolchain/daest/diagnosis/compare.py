@@ -35,9 +35,7 @@ from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.reduce import reduce_index
 from daest.systems.simulate import simulate
 
-LEAST_BOOTSTRAPS = int(1 / LEVEL) - 1  # fewer records without fault cannot tell a level of LEVEL
-
-__all__ = ["LEAST_BOOTSTRAPS", "Candidate", "compare_models"]
+__all__ = ["Candidate", "compare_models"]
 
 
 @dataclass(frozen=True)
@@ -73,9 +71,9 @@ def compare_models(
 
     A measurement noise that is not known is the one that the simulation leaves. Values are NaN and
     agreements None where a model overflows. `bootstrap` records without fault, simulated with the model
-    itself, take the place of the tables of the tests; LEAST_BOOTSTRAPS are needed to falsify anything. They
-    are made in `jobs` processes where that is worth while, or on the Dask `cluster` at an address, with the
-    same result. Raises EstimationError `compare-bootstrap-noise`.
+    itself, take the place of the tables of the tests; `LEAST_NULL_RECORDS` are needed to falsify
+    anything. They are made in `jobs` processes where that is worth while, or on the Dask `cluster` at an
+    address, with the same result. Raises EstimationError `compare-bootstrap-noise`.
     """
     outputs = candidates[0].flat.outputs
     with workers(jobs if bootstrap else 1, cluster if bootstrap else None) as pool:

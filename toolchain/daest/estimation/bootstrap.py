@@ -32,7 +32,6 @@ from daest.systems.redundant import good_everywhere
 from daest.systems.simulate import simulate
 
 LEVEL = 0.95
-LEAST_BOOTSTRAPS = 39  # fewer have no value beyond the percentiles of LEVEL
 LEAST_DONE = 0.5  # share of the refits that must come to an end
 
 

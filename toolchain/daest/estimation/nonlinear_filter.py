@@ -25,6 +25,7 @@ from daest.estimation.interpreted import project
 from daest.estimation.nonlinear_smoother import Joint, filtered_joint, smooth_ekf, smooth_ukf
 from daest.estimation.particle import ContinuousPoints, ParticleRun, Proposal, run_particles, smooth_particles
 from daest.estimation.ukf import UkfRun, run_ukf
+from daest.model.defaults import PARTICLES
 from daest.model.estimates import FilterResult, InitialState, NisSummary, NonlinearKind, ProcessNoiseEstimate
 from daest.model.experiment import Experiment
 from daest.model.explicit import ExplicitModel
@@ -33,7 +34,6 @@ from daest.systems.integrate import Hold, IntegrationError, integrate, integrato
 from daest.systems.local_linear import LocalModel, internal_function, internal_names, local_model
 from daest.systems.redundant import good_everywhere, matching_states
 
-PARTICLES = 1000
 SUBSTEP_TOLERANCE = (
     0.02  # change of the estimate, rms in its standard deviations, that a halved step may make
 )
