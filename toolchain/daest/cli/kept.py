@@ -6,7 +6,6 @@ import hashlib
 import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +50,8 @@ def keep(
 def made_from(project: Project, models: Sequence[Path], recordings: Iterable[Path] = ()) -> dict[str, Any]:
     """Versions of the programs and fingerprints of the files that a result depends on; paths count from the
     folder of daest.toml."""
+    from importlib import metadata
+
     files = [("model", path) for path in models] + [("data", path) for path in recordings]
     files += [] if project.file is None else [("project", project.file)]
     return {

@@ -87,7 +87,7 @@ def _of_fmu(
     _check_names(values, names, source)
     theta = np.array([values.get(name, start) for name, start in zip(names, starts, strict=True)])
     dae = linearize_fmu(source, theta, point, route)
-    return Linear(dae, symbolic_model(source), point, cross_check_fmu(source, theta, point))
+    return Linear(dae, symbolic_model(source), point, cross_check_fmu(source, theta, point, [dae]))
 
 
 def _check_names(values: Mapping[str, float], names: Sequence[str], source: Path) -> None:

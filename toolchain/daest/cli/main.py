@@ -6,6 +6,7 @@ keyboard. Commands are imported when they are called, so that `daest --help` loa
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import signal
@@ -47,6 +48,8 @@ HELP_OPTIONS = ["-h", "--help"]
 # Threads inside the linear algebra of small matrices cost more than they bring. Read when numpy loads.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
+# Objects between two searches for garbage: of what imports make, which is most of a short command, none is.
+GARBAGE_AFTER = 100_000
 TRACEBACK_VARIABLE = "DAEST_TRACEBACK"
 
 
@@ -92,6 +95,7 @@ def cli() -> None:
 
 def main() -> NoReturn:
     """Entry point of the command line."""
+    gc.set_threshold(GARBAGE_AFTER)
     prepare_streams()
     for name in ("SIGTERM", "SIGHUP"):  # a program that is asked to end tidies up as after Ctrl-C
         if hasattr(signal, name) and signal.getsignal(getattr(signal, name)) is signal.SIG_DFL:

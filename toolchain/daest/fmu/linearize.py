@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from daest.errors import ConfigError, FmuError
 from daest.fmu.load import load_fmu, symbolic_model
 from daest.fmu.points import DIFFERENCE_FLOOR, difference
 from daest.fmu.residual_form import linearize_residuals
+from daest.fmu.runner import Runner
 from daest.fmu.semi_explicit import linearize_semi_explicit
 from daest.model.flat import FlatModel
 from daest.model.fmu import FmuModel
@@ -24,6 +25,7 @@ def linearize_fmu(
     theta: np.ndarray | None = None,
     at: Mapping[str, float] | None = None,
     source: str | None = None,
+    runner: Runner | None = None,
 ) -> LinearDAE:
     """The linear DAE of an FMU at the parameters `theta` (all of them, in the FMU's order; None: its start
     values).
@@ -32,9 +34,9 @@ def linearize_fmu(
     or zero. `source` is one of `SOURCES`; None takes the first that the FMU offers:
     "symbolic" (the model inside), "fmi-ls-dae" (residuals of the binary: the same unknowns and equations),
     "directional derivatives" or "finite differences" (x' = f, 0 = z - g over all continuous variables).
-    Directional derivatives are compared with finite differences, and not used where they are wrong; the
-    result tells. Errors: those of `load_fmu` and of the binary (`fmu-without-binary`, `fmu-call-failed`),
-    `fmu-source`.
+    `runner` is the process of the FMU's binary to use; None: a new one. Directional derivatives are compared
+    with finite differences, and not used where they are wrong; the result tells. Errors: those of `load_fmu`
+    and of the binary (`fmu-without-binary`, `fmu-call-failed`), `fmu-source`.
     """
     model = load_fmu(path)
     if source is not None and source not in SOURCES:
@@ -46,8 +48,8 @@ def linearize_fmu(
         return _symbolic(path, theta, at)
     values = _parameter_values(model, theta)
     if chosen == "fmi-ls-dae":
-        return linearize_residuals(model, values, at)
-    return linearize_semi_explicit(model, values, at, allow_directional=chosen == "directional derivatives")
+        return linearize_residuals(model, values, at, runner)
+    return linearize_semi_explicit(model, values, at, chosen == "directional derivatives", runner)
 
 
 def available_sources(model: FmuModel) -> tuple[str, ...]:
@@ -62,28 +64,37 @@ def available_sources(model: FmuModel) -> tuple[str, ...]:
 
 
 def cross_check_fmu(
-    path: str | Path, theta: np.ndarray | None = None, at: Mapping[str, float] | None = None
+    path: str | Path,
+    theta: np.ndarray | None = None,
+    at: Mapping[str, float] | None = None,
+    known: Sequence[LinearDAE] = (),
 ) -> dict[str, float]:
     """The largest relative difference between each pair of sources that can be compared, and `largest` of
     them.
 
     Compared are E, J, K, B, C, D, H and the offsets, entry by entry against the largest entry of the
-    equation. Empty if the FMU offers only one source, or has no binary that runs here.
+    equation. Empty if the FMU offers only one source, or has no binary that runs here. `known`: linear DAEs
+    at the same point that need not be computed again.
     """
     model = load_fmu(path)
     found: dict[str, float] = {}
     offers = available_sources(model)
-    for first, second in (("symbolic", "fmi-ls-dae"), ("directional derivatives", "finite differences")):
-        if first in offers and second in offers:
-            try:
-                one, other = (linearize_fmu(path, theta, at, name) for name in (first, second))
-            except FmuError as problem:
-                if problem.code in ("fmu-without-binary", "fmu-binary-not-loaded"):
-                    continue
-                raise
-            if one.source != other.source:
-                floor = DIFFERENCE_FLOOR if second == "finite differences" else 0.0
-                found[f"{first} - {second}"] = matrices_apart(one, other, floor)
+    ready: dict[str, LinearDAE] = {dae.source: dae for dae in known}
+    with Runner(model) as runner:
+        for first, second in (("symbolic", "fmi-ls-dae"), ("directional derivatives", "finite differences")):
+            if first in offers and second in offers:
+                try:
+                    one, other = (
+                        ready.get(name) or linearize_fmu(path, theta, at, name, runner)
+                        for name in (first, second)
+                    )
+                except FmuError as problem:
+                    if problem.code in ("fmu-without-binary", "fmu-binary-not-loaded"):
+                        continue
+                    raise
+                if one.source != other.source:
+                    floor = DIFFERENCE_FLOOR if second == "finite differences" else 0.0
+                    found[f"{first} - {second}"] = matrices_apart(one, other, floor)
     return {**found, "largest": max(found.values())} if found else {}
 
 

@@ -20,7 +20,7 @@ from daest.fmu.points import (
     point_value,
     probe_point,
 )
-from daest.fmu.runner import Points, Runner
+from daest.fmu.runner import Points, Runner, running
 from daest.fmu.semi_explicit import changed_parameters, refuse_hidden, refused
 from daest.model.fmu import FmuModel
 from daest.model.linear import LinearDAE
@@ -110,13 +110,15 @@ def _rates(model: FmuModel) -> dict[int, int]:
     return found
 
 
-def linearize_residuals(model: FmuModel, theta: np.ndarray, at: Mapping[str, float] | None) -> LinearDAE:
-    """The linear DAE through the FMU's residuals. See `linearize_fmu`."""
+def linearize_residuals(
+    model: FmuModel, theta: np.ndarray, at: Mapping[str, float] | None, runner: Runner | None = None
+) -> LinearDAE:
+    """The linear DAE through the FMU's residuals, by `runner` if it is given. See `linearize_fmu`."""
     form = residual_form(model)
     start = _start_point(model, form, at)
     refuse_hidden(model, "a linear model")
-    with Runner(model) as runner:
-        instance = _Residuals(runner, form, changed_parameters(model, theta))
+    with running(model, runner) as worker:
+        instance = _Residuals(worker, form, changed_parameters(model, theta))
         zero = _Point(
             np.zeros(len(form.unknowns)), np.zeros(len(form.unknowns)), np.zeros(len(form.inputs)), 0.0
         )

@@ -15,7 +15,7 @@ import tempfile
 import threading
 import time
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -244,6 +244,16 @@ class Runner:
         except BaseException:
             self.close()
             raise
+
+
+@contextlib.contextmanager
+def running(model: FmuModel, runner: Runner | None) -> Iterator[Runner]:
+    """`runner`, or one of its own that ends with the block: a process starts slower than it answers."""
+    if runner is not None:
+        yield runner
+        return
+    with Runner(model) as own:
+        yield own
 
 
 def _mode(

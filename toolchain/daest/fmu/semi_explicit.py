@@ -20,7 +20,7 @@ from daest.fmu.points import (
     point_value,
     probe_point,
 )
-from daest.fmu.runner import Evaluated, Points, Runner
+from daest.fmu.runner import Evaluated, Points, Runner, running
 from daest.model.flat import Equation
 from daest.model.fmu import FmuModel
 from daest.model.linear import LinearDAE
@@ -92,9 +92,13 @@ def semi_explicit_form(model: FmuModel) -> SemiExplicitForm:
 
 
 def linearize_semi_explicit(
-    model: FmuModel, theta: np.ndarray, at: Mapping[str, float] | None, allow_directional: bool
+    model: FmuModel,
+    theta: np.ndarray,
+    at: Mapping[str, float] | None,
+    allow_directional: bool,
+    runner: Runner | None = None,
 ) -> LinearDAE:
-    """The linear DAE of x' = f, 0 = z - g. See `linearize_fmu`."""
+    """The linear DAE of x' = f, 0 = z - g, by `runner` if it is given. See `linearize_fmu`."""
     form = semi_explicit_form(model)
     offer = allow_directional and model.provides_directional_derivatives
     refuse_hidden(model, "a linear model")
@@ -106,11 +110,11 @@ def linearize_semi_explicit(
             remedy="Export it with its continuous variables.",
         )
     changed = changed_parameters(model, theta)
-    with Runner(model) as runner:
-        own = _own_start(runner, form, changed)  # before anything moves its states
-        is_affine = is_affine_there(runner, form, changed)
+    with running(model, runner) as worker:
+        own = _own_start(worker, form, changed)  # before anything moves its states
+        is_affine = is_affine_there(worker, form, changed)
         x, u = _start_point(model, form, at, None if is_affine else own)
-        found, values = jacobians(runner, form, x, u, offer, changed)
+        found, values = jacobians(worker, form, x, u, offer, changed)
     chosen, source, notes = _choose(found, offer)
     return _assemble(
         model,
