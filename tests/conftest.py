@@ -11,6 +11,8 @@ import pytest
 # As the commands do: small matrices, and two test processes beside each other.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
+# Tests of processes ask for them; in the others they would only have to start.
+os.environ["DAEST_JOBS"] = "1"
 
 
 @pytest.fixture(autouse=True)

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import kstest
 
-from daest.numerics.statistics import autoregression, coloured_moment, whiteness_p_value
+from daest.numerics.statistics import autoregression, coloured_moment, weighted_past, whiteness_p_value
 
 
 def test_p_values_of_white_noise_are_uniform():
@@ -57,3 +57,10 @@ def test_coloured_moment_is_the_quadratic_form_with_the_exact_covariance(rho):
     size = np.sqrt(np.diagonal(expected))
     # The spectrum itself is estimated from 4000 samples.
     assert np.max(np.abs(found - expected) / np.outer(size, size)) < 0.25
+
+
+@pytest.mark.parametrize("shape", [(40,), (3, 40), (2, 3)])
+def test_weighted_past_is_a_filter(shape):
+    rng = np.random.default_rng(3)
+    weights, values = rng.normal(size=5), rng.normal(size=shape)
+    np.testing.assert_allclose(weighted_past(weights, values), lfilter(weights, [1.0], values), atol=1e-14)

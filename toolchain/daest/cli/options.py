@@ -151,7 +151,8 @@ jobs_option = click.option(
     "--jobs",
     type=click.IntRange(min=1),
     metavar="N",
-    help="Fits at a time on this machine (default: one per core).",
+    envvar="DAEST_JOBS",
+    help="Fits at a time on this machine (default: DAEST_JOBS, else one per core).",
 )
 cluster_option = click.option(
     "--cluster", metavar="ADDRESS", help="Fit on the Dask cluster at this address instead (tcp://HOST:8786)."

@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import chi2, norm
 
 from daest.diagnosis.compare import Candidate, compare_models
 from daest.errors import EstimationError, NumericalError
@@ -32,6 +31,7 @@ from daest.fmu.laws import LAWS, Law
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import FlatModel
+from daest.numerics.distributions import chi2, norm
 from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.integrate import Hold, IntegrationError, interval_inputs
 from daest.systems.reduce import reduce_index

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from daest.diagnosis.null import Null
 from daest.diagnosis.screen import (
@@ -26,6 +25,7 @@ from daest.diagnosis.screen import (
 from daest.diagnosis.trial import variables_along
 from daest.model.diagnosis import FreeForm
 from daest.model.experiment import Experiment
+from daest.numerics.distributions import chi2
 
 KNOTS = 8  # of a curve, with equally many samples between each two
 HARMONICS = 3  # of an angle that turns round

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from daest.diagnosis.disturbance import SmoothedLoad, smoothed_at
 from daest.diagnosis.free_forms import covers, free_forms
@@ -18,6 +17,7 @@ from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, FittedParameter, error_ratios
 from daest.model.flat import FlatModel
 from daest.modelica.attach import attach
+from daest.numerics.distributions import chi2
 from daest.systems.reduce import reduce_index
 
 ALIKE = 0.98  # correlation of two scores above which the sensors do not tell two places apart

@@ -12,11 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
-from scipy.stats import chi2, norm
 
 from daest.model.comparison import ResidualTest
-from daest.numerics.statistics import autoregression, ljung_box
+from daest.numerics.distributions import chi2, norm
+from daest.numerics.statistics import autoregression, ljung_box, weighted_past
 
 LEVEL = 0.01  # of a false alarm by any test of a model
 WHITENESS_LAGS = 30  # at most; fewer where the record is short
@@ -198,10 +197,10 @@ def _independence(sequences: Sequences, j: int, regressors: np.ndarray) -> RawTe
         return None
     A, cov = autoregression(e[:, None])
     whitener = np.concatenate([[1.0], -A[:, 0, 0]])
-    e, phi = lfilter(whitener, [1.0], e), lfilter(whitener, [1.0], phi, axis=1)
+    e, phi = weighted_past(whitener, e), weighted_past(whitener, phi)
     variance = phi @ phi.T * float(cov[0, 0])
     if sequences.parameter_cov.size:
-        moved = phi @ lfilter(whitener, [1.0], sequences.slopes[:, :, j] * seen, axis=1).T
+        moved = phi @ weighted_past(whitener, sequences.slopes[:, :, j] * seen).T
         variance = variance + moved @ sequences.parameter_cov @ moved.T
     return _quadratic(phi @ e, variance)
 

@@ -18,7 +18,6 @@ from typing import Any, cast
 import casadi as ca
 import numpy as np
 from scipy.special import ndtri_exp
-from scipy.stats import chi2, norm
 
 from daest.diagnosis.candidates import attachable, attached, with_shapes
 from daest.diagnosis.error_dynamics import ErrorDynamics, dynamics_along
@@ -28,6 +27,7 @@ from daest.estimation.observer import AverageModel, average_model, observer
 from daest.model.diagnosis import Candidate, Screen, Screened
 from daest.model.experiment import Experiment
 from daest.model.explicit import ExplicitModel
+from daest.numerics.distributions import chi2, norm
 from daest.numerics.statistics import autoregression
 from daest.systems.integrate import (
     Correction,

@@ -14,9 +14,9 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from scipy.stats import beta
 
 from daest.model.comparison import Finding
+from daest.numerics.distributions import beta
 
 LEVEL = 0.02  # of a false finding anywhere in one model
 MOST_FINDINGS = 4

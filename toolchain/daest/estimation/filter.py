@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.stats import chi2
 
 from daest.errors import EstimationError
 from daest.estimation.filter_cost import LARGE, check_memory, filter_cost
@@ -32,6 +31,7 @@ from daest.model.estimates import (
 )
 from daest.model.experiment import Experiment
 from daest.model.linear import DiscreteModel, StateSpace, StateSpaceFamily
+from daest.numerics.distributions import chi2
 from daest.numerics.gaussian import marginals
 from daest.systems.sample import sample, stacked_inputs
 from daest.systems.state_space import state_space

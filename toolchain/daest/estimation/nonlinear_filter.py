@@ -15,7 +15,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.stats import chi2
 
 from daest.errors import EstimationError
 from daest.estimation.ekf import run_ekf
@@ -29,6 +28,7 @@ from daest.model.defaults import PARTICLES
 from daest.model.estimates import FilterResult, InitialState, NisSummary, NonlinearKind, ProcessNoiseEstimate
 from daest.model.experiment import Experiment
 from daest.model.explicit import ExplicitModel
+from daest.numerics.distributions import chi2
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import Hold, IntegrationError, integrate, integrator
 from daest.systems.local_linear import LocalModel, internal_function, internal_names, local_model

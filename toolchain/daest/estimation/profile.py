@@ -13,12 +13,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from daest.errors import EstimationError
 from daest.estimation.coordinates import Unknowns
 from daest.estimation.search import Found, Objective, minimise
 from daest.model.fit import FitResult, Profile, ProfileEnd
+from daest.numerics.distributions import chi2
 
 ALL = "all"  # in place of a name: every estimated parameter
 LEVEL = 0.95

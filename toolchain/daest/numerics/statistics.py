@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2
+
+from daest.numerics.distributions import chi2
 
 WHITENESS_LAGS = 20
 LARGEST_ORDER = 32  # of the autoregression that describes residuals
@@ -38,6 +39,14 @@ def ljung_box(residuals: np.ndarray, observed: np.ndarray, lags: int) -> float:
             correlation = float(centred[lag:] @ centred[:-lag]) / pairs / variance
             statistic += pairs * correlation**2 * (count + 2) / count
     return statistic
+
+
+def weighted_past(weights: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Σ_i weights[i] v[k-i] along the last axis of `values` (…, n_samples); zero before the first sample."""
+    total = weights[0] * values
+    for lag, weight in enumerate(weights[1:], start=1):
+        total[..., lag:] += weight * values[..., :-lag]
+    return total
 
 
 def autoregression(residuals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

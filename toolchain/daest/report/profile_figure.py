@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import chi2
 
 from daest.model.fit import FitResult, FittedParameter, Profile
+from daest.numerics.distributions import chi2
 from daest.report.figures import LINES
 
 if TYPE_CHECKING:
