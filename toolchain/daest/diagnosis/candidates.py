@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 
+from daest.diagnosis.grown_states import brought_rows, with_integrals
 from daest.errors import DaestError
 from daest.model.diagnosis import Candidate
 from daest.model.effects import Effect, EffectParameter, Placement, Site
@@ -104,6 +105,7 @@ def _ranges(
     u = np.zeros((explicit.rhs.numel_in(1), chosen.size))
     u[: inputs.shape[1]] = inputs[chosen].T
     v, w = (np.zeros((explicit.rhs.numel_in(i), chosen.size)) for i in (2, 3))
+    x = with_integrals(explicit, brought_rows(explicit, states), time[chosen], x.T, (u, v)).T
     theta = np.tile(explicit.flat.theta_values[:, None], (1, chosen.size))
     values = explicit.variables.map(chosen.size)(x, u, v, w, theta, time[chosen])
     largest = np.max(np.abs(np.array(values)), axis=1, initial=0.0)

@@ -21,6 +21,7 @@ from scipy.special import ndtri_exp
 
 from daest.diagnosis.candidates import attachable, attached, with_shapes
 from daest.diagnosis.error_dynamics import ErrorDynamics, dynamics_along
+from daest.diagnosis.grown_states import grown_states
 from daest.diagnosis.null import Null
 from daest.errors import EstimationError
 from daest.estimation.observer import AverageModel, average_model, observer
@@ -195,15 +196,16 @@ def _responses(
     ends = np.cumsum([0, *(len(c.effect.sizes) for c in candidates)])
     rows = [slice(a, b) for a, b in pairwise(ends.tolist())]
     of_rates, of_outputs = _drive_functions(explicit, names)
-    basis = _basis(null, run, explicit)
+    grown = grown_states(null.explicit, null.theta, run.observed[0].filtered.mean(axis=0), explicit)
     parts = []
     for number, (experiment, observed) in enumerate(zip(null.experiments, run.observed, strict=True)):
         time, (first, last) = experiment.time, _driven_inputs(null, explicit, experiment)
-        at_starts = _drives(explicit, of_rates, time, observed.filtered @ basis.T, first)
         # What an effect does to an innovation must not know that innovation.
-        at_ends = _drives(explicit, of_rates, time, observed.predicted @ basis.T, last)
-        direct = _drives(explicit, of_outputs, time, observed.predicted @ basis.T, last)
-        g = np.stack([at_starts[:, :-1], at_ends[:, 1:]], axis=1) @ np.linalg.inv(basis).T
+        filtered, predicted = (grown.along(time, x, first) for x in (observed.filtered, observed.predicted))
+        at_starts = _drives(explicit, of_rates, time, filtered, first)
+        at_ends = _drives(explicit, of_rates, time, predicted, last)
+        direct = _drives(explicit, of_outputs, time, predicted, last)
+        g = grown.without_effects(np.stack([at_starts[:, :-1], at_ends[:, 1:]], axis=1))
         parts.append(innovation_responses(run, number, experiment, g, direct))
     return np.concatenate(parts, axis=1), rows
 
@@ -230,31 +232,6 @@ def innovation_responses(
     change = run.dynamics[number].errors(run.gain, g, direct)
     change = np.where(np.isfinite(experiment.outputs), change, 0.0)
     return (change @ run.root.T).reshape(g.shape[0], -1)
-
-
-def _basis(null: Null, run: NullObserver, explicit: ExplicitModel) -> np.ndarray:
-    """T (n, n): states of `explicit` = T · states of the null. The grown model may choose other states among
-    variables that are proportional to each other (both sides of a gear, say)."""
-    if explicit.state_names == run.state_names:
-        return np.eye(len(run.state_names))
-    own = null.explicit
-    x, theta = ca.MX.sym("x", own.n_states), null.theta
-    zeros = [np.zeros(own.rhs.numel_in(i)) for i in (1, 2, 3)]
-    at = (x, *zeros, theta, 0.0)
-    values: Any = ca.vertcat(cast(Any, own.variables(*at)), cast(Any, own.variable_derivatives(*at)))
-    names = [v.name for v in own.flat.unknowns]
-    names += [f"der({name})" for name in names]
-    missing = [name for name in explicit.state_names if name not in names]
-    if missing or explicit.n_states != own.n_states:
-        raise EstimationError(
-            "diagnose-no-candidate",
-            "the model with the candidates has other states than the model: "
-            + ", ".join(missing or explicit.state_names),
-            remedy="restrict the search (--effect, --at)",
-        )
-    rows = [names.index(name) for name in explicit.state_names]
-    slopes = ca.Function("basis", [x], [ca.densify(ca.jacobian(values[rows], x))])
-    return np.array(slopes(run.observed[0].filtered.mean(axis=0)))
 
 
 def _drive_functions(explicit: ExplicitModel, names: Sequence[str]) -> tuple[ca.Function, ca.Function]:

@@ -1,0 +1,96 @@
+"""The states of a model with effects attached, from the states of the model without them.
+
+The grown model may choose other states among variables that are proportional to each other (both sides of a
+gear, say). An effect that asks for an angle where the model has only a speed brings it along as a state: the
+integral of that speed, from zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any, cast
+
+import casadi as ca
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from daest.errors import EstimationError
+from daest.model.explicit import ExplicitModel
+
+Inputs = tuple[np.ndarray, np.ndarray]  # u (n_u, n_samples) and v (n_v, n_samples)
+
+
+@dataclass(frozen=True)
+class GrownStates:
+    """`common` rows of the states of `explicit` are T (n, n) times the states of the model without effects;
+    the `brought` ones are integrals of what the others determine."""
+
+    explicit: ExplicitModel
+    T: np.ndarray
+    common: list[int]
+    brought: list[int]
+
+    def along(self, time: np.ndarray, states: np.ndarray, inputs: Inputs) -> np.ndarray:
+        """States (n_samples, n_grown) of `explicit` along the states (n_samples, n) without effects."""
+        grown = np.zeros((states.shape[0], self.explicit.n_states))
+        grown[:, self.common] = states @ self.T.T
+        return with_integrals(self.explicit, self.brought, time, grown, inputs)
+
+    def without_effects(self, rates: np.ndarray) -> np.ndarray:
+        """Rates (…, n) of the states without effects, from those of `explicit` (…, n_grown)."""
+        return rates[..., self.common] @ np.linalg.inv(self.T).T
+
+
+def with_integrals(
+    explicit: ExplicitModel, rows: list[int], time: np.ndarray, states: np.ndarray, inputs: Inputs
+) -> np.ndarray:
+    """`states` (n_samples, n) with the integrals of their rates, from zero, in the columns `rows`."""
+    if not rows:
+        return states
+    n_samples = time.size
+    theta = np.tile(explicit.flat.theta_values[:, None], (1, n_samples))
+    w = np.zeros((explicit.rhs.numel_in(3), n_samples))
+    rates = explicit.rhs.map(n_samples)(states.T, *inputs, w, theta, time[None, :])
+    integrals = cumulative_trapezoid(np.array(rates)[rows], time, axis=1, initial=0.0)
+    result = states.copy()
+    result[:, rows] = integrals.T
+    return result
+
+
+def brought_rows(explicit: ExplicitModel, known: Collection[str]) -> list[int]:
+    """Rows of the states without a `known` name, where none of them moves another; else none."""
+    new = [i for i, name in enumerate(explicit.state_names) if name not in known]
+    moved_by = ca.DM(explicit.rhs.jac_sparsity(0, 0), 1.0).full()
+    return [] if np.any(moved_by[np.ix_(new, new)]) else new
+
+
+def grown_states(
+    own: ExplicitModel, theta: np.ndarray, at: np.ndarray, explicit: ExplicitModel
+) -> GrownStates:
+    """How the states of `explicit` follow from those of `own`, at its states `at` (n,).
+
+    Raises EstimationError `diagnose-no-candidate` where they do not.
+    """
+    if explicit.state_names == own.state_names:
+        n = own.n_states
+        return GrownStates(explicit, np.eye(n), list(range(n)), [])
+    x = ca.MX.sym("x", own.n_states)
+    zeros = [np.zeros(own.rhs.numel_in(i)) for i in (1, 2, 3)]
+    point = (x, *zeros, theta, 0.0)
+    values: Any = ca.vertcat(cast(Any, own.variables(*point)), cast(Any, own.variable_derivatives(*point)))
+    names = [v.name for v in own.flat.unknowns]
+    names += [f"der({name})" for name in names]
+    brought = brought_rows(explicit, names)
+    common = [i for i in range(explicit.n_states) if i not in brought]
+    missing = [explicit.state_names[i] for i in common if explicit.state_names[i] not in names]
+    if missing or len(common) != own.n_states:
+        raise EstimationError(
+            "diagnose-no-candidate",
+            "the model with the candidates has other states than the model: "
+            + ", ".join(missing or explicit.state_names),
+            remedy="restrict the search (--effect, --at)",
+        )
+    rows = [names.index(explicit.state_names[i]) for i in common]
+    slopes = ca.Function("basis", [x], [ca.densify(ca.jacobian(values[rows], x))])
+    return GrownStates(explicit, np.array(slopes(at)), common, brought)
