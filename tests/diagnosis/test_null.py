@@ -9,10 +9,13 @@ from hidden_plants import model, quiet, rotor_null, rotor_record, rubbing, some_
 from daest.diagnosis.compare import Candidate, compare_models
 from daest.diagnosis.diagnose import DiagnoseOptions, begin, better_hold, examine, without_noises
 from daest.diagnosis.null import CLEAR_HOLD, fit_null
-from daest.errors import EstimationError
+from daest.errors import EstimationError, ModelError
 from daest.estimation.identify import identify
+from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
 from daest.modelica.sites import sites
+from daest.systems.integrate import integrate, integrator
+from daest.systems.reduce import reduce_index
 
 
 def test_size_and_time_constant_of_a_coloured_load():
@@ -108,3 +111,20 @@ def test_error_of_the_model_as_it_is_is_that_of_a_comparison_with_its_refitted_v
         model(), stand.null.experiments, IdentifyOptions(method="oe", hold="zoh"), stand.validation
     )
     assert abs(alone.simulated["validation"].rms["phi"] / error - 1.0) > 0.01
+
+
+def test_input_whose_slope_the_model_needs_runs_straight():
+    flat, rng = model("Shaken"), np.random.default_rng(6)
+    time = 0.02 * np.arange(300)
+    z = 0.01 * np.sin(2.0 * time + 3.0 * np.sin(0.9 * time))
+    plain = Experiment("shaken", time, z[:, None], np.zeros((300, 1)), ("z",), ("s",))
+    explicit = reduce_index(flat)
+    moved = integrate(integrator(explicit), time, plain.inputs, flat.theta_values, np.zeros(2), hold="foh")
+    record = replace(plain, outputs=moved.outputs + 1e-4 * rng.standard_normal((300, 1)))
+    places = [site for site in sites(flat) if site.kind == "equation"]
+    null = fit_null(flat, places, (record,), None)
+    assert (null.hold, null.other_hold) == ("foh", None)
+    assert any("derivative of input z" in note for note in identify(flat, (record,)).notes)
+    with pytest.raises(ModelError) as raised:
+        fit_null(flat, places, (record,), "zoh")
+    assert raised.value.code == "input-derivative-hold"

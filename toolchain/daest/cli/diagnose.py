@@ -194,8 +194,22 @@ def opened(
         library,
         replace(options, keeper=KeptProofs(project.results / KEPT, run, whole_file)),
         tuple(training_files(project, data)),
-        (*(() if fit is None else fit.remarks), *coarser),
+        (*(() if fit is None else fit.remarks), *coarser, *_straight(flat, hold)),
     )
+
+
+def _straight(flat: FlatModel, hold: Hold | None) -> tuple[str, ...]:
+    """A remark where the model leaves no choice of the hold."""
+    from daest.systems.reduce import reduce_index
+    from daest.systems.sample import slope_note
+
+    if hold is not None:
+        return ()
+    derivatives = reduce_index(flat).input_derivatives
+    remarks = slope_note([v.name for v in flat.inputs], [d.index for d in derivatives])
+    for remark in remarks:
+        note(remark)
+    return remarks
 
 
 def _sufficient(

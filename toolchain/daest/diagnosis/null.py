@@ -86,9 +86,10 @@ def fit_null(
 ) -> Null:
     """Fit the null to the experiments. The parameters that `flat` marks are estimated.
 
-    Without `hold`, the more likely one is taken: the loads must be there when the holds are compared, for
-    half a sample of delay is little beside a load, but a finding once the load is explained. What is missing
-    bends the likelihood of both; so the other hold is kept in mind until something is found.
+    Without `hold`, the only possible or the more likely one is taken: the loads must be there when the holds
+    are compared, for half a sample of delay is little beside a load, but a finding once the load is
+    explained. What is missing bends the likelihood of both; so the other hold is kept in mind until something
+    is found.
 
     A load that buys no likelihood has size 0 in the end. Raises what `identify` raises, and EstimationError
     `diagnose-no-place` when no load would show in the outputs.
@@ -98,11 +99,16 @@ def fit_null(
         raise _no_place(nodes)
     period = _period(experiments)
     loaded = with_loads(flat, places, [FIRST_LOAD * period] * len(places))
-    fits = [_loaded_fit(loaded, experiments, one) for one in ((hold,) if hold else HOLDS)]
+    fits = [_loaded_fit(loaded, experiments, one) for one in ((hold,) if hold else _possible_holds(loaded))]
     best, *others = sorted(fits, key=lambda fit: -fit.log_likelihood)
     null = _at_estimate(loaded, best, places, tuple(experiments))
     rivals = [f.hold for f in others if best.log_likelihood - f.log_likelihood < CLEAR_HOLD]
     return replace(null, other_hold=rivals[0] if rivals else None)
+
+
+def _possible_holds(flat: FlatModel) -> tuple[Hold, ...]:
+    """A held input has no slope."""
+    return ("foh",) if reduce_index(flat).input_derivatives else HOLDS
 
 
 def _period(experiments: Sequence[Experiment]) -> float:

@@ -35,7 +35,7 @@ from daest.numerics.parallel import workers
 from daest.numerics.statistics import whiteness_p_value
 from daest.systems.reduce import reduce_index
 from daest.systems.redundant import good_everywhere
-from daest.systems.sample import Hold
+from daest.systems.sample import Hold, slope_note
 from daest.systems.state_space import state_space, state_space_family
 
 HOLD_ITERATIONS = 10  # of the short output-error fits that compare the holds
@@ -128,7 +128,7 @@ def _identified_nonlinear(
     # States that constraints tie have no observer with a constant gain.
     by_ekf = setup.method == "pem" and (options.likelihood == "ekf" or explicit.invariants is not None)
     search = identify_by_ekf if by_ekf else identify_nonlinear
-    return search(
+    result = search(
         explicit,
         setup.problem.unknowns,
         [in_model_order(e, family) for e in estimation],
@@ -140,6 +140,7 @@ def _identified_nonlinear(
         [in_model_order(e, family) for e in validation],
         tell=tell,
     )
+    return replace(result, notes=(*result.notes, *_hold_note(family, options)))
 
 
 def _divided(
@@ -182,6 +183,7 @@ def _setup(family: StateSpaceFamily, records: tuple[Record, ...], options: Ident
     check_records(family, records, len(unknowns.coordinates) + n_noises)
     weigh = np.array([measurement[j] for j in range(len(family.outputs))], dtype=bool)
     notes = [] if family.is_affine else ["the model is nonlinear: its linearisation was identified"]
+    notes += _hold_note(family, options)
     notes += [
         f"output {o.name} has no measured value"
         for o, m in zip(family.outputs, measured, strict=True)
@@ -194,6 +196,12 @@ def _setup(family: StateSpaceFamily, records: tuple[Record, ...], options: Ident
     sampled: Literal["white", "held"] = "held" if has_direct_noise else "white"
     problem = Problem(family, records, "foh", given, weigh, sampled)
     return Setup(problem, method, process, measurement, intensity, std, tuple(notes))
+
+
+def _hold_note(family: StateSpaceFamily, options: IdentifyOptions) -> tuple[str, ...]:
+    if options.hold is not None:
+        return ()
+    return slope_note([v.name for v in family.inputs], [i for i, _ in family.input_derivatives])
 
 
 def _unknowns(family: StateSpaceFamily, options: IdentifyOptions) -> tuple[np.ndarray, Unknowns]:

@@ -6,6 +6,7 @@ Loan), or held over a sample as in (43) with the variance intensity/period that 
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -139,6 +140,17 @@ def sample_derivatives(
         process_cov=dprocess,
         measurement_cov=dmeasurement,
         cross_cov=dcross,
+    )
+
+
+def slope_note(input_names: Sequence[str], sources: Collection[int]) -> tuple[str, ...]:
+    """Why inputs must run straight between samples, in one sentence: the model needs the derivatives of the
+    inputs with the indices `sources`. Empty where both holds are possible."""
+    if not sources:
+        return ()
+    names = ", ".join(input_names[i] for i in sorted(set(sources)))
+    return (
+        f"hold foh: the model needs the time derivative of input {names}, which a held input does not have",
     )
 
 
