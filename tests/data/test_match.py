@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from daest.data.match import match_columns
+from daest.data.match import match_columns, unitless_findings
 from daest.data.read import Signal
+from daest.data.stamps import in_seconds, told_unit, unit_findings
 from daest.data.table import Column, Table, nearest, split_header, time_unit
 
 NUMBERS = np.arange(3.0)
@@ -35,7 +36,55 @@ def test_unit_only_where_it_is_unambiguous():
     assert proposals([Signal("force", "N")], "time", "a [N]", "b [N]") == [(None, None)]
     two = [Signal("f1", "N"), Signal("f2", "N")]
     assert proposals(two, "time", "a [N]") == [(None, None), (None, None)]
-    assert proposals([Signal("gain", "")], "time", "a [N]") == [(None, None)]
+    assert proposals([Signal("gain", "")], "time", "a [N]", "b [N]") == [(None, None)]
+
+
+def test_the_one_column_left_is_for_the_one_signal_left():
+    left = "being the only one left"
+    assert proposals([Signal("gain", "")], "time", "a [N]") == [("a", left)]
+    assert proposals([Signal("u", "V"), Signal("w", "rad/s")], "time", "u", "ch2") == [
+        ("u", "name"),
+        ("ch2", left),
+    ]
+    assert proposals([Signal("speed", "rad/s")], "time", "ch2 [V]") == [(None, None)]
+    assert proposals([Signal("a", ""), Signal("b", "")], "time", "ch2") == [(None, None), (None, None)]
+
+
+def clock(name, values, unit=None):
+    return Column(name, unit, np.asarray(values, dtype=float))
+
+
+@pytest.mark.parametrize(
+    ("column", "unit"),
+    [
+        (clock("t_ms", [0, 5, 10]), "ms"),
+        (clock("t", [0, 5, 10], "us"), "us"),
+        (clock("elapsed_min", [0, 5, 10]), "min"),
+        (clock("t", [1_700_000_000_000, 1_700_000_000_005]), "ms"),
+        (clock("t", [1_700_000_000, 1_700_000_060]), "s"),
+        (clock("time", [1.7e18, 1.7e18 + 1e9]), "ns"),
+        (clock("t", [0, 5, 10]), None),
+        (clock("reached_m", [0, 5, 10]), None),
+    ],
+)
+def test_what_tells_the_unit_of_the_time(column, unit):
+    assert told_unit(column) == unit
+    factor = {"s": 1.0, "us": 1e-6, "ms": 1e-3, "ns": 1e-9, "min": 60.0, None: 1.0}[unit]
+    step = np.diff(column.values)[0]
+    assert np.diff(in_seconds(column))[0] == pytest.approx(factor * step, rel=1e-12)
+
+
+def test_whole_numbers_without_a_unit_are_doubted():
+    assert [f.level for f in unit_findings(clock("t", [0, 5, 10]))] == ["warning"]
+    assert [f.level for f in unit_findings(clock("time", [0, 600, 1200]))] == ["note"]
+    assert not unit_findings(clock("t", [0, 0.5, 1.0]))
+    assert not unit_findings(clock("t_ms", [0, 5, 10]))
+
+
+def test_a_column_with_a_unit_for_a_signal_without_is_warned_of():
+    signals = [Signal("pos", "", "x"), Signal("u", "V"), Signal("ratio", "")]
+    found = unitless_findings(table("time", "x [mm]", "u [mV]", "ratio [1]"), signals)
+    assert [(f.column, f.code) for f in found] == [("x", "check-unit-unknown")]
 
 
 def test_name_inside_a_longer_one():
@@ -50,7 +99,7 @@ def test_name_inside_a_longer_one():
 
 
 def test_time_is_no_signal():
-    assert proposals([Signal("duration", "s")], "time [s]", "x") == [(None, None)]
+    assert proposals([Signal("duration", "s")], "time [s]", "x [m]") == [(None, None)]
 
 
 @pytest.mark.parametrize(

@@ -177,6 +177,17 @@ EXPLANATIONS: dict[str, str] = {
         "on: the sensor or its transmission had stopped. Leave those cells empty."
     ),
     "check-text": ("Some cells of a column hold a text where numbers are expected."),
+    "check-time-unit": (
+        "Nothing tells the unit of the time: not the header, not the end of its name, and the values are no "
+        "dates. It is read as seconds. Where it counts milliseconds or samples, every time constant of the "
+        "model would come out wrong by that factor: write the unit into the header (`t [ms]`) or into "
+        "[data.units] of daest.toml."
+    ),
+    "check-unit-unknown": (
+        "A column has a unit, and the input or output of the model that it belongs to has none. The values "
+        "are taken as they stand, so the model must be written in the unit of the column. Declare the unit "
+        'in the model, `Real pos(unit = "m")`: then values are converted.'
+    ),
     "check-unusable": (
         "The recording cannot be used with the model; the message says why, as daest identify would."
     ),

@@ -60,7 +60,8 @@ def command(
 def checked(path: Path, project: Project, flat: FlatModel | None) -> DataCheck:
     """The check of one file, against the model if there is one. Raises DataError where it cannot be read."""
     from daest.data.check import check_table
-    from daest.data.read import read_table, with_units
+    from daest.data.match import unitless_findings
+    from daest.data.read import Signal, read_table, with_units
 
     table = with_units(read_table(path), project.units)
     if flat is None:
@@ -68,7 +69,10 @@ def checked(path: Path, project: Project, flat: FlatModel | None) -> DataCheck:
     roles: dict[str, Role] = {project.inputs.get(v.name, v.name): "input" for v in flat.inputs}
     roles.update({project.outputs.get(y.name, y.name): "output" for y in flat.outputs})
     check = check_table(table, roles, project.time)
-    return replace(check, findings=(*_against(path, project, flat), *check.findings))
+    signals = [Signal(v.name, v.unit, project.inputs.get(v.name)) for v in flat.inputs]
+    signals += [Signal(y.name, y.unit, project.outputs.get(y.name)) for y in flat.outputs]
+    findings = (*_against(path, project, flat), *unitless_findings(table, signals), *check.findings)
+    return replace(check, findings=findings)
 
 
 def _against(path: Path, project: Project, flat: FlatModel) -> Sequence[Finding]:

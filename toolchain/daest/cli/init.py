@@ -32,7 +32,7 @@ def command(
     Columns are matched with inputs and outputs by name, or proposed by unit. An existing file is not touched.
     """
     from daest.cli.check import checked
-    from daest.data.match import match_columns, named_units, propose_time
+    from daest.data.match import match_columns, named_time_unit, named_units, propose_time
     from daest.data.project import FILE_NAME, Project, load_project
     from daest.data.read import Signal, read_table
     from daest.data.template import Draft, project_text
@@ -54,7 +54,7 @@ def command(
         tuple(matches[len(inputs) :]),
         tuple(column.header for column in tables[0].columns) if tables else (),
         propose_time(tables[0]) if tables else None,
-        named_units(matches, tables[0]) if tables else {},
+        {**named_units(matches, tables[0]), **named_time_unit(tables[0])} if tables else {},
     )
     with whole_file(file) as temporary:
         temporary.write_text(project_text(draft), encoding="utf-8")

@@ -10,14 +10,13 @@ import numpy as np
 
 from daest.data.clock import clock_findings
 from daest.data.faults import Samples, column_findings
-from daest.data.match import column_unit
 from daest.data.pairs import Series, pair_findings
 from daest.data.prepare import GRID_TOLERANCE
 from daest.data.read import find_time
-from daest.data.table import Table, time_unit
+from daest.data.stamps import in_seconds, unit_findings
+from daest.data.table import Table, column_unit
 from daest.model.experiment import Experiment
 from daest.model.quality import ColumnSummary, DataCheck, Finding, Role
-from daest.quantities import conversion
 
 
 @dataclass(frozen=True)
@@ -32,7 +31,7 @@ def check_table(table: Table, roles: Mapping[str, Role] | None = None, time: str
     """All columns of numbers in a file. `roles` says which columns (by name) are an input or an output of a
     model; `time` names the column of the time. Raises DataError where there is no time."""
     time_column = find_time(table, time)
-    seconds = conversion(time_unit(time_column) or time_column.unit or "s", "s")(time_column.values)
+    seconds = in_seconds(time_column)
     roles = roles or {}
     columns = [
         _Column(c.name, column_unit(c) or None, roles.get(c.name), c.values)
@@ -44,7 +43,7 @@ def check_table(table: Table, roles: Mapping[str, Role] | None = None, time: str
         for c in table.columns
         if c.texts and c.name != time_column.name and (len(c.texts) < c.values.size or c.name in roles)
     ]
-    return _checked(Path(table.file).stem, seconds, columns, texts)
+    return _checked(Path(table.file).stem, seconds, columns, [*unit_findings(time_column), *texts])
 
 
 def check_experiment(experiment: Experiment) -> DataCheck:

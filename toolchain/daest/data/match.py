@@ -10,13 +10,13 @@ from typing import Literal
 import numpy as np
 
 from daest.data.read import Signal
-from daest.data.stamps import with_seconds
-from daest.data.table import Column, Table, time_unit
+from daest.data.stamps import told_unit, with_seconds
+from daest.data.table import Column, Table, column_unit, stem, time_unit
 from daest.errors import DataError
-from daest.quantities import conversion, is_known_unit
+from daest.model.quality import Finding
+from daest.quantities import conversion
 
-_BEHIND = re.compile(r"_(?P<unit>[^_]+?)(?:_per_(?P<per>[^_]+))?$")
-How = Literal["name", "similar name", "part of its name", "unit"]
+How = Literal["name", "similar name", "part of its name", "unit", "being the only one left"]
 
 
 @dataclass(frozen=True)
@@ -54,12 +54,28 @@ def named_units(matches: Sequence[Match], table: Table) -> dict[str, str]:
     return found
 
 
+def named_time_unit(table: Table) -> dict[str, str]:
+    """The unit of the proposed column of the time, by its name, where something else than the header tells
+    it."""
+    name = propose_time(table)
+    column = table.find(name) if name is not None else None
+    if column is None or column.unit is not None or len(column.texts):
+        return {}
+    unit = told_unit(column)
+    return {column.name: unit} if unit is not None else {}
+
+
 def match_columns(signals: Sequence[Signal], table: Table) -> list[Match]:
     """One proposal per signal: the column of the same name, else of the same name but for case or a trailing
     unit (`position_m`), else the only free one whose name has the signal's in it (`goal_position` for `goal`)
-    and whose unit fits, else the only free column of a fitting unit where no other signal has that unit."""
+    and whose unit fits, else the only free column of a fitting unit where no other signal has that unit.
+    Where one signal and one column are left in the end, they belong together unless their units differ in
+    kind."""
+    proposed = propose_time(table)
     free = [
-        column for column in table.columns if column.name and time_unit(column) is None and not column.texts
+        column
+        for column in table.columns
+        if column.name and time_unit(column) is None and column.name != proposed and not column.texts
     ]
     found: dict[str, Match] = {}
     for how in ("name", "similar name", "part of its name", "unit"):
@@ -69,6 +85,9 @@ def match_columns(signals: Sequence[Signal], table: Table) -> list[Match]:
             if len(fits) == 1:
                 found[signal.name] = Match(signal, fits[0].name, how)
                 free.remove(fits[0])
+    left = [signal for signal in signals if signal.name not in found]
+    if len(left) == len(free) == 1 and _may_be(left[0], free[0]):
+        found[left[0].name] = Match(left[0], free[0].name, "being the only one left")
     return [found.get(signal.name, Match(signal, None, None)) for signal in signals]
 
 
@@ -80,11 +99,31 @@ def _fits(signal: Signal, column: Column, how: How, others: Sequence[Signal]) ->
         return signal.name.lower() in names or signal.name.rsplit(".", 1)[-1].lower() in names
     if how == "part of its name":
         unit = column_unit(column)
-        bare = column.name if column.unit is not None or not unit else _BEHIND.sub("", column.name)
-        is_part = _words(signal.name.rsplit(".", 1)[-1]) <= _words(bare)
+        is_part = _words(signal.name.rsplit(".", 1)[-1]) <= _words(stem(column))
         return is_part and (not unit or not signal.unit or _same_kind(unit, signal.unit))
     rivals = [other for other in others if other is not signal and _same_kind(other.unit, signal.unit)]
     return not rivals and bool(signal.unit) and _same_kind(column_unit(column), signal.unit)
+
+
+def _may_be(signal: Signal, column: Column) -> bool:
+    unit = column_unit(column)
+    return not unit or not signal.unit or _same_kind(unit, signal.unit)
+
+
+def unitless_findings(table: Table, signals: Sequence[Signal]) -> list[Finding]:
+    """A warning for every signal that has no unit in the model while its column has one: its values are taken
+    as they stand."""
+    findings = []
+    for signal in signals:
+        column = table.find(signal.column or signal.name)
+        unit = column_unit(column) if column is not None else ""
+        if column is not None and unit not in ("", "1") and not signal.unit:
+            text = (
+                f"is in {unit}, but '{signal.name}' has no unit in the model: the values are taken as they "
+                'stand; write (unit = "...") where the model declares it'
+            )
+            findings.append(Finding("check-unit-unknown", "warning", column.name, text))
+    return findings
 
 
 def _words(name: str) -> set[str]:
@@ -93,18 +132,6 @@ def _words(name: str) -> set[str]:
 
 def _stem(name: str) -> str:
     return name.rsplit("_", 1)[0] if "_" in name else name
-
-
-def column_unit(column: Column) -> str:
-    """The unit in the header, else the known one behind the last underscore of the name (`motor_force_N`,
-    `speed_rad_per_s`), else the empty text."""
-    if column.unit is not None:
-        return column.unit
-    behind = _BEHIND.search(column.name)
-    if behind is None:
-        return ""
-    unit = f"{behind['unit']}/{behind['per']}" if behind["per"] else behind["unit"]
-    return unit if is_known_unit(unit) else ""
 
 
 def _same_kind(given: str, wanted: str) -> bool:

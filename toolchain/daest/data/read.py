@@ -16,7 +16,7 @@ from daest.data.mat_file import read_mat
 from daest.data.parquet_file import read_parquet
 from daest.data.prepare import Preparation, prepare, regular_times
 from daest.data.problems import raise_collected
-from daest.data.stamps import with_seconds
+from daest.data.stamps import in_seconds, with_seconds
 from daest.data.table import Column, Table, nearest, time_unit
 from daest.errors import DataError, Place
 from daest.model.experiment import Experiment
@@ -190,7 +190,7 @@ def _experiment(
 ) -> Experiment:
     problems: list[DataError] = []
     notes: list[str] = []
-    time = conversion(time_unit(time_column) or time_column.unit or "s", "s")(time_column.values)
+    time = in_seconds(time_column)
     keep = _window(table, time, preparation)
     missing = np.full(time.shape, np.nan)
 

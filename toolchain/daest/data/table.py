@@ -17,6 +17,7 @@ from daest.quantities import is_known_unit
 _HEADER = re.compile(r"^(?P<name>.*?)(?:\s+\[(?P<unit>[^\]]*)\]|\[(?P<tight>[^\]\d][^\]]*)\])\s*$")
 _ROUND = re.compile(r"^(?P<name>[^()]*[^()\s])\s*\((?P<unit>[^()]+)\)$")
 _TIME = re.compile(r"^time(?:_(?P<unit>s|ms|us|min|h))?$", re.IGNORECASE)
+_BEHIND = re.compile(r"_(?P<unit>[^_]+?)(?:_per_(?P<per>[^_]+))?$")
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,23 @@ def _split_round(text: str) -> tuple[str, str | None]:
     if match is None or not is_known_unit(match["unit"]):
         return text, None
     return match["name"], match["unit"].strip()
+
+
+def column_unit(column: Column) -> str:
+    """The unit in the header, else the known one behind the last underscore of the name (`motor_force_N`,
+    `speed_rad_per_s`), else the empty text."""
+    if column.unit is not None:
+        return column.unit
+    behind = _BEHIND.search(column.name)
+    if behind is None:
+        return ""
+    unit = f"{behind['unit']}/{behind['per']}" if behind["per"] else behind["unit"]
+    return unit if is_known_unit(unit) else ""
+
+
+def stem(column: Column) -> str:
+    """The name of the column without the unit that it ends with."""
+    return column.name if column.unit is not None or not column_unit(column) else _BEHIND.sub("", column.name)
 
 
 def time_unit(column: Column) -> str | None:
