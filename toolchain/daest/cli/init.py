@@ -93,6 +93,16 @@ def _document(file: Path, draft: Any, checks: Sequence[DataCheck]) -> dict[str, 
         "noises": [noise.name for noise in draft.flat.noises],
         "time": draft.time,
         "units": dict(draft.units),
+        "recordings": [
+            {
+                "name": check.name,
+                "n_samples": check.n_samples,
+                "start": check.start,
+                "stop": check.stop,
+                "period": check.period,
+            }
+            for check in checks
+        ],
         "findings": [
             finding_entry(finding) | {"recording": check.name}
             for check in checks
@@ -104,6 +114,8 @@ def _document(file: Path, draft: Any, checks: Sequence[DataCheck]) -> dict[str, 
 
 
 def _text(document: Mapping[str, Any], width: int, color: bool) -> str:
+    from daest.report.texts.check import clock_words
+
     lines = [f"wrote {document['file']} for {document['model']}"]
     for kind in ("inputs", "outputs"):
         for name, column in document[kind].items():
@@ -114,6 +126,8 @@ def _text(document: Mapping[str, Any], width: int, color: bool) -> str:
         lines.append(f"  time: {document['time']}, please check")
     for column, unit in document["units"].items():
         lines.append(f"  unit of {column}: {unit}, please check")
+    for recording in document["recordings"]:
+        lines.append(f"  {recording['name']}: {clock_words(recording)}")
     marked = ", ".join(document["estimate"]) or f"NONE MARKED, see [parameters] of {document['file']}"
     lines.append(f"  estimated parameters: {marked}")
     lines += [f"  {f['level']}[{f['code']}]: {f['recording']}: {f['text']}" for f in document["findings"]]

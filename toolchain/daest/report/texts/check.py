@@ -17,17 +17,23 @@ def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> 
 
 def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     for recording in document["recordings"]:
-        period = recording["period"]
-        every = "at uneven times" if period is None else f"every {period:.6g} s"
-        span = f"{recording['start']:.6g} s to {recording['stop']:.6g} s"
         yield heading(recording["name"])
-        yield Text(f"{recording['n_samples']} samples {every}, {span}")
+        yield Text(clock_words(recording))
         yield _columns(recording["columns"])
         if not recording["findings"]:
             yield indented("nothing found")
         for finding in recording["findings"]:
             at = "" if finding["time"] is None else f" (from {finding['time']:.6g} s)"
             yield indented(f"{finding['level']}[{finding['code']}]: {finding['text']}{at}")
+
+
+def clock_words(recording: Mapping[str, Any]) -> str:
+    """How many samples at which times, `8000 samples every 0.005 s, 0 s to 39.995 s`."""
+    period = recording["period"]
+    every = "at uneven times" if period is None else f"every {period:.6g} s"
+    return (
+        f"{recording['n_samples']} samples {every}, {recording['start']:.6g} s to {recording['stop']:.6g} s"
+    )
 
 
 def _columns(columns: Sequence[Mapping[str, Any]]) -> RenderableType:
