@@ -57,10 +57,8 @@ def test_matching_notices_a_wrong_word_and_a_wrong_number():
 
 def test_ci_runs_the_test_command():
     script = (ROOT / ".ci" / "run").read_text()
-    assert f"\n{indented_line('ruff check')}\n" in script
-    install = re.search(r"pip install -e '[^']*'", indented_line("python3 -m venv"))
-    assert indented_line("python3 -m venv").endswith("&& daest demo servo")
-    assert install and install[0].removeprefix("pip install") in script
+    assert f"\n{indented_line('pip install -e')}\n" in script
+    assert indented_line("python3 -m venv").endswith("&& pip install . && daest demo servo")
 
 
 @pytest.mark.parametrize("command", COMMANDS)

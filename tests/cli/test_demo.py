@@ -1,10 +1,11 @@
 """`daest demo`: examples are listed, copied and run."""
 
 import json
+from pathlib import Path
 
 import pytest
 
-from daest.data.examples import examples
+from daest.data.examples import demo_folder, examples
 
 
 def test_list(daest):
@@ -40,6 +41,21 @@ def test_example_without_recording_shows_its_noise(tmp_path, monkeypatch, daest,
     assert document["noise"]["all_admissible"] and document["noise"]["equations"]
     assert (tmp_path / name / "daest.toml").is_file() and not (tmp_path / name / "results").exists()
     assert f"{document['noise']['n_equations']} equations" in daest("noise", "-p", f"{name}/daest.toml")[1]
+
+
+def test_a_copy_is_made_beside_a_checkout(tmp_path):
+    checkout = tmp_path / "daest"
+    (checkout / "toolchain" / "daest").mkdir(parents=True)
+    (checkout / "docs").mkdir()
+    (checkout / "pyproject.toml").write_text("")
+    assert demo_folder("servo", checkout / "docs") == Path("../../servo")
+    assert demo_folder("servo", checkout) == Path("../servo")
+    assert demo_folder("servo", tmp_path) == Path("servo")
+
+
+def test_examples_tell_what_differs():
+    told = [example.description for example in examples()]
+    assert all(told) and len(set(told)) == len(told)
 
 
 @pytest.mark.slow

@@ -24,7 +24,8 @@ def _names() -> list[str]:
 def command(name: str | None, form: str) -> None:
     """Copy the example NAME into a new folder NAME, identify its parameters, compare it with its data.
 
-    Without NAME, list the examples. Of an example without a recording, the noise report is shown.
+    Without NAME, list the examples. Of an example without a recording, the noise report is shown. In a
+    checkout of daest the new folder is made beside the checkout.
     """
     from daest.data.examples import examples
 
@@ -41,10 +42,10 @@ def command(name: str | None, form: str) -> None:
 def _run(name: str) -> dict[str, Any]:
     from daest.cli.compare import compared, keep_comparison
     from daest.cli.identify import identified, keep_fit
-    from daest.data.examples import copy_example
+    from daest.data.examples import copy_example, demo_folder
     from daest.data.project import load_project
 
-    folder = Path(name)
+    folder = demo_folder(name, Path.cwd())
     if not copy_example(name, folder).has_recording:
         note(f"copied to {folder}; it has no recording to identify from, see its README.md")
         return {"folder": str(folder), "identify": None, "compare": None, "noise": _noise(folder)}
@@ -54,6 +55,9 @@ def _run(name: str) -> dict[str, Any]:
     keep_fit(project, fit)
     comparison = compared(project, (), (), DataOptions())
     keep_comparison(project, (), (), comparison)
+    note(
+        f"what next: cd {folder}; daest diagnose (what the model lacks); daest report (all of it in one page)"
+    )
     return {
         "folder": str(folder),
         "identify": fit.document,

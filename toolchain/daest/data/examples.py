@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 from dataclasses import dataclass
@@ -89,8 +90,19 @@ def _has_recording(folder: Path) -> bool:
 
 
 def _description(folder: Path) -> str:
-    for model in sorted(folder.glob("*.mo")):
-        match = _DESCRIPTION.search(model.read_text(encoding="utf-8"))
-        if match:
-            return match[1]
-    return ""
+    """The title of the example's page and what its model says of itself, which may begin alike."""
+    title = (folder / "README.md").read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
+    texts = (model.read_text(encoding="utf-8") for model in sorted(folder.glob("*.mo")))
+    model = next((match[1] for match in map(_DESCRIPTION.search, texts) if match), title)
+    return model if model.startswith(title) else f"{title}. {model}"
+
+
+def demo_folder(name: str, here: Path) -> Path:
+    """Where a copy of the example belongs that is made in the folder `here`: in it, but beside the checkout
+    of daest where `here` lies in one."""
+    checkout = next((folder for folder in (here, *here.parents) if _is_checkout(folder)), None)
+    return Path(name) if checkout is None else Path(os.path.relpath(checkout.parent / name, here))
+
+
+def _is_checkout(folder: Path) -> bool:
+    return (folder / "pyproject.toml").is_file() and (folder / "toolchain" / "daest").is_dir()
