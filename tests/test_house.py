@@ -12,7 +12,7 @@ PACKAGE = Path(daest.__file__).parent
 
 # From the ground up. Rooms on one floor do not know each other.
 FLOORS = (
-    ("errors", "cache", "quantities"),
+    ("errors", "litter", "files", "cache", "quantities"),
     ("model",),
     ("numerics",),
     ("modelica", "systems"),

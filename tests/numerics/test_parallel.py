@@ -4,7 +4,10 @@ import logging
 import math
 import os
 import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -163,3 +166,53 @@ def test_cluster_without_workers(monkeypatch):
     ):
         pass
     assert caught.value.code == "cluster-unreachable" and "no worker" in caught.value.what
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+@pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM"])
+def test_processes_end_with_the_one_that_started_them(tmp_path, name):
+    """A run that is ended leaves no worker behind, and no compiler with its files."""
+    (tmp_path / "slow").write_text("#!/bin/sh\nmktemp; echo $$ > pid; sleep 60\n")
+    (tmp_path / "slow").chmod(0o755)
+    script = (
+        "import os, threading, time\nfrom pathlib import Path\n"
+        "from daest.litter import passing_folder, run_program\nfrom daest.numerics.parallel import workers\n"
+        "def compile():\n"
+        "    with passing_folder('build-') as work:\n"
+        f"        run_program([r'{tmp_path / 'slow'}'], work, 60.0)\n"
+        "threading.Thread(target=compile).start()\n"
+        "with workers(2) as pool:\n"
+        "    list(pool.map(time.sleep, [0, 0, 60, 60], arrived=lambda *_: print('now', flush=True)))\n"
+    )
+    passing = tmp_path / "passing"
+    passing.mkdir()
+    environment = {**os.environ, "TMPDIR": str(passing)}
+    process = subprocess.Popen(
+        [sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, env=environment
+    )
+    assert process.stdout is not None and process.stdout.readline() == "now\n"
+    while not list(passing.glob("build-*/pid")):
+        time.sleep(0.05)
+    started = [p for p in descendants(process.pid) if p != process.pid]
+    assert len(started) >= 4  # two workers, the compiler, what it waits for
+    process.send_signal(getattr(signal, name))
+    process.wait(10)
+    began = time.monotonic()
+    while any(is_alive(p) for p in started) or list(passing.glob("build-*")):
+        assert time.monotonic() - began < 5.0, [p for p in started if is_alive(p)]
+        time.sleep(0.05)
+
+
+def descendants(pid: int) -> list[int]:
+    found = [pid]
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        for child in (task / "children").read_text().split():
+            found += descendants(int(child))
+    return found
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False

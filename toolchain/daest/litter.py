@@ -11,11 +11,15 @@ import contextlib
 import ctypes
 import json
 import os
+import secrets
+import shutil
 import signal
+import subprocess
 import sys
+import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
@@ -67,6 +71,46 @@ def ended_at_death(group: int) -> Iterator[None]:
         yield
     finally:
         _tell(False, "group", group)
+
+
+def removed_at_the_end(path: Path) -> None:
+    """The file or folder `path` does not stay when this process ends."""
+    _tell(True, "path", os.path.abspath(path))
+
+
+@contextmanager
+def passing_folder(prefix: str, parent: Path | None = None) -> Iterator[Path]:
+    """A temporary folder, in `parent` or where the system has them, for the time of a block."""
+    folder = Path(tempfile.gettempdir() if parent is None else parent) / f"{prefix}{secrets.token_hex(8)}"
+    with removed_at_death(folder):
+        try:
+            folder.mkdir(mode=0o700)
+            yield folder
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def run_program(command: Sequence[str], work: Path, seconds: float) -> subprocess.CompletedProcess[str]:
+    """Run a program in the folder `work`, where its temporary files go, too. It ends with this process, and
+    with it those that it started. Raises OSError and subprocess.TimeoutExpired."""
+    with subprocess.Popen(
+        command, cwd=work, env={**os.environ, "TMPDIR": str(work)}, text=True, errors="replace",
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        start_new_session=True,
+    ) as process, ended_at_death(process.pid):  # fmt: skip
+        try:
+            out, err = process.communicate(timeout=seconds)
+        except BaseException:
+            _end(process)
+            raise
+    return subprocess.CompletedProcess(command, process.returncode, out, err)
+
+
+def _end(process: subprocess.Popen) -> None:
+    if os.name == "posix":
+        with contextlib.suppress(OSError):
+            os.killpg(process.pid, signal.SIGKILL)
+    process.kill()
 
 
 def die_with_parent(parent: int) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +21,7 @@ from daest.cli.output import emit, note, telling, to_json, whole_file, with_sche
 from daest.cli.pictures import draw
 from daest.cli.progress import progress
 from daest.errors import ConfigError, DaestError, Place
+from daest.litter import passing_folder
 
 if TYPE_CHECKING:
     from daest.cli.diagnose import Case, Search
@@ -124,11 +124,9 @@ def improved(case: Case, folder: Path, most_effects: int) -> tuple[dict[str, Any
             case.flat, case.library, case.estimation, case.validation, case.options, most_effects, show
         )
         show("writing the models")
-        with tempfile.TemporaryDirectory(prefix="daest-") as passing:
-            models, names = written_steps(case.source, case.class_name, found, Path(passing), case.folders)
-            load = offered_load(
-                case.source, case.class_name, found, models, names, Path(passing), case.folders
-            )
+        with passing_folder("daest-") as passing:
+            models, names = written_steps(case.source, case.class_name, found, passing, case.folders)
+            load = offered_load(case.source, case.class_name, found, models, names, passing, case.folders)
         errors = {i: simulated(case, found.steps[i], written) for i, written in models.items()}
     files = _files(models, found)
     document = {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import stat
-import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -11,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 from daest.errors import FmuError
+from daest.litter import passing_folder
 
 # Limits against archives that are made to fill memory or disk. The largest FMUs in use (with maps or
 # neural networks as resources) stay well below.
@@ -134,7 +134,7 @@ def _damaged(path: Path, why: str) -> FmuError:
 @contextmanager
 def unpacked(path: str | Path, prefixes: tuple[str, ...]) -> Iterator[Path]:
     """A temporary folder with the members below `prefixes`, removed at the end."""
-    with tempfile.TemporaryDirectory(prefix="daest-fmu-", ignore_cleanup_errors=True) as folder:
+    with passing_folder("daest-fmu-") as folder:
         with open_archive(path) as archive:
-            archive.unpack(Path(folder), prefixes)
-        yield Path(folder)
+            archive.unpack(folder, prefixes)
+        yield folder

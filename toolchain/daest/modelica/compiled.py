@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import pickle
@@ -10,7 +11,7 @@ from collections.abc import Callable, Iterable
 from importlib.metadata import version
 from pathlib import Path
 
-from daest.cache import cache_folder
+from daest.cache import cache_folder, keep_content, kept_content
 from daest.modelica import syntax as s
 from daest.modelica.roots import stamp
 
@@ -53,9 +54,11 @@ def _key(text: bytes, what: str, path: Path, roots: Iterable[Path]) -> str:
 
 
 def _read(file: Path) -> s.FlatSource | None:
+    content = kept_content(file)
+    if content is None:
+        return None
     try:
-        with file.open("rb") as opened:
-            kept = pickle.load(opened)
+        kept = pickle.loads(content)
         os.utime(file)
     except Exception:  # an unreadable entry of the cache, whatever is wrong with it, is no entry
         return None
@@ -63,13 +66,7 @@ def _read(file: Path) -> s.FlatSource | None:
 
 
 def _write(file: Path, source: s.FlatSource) -> None:
-    draft = file.with_name(f"{file.name}.{os.getpid()}")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with draft.open("wb") as opened:
-            pickle.dump(source, opened, protocol=pickle.HIGHEST_PROTOCOL)
-        draft.replace(file)
+    with contextlib.suppress(OSError, RecursionError):
+        keep_content(file, pickle.dumps(source, protocol=pickle.HIGHEST_PROTOCOL))
         for old in sorted(file.parent.glob("*.pickle"), key=lambda f: -f.stat().st_mtime)[KEPT:]:
             old.unlink(missing_ok=True)
-    except (OSError, RecursionError):
-        draft.unlink(missing_ok=True)

@@ -17,6 +17,7 @@ import rumoca
 from daest.errors import ModelError
 from daest.modelica import adapter, failures
 from daest.modelica import syntax as s
+from daest.modelica.apart import STACK_BYTES, Crash, checked_cache, run_apart, stop, throw_cache_away
 from daest.modelica.base import Names
 from daest.modelica.compiled import kept_or_compiled
 from daest.modelica.function_text import (
@@ -34,8 +35,6 @@ from daest.modelica.tokens import check_depth, place_of
 
 T = TypeVar("T")
 
-# The compiler's parser recurses in native code and the conversion of its trees in Python: both get room.
-_STACK_BYTES = 128 * 1024 * 1024
 _RECURSION_LIMIT = 40_000
 
 # A folder that does not exist: the compiler reads every .mo file beside the file that it is given.
@@ -75,7 +74,7 @@ def with_room(work: Callable[[], T]) -> T:
         except BaseException as caught:
             problem.append(caught)
 
-    size, limit = threading.stack_size(_STACK_BYTES), sys.getrecursionlimit()
+    size, limit = threading.stack_size(STACK_BYTES), sys.getrecursionlimit()
     sys.setrecursionlimit(max(limit, _RECURSION_LIMIT))
     is_collecting = gc.isenabled()
     gc.disable()
@@ -83,6 +82,9 @@ def with_room(work: Callable[[], T]) -> T:
         thread = threading.Thread(target=run, name="daest-modelica")
         thread.start()
         thread.join()
+    except BaseException:  # Ctrl-C: the thread would wait for the compiler
+        stop()
+        raise
     finally:
         threading.stack_size(size)
         sys.setrecursionlimit(limit)
@@ -288,6 +290,21 @@ def _without_search_path() -> Iterator[None]:
 
 
 def _session(job: Job, text: str, name: str, file: Path) -> tuple[dict[str, Any], list[Any]]:
+    """The compiler's flat form and its source files, from a process that may crash. Where it does, the cache
+    of the compiler may be to blame: it is tried once more without."""
+    try:
+        return _apart(job, text, name, file)
+    except Crash:
+        throw_cache_away()
+        return _apart(job, text, name, file)
+
+
+def _apart(job: Job, text: str, name: str, file: Path) -> tuple[dict[str, Any], list[Any]]:
+    with checked_cache():
+        return run_apart(_compiled_here, job, text, name, file)
+
+
+def _compiled_here(job: Job, text: str, name: str, file: Path) -> tuple[dict[str, Any], list[Any]]:
     with _without_search_path():
         session: Any = rumoca.Session(roots=[str(root) for root in job.roots.folders])
     model: Any = None

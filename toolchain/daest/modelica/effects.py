@@ -7,12 +7,11 @@ library.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.metadata
-import os
 import pickle
 import re
-import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -21,7 +20,7 @@ from typing import Any
 
 import casadi as ca
 
-from daest.cache import cache_folder
+from daest.cache import cache_folder, keep_content, kept_content
 from daest.errors import ModelError, Place
 from daest.model.effects import Attachment, Domain, Effect, EffectParameter, ParameterRole
 from daest.model.flat import (
@@ -192,24 +191,13 @@ def _stored(
     key: str, roots: tuple[Path, ...], files: Sequence[Path], libraries: tuple[str, ...]
 ) -> Mapping[str, _Entry]:
     kept = cache_folder() / "effects" / f"{key}.pickle"
-    try:
-        entries = pickle.loads(kept.read_bytes())
-    except Exception:  # missing, cut off or of another version: it is made again
-        entries = _read(roots, files, libraries)
-        _keep(kept, entries)
+    content = kept_content(kept)
+    if content is not None:
+        with contextlib.suppress(Exception):  # written by another version: it is made again
+            return pickle.loads(content)
+    entries = _read(roots, files, libraries)
+    keep_content(kept, pickle.dumps(entries))
     return entries
-
-
-def _keep(file: Path, entries: Mapping[str, _Entry]) -> None:
-    """Write whole or not at all; a cache that cannot be written is no error."""
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=file.parent)
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(pickle.dumps(entries))
-        os.replace(name, file)
-    except OSError:
-        return
 
 
 # Reading ----------------------------------------------------------------------------------------------------

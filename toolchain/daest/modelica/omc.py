@@ -10,12 +10,12 @@ import os
 import re
 import shutil
 import subprocess
-import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 from daest.errors import ModelError, Place
+from daest.litter import passing_folder, run_program
 from daest.modelica.library import library_roots
 from daest.modelica.outline import class_heads, within
 from daest.modelica.roots import library_entries, library_name
@@ -152,20 +152,13 @@ def _quoted(text: str) -> str:
 def _made(job: OmcJob, command: str, file: str) -> bytes:
     """The content of `file`, which `command` makes in a folder of its own."""
     program = find_omc()
-    with tempfile.TemporaryDirectory(prefix="daest-omc-") as work:
-        (Path(work) / "build.mos").write_text(omc_script(job, command), encoding="utf-8")
+    with passing_folder("daest-omc-") as work:
+        (work / "build.mos").write_text(omc_script(job, command), encoding="utf-8")
         try:
-            done = subprocess.run(
-                [str(program), "build.mos"],
-                cwd=work,
-                capture_output=True,
-                text=True,
-                errors="replace",
-                timeout=BUILD_SECONDS,
-            )
+            done = run_program([str(program), "build.mos"], work, BUILD_SECONDS)
         except (OSError, subprocess.TimeoutExpired) as problem:
             raise _failed(job, f"it did not run: {problem}") from problem
-        made = Path(work) / file
+        made = work / file
         if done.returncode != 0 or not made.is_file() or made.stat().st_size == 0:
             raise _failed(job, done.stdout + done.stderr or f"it ended with {done.returncode}")
         return made.read_bytes()

@@ -21,8 +21,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from daest.cache import cache_folder
+from daest.cache import cache_folder, is_whole, put_whole
 from daest.errors import FmuError
+from daest.litter import passing_folder, removed_at_the_end, run_program
 
 # Nobody waits longer for a compiler than this; zig builds its C library on the first cross-compilation.
 COMPILE_SECONDS = 600.0
@@ -137,7 +138,9 @@ def headers() -> Path:
 @functools.lru_cache(maxsize=1)
 def _spare_folder() -> Path:
     """For machines where the cache folder cannot be written: a folder of this process."""
-    return Path(tempfile.mkdtemp(prefix="daest-cache-"))
+    folder = Path(tempfile.mkdtemp(prefix="daest-cache-"))
+    removed_at_the_end(folder)
+    return folder
 
 
 def _writable(folder: Path) -> Path:
@@ -170,15 +173,15 @@ def build_shared(
     key = _key(compiler, where, flags, texts)
     folder = cache_folder() / "compiled" / key
     library = folder / f"{name}{where.suffix}"
-    if library.is_file():
+    if is_whole(library):
         return library
     folder = _writable(folder)
     library = folder / f"{name}{where.suffix}"
-    with tempfile.TemporaryDirectory(dir=folder) as work:
+    with passing_folder("build-", folder) as work:
         for file_name, text in texts.items():
-            (Path(work) / file_name).write_text(text, encoding="utf-8")
-        built = _compile(compiler, where, flags, Path(work), name)
-        os.replace(built, library)
+            (work / file_name).write_text(text, encoding="utf-8")
+        built = _compile(compiler, where, flags, work, name)
+        put_whole(built, library)
     return library
 
 
@@ -202,9 +205,7 @@ def _compile(compiler: Compiler, target: Platform, flags: tuple[str, ...], work:
     if target.suffix == ".so":
         command.append("-lm")
     try:
-        done = subprocess.run(
-            command, cwd=work, capture_output=True, text=True, errors="replace", timeout=COMPILE_SECONDS
-        )
+        done = run_program(command, work, COMPILE_SECONDS)
     except (OSError, subprocess.TimeoutExpired) as problem:
         raise FmuError(
             "compilation-failed", f"The C compiler did not run: {problem}", where=command[0]

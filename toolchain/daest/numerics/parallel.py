@@ -33,6 +33,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 import daest
 from daest.errors import ConfigError, DaestError
+from daest.litter import die_with_parent
 from daest.numerics.compiler import find_compiler
 
 START_SECONDS = 3.0  # until processes work: tasks that would gain less run one after the other
@@ -218,7 +219,9 @@ class _Processes:
         from joblib.externals.loky import get_reusable_executor
 
         with _unwarned():
-            pool = get_reusable_executor(max_workers=self.jobs)
+            pool = get_reusable_executor(
+                max_workers=self.jobs, initializer=die_with_parent, initargs=(os.getpid(),)
+            )
         following = iter(list(blobs.items()))
         running: dict[Any, int] = {}
         try:
