@@ -23,7 +23,7 @@ from scipy.stats import kstest
 
 from daest.diagnosis.candidates import attachable, pairs, with_shapes
 from daest.diagnosis.null import loads_of
-from daest.diagnosis.screen import _responses, nuisance, projected, run_null, screen
+from daest.diagnosis.screen import RUNAWAY, _followed, _responses, nuisance, projected, run_null, screen
 from daest.errors import EstimationError
 from daest.modelica.sites import sites
 from daest.systems.integrate import Correction, integrate, integrator
@@ -173,3 +173,15 @@ def test_detectable_size_is_about_what_is_found():
     record, _ = rotor_record(600, seed=7, coulomb=lambda phi: 2.0 * entry.detectable)
     rubbed, again = rotor_null(record)
     assert screen(rubbed, again, candidates(*EFFECTS)).p_value < 0.05
+
+
+def test_gain_that_runs_away_is_shortened():
+    null, run = quiet()
+    starts = [np.array([state[name] for name in run.state_names]) for state in null.initial_states]
+    follower = integrator(null.explicit, null.estimated)
+    gain, _, errors = _followed(null, follower, starts, 40.0 * run.gain)
+    shares = gain / run.gain
+    assert np.allclose(shares, shares[0, 0])
+    assert 0.0 < shares[0, 0] < 40.0
+    assert np.all(np.abs(errors[0]) < RUNAWAY * null.experiments[0].outputs.std(axis=0))
+    assert _followed(null, follower, starts, run.gain)[0] is run.gain

@@ -43,7 +43,10 @@ def place_gains(null: Null, run: NullObserver) -> tuple[PlaceGain, ...]:
         )
         found = observer(run.average, without, null.measurement_std)
         gain = np.zeros_like(run.gain) if found is None else found.gain
-        bought = max(whole - _log_likelihood(null, model, gain), 0.0)
+        values = (_log_likelihood(null, model, g) for g in (gain, np.zeros_like(gain)))
+        # An observer that runs away predicts no worse than the simulation.
+        other = next((value for value in values if np.isfinite(value)), whole)
+        bought = max(whole - other, 0.0)
         gains.append(PlaceGain(load.places, bought, load.size, load.unit))
     return tuple(gains)
 
@@ -64,7 +67,8 @@ def _log_likelihood(null: Null, model: Integrator, gain: np.ndarray) -> float:
         errors.append(experiment.outputs - outputs)
     table = np.concatenate(errors)
     table = table[np.all(np.isfinite(table), axis=1)]
-    return float(-0.5 * table.shape[0] * np.linalg.slogdet(table.T @ table / table.shape[0])[1])
+    value = -0.5 * table.shape[0] * np.linalg.slogdet(table.T @ table / table.shape[0])[1]
+    return float(value) if np.isfinite(value) else -np.inf
 
 
 def smoothed_load(
@@ -79,7 +83,9 @@ def smoothed_load(
 
 
 def smoothed_at(null: Null, run: NullObserver, index: int, experiment: int = 0) -> SmoothedLoad | None:
-    """The load `index`, smoothed; None where there is no stationary gain."""
+    """The load `index`, smoothed; None where there is no stationary gain that the observer follows."""
+    if not run.is_optimal:
+        return None
     model = sampled_average(run.average, null.intensity, null.measurement_std)
     found = try_stationary_filter(model)
     if found is None:

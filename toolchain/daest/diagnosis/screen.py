@@ -32,6 +32,7 @@ from daest.numerics.distributions import chi2, norm
 from daest.numerics.statistics import autoregression
 from daest.systems.integrate import (
     Correction,
+    IntegrationError,
     Integrator,
     Trajectory,
     integrate,
@@ -45,6 +46,8 @@ RANK = 1e-7  # singular values of the scaled nuisance directions below this are 
 DRAWS = 20_000  # of the largest score under the null
 POWER = 0.9  # at which the smallest detectable size is stated
 RTOL = 1e-5
+RUNAWAY = 100.0  # times the standard deviation of an output: an error of the observer beyond has run away
+HALVINGS = 8  # of a gain with which the observer runs away
 # Samples at a time: the pattern of a function mapped over all of them takes longer than its values.
 PIECE = 500
 
@@ -69,6 +72,7 @@ class NullObserver:
     state_names: tuple[str, ...]
     average: AverageModel
     gain: np.ndarray  # (n, n_y), zero where no gain exists or nothing drives the states
+    is_optimal: bool  # the gain is the stationary one of the average, which may be too much along the motion
     root: np.ndarray  # inverse root of the innovation covariance (n_y, n_y)
     observed: tuple[Observed, ...]
 
@@ -94,9 +98,8 @@ def run_null(null: Null) -> NullObserver:
     longest = int(np.argmax([e.n_samples for e in null.experiments]))
     average = _average(null, model, starts[longest], null.experiments[longest])
     found = observer(average, null.intensity, null.measurement_std)
-    gain = np.zeros((len(names), len(null.flat.outputs))) if found is None else found.gain
-    runs = [_run(null, model, e, x0, gain) for e, x0 in zip(null.experiments, starts, strict=True)]
-    errors = [e.outputs - r.outputs for e, r in zip(null.experiments, runs, strict=True)]
+    whole = np.zeros((len(names), len(null.flat.outputs))) if found is None else found.gain
+    gain, runs, errors = _followed(null, model, starts, whole)
     table = np.concatenate(errors)
     table = table[np.all(np.isfinite(table), axis=1)]
     root = np.linalg.inv(np.linalg.cholesky(table.T @ table / table.shape[0]))
@@ -109,7 +112,30 @@ def run_null(null: Null) -> NullObserver:
         )
         for run, error in zip(runs, errors, strict=True)
     )
-    return NullObserver(null, names, average, gain, root, observed)
+    return NullObserver(null, names, average, gain, gain is whole and bool(np.any(gain)), root, observed)
+
+
+def _followed(
+    null: Null, model: Integrator, starts: Sequence[np.ndarray], gain: np.ndarray
+) -> tuple[np.ndarray, list[Trajectory], list[np.ndarray]]:
+    """The largest gain, halved as often as it takes or zero, that does not run away from the measurements,
+    with its trajectories and errors. A law that sticks damps on average far more than in motion, and the gain
+    for so much damping may be unstable there."""
+    spread = np.concatenate([e.outputs for e in null.experiments])
+    spread = RUNAWAY * np.nanstd(spread, axis=0)
+    for share in (*(0.5**i for i in range(HALVINGS)), 0.0):
+        tried = gain if share == 1.0 else share * gain
+        try:
+            runs = [_run(null, model, e, x0, tried) for e, x0 in zip(null.experiments, starts, strict=True)]
+        except IntegrationError:
+            if not share:
+                raise
+            continue
+        errors = [e.outputs - r.outputs for e, r in zip(null.experiments, runs, strict=True)]
+        table = np.abs(np.concatenate(errors))
+        if not share or np.all(np.where(np.isnan(table), 0.0, table).max(axis=0) < spread):
+            break
+    return tried, runs, errors
 
 
 def _average(null: Null, model: Integrator, x0: np.ndarray, experiment: Experiment) -> AverageModel:
