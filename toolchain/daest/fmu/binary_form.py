@@ -35,13 +35,7 @@ from daest.model.explicit import ExplicitModel, InputDerivative
 from daest.model.flat import Equation, FlatModel, NoiseInput
 from daest.model.fmu import FmuModel
 from daest.model.linear import LinearDAE, StateSpaceFamily
-from daest.systems.integrate import (
-    ATOL_OF_SCALE,
-    MAX_STEPS_PER_INTERVAL,
-    MEAN_STEPS_PER_INTERVAL,
-    RTOL,
-    IntegrationError,
-)
+from daest.systems.integrate import ATOL_OF_SCALE, RTOL, IntegrationError, search_steps
 from daest.systems.state_space import family_of
 
 # Relative step of the differences of simulations: far above the error of the integrator (RTOL), far below
@@ -398,7 +392,7 @@ class BinaryForm:
         plan = self._plan(task, request, np.concatenate([steps, size_steps]), np.vstack([still, sizes]))
         found = plan and self.runner.follow(request, self._parameters(sets), task.x0, plan)
         if found == "gave up" and not task.insists:
-            raise IntegrationError("the solution is too stiff or too unstable", float(request.time[0]))
+            raise IntegrationError("the model moves much faster than the record, or is not smooth", float(request.time[0]))
         return (found.states, found.values, found.slopes) if isinstance(found, Followed) else None
 
     def _simulated_apart(self, task: _Task, request: Drive) -> Integrated:
@@ -426,7 +420,7 @@ class BinaryForm:
         )  # fmt: skip
         if library is None:
             return None
-        most = MAX_STEPS_PER_INTERVAL, MAX_STEPS_PER_INTERVAL + MEAN_STEPS_PER_INTERVAL * request.time.size
+        most = search_steps(request.time.size)
         scale = np.abs(task.scale)
         return Plan(
             str(library), steps, scale, task.atol, most, task.has_slopes, law_table(request.laws), law_sizes

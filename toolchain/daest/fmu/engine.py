@@ -52,14 +52,14 @@ def engine_library(
 class Plan:
     """How a trajectory is followed: the `library` of `engine_library`; `steps` (n_p,) by which the instances
     behind the first have their parameters moved; `sizes` (n_x,) of the states; `atol` (n_x,); the `most`
-    steps in an interval and in all; whether there are sensitivities (n, n_y, n_p + n_x) (`has_slopes`).
+    steps in all; whether there are sensitivities (n, n_y, n_p + n_x) (`has_slopes`).
     `laws` (n_laws, 6) is their `laws.law_table`, `law_sizes` (1 + 2 n_p, n_laws) those of every instance."""
 
     library: str
     steps: np.ndarray
     sizes: np.ndarray
     atol: np.ndarray
-    most: tuple[int, int]
+    most: int
     has_slopes: bool
     laws: np.ndarray
     law_sizes: np.ndarray
@@ -86,14 +86,15 @@ def follow(
     start = np.zeros((n_x, directions))
     if directions:
         start[:, plan.steps.size :] = np.eye(n_x)
-    info = (_LONG * 2)()
+    n_steps, reached = _LONG(0), np.array([drive.time[0], 0.0])
     given = (drive.time, drive.u0, drive.u1, drive.u_last, None, x0)
     correction = _correction(drive)
-    with _told(lambda: float(drive.time[info[1]]), alive):
+    with _told(lambda: float(reached[0]), alive):
         status = library.daest_simulate(
             _LONG(n), *map(_pointer, given), ctypes.c_int(directions), _pointer(start),
             *map(_pointer, correction), _LONG(0), ctypes.c_double(drive.rtol), _pointer(plan.atol),
-            *map(_LONG, plan.most), *map(_pointer, (found.states, found.values, found.slopes)), info,
+            _LONG(plan.most), *map(_pointer, (found.states, found.values, found.slopes)),
+            ctypes.byref(n_steps), _pointer(reached),
         )  # fmt: skip
     return None if status or library.daest_refused() else found
 

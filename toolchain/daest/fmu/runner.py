@@ -209,7 +209,7 @@ class Runner:
         header = {
             "request": "follow", "parameters": list(names), "inputs": list(drive.inputs),
             "read": list(drive.read), "laws": [], "rtol": drive.rtol, "library": plan.library,
-            "most": list(plan.most), "has_slopes": plan.has_slopes,
+            "most": plan.most, "has_slopes": plan.has_slopes,
         }  # fmt: skip
         tables = {"parameters": values, "time": drive.time, "u0": drive.u0, "u1": drive.u1,
                   "u_last": drive.u_last, "x0": x0}  # fmt: skip

@@ -248,7 +248,7 @@ class Session:
         nothing: tuple[dict, dict] = {"followed": False, "gave_up": False}, {}
         steps, sizes, atol = (arrays[name] for name in ("steps", "sizes", "atol"))
         plan = Plan(
-            header["library"], steps, sizes, atol, tuple(header["most"]), header["has_slopes"],
+            header["library"], steps, sizes, atol, int(header["most"]), header["has_slopes"],
             arrays["laws"], arrays["law_sizes"],
         )  # fmt: skip
         drive, sets, x0 = _drive(header, arrays, np.zeros(0)), arrays["parameters"], arrays["x0"]

@@ -2,9 +2,10 @@
  * sensitivities of the discrete solution.
  *
  * Hairer & Wanner, Solving Ordinary Differential Equations II, section IV.8: collocation equations (8.2a),
- * error estimate (8.19)-(8.20). The stages are solved by a simplified Newton iteration on the full 3n system,
- * which is small here; the sensitivities differentiate the converged stage equations with the Jacobians at the
- * stages, so they are those of the computed solution for the steps taken.
+ * error estimate (8.19)-(8.20). The stages are solved by a simplified Newton iteration in the coordinates in which
+ * it falls apart into a real and a complex system of size n, (8.5)-(8.8); the sensitivities differentiate the
+ * converged stage equations with the Jacobians at the stages, so they are those of the computed solution for the
+ * steps taken. How many steps lie between two samples is left to the error estimate.
  *
  * At every sample the state may be corrected by a given gain, x += K (y - h(x)): the solution is then the
  * one-step predictor of an observer with that gain, and the pure simulation without one.
@@ -14,7 +15,7 @@
  *   daest_sens  (x, u, theta, t) -> df/dx (n x n), df/dtheta_e (n x p), p chosen parameters
  *   daest_out   (x, u, theta, t) -> h (n_y), dh/dx (n_y x n), dh/dtheta_e (n_y x p)
  *   daest_hold  (x, u, theta, t) -> g (n_g), dg/dx (n_g x n, row-major), dg/dtheta_e (n_g x p, row-major):
- *               invariants g = 0 onto which every sample is pulled back (NG > 0; with project.c before this text)
+ *               invariants g = 0 onto which every step is pulled back (NG > 0; with project.c before this text)
  * Compile-time constants: NX, NU, NP, NY, NG and the work sizes RHS_*, SENS_*, OUT_*, HOLD_* of the functions.
  */
 #include <math.h>
@@ -23,7 +24,22 @@
 
 #define N3 (3 * NX)
 
-enum { DONE = 0, STEP_TOO_SMALL = 1, TOO_MANY_STEPS = 2, NOT_FINITE = 3, NO_MEMORY = 4 };
+enum {
+  DONE = 0,
+  STEP_TOO_SMALL = 1,
+  TOO_MANY_STEPS = 2,
+  NOT_FINITE = 3,
+  NO_MEMORY = 4,
+  DEPENDENT_CONSTRAINTS = 5,
+  STALLED = 6
+};
+
+enum {
+  NEWTON_STEPS = 10,
+  MOST_REJECTED = 100, /* tries of one step: from the length of a record to its smallest part */
+  WINDOW = 50000       /* steps after which it is asked whether the end can be reached at all */
+};
+#define HOPELESS 1e9 /* steps to the end of the record, at the pace of the last WINDOW */
 
 static const double S6 = 2.4494897427831780982;
 
@@ -115,14 +131,77 @@ static void solve(const double *lu, const int *pivot, double *b, int n, int colu
   }
 }
 
+/* The same of complex numbers, each two doubles. */
+static int factor_complex(double *a, int *pivot, int n) {
+  for (int k = 0; k < n; ++k) {
+    int best = k;
+    double largest = -1.0;
+    for (int i = k; i < n; ++i) {
+      double size = fabs(a[2 * (i * n + k)]) + fabs(a[2 * (i * n + k) + 1]);
+      if (size > largest) largest = size, best = i;
+    }
+    if (!(largest > 0.0)) return 0;
+    pivot[k] = best;
+    if (best != k)
+      for (int j = 0; j < 2 * n; ++j) {
+        double swap = a[2 * k * n + j];
+        a[2 * k * n + j] = a[2 * best * n + j];
+        a[2 * best * n + j] = swap;
+      }
+    double pr = a[2 * (k * n + k)], pi = a[2 * (k * n + k) + 1], size = pr * pr + pi * pi;
+    for (int i = k + 1; i < n; ++i) {
+      double *row = a + 2 * i * n, *top = a + 2 * k * n;
+      double re = row[2 * k], im = row[2 * k + 1];
+      if (re == 0.0 && im == 0.0) continue;
+      double fr = (re * pr + im * pi) / size, fi = (im * pr - re * pi) / size;
+      row[2 * k] = fr;
+      row[2 * k + 1] = fi;
+      for (int j = k + 1; j < n; ++j) {
+        row[2 * j] -= fr * top[2 * j] - fi * top[2 * j + 1];
+        row[2 * j + 1] -= fr * top[2 * j + 1] + fi * top[2 * j];
+      }
+    }
+  }
+  return 1;
+}
+
+static void solve_complex(const double *lu, const int *pivot, double *b, int n) {
+  for (int k = 0; k < n; ++k)
+    if (pivot[k] != k)
+      for (int part = 0; part < 2; ++part) {
+        double swap = b[2 * k + part];
+        b[2 * k + part] = b[2 * pivot[k] + part];
+        b[2 * pivot[k] + part] = swap;
+      }
+  for (int i = 1; i < n; ++i)
+    for (int k = 0; k < i; ++k) {
+      double re = lu[2 * (i * n + k)], im = lu[2 * (i * n + k) + 1];
+      b[2 * i] -= re * b[2 * k] - im * b[2 * k + 1];
+      b[2 * i + 1] -= re * b[2 * k + 1] + im * b[2 * k];
+    }
+  for (int i = n - 1; i >= 0; --i) {
+    for (int j = i + 1; j < n; ++j) {
+      double re = lu[2 * (i * n + j)], im = lu[2 * (i * n + j) + 1];
+      b[2 * i] -= re * b[2 * j] - im * b[2 * j + 1];
+      b[2 * i + 1] -= re * b[2 * j + 1] + im * b[2 * j];
+    }
+    double re = lu[2 * (i * n + i)], im = lu[2 * (i * n + i) + 1], size = re * re + im * im;
+    double br = b[2 * i], bi = b[2 * i + 1];
+    b[2 * i] = (br * re + bi * im) / size;
+    b[2 * i + 1] = (bi * re - br * im) / size;
+  }
+}
+
 typedef struct {
   double A[9], c[3];
   double x[NX], f0[NX], J0[NX * NX];
-  double Z[N3], W[N3], K[N3];             /* stage increments, Newton step, stage slopes */
-  double newton[N3 * N3], error_lu[NX * NX], stageJ[3 * NX * NX];
+  double Z[N3], W[N3], K[N3];             /* stage increments, the same transformed, stage slopes */
+  double real_lu[NX * NX], complex_lu[2 * NX * NX], real_step[NX], complex_step[2 * NX], step[N3];
   double scale[NX], error[NX], u[NU > 0 ? NU : 1];
   double lastZ[N3], last_h;               /* for the extrapolated start of the next Newton iteration */
-  int pivot[N3], error_pivot[NX];
+  int real_pivot[NX], complex_pivot[NX];
+  double stages_lu[N3 * N3], stageJ[3 * NX * NX]; /* for sensitivities */
+  int stages_pivot[N3];
   double *rhs_columns, *stage_p, *out_p;  /* (3 NX) x directions; 3 x NX x NP; NY x NP */
 } Work;
 
@@ -147,10 +226,27 @@ static void extrapolate(const double *Z, const double *c, double s, double *valu
     value[k] = weight[1] * Z[k] + weight[2] * Z[NX + k] + weight[3] * Z[2 * NX + k];
 }
 
+/* T diagonalises A^-1 into one real and two conjugate complex eigenvalues, (8.5); TI = T^-1. */
+static const double MU = 3.6378342527444957322, MU_RE = 2.6810828736277521339, MU_IM = 3.0504301992474105694;
+static const double T[9] = {0.094438762488975245, -0.14125529502095421, 0.030029194105147421,
+                            0.25021312296533332, 0.20412935229379994, -0.38294211275726192,
+                            1.0, 1.0, 0.0};
+static const double TI[9] = {4.1787185915519043, 0.32768282076106237, 0.52337644549944951,
+                             -4.1787185915519043, -0.32768282076106237, 0.47662355450055044,
+                             0.50287263494578682, -2.5719269498556052, 0.59603920482822492};
+
+/* out_i = sum_j M_ij v_j for three blocks of NX each */
+static void blend(const double *M, const double *v, double *out) {
+  for (int i = 0; i < 3; ++i)
+    for (int q = 0; q < NX; ++q)
+      out[i * NX + q] = M[3 * i] * v[q] + M[3 * i + 1] * v[NX + q] + M[3 * i + 2] * v[2 * NX + q];
+}
+
 /* One Newton solution of Z_i = h sum_j a_ij f(x + Z_j). Returns 1 when converged, 0 otherwise. */
 static int stages(Work *k, Model *m, const Interval *s, double t, double h, double tolerance) {
   double point[NX], previous = 0.0, rate = 0.0;
-  for (int iteration = 0; iteration < 10; ++iteration) {
+  blend(TI, k->Z, k->W);
+  for (int iteration = 0; iteration < NEWTON_STEPS; ++iteration) {
     for (int j = 0; j < 3; ++j) {
       double at = t + k->c[j] * h;
       for (int i = 0; i < NX; ++i) point[i] = k->x[i] + k->Z[j * NX + i];
@@ -158,20 +254,31 @@ static int stages(Work *k, Model *m, const Interval *s, double t, double h, doub
       if (call(daest_rhs, m, point, k->u, at, k->K + j * NX, 0, 0)) return 0;
     }
     if (!all_finite(k->K, N3)) return 0;
-    for (int i = 0; i < 3; ++i)
-      for (int q = 0; q < NX; ++q) {
-        double sum = -k->Z[i * NX + q];
-        for (int j = 0; j < 3; ++j) sum += h * k->A[3 * i + j] * k->K[j * NX + q];
-        k->W[i * NX + q] = sum;
-      }
-    solve(k->newton, k->pivot, k->W, N3, 1);
-    for (int i = 0; i < N3; ++i) k->Z[i] += k->W[i];
-    double size = rms(k->W, k->scale, N3);
+    blend(TI, k->K, k->step);
+    for (int q = 0; q < NX; ++q) {
+      double re = k->W[NX + q], im = k->W[2 * NX + q];
+      k->real_step[q] = k->step[q] - MU / h * k->W[q];
+      k->complex_step[2 * q] = k->step[NX + q] - (MU_RE * re + MU_IM * im) / h;
+      k->complex_step[2 * q + 1] = k->step[2 * NX + q] - (MU_RE * im - MU_IM * re) / h;
+    }
+    solve(k->real_lu, k->real_pivot, k->real_step, NX, 1);
+    solve_complex(k->complex_lu, k->complex_pivot, k->complex_step, NX);
+    for (int q = 0; q < NX; ++q) {
+      k->W[q] += k->real_step[q];
+      k->W[NX + q] += k->complex_step[2 * q];
+      k->W[2 * NX + q] += k->complex_step[2 * q + 1];
+    }
+    memcpy(k->step, k->Z, sizeof k->Z);
+    blend(T, k->W, k->Z);
+    for (int i = 0; i < N3; ++i) k->step[i] -= k->Z[i];
+    double size = rms(k->step, k->scale, N3);
     if (!isfinite(size)) return 0;
     if (iteration > 0) {
       rate = previous > 0.0 ? size / previous : 0.0;
       if (rate >= 1.0 && size > tolerance) return 0;
       if (size == 0.0 || (rate < 1.0 && rate / (1.0 - rate) * size < tolerance)) return 1;
+      /* What is left of the iterations cannot bring it down to the tolerance. */
+      if (rate < 1.0 && pow(rate, NEWTON_STEPS - 1 - iteration) / (1.0 - rate) * size > tolerance) return 0;
     } else if (size < 1e-3 * tolerance) {
       return 1;
     }
@@ -196,9 +303,9 @@ static int sensitivities(Work *k, double h, double *S, int directions) {
     for (int q = 0; q < NX; ++q)
       for (int j = 0; j < 3; ++j)
         for (int r = 0; r < NX; ++r)
-          k->newton[(i * NX + q) * N3 + j * NX + r] =
+          k->stages_lu[(i * NX + q) * N3 + j * NX + r] =
               (i == j && q == r) - h * k->A[3 * i + j] * k->stageJ[j * NX * NX + r * NX + q];
-  if (!factor(k->newton, k->pivot, N3)) return 0;
+  if (!factor(k->stages_lu, k->stages_pivot, N3)) return 0;
   memset(k->rhs_columns, 0, sizeof(double) * N3 * directions);
   for (int j = 0; j < 3; ++j)
     for (int q = 0; q < NX; ++q)
@@ -208,22 +315,20 @@ static int sensitivities(Work *k, double h, double *S, int directions) {
         for (int i = 0; i < 3; ++i)
           k->rhs_columns[(i * NX + q) * directions + d] += h * k->A[3 * i + j] * sum;
       }
-  solve(k->newton, k->pivot, k->rhs_columns, N3, directions);
+  solve(k->stages_lu, k->stages_pivot, k->rhs_columns, N3, directions);
   for (int q = 0; q < NX * directions; ++q) S[q] += k->rhs_columns[2 * NX * directions + q];
   return 1;
 }
 
 static int newton_matrices(Work *k, double h) {
-  const double mu_real = 3.0 + cbrt(9.0) - cbrt(3.0);
-  for (int i = 0; i < 3; ++i)
-    for (int q = 0; q < NX; ++q)
-      for (int j = 0; j < 3; ++j)
-        for (int r = 0; r < NX; ++r)
-          k->newton[(i * NX + q) * N3 + j * NX + r] =
-              (i == j && q == r) - h * k->A[3 * i + j] * k->J0[r * NX + q];
   for (int q = 0; q < NX; ++q)
-    for (int r = 0; r < NX; ++r) k->error_lu[q * NX + r] = (q == r) * mu_real / h - k->J0[r * NX + q];
-  return factor(k->newton, k->pivot, N3) && factor(k->error_lu, k->error_pivot, NX);
+    for (int r = 0; r < NX; ++r) {
+      double slope = k->J0[r * NX + q];
+      k->real_lu[q * NX + r] = (q == r) * MU / h - slope;
+      k->complex_lu[2 * (q * NX + r)] = (q == r) * MU_RE / h - slope;
+      k->complex_lu[2 * (q * NX + r) + 1] = (q == r) * -MU_IM / h;
+    }
+  return factor(k->real_lu, k->real_pivot, NX) && factor_complex(k->complex_lu, k->complex_pivot, NX);
 }
 
 static double estimate_error(Work *k, Model *m, const Interval *s, double t, double h, int filter_again) {
@@ -233,7 +338,7 @@ static double estimate_error(Work *k, Model *m, const Interval *s, double t, dou
     ze[q] = (e[0] * k->Z[q] + e[1] * k->Z[NX + q] + e[2] * k->Z[2 * NX + q]) / h;
     k->error[q] = k->f0[q] + ze[q];
   }
-  solve(k->error_lu, k->error_pivot, k->error, NX, 1);
+  solve(k->real_lu, k->real_pivot, k->error, NX, 1);
   double size = rms(k->error, k->scale, NX);
   if (size <= 1.0 || !filter_again) return size;
   /* Stiff components need the second filtering, (8.20). */
@@ -241,7 +346,7 @@ static double estimate_error(Work *k, Model *m, const Interval *s, double t, dou
   input_at(s, t, k->u);
   if (call(daest_rhs, m, shifted, k->u, t, k->error, 0, 0)) return size;
   for (int q = 0; q < NX; ++q) k->error[q] += ze[q];
-  solve(k->error_lu, k->error_pivot, k->error, NX, 1);
+  solve(k->real_lu, k->real_pivot, k->error, NX, 1);
   return rms(k->error, k->scale, NX);
 }
 
@@ -254,53 +359,100 @@ static void set_constants(Work *k) {
   memcpy(k->c, c, sizeof c);
 }
 
-/* Advances k->x (and S) over one sample interval. *h carries the step size from interval to interval. */
-static int advance(Work *k, Model *m, const Interval *s, double *h, double *S, int directions, double rtol,
-                   const double *atol, long max_steps, long *steps) {
-  const double span = s->t1 - s->t0;
+#if NG > 0
+/* Until a step is below a thousandth of the absolute tolerance. */
+static int project(Work *k, Model *m, const double *u, double t, const double *atol, double *S, int directions) {
+  double g[NG], R[NG * NX], by_p[NG * NP + 1], K[NX * NG], L[NG * NG], moved = 1.0;
+  for (int step = 0; step < PROJECTIONS && moved > 1e-3; ++step)
+    if (call(daest_hold, m, k->x, u, t, g, R, by_p) || !all_finite(g, NG))
+      return NOT_FINITE;
+    else if (!projection_step(k->x, g, R, atol, K, L, &moved))
+      return DEPENDENT_CONSTRAINTS;
+  for (int d = 0; d < directions; ++d) {
+    double along[NG];
+    for (int i = 0; i < NG; ++i) {
+      along[i] = d < NP ? by_p[i * NP + d] : 0.0;
+      for (int q = 0; q < NX; ++q) along[i] += R[i * NX + q] * S[q * directions + d];
+    }
+    for (int q = 0; q < NX; ++q)
+      for (int i = 0; i < NG; ++i) S[q * directions + d] -= K[q * NG + i] * along[i];
+  }
+  return DONE;
+}
+#endif
+
+/* How far the integration has come: `steps` of at most `most`, reached[0] the time and reached[1] the step that comes
+ * next, and when the pace was looked at last. */
+typedef struct {
+  double *reached, end, looked_at;
+  long steps, most;
+} Progress;
+
+/* The first step: in it the state moves by a hundredth of its size (Hairer, Norsett & Wanner I, section II.4). */
+static double first_step(Work *k, Model *m, const Interval *s, double rtol, const double *atol) {
+  double h = 0.1 * (s->t1 - s->t0);
+  input_at(s, s->t0, k->u);
+  if (call(daest_rhs, m, k->x, k->u, s->t0, k->f0, 0, 0) || !all_finite(k->f0, NX)) return h;
+  for (int q = 0; q < NX; ++q) k->scale[q] = atol[q] + rtol * fabs(k->x[q]);
+  double state = rms(k->x, k->scale, NX), rate = rms(k->f0, k->scale, NX);
+  return state > 1e-5 && rate > 1e-5 ? fmin(h, fmax(0.01 * state / rate, 1e-6 * h)) : h;
+}
+
+/* The stages from the polynomial of the last step, else from zero: a poor start is no reason for a shorter step. */
+static int solved_stages(Work *k, Model *m, const Interval *s, double t, double step, double tolerance) {
+  if (!newton_matrices(k, step)) return 0;
+  if (k->last_h > 0) {
+    double base[NX];
+    extrapolate(k->lastZ, k->c, 1.0, base);
+    for (int j = 0; j < 3; ++j) {
+      extrapolate(k->lastZ, k->c, 1.0 + k->c[j] * step / k->last_h, k->Z + j * NX);
+      for (int q = 0; q < NX; ++q) k->Z[j * NX + q] -= base[q];
+    }
+    if (stages(k, m, s, t, step, tolerance)) return 1;
+  }
+  memset(k->Z, 0, sizeof k->Z);
+  return stages(k, m, s, t, step, tolerance);
+}
+
+/* Counts a step; STALLED where the end is out of reach at the pace of the last WINDOW of them. */
+static int counted(Progress *p, double t) {
+  p->reached[0] = t;
+  if (++p->steps > p->most) return TOO_MANY_STEPS;
+  if (p->steps % WINDOW) return DONE;
+  int is_hopeless = (p->end - t) * WINDOW > HOPELESS * (t - p->looked_at);
+  p->looked_at = t;
+  return is_hopeless ? STALLED : DONE;
+}
+
+/* Advances k->x (and S) over one sample interval. */
+static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S, int directions, double rtol,
+                   const double *atol) {
   /* The Newton iteration must not spoil the error estimate: a small part of the tolerance. */
   const double newton_tolerance = fmax(10 * 2.2e-16 / rtol, fmin(0.03, sqrt(rtol)));
-  double t = s->t0;
+  double t = s->t0, *h = p->reached + 1;
   int rejected = 0;
   while (t < s->t1) {
-    if (++*steps > max_steps) return TOO_MANY_STEPS;
-    if (*h < 1e-12 * span) return STEP_TOO_SMALL;
+    int status = counted(p, t);
+    if (status) return status;
+    if (rejected > MOST_REJECTED || *h <= 4 * 2.2e-16 * fabs(t)) return STEP_TOO_SMALL;
     /* A remainder that is hardly longer than the step is taken at once; no sliver is left over. */
     int last = *h >= 0.9 * (s->t1 - t);
     double step = last ? s->t1 - t : *h;
     input_at(s, t, k->u);
-    if (call(daest_rhs, m, k->x, k->u, t, k->f0, k->J0, 0) || !all_finite(k->f0, NX) ||
-        !all_finite(k->J0, NX * NX))
+    if (!rejected &&
+        (call(daest_rhs, m, k->x, k->u, t, k->f0, k->J0, 0) || !all_finite(k->f0, NX) || !all_finite(k->J0, NX * NX)))
       return NOT_FINITE;
     for (int q = 0; q < NX; ++q) k->scale[q] = atol[q] + rtol * fabs(k->x[q]);
-    int solved = 0;
-    if (newton_matrices(k, step)) {
-      if (k->last_h > 0) {
-        double base[NX];
-        extrapolate(k->lastZ, k->c, 1.0, base);
-        for (int j = 0; j < 3; ++j) {
-          extrapolate(k->lastZ, k->c, 1.0 + k->c[j] * step / k->last_h, k->Z + j * NX);
-          for (int q = 0; q < NX; ++q) k->Z[j * NX + q] -= base[q];
-        }
-      } else {
-        memset(k->Z, 0, sizeof k->Z);
-      }
-      solved = stages(k, m, s, t, step, newton_tolerance);
-      if (!solved && k->last_h > 0) { /* a poor start is no reason to shorten the step */
-        memset(k->Z, 0, sizeof k->Z);
-        solved = stages(k, m, s, t, step, newton_tolerance);
-      }
-    }
-    if (!solved) {
-      *h = 0.5 * step;
-      rejected = 1;
+    if (!solved_stages(k, m, s, t, step, newton_tolerance)) {
+      *h = (rejected > 2 ? 0.25 : 0.5) * step;
+      ++rejected;
       continue;
     }
     double size = estimate_error(k, m, s, t, step, rejected || t == s->t0);
     double factor_h = 0.9 * pow(fmax(size, 1e-10), -0.25);
     if (!(size <= 1.0)) {
       *h = step * fmax(0.1, isfinite(size) ? factor_h : 0.1);
-      rejected = 1;
+      ++rejected;
       continue;
     }
     if (directions > 0) {
@@ -311,11 +463,16 @@ static int advance(Work *k, Model *m, const Interval *s, double *h, double *S, i
     memcpy(k->lastZ, k->Z, sizeof k->Z);
     k->last_h = step;
     t = last ? s->t1 : t + step;
+#if NG > 0
+    input_at(s, t, k->u);
+    if ((status = project(k, m, k->u, t, atol, S, directions))) return status;
+#endif
     double proposal = step * fmin(rejected ? 1.0 : 8.0, fmax(0.2, factor_h));
     /* A step shortened to end on the sample says nothing against a longer one. */
     *h = last && step < *h ? fmax(*h, proposal) : proposal;
     rejected = 0;
   }
+  p->reached[0] = t;
   return DONE;
 }
 
@@ -343,26 +500,6 @@ static void measure(Work *k, Model *m, const double *u, double t, const double *
     }
   k->last_h = 0; /* the old collocation polynomial ends where the state was before the correction */
 }
-
-#if NG > 0
-/* Until a step is below a thousandth of the absolute tolerance. */
-static int project(Work *k, Model *m, const double *u, double t, const double *atol, double *S, int directions) {
-  double g[NG], R[NG * NX], by_p[NG * NP + 1], K[NX * NG], L[NG * NG], moved = 1.0;
-  for (int step = 0; step < PROJECTIONS && moved > 1e-3; ++step)
-    if (call(daest_hold, m, k->x, u, t, g, R, by_p) || !projection_step(k->x, g, R, atol, K, L, &moved))
-      return NOT_FINITE;
-  for (int d = 0; d < directions; ++d) {
-    double along[NG];
-    for (int i = 0; i < NG; ++i) {
-      along[i] = d < NP ? by_p[i * NP + d] : 0.0;
-      for (int q = 0; q < NX; ++q) along[i] += R[i * NX + q] * S[q * directions + d];
-    }
-    for (int q = 0; q < NX; ++q)
-      for (int i = 0; i < NG; ++i) S[q * directions + d] -= K[q * NG + i] * along[i];
-  }
-  return DONE;
-}
-#endif
 
 static int allocate(Work **k, Model *m, double **S, int directions) {
   casadi_int iw = RHS_IW > SENS_IW ? RHS_IW : SENS_IW, w = RHS_W > SENS_W ? RHS_W : SENS_W;
@@ -401,23 +538,26 @@ static void release(Work *k, Model *m, double *S) {
 /* Solution over n samples. u0, u1: (n-1) x NU inputs at the two ends of each interval; u_last: NU, input at the
  * last sample. x0 (NX). S0: NX x directions row-major, or null. y: n x NY (NaN: missing) and gain: NX x NY,
  * advanced by gain_stride per sample, or null. Out: states n x NX before correction; predicted n x NY; sens
- * n x NY x directions of `predicted`, or null; info: {steps, sample reached}. Returns a code above. */
+ * n x NY x directions of `predicted`, or null; steps; reached: {time, step that was to come next}. Returns a code
+ * above. */
 int daest_simulate(long n, const double *time, const double *u0, const double *u1, const double *u_last,
                    const double *theta, const double *x0, int directions, const double *S0, const double *y,
-                   const double *gain, long gain_stride, double rtol, const double *atol,
-                   long max_steps_per_interval, long max_steps, double *states, double *predicted, double *sens, long *info) {
+                   const double *gain, long gain_stride, double rtol, const double *atol, long max_steps, double *states,
+                   double *predicted, double *sens, long *steps, double *reached) {
   Model m;
   Work *k = 0;
   double *S = 0;
   int status = NO_MEMORY;
-  info[0] = info[1] = 0;
+  *steps = 0;
+  reached[0] = n > 0 ? time[0] : 0.0;
+  reached[1] = 0.0;
   m.theta = theta;
   if (allocate(&k, &m, &S, directions)) {
     set_constants(k);
     memcpy(k->x, x0, sizeof(double) * NX);
     if (directions > 0) memcpy(S, S0, sizeof(double) * NX * directions);
     status = DONE;
-    double h = n > 1 ? 0.1 * (time[1] - time[0]) : 0.0;
+    Progress p = {reached, n > 0 ? time[n - 1] : 0.0, reached[0], 0, max_steps};
 #if NG > 0
     if (n > 0) status = project(k, &m, n > 1 ? u0 : u_last, time[0], atol, S, directions);
 #endif
@@ -426,7 +566,6 @@ int daest_simulate(long n, const double *time, const double *u0, const double *u
       measure(k, &m, i + 1 < n ? u0 + i * NU : u_last, time[i], y ? y + i * NY : 0,
               gain ? gain + i * gain_stride : 0, S, directions, predicted + i * NY,
               sens ? sens + i * NY * directions : 0);
-      info[1] = i;
 #if NG > 0
       if (gain) status = project(k, &m, i + 1 < n ? u0 + i * NU : u_last, time[i], atol, S, directions);
       if (status) break;
@@ -436,14 +575,10 @@ int daest_simulate(long n, const double *time, const double *u0, const double *u
       /* A jump of the input between intervals makes the old collocation polynomial a poor start. */
       for (int q = 0; q < NU; ++q)
         if (i > 0 && s.u0[q] != u1[(i - 1) * NU + q]) k->last_h = 0;
-      long steps = 0;
-      status = advance(k, &m, &s, &h, S, directions, rtol, atol, max_steps_per_interval, &steps);
-      info[0] += steps;
-      if (status == DONE && info[0] > max_steps) status = TOO_MANY_STEPS;
-#if NG > 0
-      if (status == DONE) status = project(k, &m, s.u1, s.t1, atol, S, directions);
-#endif
+      if (i == 0) reached[1] = first_step(k, &m, &s, rtol, atol);
+      status = advance(k, &m, &s, &p, S, directions, rtol, atol);
     }
+    *steps = p.steps;
   }
   release(k, &m, S);
   return status;

@@ -27,16 +27,27 @@ Hold = Literal["zoh", "foh"]
 
 RTOL = 1e-6  # relative local error of a step; the global error of a stable model is of this size
 ATOL_OF_SCALE = 1e-2  # absolute tolerance: this part of rtol times the state's nominal value
-MAX_STEPS_PER_INTERVAL = 2_000
-MEAN_STEPS_PER_INTERVAL = 50  # over a whole record: an unstable trajectory is given up early
+# Steps over a whole record, however they fall between its samples. A search gives a trajectory up early: one that
+# takes this many belongs to parameters that make the model far faster than the record.
+SEARCH_STEPS, SEARCH_STEPS_PER_SAMPLE = 20_000, 50
+ALL_STEPS = 2_000_000_000  # of a simulation, which stops where its end is out of reach
 PROJECTED = 1e-3  # step onto invariants, in absolute tolerances, that ends the projection
 INTERPRETED_STEPS = 4  # per sample interval, without a C compiler
 _FAILURES = {
     1: "the step size became too small: a singularity, or a discontinuity that is not smoothed",
-    2: "the solution is too stiff or too unstable to be followed",
+    2: "{steps} steps lead no farther, the next would be {next:.2g} s long: the model moves much faster than the "
+    "record, or is not smooth there",
     3: "the model gives no finite derivative",
     4: "there is not enough memory",
+    5: "the constraints of the model depend on each other there",
+    6: "after {steps} steps the steps are so short ({next:.2g} s) that the end is out of reach: a discontinuity "
+    "that is not smoothed, or a motion much faster than the record",
 }
+
+
+def search_steps(n_samples: int) -> int:
+    """Steps after which a search gives up a trajectory of n samples."""
+    return SEARCH_STEPS + SEARCH_STEPS_PER_SAMPLE * n_samples
 
 
 class IntegrationError(NumericalError):
@@ -232,6 +243,7 @@ class _Run:
     rtol: float
     atol: np.ndarray
     correction: Correction | None
+    max_steps: int
 
     @property
     def start_sensitivities(self) -> np.ndarray:
@@ -255,14 +267,15 @@ def integrate(
     correction: Correction | None = None,
     rtol: float = RTOL,
     state_scale: np.ndarray | None = None,
+    max_steps: int | None = None,
 ) -> Trajectory:
     """States and outputs at `time` (n_samples,) from x0 (n_states,) under the recorded `inputs` (n_samples,
     n_u).
 
     theta: all parameters. `correction` turns the simulation into the one-step predictor of an observer.
     `state_scale` (n_states,): sizes that count as large for each state, for the absolute tolerance (default
-    1). Directions of the sensitivities: `model.names`, then the initial states. Raises IntegrationError with
-    the time it stopped at.
+    1). Directions of the sensitivities: `model.names`, then the initial states. `max_steps` over the whole
+    record (default: `search_steps`). Raises IntegrationError with the time it stopped at.
     """
     u0, u1 = interval_inputs(model.explicit, time, inputs, hold)
     scale = np.ones(x0.shape[0]) if state_scale is None else np.maximum(np.abs(state_scale), 1e-30)
@@ -271,7 +284,8 @@ def integrate(
     time, u0, u1, u_last, theta, x0 = (np.ascontiguousarray(a, dtype=float) for a in columns)
     directions = model.n_directions if sensitivities else 0
     atol = rtol * ATOL_OF_SCALE * scale
-    run = _Run(time, u0, u1, u_last, theta, x0, directions, rtol, atol, correction)
+    most = search_steps(time.size) if max_steps is None else max_steps
+    run = _Run(time, u0, u1, u_last, theta, x0, directions, rtol, atol, correction, most)
     if model.explicit.flat.given is not None:
         return _run_given(model, run, scale)
     return _run_interpreted(model, run) if model.library is None else _run_radau(model, run)
@@ -291,7 +305,7 @@ def _run_radau(model: Integrator, run: _Run) -> Trajectory:
     n, n_states, n_y = run.time.size, run.x0.size, model.out.numel_out(0)
     states, outputs = np.empty((n, n_states)), np.empty((n, n_y))
     sens = np.empty((n, n_y, run.directions))
-    info = np.zeros(2, dtype=np.int64)
+    steps, reached = ctypes.c_long(0), np.zeros(2)
     start = np.ascontiguousarray(run.start_sensitivities)
     y, gain, stride = None, None, 0
     if run.correction is not None:
@@ -301,13 +315,13 @@ def _run_radau(model: Integrator, run: _Run) -> Trajectory:
     status = model.library.daest_simulate(
         ctypes.c_long(n), *map(_pointer, (run.time, run.u0, run.u1, run.u_last, run.theta, run.x0)),
         ctypes.c_int(run.directions), _pointer(start), _pointer(y), _pointer(gain), ctypes.c_long(stride),
-        ctypes.c_double(run.rtol), _pointer(run.atol), ctypes.c_long(MAX_STEPS_PER_INTERVAL),
-        ctypes.c_long(MAX_STEPS_PER_INTERVAL + MEAN_STEPS_PER_INTERVAL * n),
-        *map(_pointer, (states, outputs, sens, info)),
+        ctypes.c_double(run.rtol), _pointer(run.atol), ctypes.c_long(run.max_steps),
+        *map(_pointer, (states, outputs, sens)), ctypes.byref(steps), _pointer(reached),
     )  # fmt: skip
     if status:
-        raise IntegrationError(_FAILURES[status], float(run.time[min(info[1], n - 1)]))
-    return Trajectory(states, outputs, sens, int(info[0]))
+        reason = _FAILURES[status].format(steps=steps.value, next=reached[1])
+        raise IntegrationError(reason, float(reached[0]))
+    return Trajectory(states, outputs, sens, steps.value)
 
 
 def _pointer(array: np.ndarray | None) -> ctypes.c_void_p | None:

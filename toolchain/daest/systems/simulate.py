@@ -21,7 +21,7 @@ from daest.numerics.projection import pull
 from daest.numerics.recursions import linear_recursion
 from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import IntegrationError, integrate, integrator
+from daest.systems.integrate import ALL_STEPS, IntegrationError, integrate, integrator
 from daest.systems.pantelides import name_equations
 from daest.systems.reduce import reduce_index
 from daest.systems.redundant import good_everywhere, matching_states
@@ -300,8 +300,9 @@ def _nonlinear(task: _Task, rtol: float) -> tuple[np.ndarray, str]:
     scale = _state_scale(task.explicit)
     try:
         run = integrate(
-            engine, task.time, task.u, task.theta, task.x0, hold=task.hold, rtol=rtol, state_scale=scale
-        )
+            engine, task.time, task.u, task.theta, task.x0,
+            hold=task.hold, rtol=rtol, state_scale=scale, max_steps=ALL_STEPS,
+        )  # fmt: skip
     except IntegrationError as error:
         raise _failed(error.time, error.reason, task.explicit.flat.given) from error
     if task.explicit.flat.given is not None:

@@ -1,0 +1,32 @@
+model AkzoNobel "Chemical reaction of Akzo Nobel, DAE of index 1 (Test Set for IVP Solvers 2.4)"
+  constant Real k1 = 18.7;
+  constant Real k2 = 0.58;
+  constant Real k3 = 0.09;
+  constant Real k4 = 0.42;
+  constant Real K = 34.4;
+  constant Real klA = 3.3;
+  constant Real Ks = 115.83;
+  constant Real pCO2 = 0.9;
+  constant Real H = 737;
+  Real y1(start = 0.444, fixed = true, nominal = 0.1);
+  Real y2(start = 0.00123, fixed = true, nominal = 1e-3);
+  Real y3(start = 0, fixed = true, nominal = 0.1);
+  Real y4(start = 0.007, fixed = true, nominal = 1e-3);
+  Real y5(start = 0, fixed = true, nominal = 1e-2);
+  Real y6(start = 0.36);
+  Real r1, r2, r3, r4, r5 "rates of the reactions";
+  Real inflow "of carbon dioxide";
+equation
+  r1 = k1*y1^4*sqrt(y2);
+  r2 = k2*y3*y4;
+  r3 = k2/K*y1*y5;
+  r4 = k3*y1*y4^2;
+  r5 = k4*y6^2*sqrt(y2);
+  inflow = klA*(pCO2/H - y2);
+  der(y1) = -2*r1 + r2 - r3 - r4;
+  der(y2) = -r1/2 - r4 - r5/2 + inflow;
+  der(y3) = r1 - r2 + r3;
+  der(y4) = -r2 + r3 - 2*r4;
+  der(y5) = r2 - r3 + r5;
+  0 = Ks*y1*y4 - y6;
+end AkzoNobel;

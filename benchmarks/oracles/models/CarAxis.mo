@@ -1,0 +1,35 @@
+model CarAxis "A car axis on a bumpy road, one wheel, two springs, two constraints: index 3 (Test Set for IVP Solvers 2.4)"
+  constant Real M = 10;
+  constant Real eps = 1e-2;
+  constant Real L = 1;
+  constant Real L0 = 0.5;
+  constant Real r = 0.1;
+  constant Real w = 10;
+  Real xb, yb "right wheel";
+  Real Ll, Lr "lengths of the springs";
+  Real xl(start = 0);
+  Real yl(start = 0.5);
+  Real xr(start = 1);
+  Real yr(start = 0.5);
+  Real vxl(start = -0.5);
+  Real vyl(start = 0);
+  Real vxr(start = -0.5);
+  Real vyr(start = 0);
+  Real lam1(start = 0);
+  Real lam2(start = 0);
+equation
+  yb = r*sin(w*time);
+  xb = sqrt(L^2 - yb^2);
+  Ll = sqrt(xl^2 + yl^2);
+  Lr = sqrt((xr - xb)^2 + (yr - yb)^2);
+  der(xl) = vxl;
+  der(yl) = vyl;
+  der(xr) = vxr;
+  der(yr) = vyr;
+  eps^2*M/2*der(vxl) = (L0 - Ll)*xl/Ll + lam1*xb + 2*lam2*(xl - xr);
+  eps^2*M/2*der(vyl) = (L0 - Ll)*yl/Ll + lam1*yb + 2*lam2*(yl - yr) - eps^2*M/2;
+  eps^2*M/2*der(vxr) = (L0 - Lr)*(xr - xb)/Lr - 2*lam2*(xl - xr);
+  eps^2*M/2*der(vyr) = (L0 - Lr)*(yr - yb)/Lr - 2*lam2*(yl - yr) - eps^2*M/2;
+  0 = xl*xb + yl*yb;
+  0 = (xl - xr)^2 + (yl - yr)^2 - L^2;
+end CarAxis;

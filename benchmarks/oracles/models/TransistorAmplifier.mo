@@ -1,0 +1,36 @@
+model TransistorAmplifier "Two transistors, capacitors tie derivatives of node voltages: index 1 with a singular mass matrix (Test Set for IVP Solvers 2.4)"
+  parameter Real UB = 6;
+  parameter Real UF = 0.026;
+  parameter Real alpha = 0.99;
+  parameter Real beta = 1e-6;
+  parameter Real R0 = 1000;
+  parameter Real R = 9000;
+  parameter Real C1 = 1e-6;
+  parameter Real C2 = 2e-6;
+  parameter Real C3 = 3e-6;
+  parameter Real C4 = 4e-6;
+  parameter Real C5 = 5e-6;
+  Real Ue "input voltage";
+  Real g23 "current of the first transistor";
+  Real g56 "current of the second transistor";
+  Real y1(start = 0, fixed = true, nominal = 0.01);
+  Real y2(start = 3);
+  Real y3(start = 3, fixed = true);
+  Real y4(start = 6, fixed = true);
+  Real y5(start = 3);
+  Real y6(start = 3, fixed = true);
+  Real y7(start = 6, fixed = true);
+  Real y8(start = 0);
+equation
+  Ue = 0.1*sin(200*3.141592653589793*time);
+  g23 = beta*(exp((y2 - y3)/UF) - 1);
+  g56 = beta*(exp((y5 - y6)/UF) - 1);
+  -C1*der(y1) + C1*der(y2) = -Ue/R0 + y1/R0;
+  C1*der(y1) - C1*der(y2) = -UB/R + y2*(1/R + 1/R) - (alpha - 1)*g23;
+  -C2*der(y3) = -g23 + y3/R;
+  -C3*der(y4) + C3*der(y5) = -UB/R + y4/R + alpha*g23;
+  C3*der(y4) - C3*der(y5) = -UB/R + y5*(1/R + 1/R) - (alpha - 1)*g56;
+  -C4*der(y6) = -g56 + y6/R;
+  -C5*der(y7) + C5*der(y8) = -UB/R + y7/R + alpha*g56;
+  C5*der(y7) - C5*der(y8) = y8/R;
+end TransistorAmplifier;
