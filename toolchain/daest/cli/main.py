@@ -91,6 +91,9 @@ class LazyGroup(click.Group):
 @click.version_option(__version__, prog_name="daest")
 def cli() -> None:
     """From a Modelica model and a recording to parameters, states and the physics that the model lacks."""
+    from daest.numerics.compiler import tell_of_compilations
+
+    tell_of_compilations(lambda text: click.echo(text, err=True))
 
 
 def main() -> NoReturn:

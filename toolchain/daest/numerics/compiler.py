@@ -17,7 +17,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,6 +30,13 @@ from daest.litter import passing_folder, removed_at_the_end, run_program
 COMPILE_SECONDS = 600.0
 # Of a compiler's complaint, this many lines are shown.
 SHOWN_LINES = 20
+# Lines of C up to which code is compiled as asked, and up to which it is optimised at all: gcc 12 takes a second for
+# 3000 lines of one generated function at -O1, for 1500 at -O3 and for 30 000 at -O0, the longer the function the more.
+ASKED_LINES, OPTIMISED_LINES = 12_000, 40_000
+# Longer code is not compiled: it would take minutes and gigabytes.
+MOST_LINES = 400_000
+# A compilation of more lines than this takes seconds and is told.
+TOLD_LINES = 6_000
 
 
 @dataclass(frozen=True)
@@ -175,6 +183,9 @@ def build_shared(
     library = folder / f"{name}{where.suffix}"
     if is_whole(library):
         return library
+    n_lines = sum(text.count("\n") for text in texts.values())
+    if n_lines > TOLD_LINES:
+        _telling.get()(f"compiling {n_lines} lines of C, which is kept for the next time")
     folder = _writable(folder)
     library = folder / f"{name}{where.suffix}"
     with passing_folder("build-", folder) as work:
@@ -183,6 +194,22 @@ def build_shared(
         built = _compile(compiler, where, flags, work, name)
         put_whole(built, library)
     return library
+
+
+def effort(source: str, wanted: str) -> str:
+    """The optimisation for a source: `wanted`, or less where that would take a compiler minutes."""
+    lines = source.count("\n")
+    if lines <= ASKED_LINES:
+        return wanted
+    return "-O1" if lines <= OPTIMISED_LINES else "-O0"
+
+
+_telling: ContextVar[Callable[[str], object]] = ContextVar("telling", default=lambda _: None)
+
+
+def tell_of_compilations(tell: Callable[[str], object]) -> None:
+    """From now on `tell` hears, in this context, of every compilation that takes long, when it begins."""
+    _telling.set(tell)
 
 
 def _key(compiler: Compiler, target: Platform, flags: tuple[str, ...], texts: Mapping[str, str]) -> str:

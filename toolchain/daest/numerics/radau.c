@@ -214,6 +214,16 @@ static double rms(const double *v, const double *scale, int n) {
   return sqrt(sum / n);
 }
 
+/* Every variable keeps its own tolerance: a mean over many slow ones would hide the fast one. */
+static double largest(const double *v, const double *scale) {
+  double most = 0.0;
+  for (int i = 0; i < NX; ++i) {
+    double r = fabs(v[i]) / scale[i];
+    if (!(r <= most)) most = r; /* not a number, too */
+  }
+  return most;
+}
+
 /* Value at s (in units of the last step, from its start) of the cubic through 0 and the three stage increments. */
 static void extrapolate(const double *Z, const double *c, double s, double *value) {
   double node[4] = {0.0, c[0], c[1], c[2]}, weight[4];
@@ -339,7 +349,7 @@ static double estimate_error(Work *k, Model *m, const Interval *s, double t, dou
     k->error[q] = k->f0[q] + ze[q];
   }
   solve(k->real_lu, k->real_pivot, k->error, NX, 1);
-  double size = rms(k->error, k->scale, NX);
+  double size = largest(k->error, k->scale);
   if (size <= 1.0 || !filter_again) return size;
   /* Stiff components need the second filtering, (8.20). */
   for (int q = 0; q < NX; ++q) shifted[q] = k->x[q] + k->error[q];
@@ -347,7 +357,7 @@ static double estimate_error(Work *k, Model *m, const Interval *s, double t, dou
   if (call(daest_rhs, m, shifted, k->u, t, k->error, 0, 0)) return size;
   for (int q = 0; q < NX; ++q) k->error[q] += ze[q];
   solve(k->real_lu, k->real_pivot, k->error, NX, 1);
-  return rms(k->error, k->scale, NX);
+  return largest(k->error, k->scale);
 }
 
 static void set_constants(Work *k) {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -162,8 +163,8 @@ def _functions(symbols: list[ca.SX], results: list[ca.SX], definitions: Definiti
     arguments = [ca.MX.sym(n, s.numel()) for n, s in zip(ARGUMENTS, symbols, strict=True)]
     tears, known = ca.MX(0, 1), ca.SX(0, 1)
     for number, loop in enumerate(definitions.loops):
-        solver, scale = _newton(f"loop{number}", loop, definitions, [*symbols, known])
-        tears = ca.vertcat(tears, scale * solver(loop.guess / scale, ca.vertcat(*arguments, tears)))
+        found = (_linear if loop.is_linear else _newton)(f"loop{number}", loop, definitions, [*symbols, known])
+        tears = ca.vertcat(tears, found(*arguments, tears))
         known = ca.vertcat(known, loop.tears)
     functions = []
     for name, expression in zip(RESULTS, dense, strict=True):
@@ -172,11 +173,21 @@ def _functions(symbols: list[ca.SX], results: list[ca.SX], definitions: Definiti
     return functions
 
 
+def _linear(
+    name: str, loop: ImplicitLoop, definitions: Definitions, known: list[ca.SX]
+) -> Callable[..., ca.MX]:
+    """The tears by a sparse QR factorisation, of rows that are divided by the size of their terms."""
+    residual = definitions.insert_into(loop.residual) / loop.row_size
+    right = -ca.substitute(residual, loop.tears, ca.SX.zeros(loop.tears.numel()))
+    system = ca.Function(f"{name}_system", known, [ca.jacobian(residual, loop.tears), ca.densify(right)])
+    return lambda *at: ca.solve(*system(*at), "qr")
+
+
 def _newton(
     name: str, loop: ImplicitLoop, definitions: Definitions, known: list[ca.SX]
-) -> tuple[ca.Function, np.ndarray]:
-    """Newton solver in tears / scale; rows of the residual are divided by the size of their terms at the
-    guess."""
+) -> Callable[..., ca.MX]:
+    """The tears by a Newton iteration in tears / scale; rows of the residual are divided by the size of their
+    terms at the guess."""
     scale = np.maximum(np.abs(loop.guess), 1.0)
     scaled = ca.SX.sym("scaled", loop.guess.size)
     residual = definitions.insert_into(loop.residual) / loop.row_size
@@ -191,7 +202,8 @@ def _newton(
         "max_iter": NEWTON_STEPS,
     }
     # This plugin can be written out as C code. Where it does not arrive it raises an error or gives NaN.
-    return ca.rootfinder(name, "fast_newton", problem, options), scale
+    solver = ca.rootfinder(name, "fast_newton", problem, options)
+    return lambda *at: scale * solver(loop.guess / scale, ca.vertcat(*at))
 
 
 def _derivative_function(

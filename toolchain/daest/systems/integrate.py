@@ -20,7 +20,7 @@ import numpy as np
 
 from daest.errors import FmuError, ModelError, NumericalError
 from daest.model.explicit import ExplicitModel
-from daest.numerics.compiler import build_shared
+from daest.numerics.compiler import MOST_LINES, build_shared, effort
 from daest.numerics.projection import pull
 
 Hold = Literal["zoh", "foh"]
@@ -104,8 +104,8 @@ def integrator(
     compiled: bool = True,
     runs_once: bool = False,
 ) -> Integrator:
-    """Build the functions of `explicit` once; compile them if a C compiler is found and `compiled` is set,
-    with less effort where they are wanted for one run (`runs_once`).
+    """Build the functions of `explicit` once; compile them if a C compiler is found, they are not too long for it
+    and `compiled` is set, with less effort where they are wanted for one run (`runs_once`).
 
     The start, every sample and every corrected state are projected onto the invariants of the model, if it
     has any. Raises ModelError `unknown-parameter` for a name that is no parameter.
@@ -151,20 +151,30 @@ def _model_functions(
     if explicit.invariants is not None:
         g = explicit.invariants(*at)
         results["daest_hold"] = [g, ca.jacobian(g, x).T, ca.jacobian(g, chosen).T]
+    if not columns:
+        del results["daest_sens"]
     inner = [
         ca.Function(f"inner_{name}", [x, ubar, chosen, theta, t], list(map(ca.densify, expressions)))
         for name, expressions in results.items()
     ]
-    rhs, sens, out, *hold = (
-        ca.Function(name, [x, ubar, theta, t], part.call([x, ubar, theta[columns], theta, t], True, False))
+    parts = {
+        name: ca.Function(name, [x, ubar, theta, t], part.call([x, ubar, theta[columns], theta, t], True, False))
         for name, part in zip(results, inner, strict=True)
-    )
-    return rhs, sens, out, hold[0] if hold else None
+    }
+    rhs = parts["daest_rhs"]
+    return rhs, parts.get("daest_sens") or _slopes_alone(rhs), parts["daest_out"], parts.get("daest_hold")
+
+
+def _slopes_alone(rhs: ca.Function) -> ca.Function:
+    """(x, ū, theta, t) -> ∂f/∂x and no columns: the code of `rhs` is not written twice."""
+    arguments = rhs.mx_in()
+    slopes = rhs.call(arguments, False, True)[1]
+    return ca.Function("daest_sens", arguments, [slopes, ca.MX(slopes.size1(), 0)])
 
 
 def _compile(
-    rhs: ca.Function, sens: ca.Function, out: ca.Function, hold: ca.Function | None, effort: str
-) -> ctypes.CDLL:
+    rhs: ca.Function, sens: ca.Function, out: ca.Function, hold: ca.Function | None, wanted: str
+) -> ctypes.CDLL | None:
     generator = ca.CodeGenerator("model.c")
     for function in (rhs, sens, out) if hold is None else (rhs, sens, out, hold):
         generator.add(function)
@@ -182,15 +192,17 @@ def _compile(
     header = "".join(f"#define {name} {value}\n" for name, value in constants)
     names = ("radau.c",) if hold is None else ("project.c", "radau.c")
     drivers = [resources.files("daest.numerics").joinpath(name).read_text(encoding="utf-8") for name in names]
-    return _load(generator.dump() + header + "".join(drivers), effort)
+    return _load(generator.dump() + header + "".join(drivers), wanted)
 
 
 _WORK = ("arg", "res", "iw", "w")
 
 
 @functools.lru_cache(maxsize=64)
-def _load(source: str, effort: str) -> ctypes.CDLL:
-    return ctypes.CDLL(str(build_shared(source, "integrator", flags=(effort,))))
+def _load(source: str, wanted: str) -> ctypes.CDLL | None:
+    if source.count("\n") > MOST_LINES:
+        return None
+    return ctypes.CDLL(str(build_shared(source, "integrator", flags=(effort(source, wanted),))))
 
 
 def interval_inputs(

@@ -16,9 +16,11 @@ from daest.systems.sparse_jacobian import sparse_jacobian
 from daest.systems.symbolic_elimination import eliminate
 
 CRAMER_LIMIT = 3  # unknowns; adjugate over determinant is valid at every regular point and short up to here
-# Unknowns of a linear loop that is still written out; larger ones are left to Newton's method.
-ELIMINATION_LIMIT = 200  # coefficients of parameters only: sparse elimination
-FACTOR_LIMIT = 30  # coefficients that vary: symbolic QR factors are dense
+# Linear loops that are still written out; larger ones are solved by numbers wherever they are evaluated.
+ELIMINATION_LIMIT = 200  # unknowns; coefficients of parameters only: sparse elimination
+# Operations of the symbolic QR factors, which coefficients that vary need: derivatives by n states are n times as long,
+# and a C compiler takes a second for ten thousand of them.
+FACTOR_LIMIT = 3_000
 GROWTH_LIMIT = 1e3  # errors amplified more than this cost more than three of sixteen digits
 PIVOT_RATIO = (
     1e-4  # inside a loop an equation is solved for an unknown whose coefficient is at least this share
@@ -27,7 +29,8 @@ PIVOT_RATIO = (
 
 @dataclass(frozen=True)
 class ImplicitLoop:
-    """A loop that a Newton iteration closes: 0 = residual(tears, …), one row per tear; `guess` starts it.
+    """A loop that is closed by numbers: 0 = residual(tears, …), one row per tear; by a linear solver if it
+    `is_linear` in the tears, else by a Newton iteration that `guess` starts.
 
     `row_size` is the size of the terms of every row at the sample point."""
 
@@ -35,6 +38,7 @@ class ImplicitLoop:
     residual: ca.SX
     guess: np.ndarray
     row_size: np.ndarray
+    is_linear: bool = False
 
 
 @dataclass
@@ -215,7 +219,7 @@ def _close(
 ) -> None:
     matrix = ca.jacobian(core, tears)
     if not is_linear or _is_too_large(equations, matrix):
-        definitions.loops.append(_implicit(equations, tears, core))
+        definitions.loops.append(_implicit(equations, tears, core, is_linear))
         return
     right = -ca.substitute(core, tears, ca.SX.zeros(tears.numel()))
     for symbol, expression in zip(
@@ -225,14 +229,23 @@ def _close(
 
 
 def _is_too_large(equations: Equations, matrix: ca.SX) -> bool:
-    steady = not ca.depends_on(matrix, ca.vertcat(equations.z, equations.known))
-    return matrix.shape[0] > (ELIMINATION_LIMIT if steady else FACTOR_LIMIT)
+    n = matrix.shape[0]
+    if n <= CRAMER_LIMIT or not ca.depends_on(matrix, ca.vertcat(equations.z, equations.known)):
+        return n > ELIMINATION_LIMIT
+    return n**2 > FACTOR_LIMIT or _factor_operations(matrix.sparsity()) > FACTOR_LIMIT
 
 
-def _implicit(equations: Equations, tears: ca.SX, core: ca.SX) -> ImplicitLoop:
+def _factor_operations(pattern: ca.Sparsity) -> int:
+    """Operations of the symbolic solution of a system with this pattern."""
+    matrix, right = ca.SX.sym("matrix", pattern), ca.SX.sym("right", pattern.size1())
+    return int(ca.Function("solution", [matrix, right], [ca.solve(matrix, right)]).n_instructions())
+
+
+def _implicit(equations: Equations, tears: ca.SX, core: ca.SX, is_linear: bool) -> ImplicitLoop:
     guess = equations.evaluate(tears).ravel()
     size = np.abs(equations.evaluate(ca.jacobian(core, tears))) @ np.maximum(np.abs(guess), 1.0)
-    return ImplicitLoop(tears, core, guess, np.where(np.isfinite(size) & (size > 0), size, 1.0))
+    row_size = np.where(np.isfinite(size) & (size > 0), size, 1.0)
+    return ImplicitLoop(tears, core, guess, row_size, is_linear)
 
 
 def _solve_linear(equations: Equations, matrix: ca.SX, right: ca.SX) -> ca.SX:

@@ -296,7 +296,7 @@ def _good_everywhere(task: _Task) -> _Task:
 
 
 def _nonlinear(task: _Task, rtol: float) -> tuple[np.ndarray, str]:
-    engine = integrator(task.explicit)
+    engine = integrator(task.explicit, runs_once=True)
     scale = _state_scale(task.explicit)
     try:
         run = integrate(
