@@ -1,12 +1,13 @@
-"""Problems of the public Test Set for IVP Solvers (Mazzia & Magherini, release 2.4), a second time beside the Modelica
-files of `models`: written by hand as semi-explicit equations x' = f(x, z, t), 0 = g(x, z, t) of index 1 at most, for
-solvers that want them so, with their values at the end.
+"""Problems of the public Test Set for IVP Solvers (Mazzia & Magherini, release 2.4), a second time beside
+the Modelica files of `models`: written by hand as semi-explicit equations x' = f(x, z, t), 0 = g(x, z, t) of
+index 1 at most, for solvers that want them so, with their values at the end.
 
-Of mechanisms the constraints are differentiated by hand-made rules, not by daest. The values at the end are those
-that are published with the set, with four exceptions. Those of the squeezer and of the slider crank were computed
-from the equations below by scipy's DOP853 at a relative tolerance of 3e-14: the published ones agree with them to
-3e-8 and 1e-8 only. The multipliers of the car axis follow from its published state; those that are published
-agree to 8e-8. The pendulum is no problem of the set; its end is computed from the equation of its angle.
+Of mechanisms the constraints are differentiated by hand-made rules, not by daest. The values at the end are
+those that are published with the set, with four exceptions. Those of the squeezer and of the slider crank
+were computed from the equations below by scipy's DOP853 at a relative tolerance of 3e-14: the published ones
+agree with them to 3e-8 and 1e-8 only. The multipliers of the car axis follow from its published state; those
+that are published agree to 8e-8. The pendulum is no problem of the set; its end is computed from the
+equation of its angle.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ from scipy.integrate import solve_ivp
 
 @dataclass(frozen=True)
 class Problem:
-    """Differentiated variables `x` with start values `x0`, algebraic ones `z` near `z0`, laws f and g of them and the
-    time `t`, and the values `end` of the variables at time `t_end`. `tolerance`: what the error at the end may be, in
-    units of rtol. Variables have the names of the Modelica file `model`."""
+    """Differentiated variables `x` with start values `x0`, algebraic ones `z` near `z0`, laws f and g of
+    them and the time `t`, and the values `end` of the variables at time `t_end`. `tolerance`: what the error
+    at the end may be, in units of rtol. Variables have the names of the Modelica file `model`."""
 
     model: str
     t_end: float
@@ -56,9 +57,19 @@ class Problem:
 def problems() -> dict[str, Problem]:
     """All of them, by the name of their Modelica file."""
     made = [
-        akzo_nobel(), robertson(), hires(), transistor_amplifier(), transistor_circuit(), pendulum(), van_der_pol(),
-        orego(), ring_modulator(), car_axis(), squeezer(), slider_crank(),
-    ]  # fmt: skip
+        akzo_nobel(),
+        robertson(),
+        hires(),
+        transistor_amplifier(),
+        transistor_circuit(),
+        pendulum(),
+        van_der_pol(),
+        orego(),
+        ring_modulator(),
+        car_axis(),
+        squeezer(),
+        slider_crank(),
+    ]
     return {problem.model: problem for problem in made}
 
 
@@ -89,12 +100,20 @@ def akzo_nobel() -> Problem:
         r4, r5 = 0.09 * y1 * y4**2, 0.42 * y6**2 * ca.sqrt(y2)
         inflow = 3.3 * (0.9 / 737 - y2)
         return [
-            -2 * r1 + r2 - r3 - r4, -r1 / 2 - r4 - r5 / 2 + inflow, r1 - r2 + r3, -r2 + r3 - 2 * r4, r2 - r3 + r5
-        ]  # fmt: skip
+            -2 * r1 + r2 - r3 - r4,
+            -r1 / 2 - r4 - r5 / 2 + inflow,
+            r1 - r2 + r3,
+            -r2 + r3 - 2 * r4,
+            r2 - r3 + r5,
+        ]
 
     end = [
-        0.1150794920661702, 0.1203831471567715e-2, 0.1611562887407974, 0.3656156421249283e-3, 0.1708010885264404e-1
-    ]  # fmt: skip
+        0.1150794920661702,
+        0.1203831471567715e-2,
+        0.1611562887407974,
+        0.3656156421249283e-3,
+        0.1708010885264404e-1,
+    ]
     return _plain("AkzoNobel", 180.0, "y1 y2 y3 y4 y5", [0.444, 0.00123, 0, 0.007, 0], laws, end)
 
 
@@ -109,24 +128,40 @@ def robertson() -> Problem:
 def hires() -> Problem:
     def laws(_, y1, y2, y3, y4, y5, y6, y7, y8):
         return [
-            -1.71 * y1 + 0.43 * y2 + 8.32 * y3 + 0.0007, 1.71 * y1 - 8.75 * y2, -10.03 * y3 + 0.43 * y4 + 0.035 * y5,
-            8.32 * y2 + 1.71 * y3 - 1.12 * y4, -1.745 * y5 + 0.43 * y6 + 0.43 * y7,
-            -280 * y6 * y8 + 0.69 * y4 + 1.71 * y5 - 0.43 * y6 + 0.69 * y7, 280 * y6 * y8 - 1.81 * y7,
+            -1.71 * y1 + 0.43 * y2 + 8.32 * y3 + 0.0007,
+            1.71 * y1 - 8.75 * y2,
+            -10.03 * y3 + 0.43 * y4 + 0.035 * y5,
+            8.32 * y2 + 1.71 * y3 - 1.12 * y4,
+            -1.745 * y5 + 0.43 * y6 + 0.43 * y7,
+            -280 * y6 * y8 + 0.69 * y4 + 1.71 * y5 - 0.43 * y6 + 0.69 * y7,
+            280 * y6 * y8 - 1.81 * y7,
             -280 * y6 * y8 + 1.81 * y7,
-        ]  # fmt: skip
+        ]
 
     end = [
-        0.7371312573325668e-3, 0.1442485726316185e-3, 0.5888729740967575e-4, 0.1175651343283149e-2,
-        0.2386356198831331e-2, 0.6238968252742796e-2, 0.2849998395185769e-2, 0.2850001604814231e-2,
-    ]  # fmt: skip
+        0.7371312573325668e-3,
+        0.1442485726316185e-3,
+        0.5888729740967575e-4,
+        0.1175651343283149e-2,
+        0.2386356198831331e-2,
+        0.6238968252742796e-2,
+        0.2849998395185769e-2,
+        0.2850001604814231e-2,
+    ]
     start = [1.0, 0, 0, 0, 0, 0, 0, 0.0057]
     return _plain("Hires", 321.8122, "y1 y2 y3 y4 y5 y6 y7 y8", start, laws, end)
 
 
 AMPLIFIER_END = [
-    -0.5562145012262709e-2, 0.3006522471903042e1, 0.2849958788608128e1, 0.2926422536206241e1, 0.2704617865010554e1,
-    0.2761837778393145e1, 0.4770927631616772e1, 0.1236995868091548e1,
-]  # fmt: skip
+    -0.5562145012262709e-2,
+    0.3006522471903042e1,
+    0.2849958788608128e1,
+    0.2926422536206241e1,
+    0.2704617865010554e1,
+    0.2761837778393145e1,
+    0.4770927631616772e1,
+    0.1236995868091548e1,
+]
 
 
 def _amplifier(model: str) -> Problem:
@@ -143,9 +178,13 @@ def _amplifier(model: str) -> Problem:
     i12, i45, i78 = (ue - y1) / 1000, (ub - y4) / r - 0.99 * g23, (ub - y7) / r - 0.99 * g56
     f = [i12 / c1, (g23 - y3 / r) / c2, i45 / c3, (g56 - y6 / r) / c4, i78 / c5]
     g = [
-        y1 - y2 - v12, y4 - y5 - v45, y7 - y8 - v78, i12 - (2 * y2 - ub) / r - 0.01 * g23,
-        i45 - (2 * y5 - ub) / r - 0.01 * g56, i78 - y8 / r,
-    ]  # fmt: skip
+        y1 - y2 - v12,
+        y4 - y5 - v45,
+        y7 - y8 - v78,
+        i12 - (2 * y2 - ub) / r - 0.01 * g23,
+        i45 - (2 * y5 - ub) / r - 0.01 * g56,
+        i78 - y8 / r,
+    ]
     end = {f"y{i + 1}": value for i, value in enumerate(AMPLIFIER_END)}
     return Problem(
         model, 0.2, x, [-3, 3, 3, 3, 6], ca.vertcat(*f), end, z, [0, 3, 6, 3, 6, 0], ca.vertcat(*g), t
@@ -185,7 +224,11 @@ def van_der_pol() -> Problem:
 
 def orego() -> Problem:
     def laws(_, y1, y2, y3):
-        return [77.27 * (y2 - y1 * y2 + y1 - 8.375e-6 * y1**2), (-y2 - y1 * y2 + y3) / 77.27, 0.161 * (y1 - y3)]
+        return [
+            77.27 * (y2 - y1 * y2 + y1 - 8.375e-6 * y1**2),
+            (-y2 - y1 * y2 + y3) / 77.27,
+            0.161 * (y1 - y3),
+        ]
 
     end = [0.1000814870318523e1, 0.1228178521549917e4, 0.1320554942846706e3]
     return _plain("Orego", 360.0, "y1 y2 y3", [1, 2, 3], laws, end)
@@ -199,19 +242,39 @@ def ring_modulator() -> Problem:
         return [
             (i1 - 0.5 * i3 + 0.5 * i4 + i7 - u1 / 25000) / 1.6e-8,
             (i2 - 0.5 * i5 + 0.5 * i6 + i8 - u2 / 25000) / 1.6e-8,
-            (i3 - q1 + q4) / 2e-12, (-i4 + q2 - q3) / 2e-12, (i5 + q1 - q3) / 2e-12, (-i6 - q2 + q4) / 2e-12,
-            (-u7 / 50 + q1 + q2 - q3 - q4) / 1e-8, -u1 / 4.45, -u2 / 4.45, (0.5 * u1 - u3 - 17.3 * i3) / 5e-4,
-            (-0.5 * u1 + u4 - 17.3 * i4) / 5e-4, (0.5 * u2 - u5 - 17.3 * i5) / 5e-4,
-            (-0.5 * u2 + u6 - 17.3 * i6) / 5e-4, (-u1 + in1 - 86.3 * i7) / 0.002, (-u2 - 636.3 * i8) / 0.002,
-        ]  # fmt: skip
+            (i3 - q1 + q4) / 2e-12,
+            (-i4 + q2 - q3) / 2e-12,
+            (i5 + q1 - q3) / 2e-12,
+            (-i6 - q2 + q4) / 2e-12,
+            (-u7 / 50 + q1 + q2 - q3 - q4) / 1e-8,
+            -u1 / 4.45,
+            -u2 / 4.45,
+            (0.5 * u1 - u3 - 17.3 * i3) / 5e-4,
+            (-0.5 * u1 + u4 - 17.3 * i4) / 5e-4,
+            (0.5 * u2 - u5 - 17.3 * i5) / 5e-4,
+            (-0.5 * u2 + u6 - 17.3 * i6) / 5e-4,
+            (-u1 + in1 - 86.3 * i7) / 0.002,
+            (-u2 - 636.3 * i8) / 0.002,
+        ]
 
     names = "U1 U2 U3 U4 U5 U6 U7 I1 I2 I3 I4 I5 I6 I7 I8"
     end = [
-        -0.2339057358486745e-1, -0.7367485485540825e-2, 0.2582956709291169, -0.4064465721283450, -0.4039455665149794,
-        0.2607966765422943, 0.1106761861269975, 0.2939904342435596e-6, -0.2840029933642329e-7, 0.7267198267264553e-3,
-        0.7929487196960840e-3, -0.7255283495698965e-3, -0.7941401968526521e-3, 0.7088495416976114e-4,
+        -0.2339057358486745e-1,
+        -0.7367485485540825e-2,
+        0.2582956709291169,
+        -0.4064465721283450,
+        -0.4039455665149794,
+        0.2607966765422943,
+        0.1106761861269975,
+        0.2939904342435596e-6,
+        -0.2840029933642329e-7,
+        0.7267198267264553e-3,
+        0.7929487196960840e-3,
+        -0.7255283495698965e-3,
+        -0.7941401968526521e-3,
+        0.7088495416976114e-4,
         0.2390059075236570e-4,
-    ]  # fmt: skip
+    ]
     return _plain("RingModulator", 1e-3, names, [0.0] * 15, laws, end)
 
 
@@ -231,8 +294,9 @@ def _mechanism(
     by_force: ca.SX | None = None,
     level: int = 3,
 ) -> Problem:
-    """mass a + B λ = force, 0 = held(q, t), or 0 = held(q, v, t) at level 2; `more` are the symbols of a, then of λ.
-    The constraints enter as d²held/dt² = 0 (dheld/dt at level 2); B (default: the gradient of held) is `by_force`."""
+    """mass a + B λ = force, 0 = held(q, t), or 0 = held(q, v, t) at level 2; `more` are the symbols of a,
+    then of λ. The constraints enter as d²held/dt² = 0 (dheld/dt at level 2); B (default: the gradient of
+    held) is `by_force`."""
     t = ca.SX.sym("t") if t is None else t
     position, velocity = ca.vertcat(*q.values()), ca.vertcat(*v.values())
     a = ca.vertcat(*list(more.values())[: position.numel()])
@@ -263,22 +327,42 @@ def car_axis() -> Problem:
     left, right = ca.sqrt(xl**2 + yl**2), ca.sqrt((xr - xb) ** 2 + (yr - yb) ** 2)
     weight = 1e-2**2 * 10 / 2
     force = ca.vertcat(
-        (0.5 - left) * xl / left, (0.5 - left) * yl / left - weight, (0.5 - right) * (xr - xb) / right,
+        (0.5 - left) * xl / left,
+        (0.5 - left) * yl / left - weight,
+        (0.5 - right) * (xr - xb) / right,
         (0.5 - right) * (yr - yb) / right - weight,
-    )  # fmt: skip
+    )
     held = ca.vertcat(xl * xb + yl * yb, (xl - xr) ** 2 + (yl - yr) ** 2 - 1)
     names = ("xl", "yl", "xr", "yr", "vxl", "vyl", "vxr", "vyr", "lam1", "lam2")
     values = [
-        0.4934557842755629e-1, 0.4969894602303324, 0.1041742524885400e1, 0.3739110272652214, -0.7705836840321485e-1,
-        0.7446866596327776e-2, 0.1755681574942899e-1, 0.7703410437794031, -4.7368865908530931e-03,
+        0.4934557842755629e-1,
+        0.4969894602303324,
+        0.1041742524885400e1,
+        0.3739110272652214,
+        -0.7705836840321485e-1,
+        0.7446866596327776e-2,
+        0.1755681574942899e-1,
+        0.7703410437794031,
+        -4.7368865908530931e-03,
         -1.1046803312594407e-03,
-    ]  # fmt: skip
+    ]
     more = _symbols("axl ayl axr ayr lam1 lam2")
     carried = -ca.jacobian(held, ca.vertcat(*q.values())).T
     return _mechanism(
-        "CarAxis", 3.0, q, v, more, [0, 0.5, 1, 0.5], [-0.5, 0, -0.5, 0], weight * ca.SX.eye(4), force, held,
-        dict(zip(names, values, strict=True)), t, carried,
-    )  # fmt: skip
+        "CarAxis",
+        3.0,
+        q,
+        v,
+        more,
+        [0, 0.5, 1, 0.5],
+        [-0.5, 0, -0.5, 0],
+        weight * ca.SX.eye(4),
+        force,
+        held,
+        dict(zip(names, values, strict=True)),
+        t,
+        carried,
+    )
 
 
 def squeezer() -> Problem:
@@ -290,8 +374,18 @@ def squeezer() -> Problem:
     i1, i2, i3, i4, i5, i6, i7 = 2.194e-6, 4.410e-7, 5.255e-6, 5.667e-7, 1.169e-5, 5.667e-7, 1.912e-5
     d, da, e, ea, zf, fa, rr, ra = 0.028, 0.0115, 0.02, 0.01421, 0.02, 0.01421, 0.007, 0.00092
     ss, sa, sb, sc, sd, zt, ta, tb, u, ua, ub = (
-        0.035, 0.01874, 0.01043, 0.018, 0.02, 0.04, 0.02308, 0.00916, 0.04, 0.01228, 0.00449
-    )  # fmt: skip
+        0.035,
+        0.01874,
+        0.01043,
+        0.018,
+        0.02,
+        0.04,
+        0.02308,
+        0.00916,
+        0.04,
+        0.01228,
+        0.00449,
+    )
     mass = ca.SX.zeros(7, 7)
     mass[0, 0] = m1 * ra**2 + m2 * (rr**2 - 2 * da * rr * ca.cos(th) + da**2) + i1 + i2
     mass[0, 1] = mass[1, 0] = m2 * (da**2 - da * rr * ca.cos(th)) + i2
@@ -299,10 +393,14 @@ def squeezer() -> Problem:
     mass[2, 2] = m3 * (sa**2 + sb**2) + i3
     mass[3, 3] = m4 * (e - ea) ** 2 + i4
     mass[3, 4] = mass[4, 3] = m4 * ((e - ea) ** 2 + zt * (e - ea) * ca.sin(ph)) + i4
-    mass[4, 4] = m4 * (zt**2 + 2 * zt * (e - ea) * ca.sin(ph) + (e - ea) ** 2) + m5 * (ta**2 + tb**2) + i4 + i5
+    mass[4, 4] = (
+        m4 * (zt**2 + 2 * zt * (e - ea) * ca.sin(ph) + (e - ea) ** 2) + m5 * (ta**2 + tb**2) + i4 + i5
+    )
     mass[5, 5] = m6 * (zf - fa) ** 2 + i6
     mass[5, 6] = mass[6, 5] = m6 * ((zf - fa) ** 2 - u * (zf - fa) * ca.sin(om)) + i6
-    mass[6, 6] = m6 * ((zf - fa) ** 2 - 2 * u * (zf - fa) * ca.sin(om) + u**2) + m7 * (ua**2 + ub**2) + i6 + i7
+    mass[6, 6] = (
+        m6 * ((zf - fa) ** 2 - 2 * u * (zf - fa) * ca.sin(om) + u**2) + m7 * (ua**2 + ub**2) + i6 + i7
+    )
     xd, yd = sd * ca.cos(ga) + sc * ca.sin(ga) - 0.03635, sd * ca.sin(ga) - sc * ca.cos(ga) + 0.03273
     length = ca.sqrt((xd - 0.014) ** 2 + (yd - 0.072) ** 2)
     pull = -4530 * (length - 0.07785) / length
@@ -326,14 +424,30 @@ def squeezer() -> Problem:
         y - zf * ca.sin(om + ep) + u * ca.cos(ep) + 0.00227,
     )
     start = [
-        -0.0617138900142764496358948458001, 0.0, 0.455279819163070380255912382449, 0.222668390165885884674473185609,
-        0.487364979543842550225598953530, -0.222668390165885884674473185609, 1.23054744454982119249735015568,
-    ]  # fmt: skip
+        -0.0617138900142764496358948458001,
+        0.0,
+        0.455279819163070380255912382449,
+        0.222668390165885884674473185609,
+        0.487364979543842550225598953530,
+        -0.222668390165885884674473185609,
+        1.23054744454982119249735015568,
+    ]
     values = [
-        15.810771195153938, -15.756371058412128, 0.04082224011963885, -0.5347301163420881, 0.5244099658799511,
-        0.5347301163420896, 1.0480807410419433, 1139.9203022591103, -1424.3792951775406, 11.032911910683257,
-        19.293374105145396, 0.5735699148326936, -19.293374105145503, 0.3231791492506796,
-    ]  # fmt: skip
+        15.810771195153938,
+        -15.756371058412128,
+        0.04082224011963885,
+        -0.5347301163420881,
+        0.5244099658799511,
+        0.5347301163420896,
+        1.0480807410419433,
+        1139.9203022591103,
+        -1424.3792951775406,
+        11.032911910683257,
+        19.293374105145396,
+        0.5735699148326936,
+        -19.293374105145503,
+        0.3231791492506796,
+    ]
     end = dict(zip((*q, *v), values, strict=True))
     more = _symbols(" ".join([f"a{name}" for name in q] + [f"lam{i}" for i in range(1, 7)]))
     return _mechanism("Squeezer", 0.03, q, v, more, start, [0.0] * 7, mass, force, held, end)
@@ -349,10 +463,12 @@ def slider_crank() -> Problem:
     mq = ca.DM([[0.5, 0, 0, 0], [0, 0.5, 0, 0], [0, 0, 8, 1], [0, 0, 1, 2]]) * rho * volume
     kq = stiffness * ca.DM(
         [
-            [pi**4 / 24 * slender, 0, 0, 0], [0, pi**4 * 2 / 3 * slender, 0, 0], [0, 0, 16 / 3, -8 / 3],
+            [pi**4 / 24 * slender, 0, 0, 0],
+            [0, pi**4 * 2 / 3 * slender, 0, 0],
+            [0, 0, 16 / 3, -8 / 3],
             [0, 0, -8 / 3, 7 / 3],
         ]
-    )  # fmt: skip
+    )
     b = 8 / pi**3 - 1 / pi
     bq = volume * ca.DM(
         [[0, 0, -16 / pi**3, b], [0, 0, 0, 0.5 / pi], [16 / pi**3, 0, 0, 0], [-b, -0.5 / pi, 0, 0]]
@@ -362,7 +478,9 @@ def slider_crank() -> Problem:
     s, c = ca.sin(p1 - p2), ca.cos(p1 - p2)
     mass = ca.SX.zeros(7, 7)
     mass[0, 0], mass[2, 2] = 0.002727 + m2 * l1**2, 0.075552
-    mass[0, 1] = mass[1, 0] = 0.5 * l1 * l2 * m2 * c + rho * l1 * (s * ca.dot(c2, shape) + c * ca.dot(c1, shape))
+    mass[0, 1] = mass[1, 0] = 0.5 * l1 * l2 * m2 * c + rho * l1 * (
+        s * ca.dot(c2, shape) + c * ca.dot(c1, shape)
+    )
     mass[1, 1] = 0.0045339259 + shape.T @ mq @ shape + 2 * rho * ca.dot(c12, shape)
     along = (rho * l1 * (-s * c1 + c * c2), rho * (c21 + bq.T @ shape))
     for row, part in enumerate(along):
@@ -382,15 +500,31 @@ def slider_crank() -> Problem:
         w1 - 150,
     )
     values = [
-        15.000000000000018, -0.33117349882577307, 0.16973733284305556, 0.00018931928996978735, 2.3757512499865605e-05,
-        -5.323896770748797e-06, -8.363313278810856e-06, 150.0, 60.253467551315765, -8.75311632670185,
-        -0.030055413998471708, -0.005500431801339869, 0.0004974111794751564, 0.0011055599935790009,
-    ]  # fmt: skip
+        15.000000000000018,
+        -0.33117349882577307,
+        0.16973733284305556,
+        0.00018931928996978735,
+        2.3757512499865605e-05,
+        -5.323896770748797e-06,
+        -8.363313278810856e-06,
+        150.0,
+        60.253467551315765,
+        -8.75311632670185,
+        -0.030055413998471708,
+        -0.005500431801339869,
+        0.0004974111794751564,
+        0.0011055599935790009,
+    ]
     q0 = [0, 0, 0.450016933, 0, 0, 1.03339863e-5, 1.69327969e-5]
     v0 = [
-        150, -74.99576703969453, -2.689386719979040e-6, 0.4448961125815990, 4.634339319238670e-3,
-        -1.785910760000550e-6, -2.689386719979040e-6,
-    ]  # fmt: skip
+        150,
+        -74.99576703969453,
+        -2.689386719979040e-6,
+        0.4448961125815990,
+        4.634339319238670e-3,
+        -1.785910760000550e-6,
+        -2.689386719979040e-6,
+    ]
     more = _symbols(" ".join([f"a{i}" for i in range(1, 8)] + ["lam1", "lam2", "lam3"]))
     end = dict(zip((*q, *v), values, strict=True))
     force = ca.vertcat(f1, f2, 0, rod)

@@ -1,20 +1,19 @@
-"""Simulations of the public Test Set for IVP Solvers, written as Modelica with bare equations in `models`, beside
-scipy's Radau and CasADi's IDAS on the same problems written by hand (`dae_problems`).
+"""Simulations of the public Test Set for IVP Solvers, written as Modelica with bare equations in `models`,
+beside scipy's Radau and CasADi's IDAS on the same problems written by hand (`dae_problems`).
 
-One line per problem, tolerance and number of output points: the error of the worst variable at the end of the time
-span in units of rtol, relative to the size of the variable (its root mean square along the solution), and the time in seconds. The first run of daest compiles and is not counted; how long that takes is
-told apart. The absolute tolerance of the peers is that of daest: a hundredth of rtol times the nominal value.
+One line per problem, tolerance and number of output points: the error of the worst variable at the end of
+the time span in units of rtol, relative to the size of the variable (its root mean square along the
+solution), and the time in seconds. The first run of daest compiles and is not counted; how long that takes
+is told apart. The absolute tolerance of the peers is that of daest: a hundredth of rtol times the nominal
+value.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import sys
 import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 
 import casadi as ca
@@ -36,8 +35,8 @@ LONGEST = 60.0
 
 @dataclass(frozen=True)
 class Run:
-    """Error at the end in units of rtol and seconds, of daest, scipy's Radau and IDAS; NaN where one did not arrive,
-    `said` then tells what daest said."""
+    """Error at the end in units of rtol and seconds, of daest, scipy's Radau and IDAS; NaN where one did not
+    arrive, `said` then tells what daest said."""
 
     problem: str
     rtol: float
@@ -156,9 +155,7 @@ def main() -> None:
 
 
 def _measured(case: Case, rtols: list[float], points: list[int], peers: bool) -> list[Run]:
-    return [
-        measure(case, rtol, count, peers and count == points[0]) for rtol in rtols for count in points
-    ]
+    return [measure(case, rtol, count, peers and count == points[0]) for rtol in rtols for count in points]
 
 
 if __name__ == "__main__":

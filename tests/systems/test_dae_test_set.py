@@ -1,4 +1,5 @@
-"""Problems of the public Test Set for IVP Solvers: values at the end, whatever the tolerance and the output points."""
+"""Problems of the public Test Set for IVP Solvers: values at the end, whatever the tolerance and the output
+points."""
 
 import sys
 from pathlib import Path

@@ -392,7 +392,9 @@ class BinaryForm:
         plan = self._plan(task, request, np.concatenate([steps, size_steps]), np.vstack([still, sizes]))
         found = plan and self.runner.follow(request, self._parameters(sets), task.x0, plan)
         if found == "gave up" and not task.insists:
-            raise IntegrationError("the model moves much faster than the record, or is not smooth", float(request.time[0]))
+            raise IntegrationError(
+                "the model moves much faster than the record, or is not smooth", float(request.time[0])
+            )
         return (found.states, found.values, found.slopes) if isinstance(found, Followed) else None
 
     def _simulated_apart(self, task: _Task, request: Drive) -> Integrated:

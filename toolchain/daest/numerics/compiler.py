@@ -30,8 +30,9 @@ from daest.litter import passing_folder, removed_at_the_end, run_program
 COMPILE_SECONDS = 600.0
 # Of a compiler's complaint, this many lines are shown.
 SHOWN_LINES = 20
-# Lines of C up to which code is compiled as asked, and up to which it is optimised at all: gcc 12 takes a second for
-# 3000 lines of one generated function at -O1, for 1500 at -O3 and for 30 000 at -O0, the longer the function the more.
+# Lines of C up to which code is compiled as asked, and up to which it is optimised at all: gcc 12 takes a
+# second for 3000 lines of one generated function at -O1, for 1500 at -O3 and for 30 000 at -O0, the longer
+# the function the more.
 ASKED_LINES, OPTIMISED_LINES = 12_000, 40_000
 # Longer code is not compiled: it would take minutes and gigabytes.
 MOST_LINES = 400_000

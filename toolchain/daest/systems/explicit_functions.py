@@ -163,7 +163,9 @@ def _functions(symbols: list[ca.SX], results: list[ca.SX], definitions: Definiti
     arguments = [ca.MX.sym(n, s.numel()) for n, s in zip(ARGUMENTS, symbols, strict=True)]
     tears, known = ca.MX(0, 1), ca.SX(0, 1)
     for number, loop in enumerate(definitions.loops):
-        found = (_linear if loop.is_linear else _newton)(f"loop{number}", loop, definitions, [*symbols, known])
+        found = (_linear if loop.is_linear else _newton)(
+            f"loop{number}", loop, definitions, [*symbols, known]
+        )
         tears = ca.vertcat(tears, found(*arguments, tears))
         known = ca.vertcat(known, loop.tears)
     functions = []
@@ -180,7 +182,12 @@ def _linear(
     residual = definitions.insert_into(loop.residual) / loop.row_size
     right = -ca.substitute(residual, loop.tears, ca.SX.zeros(loop.tears.numel()))
     system = ca.Function(f"{name}_system", known, [ca.jacobian(residual, loop.tears), ca.densify(right)])
-    return lambda *at: ca.solve(*system(*at), "qr")
+
+    def solved(*at: ca.MX) -> ca.MX:
+        matrix, value = system(*at)
+        return ca.solve(matrix, value, "qr")
+
+    return solved
 
 
 def _newton(

@@ -27,21 +27,21 @@ Hold = Literal["zoh", "foh"]
 
 RTOL = 1e-6  # relative local error of a step; the global error of a stable model is of this size
 ATOL_OF_SCALE = 1e-2  # absolute tolerance: this part of rtol times the state's nominal value
-# Steps over a whole record, however they fall between its samples. A search gives a trajectory up early: one that
-# takes this many belongs to parameters that make the model far faster than the record.
+# Steps over a whole record, however they fall between its samples. A search gives a trajectory up early: one
+# that takes this many belongs to parameters that make the model far faster than the record.
 SEARCH_STEPS, SEARCH_STEPS_PER_SAMPLE = 20_000, 50
 ALL_STEPS = 2_000_000_000  # of a simulation, which stops where its end is out of reach
 PROJECTED = 1e-3  # step onto invariants, in absolute tolerances, that ends the projection
 INTERPRETED_STEPS = 4  # per sample interval, without a C compiler
 _FAILURES = {
     1: "the step size became too small: a singularity, or a discontinuity that is not smoothed",
-    2: "{steps} steps lead no farther, the next would be {next:.2g} s long: the model moves much faster than the "
-    "record, or is not smooth there",
+    2: "{steps} steps lead no farther, the next would be {next:.2g} s long: the model moves much "
+    "faster than the record, or is not smooth there",
     3: "the model gives no finite derivative",
     4: "there is not enough memory",
     5: "the constraints of the model depend on each other there",
-    6: "after {steps} steps the steps are so short ({next:.2g} s) that the end is out of reach: a discontinuity "
-    "that is not smoothed, or a motion much faster than the record",
+    6: "after {steps} steps the steps are so short ({next:.2g} s) that the end is out of reach: a "
+    "discontinuity that is not smoothed, or a motion much faster than the record",
 }
 
 
@@ -104,8 +104,8 @@ def integrator(
     compiled: bool = True,
     runs_once: bool = False,
 ) -> Integrator:
-    """Build the functions of `explicit` once; compile them if a C compiler is found, they are not too long for it
-    and `compiled` is set, with less effort where they are wanted for one run (`runs_once`).
+    """Build the functions of `explicit` once; compile them if a C compiler is found, they are not too long
+    for it and `compiled` is set, with less effort where they are wanted for one run (`runs_once`).
 
     The start, every sample and every corrected state are projected onto the invariants of the model, if it
     has any. Raises ModelError `unknown-parameter` for a name that is no parameter.
@@ -158,7 +158,9 @@ def _model_functions(
         for name, expressions in results.items()
     ]
     parts = {
-        name: ca.Function(name, [x, ubar, theta, t], part.call([x, ubar, theta[columns], theta, t], True, False))
+        name: ca.Function(
+            name, [x, ubar, theta, t], part.call([x, ubar, theta[columns], theta, t], True, False)
+        )
         for name, part in zip(results, inner, strict=True)
     }
     rhs = parts["daest_rhs"]

@@ -18,8 +18,8 @@ from daest.systems.symbolic_elimination import eliminate
 CRAMER_LIMIT = 3  # unknowns; adjugate over determinant is valid at every regular point and short up to here
 # Linear loops that are still written out; larger ones are solved by numbers wherever they are evaluated.
 ELIMINATION_LIMIT = 200  # unknowns; coefficients of parameters only: sparse elimination
-# Operations of the symbolic QR factors, which coefficients that vary need: derivatives by n states are n times as long,
-# and a C compiler takes a second for ten thousand of them.
+# Operations of the symbolic QR factors, which coefficients that vary need: derivatives by n states are n
+# times as long, and a C compiler takes a second for ten thousand of them.
 FACTOR_LIMIT = 3_000
 GROWTH_LIMIT = 1e3  # errors amplified more than this cost more than three of sixteen digits
 PIVOT_RATIO = (
