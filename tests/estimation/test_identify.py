@@ -362,7 +362,6 @@ def test_document_is_plain_json_without_nan(shared_data):
     result = identify(family, [experiment], IdentifyOptions(split=0.5))
     content = document(result)
     assert json.loads(json.dumps(content, allow_nan=False)) == content
-    assert content["schema"] == "daest/identify/1"
     assert set(content["parameters"]["J1"]) == {
         "value", "std_error", "initial", "unit", "min", "max", "at_bound", "prior",
     }  # fmt: skip

@@ -69,7 +69,6 @@ def test_linearize_document(flat: FlatModel) -> None:
         "poles transfer_functions theta source cross_check"
     )
     assert set(contract.split()) <= set(found)
-    assert found["schema"] == "daest/linearize/1"
     assert found["equations"][1] == {
         "index": 1,
         "text": "m*der(omega) = u - d*omega + w",

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from daest.diagnosis.compare import Candidate
     from daest.model.comparison import Comparison
     from daest.model.flat import FlatModel
+    from daest.report.documents.compare import CompareDocument
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Compared:
     """A comparison and its document."""
 
     comparison: Comparison
-    document: dict[str, Any]
+    document: CompareDocument
 
 
 @click.command("compare", epilog=example("daest compare Servo.mo ServoFriction.mo --data run2.csv"))

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from daest.cli.options import DataOptions, ModelOptions, example, format_option, one_of
 from daest.cli.output import emit, note
+
+if TYPE_CHECKING:
+    from daest.report.documents.noise import NoiseDocument
+    from daest.report.documents.project import DemoDocument
 
 
 def _names() -> list[str]:
@@ -39,7 +43,7 @@ def command(name: str | None, form: str) -> None:
         emit(_run(name), "demo", form, None, _run_text)
 
 
-def _run(name: str) -> dict[str, Any]:
+def _run(name: str) -> DemoDocument:
     from daest.cli.compare import compared, keep_comparison
     from daest.cli.identify import identified, keep_fit
     from daest.data.examples import copy_example, demo_folder
@@ -66,7 +70,7 @@ def _run(name: str) -> dict[str, Any]:
     }
 
 
-def _noise(folder: Path) -> dict[str, Any]:
+def _noise(folder: Path) -> NoiseDocument:
     """The noise report of the example's model."""
     from daest.cli.linear import load_linear
     from daest.data.project import load_project

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from daest.model.experiment import Experiment
     from daest.model.fit import FitResult, IdentifyOptions
     from daest.model.flat import FlatModel
+    from daest.report.documents.fit import FitDocument
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Identified:
     which outputs are measured."""
 
     result: FitResult
-    document: dict[str, Any]
+    document: FitDocument
     flat: FlatModel
     loaded: FlatModel
     source: Path

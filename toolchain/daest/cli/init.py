@@ -14,6 +14,7 @@ from daest.cli.output import emit, whole_file
 
 if TYPE_CHECKING:
     from daest.model.quality import DataCheck
+    from daest.report.documents.project import InitDocument
 
 
 @click.command("init", epilog=example("daest init Servo.mo run1.csv", "daest identify"))
@@ -79,7 +80,7 @@ def _relative(path: Path, file: Path) -> str:
     return Path(os.path.relpath(path.resolve(), file.resolve().parent)).as_posix()
 
 
-def _document(file: Path, draft: Any, checks: Sequence[DataCheck]) -> dict[str, Any]:
+def _document(file: Path, draft: Any, checks: Sequence[DataCheck]) -> InitDocument:
     from daest.report.documents.check import finding_entry
 
     is_complete = all(match.column is not None for match in (*draft.inputs, *draft.outputs))
@@ -104,7 +105,7 @@ def _document(file: Path, draft: Any, checks: Sequence[DataCheck]) -> dict[str, 
             for check in checks
         ],
         "findings": [
-            finding_entry(finding) | {"recording": check.name}
+            {**finding_entry(finding), "recording": check.name}
             for check in checks
             for finding in check.findings
             # What has no column yet cannot be used, which is no fault of the recording.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -24,6 +24,7 @@ from daest.cli.pictures import draw
 if TYPE_CHECKING:
     from daest.cli.linear import Linear
     from daest.model.linear import SparseForm, StandardForm
+    from daest.report.documents.linearize import LinearizeDocument
     from daest.systems.transfer import TransferFunction
 
 ARRAYS = (".npz", ".mat")
@@ -86,7 +87,7 @@ def command(
 
 def _document(
     linear: Linear, standard: StandardForm | SparseForm, functions: Sequence[TransferFunction]
-) -> dict[str, Any]:
+) -> LinearizeDocument:
     from daest.report.documents import linearize as documents
     from daest.systems.linearize import theta_entries
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from daest.data.project import Project
     from daest.model.flat import FlatModel
+    from daest.report.documents.project import ReportDocument
     from daest.report.page.material import Traced
     from daest.report.page.sections import Section
 
@@ -102,7 +103,7 @@ def report_page(project: Project, options: ModelOptions) -> tuple[str, Sequence[
         ) from error
 
 
-def _document(output: Path, text: str, parts: Sequence[Section]) -> dict[str, Any]:
+def _document(output: Path, text: str, parts: Sequence[Section]) -> ReportDocument:
     return {
         "path": str(output),
         "bytes": len(text.encode()),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from importlib import resources
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -14,25 +14,46 @@ from daest.cli.options import example, format_option, one_of, output_option
 from daest.cli.output import emit, write_text
 from daest.errors import ConfigError
 
-FOLDER = "schemas"  # in the package, one file per command
+# What describes the document of a command.
+DOCUMENTS = {
+    "check": "check:CheckDocument",
+    "compare": "compare:CompareDocument",
+    "completion": "project:CompletionDocument",
+    "demo": "project:DemoDocument",
+    "diagnose": "diagnose:DiagnoseDocument",
+    "effects": "effects:EffectsDocument",
+    "explain": "project:ExplainDocument",
+    "export": "export:ExportDocument",
+    "extend": "effects:ExtendDocument",
+    "filter": "filter:FilterDocument",
+    "identify": "fit:FitDocument",
+    "improve": "diagnose:ImproveDocument",
+    "init": "project:InitDocument",
+    "linearize": "linearize:LinearizeDocument",
+    "noise": "noise:NoiseDocument",
+    "report": "project:ReportDocument",
+    "schema": "project:SchemaDocument",
+    "simulate": "simulate:SimulateDocument",
+}
 
 
 def schema_names() -> list[str]:
     """Commands whose documents have a schema."""
-    files = resources.files("daest").joinpath(FOLDER).iterdir()
-    return sorted(file.name.removesuffix(".json") for file in files if file.name.endswith(".json"))
+    return sorted(DOCUMENTS)
 
 
 def schema_of(name: str) -> dict[str, Any]:
     """The schema of a command's document. Raises ConfigError `schema-unknown`."""
-    if name not in schema_names():
+    from daest.report.schema import document_schema
+
+    if name not in DOCUMENTS:
         raise ConfigError(
             "schema-unknown",
             f"there is no command '{name}' that prints a document",
             remedy=f"there are {', '.join(schema_names())}",
         )
-    text = resources.files("daest").joinpath(FOLDER, f"{name}.json").read_text(encoding="utf-8")
-    return dict(json.loads(text))
+    module, _, document = DOCUMENTS[name].partition(":")
+    return document_schema(name, getattr(import_module(f"daest.report.documents.{module}"), document))
 
 
 @click.command("schema", epilog=example("daest schema identify -o identify.schema.json"))

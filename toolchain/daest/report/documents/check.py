@@ -3,23 +3,57 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, TypedDict
 
-from daest.model.quality import ColumnSummary, DataCheck, Finding
-
-SCHEMA = "daest/check/1"
+from daest.model.quality import ColumnSummary, DataCheck, Finding, Level, Role
 
 
-def document(checks: Sequence[DataCheck]) -> dict[str, Any]:
+class ColumnEntry(TypedDict):
+    name: str
+    unit: str | None
+    role: Role | None
+    n_values: int
+    min: float | None
+    max: float | None
+    resolution: Annotated[float | None, "step of the values where they stand on a lattice"]
+    noise_std: Annotated[float | None, "of white noise where it shows"]
+
+
+class FindingEntry(TypedDict):
+    code: Annotated[str, "a code of daest explain"]
+    level: Level
+    column: str | None
+    text: str
+    time: float | None
+    count: int
+
+
+class RecordingEntry(TypedDict):
+    name: str
+    n_samples: int
+    start: float
+    stop: float
+    period: Annotated[float | None, "s; null where the times are uneven"]
+    columns: list[ColumnEntry]
+    findings: list[FindingEntry]
+
+
+class CheckDocument(TypedDict):
+    """Faults of recordings."""
+
+    recordings: list[RecordingEntry]
+    n_warnings: int
+
+
+def document(checks: Sequence[DataCheck]) -> CheckDocument:
     """JSON-ready findings of every recording; `n_warnings` counts those of all."""
     return {
-        "schema": SCHEMA,
         "recordings": [_recording(check) for check in checks],
         "n_warnings": sum(len(check.warnings) for check in checks),
     }
 
 
-def _recording(check: DataCheck) -> dict[str, Any]:
+def _recording(check: DataCheck) -> RecordingEntry:
     return {
         "name": check.name,
         "n_samples": check.n_samples,
@@ -31,7 +65,7 @@ def _recording(check: DataCheck) -> dict[str, Any]:
     }
 
 
-def _column(column: ColumnSummary) -> dict[str, Any]:
+def _column(column: ColumnSummary) -> ColumnEntry:
     return {
         "name": column.name,
         "unit": column.unit,
@@ -44,7 +78,7 @@ def _column(column: ColumnSummary) -> dict[str, Any]:
     }
 
 
-def finding_entry(finding: Finding) -> dict[str, Any]:
+def finding_entry(finding: Finding) -> FindingEntry:
     """A finding; `text` is a whole sentence."""
     return {
         "code": finding.code,

@@ -3,14 +3,90 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Literal, NotRequired, TypedDict
 
 import numpy as np
 
-from daest.model.comparison import Comparison, Finding, Horizon, ModelTrial, ResidualTest
+from daest.model.comparison import Comparison, Finding, Horizon, ModelTrial, ResidualTest, Verdict
+from daest.report.documents.parts import ByOutput
+
+_Passed = TypedDict("_Passed", {"pass": bool | None})
 
 
-def document(comparison: Comparison) -> dict[str, Any]:
+class TestEntry(_Passed):
+    statistic: float | None
+    limit: float | None
+    p_value: float | None
+    band: NotRequired[list[float]]
+
+
+class Tests(TypedDict):
+    whiteness: dict[str, TestEntry]
+    input_independence: dict[str, TestEntry]
+    nis: dict[str, TestEntry]
+
+
+class Where(TypedDict):
+    output: str
+    kind: Literal["time", "frequency", "region"]
+    variable: str | None
+    unit: NotRequired[str]
+    low: float | None
+    high: float | None
+    share_of_error: float
+    expected_share: NotRequired[float]
+    error: NotRequired[Literal["one-step", "simulation"]]
+    data: NotRequired[str | None]
+    p_value: NotRequired[float]
+    text: str
+
+
+class HorizonEntry(TypedDict):
+    steps: int
+    seconds: float
+    rms: ByOutput
+
+
+class OneStep(TypedDict):
+    fit_percent: ByOutput
+    rms: ByOutput
+
+
+class ModelEntry(TypedDict):
+    name: str
+    n_parameters: int
+    fit_percent: ByOutput
+    rms: ByOutput
+    one_step: NotRequired[OneStep]
+    growth: NotRequired[list[HorizonEntry]]
+    log_likelihood: NotRequired[float | None]
+    bic: float | None
+    tests: Tests
+    feedback: NotRequired[dict[str, TestEntry]]
+    verdict: Verdict | None
+    where: list[Where]
+    notes: NotRequired[list[str]]
+
+
+class Row(TypedDict):
+    model: str
+    rms: ByOutput
+    fit_percent: ByOutput
+    one_step_rms: NotRequired[ByOutput]
+    bic: NotRequired[float | None]
+    verdict: Verdict | None
+
+
+class CompareDocument(TypedDict):
+    """Models side by side on unseen data."""
+
+    data: list[str]
+    outputs: dict[str, str]
+    models: list[ModelEntry]
+    table: list[Row]
+
+
+def document(comparison: Comparison) -> CompareDocument:
     """JSON content of `daest compare`: one entry per model, and `table`, the simulation error of each."""
     return {
         "data": [experiment.name for experiment in comparison.experiments],
@@ -44,7 +120,7 @@ def series(comparison: Comparison) -> dict[str, np.ndarray]:
     return arrays
 
 
-def _model(trial: ModelTrial) -> dict[str, Any]:
+def _model(trial: ModelTrial) -> ModelEntry:
     return {
         "name": trial.name,
         "n_parameters": trial.n_parameters,
@@ -54,7 +130,11 @@ def _model(trial: ModelTrial) -> dict[str, Any]:
         "growth": [_horizon(horizon) for horizon in trial.growth],
         "log_likelihood": trial.log_likelihood,
         "bic": trial.bic,
-        "tests": {kind: _tests(by_output) for kind, by_output in trial.tests.items()},
+        "tests": {
+            "whiteness": _tests(trial.tests.get("whiteness", {})),
+            "input_independence": _tests(trial.tests.get("input_independence", {})),
+            "nis": _tests(trial.tests.get("nis", {})),
+        },
         "feedback": _tests(trial.feedback),
         "verdict": trial.verdict,
         "where": [_finding(finding) for finding in trial.where],
@@ -62,25 +142,27 @@ def _model(trial: ModelTrial) -> dict[str, Any]:
     }
 
 
-def _tests(by_output: Mapping[str, ResidualTest]) -> dict[str, Any]:
+def _tests(by_output: Mapping[str, ResidualTest]) -> dict[str, TestEntry]:
     return {output: _test(test) for output, test in by_output.items()}
 
 
-def _test(test: ResidualTest) -> dict[str, Any]:
-    entry = {
+def _test(test: ResidualTest) -> TestEntry:
+    entry: TestEntry = {
         "statistic": test.statistic,
         "limit": test.limit,
         "p_value": test.p_value,
         "pass": test.passed,
     }
-    return entry if test.band is None else {**entry, "band": list(test.band)}
+    if test.band is not None:
+        entry["band"] = list(test.band)
+    return entry
 
 
-def _horizon(horizon: Horizon) -> dict[str, Any]:
+def _horizon(horizon: Horizon) -> HorizonEntry:
     return {"steps": horizon.steps, "seconds": horizon.seconds, "rms": horizon.rms}
 
 
-def _finding(finding: Finding) -> dict[str, Any]:
+def _finding(finding: Finding) -> Where:
     return {
         "output": finding.output,
         "kind": finding.kind,

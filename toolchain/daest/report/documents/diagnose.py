@@ -3,13 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, NotRequired, TypedDict
 
 import numpy as np
 
 from daest.diagnosis.written import Written
-from daest.model.diagnosis import Diagnosis, FreeForm, Improvement, LearnedLoad, Proof, Step
-from daest.model.fit import Agreement, FitResult
+from daest.model.diagnosis import (
+    CandidateVerdict,
+    Diagnosis,
+    FreeForm,
+    Improvement,
+    LearnedLoad,
+    Proof,
+    Screened,
+    Step,
+    VerdictName,
+)
+from daest.report.documents.parts import (
+    ByOutput,
+    ByPart,
+    Errors,
+    MadeOf,
+    Uncertain,
+    errors_entry,
+    uncertain_entry,
+)
 
 SCREENED = 20  # entries of the screen that are listed
 AS_IT_IS = (
@@ -18,30 +36,151 @@ AS_IT_IS = (
 )
 
 
+_Class = TypedDict("_Class", {"class": NotRequired[str]})
+
+
+class Baseline(Errors):
+    remark: NotRequired[Annotated[str, "how the errors were found, where that is not as in a comparison"]]
+
+
+class CandidateEntry(_Class):
+    effect: str
+    at: str
+    equivalent_places: list[str]
+    inputs: NotRequired[dict[str, str]]
+    parameters: dict[str, Uncertain]
+    model_parameters: NotRequired[dict[str, Uncertain]]
+    fit_percent: ByPart
+    rms: ByPart
+    delta_log_likelihood: NotRequired[float | None]
+    delta_bic: float | None
+    p_value: float | None
+    explained: NotRequired[float | None]
+    verdict: CandidateVerdict
+    reason: NotRequired[str]
+    not_separable_from: list[str]
+    model: str | None
+    model_reason: NotRequired[str]
+
+
+class ScreenedEntry(TypedDict):
+    effect: str
+    at: str
+    score: float | None
+    p_value: float | None
+    sizes: dict[str, float | None]
+    detectable: float | None
+    unit: str
+
+
+class Skipped(TypedDict):
+    candidate: str
+    reason: str
+
+
+class ScreenEntry(TypedDict):
+    p_value: float | None
+    n_screened: int
+    best: list[ScreenedEntry]
+    skipped: list[Skipped]
+
+
+class PlaceEntry(TypedDict):
+    group: list[str]
+    log_likelihood_gain: float | None
+    size: NotRequired[float | None]
+    unit: NotRequired[str]
+
+
+class Learned(TypedDict):
+    refitted: Annotated[bool, "false: no refit succeeded, the curve is that of `disturbance`"]
+    curve: Annotated[list[list[float | None]], "x, load, standard error; straight lines between"]
+    period: NotRequired[Annotated[float | None, "of the curve, in the unit of the variable"]]
+    sign_width: NotRequired[Annotated[float | None, "the load is multiplied by tanh(sign_of/sign_width)"]]
+    model_parameters: NotRequired[dict[str, Uncertain]]
+    rms_before: Annotated[ByOutput, "errors of the simulation on validation data without the load"]
+    rms: Annotated[ByOutput, "errors with the load"]
+
+
+class Curve(TypedDict):
+    place: NotRequired[str | None]
+    variable: NotRequired[str | None]
+    unit: NotRequired[str]
+    variable_unit: NotRequired[str]
+    sign_of: NotRequired[str | None]
+    label: NotRequired[str]
+    p_value: NotRequired[float | None]
+    curve: Annotated[list[list[float | None]], "x, disturbance, standard deviation"]
+
+
+class Disturbance(Curve):
+    learned: NotRequired[Learned | None]
+    model: NotRequired[Annotated[str | None, "Modelica text of the model with the load"]]
+    model_reason: NotRequired[str]
+
+
+class DiagnoseDocument(MadeOf):
+    """Which physical effect a model lacks."""
+
+    verdict: VerdictName
+    message: str
+    baseline: Baseline
+    candidates: list[CandidateEntry]
+    screen: NotRequired[ScreenEntry]
+    places: list[PlaceEntry]
+    disturbance: Disturbance | None
+    next_experiment: str
+    seconds: float
+
+
+class StepEntry(TypedDict):
+    added: str | None
+    at: str | None
+    component: NotRequired[str | None]
+    equivalent_places: NotRequired[list[str]]
+    fit_percent: ByPart
+    rms: ByPart
+    disturbance: NotRequired[Curve | None]
+    verdict: str
+    remark: NotRequired[str]
+    log_likelihood: NotRequired[float | None]
+    parameters: dict[str, Uncertain]
+    model: str | None
+    delta_bic: NotRequired[float | None]
+    p_value: NotRequired[float | None]
+    explained: NotRequired[float | None]
+    model_reason: NotRequired[str]
+    model_rms: NotRequired[ByOutput | None]
+
+
+class Ledger(MadeOf):
+    steps: list[StepEntry]
+    final: DiagnoseDocument
+    reason: NotRequired[str]
+
+
+class ImproveDocument(Ledger):
+    """Effects added one by one."""
+
+    folder: str
+    unknown_effect: NotRequired[
+        Annotated[str | None, "file of the model with the load that no effect explains"]
+    ]
+
+
 def document(
     diagnosis: Diagnosis, models: Mapping[str, Written] | None = None, load: Written | None = None
-) -> dict[str, Any]:
+) -> DiagnoseDocument:
     """`models`: the extended models by candidate name; `load`: the model with the learned load."""
     return {
         "verdict": diagnosis.verdict,
         "message": diagnosis.message,
-        "baseline": {**_errors(diagnosis.baseline), "remark": AS_IT_IS},
+        "baseline": {**errors_entry(diagnosis.baseline.simulated), "remark": AS_IT_IS},
         "candidates": [_candidate(p, (models or {}).get(p.candidate.name)) for p in diagnosis.proofs],
         "screen": {
             "p_value": diagnosis.screen.p_value,
             "n_screened": diagnosis.screen.n_screened,
-            "best": [
-                {
-                    "effect": e.candidate.effect.name,
-                    "at": e.candidate.site.name,
-                    "score": e.score,
-                    "p_value": e.p_value,
-                    "sizes": dict(zip((p.name for p in e.candidate.effect.sizes), e.sizes, strict=True)),
-                    "detectable": e.detectable,
-                    "unit": e.candidate.size_unit,
-                }
-                for e in diagnosis.screen.entries[:SCREENED]
-            ],
+            "best": [_screened(entry) for entry in diagnosis.screen.entries[:SCREENED]],
             "skipped": [{"candidate": label, "reason": reason} for label, reason in diagnosis.screen.skipped],
         },
         "places": [
@@ -59,18 +198,32 @@ def document(
     }
 
 
-def _disturbance(diagnosis: Diagnosis, load: Written | None) -> dict[str, Any] | None:
+def _screened(entry: Screened) -> ScreenedEntry:
+    candidate = entry.candidate
+    return {
+        "effect": candidate.effect.name,
+        "at": candidate.site.name,
+        "score": entry.score,
+        "p_value": entry.p_value,
+        "sizes": dict(zip((p.name for p in candidate.effect.sizes), entry.sizes, strict=True)),
+        "detectable": entry.detectable,
+        "unit": candidate.size_unit,
+    }
+
+
+def _disturbance(diagnosis: Diagnosis, load: Written | None) -> Disturbance | None:
     curve = _curve(diagnosis.disturbance)
     if curve is None:
         return None
-    return curve | {
+    return {
+        **curve,
         "learned": None if diagnosis.learned is None else _learned(diagnosis.learned),
         "model": None if load is None else load.text,
         "model_reason": "" if load is None else load.reason,
     }
 
 
-def _learned(learned: LearnedLoad) -> dict[str, Any]:
+def _learned(learned: LearnedLoad) -> Learned:
     """The curve as it stands in the model; a value that the data do not determine has no error."""
     curve, fit = learned.curve, learned.fit
     std = [float(s) if np.isfinite(s) else None for s in curve.std]
@@ -81,15 +234,13 @@ def _learned(learned: LearnedLoad) -> dict[str, Any]:
         "curve": values,
         "period": curve.period or None,
         "sign_width": curve.sign_width or None,
-        "model_parameters": {
-            name: {"value": p.value, "std_error": p.std_error, "unit": p.unit} for name, p in physical.items()
-        },
+        "model_parameters": {name: uncertain_entry(p) for name, p in physical.items()},
         "rms_before": dict(learned.before),
         "rms": dict(learned.after),
     }
 
 
-def _curve(curve: FreeForm | None) -> dict[str, Any] | None:
+def _curve(curve: FreeForm | None) -> Curve | None:
     if curve is None:
         return None
     return {
@@ -104,7 +255,7 @@ def _curve(curve: FreeForm | None) -> dict[str, Any] | None:
     }
 
 
-def _candidate(proof: Proof, model: Written | None) -> dict[str, Any]:
+def _candidate(proof: Proof, model: Written | None) -> CandidateEntry:
     candidate = proof.candidate
     prefix = f"{candidate.name}."
     return {
@@ -114,16 +265,14 @@ def _candidate(proof: Proof, model: Written | None) -> dict[str, Any]:
         "equivalent_places": list(proof.equivalent),
         "inputs": dict(candidate.inputs),
         "parameters": {
-            p.name.removeprefix(prefix): {"value": p.value, "std_error": p.std_error, "unit": p.unit}
+            p.name.removeprefix(prefix): uncertain_entry(p)
             for p in proof.fit.parameters
             if p.name.startswith(prefix)
         },
         "model_parameters": {
-            p.name: {"value": p.value, "std_error": p.std_error, "unit": p.unit}
-            for p in proof.fit.parameters
-            if not p.name.startswith(prefix)
+            p.name: uncertain_entry(p) for p in proof.fit.parameters if not p.name.startswith(prefix)
         },
-        **_errors(proof.fit),
+        **errors_entry(proof.fit.simulated),
         "delta_log_likelihood": proof.delta_log_likelihood,
         "delta_bic": proof.delta_bic,
         "p_value": proof.p_value,
@@ -136,23 +285,12 @@ def _candidate(proof: Proof, model: Written | None) -> dict[str, Any]:
     }
 
 
-def _errors(fit: FitResult) -> dict[str, Any]:
-    return {
-        "fit_percent": {part: _agreement(a, "fit_percent") for part, a in fit.simulated.items()},
-        "rms": {part: _agreement(a, "rms") for part, a in fit.simulated.items()},
-    }
-
-
-def _agreement(agreement: Agreement, kind: str) -> dict[str, float | None]:
-    return dict(getattr(agreement, kind))
-
-
 def improvement_document(
     improvement: Improvement,
     files: Mapping[int, str] | None = None,
     models: Mapping[str, Written] | None = None,
     load: Written | None = None,
-) -> dict[str, Any]:
+) -> Ledger:
     """`files`: name of the written model by step; `models` and `load` as in `document`, for the last
     round."""
     return {
@@ -162,23 +300,23 @@ def improvement_document(
     }
 
 
-def _step(step: Step, model: str | None) -> dict[str, Any]:
+def _step(step: Step, model: str | None) -> StepEntry:
     proof = step.proof
-    row: dict[str, Any] = {
+    row: StepEntry = {
         "added": None if proof is None else proof.candidate.effect.name,
         "at": None if proof is None else proof.candidate.site.name,
         "component": None if proof is None else proof.candidate.name,
         "equivalent_places": [] if proof is None else list(proof.equivalent),
-        **_errors(step.fit),
+        **errors_entry(step.fit.simulated),
         "disturbance": None if step.diagnosis is None else _curve(step.diagnosis.disturbance),
         "verdict": "baseline" if proof is None else proof.verdict,
         "remark": step.remark,
         "log_likelihood": step.fit.log_likelihood,
-        "parameters": {
-            p.name: {"value": p.value, "std_error": p.std_error, "unit": p.unit} for p in step.fit.parameters
-        },
+        "parameters": {p.name: uncertain_entry(p) for p in step.fit.parameters},
         "model": model,
     }
     if proof is not None:
-        row |= {"delta_bic": proof.delta_bic, "p_value": proof.p_value, "explained": proof.explained}
+        row["delta_bic"] = proof.delta_bic
+        row["p_value"] = proof.p_value
+        row["explained"] = proof.explained
     return row

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from difflib import get_close_matches
-from typing import Any
+from typing import Literal, NotRequired, TypedDict
 
 import numpy as np
 
@@ -13,7 +13,60 @@ from daest.model.estimates import FilterResult
 from daest.model.experiment import Experiment
 
 
-def document(result: FilterResult) -> dict[str, Any]:
+class Nis(TypedDict):
+    mean: float | None
+    low: float | None
+    high: float | None
+    inside: bool | None
+    n_innovations: NotRequired[int]
+
+
+class Compared(TypedDict):
+    fit_percent: float | None
+    rms: float | None
+    n_samples: NotRequired[int]
+
+
+class ProcessNoise(TypedDict):
+    names: list[str]
+    units: NotRequired[list[str]]
+    rms: NotRequired[list[float | None]]
+    std: list[float | None]
+
+
+class SampleSize(TypedDict):
+    median: float
+    least: float
+
+
+class FilterDocument(TypedDict):
+    """Summary of a filter run; the estimates are a CSV file."""
+
+    kind: str
+    smoothed: NotRequired[bool]
+    measure: NotRequired[list[str]]
+    hold: Literal["zoh", "foh"]
+    noise: NotRequired[Literal["white", "held"]]
+    n_samples: int
+    log_likelihood: float | None
+    nis: Nis
+    compared: dict[str, Compared]
+    process_noise: ProcessNoise
+    steady_after: float | None
+    effective_sample_size: NotRequired[SampleSize | None]
+    undetermined: NotRequired[list[str]]
+    messages: NotRequired[list[str]]
+    notes: NotRequired[list[str]]
+
+
+class ColumnEntry(TypedDict):
+    name: str
+    unit: str
+    measured: bool
+    used: bool
+
+
+def document(result: FilterResult) -> FilterDocument:
     """JSON content: the summary; the estimates themselves are in `table`. Numbers that do not exist are
     None."""
     nis, noise, effective = result.nis, result.process_noise, result.effective_sample_size
@@ -56,7 +109,7 @@ def shown(result: FilterResult, experiment: Experiment, only: Sequence[str] = ()
     return list(only) or [name for name in experiment.output_names if name in result.names]
 
 
-def described(result: FilterResult, experiment: Experiment, names: Sequence[str]) -> list[dict[str, Any]]:
+def described(result: FilterResult, experiment: Experiment, names: Sequence[str]) -> list[ColumnEntry]:
     """What the columns of `series` are."""
     return [
         {

@@ -3,31 +3,166 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Annotated, Any, Literal, NotRequired, TypedDict
 
 import numpy as np
 
-from daest.model.fit import Agreement, Bootstrap, FitResult, FittedNoise, FittedParameter, Profile
+from daest.model.fit import (
+    Bootstrap,
+    Bound,
+    FitResult,
+    FittedNoise,
+    FittedParameter,
+    Method,
+    Profile,
+    ProfileEnd,
+)
+from daest.report.documents.parts import ByPart, Errors, errors_entry
 
-SCHEMA = "daest/identify/1"
+
+class PriorEntry(TypedDict):
+    mean: float
+    std: float
 
 
-def document(result: FitResult) -> dict[str, Any]:
+class ParameterEntry(TypedDict):
+    value: float
+    std_error: float | None
+    initial: float
+    unit: str
+    min: float | None
+    max: float | None
+    at_bound: Bound | None
+    prior: NotRequired[PriorEntry | None]
+
+
+class FittedNoiseEntry(TypedDict):
+    std_error: float | None
+    unit: str
+    estimated: bool
+    at_bound: Bound | None
+
+
+class ProcessNoiseEntry(FittedNoiseEntry):
+    intensity: float
+
+
+class MeasurementNoiseEntry(FittedNoiseEntry):
+    std: float
+
+
+class NoiseEntry(TypedDict):
+    process: dict[str, ProcessNoiseEntry]
+    measurement: dict[str, MeasurementNoiseEntry]
+
+
+class StateEntry(TypedDict):
+    value: float | None
+    std_error: float | None
+
+
+class Correlation(TypedDict):
+    names: list[str]
+    matrix: list[list[float | None]]
+
+
+class WeakDirectionEntry(TypedDict):
+    combination: dict[str, float]
+    relative_std: float | None
+
+
+class ProfileEntry(TypedDict):
+    level: float
+    lower: float | None
+    upper: float | None
+    lower_end: ProfileEnd
+    upper_end: ProfileEnd
+    threshold: float
+    values: list[float]
+    drops: list[float]
+
+
+class Spread(TypedDict):
+    lower: float
+    upper: float
+    mean: float
+    std: float
+
+
+class BootstrapEntry(TypedDict):
+    level: float
+    n: int
+    n_failed: int
+    parameters: dict[str, Spread]
+
+
+class FitDocument(TypedDict):
+    """Parameters with their uncertainty."""
+
+    status: str
+    message: str
+    method: Method
+    parameters: dict[str, ParameterEntry]
+    theta: Annotated[dict[str, float], "all parameters of the model"]
+    noise: NoiseEntry
+    noise_model: NotRequired[Literal["white", "held"]]
+    initial_state: Annotated[dict[str, dict[str, StateEntry]], "by recording"]
+    correlation: Correlation
+    weak_directions: list[WeakDirectionEntry]
+    weak_threshold: NotRequired[float]
+    log_likelihood: float | None
+    start_log_likelihoods: NotRequired[list[float | None]]
+    fit_percent: ByPart
+    rms: ByPart
+    one_step: Errors
+    n_samples: int
+    n_iterations: NotRequired[int]
+    seconds: float
+    period: float | None
+    hold: Literal["zoh", "foh"]
+    notes: NotRequired[list[str]]
+    unseen_states: NotRequired[
+        Annotated[
+            list[str],
+            "Directions of the state space that no output sees and that do not die out, such as a common "
+            "angle where only a speed is measured; their start is left open",
+        ]
+    ]
+    profiles: NotRequired[
+        Annotated[
+            dict[str, ProfileEntry],
+            "Profile likelihoods by parameter: drops of 2 log L over values; the interval of level reaches "
+            "to where the drop is threshold",
+        ]
+    ]
+    bootstrap: NotRequired[
+        Annotated[
+            BootstrapEntry | None,
+            "Refits of recordings that the fitted model itself made, noise included: percentile intervals of "
+            "level by parameter",
+        ]
+    ]
+
+
+def document(result: FitResult) -> FitDocument:
     """JSON-ready summary of an identification; what the data do not determine is None.
 
     `theta` repeats all parameters of the model, so that later commands need no other file. The standard
     deviation of a direction that is not determined at all is None.
     """
     return {
-        "schema": SCHEMA,
         "status": result.status,
         "message": result.message,
         "method": result.method,
         "parameters": {p.name: _parameter(p) for p in result.parameters},
         "theta": dict(result.theta),
         "noise": {
-            kind: {n.name: _noise(n) for n in result.noises if n.kind == kind}
-            for kind in ("process", "measurement")
+            "process": {
+                n.name: {"intensity": n.value, **_noise(n)} for n in result.noises if n.kind == "process"
+            },
+            "measurement": {
+                n.name: {"std": n.value, **_noise(n)} for n in result.noises if n.kind == "measurement"
+            },
         },
         "noise_model": result.noise_model,
         "initial_state": {
@@ -44,8 +179,8 @@ def document(result: FitResult) -> dict[str, Any]:
         "weak_threshold": result.weak_threshold,
         "log_likelihood": _number(result.log_likelihood),
         "start_log_likelihoods": [_number(v) for v in result.start_log_likelihoods],
-        **_agreement(result.simulated),
-        "one_step": _agreement(result.one_step),
+        **errors_entry(result.simulated),
+        "one_step": errors_entry(result.one_step),
         "n_samples": result.n_samples,
         "n_iterations": result.n_iterations,
         "seconds": result.seconds,
@@ -54,11 +189,11 @@ def document(result: FitResult) -> dict[str, Any]:
         "notes": list(result.notes),
         "unseen_states": list(result.unseen_states),
         "profiles": {p.name: _profile(p) for p in result.profiles},
-        "bootstrap": result.bootstrap and _bootstrap(result.bootstrap),
+        "bootstrap": None if result.bootstrap is None else _bootstrap(result.bootstrap),
     }
 
 
-def _bootstrap(b: Bootstrap) -> dict[str, Any]:
+def _bootstrap(b: Bootstrap) -> BootstrapEntry:
     return {
         "level": b.level,
         "n": len(b.estimates),
@@ -75,7 +210,7 @@ def _bootstrap(b: Bootstrap) -> dict[str, Any]:
     }
 
 
-def _profile(p: Profile) -> dict[str, Any]:
+def _profile(p: Profile) -> ProfileEntry:
     return {
         "level": p.level,
         "lower": p.lower,
@@ -88,7 +223,7 @@ def _profile(p: Profile) -> dict[str, Any]:
     }
 
 
-def _parameter(p: FittedParameter) -> dict[str, Any]:
+def _parameter(p: FittedParameter) -> ParameterEntry:
     return {
         "value": p.value,
         "std_error": _number(p.std_error),
@@ -97,14 +232,12 @@ def _parameter(p: FittedParameter) -> dict[str, Any]:
         "min": p.min,
         "max": p.max,
         "at_bound": p.at_bound,
-        "prior": p.prior and {"mean": p.prior.mean, "std": p.prior.std},
+        "prior": None if p.prior is None else {"mean": p.prior.mean, "std": p.prior.std},
     }
 
 
-def _noise(noise: FittedNoise) -> dict[str, Any]:
-    quantity = "intensity" if noise.kind == "process" else "std"
+def _noise(noise: FittedNoise) -> FittedNoiseEntry:
     return {
-        quantity: noise.value,
         "std_error": _number(noise.std_error),
         "unit": noise.unit,
         "estimated": noise.estimated,
@@ -112,17 +245,10 @@ def _noise(noise: FittedNoise) -> dict[str, Any]:
     }
 
 
-def _states(names: tuple[str, ...], values: Any, errors: Any) -> dict[str, Any]:
+def _states(names: tuple[str, ...], values: np.ndarray, errors: np.ndarray) -> dict[str, StateEntry]:
     return {
         name: {"value": _number(value), "std_error": _number(error)}
         for name, value, error in zip(names, values, errors, strict=True)
-    }
-
-
-def _agreement(parts: dict[str, Agreement]) -> dict[str, Any]:
-    return {
-        "fit_percent": {part: dict(a.fit_percent) for part, a in parts.items()},
-        "rms": {part: dict(a.rms) for part, a in parts.items()},
     }
 
 

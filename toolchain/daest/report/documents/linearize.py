@@ -3,20 +3,85 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from typing import Any
+from typing import Annotated, Literal, NotRequired, TypedDict
 
 import numpy as np
 import scipy.sparse as sp
 
 from daest.model.linear import LinearDAE, Matrix, SparseForm, StandardForm
-from daest.report.documents.parts import decision_entry, equation_entry
+from daest.report.documents.parts import Decision, EquationEntry, decision_entry, equation_entry
 from daest.systems.linearize import ThetaEntry
 from daest.systems.transfer import HIGHEST_ORDER, TransferFunction, poles
 
-SCHEMA = "daest/linearize/1"
+Rows = list[list[float | None]]
 
-MATRICES = ("E", "J", "K", "B", "C", "D", "H")
+
+class Triplets(TypedDict):
+    shape: list[int]
+    row: list[int]
+    column: list[int]
+    value: list[float]
+
+
+MatrixEntry = Annotated[Rows | Triplets, "Rows of numbers, or of large models the entries that are not zero."]
+
+
+class ParameterValue(TypedDict):
+    name: str
+    value: float
+    unit: str
+    min: float | None
+    max: float | None
+    estimate: bool
+
+
+class Quotient(TypedDict):
+    input: str
+    output: str
+    num: Annotated[list[float], "highest power first"]
+    den: list[float]
+
+
+class Dependence(TypedDict):
+    matrix: str
+    row: int
+    column: int
+    expression: str
+    parameters: list[str]
+
+
+class LinearizeDocument(TypedDict):
+    """The linear DAE E ξ' = J ξ + K u + B w, y = C ξ + D u."""
+
+    equations: list[EquationEntry]
+    unknowns: list[str]
+    inputs: list[str]
+    outputs: list[str]
+    noises: list[str]
+    units: dict[str, str]
+    parameters: list[ParameterValue]
+    matrix_format: NotRequired[Literal["rows", "triplets"]]
+    E: MatrixEntry
+    J: MatrixEntry
+    K: MatrixEntry
+    B: MatrixEntry
+    C: MatrixEntry
+    D: MatrixEntry
+    H: NotRequired[MatrixEntry]
+    offset: NotRequired[list[float | None]]
+    output_offset: NotRequired[list[float | None]]
+    n_equations: int
+    n_dynamic: int
+    index: int
+    poles: list[list[float]]
+    transfer_functions: list[Quotient]
+    theta: list[Dependence]
+    source: Literal["symbolic", "fmi-ls-dae", "directional derivatives", "finite differences"]
+    is_affine: NotRequired[bool]
+    cross_check: float | None
+    cross_checks: NotRequired[dict[str, float]]
+    decisions: list[Decision]
+    notes: NotRequired[list[str]]
 
 
 def document(
@@ -25,7 +90,7 @@ def document(
     functions: Sequence[TransferFunction] = (),
     theta: Sequence[ThetaEntry] = (),
     cross_check: Mapping[str, float] | None = None,
-) -> dict[str, Any]:
+) -> LinearizeDocument:
     """JSON-ready linear DAE E ξ' = J ξ + K u + B w + offset, y = C ξ + D u + H w + output_offset.
 
     Rows are `equations`, columns of E and J `unknowns`. Polynomials have the highest power first.
@@ -33,8 +98,8 @@ def document(
     mapping `cross_checks`.
     """
     differences = dict(cross_check or {})
+    is_large = sp.issparse(dae.E)
     return {
-        "schema": SCHEMA,
         "equations": [equation_entry(i, equation) for i, equation in enumerate(dae.equations)],
         "unknowns": [v.name for v in dae.unknowns],
         "inputs": [v.name for v in dae.inputs],
@@ -52,8 +117,14 @@ def document(
             }
             for p in dae.parameters
         ],
-        "matrix_format": "triplets" if sp.issparse(dae.E) else "rows",
-        **{name: _matrix(getattr(dae, name), sp.issparse(dae.E)) for name in MATRICES},
+        "matrix_format": "triplets" if is_large else "rows",
+        "E": _matrix(dae.E, is_large),
+        "J": _matrix(dae.J, is_large),
+        "K": _matrix(dae.K, is_large),
+        "B": _matrix(dae.B, is_large),
+        "C": _matrix(dae.C, is_large),
+        "D": _matrix(dae.D, is_large),
+        "H": _matrix(dae.H, is_large),
         "offset": dae.offset.tolist(),
         "output_offset": dae.output_offset.tolist(),
         "n_equations": dae.n,
@@ -63,13 +134,23 @@ def document(
         "transfer_functions": [
             {"input": g.input, "output": g.output, "num": list(g.num), "den": list(g.den)} for g in functions
         ],
-        "theta": [{**asdict(entry), "parameters": list(entry.parameters)} for entry in theta],
+        "theta": [_dependence(entry) for entry in theta],
         "source": dae.source,
         "is_affine": dae.is_affine,
         "cross_check": differences.get("largest"),
         "cross_checks": {pair: value for pair, value in differences.items() if pair != "largest"},
         "decisions": [decision_entry(decision) for decision in form.decisions],
         "notes": _notes(dae, form),
+    }
+
+
+def _dependence(entry: ThetaEntry) -> Dependence:
+    return {
+        "matrix": entry.matrix,
+        "row": entry.row,
+        "column": entry.column,
+        "expression": entry.expression,
+        "parameters": list(entry.parameters),
     }
 
 
@@ -81,7 +162,7 @@ def _units(dae: LinearDAE) -> dict[str, str]:
     }
 
 
-def _matrix(matrix: Matrix, is_large: bool) -> list[list[float]] | dict[str, Any]:
+def _matrix(matrix: Matrix, is_large: bool) -> Rows | Triplets:
     """Rows of numbers; of large models the entries that are not zero, as shape, row, column and value."""
     if not is_large:
         return np.asarray(matrix, dtype=float).tolist()

@@ -2,30 +2,111 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, NotRequired, TypedDict
 
 import numpy as np
 import scipy.sparse as sp
 
 from daest.model.linear import LinearDAE, Matrix
 from daest.model.noise import NoiseAlong, NoisePlace, NoisePlaceAlong, NoiseReport
-from daest.report.documents.parts import decision_entry, equation_entry
+from daest.report.documents.parts import Decision, EquationEntry, decision_entry, equation_entry
 
-SCHEMA = "daest/noise/1"
+ManyNames = Annotated[int, "how many such unknowns there are; of an equation at most 100 are named"]
 
 
-def document(report: NoiseReport, along: NoiseAlong | None = None) -> dict[str, Any]:
+class Judged(TypedDict):
+    admissible: bool
+    projection_norm: float
+    order: NotRequired[int]
+    differentiated: Annotated[list[str], "unknowns that would contain differentiated noise"]
+    n_differentiated: ManyNames
+    white_outputs: NotRequired[list[str]]
+    advice: str
+
+
+class JudgedEquation(EquationEntry, Judged):
+    pass
+
+
+class JudgedNoise(Judged):
+    name: str
+    equations: list[int]
+
+
+class JudgedAlong(TypedDict):
+    index: NotRequired[int]
+    equations: NotRequired[list[int]]
+    name: str
+    admissible: Annotated[bool, "at every point"]
+    admissible_at_start: bool
+    forbidden_share: Annotated[float, "share of the points"]
+    first_time: Annotated[float | None, "s"]
+    largest_norm: float
+    differentiated: list[str]
+    n_differentiated: ManyNames
+    advice: str
+
+
+class Unjudged(TypedDict):
+    time: float
+    reason: str
+
+
+class Structure(TypedDict):
+    n_dynamic: int
+    index: int
+
+
+class Along(TypedDict):
+    times: list[float]
+    unjudged: list[Unjudged]
+    structures: list[Structure]
+    same_everywhere: bool
+    equations: list[JudgedAlong]
+    annotated: list[JudgedAlong]
+    asked: list[JudgedAlong]
+    all_admissible: bool
+
+
+class NoiseDocument(TypedDict):
+    """Which equations may carry white noise (Theorem 3.1)."""
+
+    n_equations: int
+    n_dynamic: int
+    index: int
+    N_singular_values: list[float]
+    equations: list[JudgedEquation]
+    n_forbidden: int
+    annotated: list[JudgedNoise]
+    asked: list[JudgedNoise]
+    all_admissible: bool
+    tolerance: float | None
+    decisions: list[Decision]
+    along: NotRequired[Annotated[Along, "with --along: verdicts at points of a trajectory"]]
+
+
+class Unknown(TypedDict):
+    name: str
+    unit: str
+
+
+class Pattern(TypedDict):
+    unknowns: list[Unknown]
+    E: list[list[int]]
+    J: list[list[int]]
+
+
+def document(report: NoiseReport, along: NoiseAlong | None = None) -> NoiseDocument:
     """JSON-ready verdicts of Theorem 3.1: per equation, per noise of the model (`annotated`), per place that
     was asked for (`asked`). `equations` of a noise are indices into `equations`, from 0. `along` holds the
     verdicts at the points of a trajectory, where they were asked for."""
-    judged = {} if along is None else {"along": along_document(along)}
-    return {
-        **_document(report),
-        **judged,
-    }
+    judged = _document(report)
+    if along is not None:
+        judged["along"] = along_document(along)
+    return judged
 
 
-def along_document(along: NoiseAlong) -> dict[str, Any]:
+def along_document(along: NoiseAlong) -> Along:
     """The verdicts along a trajectory: all noises and places that were asked for, and of the equations those
     that are not admissible everywhere."""
     return {
@@ -42,7 +123,7 @@ def along_document(along: NoiseAlong) -> dict[str, Any]:
     }
 
 
-def _along(place: NoisePlaceAlong) -> dict[str, Any]:
+def _along(place: NoisePlaceAlong) -> JudgedAlong:
     return {
         "name": place.name,
         "admissible": place.admissible,
@@ -56,9 +137,8 @@ def _along(place: NoisePlaceAlong) -> dict[str, Any]:
     }
 
 
-def _document(report: NoiseReport) -> dict[str, Any]:
+def _document(report: NoiseReport) -> NoiseDocument:
     return {
-        "schema": SCHEMA,
         "n_equations": len(report.equations),
         "n_dynamic": report.n_dynamic,
         "index": report.index,
@@ -76,7 +156,7 @@ def _document(report: NoiseReport) -> dict[str, Any]:
     }
 
 
-def structure(dae: LinearDAE) -> dict[str, Any]:
+def structure(dae: LinearDAE) -> Pattern:
     """Unknowns with their units, and the places [row, column] of E and J that are not zero."""
     return {
         "unknowns": [{"name": v.name, "unit": v.unit} for v in dae.unknowns],
@@ -89,11 +169,11 @@ def _pattern(matrix: Matrix) -> list[list[int]]:
     return np.column_stack(sp.csr_array(matrix).nonzero()).tolist()
 
 
-def _noise(place: NoisePlace) -> dict[str, Any]:
+def _noise(place: NoisePlace) -> JudgedNoise:
     return {"name": place.name, "equations": list(place.equations), **_verdict(place)}
 
 
-def _verdict(place: NoisePlace) -> dict[str, Any]:
+def _verdict(place: NoisePlace) -> Judged:
     return {
         "admissible": place.admissible,
         "projection_norm": place.projection_norm,

@@ -1,16 +1,74 @@
-"""Entries that the documents of linear models share."""
+"""Entries that several documents share."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Mapping
+from typing import Annotated, NotRequired, TypedDict
 
-from daest.model.flat import Equation
+from daest.model.fit import Agreement, FittedParameter
 from daest.model.linear import RankDecision
+from daest.model.parts import Equation
 from daest.numerics.ranks import warning
 
+ByOutput = dict[str, float | None]
 
-def equation_entry(index: int, equation: Equation) -> dict[str, Any]:
+
+class EquationEntry(TypedDict):
+    index: Annotated[int, "row of E, counted from 0"]
+    text: str
+    kind: NotRequired[Annotated[str, "component, connection, flow, unconnected or binding"]]
+    origin: str
+    place: Annotated[str | None, "file:line"]
+
+
+class Decision(TypedDict):
+    what: str
+    singular_values: list[float]
+    threshold: float
+    rank: int
+    gap: float | None
+    warning: str | None
+
+
+class ByPart(TypedDict):
+    estimation: ByOutput
+    validation: NotRequired[ByOutput]
+
+
+class Errors(TypedDict):
+    fit_percent: ByPart
+    rms: ByPart
+
+
+class ModelName(TypedDict):
+    name: str
+    source: str
+
+
+class Searched(TypedDict):
+    effects: list[str]
+    places: list[str]
+
+
+class MadeOf(TypedDict):
+    """What a diagnosis was made of."""
+
+    model: NotRequired[ModelName]
+    data: NotRequired[list[str]]
+    validated_on: NotRequired[list[str]]
+    outputs: NotRequired[Annotated[dict[str, str], "units"]]
+    searched: NotRequired[Searched]
+    notes: NotRequired[list[str]]
+
+
+class Uncertain(TypedDict):
+    value: float
+    std_error: float | None
+    unit: str
+
+
+def equation_entry(index: int, equation: Equation) -> EquationEntry:
     """`index` counts from 0, as the rows of E do; `place` is `file:line`, None where it is not known."""
     place = equation.place
     where = None if place is None else f"{place.file}:{place.line}" if place.line is not None else place.file
@@ -23,7 +81,7 @@ def equation_entry(index: int, equation: Equation) -> dict[str, Any]:
     }
 
 
-def decision_entry(decision: RankDecision) -> dict[str, Any]:
+def decision_entry(decision: RankDecision) -> Decision:
     """A rank decision; `gap` is None where nothing but zeros was dropped, `warning` None where it is
     clear."""
     return {
@@ -34,3 +92,20 @@ def decision_entry(decision: RankDecision) -> dict[str, Any]:
         "gap": decision.gap if math.isfinite(decision.gap) else None,
         "warning": warning(decision) or None,
     }
+
+
+def errors_entry(parts: Mapping[str, Agreement]) -> Errors:
+    """Agreement with the data for estimation and, where there are any, with those for validation."""
+    estimation, validation = parts["estimation"], parts.get("validation")
+    errors: Errors = {
+        "fit_percent": {"estimation": dict(estimation.fit_percent)},
+        "rms": {"estimation": dict(estimation.rms)},
+    }
+    if validation is not None:
+        errors["fit_percent"]["validation"] = dict(validation.fit_percent)
+        errors["rms"]["validation"] = dict(validation.rms)
+    return errors
+
+
+def uncertain_entry(parameter: FittedParameter) -> Uncertain:
+    return {"value": parameter.value, "std_error": parameter.std_error, "unit": parameter.unit}

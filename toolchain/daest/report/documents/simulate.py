@@ -2,14 +2,32 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Literal, NotRequired, TypedDict
 
 import numpy as np
 
 from daest.model.simulation import Simulation
 
 
-def document(simulation: Simulation) -> dict[str, Any]:
+class SimulateDocument(TypedDict):
+    """Trajectories of a model."""
+
+    model: str
+    method: str
+    hold: Literal["zoh", "foh"]
+    noise: bool
+    seed: int | None
+    n_samples: int
+    inputs: list[str]
+    outputs: list[str]
+    states: NotRequired[list[str]]
+    units: dict[str, str]
+    time: list[float]
+    trajectories: dict[str, list[float | None]]
+    notes: NotRequired[list[str]]
+
+
+def document(simulation: Simulation) -> SimulateDocument:
     """What `daest simulate --format json` prints: names, units, method, outputs and states by name.
 
     Trajectories are lists of numbers, null where a value is not finite."""
@@ -24,7 +42,7 @@ def document(simulation: Simulation) -> dict[str, Any]:
         "outputs": list(simulation.output_names),
         "states": list(simulation.state_names),
         "units": dict(simulation.units),
-        "time": _numbers(simulation.time),
+        "time": simulation.time.tolist(),
         "trajectories": _trajectories(simulation),
     }
 
