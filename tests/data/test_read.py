@@ -6,7 +6,8 @@ import pytest
 import scipy.io
 
 from daest.data.prepare import Preparation
-from daest.data.read import Signal, measured_names, read_experiments, select_outputs
+from daest.data.read import Signal, measured_names, read_experiments, read_table, select_outputs
+from daest.data.table import Part
 from daest.errors import ConfigError, DataError
 
 U = Signal("u", "V")
@@ -88,17 +89,17 @@ def test_mat_file_with_struct(tmp_path):
 def test_parquet_file_or_what_to_install(tmp_path):
     path = tmp_path / "run.parquet"
     try:
-        import pyarrow  # noqa: F401
+        import pandas as pd
     except ImportError:
         path.write_bytes(b"PAR1")
         assert error_of(path).code == "data-needs-pyarrow"
         return
-    import pandas as pd
-
     pd.DataFrame({"time": [0.0, 1.0], "u [mV]": [1.0, 2.0], "phi": [3.0, np.nan]}).to_parquet(path)
     experiment = read(path)
     assert experiment.inputs[:, 0] == pytest.approx([1e-3, 2e-3])
     assert np.isnan(experiment.outputs[1, 0])
+    table = read_table(path, Part(("phi",)))
+    assert [column.name for column in table.columns] == ["time", "phi"]
 
 
 BAD_FILES = [

@@ -289,7 +289,7 @@ EXPLANATIONS: dict[str, str] = {
         "'daest[excel]'. CSV needs nothing."
     ),
     "data-needs-pyarrow": (
-        "Parquet files are read through pandas and pyarrow, which are optional parts of the installation: "
+        "Parquet files are read through pandas, which is an optional part of the installation: "
         "pip install 'daest[parquet]'."
     ),
     "data-no-header": (

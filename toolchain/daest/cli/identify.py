@@ -175,6 +175,7 @@ def command(
         model_options.class_name,
         model_options.libraries,
         bootstrap=bootstrap or 0,
+        others=plot is not None,
     )
     with telling(lambda: emit(found.document, "identify", form, output, texts.text)):
         keep_fit(project, found)
@@ -195,8 +196,10 @@ def identified(
     flat: FlatModel | None = None,
     *,
     bootstrap: int = 0,
+    others: bool = True,
 ) -> Identified:
-    """Identify the model (default: that of daest.toml) from the recordings."""
+    """Identify the model (default: that of daest.toml) from the recordings; not `others`: columns that are no
+    signal of the model are not read."""
     from daest.cli.kept import training_files
     from daest.cli.models import load_model, model_source
     from daest.cli.recordings import training_data
@@ -210,7 +213,7 @@ def identified(
     if flat is None:
         flat = load_model(project, source, class_name, libraries)
     loaded = flat
-    flat, estimation, validation = training_data(loaded, project, data, data_options)
+    flat, estimation, validation = training_data(loaded, project, data, data_options, others=others)
     options = options or IdentifyOptions(hold=data_options.known_hold(project))
     is_long = bool(options.profile or bootstrap or options.starts > 1)
     with progress() if is_long else nullcontext(silent) as tell:

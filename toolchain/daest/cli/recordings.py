@@ -20,9 +20,10 @@ from daest.model.flat import FlatModel
 
 
 def training_data(
-    flat: FlatModel, project: Project, paths: Sequence[Path], options: DataOptions
+    flat: FlatModel, project: Project, paths: Sequence[Path], options: DataOptions, *, others: bool = True
 ) -> tuple[FlatModel, list[Experiment], list[Experiment]]:
-    """The model with its measured outputs alone, the recordings for estimation and those for validation.
+    """The model with its measured outputs alone, the recordings for estimation and those for validation; not
+    `others`: without the columns that are no signal of the model.
 
     A split on the command line takes the place of [data] validate. Raises ConfigError `data-not-given`.
     """
@@ -30,7 +31,7 @@ def training_data(
     estimation_paths = list(paths) or list(project.estimate)
     _require(estimation_paths)
     validation_paths = [] if preparation.split is not None else list(project.validate)
-    experiments = _read(flat, project, [*estimation_paths, *validation_paths], preparation)
+    experiments = _read(flat, project, [*estimation_paths, *validation_paths], preparation, others)
     flat, experiments = _measured(flat, experiments)
     n = len(estimation_paths)
     estimation, validation = split_all(experiments[:n], preparation)
@@ -69,7 +70,7 @@ def driving_data(
     chosen = list(paths) or list(project.estimate)
     _require(chosen)
     return read_experiments(
-        chosen, *_signals(flat, project), preparation, outputs_required=False, **_words(project)
+        chosen, *_signals(flat, project), preparation, outputs_required=False, others=False, **_words(project)
     )
 
 
@@ -83,12 +84,13 @@ def _require(paths: Sequence[Path]) -> None:
 
 
 def _read(
-    flat: FlatModel, project: Project, paths: Sequence[Path], preparation: Preparation
+    flat: FlatModel, project: Project, paths: Sequence[Path], preparation: Preparation, others: bool = True
 ) -> list[Experiment]:
     """The recordings, looked at as they are, then prepared; remarks and warnings go to stderr."""
     raw = replace(preparation, period=None, detrend="none")
     experiments = []
-    for experiment in read_experiments(paths, *_signals(flat, project), raw, **_words(project)):
+    words = {**_words(project), "others": others}
+    for experiment in read_experiments(paths, *_signals(flat, project), raw, **words):
         for finding in check_experiment(experiment).warnings:
             warn(finding.code, f"{experiment.name}: {finding.sentence}")
         prepared = prepare(experiment, preparation)

@@ -74,11 +74,13 @@ def _long_steps(time: np.ndarray, steps: np.ndarray, step: float, spread: float)
         found.append(
             Finding("check-clock-jump", "warning", None, text, float(time[jumps[0]]), int(jumps.size))
         )
-    ratio = steps / step
+    long = np.flatnonzero((steps >= 1.5 * step) & (steps <= JUMP * step))
+    ratio = steps[long] / step
     whole = np.round(ratio)
-    gaps = np.nonzero((whole >= 2) & (np.abs(ratio - whole) < WHOLE) & (ratio <= JUMP))[0]
+    is_gap = (whole >= 2) & (np.abs(ratio - whole) < WHOLE)
+    gaps = long[is_gap]
     if gaps.size and spread < JITTER:
-        lost = int(np.sum(whole[gaps] - 1))
+        lost = int(np.sum(whole[is_gap] - 1))
         text = (
             f"leaves out about {lost} sample(s) in {gaps.size} gap(s), the longest {steps[gaps].max():.4g} s"
         )

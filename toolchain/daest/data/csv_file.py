@@ -7,29 +7,63 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from daest.data.csv_arrow import read_numbers
 from daest.data.grid import Grid, cell_number, grid_table
 from daest.data.problems import empty_file, unreadable_file
-from daest.data.table import Table
+from daest.data.table import Part, Table
 from daest.errors import DataError, Place
 
 SPACES = " "  # any white space between cells
 SEPARATORS = (",", ";", "\t", "|", SPACES)
 COMMENTS = ("#", "%", "//")
 ENCODINGS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf": "utf-8-sig"}
+LARGE = 1 << 20  # bytes from which on Arrow is worth loading
+HEAD = 1 << 16  # bytes from which the look of a large file is told
+ALL = Part()
 _LOOKED_AT = 400  # lines, spread over the file, from which separator and decimal mark are told
 _EXCEL = re.compile(r"sep=(.)\r?$")  # first line of a CSV file of Excel
 _GAP = re.compile(r"\s+(?![\[(])")  # a unit in brackets belongs to the name before it
 
 
-def read_csv(path: Path) -> Table:
-    """The table of a CSV file.
+def read_csv(path: Path, part: Part = ALL) -> Table:
+    """The table of a CSV file; of a large one of plain numbers only `part`.
 
     Cells are parted by , ; | tab or white space, whichever makes most of them numbers; a decimal comma is
     read where commas do not part cells. Lines that begin with # % or // are comments. The text is UTF-8,
     UTF-16 with a byte order mark, or else Windows-1252. Raises DataError `data-empty-file`, `data-encoding`,
     `data-unreadable-file`, and what `grid_table` raises.
     """
-    text, notes = _decoded(path)
+    if path.stat().st_size > LARGE:
+        table = _large(path, part)
+        if table is not None:
+            return table
+    return _table(*_decoded(path.read_bytes(), path), path)[0]
+
+
+def _large(path: Path, part: Part) -> Table | None:
+    """The table of a large file of plain numbers, told from its first lines; None where it is not plain."""
+    with path.open("rb") as file:
+        raw = file.read(HEAD)
+    raw = raw[: raw.rfind(b"\n") + 1]
+    if b'"' in raw or b"\0" in raw or b"\r" in raw.replace(b"\r\n", b""):
+        return None
+    try:
+        head, separator, decimal = _table(raw.decode("utf-8-sig"), (), path)
+    except (DataError, UnicodeDecodeError):
+        return None
+    if separator == SPACES or len(head.columns) != len(_cells(_line(raw, head), separator)):
+        return None
+    return read_numbers(path, head, separator, decimal, part)
+
+
+def _line(raw: bytes, head: Table) -> str:
+    """The first row of numbers."""
+    assert head.lines is not None
+    return raw.decode("utf-8-sig").splitlines()[int(head.lines[0]) - 1] if len(head.lines) else ""
+
+
+def _table(text: str, notes: tuple[str, ...], path: Path) -> tuple[Table, str, str]:
+    """The table of a text with its separator and decimal mark."""
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     excel = _EXCEL.match(lines[0])
     if excel:
@@ -49,11 +83,10 @@ def read_csv(path: Path) -> Table:
     if not rows:
         raise empty_file(path, "the file is empty")
     remarks = _remarks(lines, separator, numbers[0])
-    return grid_table(Grid(rows, numbers, decimal, remarks, notes), path)
+    return grid_table(Grid(rows, numbers, decimal, remarks, notes), path), separator, decimal
 
 
-def _decoded(path: Path) -> tuple[str, tuple[str, ...]]:
-    raw = path.read_bytes()
+def _decoded(raw: bytes, path: Path) -> tuple[str, tuple[str, ...]]:
     encoding = next((name for mark, name in ENCODINGS.items() if raw.startswith(mark)), "utf-8")
     notes: tuple[str, ...] = ()
     try:

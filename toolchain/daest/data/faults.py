@@ -75,6 +75,22 @@ class Samples:
         return steps[steps > 0]
 
     @cached_property
+    def large_step(self) -> float:
+        """The size that nine of ten changes do not reach."""
+        return float(np.quantile(self.steps, 0.9))
+
+    @cached_property
+    def spikes(self) -> tuple[np.ndarray, float]:
+        """What a median filter of five samples takes away, and the size beyond which it is a spike."""
+        from scipy.ndimage import median_filter
+
+        rest = self.values - median_filter(self.values, 5, mode="nearest")
+        sizes = np.abs(rest)
+        usual = 1.4826 * float(np.median(sizes))
+        rare = max(float(np.quantile(sizes, 1 - RARE)), self.resolution or 0.0)
+        return rest, max(SPIKE * usual, SPIKE_BEYOND * rare)
+
+    @cached_property
     def resolution(self) -> float | None:
         """Distance of the lattice on which the values stand; None where they do not."""
         gaps = np.diff(self.levels[0])
@@ -196,23 +212,12 @@ def _stuck(samples: Samples) -> list[Finding]:
 def _jumped(samples: Samples, starts: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     """Whether the steps into and out of the runs are both large among those of the signal."""
     sizes = np.abs(np.diff(samples.values, prepend=samples.values[0], append=samples.values[-1]))
-    large = STUCK_JUMP * float(np.quantile(samples.steps, 0.9))
+    large = STUCK_JUMP * samples.large_step
     return (sizes[starts] > large) & (sizes[starts + lengths] > large)
 
 
-def _spread(samples: Samples) -> tuple[np.ndarray, float]:
-    """What a median filter of five samples takes away, and the size beyond which it is a spike."""
-    from scipy.ndimage import median_filter
-
-    rest = samples.values - median_filter(samples.values, 5, mode="nearest")
-    sizes = np.abs(rest)
-    usual = 1.4826 * float(np.median(sizes))
-    rare = max(float(np.quantile(sizes, 1 - RARE)), samples.resolution or 0.0)
-    return rest, max(SPIKE * usual, SPIKE_BEYOND * rare)
-
-
 def _outliers(samples: Samples) -> list[Finding]:
-    rest, limit = _spread(samples)
+    rest, limit = samples.spikes
     values = samples.values
     spikes = np.nonzero(np.abs(rest) > limit)[0]
     spikes = spikes[(spikes >= 2) & (spikes < values.size - 2)]
@@ -238,14 +243,14 @@ def _steps_around(values: np.ndarray, i: int) -> float:
 def _drops(samples: Samples) -> list[Finding]:
     """Short visits to one and the same value, far from what stands before and after."""
     starts, lengths = samples.runs
-    values = samples.values
-    inner = (starts > 0) & (starts + lengths < values.size) & (lengths <= LONGEST_DROP)
-    starts, lengths = starts[inner], lengths[inner]
-    before, there, after = values[starts - 1], values[starts], values[starts + lengths]
-    depth = np.minimum(np.abs(there - before), np.abs(there - after))
-    _, limit = _spread(samples)
-    usual = np.quantile(samples.steps, 0.9)
-    dropped = (depth > max(limit, SPIKE_BEYOND * usual)) & (np.abs(after - before) < NEIGHBOURS_AGREE * depth)
+    levels = samples.values[starts]
+    edges = np.abs(np.diff(levels))
+    depth = np.minimum(edges[:-1], edges[1:])
+    deep = depth > max(samples.spikes[1], SPIKE_BEYOND * samples.large_step)
+    inner = 1 + np.flatnonzero(deep & (lengths[1:-1] <= LONGEST_DROP))
+    starts, lengths, depth = starts[inner], lengths[inner], depth[inner - 1]
+    before, there, after = levels[inner - 1], levels[inner], levels[inner + 1]
+    dropped = np.abs(after - before) < NEIGHBOURS_AGREE * depth
     targets, counts = np.unique(there[dropped], return_counts=True)
     if not targets.size or counts.max() < 3 or counts.max() < 0.8 * counts.sum():
         return []

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from daest.data.csv_file import read_csv
+from daest.data.csv_file import ALL, read_csv
 from daest.data.excel_file import read_excel
 from daest.data.frame import frame_table, is_frame
 from daest.data.mat_file import read_mat
@@ -17,18 +17,18 @@ from daest.data.parquet_file import read_parquet
 from daest.data.prepare import Preparation, prepare, regular_times
 from daest.data.problems import raise_collected
 from daest.data.stamps import in_seconds, with_seconds
-from daest.data.table import Column, Table, nearest, time_unit
+from daest.data.table import Column, Part, Table, nearest, time_unit
 from daest.errors import DataError, Place
 from daest.model.experiment import Experiment
 from daest.quantities import conversion
 
-_READERS: dict[str, Callable[[Path], Table]] = {
+_READERS: dict[str, Callable[[Path, Part], Table]] = {
     ".csv": read_csv,
     ".txt": read_csv,
     ".tsv": read_csv,
-    ".mat": read_mat,
+    ".mat": lambda path, _: read_mat(path),
     ".parquet": read_parquet,
-    ".xlsx": read_excel,
+    ".xlsx": lambda path, _: read_excel(path),
     ".dat": read_csv,
 }
 _FEWEST_ROWS = 2
@@ -54,28 +54,33 @@ def read_experiments(
     outputs_required: bool = True,
     time: str | None = None,
     units: Mapping[str, str] | None = None,
+    others: bool = True,
 ) -> list[Experiment]:
     """One experiment per file, with every signal of `inputs` and `outputs` in that order and in its unit.
 
     It is named after its file, by the whole path where two files have the same name. A pandas DataFrame or
     an xarray Dataset may stand in place of a path; those are called `data 1`, `data 2` by their position.
     `time` names the column of the time where it is not called so, `units` the units of columns whose header
-    has none.
+    has none. Not `others`: columns that are no signal need not be read, and then are not in `extra`.
 
     An output that a file has no column for is all NaN there, unless a column was named for it. Raises
     DataError with all problems of a file at once: missing columns, units that do not fit, texts, time that
     does not increase, gaps in inputs; and `data-no-output` if `outputs_required` and a file has none of them.
     """
+    preparation = preparation or Preparation()
+    part = Part(None, preparation.start, preparation.stop, time, units or {})
+    if not others:
+        part = replace(part, names=tuple(signal.column or signal.name for signal in (*inputs, *outputs)))
     experiments = [
         _matched(
             with_units(table, units or {}),
             inputs,
             outputs,
-            preparation or Preparation(),
+            preparation,
             outputs_required,
             time,
         )
-        for table in map(_table, paths, range(1, len(paths) + 1))
+        for table in (_table(source, position, part) for position, source in enumerate(paths, 1))
     ]
     stems = [experiment.name for experiment in experiments]
     return [
@@ -84,9 +89,9 @@ def read_experiments(
     ]
 
 
-def read_table(path: Path) -> Table:
-    """The columns of a file of any kind that is read. Raises DataError if it is missing, unreadable or
-    empty."""
+def read_table(path: Path, part: Part = ALL) -> Table:
+    """The columns of a file of any kind that is read, or the wanted `part` where its kind can be read in
+    part. Raises DataError if it is missing, unreadable or empty."""
     if not path.is_file():
         what = "is a folder, not a file" if path.is_dir() else "does not exist"
         raise DataError(
@@ -104,7 +109,7 @@ def read_table(path: Path) -> Table:
             where=Place(str(path)),
             remedy=f"give one of {', '.join(sorted(_READERS))}",
         )
-    return reader(path)
+    return reader(path, part)
 
 
 def measured_names(experiments: Sequence[Experiment]) -> tuple[str, ...]:
@@ -137,8 +142,8 @@ def _neighbours(path: Path) -> list[str]:
     return [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
 
 
-def _table(source: Any, position: int) -> Table:
-    return frame_table(source, f"data {position}") if is_frame(source) else read_table(Path(source))
+def _table(source: Any, position: int, part: Part) -> Table:
+    return frame_table(source, f"data {position}") if is_frame(source) else read_table(Path(source), part)
 
 
 def with_units(table: Table, units: Mapping[str, str]) -> Table:

@@ -28,6 +28,13 @@ def told_unit(column: Column) -> str | None:
     return _epoch_unit(column.values)
 
 
+def cut_unit(column: Column) -> str | None:
+    """The unit of a column of the time that counts from zero, whose first rows `column` holds: known without
+    the others. None where seconds count from the first row."""
+    is_counted = not column.texts and _epoch_unit(column.values) is None
+    return (told_unit(column) or time_unit(column) or "s") if is_counted else None
+
+
 def in_seconds(column: Column) -> np.ndarray:
     """Values (n_rows,) of the column of the time in s; seconds where nothing tells their unit.
 

@@ -37,17 +37,31 @@ class Column:
 
 
 @dataclass(frozen=True)
+class Part:
+    """What of a recording is wanted: the columns `names`, with or without their units (None: all), at times
+    from `start` to `stop` in seconds (None: open). `time` is the column of the time (None: see `find_time`),
+    `units` are those of columns whose header has none. A reader may give more."""
+
+    names: tuple[str, ...] | None = None
+    start: float | None = None
+    stop: float | None = None
+    time: str | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Table:
-    """All columns of a file; `lines` (n_rows,) are line numbers for messages, None where a file has no
+    """The columns of a file; `lines` (n_rows,) are line numbers for messages, None where a file has no
     lines, and `header_line` is that of the names. `notes` say how the file was read where that was not
-    plain; `left_out` says of what is no column, by name, why."""
+    plain; `left_out` says of what is no column, by name, why; `unread` names columns that were not wanted."""
 
     file: str
     columns: tuple[Column, ...]
-    lines: np.ndarray | None
+    lines: np.ndarray | range | None
     header_line: int = 1
     notes: tuple[str, ...] = ()
     left_out: Mapping[str, str] = field(default_factory=dict)
+    unread: tuple[str, ...] = ()
 
     def place(self, row: int | None = None, column: Column | None = None) -> Place:
         """Where a row (counted from 0) stands; the header without one."""
@@ -66,7 +80,7 @@ class Table:
 
     @property
     def names(self) -> tuple[str, ...]:
-        return tuple(column.name for column in self.columns if column.name)
+        return (*(column.name for column in self.columns if column.name), *self.unread)
 
 
 def split_header(text: str) -> tuple[str, str | None]:
@@ -103,12 +117,25 @@ def stem(column: Column) -> str:
     return column.name if column.unit is not None or not column_unit(column) else _BEHIND.sub("", column.name)
 
 
+def is_time(name: str) -> bool:
+    """Whether a column of this name is the time."""
+    return _TIME.match(name) is not None
+
+
 def time_unit(column: Column) -> str | None:
     """Unit of a column that is the time by its name (`time`, `time_s`, `time_ms`, `time [ms]`), else None."""
     match = _TIME.match(column.name)
     if match is None:
         return None
     return column.unit or (match["unit"] or "s").lower()
+
+
+def time_column(table: Table, name: str | None = None) -> Column | None:
+    """The column called `name`, else the only one that is the time by its name; None where there is none."""
+    if name is not None:
+        return table.find(name)
+    times = [column for column in table.columns if time_unit(column) is not None]
+    return times[0] if len(times) == 1 else None
 
 
 def nearest(name: str, candidates: Iterable[str]) -> str:
