@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal, NotRequired, TypedDict
+from typing import Literal, NotRequired, TypedDict, cast
 
 import numpy as np
 
@@ -23,6 +23,7 @@ class TestEntry(_Passed):
 class Tests(TypedDict):
     whiteness: dict[str, TestEntry]
     input_independence: dict[str, TestEntry]
+    variable_independence: NotRequired[dict[str, TestEntry]]
     nis: dict[str, TestEntry]
 
 
@@ -130,11 +131,7 @@ def _model(trial: ModelTrial) -> ModelEntry:
         "growth": [_horizon(horizon) for horizon in trial.growth],
         "log_likelihood": trial.log_likelihood,
         "bic": trial.bic,
-        "tests": {
-            "whiteness": _tests(trial.tests.get("whiteness", {})),
-            "input_independence": _tests(trial.tests.get("input_independence", {})),
-            "nis": _tests(trial.tests.get("nis", {})),
-        },
+        "tests": cast(Tests, {kind: _tests(by_output) for kind, by_output in trial.tests.items()}),
         "feedback": _tests(trial.feedback),
         "verdict": trial.verdict,
         "where": [_finding(finding) for finding in trial.where],
