@@ -80,3 +80,17 @@ def test_balancing_tells_no_warning_about_units(recwarn):
     assert scaled == pytest.approx(A * size / size[:, None])
     assert abs(scaled[0, 1]) == pytest.approx(abs(scaled[1, 0]), rel=15.0)
     assert not recwarn
+
+
+@pytest.mark.parametrize("value", [np.inf, np.nan, 1e300])
+def test_rates_that_overflow_have_no_transition(value, capfd, recwarn):
+    A, Q = np.array([[0.0, 1.0], [-value, -1.0]]), np.eye(2)
+    dA = np.stack([np.eye(2)])
+    with np.errstate(all="ignore"):
+        parts = transition_integrals(A, 0.1), transition_integral_derivatives(A, dA, 0.1)
+        covs = covariance_integral(A, Q, 0.1), covariance_integral_derivatives(A, Q, dA, dA, 0.1)
+    if not np.isfinite(value):
+        assert all(np.isnan(part.transition).all() for part in parts)
+        assert all(np.isnan(cov).all() for cov in covs)
+    assert capfd.readouterr() == ("", "")
+    assert not recwarn

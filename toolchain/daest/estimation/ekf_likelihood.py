@@ -119,6 +119,7 @@ def _directions(problem: EkfProblem, z: np.ndarray, std: np.ndarray) -> Directio
 def objective(problem: EkfProblem) -> Callable[[np.ndarray, bool], Evaluation | None]:
     """Negative log-likelihood, priors and ties over the search vector; None where the filter cannot run."""
 
+    @np.errstate(all="ignore")  # where numbers overflow, there is no value
     def evaluate(z: np.ndarray, with_slopes: bool) -> Evaluation | None:
         parts = likelihoods(problem, z, with_slopes)
         if parts is None:

@@ -79,6 +79,7 @@ class Errors:
 def objective(problem: TrajectoryProblem) -> Callable[[np.ndarray, bool], Evaluation | None]:
     """Negative log-likelihood, priors and ties over the search vector; None where an integration fails."""
 
+    @np.errstate(all="ignore")  # where numbers overflow, there is no value
     def evaluate(z: np.ndarray, with_slopes: bool) -> Evaluation | None:
         errors = prediction_errors(problem, z, with_slopes)
         if errors is None or not np.isfinite(errors.negative_log_likelihood):

@@ -34,7 +34,9 @@ class TransitionIntegrals:
 
 
 def transition_integrals(A: np.ndarray, period: float) -> TransitionIntegrals:
-    """Φ and its two integrals over `period` [s] for A (n, n) [1/s]."""
+    """Φ and its two integrals over `period` [s] for A (n, n) [1/s]; NaN where A is not finite."""
+    if not np.all(np.isfinite(A)):
+        return TransitionIntegrals(*(np.full(A.shape, np.nan) for _ in range(3)))
     scaled, size = balanced(A)
     if A.shape[0] >= LARGE:
         found = _doubled_integrals(scaled, period)
@@ -44,7 +46,10 @@ def transition_integrals(A: np.ndarray, period: float) -> TransitionIntegrals:
 
 
 def transition_integral_derivatives(A: np.ndarray, dA: np.ndarray, period: float) -> TransitionIntegrals:
-    """Derivatives of `transition_integrals` in the directions dA (p, n, n); every field is (p, n, n)."""
+    """Derivatives of `transition_integrals` in the directions dA (p, n, n); every field is (p, n, n),
+    and NaN where A is not finite."""
+    if not np.all(np.isfinite(A)):
+        return TransitionIntegrals(*(np.full(dA.shape, np.nan) for _ in range(3)))
     n, (scaled, size) = A.shape[0], balanced(A)
     direction = np.zeros((dA.shape[0], 3 * n, 3 * n))
     direction[:, :n, :n] = dA * size / size[:, None] * period
@@ -58,7 +63,10 @@ def _in_units(found: TransitionIntegrals, size: np.ndarray) -> TransitionIntegra
 
 
 def covariance_integral(A: np.ndarray, Q: np.ndarray, period: float) -> np.ndarray:
-    """∫₀ᵀ e^(A s) Q e^(Aᵀ s) ds for A (n, n) and positive semidefinite Q (n, n)."""
+    """∫₀ᵀ e^(A s) Q e^(Aᵀ s) ds for A (n, n) and positive semidefinite Q (n, n); NaN where they are not
+    finite."""
+    if not np.all(np.isfinite(A)) or not np.all(np.isfinite(Q)):
+        return np.full(A.shape, np.nan)
     scaled, size = balanced(A)
     units = np.outer(size, size)
     if A.shape[0] >= LARGE:
@@ -84,6 +92,8 @@ def covariance_integral_derivatives(
     A: np.ndarray, Q: np.ndarray, dA: np.ndarray, dQ: np.ndarray, period: float
 ) -> np.ndarray:
     """Derivatives (p, n, n) of `covariance_integral` in the directions (dA, dQ), both (p, n, n)."""
+    if not np.all(np.isfinite(A)) or not np.all(np.isfinite(Q)):
+        return np.full(dA.shape, np.nan)
     scaled, size = balanced(A)
     units = np.outer(size, size)
     return units * _covariance_derivatives(scaled, Q / units, dA * size / size[:, None], dQ / units, period)

@@ -20,15 +20,16 @@ UNDAMPED_MARGIN = 1e-9  # a mode with |λ| > 1 - this does not die out within a 
 
 
 def hidden_basis(Phi: np.ndarray, C: np.ndarray) -> np.ndarray:
-    """Unobservable subspace (n, r) of (C, Φ), empty (n, 0) unless it holds a mode that does not die out."""
+    """Unobservable subspace (n, r) of (C, Φ), empty (n, 0) unless it holds a mode that does not die out, and
+    where no output sees anything at all."""
+    if not np.all(np.isfinite(Phi)) or not np.any(C):
+        return np.zeros((Phi.shape[0], 0))
     _, hidden = unobservable_subspace(Phi, C)
     return hidden if undamped_modes(Phi, hidden, UNDAMPED_MARGIN)[0].size else hidden[:, :0]
 
 
 def forgetting(Phi: np.ndarray, C: np.ndarray) -> np.ndarray:
     """Φ (I - Π) for a transition Φ (n, n): the same predictions without the undamped hidden modes."""
-    if not np.all(np.isfinite(Phi)):
-        return Phi
     basis = hidden_basis(Phi, C)
     return Phi - Phi @ _Projection(Phi, basis).whole if basis.shape[1] else Phi
 

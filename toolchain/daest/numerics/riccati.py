@@ -61,13 +61,14 @@ def unobservable_subspace(Phi: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, n
 
     A staircase on Φ - I (the same subspaces, but not nearly dependent when the sampling is fast) after
     diagonal balancing: new directions (Φ - I)ᵀ V count while their size exceeds the rounding error of Φ,
-    tolerance 100 n eps (1 + ||Φ||). The rows and columns are orthonormal after balancing only.
+    tolerance 100 n eps (1 + ||Φ||); those of C itself are exact. The rows and columns are orthonormal after
+    balancing only.
     """
     n = Phi.shape[0]
     if n == 0:
         return np.zeros((0, 0)), np.zeros((0, 0))
     step, size = balanced(Phi - np.eye(n))
-    tolerance = 100 * n * np.finfo(float).eps * (1.0 + np.linalg.norm(step + np.eye(n), 2))
+    tolerance = rounding = 100 * n * np.finfo(float).eps
     rows = C * size  # x = size · balanced
     lengths = np.linalg.norm(rows, axis=1)
     rows = rows[lengths > 0] / lengths[lengths > 0, None]
@@ -78,7 +79,7 @@ def unobservable_subspace(Phi: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, n
         _, values, directions = np.linalg.svd(rows, full_matrices=False)
         new = directions[values > tolerance]
         basis = np.vstack([basis, new])
-        rows = new @ step
+        rows, tolerance = new @ step, rounding * (1.0 + np.linalg.norm(step + np.eye(n), 2))
     null = scipy.linalg.null_space(basis) if basis.shape[0] else np.eye(n)
     return basis / size, size[:, None] * null[:, : n - basis.shape[0]]
 
