@@ -2,11 +2,13 @@
  *   h' = v,  v' = -g - d v |v| + u,  y = h,  w = 2 v.
  * With BOUNCE it bounces at h = 0 (state event: v = -e v); with SWITCH the gravity changes its sign at t = 1 (time
  * event); with REMEMBERS a part of the drag is that of the last completed step. TRAP makes it misbehave in one call,
- * from the time TRAP_TIME on. The instance number WEARS_OUT of a process crashes it. */
+ * from the time TRAP_TIME on. The instance number WEARS_OUT of a process crashes it.
+ * SLOW are microseconds that every evaluation takes; with RANDOM the force has noise that nobody can repeat. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 #include "fmi2Functions.h"
 
 #ifndef BOUNCE
@@ -17,6 +19,12 @@
 #endif
 #ifndef REMEMBERS
 #define REMEMBERS 0
+#endif
+#ifndef SLOW
+#define SLOW 0
+#endif
+#ifndef RANDOM
+#define RANDOM 0
 #endif
 #ifndef TRAP
 #define TRAP NONE
@@ -45,9 +53,11 @@ static int trap(M *m) {
     return 0;
 }
 static void compute(M *m) {
+    if (SLOW) usleep(SLOW);
     m->v[DH] = m->v[V];
     m->v[DV] = -m->sign * m->v[G] - m->v[D] * m->v[V] * fabs(m->v[V]) + m->v[U];
     if (REMEMBERS) m->v[DV] -= 0.1 * m->heard;
+    if (RANDOM) m->v[DV] += RANDOM * (double)rand() / RAND_MAX;
     m->v[Y] = m->v[H];
     m->v[W] = 2 * m->v[V];
 }

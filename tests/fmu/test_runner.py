@@ -11,7 +11,9 @@ import pytest
 from ball_fmu import ball
 
 from daest.errors import FmuError
+from daest.fmu import runner as runner_module
 from daest.fmu.drive import Drive
+from daest.fmu.engine import Followed, Plan, engine_library
 from daest.fmu.load import load_fmu
 from daest.fmu.runner import Limits, Points, Runner
 
@@ -104,6 +106,56 @@ def test_many_simulations_in_one_request_are_as_if_alone(tmp_path):
     for k, single in enumerate(alone):
         assert np.array_equal(together.values[k], single.values[0])
     assert not np.array_equal(together.values[0], together.values[1])
+
+
+def follow_plan(n_x=2):
+    library = engine_library(2, n_x, 1, 0, 1)
+    assert library is not None
+    none = np.zeros(0)
+    return Plan(
+        str(library), none, np.ones(n_x), np.full(n_x, 1e-8), (10_000, 100_000), False, np.zeros((0, 6)),
+        np.zeros((1, 0)),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("way", ["ModelExchange", "CoSimulation", "compiled"])
+def test_the_limit_is_for_a_call_and_not_for_the_many_of_a_step(tmp_path, way):
+    """One step of a second needs many calls of 20 ms; the limit is 0.3 s."""
+    kind = "CoSimulation" if way == "CoSimulation" else "ModelExchange"
+    path = ball(tmp_path, kind, SLOW=1000 if kind == "CoSimulation" else 20_000)
+    limits = Limits(seconds=0.3)
+    if way == "compiled":
+        drive = Drive(np.array([0.0, 1.0]), (4,), np.zeros((1, 1)), np.zeros((1, 1)), np.zeros(1), (5,))
+        with Runner(load_fmu(path), limits) as runner:
+            began = time.monotonic()
+            found = runner.follow(drive, ((), np.zeros((1, 0))), np.array([1.0, 0.0]), follow_plan())
+        assert isinstance(found, Followed) and np.all(np.isfinite(found.values))
+        assert time.monotonic() - began > 0.6
+    else:
+        assert simulated(path, limits).stopped is None
+
+
+def test_all_requests_together_have_a_limit_and_are_told_of(tmp_path, monkeypatch):
+    path = ball(tmp_path, SLOW=20_000)
+    heard = []
+    monkeypatch.setattr(runner_module, "WORD_SECONDS", 0.3)
+    monkeypatch.setattr(runner_module.listeners, "tell", heard.append)
+    with pytest.raises(FmuError) as caught:
+        simulated(path, Limits(total=1.0))
+    assert caught.value.code == "fmu-too-long" and "simulated" in caught.value.what
+    assert heard and re.fullmatch(r"ball\.fmu has worked \d s, on 1 requests", heard[0])
+
+
+@pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
+def test_an_fmu_that_draws_random_numbers_ends_a_search(tmp_path, kind):
+    model = load_fmu(ball(tmp_path, kind, RANDOM=5))
+    grid, none = np.linspace(0.0, 1.0, 11), np.zeros((10, 1))
+    drive = Drive(grid, (4,), none, none, np.zeros(1), (5,))
+    with Runner(model, SHORT) as runner:
+        runner.simulate(drive, ((7,), np.array([[0.1]])))  # a single one is as good as any
+        with pytest.raises(FmuError) as caught:
+            runner.simulate(drive, ((7,), np.array([[0.2], [0.3]])))
+    assert caught.value.code == "fmu-not-repeatable"
 
 
 @pytest.mark.parametrize("text", ["none", "-1", "0", "inf"])

@@ -534,8 +534,8 @@ EXPLANATIONS: dict[str, str] = {
         "The modelDescription.xml of the FMU contradicts itself: a reference that names nothing, say."
     ),
     "fmu-limit": (
-        "DAEST_FMU_SECONDS and DAEST_FMU_MEMORY (in MB) set the limits of the process that runs an FMU; "
-        "both are positive numbers."
+        "DAEST_FMU_SECONDS, DAEST_FMU_TOTAL_SECONDS and DAEST_FMU_MEMORY (in MB) set the limits of the "
+        "process that runs an FMU; all are positive numbers."
     ),
     "fmu-memory": (
         "The process that runs the FMU reached its limit of memory. The environment variable "
@@ -558,6 +558,11 @@ EXPLANATIONS: dict[str, str] = {
     "fmu-not-an-archive": (
         "An FMU is a zip archive, and this file is none. A download that was cut off looks like this."
     ),
+    "fmu-not-repeatable": (
+        "The same simulation of an FMU, asked for twice, gave different answers, so that no search can "
+        "compare parameter values by it. It may draw random numbers, read a clock, or keep values from one "
+        "instance to the next."
+    ),
     "fmu-not-written": "The FMU could not be written to the place that was named.",
     "fmu-nothing-continuous": (
         "A linear model relates continuous variables, and the description of this FMU names none: it is "
@@ -576,6 +581,10 @@ EXPLANATIONS: dict[str, str] = {
     ),
     "fmu-too-large": (
         "The archive would unpack to far more data than an FMU holds. Such files are made to fill a disk."
+    ),
+    "fmu-too-long": (
+        "All simulations of an FMU together took longer than DAEST_FMU_TOTAL_SECONDS allows (12 hours by "
+        "default)."
     ),
     "fmu-unsafe-path": (
         "The archive holds a file that would be written outside of its own folder. Do not use it unless you "

@@ -119,8 +119,11 @@ def _load(source: Path, class_name: str | None, libraries: Sequence[Path]) -> Fl
 
     flat = symbolic_model(source)
     if flat is None:
+        from daest.cli.output import note
         from daest.fmu.binary_form import BinaryForm
+        from daest.fmu.runner import listeners
 
+        listeners.tell = note
         return BinaryForm(source).flat()
     return flat
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from daest.errors import FmuError
 from daest.fmu.drive import Drive
-from daest.fmu.instance import Instance
+from daest.fmu.instance import CALLS, Instance
 from daest.numerics.compiler import build_shared
 
 # The caller hears this often how far the solution has come.
@@ -89,7 +89,7 @@ def follow(
     n_steps, reached = _LONG(0), np.array([drive.time[0], 0.0])
     given = (drive.time, drive.u0, drive.u1, drive.u_last, None, x0)
     correction = _correction(drive)
-    with _told(lambda: float(reached[0]), alive):
+    with _told(lambda: float(reached[0]), alive), _counted(_LONG.in_dll(library, "daest_calls")):
         status = library.daest_simulate(
             _LONG(n), *map(_pointer, given), ctypes.c_int(directions), _pointer(start),
             *map(_pointer, correction), _LONG(0), ctypes.c_double(drive.rtol), _pointer(plan.atol),
@@ -130,6 +130,15 @@ def _pointer(array: np.ndarray | None) -> ctypes.c_void_p | None:
         return None
     assert array.flags.c_contiguous
     return ctypes.c_void_p(array.ctypes.data)
+
+
+@contextlib.contextmanager
+def _counted(calls: ctypes.c_long) -> Iterator[None]:
+    CALLS.more = lambda: calls.value
+    try:
+        yield
+    finally:
+        CALLS.more = lambda: 0
 
 
 @contextlib.contextmanager

@@ -44,6 +44,22 @@ class Binary:
     only_once: bool = False
 
 
+class Calls:
+    """How many calls into FMUs of this process have come back; compiled code counts its own, which `more`
+    reads."""
+
+    def __init__(self) -> None:
+        self.done = 0
+        self.more: Callable[[], int] = lambda: 0
+
+    @property
+    def all(self) -> int:
+        return self.done + self.more()
+
+
+CALLS = Calls()
+
+
 class Refusal(Exception):
     """The FMU refused a call; the text holds its own words. `is_fatal`: it cannot be used any more; `stays`:
     the instance is in the error state of FMI and refuses everything from now on."""
@@ -311,6 +327,7 @@ class Instance:
             function = ctypes.CFUNCTYPE(_INT)((full, self._unit.dll))
             self._functions[name] = function
         status = function(_POINTER(self._unit.component), *arguments)
+        CALLS.done += 1
         if status > _WARNING:
             full = f"fmi{self.binary.fmi_major}{name}"
             reason = f"{full}: {self._words('it gave no reason')}"
@@ -325,6 +342,8 @@ class Instance:
             is_fatal = getattr(problem, "status", None) == _FATAL
             name = getattr(call, "__name__", "a function")
             raise Refusal(f"{name}: {self._words(str(problem))}", is_fatal) from problem
+        finally:
+            CALLS.done += 1
 
     def _words(self, otherwise: str) -> str:
         return (self._log.taken() or otherwise).rstrip(".")

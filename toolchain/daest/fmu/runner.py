@@ -15,7 +15,7 @@ import tempfile
 import threading
 import time
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -32,25 +32,33 @@ from daest.model.fmu import FmuModel
 from daest.numerics.compiler import native_platform
 
 # Environment variables that change the limits.
-SECONDS_VARIABLE, MEMORY_VARIABLE = "DAEST_FMU_SECONDS", "DAEST_FMU_MEMORY"
+SECONDS_VARIABLE, TOTAL_VARIABLE = "DAEST_FMU_SECONDS", "DAEST_FMU_TOTAL_SECONDS"
+MEMORY_VARIABLE = "DAEST_FMU_MEMORY"
 LOG_STATUS = 97
+START_SECONDS = 60.0  # until the process of an FMU works, on a busy machine
+WORD_SECONDS = 20.0  # between two words on an FMU that takes long
+# Two answers to one question, relative to the largest value: solvers inside FMUs that begin from what they
+# remember come within 1e-6, what is drawn at random does not.
+SAME_ANSWER = 1e-4
 SHOWN_LOG = 500  # characters of what the FMU printed last
 
 
 @dataclass(frozen=True)
 class Limits:
-    """`seconds` that a single call into the FMU may take, `memory` of its process and `written` by it in
-    bytes."""
+    """`seconds` that a single call into the FMU may take, and `total` seconds that all requests to it may;
+    `memory` of its process and `written` by it in bytes."""
 
     seconds: float = 60.0
     memory: int = 8 * 1024**3
     written: int = 64 * 1024**2
+    total: float = 12 * 3600.0
 
     @classmethod
     def from_environment(cls) -> Limits:
-        """The defaults, or what DAEST_FMU_SECONDS and DAEST_FMU_MEMORY (in MB) say. FmuError `fmu-limit`."""
-        seconds = _positive(SECONDS_VARIABLE, cls.seconds)
-        return cls(seconds, int(_positive(MEMORY_VARIABLE, cls.memory / 1e6) * 1e6))
+        """The defaults, or what DAEST_FMU_SECONDS, DAEST_FMU_TOTAL_SECONDS and DAEST_FMU_MEMORY (in MB) say.
+        FmuError `fmu-limit`."""
+        seconds, total = _positive(SECONDS_VARIABLE, cls.seconds), _positive(TOTAL_VARIABLE, cls.total)
+        return cls(seconds, int(_positive(MEMORY_VARIABLE, cls.memory / 1e6) * 1e6), total=total)
 
 
 def _positive(variable: str, default: float) -> float:
@@ -110,14 +118,16 @@ class Runner:
     """An FMU ready to answer; its process starts with the first request and stays for the next ones.
 
     Errors of all requests (FmuError): `fmu-without-binary`, `fmu-binary-not-loaded`, `fmu-call-failed`,
-    `fmu-crashed`, `fmu-exited`, `fmu-hangs`, `fmu-memory`, `fmu-writes-too-much`. After one of them the next
-    request starts a new process.
+    `fmu-crashed`, `fmu-exited`, `fmu-hangs`, `fmu-too-long`, `fmu-memory`, `fmu-writes-too-much`; of
+    simulations `fmu-not-repeatable`. After one of them the next request starts a new process.
     """
 
     def __init__(self, model: FmuModel, limits: Limits | None = None) -> None:
         self.model = model
         self.limits = limits or Limits.from_environment()
         self._process: _Process | None = None
+        self._busy = Busy(model.path.name)
+        self._n_compared = 0
 
     def __enter__(self) -> Runner:
         return self
@@ -195,6 +205,9 @@ class Runner:
         optional = {"x0": x0, "measurements": drive.measurements, "gain": drive.gain}
         tables |= {name: table for name, table in optional.items() if table is not None}
         reply, found = self._ask(header, tables)
+        if self._is_due():
+            one = {"parameters": 1, "sizes": 1, "x0": 1}
+            self._compare(header, {k: t[:1] if k in one else t for k, t in tables.items()}, found)
         stop = reply["stopped"]
         stopped = None if stop is None else Stop(stop["what"], stop["time"], stop["set"])
         return Simulated(found["values"], found["states"], reply["n_events"], stopped)
@@ -219,8 +232,43 @@ class Runner:
         tables |= {name: table for name, table in optional.items() if table is not None}
         reply, found = self._ask(header, tables)
         if reply["followed"]:
+            if self._is_due():
+                self._compare(header, tables, found)
             return Followed(**found)
         return "gave up" if reply["gave_up"] else None
+
+    def _is_due(self) -> bool:
+        """Whether a simulation is repeated: the second, fourth, eighth ... one, so that a search hears of an
+        FMU that answers at random, and a single simulation costs nothing more."""
+        self._n_compared += 1
+        return self._n_compared > 1 and self._n_compared & (self._n_compared - 1) == 0
+
+    def _compare(
+        self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray], found: Mapping[str, np.ndarray]
+    ) -> None:
+        """Ask again. Raises FmuError `fmu-not-repeatable` where the answers differ by more than a solver
+        inside the FMU may make them."""
+        _, again = self._ask(header, arrays)
+        for name in ("values", "states"):
+            if name not in again:
+                raise self._not_repeatable("one time it can be followed, another time it cannot")
+            first, second = found[name][: len(again[name])], again[name]
+            scale = np.nanmax(np.abs(first), axis=tuple(range(first.ndim - 1)), initial=0.0)
+            with np.errstate(invalid="ignore"):
+                differs = ~(np.abs(first - second) <= SAME_ANSWER * scale) & ~(first == second)
+            differs &= ~(np.isnan(first) & np.isnan(second))
+            if np.any(differs):
+                place = tuple(np.argwhere(differs)[0])
+                raise self._not_repeatable(f"{first[place]:.6g} and {second[place]:.6g} for the same {name}")
+
+    def _not_repeatable(self, what: str) -> FmuError:
+        return FmuError(
+            "fmu-not-repeatable",
+            f"The FMU answers otherwise when it is asked the same again: {what}.",
+            where=str(self.model.path),
+            remedy="It may draw random numbers, or keep something between instances: fix the seed, or export "
+            "it without noise.",
+        )
 
     def _ask(
         self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
@@ -238,9 +286,10 @@ class Runner:
         self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
     ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         if self._process is None:
-            self._process = _Process(self.model, self.limits)
+            self._process = _Process(self.model, self.limits, self._busy)
         try:
-            return self._process.ask(header, arrays)
+            with self._busy:
+                return self._process.ask(header, arrays)
         except BaseException:
             self.close()
             raise
@@ -279,12 +328,50 @@ def _tables(points: Points, parameters: tuple[Sequence[int], np.ndarray]) -> dic
     }
 
 
+class Busy:
+    """The time that requests to an FMU take, all together. Who listens hears of it from time to time."""
+
+    def __init__(self, name: str) -> None:
+        self._name, self._before, self._began = name, 0.0, 0.0
+        self._n_requests, self._told = 0, 0.0
+
+    def __enter__(self) -> None:
+        self._began = time.monotonic()
+        self._n_requests += 1
+
+    def __exit__(self, *_: object) -> None:
+        self._before = self.seconds
+        self.tell()
+        self._began = 0.0
+
+    @property
+    def seconds(self) -> float:
+        return self._before + (time.monotonic() - self._began if self._began else 0.0)
+
+    def tell(self) -> None:
+        """A word where there has been none for a while."""
+        if self.seconds - self._told > WORD_SECONDS:
+            self._told = self.seconds
+            listeners.tell(f"{self._name} has worked {self.seconds:.0f} s, on {self._n_requests} requests")
+
+
+class _Listeners:
+    """Who hears of FMUs that take long; nobody, until a command listens."""
+
+    def __init__(self) -> None:
+        self.tell: Callable[[str], None] = lambda _: None
+
+
+listeners = _Listeners()
+
+
 @dataclass
 class _Heard:
     """What the worker said last about what it is doing."""
 
     stage: str = "was loaded"
     time: float | None = None
+    is_there: bool = False
     replies: queue.SimpleQueue = field(default_factory=queue.SimpleQueue)
 
     def doing(self) -> str:
@@ -294,8 +381,8 @@ class _Heard:
 class _Process:
     """A worker with the unpacked FMU in a temporary folder."""
 
-    def __init__(self, model: FmuModel, limits: Limits) -> None:
-        self._model, self._limits = model, limits
+    def __init__(self, model: FmuModel, limits: Limits, busy: Busy) -> None:
+        self._model, self._limits, self._busy = model, limits, busy
         self._folder = tempfile.TemporaryDirectory(prefix="daest-fmu-", ignore_cleanup_errors=True)
         root = Path(self._folder.name)
         self._log = root / "printed.log"
@@ -324,16 +411,26 @@ class _Process:
         self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
     ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         self._write(header, arrays)
-        deadline = time.monotonic() + self._limits.seconds
+        first = self._limits.seconds if self._heard.is_there else max(self._limits.seconds, START_SECONDS)
+        deadline = time.monotonic() + first
         while True:
+            self._busy.tell()
+            left = self._limits.total - self._busy.seconds
+            if left <= 0.0:
+                raise self._too_long()
             try:
-                reply = self._heard.replies.get(timeout=max(deadline - time.monotonic(), 0.001))
+                reply = self._heard.replies.get(timeout=max(min(deadline - time.monotonic(), left), 0.001))
             except queue.Empty:
+                if time.monotonic() < deadline:
+                    continue
                 raise self._hangs() from None
             if reply is None:
                 raise self._died()
             told, tables = reply
-            if told["kind"] == "alive":
+            self._heard.is_there = True
+            if told["kind"] == "beat":
+                deadline = time.monotonic() + self._limits.seconds
+            elif told["kind"] == "alive":
                 deadline = time.monotonic() + self._limits.seconds
                 self._heard.stage, self._heard.time = told["stage"], told["time"]
             elif told["kind"] == "done":
@@ -370,6 +467,15 @@ class _Process:
             f"The FMU did not come back within {seconds:g} s when it {self._heard.doing()}, and was stopped.",
             f"Set {SECONDS_VARIABLE} to more seconds if it only is slow; else report it to the tool that "
             "wrote the FMU.",
+        )
+
+    def _too_long(self) -> FmuError:
+        total = self._limits.total
+        return self._error(
+            "fmu-too-long",
+            f"The FMU has worked for {total:g} s in all, and was stopped when it {self._heard.doing()}.",
+            f"Set {TOTAL_VARIABLE} to more seconds to let it go on; a shorter or coarser recording "
+            "(--to, --resample) takes less time.",
         )
 
     def _memory(self) -> FmuError:

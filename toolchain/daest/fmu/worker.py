@@ -10,6 +10,7 @@ import contextlib
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any, BinaryIO
@@ -18,7 +19,7 @@ import numpy as np
 
 from daest.fmu.drive import Drive
 from daest.fmu.engine import Followed, Plan, follow
-from daest.fmu.instance import Binary, Instance, Log, Refusal
+from daest.fmu.instance import CALLS, Binary, Instance, Log, Refusal
 from daest.fmu.laws import Law
 from daest.fmu.trajectory import Recorded, Stopped, run
 from daest.fmu.wire import read_message, write_message
@@ -89,6 +90,8 @@ class Session:
         self._remembers: bool | None = None  # not known yet
         self._kept: Any = None  # what the instance was started with, while nothing has changed it
         self._told = 0.0
+        self._writing = threading.Lock()
+        threading.Thread(target=self._beat, daemon=True).start()
 
     def answer(self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
         """One request, one reply: results, or why there are none."""
@@ -110,7 +113,18 @@ class Session:
             self._send({"kind": "memory"})
 
     def _send(self, header: Mapping[str, Any], tables: Mapping[str, np.ndarray] | None = None) -> None:
-        write_message(self._replies, header, tables)
+        with self._writing:
+            write_message(self._replies, header, tables)
+
+    def _beat(self) -> None:
+        """Tell the caller that calls into the FMU come back, however many a step of the simulation needs."""
+        last = CALLS.all
+        while True:
+            time.sleep(ALIVE_SECONDS)
+            now = CALLS.all
+            if now != last:
+                self._send({"kind": "beat"})
+            last = now
 
     def _alive(self, stage: str, at: float | None = None) -> None:
         now = time.monotonic()
@@ -123,6 +137,9 @@ class Session:
 
     def _loaded(self) -> Instance:
         if self._instance is None:
+            import fmpy.fmi2
+            import fmpy.fmi3  # noqa: F401 - what takes time here is none of the FMU's
+
             self._stage("was loaded")
             self._instance = Instance(self._binary, self._log)
         return self._instance
