@@ -10,6 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 
+def printable(text: str) -> str:
+    """Text of a file or of a foreign program for a message or a terminal: what would move the cursor, colour
+    or hide something, or break the line, is written as an escape."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
 @dataclass(frozen=True)
 class Place:
     """A position in a user's file; line and column count from 1."""
@@ -53,7 +61,7 @@ class DaestError(Exception):
             lines.append(f"  --> {self.where}")
         if self.remedy:
             lines.append(f"  help: {self.remedy}")
-        return "\n".join(lines)
+        return "\n".join(printable(line) for line in "\n".join(lines).split("\n"))
 
     def __reduce__(self) -> tuple:
         return _rebuild, (type(self), self.code, self.what, self.where, self.remedy, self.problems)

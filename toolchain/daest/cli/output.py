@@ -16,7 +16,7 @@ import click
 
 from daest import files
 from daest.cli.streams import is_closed, leave_stdout
-from daest.errors import ConfigError, Place
+from daest.errors import ConfigError, Place, printable
 
 Document = dict[str, Any]
 UNWRITABLE = "output-unwritable"
@@ -114,12 +114,12 @@ def keep_inputs(output: Path | None, inputs: Iterable[Path | None]) -> None:
 
 def note(text: str) -> None:
     """A remark for the reader, on stderr."""
-    click.echo(f"note: {text}", err=True)
+    click.echo(f"note: {printable(text)}", err=True)
 
 
 def warn(code: str, text: str) -> None:
     """A doubt about the input that daest explain knows, on stderr."""
-    click.echo(f"warning[{code}]: {text}", err=True)
+    click.echo(f"warning[{code}]: {printable(text)}", err=True)
 
 
 def _unwritable(path: Path | str, error: OSError, remedy: str) -> ConfigError:

@@ -12,6 +12,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from daest.errors import printable
+
 # Event iteration of a model that never settles is given up after this many rounds.
 MOST_EVENT_ROUNDS = 100
 # Of a log, this many messages are kept for the user, each cut to a length.
@@ -81,7 +83,7 @@ class Log:
         self._left -= len(words)
         if self._left < 0:
             self._full()
-        self._kept.append(words.strip()[:LONGEST_MESSAGE])
+        self._kept.append(printable(" ".join(words.split()))[:LONGEST_MESSAGE])
 
     def taken(self) -> str:
         """The messages since the last time, as one text."""

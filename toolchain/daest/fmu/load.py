@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
-from xml.parsers import expat
 
-from daest.errors import FmuError
+from daest.errors import FmuError, printable
 from daest.fmu import serialization
 from daest.fmu.archive import Archive, open_archive
 from daest.fmu.description import DAE_FOLDER, MANIFEST
@@ -18,6 +17,11 @@ from daest.model.flat import FlatModel
 from daest.model.fmu import DaeManifest, FmuModel, FmuVariable, Residual
 
 DESCRIPTION = "modelDescription.xml"
+# Beyond these an XML document is not parsed: it would take longer than ten seconds. 600 000 tags are about
+# 170 000 variables of FMI 2.
+MOST_TAGS = 600_000
+LONGEST_TAG = 2 * 1024**2
+_SHOWN_NAMES = 10  # of variables that are left out
 _LIBRARY_SUFFIXES = (".so", ".dll", ".dylib")
 # Which of several variables with one value reference gives its name to them all.
 _RANK = {"output": 0, "input": 1, "parameter": 2, "calculatedParameter": 3, "local": 4, "independent": 5}
@@ -67,20 +71,40 @@ def symbolic_model(path: str | Path) -> FlatModel | None:
 
 
 def parse_xml(data: bytes, where: str) -> ET.Element:
-    """The root of an XML document without document type: entities could name files or grow without end."""
-
-    def refuse(*_: object) -> None:
-        raise FmuError("fmu-xml", "The XML declares a document type, which no FMU needs.", where=where)
-
-    scan = expat.ParserCreate()
-    scan.StartDoctypeDeclHandler = refuse
+    """The root of an XML document without document type (entities could name files or grow without end) that
+    is not made to keep its reader busy. FmuError `fmu-xml`, `fmu-too-large`."""
+    _check_bulk(data, where)
+    parser = ET.XMLParser(target=_Tree(where))
     try:
-        scan.Parse(data, True)
-        return ET.fromstring(data)
-    except (expat.ExpatError, ET.ParseError, ValueError, LookupError) as problem:
+        parser.feed(data)
+        return parser.close()
+    except (ET.ParseError, ValueError, LookupError) as problem:
         raise FmuError(
             "fmu-xml", f"The XML is not well-formed: {problem}.", where=where, remedy="Export the FMU again."
         ) from problem
+
+
+class _Tree(ET.TreeBuilder):
+    def __init__(self, where: str) -> None:
+        super().__init__()
+        self._where = where
+
+    def doctype(self, *_: object) -> None:
+        raise FmuError("fmu-xml", "The XML declares a document type, which no FMU needs.", where=self._where)
+
+
+def _check_bulk(data: bytes, where: str) -> None:
+    """Refuse what would be parsed for minutes: too many elements, or one that goes on and on."""
+    n_tags, longest = data.count(b"<"), max(map(len, data.split(b"<", MOST_TAGS)))
+    if n_tags <= MOST_TAGS and longest <= LONGEST_TAG:
+        return
+    what = f"{n_tags} tags" if n_tags > MOST_TAGS else f"a tag, comment or text of {longest} bytes"
+    raise FmuError(
+        "fmu-too-large",
+        f"The XML has {what}; {MOST_TAGS} tags of up to {LONGEST_TAG} bytes are read.",
+        where=where,
+        remedy="Export the FMU with the variables of interest alone: tools can leave out protected ones.",
+    )
 
 
 # ------------------------------------------------------------------------------------------- the model
@@ -92,6 +116,7 @@ def _model(path: Path, root: ET.Element, archive: Archive) -> FmuModel:
     exchange, kind = _interface(root, path)
     reader = _read_fmi2 if version.startswith("2") else _read_fmi3
     variables, rates, notes = reader(root, path)
+    _check_names(variables, path)
     merged = _merge(variables)
     if kind == "co-simulation":
         rates = ()  # what it says about states cannot be set or read
@@ -105,10 +130,10 @@ def _model(path: Path, root: ET.Element, archive: Archive) -> FmuModel:
     return FmuModel(
         path=path,
         fmi_version=version,
-        model_name=root.get("modelName", ""),
+        model_name=printable(root.get("modelName", "")),
         model_identifier=identifier,
         token=root.get("instantiationToken", root.get("guid", "")),
-        generation_tool=root.get("generationTool", ""),
+        generation_tool=printable(root.get("generationTool", "")),
         variables=merged,
         states=tuple(s for s in states if s is not None),
         derivatives=rates,
@@ -160,7 +185,7 @@ def _check_version(path: Path, root: ET.Element, version: str) -> None:
     if root.tag != "fmiModelDescription" or not re.fullmatch(r"[23]\.\d+(\.\d+)?", version):
         raise FmuError(
             "fmu-version",
-            f"FMI version `{version}` is not known.",
+            f"FMI version `{printable(version)}` is not known.",
             where=str(path),
             remedy="Use FMI 2.0 or 3.0.",
         )
@@ -191,23 +216,43 @@ def _with_causality(variables: Mapping[int, FmuVariable], causality: str) -> tup
 
 def _merge(variables: Iterable[FmuVariable]) -> dict[int, FmuVariable]:
     """One variable per value reference: the one of highest rank, with the other names as aliases."""
-    merged: dict[int, FmuVariable] = {}
+    groups: dict[int, list[FmuVariable]] = {}
     for variable in variables:
-        other = merged.get(variable.value_reference)
-        if other is None:
-            merged[variable.value_reference] = variable
-            continue
-        first, second = sorted((other, variable), key=lambda v: _RANK.get(v.causality, len(_RANK)))
-        merged[variable.value_reference] = replace(
-            first,
-            aliases=(*first.aliases, second.name, *second.aliases),
-            derivative_of=first.derivative_of if first.derivative_of is not None else second.derivative_of,
-            start=first.start if first.start is not None else second.start,
-            unit=first.unit or second.unit,
-            nominal=first.nominal or second.nominal,
-            annotations={**second.annotations, **first.annotations},
-        )
-    return merged
+        groups.setdefault(variable.value_reference, []).append(variable)
+    return {reference: _merged(group) for reference, group in groups.items()}
+
+
+def _merged(group: Sequence[FmuVariable]) -> FmuVariable:
+    if len(group) == 1:
+        return group[0]
+    first, *others = sorted(group, key=lambda v: _RANK.get(v.causality, len(_RANK)))
+    annotations: dict[str, str] = {}
+    for variable in reversed((first, *others)):
+        annotations |= variable.annotations
+    return replace(
+        first,
+        aliases=(*first.aliases, *(name for v in others for name in (v.name, *v.aliases))),
+        derivative_of=next((v.derivative_of for v in (first, *others) if v.derivative_of is not None), None),
+        start=next((v.start for v in (first, *others) if v.start is not None), None),
+        unit=next((v.unit for v in (first, *others) if v.unit), ""),
+        nominal=next((v.nominal for v in (first, *others) if v.nominal), None),
+        annotations=annotations,
+    )
+
+
+def _check_names(variables: Iterable[FmuVariable], path: Path) -> None:
+    """Each name belongs to one variable: otherwise nobody could say which one a recording is of."""
+    known: dict[str, int] = {}
+    for variable in variables:
+        for name in (variable.name, *variable.aliases):
+            if known.setdefault(name, variable.value_reference) != variable.value_reference or not name:
+                what = f"two variables are called `{name}`" if name else "a variable has no name"
+                raise FmuError(
+                    "fmu-inconsistent",
+                    f"In the FMU {what}.",
+                    where=str(path),
+                    remedy="Report it to the tool that wrote the FMU, and export it again.",
+                )
 
 
 # ------------------------------------------------------------------------------------------- variables
@@ -232,9 +277,11 @@ def _read_fmi3(root: ET.Element, path: Path) -> tuple[list[FmuVariable], tuple[i
                 )
             skipped.append(variable.name)
             continue
-        aliases = tuple(a.get("name", "") for a in element.findall("Alias"))
+        aliases = tuple(printable(a.get("name", "")) for a in element.findall("Alias"))
         variables.append(replace(variable, aliases=aliases))
-    notes = (f"Array or clocked variables are left out: {', '.join(skipped)}.",) if skipped else ()
+    more = ", ..." if len(skipped) > _SHOWN_NAMES else ""
+    left_out = ", ".join(skipped[:_SHOWN_NAMES]) + more
+    notes = (f"Array or clocked variables are left out: {left_out}.",) if skipped else ()
     return variables, rates, notes
 
 
@@ -245,7 +292,8 @@ def _check_clocks(root: ET.Element, path: Path) -> None:
         if clock.get("causality") == "input" or clock.get("intervalVariability") not in (None, "triggered"):
             raise FmuError(
                 "fmu-clocked",
-                f"`{clock.get('name', '')}` is a clock that somebody else has to tick, which daest does not.",
+                f"`{printable(clock.get('name', ''))}` is a clock that somebody else has to tick, which "
+                "daest does not.",
                 where=str(path),
                 remedy="Export the FMU without clocks: with sampling inside, or continuous.",
             )
@@ -296,13 +344,13 @@ def _variable(
     causality = element.get("causality", "local")
     derivative = real.get("derivative")
     return FmuVariable(
-        name=element.get("name", ""),
+        name=printable(element.get("name", "")),
         value_reference=_integer(element, "valueReference", path),
         causality=causality,
         variability=element.get("variability", _VARIABILITY.get(causality, "continuous")),
         initial=element.get("initial"),
-        unit=attribute("unit") or "",
-        description=element.get("description", ""),
+        unit=printable(attribute("unit") or ""),
+        description=printable(element.get("description", "")),
         start=_number(real.get("start")),
         min=_number(attribute("min")),
         max=_number(attribute("max")),
@@ -320,7 +368,7 @@ def _is_count(text: str) -> bool:
 def _integer(element: ET.Element, key: str, path: Path) -> int:
     text = element.get(key, "")
     if not _is_count(text):
-        name = element.get("name") or element.tag
+        name = printable(element.get("name") or element.tag)
         raise FmuError(
             "fmu-inconsistent",
             f"`{name}` has no valid {key}.",
