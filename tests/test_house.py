@@ -1,7 +1,9 @@
 """The house: rooms import downwards only, and no file imports itself round a corner."""
 
 import ast
+import re
 from functools import cache
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -9,6 +11,7 @@ import pytest
 import daest
 
 PACKAGE = Path(daest.__file__).parent
+ROOT = Path(__file__).resolve().parents[1]
 
 # From the ground up. Rooms on one floor do not know each other.
 FLOORS = (
@@ -61,6 +64,17 @@ def _own(name: str, line: int):
 
 def room(module: str) -> str:
     return module.split(".")[1]
+
+
+def test_the_page_names_the_rooms_and_only_files_that_there_are():
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| ((?:`\w+`(?:, )?)+) \|", page.split("## Where")[0], re.MULTILINE)
+    named = [re.findall(r"`(\w+)`", row) for row in rows]
+    below = FLOORS[:-1]
+    assert sorted(chain(*named)) == sorted(chain(*below))
+    assert [FLOOR[row[0]] for row in named] == sorted((FLOOR[row[0]] for row in named), reverse=True)
+    for file in set(re.findall(r"`([a-z_]+(?:/\w+)*\.py)`", page)):
+        assert (PACKAGE / file).is_file() or (ROOT / file).is_file(), file
 
 
 def test_every_room_has_a_floor():
