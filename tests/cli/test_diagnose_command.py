@@ -89,7 +89,7 @@ def test_nothing_missing(cart, daest):
 def test_coarser_period_is_told_in_the_result(cart, daest, monkeypatch):
     """The cart's recordings are noisy: that they are taken coarser is only pretended."""
     write_recording(cart / "clean.csv", recording(1200, 2))
-    monkeypatch.setattr("daest.data.prepare.sufficient_period", lambda _: 0.04)
+    monkeypatch.setattr("daest.data.prepare.sufficient_period", lambda *_: 0.04)
     code, out, err = daest("diagnose", "clean.csv", "--model", "Cart.mo", *COULOMB, "--format", "json")
     assert code == 0
     (remark,) = json.loads(out)["notes"]

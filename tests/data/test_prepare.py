@@ -49,10 +49,23 @@ def moved(noise, period=0.001, n=20_000, band=1.0):
 
 def test_much_too_fine_recording_has_a_sufficient_period():
     period = sufficient_period([moved(1e-6), moved(1e-6, band=2.0)])
-    # Six samples in the period of the fastest part, but for the resolution of the spectrum.
-    assert period == pytest.approx(1.0 / 12.0, rel=0.1)
+    # Twenty samples in the period of the fastest part, but for the resolution of the spectrum.
+    assert period == pytest.approx(1.0 / 40.0, rel=0.1)
     assert period / 0.001 == pytest.approx(round(period / 0.001))
-    assert sufficient_period([moved(1e-6, n=4_000)]) == pytest.approx(0.01)  # 400 samples are kept
+
+
+def test_coarser_period_leaves_samples_enough():
+    assert sufficient_period([moved(1e-6, n=8_000)]) == pytest.approx(0.008)  # of 1000 for estimation
+    assert sufficient_period([moved(1e-6, n=8_000)], [moved(1e-6, n=1_200)]) == pytest.approx(0.004)
+
+
+def test_fast_mode_keeps_its_samples_where_the_outputs_show_it():
+    """A resonance at 15 Hz, hardly larger than a thousandth of the motion, has hardly any power beside it."""
+    slow = moved(0.0, n=60_000)
+    ringing = replace(slow, outputs=slow.outputs + 3e-3 * np.sin(2 * np.pi * 15.0 * slow.time)[:, None])
+    assert sufficient_period([ringing]) == pytest.approx(0.045, rel=0.2)
+    assert sufficient_period([ringing], modes=[15.0]) == pytest.approx(0.006)  # eleven in its period
+    assert sufficient_period([slow], modes=[15.0]) == pytest.approx(0.045, rel=0.2)  # it does not show
 
 
 def test_sensor_noise_and_uneven_times_keep_their_period():

@@ -28,7 +28,7 @@ from daest.cli.options import (
 from daest.cli.output import emit, keep_inputs, note, telling, to_json, whole_file, with_schema
 from daest.cli.pictures import draw
 from daest.cli.progress import progress
-from daest.errors import EstimationError, FmuError, ModelError
+from daest.errors import DaestError, EstimationError, FmuError, ModelError
 
 if TYPE_CHECKING:
     from daest.cli.results import KeptFit
@@ -176,7 +176,9 @@ def opened(
         note("no validation data: the second half of every recording validates")
         halves = replace(data_choice.preparation(project), split=HALF)
         estimation, validation = split_all(estimation, halves)
-    estimation, validation, hold, coarser = _sufficient(estimation, validation, project, data_choice)
+    estimation, validation, hold, coarser = _sufficient(
+        flat, estimation, validation, project, data_choice
+    )
     folders = (*libraries, *project.libraries)
     library = effect_library(folders)
     fit = _earlier_fit(project, source, loaded, estimation)
@@ -213,7 +215,11 @@ def _straight(flat: FlatModel, hold: Hold | None) -> tuple[str, ...]:
 
 
 def _sufficient(
-    estimation: list[Experiment], validation: list[Experiment], project: Project, data_choice: DataOptions
+    flat: FlatModel,
+    estimation: list[Experiment],
+    validation: list[Experiment],
+    project: Project,
+    data_choice: DataOptions,
 ) -> tuple[list[Experiment], list[Experiment], Hold | None, list[str]]:
     """The recordings and the hold; coarser, and on straight lines, where the recordings are much finer than
     their outputs move and no period is asked for, with a remark that says so."""
@@ -222,7 +228,7 @@ def _sufficient(
     hold = data_choice.known_hold(project)
     if data_choice.preparation(project).period is not None:
         return estimation, validation, hold, []
-    period = sufficient_period([*estimation, *validation])
+    period = sufficient_period(estimation, validation, _natural_frequencies(flat))
     if period is None:
         return estimation, validation, hold, []
     own = estimation[0].period
@@ -233,6 +239,21 @@ def _sufficient(
     note(remark)
     coarse = [[resample(e, period) for e in part] for part in (estimation, validation)]
     return coarse[0], coarse[1], "foh", [remark]
+
+
+def _natural_frequencies(flat: FlatModel) -> list[float]:
+    """Of the modes of the model at its start [Hz]; none where it cannot be linearised there."""
+    import numpy as np
+
+    from daest.systems.state_space import state_space, state_space_family
+
+    try:
+        A = state_space(state_space_family(flat), flat.theta_values).A
+    except DaestError:
+        return []
+    if not np.all(np.isfinite(A)):
+        return []
+    return [float(rate) / (2.0 * np.pi) for rate in np.abs(np.linalg.eigvals(A)) if rate > 0.0]
 
 
 def _options(

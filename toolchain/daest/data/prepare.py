@@ -31,11 +31,18 @@ BETA = 0.1102 * (ATTENUATION - 8.7)  # Kaiser's, for a stop band between 50 dB a
 STOP = 0.5 * (CUTOFF + TRANSITION)  # frequency, in units of 1 / period, beyond which nothing passes
 KERNEL_STEP = 1.0 / 64.0  # periods between the tabulated values of a kernel
 # A recording is much finer than need be if its outputs' rates have POWER of their power below the
-# FINER_THAN_NEEDED-th part of the Nyquist frequency; KEPT times that band is what is kept of it.
+# FINER_THAN_NEEDED-th part of the Nyquist frequency; KEPT times that band is what is kept of it, since what
+# tells a kink from a bend (friction, play, a stop) are the harmonics of the motion.
 POWER = 0.99
 FINER_THAN_NEEDED = 20.0
-KEPT = 3.0
-FEWEST_KEPT = 400  # samples of all recordings that a coarser period leaves at least
+KEPT = 10.0
+# A mode of the model that lies where the outputs still move at all keeps that many of its own frequency: fast
+# and small beside a slow and large motion, it has hardly any power.
+STILL = 0.9999
+ROUGHLY = 2.0  # factor by which start values may put a mode beyond what the outputs show of it
+KEPT_OF_MODE = 5.0
+FEWEST_KEPT = 1000  # samples for estimation that a coarser period leaves at least
+FEWEST_IN_ONE = 300  # and in the shortest of all recordings, validation included
 # A resampled output counts as missing if missing samples carry more than this share of the filter's weight.
 MISSING_SHARE = 0.05
 
@@ -133,33 +140,42 @@ def detrend(experiment: Experiment, kind: Detrend) -> Experiment:
     )
 
 
-def sufficient_period(experiments: Sequence[Experiment]) -> float | None:
-    """A period [s] that keeps all that the outputs show of a much finer recording, a multiple of its own;
-    None where it is not that much finer, or uneven.
+def sufficient_period(
+    estimation: Sequence[Experiment], validation: Sequence[Experiment] = (), modes: Sequence[float] = ()
+) -> float | None:
+    """A period [s] that keeps all that the outputs show of much finer recordings, a multiple of their own;
+    None where they are not that much finer, or uneven. `modes` are the natural frequencies of the model [Hz].
 
     White sensor noise is content up to the Nyquist frequency: a recording with it is never too fine. Where
     nothing is left up there, what little there is tells of filters and of the number format, and a
     likelihood that takes it for sensor noise would trust it above all.
     """
+    experiments = [*estimation, *validation]
     periods = [e.period for e in experiments]
     if not periods or any(period is None for period in periods):
         return None
     own = max(period for period in periods if period is not None)
-    band = max((_band(e) for e in experiments), default=np.inf)
+    bands = np.array([_bands(e) for e in experiments])
+    band, still = bands.max(axis=0)
     if not 0.0 < band * FINER_THAN_NEEDED < 0.5 / own:
         return None
-    n_samples = sum(e.n_samples for e in experiments)
-    factor = min(int(0.5 / (KEPT * band * own)), n_samples // FEWEST_KEPT)
+    shown = max((mode for mode in modes if mode <= ROUGHLY * still), default=0.0)
+    by_samples = min(
+        sum(e.n_samples for e in estimation) // FEWEST_KEPT,
+        min(e.n_samples for e in experiments) // FEWEST_IN_ONE,
+    )
+    factor = min(int(0.5 / (max(KEPT * band, KEPT_OF_MODE * shown) * own)), by_samples)
     return factor * own if factor > 1 else None
 
 
-def _band(experiment: Experiment) -> float:
-    """Frequency [Hz] below which POWER of the power of the rate of every output lies; 0 where none moves."""
+def _bands(experiment: Experiment) -> tuple[float, float]:
+    """Frequencies [Hz] below which POWER, and STILL, of the power of the rate of every output lie; 0 where
+    none moves."""
     from scipy.signal import welch
 
     assert experiment.period is not None
     values = _bridged(experiment.outputs, ~np.isfinite(experiment.outputs))
-    bands = []
+    bands = [(0.0, 0.0)]
     for rate in np.diff(values, axis=0).T:
         if not np.any(rate):
             continue
@@ -167,8 +183,10 @@ def _band(experiment: Experiment) -> float:
             rate - rate.mean(), 1.0 / experiment.period, nperseg=min(rate.size, 8192)
         )
         power = np.cumsum(density)
-        bands.append(float(frequencies[np.searchsorted(power, POWER * power[-1])]))
-    return max(bands, default=0.0)
+        ends = np.searchsorted(power, np.array([POWER, STILL]) * power[-1])
+        bands.append((float(frequencies[ends[0]]), float(frequencies[ends[1]])))
+    low, high = np.max(bands, axis=0)
+    return float(low), float(high)
 
 
 def resample(experiment: Experiment, period: float) -> Experiment:
