@@ -45,18 +45,6 @@ def test_load_of_white_torque_is_as_strong_as_the_torque():
     assert 2 * load.size**2 * load.time_constant == pytest.approx(1e-4, rel=0.7)
 
 
-def test_white_torque_is_told_from_a_load():
-    white, _ = rotor_null(rotor_record(1500, seed=4, noise=1e-2)[0])
-    assert white.has_white_load
-    slow, _ = rotor_null(rotor_record(1500, seed=4, load=(0.15, 1.0), noise=0.0)[0])
-    assert not slow.has_white_load
-    # Beside it, another load as fast as can be says nothing.
-    (load,) = slow.loads
-    weak = replace(load, name="load_2", size=0.1 * load.size, time_constant=0.1)
-    assert not replace(slow, loads=(load, weak)).has_white_load
-    assert replace(slow, loads=(replace(load, size=0.1 * load.size), replace(weak, size=5.0))).has_white_load
-
-
 def test_innovations_of_the_null_are_white():
     _, run = quiet()
     e = run.whitened

@@ -176,9 +176,8 @@ def opened(
         note("no validation data: the second half of every recording validates")
         halves = replace(data_choice.preparation(project), split=HALF)
         estimation, validation = split_all(estimation, halves)
-    estimation, validation, hold, coarser = _sufficient(
-        flat, estimation, validation, project, data_choice
-    )
+    clipped = _clipped(estimation)
+    estimation, validation, hold, coarser = _sufficient(flat, estimation, validation, project, data_choice)
     folders = (*libraries, *project.libraries)
     library = effect_library(folders)
     fit = _earlier_fit(project, source, loaded, estimation)
@@ -194,7 +193,7 @@ def opened(
         estimation,
         validation,
         library,
-        replace(options, keeper=KeptProofs(project.results / KEPT, run, whole_file)),
+        replace(options, keeper=KeptProofs(project.results / KEPT, run, whole_file), clipped=clipped),
         tuple(training_files(project, data)),
         (*(() if fit is None else fit.remarks), *coarser, *_straight(flat, hold)),
     )
@@ -239,6 +238,23 @@ def _sufficient(
     note(remark)
     coarse = [[resample(e, period) for e in part] for part in (estimation, validation)]
     return coarse[0], coarse[1], "foh", [remark]
+
+
+def _clipped(experiments: Sequence[Experiment]) -> dict[str, float]:
+    """The magnitude at which outputs stay at a limit of their sensors, by output."""
+    import numpy as np
+
+    from daest.data.check import check_experiment
+
+    found: dict[str, float] = {}
+    for experiment in experiments:
+        for finding in check_experiment(experiment).findings:
+            if finding.code != "check-saturation" or finding.column not in experiment.output_names:
+                continue
+            values = experiment.outputs[:, experiment.output_names.index(finding.column)]
+            at = values[int(np.argmin(np.abs(experiment.time - (finding.at or 0.0))))]
+            found[finding.column] = max(found.get(finding.column, 0.0), abs(float(at)))
+    return found
 
 
 def _natural_frequencies(flat: FlatModel) -> list[float]:

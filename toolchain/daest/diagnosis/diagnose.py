@@ -24,28 +24,37 @@ from daest.diagnosis.candidates import pairs
 from daest.diagnosis.disturbance import SmoothedLoad, place_gains, smoothed_load
 from daest.diagnosis.free_forms import free_forms
 from daest.diagnosis.learned import learned_load, said
-from daest.diagnosis.null import Null, fit_null, grown, refit
+from daest.diagnosis.null import Null, fit_null, grown, refit, shortest_load
 from daest.diagnosis.proof import (
     BIC_GAIN,
     CLEARLY_WORSE,
+    GENTLE,
     Prepared,
+    Reference,
     Trial,
     best_accepted,
+    clipping_trials,
     could_compete,
+    has_lost_its_way,
     is_significant,
+    moved,
     prepare,
     prove,
     ranked,
     trials,
+    with_values,
 )
 from daest.diagnosis.rivals import dynamic_trials, richer_laws, simpler_laws
 from daest.diagnosis.screen import NullObserver, run_null, screen
+from daest.diagnosis.settled import FAILURES, settled, simulated
+from daest.diagnosis.unseen import adds_up, foreseen
 from daest.errors import DaestError, EstimationError
+from daest.estimation.identify import identify
 from daest.estimation.records import part_of
-from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen
+from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen, Unproved
 from daest.model.effects import Effect, Site
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult
+from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import FlatModel
 from daest.modelica.sites import sites
 from daest.numerics.parallel import Outcome, Workers, workers
@@ -63,6 +72,8 @@ AGAIN: dict[Hold, str] = {
 }
 RICHER_LEVEL = 0.1  # corrected p-value of what the best candidate leaves, below which richer laws are tried
 FIRST_TRIALS = 2  # are refitted in any case
+MOST_PLACES = 2  # that the sensors see alike, where a refit is tried again
+ITERATIONS = 15  # of the simulation's fit from which one is tried again
 FEWEST_SAMPLES = 200
 REFIT_SECONDS = 3.0  # times that of the model as it is: a refit has more parameters, and is judged besides
 # Share of a column's variance that inputs, outputs and rates of outputs leave, below which it is one of them.
@@ -84,7 +95,8 @@ class DiagnoseOptions:
     """`effects` and `places` restrict the search by name. `hold` None takes the better one. `fitted` are
     parameter values of an earlier fit, which the data may contradict. Refits run in `jobs` processes where
     that is worth while, or on the Dask `cluster` at an address, with the same results; `keeper` knows those
-    of an earlier run."""
+    of an earlier run. `clipped` are the magnitudes at which outputs stay at a limit, by output: a sensor that
+    cuts is tried there first."""
 
     effects: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
@@ -95,6 +107,7 @@ class DiagnoseOptions:
     most_trials: int = MOST_TRIALS
     fitted: Mapping[str, float] = field(default_factory=dict)
     keeper: Keeper | None = None
+    clipped: Mapping[str, float] = field(default_factory=dict)
 
 
 def diagnose(
@@ -141,14 +154,20 @@ def better_hold(stand: Stand, found: Diagnosis) -> Hold | None:
 @dataclass(frozen=True)
 class Stand:
     """What is examined: the model as the user declared it (`declared`), the null made from it (with the
-    effects that were accepted so far), the null's fit on the same terms as those of its rivals, and the
-    validation data."""
+    effects that were accepted so far), the null's fit on the same terms as those of its rivals (`baseline`),
+    the one without coloured loads (`reference`), and the validation data."""
 
     declared: FlatModel
     null: Null
     baseline: FitResult
     validation: tuple[Experiment, ...]
     began: float
+    reference: Reference | None = None
+
+    @property
+    def told(self) -> FitResult:
+        """The fit of the model as it is whose errors are told."""
+        return self.baseline if self.reference is None else self.reference.fit
 
 
 def begin(
@@ -165,7 +184,22 @@ def begin(
     nodes = [site for site in sites(flat) if site.kind in ("node", "equation")]
     null = fit_null(without_noises(flat), nodes, experiments, options.hold)
     baseline = refit(null.flat, null.explicit, null.estimated, null, validation=validation)
-    return Stand(flat, null, baseline, tuple(validation), began)
+    reference = reference_of(null, baseline, validation)
+    return Stand(flat, null, baseline, tuple(validation), began, reference)
+
+
+def reference_of(null: Null, fit: FitResult, validation: Sequence[Experiment]) -> Reference | None:
+    """What unseen data say of the model of `null`, whose `fit` is that beside its loads; None where it cannot
+    be fitted without coloured ones."""
+    with _quiet():
+        found = settled(null, fit, null.flat, null.experiments, validation)
+        if found is None:
+            return None
+        white, observer = found
+        # A simulation whose errors add up tells little of what the model lacks.
+        reckons = adds_up(observer)
+        told = white if reckons else simulated(null, white, null.flat, null.experiments, validation)
+        return Reference(told, foreseen(observer, validation), reckons)
 
 
 def examine(
@@ -200,40 +234,52 @@ def _examined(
     load = smoothed_load(null, run, gains)
     forms = free_forms(null, run)
     form = next(iter(forms), None)
-    proofs = _proofs(stand, run, load, form, found, candidates, chosen_library, options, progress)
+    proofs, unproved = _proofs(stand, run, load, form, found, candidates, chosen_library, options, progress)
     form = _told_by_rest(forms, proofs)
-    decided = verdicts.decide(
-        verdicts.Evidence(
-            stand.declared, null, run, stand.baseline, found, proofs, gains, form, options.fitted
-        )
+    evidence = verdicts.Evidence(
+        stand.declared,
+        null,
+        run,
+        stand.baseline,
+        found,
+        proofs,
+        gains,
+        form,
+        options.fitted,
+        stand.told,
+        unproved,
     )
+    decided = verdicts.decide(evidence)
     learned = None
     if decided.name == "unknown effect" and form is not None and form.p_value < verdicts.CERTAIN:
         progress(f"refitting with the load as a curve over {form.label}")
         learned = _learned(stand, run, form)
+        if learned is not None and learned.against:
+            decided = verdicts.decide(replace(evidence, against_form=learned.against))
     return Diagnosis(
         verdict=decided.name,
-        message=decided.message + (said(learned) if learned else ""),
-        baseline=stand.baseline,
-        proofs=proofs,
+        message=decided.message + (said(learned) if learned and decided.name == "unknown effect" else ""),
+        baseline=stand.told,
+        proofs=decided.proofs,
+        unproved=unproved,
         screen=found,
         places=gains,
         disturbance=form,
-        validation=stand.baseline.simulated.get("validation"),
+        validation=stand.told.simulated.get("validation"),
         next_experiment=decided.next_experiment,
         seconds=time.perf_counter() - stand.began,
-        learned=learned,
+        learned=learned if decided.name == "unknown effect" else None,
     )
 
 
 def _learned(stand: Stand, run: NullObserver, form: FreeForm) -> LearnedLoad | None:
     """The load as a curve, with the other hold where the curve settles that it is the better one."""
     null = stand.null
-    learned = learned_load(null, run, stand.baseline, form, stand.validation)
+    learned = learned_load(null, run, stand.baseline, form, stand.validation, stand.reference)
     if learned is None or learned.fit is None or null.other_hold is None:
         return learned
     again = replace(null, hold=null.other_hold)
-    other = learned_load(again, run, stand.baseline, form, stand.validation)
+    other = learned_load(again, run, stand.baseline, form, stand.validation, stand.reference)
     if other is None or other.fit is None:
         return learned
     return other if other.fit.log_likelihood > learned.fit.log_likelihood + HOLD_GAIN else learned
@@ -259,7 +305,8 @@ def accept(stand: Stand, proof: Proof) -> Stand:
     experiments = fed(null.experiments, proof.candidate)
     model = grown(null, proof.flat, reduce_index(proof.flat), proof.fit, experiments)
     validation = fed(stand.validation, proof.candidate)
-    return Stand(stand.declared, model, proof.fit, validation, time.perf_counter())
+    reference = reference_of(model, proof.fit, validation)
+    return Stand(stand.declared, model, proof.fit, validation, time.perf_counter(), reference)
 
 
 def without_noises(flat: FlatModel) -> FlatModel:
@@ -351,20 +398,66 @@ class _Search:
 
 
 def _refitted(search: _Search, prepared: Prepared) -> Proof:
-    stand, candidate = search.stand, prepared.trial.candidate
+    """The proof of a candidate. Where its refit fails, or loses its way, it is tried again: at places that
+    the sensors do not tell from its own, from a small and gentle effect, and from a simulation's fit by
+    multiple shooting. Raises the error of the first attempt."""
+    first: Exception | None = None
+    best: Proof | None = None
     with _quiet():
-        return prove(
-            stand.null,
-            stand.baseline,
-            prepared,
-            fed(stand.null.experiments, candidate),
-            fed(stand.validation, candidate),
-            search.run,
-            search.load,
-            search.n_screened,
-            search.hopeless,
-            search.form,
-        )
+        for attempt in _attempts(search, prepared):
+            try:
+                proof = _proved(search, attempt())
+            except FAILURES as error:
+                first = first or error
+                continue
+            if best is None or proof.delta_log_likelihood > best.delta_log_likelihood:
+                best = proof
+            if not has_lost_its_way(proof) or prepared.trial.candidate.effect.is_dynamic:
+                break
+    if best is not None:
+        return best
+    assert first is not None
+    raise first
+
+
+def _attempts(search: _Search, prepared: Prepared) -> Iterator[Callable[[], Prepared]]:
+    null, trial = search.stand.null, prepared.trial
+    yield lambda: prepared
+    if prepared.similar is not None:
+        return
+    for number in range(min(len(trial.alike), MOST_PLACES)):
+        yield partial(prepare, null.flat, null.estimated, moved(trial, number))
+    yield partial(prepare, null.flat, null.estimated, trial, share=GENTLE, sharper=1.0)
+    yield partial(_by_shooting, search, prepared)
+
+
+def _by_shooting(search: _Search, prepared: Prepared) -> Prepared:
+    """The candidate started from the best simulation. Raises what `identify` raises."""
+    null = search.stand.null
+    quick = {f"{load.name}.T": shortest_load(null.experiments) for load in null.loads}
+    options = IdentifyOptions(
+        method="oe", estimate=prepared.names, fix=quick, hold=null.hold, max_iterations=ITERATIONS
+    )
+    fit = identify(prepared.flat, fed(null.experiments, prepared.trial.candidate), options)
+    values = {name: fit.theta[name] for name in prepared.names}
+    return replace(prepared, flat=with_values(prepared.flat, values))
+
+
+def _proved(search: _Search, prepared: Prepared) -> Proof:
+    stand, candidate = search.stand, prepared.trial.candidate
+    return prove(
+        stand.null,
+        stand.baseline,
+        prepared,
+        fed(stand.null.experiments, candidate),
+        fed(stand.validation, candidate),
+        search.run,
+        search.load,
+        search.n_screened,
+        search.hopeless,
+        search.form,
+        stand.reference,
+    )
 
 
 def _dynamic(null: Null, candidates: Sequence[Candidate]) -> tuple[Prepared, ...]:
@@ -385,11 +478,31 @@ class _Stages:
     pool: Workers
     options: DiagnoseOptions
     progress: Progress
+    failed: list[tuple[Trial, str]] = field(default_factory=list)
+
+    def prepared(self, found: Iterable[Trial]) -> list[Prepared]:
+        """The trials that can be built into the model, at one of the places where the sensors would see them
+        alike."""
+        null, result = self.search.stand.null, []
+        for trial in found:
+            first = ""
+            for number in range(-1, min(len(trial.alike), MOST_PLACES)):
+                try:
+                    result.append(
+                        prepare(null.flat, null.estimated, trial if number < 0 else moved(trial, number))
+                    )
+                    break
+                except DaestError as error:
+                    first = first or error.what
+            else:
+                self.failed.append((trial, f"it cannot be built into the model: {first}"))
+        return result
 
     def proved(
         self, stage: Sequence[Prepared], before: Sequence[Proof], beside: Sequence[Callable[[], Any]] = ()
     ) -> tuple[list[Proof], list[Any]]:
-        """Proofs of the candidates that can be refitted, and the results of the tasks `beside` them."""
+        """Proofs of the candidates that can be refitted, and the results of the tasks `beside` them. What
+        cannot be refitted is put down in `failed`."""
         supported = [p.fit.log_likelihood for p in before if p.verdict == "supported"]
         search = replace(self.search, hopeless=max(supported, default=-np.inf) - CLEARLY_WORSE)
         keeper = self.options.keeper
@@ -406,7 +519,9 @@ class _Stages:
             self.progress(f"refitting with {stage[i].trial.candidate.label}")
         outcomes = list(self.pool.map(_called, tasks, seconds=seconds, arrived=arrived))
         for i, outcome in zip(missing, outcomes[len(beside) :], strict=True):
-            if not isinstance(outcome.error, DaestError):
+            if isinstance(outcome.error, FAILURES):
+                self.failed.append((stage[i].trial, f"it could not be refitted: {_what(outcome.error)}"))
+            else:
                 known[i] = outcome.get()
         return [known[i] for i in sorted(known)], [outcome.get() for outcome in outcomes[: len(beside)]]
 
@@ -421,29 +536,77 @@ def _proofs(
     library: Sequence[Effect],
     options: DiagnoseOptions,
     progress: Progress,
-) -> tuple[Proof, ...]:
-    """The best candidates refitted: the first few, and of the others those that could compete with them."""
+) -> tuple[tuple[Proof, ...], tuple[Unproved, ...]]:
+    """The best candidates refitted: the first few, and of the others those that could compete with them; and
+    the leaders of the screen that were not, each with the reason."""
     null = stand.null
     wanted = trials(found, SCREEN_LEVEL, options.most_trials + MORE_TRIALS)
-    chosen = _prepared(null, wanted[: options.most_trials])
+    given = clipping_trials(null, candidates, options.clipped)
     with workers(options.jobs, options.cluster) as pool:
         stages = _Stages(_Search(stand, run, load, form, found.n_screened), pool, options, progress)
+        chosen = stages.prepared(wanted[: options.most_trials])
         first = partial(_dynamic, null, candidates)
-        proofs, (dynamic,) = stages.proved(chosen[:FIRST_TRIALS], (), [first])
+        proofs, (dynamic,) = stages.proved([*stages.prepared(given), *chosen[:FIRST_TRIALS]], (), [first])
         proofs = stages.proved(dynamic, proofs)[0] + proofs
         best = best_accepted(ranked(proofs))
         rest = [p for p in chosen[FIRST_TRIALS:] if could_compete(p.trial, best, found)]
         proofs += stages.proved(rest, proofs)[0]
         if not _is_settled(ranked(proofs)):
-            proofs += stages.proved(_prepared(null, wanted[options.most_trials :]), proofs)[0]
+            proofs += stages.proved(stages.prepared(wanted[options.most_trials :]), proofs)[0]
         best = most_likely(proofs)
         if best is not None and best.verdict == "rejected":
-            proofs += stages.proved(_prepared(null, simpler_laws(best, found, proofs)), proofs)[0]
+            proofs += stages.proved(stages.prepared(simpler_laws(best, found, proofs)), proofs)[0]
         best = best_start(ranked(proofs))
         if best is not None and _leaves_something(best):
             # They start from the best: a first pass that is worse has only not come back to it yet.
             proofs += stages.proved(richer_laws(null, run, best, library, proofs), ())[0]
-    return ranked(proofs)
+    order = ranked(proofs)
+    return order, _unproved(found, wanted, order, stages.failed)
+
+
+def _unproved(
+    found: Screen, wanted: Sequence[Trial], proofs: Sequence[Proof], failed: Sequence[tuple[Trial, str]]
+) -> tuple[Unproved, ...]:
+    """Leaders of the screen without a refit, and other candidates whose refit failed."""
+    entries = {entry.candidate.name: entry for entry in found.entries}
+    done = {p.candidate.effect.class_name: p for p in proofs}
+    result = []
+    reasons = {trial.candidate.name: (trial, reason) for trial, reason in failed}
+    best = best_accepted(proofs)
+    for trial in wanted:
+        if trial.candidate.name in reasons or any(_is_same(trial, p.candidate) for p in done.values()):
+            continue
+        reason = "not refitted: others came first"
+        if best is not None:
+            reason = f"not refitted: {best.candidate.label} says what it could say"
+        reasons[trial.candidate.name] = (trial, reason)
+    broken = {trial.candidate.name for trial, _ in failed}
+    for name, (trial, reason) in reasons.items():
+        if any(_is_same(trial, p.candidate) for p in proofs):
+            continue
+        entry = entries.get(name)
+        result.append(
+            Unproved(
+                candidate=trial.candidate,
+                equivalent=tuple(c.site.name for c in trial.alike),
+                score=0.0 if entry is None else entry.score,
+                p_value=1.0 if entry is None else entry.p_value,
+                sizes=trial.sizes,
+                reason=reason,
+                has_failed=name in broken,
+            )
+        )
+    return tuple(sorted(result, key=lambda u: -u.score))
+
+
+def _is_same(trial: Trial, candidate: Candidate) -> bool:
+    """Whether a candidate is the trial, at its place or at one that the sensors see alike."""
+    places = {trial.candidate.site.name, *(c.site.name for c in trial.alike)}
+    return trial.candidate.effect.class_name == candidate.effect.class_name and candidate.site.name in places
+
+
+def _what(error: Exception | None) -> str:
+    return error.what if isinstance(error, DaestError) else f"the search fails numerically ({error})"
 
 
 def _is_settled(proofs: Sequence[Proof]) -> bool:
@@ -452,17 +615,6 @@ def _is_settled(proofs: Sequence[Proof]) -> bool:
     if best is None or best.left is None:
         return False
     return not is_significant(best.left, best.delta_log_likelihood)
-
-
-def _prepared(null: Null, found: Iterable[Trial]) -> list[Prepared]:
-    """Those of the trials that can be built into the model."""
-    result = []
-    for trial in found:
-        try:
-            result.append(prepare(null.flat, null.estimated, trial))
-        except DaestError:
-            continue
-    return result
 
 
 def most_likely(proofs: Sequence[Proof]) -> Proof | None:

@@ -15,6 +15,7 @@ from daest.diagnosis.diagnose import (
     examine,
 )
 from daest.diagnosis.proof import best_accepted
+from daest.diagnosis.unseen import is_better
 from daest.errors import EstimationError
 from daest.model.diagnosis import Improvement, Proof, Step
 from daest.model.effects import Effect
@@ -38,7 +39,7 @@ def improve(
     """Add effects one by one. Every round goes into the ledger, also the last one, which adds nothing."""
     options = options or DiagnoseOptions()
     stand = begin(flat, experiments, validation, options, progress)
-    steps = [Step(None, stand.baseline, None, "the model as it is")]
+    steps = [Step(None, stand.told, None, "the model as it is")]
     while True:
         try:
             diagnosis = examine(stand, library, options, progress)
@@ -50,7 +51,7 @@ def improve(
         best = best_accepted(diagnosis.proofs)
         if best is None:
             return Improvement(tuple(steps), diagnosis, diagnosis.message)
-        if not _helps(stand.baseline, best.fit):
+        if not _helps(stand.told, best):
             reason = f"{best.candidate.label} is supported, but it does not lower the validation error."
             return Improvement(tuple(steps), diagnosis, reason)
         hold = better_hold(stand, diagnosis)
@@ -59,18 +60,20 @@ def improve(
             again = replace(options, hold=hold)
             return improve(flat, library, experiments, validation, again, most_effects, progress)
         stand = accept(stand, best)
-        steps.append(Step(best, best.fit, diagnosis, _remark(steps, best)))
+        steps.append(Step(best, best.told, diagnosis, _remark(steps, best)))
         progress(f"added {best.candidate.label}")
         if len(steps) > most_effects:
             return Improvement(tuple(steps), diagnosis, f"The limit of {most_effects} effects is reached.")
 
 
-def _helps(before: FitResult, after: FitResult) -> bool:
-    """Whether the simulation error on validation data falls for some output and rises for none by as much."""
-    if "validation" not in before.simulated or "validation" not in after.simulated:
+def _helps(before: FitResult, best: Proof) -> bool:
+    """Whether unseen data are foreseen better at some horizon, or the simulation error on validation data
+    falls for some output and rises for none by as much."""
+    if "validation" not in before.simulated or "validation" not in best.told.simulated:
         return True
-    ratios = error_ratios(before.simulated, after.simulated)
-    return bool(ratios) and min(ratios) < LEAST_PROGRESS and max(ratios) < 1.0 / LEAST_PROGRESS
+    ratios = error_ratios(before.simulated, best.told.simulated)
+    falls = bool(ratios) and min(ratios) < LEAST_PROGRESS and max(ratios) < 1.0 / LEAST_PROGRESS
+    return falls or any(is_better(one) for one in best.ahead)
 
 
 def _remark(steps: Sequence[Step], best: Proof) -> str:
@@ -78,7 +81,7 @@ def _remark(steps: Sequence[Step], best: Proof) -> str:
     said = []
     if best.not_separable_from:
         said.append(f"not separable from {', '.join(best.not_separable_from)}")
-    sizes = {p.name: p for p in best.fit.parameters}
+    sizes = {p.name: p for p in best.told.parameters}
     for step in steps:
         if step.proof is None:
             continue

@@ -17,8 +17,11 @@ import numpy as np
 from daest.diagnosis.compare import Candidate as Trialled
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.free_forms import SOFT, TURN, internal_variables
-from daest.diagnosis.null import Null, refit
+from daest.diagnosis.null import Null, period_of, refit
+from daest.diagnosis.proof import Reference
 from daest.diagnosis.screen import NullObserver
+from daest.diagnosis.settled import FAILURES, settled, simulated
+from daest.diagnosis.unseen import compared, foreseen, judged
 from daest.errors import DaestError
 from daest.model.diagnosis import Curve, FreeForm, LearnedLoad
 from daest.model.experiment import Experiment
@@ -33,7 +36,6 @@ SHARPER = 0.3  # the sign changes over this part of the speed that the free form
 NARROWEST = 1e-3  # of the range of the variable: knots that are nearer to each other are one
 MOST_KNOTS = 20
 WIDE = 1.0 / 16.0  # of the range of the variable: intervals that are narrower stay whole
-FAILURES = (DaestError, RuntimeError, np.linalg.LinAlgError)  # of a search, also those of CasADi's solvers
 BAND = 1.96  # standard deviations to either side of a 95 % band
 UNCERTAIN = " No value of the curve is certain: it shares its course with parameters refitted with it."
 FEWEST_BETWEEN = 20  # samples between two knots that get another one between them
@@ -45,13 +47,14 @@ def learned_load(
     baseline: FitResult,
     form: FreeForm,
     validation: Sequence[Experiment] = (),
+    reference: Reference | None = None,
 ) -> LearnedLoad | None:
     """The load of `form` as a part of the null's model; None where its variable depends on it at once, as an
     acceleration does on a torque.
 
     The curve's values are refitted with the estimated parameters, with more and more knots while that pays
     by BIC; where no refit succeeds, they are those of the form. `baseline` is the null's fit on the same
-    terms.
+    terms; where there is a `reference`, the curve must foresee unseen data better than that.
     """
     course = _courses(null, run, form)
     start, row = _curve(form, course), null.places[form.load].row
@@ -62,7 +65,8 @@ def learned_load(
     if found is None:
         flat = with_curve(null.flat, row, start)
         theta = {p.name: p.value for p in flat.parameters}
-        return LearnedLoad(form, start, theta, None, before, _simulated(flat, validation, null.hold), sign)
+        after = _simulated(flat, validation, null.hold)
+        return LearnedLoad(form, start, theta, None, before, after, sign, _worse(before, after))
     n_observed = sum(int(np.isfinite(e.outputs).sum()) for e in null.experiments)
     while True:
         curve, fit = found
@@ -74,7 +78,30 @@ def learned_load(
         found = _fitted(null, row, finer, validation, finer_must_reach)
         if found is None:
             break
-    return LearnedLoad(form, curve, fit.theta, fit, before, _validation_errors(fit), sign)
+    if reference is None or not validation:
+        return LearnedLoad(form, curve, fit.theta, fit, before, _validation_errors(fit), sign)
+    flat = with_curve(null.flat, row, curve)
+    told, against = fit, ""
+    found_settled = settled(null, fit, flat, null.experiments, validation)
+    if found_settled is not None:
+        white, observer = found_settled
+        ahead = compared(reference.foreseen, foreseen(observer, validation), period_of(null.experiments))
+        told = white
+        if not reference.adds_up:
+            told = simulated(null, white, flat, null.experiments, validation)
+        against, _, _ = judged(ahead, reference.fit, told, reference.adds_up)
+        own = [p.name for p in told.parameters if p.name not in null.estimated]
+        curve = _of_fit(curve, own, told)
+    before = _validation_errors(reference.fit)
+    return LearnedLoad(form, curve, told.theta, told, before, _validation_errors(told), sign, against)
+
+
+def _worse(before: Mapping[str, float | None], after: Mapping[str, float | None]) -> str:
+    pairs = [(b, after.get(name)) for name, b in before.items() if b is not None]
+    known = [(b, a) for b, a in pairs if a is not None]
+    if known and all(a >= b for b, a in known):
+        return "the simulation of unseen data gets no better"
+    return ""
 
 
 def _is_loop(null: Null, flat: FlatModel) -> bool:

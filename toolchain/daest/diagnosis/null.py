@@ -23,7 +23,6 @@ from daest.systems.reduce import reduce_index
 from daest.systems.sample import Hold
 
 SHORTEST_LOAD = 2.0  # sampling periods: a faster load is white noise
-NEARLY = 1.05  # times the shortest time constant: the search has come to it
 LONGEST_LOAD = 0.25  # of the record: a slower one is a constant
 FIRST_LOAD = 20.0  # sampling periods, start of the search
 HOLDS: tuple[Hold, ...] = ("foh", "zoh")
@@ -62,13 +61,6 @@ class Null:
         return np.array([found.get(o.name, 1.0) for o in self.flat.outputs])
 
     @property
-    def has_white_load(self) -> bool:
-        """Whether the strongest load is as fast as one can be: noise of the process at all frequencies that
-        these samples show."""
-        strongest = max(self.loads, key=lambda load: load.size**2 * load.time_constant)
-        return strongest.time_constant < NEARLY * _time_constants(self.experiments)[0]
-
-    @property
     def initial_states(self) -> tuple[dict[str, float], ...]:
         """Of every experiment, by state name."""
         return tuple(
@@ -97,7 +89,7 @@ def fit_null(
     places = load_places(flat, nodes)
     if not places:
         raise _no_place(nodes)
-    period = _period(experiments)
+    period = period_of(experiments)
     loaded = with_loads(flat, places, [FIRST_LOAD * period] * len(places))
     fits = [_loaded_fit(loaded, experiments, one) for one in ((hold,) if hold else _possible_holds(loaded))]
     best, *others = sorted(fits, key=lambda fit: -fit.log_likelihood)
@@ -111,14 +103,20 @@ def _possible_holds(flat: FlatModel) -> tuple[Hold, ...]:
     return ("foh",) if reduce_index(flat).input_derivatives else HOLDS
 
 
-def _period(experiments: Sequence[Experiment]) -> float:
+def period_of(experiments: Sequence[Experiment]) -> float:
+    """Sampling period [s]."""
     return float(np.median(np.diff(experiments[0].time)))
+
+
+def shortest_load(experiments: Sequence[Experiment]) -> float:
+    """Time constant [s] of a load that is white noise to these samples."""
+    return SHORTEST_LOAD * period_of(experiments)
 
 
 def _time_constants(experiments: Sequence[Experiment]) -> tuple[float, float]:
     """The shortest and the longest that a load can have [s]."""
     duration = float(sum(e.time[-1] - e.time[0] for e in experiments))
-    return SHORTEST_LOAD * _period(experiments), LONGEST_LOAD * duration
+    return shortest_load(experiments), LONGEST_LOAD * duration
 
 
 def _no_place(nodes: Sequence[Site]) -> EstimationError:
@@ -155,7 +153,7 @@ def _with_given_time_constants(
 ) -> FitResult:
     fits = []
     for periods in GIVEN_LOADS:
-        T = min(periods * _period(experiments), _time_constants(experiments)[1])
+        T = min(periods * period_of(experiments), _time_constants(experiments)[1])
         fixed = {p.name: T for p in loaded.parameters if p.name.startswith("load_")}
         options = IdentifyOptions(method="pem", estimate=physical, fix=fixed, hold=hold)
         fits.append(identify(loaded, experiments, options))

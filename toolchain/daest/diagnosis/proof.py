@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from daest.diagnosis.disturbance import SmoothedLoad, smoothed_at
 from daest.diagnosis.free_forms import covers, free_forms
-from daest.diagnosis.null import Null, grown, loads_of, refit
+from daest.diagnosis.null import Null, grown, loads_of, period_of, refit
 from daest.diagnosis.screen import NullObserver, law_response, run_null
+from daest.diagnosis.settled import settled, simulated
+from daest.diagnosis.unseen import Foreseen, compared, foreseen, is_worse, judged
 from daest.errors import DaestError
-from daest.model.diagnosis import Candidate, FreeForm, Load, Proof, Screen
+from daest.model.diagnosis import Ahead, Candidate, FreeForm, Load, Proof, Screen
 from daest.model.experiment import Experiment
+from daest.model.explicit import ExplicitModel
 from daest.model.fit import FitResult, FittedParameter, error_ratios
 from daest.model.flat import FlatModel
 from daest.modelica.attach import attach
+from daest.modelica.place_units import units_at
 from daest.numerics.distributions import chi2
 from daest.systems.reduce import reduce_index
 
@@ -27,13 +31,17 @@ SAME_BIC = 6.0  # a candidate that is worse by less is not clearly worse (3 unit
 LEAST_EXPLAINED = 0.5  # of the load's size that an accepted effect must do away with
 PARTLY_EXPLAINED = 0.35  # enough where the simulation of unseen data becomes much better besides
 BETTER = 0.7  # simulation error relative to the one without the effect
-WORSE = 1.2  # likewise, of all outputs
-MUCH_WORSE = (
-    2.0  # likewise, though each step is foreseen better; a machine that sticks drifts apart by chance
+LONGER = 2  # searches that go on where one has come to its limit
+LOST = (
+    5.0  # log-likelihood below that of the null, which a law contains, from which a search has lost its way
 )
-BETTER_STEP = 0.95  # error of one step on unseen data, relative
+SATURATION = "Daest.Effects.Signals.Saturation"
+CUT = 0.99  # share of what is beyond the limit that a clipping sensor is taken to cut, at first
+CLIPPED_WITHIN = 0.01  # of the limit, over which its edge is rounded in the screen
+GENTLE = 0.1  # of the size by the screen, from which a search is tried again
 CURVE_EXPLAINED = 0.2  # enough where the law says all that the load has to do with any variable
 LEFT_LEVEL = 1e-3  # corrected p-value below which the rest of the load certainly follows a variable
+MOST_LEFT = 0.3  # likewise, up to which a law that does away with most of the error is not doubted
 LEFT_SHARE = 0.1  # of the effect's own gain in log-likelihood: less is how a law is rounded, not another law
 COVERED = 0.75  # share of a law's score that a free form explains, from which the law is a part of the form
 SIMPLER = 0.97  # of the gain in log-likelihood that a law with fewer parameters must reach to be preferred
@@ -82,6 +90,34 @@ def trials(screen: Screen, level: float, most: int) -> tuple[Trial, ...]:
     return tuple(chosen)
 
 
+def moved(trial: Trial, number: int) -> Trial:
+    """The trial at one of the places where the sensors would see it alike."""
+    other = trial.alike[number]
+    rest = (*trial.alike[:number], *trial.alike[number + 1 :])
+    return Trial(other, trial.sizes, (trial.candidate, *rest))
+
+
+def clipping_trials(
+    null: Null, candidates: Sequence[Candidate], clipped: Mapping[str, float]
+) -> tuple[Trial, ...]:
+    """Sensors that cut at the limits where the recordings are known to stay: `clipped`, by output."""
+    found = []
+    for candidate in candidates:
+        limit = clipped.get(candidate.site.name)
+        if candidate.effect.class_name != SATURATION or candidate.site.kind != "output" or not limit:
+            continue
+        reach = max(abs(limit), 1e-12)
+        shape = {
+            p.name: reach * (CLIPPED_WITHIN if p.role == "sharpness" else 1.0)
+            for p in candidate.effect.parameters
+            if p.role in ("shape", "sharpness")
+        }
+        units = units_at(null.flat, candidate.effect, candidate.site)
+        placed = replace(candidate, name=f"{candidate.name}_0", shape=shape, units=units)
+        found.append(Trial(placed, (CUT,) * len(candidate.effect.sizes), ()))
+    return tuple(found)
+
+
 def could_compete(trial: Trial, best: Proof | None, screen: Screen) -> bool:
     """Whether a candidate may come near the best accepted one, to judge by their scores.
 
@@ -113,17 +149,22 @@ class Prepared:
     similar: FitResult | None = None
 
 
-def prepare(flat: FlatModel, estimated: Sequence[str], trial: Trial) -> Prepared:
-    """`flat` with the effect attached, sizes started from the screen's estimate, kinks sharper than in the
-    screen."""
+def prepare(
+    flat: FlatModel, estimated: Sequence[str], trial: Trial, share: float = 1.0, sharper: float = SHARPER
+) -> Prepared:
+    """`flat` with the effect attached, sizes started from a `share` of the screen's estimate, kinks `sharper`
+    than in the screen."""
     candidate = trial.candidate
     effect = candidate.effect
     sharp = {
-        p.name: SHARPER * candidate.shape[p.name]
+        p.name: sharper * candidate.shape[p.name]
         for p in effect.parameters
         if p.role == "sharpness" and p.name in candidate.shape
     }
-    sizes = dict(zip((p.name for p in effect.sizes), trial.sizes, strict=True))
+    sizes = {
+        p.name: (p.null or 0.0) + share * (size - (p.null or 0.0))
+        for p, size in zip(effect.sizes, trial.sizes, strict=True)
+    }
     inside = {p.name: _inside(sizes[p.name], p.min, p.max) for p in effect.sizes}
     values = {**candidate.shape, **sharp, **inside}
     grown = attach(flat, effect, candidate.site, candidate.name, values, candidate.inputs)
@@ -140,6 +181,16 @@ def _inside(value: float, low: float | None, high: float | None) -> float:
     return value
 
 
+@dataclass(frozen=True)
+class Reference:
+    """The model as it is, without coloured loads: what a law must foresee unseen data better than.
+    `adds_up` tells that its simulation is dead reckoning."""
+
+    fit: FitResult
+    foreseen: Foreseen | None = None
+    adds_up: bool = False
+
+
 def prove(
     null: Null,
     null_fit: FitResult,
@@ -151,8 +202,10 @@ def prove(
     n_screened: int = 1,
     hopeless: float = -np.inf,
     form: FreeForm | None = None,
+    reference: Reference | None = None,
 ) -> Proof:
-    """Refit one candidate and judge it against the null refitted the same way.
+    """Refit one candidate and judge it against the null refitted the same way, and by unseen data against the
+    `reference`.
 
     `run` is the null's observer, `load` its largest load and `form` the curve that it follows best;
     `experiments` are the null's with the signals that the effect needs; `n_screened` candidates were
@@ -160,8 +213,7 @@ def prove(
     """
     explicit = reduce_index(prepared.flat)
     fed = replace(null, experiments=tuple(experiments))
-    start = fed if prepared.similar is None else replace(fed, fit=prepared.similar)
-    fit = refit(prepared.flat, explicit, prepared.names, start, validation=validation, hopeless=hopeless)
+    fit = _refit(fed, prepared, explicit, validation, hopeless, null_fit.log_likelihood)
     gain = fit.log_likelihood - null_fit.log_likelihood
     n_own = len(prepared.names) - len(null.estimated)
     n_observed = sum(int(np.isfinite(e.outputs).sum()) for e in null.experiments)
@@ -171,22 +223,26 @@ def prove(
     after = None if load is None else run_null(with_effect)
     explained = _explained(null_fit, with_effect, after, load)
     p_value = float(min(1.0, n_screened * chi2.sf(2.0 * max(gain, 0.0), n_own)))
-    ratios = error_ratios(null_fit.simulated, fit.simulated)
-    one_step = error_ratios(null_fit.one_step, fit.one_step)
-    # A law that says all that the load has to do with any variable need not explain more of the load.
-    says_all = form is not None and form.p_value < LEFT_LEVEL and gain >= form.log_likelihood_gain
-    is_curve = says_all and explained >= CURVE_EXPLAINED
-    # White noise of the process is no load that a law could explain: unseen data have to tell.
-    is_told = null.has_white_load and bool(ratios) and max(ratios) <= BETTER
-    enough = 1.0 if is_curve or is_told else explained
-    reason = _failed_gate(prepared, fit, delta_bic, enough, ratios, one_step)
-    if not reason and p_value > CHANCE:
-        reason = f"a search over {n_screened} candidates finds as much by chance (p = {p_value:.1g})"
+    reason = _without_evidence(gain, delta_bic, p_value, n_screened)
+    final: FitResult | None = None
+    ahead: tuple[Ahead, ...] = ()
+    is_open = is_curve = is_told = False
+    if not reason:
+        final, ahead, against, is_told = _on_unseen(fed, fit, prepared, validation, reference)
+        ratios = error_ratios((reference.fit if reference else null_fit).simulated, (final or fit).simulated)
+        # A law that says all that the load has to do with any variable need not explain more of the load.
+        says_all = form is not None and form.p_value < LEFT_LEVEL and gain >= form.log_likelihood_gain
+        is_curve = says_all and explained >= CURVE_EXPLAINED
+        is_open = not against
+        reason = against or _weak(prepared, fit)
+        if not reason and not is_curve and not is_told:
+            reason = _unexplained(explained, ratios)
     left = None if reason else _left(null, with_effect, after or run_null(with_effect))
-    if left is not None and is_curve and left.p_value < LEFT_LEVEL:
-        reason = _unexplained(explained, ratios)
-    if left is not None and not reason and not _is_most_of_it(explained, ratios):
-        reason = _wrong_law(null, run, prepared, fit, gain, left)
+    if left is not None:
+        if is_curve and left.p_value < LEFT_LEVEL and not is_told:
+            reason = _unexplained(explained, ratios)
+        if not reason and not _is_most_of_it(explained, ratios, is_told, gain, left):
+            reason = _wrong_law(null, run, prepared, fit, gain, left)
     parameters = tuple(replace(p, value=fit.theta.get(p.name, p.value)) for p in prepared.flat.parameters)
     return Proof(
         candidate=prepared.trial.candidate,
@@ -201,7 +257,71 @@ def prove(
         verdict="rejected" if reason else "supported",
         reason=reason,
         left=left,
+        final=final,
+        ahead=ahead,
+        is_open=bool(reason) and is_open,
     )
+
+
+def _refit(
+    null: Null,
+    prepared: Prepared,
+    explicit: ExplicitModel,
+    validation: Sequence[Experiment],
+    hopeless: float,
+    least: float,
+) -> FitResult:
+    """The refit, which goes on where a search has come to its limit; `least` is the log-likelihood of the
+    null."""
+    start = null if prepared.similar is None else replace(null, fit=prepared.similar)
+    fit = refit(prepared.flat, explicit, prepared.names, start, validation=validation, hopeless=hopeless)
+    for _ in range(LONGER):
+        if fit.status != "iteration limit" or fit.log_likelihood < max(hopeless, least):
+            break
+        flat = with_values(prepared.flat, fit.theta)
+        longer = refit(
+            flat, reduce_index(flat), prepared.names, replace(null, fit=fit), validation=validation
+        )
+        if longer.log_likelihood <= fit.log_likelihood:
+            break
+        fit = longer
+    return fit
+
+
+def with_values(flat: FlatModel, theta: Mapping[str, float]) -> FlatModel:
+    return replace(
+        flat, parameters=tuple(replace(p, value=theta.get(p.name, p.value)) for p in flat.parameters)
+    )
+
+
+def has_lost_its_way(proof: Proof) -> bool:
+    """Whether the search ended below the null, which the law contains."""
+    return proof.delta_log_likelihood < -LOST
+
+
+def _on_unseen(
+    null: Null,
+    fit: FitResult,
+    prepared: Prepared,
+    validation: Sequence[Experiment],
+    reference: Reference | None,
+) -> tuple[FitResult | None, tuple[Ahead, ...], str, bool]:
+    """The estimates without coloured loads, what they do to the prediction of unseen data, why these speak
+    against the effect (empty where they do not), and whether most of the error is gone."""
+    if reference is None or not validation:
+        return None, (), "", False
+    found = settled(null, fit, prepared.flat, null.experiments, validation)
+    if found is None:
+        against, _, is_told = judged((), reference.fit, fit, reference.adds_up)
+        return None, (), against, is_told
+    white, observer = found
+    ahead = compared(reference.foreseen, foreseen(observer, validation), period_of(null.experiments))
+    if reference.adds_up or any(is_worse(one) for one in ahead):
+        final = white
+    else:
+        final = simulated(null, white, prepared.flat, null.experiments, validation)
+    against, _, is_told = judged(ahead, reference.fit, final, reference.adds_up)
+    return final, ahead, against, is_told
 
 
 def _left(null: Null, with_effect: Null, after: NullObserver) -> FreeForm | None:
@@ -212,9 +332,14 @@ def _left(null: Null, with_effect: Null, after: NullObserver) -> FreeForm | None
     return forms[0] if forms else None
 
 
-def _is_most_of_it(explained: float, ratios: Sequence[float]) -> bool:
-    """Whether the effect does away with most of the load and of the simulation error. No law is exact on a
-    real machine: what it leaves is then a finding of its own, and no reason to doubt it."""
+def _is_most_of_it(
+    explained: float, ratios: Sequence[float], is_told: bool, gain: float, left: FreeForm
+) -> bool:
+    """Whether the effect does away with most of the load and of the simulation error, or of the error on
+    unseen data at some horizon and with more than it leaves. No law is exact on a real machine: what it
+    leaves is then a finding of its own, and no reason to doubt it."""
+    if is_told and left.log_likelihood_gain < MOST_LEFT * gain:
+        return True
     return explained >= LEAST_EXPLAINED and bool(ratios) and max(ratios) <= BETTER
 
 
@@ -276,25 +401,19 @@ def _slow_size(load: Load, time_constant: float) -> float:
     return load.size * float(np.sqrt(2.0 / np.pi * np.arctan(load.time_constant / time_constant)))
 
 
-def _failed_gate(
-    prepared: Prepared,
-    fit: FitResult,
-    delta_bic: float,
-    explained: float,
-    ratios: Sequence[float],
-    one_step: Sequence[float] = (),
-) -> str:
-    """Why the candidate cannot be accepted; empty when it can. `ratios` are those of the simulation errors,
-    `one_step` those of the prediction errors."""
-    if fit.status == "iteration limit":
-        return "the fit did not converge"
+def _without_evidence(gain: float, delta_bic: float, p_value: float, n_screened: int) -> str:
+    """Why the likelihood says too little; empty where it says enough."""
+    if gain < -LOST:
+        return f"the search lost its way: it ends {-gain:.0f} below the likelihood of the model as it is"
     if delta_bic < BIC_GAIN:
         return f"the likelihood gains too little for its parameters (BIC gain {delta_bic:.1f})"
-    if reason := _unexplained(explained, ratios):
-        return reason
-    limit = WORSE if min(one_step, default=1.0) > BETTER_STEP else MUCH_WORSE
-    if ratios and min(ratios) > limit:
-        return f"the simulation of unseen data gets {max(ratios):.1f} times worse"
+    if p_value > CHANCE:
+        return f"a search over {n_screened} candidates finds as much by chance (p = {p_value:.1g})"
+    return ""
+
+
+def _weak(prepared: Prepared, fit: FitResult) -> str:
+    """Why its shape or its sizes prove nothing; empty where they do."""
     candidate = prepared.trial.candidate
     found = {p.name: p for p in fit.parameters}
     for shape in (p for p in candidate.effect.parameters if p.role == "shape"):
@@ -379,7 +498,7 @@ def best_accepted(proofs: Sequence[Proof]) -> Proof | None:
 
 def _far_more_likely(order: Sequence[Proof], best: Proof) -> Proof | None:
     """A refused candidate beside which the best accepted one explains little."""
-    refused = [p for p in order if p.verdict == "rejected" and p.explained >= LEAST_EXPLAINED]
+    refused = [p for p in order if p.verdict == "rejected" and p.is_open]
     strongest = max(refused, key=lambda p: p.delta_log_likelihood, default=None)
     if strongest is None or FAR_LESS * strongest.delta_log_likelihood < best.delta_log_likelihood:
         return None

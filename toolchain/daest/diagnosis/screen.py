@@ -189,9 +189,35 @@ def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed:
         return Screen((), np.zeros((0, 0)), 1.0, 0, (*skipped, *refused, *refused_shapes))
     responses, columns = _responses(null, run, explicit, usable)
     directions = nuisance(run, len(null.estimated))
+    rescaling = np.vstack([directions, _loads_rescaled(null, run)])
     return _scored(
-        usable, columns, run.whitened, directions, responses, (*skipped, *refused, *refused_shapes), seed
+        usable,
+        columns,
+        run.whitened,
+        directions,
+        rescaling,
+        responses,
+        (*skipped, *refused, *refused_shapes),
+        seed,
     )
+
+
+def _loads_rescaled(null: Null, run: NullObserver) -> np.ndarray:
+    """Responses (n_loads, m) of the whitened innovations to loads that grow in proportion.
+
+    What only rescales estimated parameters rescales the unknown loads with them, which the observer holds to
+    its gain: an input gain, say, is the inverse of all inertias, dampings and springs, and of the loads."""
+    parts = []
+    for number, (experiment, observed) in enumerate(zip(null.experiments, run.observed, strict=True)):
+        rows = [run.state_names.index(load.name) for load in null.loads]
+        drives = np.zeros((len(rows), 2, experiment.n_samples - 1, len(run.state_names)))
+        for i, row in enumerate(rows):
+            entry = run.average.A[:, row].copy()
+            entry[row] = 0.0  # the load's own decay
+            course = np.stack([observed.filtered[:-1, row], observed.predicted[1:, row]])
+            drives[i] = course[..., None] * entry
+        parts.append(innovation_responses(run, number, experiment, drives))
+    return np.concatenate(parts, axis=1)
 
 
 def nuisance(run: NullObserver, n_parameters: int) -> np.ndarray:
@@ -347,13 +373,15 @@ def _scored(
     rows: Sequence[slice],
     white: np.ndarray,
     directions: np.ndarray,
+    rescaling: np.ndarray,
     responses: np.ndarray,
     skipped: tuple[tuple[str, str], ...],
     seed: int,
 ) -> Screen:
     rest, share = projected(responses, directions)
     norms = np.linalg.norm(rest, axis=1)
-    seen = (share >= ABSORBED) & (norms > 0.0)
+    only_rescales = projected(responses, rescaling)[1] < ABSORBED
+    seen = (share >= ABSORBED) & ~only_rescales & (norms > 0.0)
     unit = np.where(seen[:, None], rest / np.where(norms > 0.0, norms, 1.0)[:, None], 0.0)
     spread = spread_under(white)(unit)
     z = np.where(seen, unit @ white / spread, 0.0)

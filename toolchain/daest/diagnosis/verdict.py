@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from daest.diagnosis.null import Null
 from daest.diagnosis.proof import is_significant
 from daest.diagnosis.screen import NullObserver
-from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, VerdictName
-from daest.model.fit import FitResult, FittedParameter, error_ratios
+from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Unproved, VerdictName
+from daest.model.fit import Agreement, FitResult, FittedParameter, error_ratios
 from daest.model.flat import FlatModel
 from daest.numerics.statistics import whiteness_p_value
 
@@ -40,6 +40,9 @@ class Evidence:
     gains: tuple[PlaceGain, ...]
     form: FreeForm | None  # the one that the load of the null follows best
     fitted: Mapping[str, float]
+    told: FitResult | None = None  # of the model as it is, without coloured loads
+    unproved: tuple[Unproved, ...] = ()
+    against_form: str = ""  # why unseen data speak against a curve over the variable of the form
 
 
 @dataclass(frozen=True)
@@ -47,23 +50,74 @@ class Decided:
     name: VerdictName
     message: str
     next_experiment: str = ""
+    proofs: tuple[Proof, ...] = ()
 
 
 def decide(evidence: Evidence) -> Decided:
-    """The verdict. A claim needs a candidate that passed every gate of the proof."""
+    """The verdict, with the proofs as it leaves them. A claim needs a candidate that passed every gate of the
+    proof, and no leader of the screen that could not be tried."""
     accepted = [p for p in evidence.proofs if p.verdict != "rejected"]
+    leader = _untried_leader(evidence, accepted)
+    if accepted and leader is not None:
+        return _beside_untried(evidence, accepted, leader)
+    return replace(_decided(evidence, accepted, leader), proofs=evidence.proofs)
+
+
+def _untried_leader(evidence: Evidence, accepted: Sequence[Proof]) -> Unproved | None:
+    """A candidate whose refit failed, with a score that none of the accepted ones reaches."""
+    scores = {entry.candidate.name: entry.score for entry in evidence.screen.entries}
+    best = max((scores.get(p.candidate.name, 0.0) for p in accepted), default=0.0)
+    failed = [u for u in evidence.unproved if u.has_failed and u.p_value < CERTAIN and u.score > best]
+    return max(failed, key=lambda u: u.score, default=None)
+
+
+def _beside_untried(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved) -> Decided:
+    label = leader.candidate.label
+    names = _listed(tuple(p.candidate.label for p in accepted))
+    proofs = tuple(
+        p
+        if p.verdict == "rejected"
+        else replace(p, verdict="not separable", not_separable_from=(*p.not_separable_from, label))
+        for p in evidence.proofs
+    )
+    return Decided(
+        "cannot tell",
+        f"{names} would do, but {label} says more in the screen (p = {leader.p_value:.1g}), and "
+        f"{leader.reason}.",
+        _by_hand(leader),
+        proofs,
+    )
+
+
+def _by_hand(one: Unproved) -> str:
+    return (
+        f"Add {one.candidate.label} to the model (daest extend) and identify it, from sizes that make "
+        "sense in the machine."
+    )
+
+
+def _decided(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved | None) -> Decided:
     if len(accepted) == 1:
         return Decided("supported", _supported(evidence, accepted[0]))
     if accepted:
-        return _cannot_tell(accepted)
+        return _cannot_tell(list(accepted))
     if _simulates_to_noise(evidence):
         return _nothing(evidence)
     form = evidence.form
     is_related = form is not None and form.p_value < CERTAIN
     if evidence.screen.p_value > CERTAIN and not is_related and not _has_unexpected_load(evidence):
         return _nothing(evidence)
-    if form is not None and is_related:
+    if leader is not None:
+        return Decided(
+            "cannot tell",
+            f"Something is missing. {leader.candidate.label} leads the screen "
+            f"(p = {leader.p_value:.1g}), but {leader.reason}.",
+            _by_hand(leader),
+        )
+    if form is not None and is_related and not evidence.against_form:
         return _unknown(evidence, form)
+    if form is not None and is_related and evidence.against_form:
+        return _no_law(evidence, form)
     if _is_coloured(evidence):
         return Decided(
             "unknown effect",
@@ -82,12 +136,29 @@ def decide(evidence: Evidence) -> Decided:
     )
 
 
+def _no_law(evidence: Evidence, form: FreeForm) -> Decided:
+    """A load that seems to follow a variable, though no curve over it foresees anything."""
+    near = [p for p in evidence.proofs if p.delta_bic > NEAR]
+    text = (
+        f"An unexplained load acts at {_load_places(evidence)}. It seems to follow {form.label} (p = "
+        f"{form.p_value:.1g}), but with a curve over that in the model {evidence.against_form}: it is noise "
+        "or a load from outside, or a law that this recording does not show well enough."
+    )
+    if near:
+        text += f" The nearest of the library is {near[0].candidate.label}, but {near[0].reason}."
+    return Decided(
+        "external disturbance",
+        text + _foreseen(evidence, near[0] if near else None),
+        "Repeat the same experiment: what comes back in the same way belongs to the machine.",
+    )
+
+
 def _supported(evidence: Evidence, proof: Proof) -> str:
     values = ", ".join(
         f"{p.name.partition('.')[2]} = {p.value:.4g} ± {p.std_error:.2g} {_unit(p)}".rstrip()
         if p.std_error is not None
         else f"{p.name.partition('.')[2]} = {p.value:.4g} {_unit(p)}".rstrip()
-        for p in proof.fit.parameters
+        for p in proof.told.parameters
         if p.name.startswith(f"{proof.candidate.name}.")
     )
     text = f"{proof.candidate.label}: {values}; supported."
@@ -96,7 +167,34 @@ def _supported(evidence: Evidence, proof: Proof) -> str:
     if proof.left is not None and is_significant(proof.left, proof.delta_log_likelihood):
         text += f" Something else is missing besides: what is left follows {proof.left.label}."
     ratio = _error_ratio(evidence, proof)
-    return text + _errors(evidence, proof) + _foreseen(evidence, proof, FORESEEN * min(ratio, 1.0))
+    told = _errors(evidence, proof) + _importance(evidence, proof) + _certainty(evidence, proof)
+    return text + told + _foreseen(evidence, proof, FORESEEN * min(ratio, 1.0))
+
+
+def _importance(evidence: Evidence, proof: Proof) -> str:
+    """How much the effect matters: share of the error on unseen data that it removes, at the horizon where it
+    removes most, and in the whole simulation."""
+    parts = []
+    if proof.ahead:
+        best = min(proof.ahead, key=lambda one: one.ratio)
+        parts.append(f"{_removed(best.ratio)} of the error of predictions {best.seconds:.3g} s ahead")
+    ratio = _error_ratio(evidence, proof)
+    if np.isfinite(ratio):
+        parts.append(f"{_removed(ratio)} of that of the whole simulation")
+    return f" Importance: it removes {' and '.join(parts)}." if parts else ""
+
+
+def _removed(ratio: float) -> str:
+    return f"{100.0 * max(1.0 - ratio, 0.0):.0f} %"
+
+
+def _certainty(evidence: Evidence, proof: Proof) -> str:
+    """How sure the effect is, however little it matters."""
+    text = f" Certainty: BIC gain {proof.delta_bic:.3g} over {evidence.screen.n_screened} candidates"
+    if proof.ahead:
+        surest = max(proof.ahead, key=lambda one: one.certainty)
+        text += f", unseen data foreseen better by {surest.certainty:.2g} standard errors"
+    return text + "."
 
 
 def _unit(parameter: FittedParameter) -> str:
@@ -105,7 +203,7 @@ def _unit(parameter: FittedParameter) -> str:
 
 def _errors(evidence: Evidence, proof: Proof) -> str:
     """Validation errors before and after, per output."""
-    before, after = evidence.baseline.simulated.get("validation"), proof.fit.simulated.get("validation")
+    before, after = (fit.simulated.get("validation") for fit in _told(evidence, proof))
     if before is None or after is None:
         return ""
     parts = [
@@ -146,10 +244,14 @@ def _not_proven(evidence: Evidence, near: list[Proof]) -> Decided:
 def _simulates_to_noise(evidence: Evidence) -> bool:
     """Whether the simulation is as good as the one-step prediction on data it has not seen: then nothing acts
     on the machine that the model does not know, whatever small loads the likelihood likes to have."""
-    simulated, one_step = (
-        part.get("validation") for part in (evidence.baseline.simulated, evidence.baseline.one_step)
-    )
-    if simulated is None or one_step is None:
+    fits = [evidence.baseline] + ([] if evidence.told is None else [evidence.told])
+    one_step = evidence.baseline.one_step.get("validation")
+    return one_step is not None and any(_is_at_noise(fit, one_step) for fit in fits)
+
+
+def _is_at_noise(fit: FitResult, one_step: Agreement) -> bool:
+    simulated = fit.simulated.get("validation")
+    if simulated is None:
         return False
     pairs = [(rms, one_step.rms.get(name)) for name, rms in simulated.rms.items()]
     return all(rms is not None and other is not None and rms <= TO_NOISE * other for rms, other in pairs)
@@ -195,7 +297,7 @@ def _nothing(evidence: Evidence) -> Decided:
 def _moved(evidence: Evidence) -> list[str]:
     """Parameters of an earlier fit that these data contradict."""
     result = []
-    for p in evidence.baseline.parameters:
+    for p in (evidence.told or evidence.baseline).parameters:
         given = evidence.fitted.get(p.name)
         if given is None or not p.std_error:
             continue
@@ -243,7 +345,16 @@ def _foreseen(evidence: Evidence, named: Proof | None, limit: float = FORESEEN) 
 def _error_ratio(evidence: Evidence, proof: Proof) -> float:
     """Error of the candidate on unseen data relative to that of the model as it is, of the output where it is
     largest; inf where it is unknown."""
-    return max(error_ratios(evidence.baseline.simulated, proof.fit.simulated), default=np.inf)
+    before, after = _told(evidence, proof)
+    return max(error_ratios(before.simulated, after.simulated), default=np.inf)
+
+
+def _told(evidence: Evidence, proof: Proof) -> tuple[FitResult, FitResult]:
+    """The fits without and with the effect, on the same terms: without coloured loads where both are known
+    so, else beside them."""
+    if evidence.told is None or proof.final is None:
+        return evidence.baseline, proof.fit
+    return evidence.told, proof.final
 
 
 def _is_coloured(evidence: Evidence) -> bool:

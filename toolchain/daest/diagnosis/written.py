@@ -81,7 +81,7 @@ def _written(
         find_site(flat, with_names(candidate.site.name, names), candidate.effect),
         values=_own_values(proof),
         inputs=inputs,
-        parameters=_changed(flat, proof.fit.theta, names),
+        parameters=_changed(flat, proof.told.theta, names),
         libraries=libraries,
         target=target,
     )
@@ -131,7 +131,7 @@ def written_load(
 
 def _own_values(proof: Proof) -> dict[str, float]:
     """Values of the effect's parameters by their own names; those that its component gives stay with it."""
-    candidate, theta = proof.candidate, proof.fit.theta
+    candidate, theta = proof.candidate, proof.told.theta
     own = [p.name for p in candidate.effect.parameters if p.role != "given"]
     return {name: _short(theta[key]) for name in own if (key := f"{candidate.name}.{name}") in theta}
 

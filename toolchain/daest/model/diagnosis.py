@@ -151,12 +151,27 @@ class LearnedLoad:
     before: Mapping[str, float | None]
     after: Mapping[str, float | None]
     sign: float = 1.0
+    against: str = ""  # why unseen data speak against it
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """Unseen data foreseen `samples` (`seconds`) ahead: the error with an effect in the model relative to the
+    one without (rms over all outputs), and how many standard errors the difference of their squares is from
+    none."""
+
+    samples: int
+    seconds: float
+    ratio: float
+    certainty: float
 
 
 @dataclass(frozen=True)
 class Proof:
-    """A candidate built into the model and refitted. `explained` is the share of the load's size that
-    vanished; `left` the form that the rest of the load follows best."""
+    """A candidate built into the model and refitted. `fit` is beside the unknown loads, which is what the
+    tests rest on; `final` without coloured ones, which is what is told. `explained` is the share of the
+    load's size that vanished; `left` the form that the rest of the load follows best; `ahead` what it does
+    to the prediction of unseen data."""
 
     candidate: Candidate
     flat: FlatModel
@@ -170,6 +185,28 @@ class Proof:
     verdict: CandidateVerdict
     reason: str
     left: FreeForm | None = None
+    final: FitResult | None = None  # None: not searched for, since the tests of `fit` have failed
+    ahead: tuple[Ahead, ...] = ()
+    is_open: bool = False  # rejected, though nothing speaks against it: the data may still mean it
+
+    @property
+    def told(self) -> FitResult:
+        """The fit whose sizes and errors are told."""
+        return self.final or self.fit
+
+
+@dataclass(frozen=True)
+class Unproved:
+    """A candidate that led the screen, or came to be tried, without a refit: the `reason` says why.
+    `has_failed` tells that its refit was tried in vain, so that it may well be what is missing."""
+
+    candidate: Candidate
+    equivalent: tuple[str, ...]
+    score: float
+    p_value: float
+    sizes: tuple[float, ...]
+    reason: str
+    has_failed: bool = False
 
 
 @dataclass(frozen=True)
@@ -198,6 +235,7 @@ class Diagnosis(Framed):
     next_experiment: str
     seconds: float
     learned: LearnedLoad | None = None  # of an unknown effect
+    unproved: tuple[Unproved, ...] = ()
 
     def tables(self) -> tuple[Listing, ...]:
         columns = ("effect", "at", "verdict", "delta_bic", "p_value")

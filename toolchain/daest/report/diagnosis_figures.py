@@ -60,7 +60,7 @@ def _draw_scores(diagnosis: Diagnosis, ax: Axes) -> None:
 
 def _draw_errors(diagnosis: Diagnosis, units: Mapping[str, str], part: Any) -> None:
     labels = ["as it is", *(p.candidate.label for p in diagnosis.proofs)]
-    fits = [diagnosis.baseline, *(p.fit for p in diagnosis.proofs)]
+    fits = [diagnosis.baseline, *(p.told for p in diagnosis.proofs)]
     accepted = [False, *(p.verdict != "rejected" for p in diagnosis.proofs)]
     axes = part.subplots(1, len(units), sharey=True, squeeze=False)[0]
     for ax, (name, unit) in zip(axes, units.items(), strict=True):

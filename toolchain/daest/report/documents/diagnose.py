@@ -17,6 +17,7 @@ from daest.model.diagnosis import (
     Proof,
     Screened,
     Step,
+    Unproved,
     VerdictName,
 )
 from daest.report.documents.parts import (
@@ -31,8 +32,9 @@ from daest.report.documents.parts import (
 
 SCREENED = 20  # entries of the screen that are listed
 AS_IT_IS = (
-    "The model as it is: its parameters refitted together with unknown loads, then simulated without them; "
-    "daest compare takes the values of daest identify, or those of the model."
+    "The model as it is: its parameters refitted together with unknown loads (white noise in the errors told "
+    "here), then simulated without them; daest compare takes the values of daest identify, or those of the "
+    "model."
 )
 
 
@@ -41,6 +43,13 @@ _Class = TypedDict("_Class", {"class": NotRequired[str]})
 
 class Baseline(Errors):
     remark: NotRequired[Annotated[str, "how the errors were found, where that is not as in a comparison"]]
+
+
+class AheadEntry(TypedDict):
+    seconds: float
+    samples: int
+    ratio: Annotated[float, "error on unseen data, that far ahead, relative to that without the effect"]
+    certainty: Annotated[float, "standard errors by which it is better"]
 
 
 class CandidateEntry(_Class):
@@ -56,6 +65,10 @@ class CandidateEntry(_Class):
     delta_bic: float | None
     p_value: float | None
     explained: NotRequired[float | None]
+    ahead: NotRequired[list[AheadEntry]]
+    refitted: NotRequired[
+        Annotated[bool, "false: a leader of the screen without a refit; sizes are the screen's, `reason` says why"]
+    ]
     verdict: CandidateVerdict
     reason: NotRequired[str]
     not_separable_from: list[str]
@@ -176,7 +189,10 @@ def document(
         "verdict": diagnosis.verdict,
         "message": diagnosis.message,
         "baseline": {**errors_entry(diagnosis.baseline.simulated), "remark": AS_IT_IS},
-        "candidates": [_candidate(p, (models or {}).get(p.candidate.name)) for p in diagnosis.proofs],
+        "candidates": [
+            *(_candidate(p, (models or {}).get(p.candidate.name)) for p in diagnosis.proofs),
+            *(_without_refit(u) for u in diagnosis.unproved),
+        ],
         "screen": {
             "p_value": diagnosis.screen.p_value,
             "n_screened": diagnosis.screen.n_screened,
@@ -266,22 +282,58 @@ def _candidate(proof: Proof, model: Written | None) -> CandidateEntry:
         "inputs": dict(candidate.inputs),
         "parameters": {
             p.name.removeprefix(prefix): uncertain_entry(p)
-            for p in proof.fit.parameters
+            for p in proof.told.parameters
             if p.name.startswith(prefix)
         },
         "model_parameters": {
-            p.name: uncertain_entry(p) for p in proof.fit.parameters if not p.name.startswith(prefix)
+            p.name: uncertain_entry(p) for p in proof.told.parameters if not p.name.startswith(prefix)
         },
-        **errors_entry(proof.fit.simulated),
+        **errors_entry(proof.told.simulated),
         "delta_log_likelihood": proof.delta_log_likelihood,
         "delta_bic": proof.delta_bic,
         "p_value": proof.p_value,
         "explained": proof.explained,
+        "ahead": [
+            {"seconds": a.seconds, "samples": a.samples, "ratio": a.ratio, "certainty": a.certainty}
+            for a in proof.ahead
+        ],
+        "refitted": True,
         "verdict": proof.verdict,
         "reason": proof.reason,
         "not_separable_from": list(proof.not_separable_from),
         "model": None if model is None else model.text,
         "model_reason": "" if model is None else model.reason,
+    }
+
+
+def _without_refit(one: Unproved) -> CandidateEntry:
+    """A leader of the screen that was not refitted, with the sizes that the screen gives it."""
+    candidate = one.candidate
+    sizes = zip(candidate.effect.sizes, one.sizes, strict=True)
+    return {
+        "effect": candidate.effect.name,
+        "class": candidate.effect.class_name,
+        "at": candidate.site.name,
+        "equivalent_places": list(one.equivalent),
+        "inputs": dict(candidate.inputs),
+        "parameters": {
+            p.name: {"value": size, "std_error": None, "unit": candidate.units.get(p.name, p.unit)}
+            for p, size in sizes
+        },
+        "model_parameters": {},
+        "fit_percent": {"estimation": {}},
+        "rms": {"estimation": {}},
+        "delta_log_likelihood": None,
+        "delta_bic": None,
+        "p_value": one.p_value,
+        "explained": None,
+        "ahead": [],
+        "refitted": False,
+        "verdict": "rejected",
+        "reason": one.reason,
+        "not_separable_from": [],
+        "model": None,
+        "model_reason": "",
     }
 
 

@@ -67,7 +67,7 @@ def _refitted(document: Mapping[str, Any]) -> RenderableType:
             c["at"],
             *_errors(c, outputs),
             number(c["delta_bic"]),
-            f"{100 * c['explained']:.0f} %",
+            "-" if c["explained"] is None else f"{100 * c['explained']:.0f} %",
             c["verdict"],
         )
         for c in document["candidates"]

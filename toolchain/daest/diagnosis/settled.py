@@ -1,0 +1,184 @@
+"""Estimates of an effect without the coloured load that it replaced.
+
+A coloured load with a long memory takes from a law whatever of it is slow, and leaves it half its size; an
+honest test of whether the law is there needs such a load, its size does not. Here the loads are white: noise
+of equal power at all frequencies can imitate no law. A filter with white loads suits a machine that is
+shaken, and one whose errors add up; a simulation suits a model that lacks something besides, since it weighs
+slow errors as a user of the model does. Both are tried, and the one that simulates unseen data better is
+told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from daest.diagnosis.null import Null, grown, shortest_load
+from daest.diagnosis.screen import NullObserver, nuisance, run_null
+from daest.errors import DaestError
+from daest.estimation.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.identify import identify
+from daest.estimation.identify_nonlinear import WarmStart, identify_nonlinear
+from daest.model.experiment import Experiment
+from daest.model.explicit import ExplicitModel
+from daest.model.fit import FitResult, FittedParameter, IdentifyOptions, error_ratios
+from daest.model.flat import FlatModel
+from daest.systems.reduce import reduce_index
+
+FAILURES = (DaestError, RuntimeError, np.linalg.LinAlgError)  # of a search, also those of CasADi's solvers
+ITERATIONS = 40
+SECOND_CHANCES = 2  # searches that go on where one has come to its limit
+BATCHES = 30  # of the record, whose scores count as independent: colour of the innovations shows in them
+FEWEST_BATCHES = 8
+CHOICE = 0.5  # of the distance between two estimates on different terms: which is right is open
+SIMULATED_ITERATIONS = 12
+
+
+def settled(
+    null: Null,
+    fit: FitResult,
+    flat: FlatModel,
+    experiments: Sequence[Experiment],
+    validation: Sequence[Experiment],
+) -> tuple[FitResult, NullObserver] | None:
+    """The fit of `flat`, a model that contains the null's loads, with white loads in their place, started
+    from `fit`; and its observer over the experiments. None where no search from there succeeds."""
+    names = tuple(p.name for p in fit.parameters)
+    times = {f"{load.name}.T": shortest_load(null.experiments) for load in null.loads}
+    values = tuple(
+        replace(p, value=times.get(p.name, fit.theta.get(p.name, p.value))) for p in flat.parameters
+    )
+    started = replace(flat, parameters=values)
+    explicit = reduce_index(started)
+    found: FitResult | None = None
+    for _ in range(1 + SECOND_CHANCES):
+        try:
+            found = _fit(null, started, explicit, names, experiments, validation, found)
+        except FAILURES:
+            return None
+        if found.status != "iteration limit":
+            break
+    assert found is not None
+    white = grown(null, started, explicit, found, experiments)
+    run = run_null(white)
+    return replace(found, parameters=_uncertain(found, fit, run)), run
+
+
+def simulated(
+    null: Null,
+    white: FitResult,
+    flat: FlatModel,
+    experiments: Sequence[Experiment],
+    validation: Sequence[Experiment],
+) -> FitResult:
+    """The better of `white` (of `settled`) and of the fit by simulation that starts there, judged by the
+    simulation of the validation data; its uncertainty includes the choice."""
+    names = tuple(p.name for p in white.parameters)
+    known = {p.name for p in flat.parameters}
+    times = {f"{load.name}.T": shortest_load(null.experiments) for load in null.loads}
+    options = IdentifyOptions(
+        method="oe",
+        estimate=names,
+        start={name: white.theta[name] for name in names},
+        fix={name: T for name, T in times.items() if name in known},
+        hold=null.hold,
+        max_iterations=SIMULATED_ITERATIONS,
+        second_look=False,
+        shooting=1,
+    )
+    try:
+        found = identify(flat, experiments, options, validation)
+    except FAILURES:
+        return white
+    ratios = error_ratios(white.simulated, found.simulated)
+    if not ratios or not np.mean(np.square(ratios)) < 1.0:
+        return white
+    others = {p.name: p for p in white.parameters}
+    chosen = tuple(
+        replace(p, std_error=_with_choice(p.std_error, p.value - others[p.name].value))
+        for p in found.parameters
+    )
+    return replace(found, parameters=chosen)
+
+
+def _with_choice(std_error: float | None, apart: float) -> float | None:
+    return None if std_error is None else float(np.hypot(std_error, CHOICE * apart))
+
+
+def _fit(
+    null: Null,
+    flat: FlatModel,
+    explicit: ExplicitModel,
+    names: Sequence[str],
+    experiments: Sequence[Experiment],
+    validation: Sequence[Experiment],
+    before: FitResult | None,
+) -> FitResult:
+    known = {p.name: p for p in flat.parameters}
+    start = {name: known[name].value if before is None else before.theta[name] for name in names}
+    coordinates = tuple(
+        parameter_coordinate(flat, name, start[name], (known[name].min, known[name].max)) for name in names
+    )
+    n_w, n_y = len(flat.noises), len(flat.outputs)
+    T = shortest_load(null.experiments)
+    # A white load of the same size: the search over noise levels finds the rest.
+    levels = {f"{load.name}.w": 2.0 * load.size**2 / T for load in null.loads}
+    states, std = null.initial_states, null.measurement_std
+    if before is not None:
+        levels = {n.name: n.value for n in before.noises if n.kind == "process"}
+        states = tuple(dict(zip(s.names, s.values, strict=True)) for s in before.initial_states)
+    intensity = np.array([levels.get(w.name, 0.0) for w in flat.noises])
+    return identify_nonlinear(
+        explicit,
+        Unknowns(coordinates, flat.theta_values, np.zeros(n_w), np.ones(n_y)),
+        experiments,
+        "pem",
+        intensity,
+        np.array([w.name in levels for w in flat.noises], dtype=bool),
+        np.full(n_y, np.nan),
+        IdentifyOptions(hold=null.hold, max_iterations=ITERATIONS),
+        validation,
+        WarmStart(intensity, std, states, at_rest=tuple(load.name for load in null.loads)),
+    )
+
+
+def _uncertain(found: FitResult, beside: FitResult, run: NullObserver) -> tuple[FittedParameter, ...]:
+    """The parameters with standard errors that hold for innovations that are not white (sandwich, over
+    batches of the record), and that include the choice between this estimate and the one `beside` the
+    coloured load."""
+    cov = _sandwich(run, len(found.parameters))
+    result = []
+    for i, parameter in enumerate(found.parameters):
+        if parameter.std_error is None:
+            result.append(parameter)
+            continue
+        own = max(parameter.std_error**2, float(cov[i, i]) if np.isfinite(cov[i, i]) else 0.0)
+        apart = parameter.value - beside.theta[parameter.name]
+        result.append(replace(parameter, std_error=_with_choice(float(np.sqrt(own)), apart)))
+    return tuple(result)
+
+
+def _sandwich(run: NullObserver, n_parameters: int) -> np.ndarray:
+    """Covariance (p, p) of the parameters from the scores of batches of the record; NaN where there are too
+    few batches."""
+    directions = nuisance(run, n_parameters)
+    information = directions @ directions.T
+    inverse = np.linalg.pinv(information, hermitian=True)
+    totals, first = [], 0
+    samples = sum(o.whitened.shape[0] for o in run.observed)
+    for observed in run.observed:
+        n_samples, n_y = observed.whitened.shape
+        n_batches = max(1, round(BATCHES * n_samples / samples))
+        edges = first + n_y * np.linspace(0, n_samples, n_batches + 1).astype(int)
+        white = run.whitened
+        for a, b in pairwise(edges.tolist()):
+            totals.append(directions[:, a:b] @ white[a:b])
+        first += n_samples * n_y
+    if len(totals) < FEWEST_BATCHES:
+        return np.full((n_parameters, n_parameters), np.nan)
+    scores = np.array(totals)
+    whole = inverse @ (scores.T @ scores) @ inverse
+    return whole[:n_parameters, :n_parameters]

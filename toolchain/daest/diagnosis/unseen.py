@@ -1,0 +1,201 @@
+"""What a model foresees of data that it has not seen, at every horizon.
+
+The observer of a model runs over the validation data, is then left alone for as many samples as the horizon
+says, and takes up again: one run per horizon. Two models are compared stretch by stretch, so that chance is
+told from progress whatever the colour of the errors, and where they differ: an overflow that is seldom
+reached tells nothing of the rest of the record.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from daest.diagnosis.null import Null
+from daest.diagnosis.screen import RTOL, NullObserver
+from daest.model.diagnosis import Ahead
+from daest.model.experiment import Experiment
+from daest.model.fit import FitResult, error_ratios
+from daest.systems.initialize import initial_point
+from daest.systems.integrate import Correction, IntegrationError, Integrator, integrate, integrator
+
+HORIZONS = (1, 3, 10, 30, 100)  # samples, as far as LONGEST allows
+LONGEST = 0.1  # of the shortest recording
+TAKES_UP = 20  # samples for which the observer follows the data before it is left alone again
+START_SAMPLES = 300  # that the initial state is fitted to
+START_ITERATIONS = 4
+FEWEST_STRETCHES = 5
+CERTAIN = 2.5  # standard errors of the mean over stretches that tell better from worse
+DIFFERENCE = 0.95  # of the squared difference between two models: where that is, the effect acts
+SAME = 0.01  # relative difference of errors that is none
+CLEAR = 0.9  # error relative to the one before, from which a simulation has become clearly better
+MOST = 0.7  # likewise, from which most of the squared error is gone
+STEADY = 3.0  # durations of the record: a mode that is slower than that adds up errors without bound
+
+
+@dataclass(frozen=True)
+class Foreseen:
+    """Errors of every stretch at every horizon (samples), each (n_stretches, length, n_y), NaN where nothing
+    was measured."""
+
+    errors: dict[int, np.ndarray]
+
+
+def foreseen(run: NullObserver, experiments: Sequence[Experiment]) -> Foreseen | None:
+    """The validation `experiments` foreseen by the observer `run`; None where it cannot be integrated."""
+    null = run.null
+    model = integrator(null.explicit)
+    shortest = min(e.n_samples for e in experiments)
+    steps = [h for h in HORIZONS if h == 1 or h <= LONGEST * shortest]
+    errors: dict[int, list[np.ndarray]] = {h: [] for h in steps}
+    for experiment in experiments:
+        try:
+            x0 = _initial_state(null, model, experiment, run.gain)
+            for h in steps:
+                errors[h].append(_stretches(null, model, experiment, x0, run.gain, h))
+        except IntegrationError:
+            return None
+    return Foreseen({h: np.concatenate(parts) for h, parts in errors.items()})
+
+
+def compared(before: Foreseen | None, after: Foreseen | None, period: float) -> tuple[Ahead, ...]:
+    """Both at every horizon; empty where one of them is unknown."""
+    if before is None or after is None:
+        return ()
+    found = []
+    for h, old in before.errors.items():
+        without, with_effect = _where_they_differ(old, after.errors[h])
+        if without.size < FEWEST_STRETCHES:
+            continue
+        gain = without - with_effect
+        error = float(np.std(gain, ddof=1)) / np.sqrt(gain.size)
+        found.append(
+            Ahead(
+                samples=h,
+                seconds=h * period,
+                ratio=float(np.sqrt(np.mean(with_effect) / np.mean(without))),
+                certainty=float(np.mean(gain)) / error if error > 0.0 else 0.0,
+            )
+        )
+    return tuple(found)
+
+
+def _where_they_differ(old: np.ndarray, new: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean squared errors (n,) of two models over the stretches that hold DIFFERENCE of the squared
+    difference between them, which knows nothing of who is right. Every output counts alike."""
+    with np.errstate(invalid="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a stretch without a measured value
+        size = np.nanmean(old**2, axis=(0, 1))
+        seen = size > 0.0
+        a, b, apart = (
+            np.nanmean(part[:, :, seen] ** 2 / size[seen], axis=(1, 2)) for part in (old, new, new - old)
+        )
+    known = np.isfinite(a) & np.isfinite(b)
+    a, b, apart = a[known], b[known], apart[known]
+    order = np.argsort(-apart)
+    share = np.cumsum(apart[order])
+    n = int(np.searchsorted(share, DIFFERENCE * share[-1])) + 1 if share.size else 0
+    chosen = order[: max(n, FEWEST_STRETCHES)]
+    return a[chosen], b[chosen]
+
+
+def is_worse(one: Ahead) -> bool:
+    return one.ratio > 1.0 + SAME and one.certainty < -CERTAIN
+
+
+def is_better(one: Ahead) -> bool:
+    return one.ratio < 1.0 - SAME and one.certainty > CERTAIN
+
+
+def judged(
+    ahead: Sequence[Ahead], before: FitResult, after: FitResult, adds_up: bool
+) -> tuple[str, bool, bool]:
+    """Why unseen data speak against the effect (empty where they do not), whether they speak clearly for it,
+    and whether it does away with most of the error at some horizon. `adds_up` tells that the whole
+    simulation is dead reckoning, which counts for an effect, not against it."""
+    ratios = error_ratios(before.simulated, after.simulated)
+    whole = float(np.sqrt(np.mean(np.square(ratios)))) if ratios else np.nan
+    if not ahead and not ratios:
+        return "", True, False
+    better = [one for one in ahead if is_better(one)]
+    worse = [one for one in ahead if is_worse(one)]
+    best = min([one.ratio for one in better], default=1.0)
+    is_clear = bool(better) or whole < CLEAR
+    if worse:
+        one = max(worse, key=lambda a: a.ratio)
+        return f"unseen data are foreseen {one.ratio:.2g} times worse over {one.seconds:.3g} s", False, False
+    if ratios and whole > 1.0 + SAME and not (adds_up and better):
+        return f"the simulation of unseen data gets {whole:.2g} times worse", False, False
+    if not is_clear:
+        return "unseen data are foreseen no better", False, False
+    return "", True, min(best, whole if whole == whole else 1.0) < MOST
+
+
+def adds_up(run: NullObserver) -> bool:
+    """Whether the model has a mode that keeps errors for longer than the records are: an angle that nothing
+    holds, say."""
+    duration = max(float(e.time[-1] - e.time[0]) for e in run.null.experiments)
+    loads = {load.name for load in run.null.loads}
+    own = [i for i, name in enumerate(run.state_names) if name not in loads]
+    if not own:
+        return False
+    rates = np.linalg.eigvals(run.average.A[np.ix_(own, own)]).real
+    return bool(np.max(rates) > -1.0 / (STEADY * duration))
+
+
+def _initial_state(null: Null, model: Integrator, experiment: Experiment, gain: np.ndarray) -> np.ndarray:
+    """The state at the first sample that the observer follows the data from best, loads at rest."""
+    rows = slice(0, START_SAMPLES)
+    time, inputs, y = experiment.time[rows], experiment.inputs[rows], experiment.outputs[rows]
+    loads = {load.name for load in null.loads}
+    free = np.array([name not in loads for name in null.explicit.state_names])
+    x0 = np.where(free, initial_point(null.explicit, null.theta, experiment.inputs[0])[0], 0.0)
+    best, least = x0, np.inf
+    for _ in range(START_ITERATIONS):
+        try:
+            run = integrate(
+                model, time, inputs, null.theta, x0, hold=null.hold, sensitivities=True,
+                correction=Correction(y, gain), rtol=RTOL,
+            )  # fmt: skip
+        except IntegrationError:
+            break
+        error = (y - run.outputs) / null.measurement_std
+        seen = np.isfinite(error)
+        value = float(np.mean(error[seen] ** 2)) if seen.any() else np.inf
+        if value >= least:
+            break
+        best, least = x0, value
+        slopes = (run.sensitivities / null.measurement_std[:, None])[seen][:, free]
+        step = np.zeros(x0.size)
+        step[free] = np.linalg.lstsq(slopes, error[seen], rcond=1e-8)[0]
+        x0 = x0 + step
+    return best
+
+
+def _stretches(
+    null: Null, model: Integrator, experiment: Experiment, x0: np.ndarray, gain: np.ndarray, horizon: int
+) -> np.ndarray:
+    """Errors (n_stretches, length, n_y) over `horizon` samples without the data, between stretches in which
+    the observer follows them."""
+    n = experiment.n_samples
+    follows = TAKES_UP if horizon > 1 else 0
+    round_length = follows + horizon
+    is_left = np.arange(n) % round_length >= follows
+    gains = np.broadcast_to(gain, (n, *gain.shape))
+    if horizon > 1:
+        gains = np.where(is_left[:, None, None], 0.0, gains)
+    run = integrate(
+        model, experiment.time, experiment.inputs, null.theta, x0, hold=null.hold,
+        correction=Correction(experiment.outputs, np.ascontiguousarray(gains)), rtol=RTOL,
+    )  # fmt: skip
+    errors = experiment.outputs - run.outputs
+    if horizon == 1:  # in batches, so that a stretch is a stretch
+        round_length, is_left = TAKES_UP, np.ones(n, dtype=bool)
+    first = round_length if n > 4 * round_length else 0  # the observer settles
+    starts = range(first, n - round_length + 1, round_length)
+    parts = [errors[a : a + round_length][is_left[a : a + round_length]] for a in starts]
+    length = int(is_left[:round_length].sum())
+    return np.array(parts).reshape(len(parts), length, errors.shape[1])
