@@ -67,6 +67,14 @@ def test_hidden_friction_is_found_and_written(cart, daest):
     for name, parameter in best["model_parameters"].items():
         assert values[name] == pytest.approx(parameter["value"], rel=1e-7)
 
+    # daest extend knows the size, also at a place that the sensors see alike; what is set goes before.
+    for arguments, expected in ((), size["value"]), (("--set", "f_c=3"), 3.0):
+        at = ("--effect", "CoulombFriction", "--at", "spring", *arguments, "-o", "Own.mo")
+        code, _, err = daest("extend", "Cart.mo", *at)
+        assert code == 0 and "sizes as in" in err
+        values = {p.name: p.value for p in compile_model(cart / "Own.mo").parameters}
+        assert values["coulombFriction.f_c"] == pytest.approx(expected, rel=1e-7)
+
 
 def test_text_begins_with_the_answer(cart, daest):
     code, out, _ = daest("diagnose", "rub.csv", "--model", "Cart.mo", "--hold", "zoh", *COULOMB)

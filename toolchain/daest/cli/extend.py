@@ -9,10 +9,14 @@ from typing import TYPE_CHECKING
 import click
 
 from daest.cli.options import ModelOptions, example, format_option, model_options, output_option, set_option
-from daest.cli.output import emit, keep_inputs, write_text
+from daest.cli.output import emit, keep_inputs, note, write_text
+from daest.cli.results import read_document
 from daest.errors import ConfigError, ModelError
 
+DIAGNOSIS = "diagnosis.json"  # among the results
+
 if TYPE_CHECKING:
+    from daest.data.project import Project
     from daest.model.effects import Effect, Site
     from daest.model.flat import FlatModel
 
@@ -53,8 +57,9 @@ def command(
 ) -> None:
     """Write a Modelica file that holds MODEL and, last, a model that extends it by an effect.
 
-    --set gives values of the effect's parameters, or new ones of the model's own. Without -o the file goes to
-    stdout.
+    --set gives values of the effect's parameters, or new ones of the model's own; those of the effect that
+    are not given are as daest diagnose has found them (results/diagnosis.json), else as the library has them.
+    Without -o the file goes to stdout.
     """
     from daest.cli.models import model_source
     from daest.modelica.compile import compile_model
@@ -78,6 +83,7 @@ def command(
     flat = compile_model(source, chosen, folders)
     effect, site = _placed(effect_name, place, flat, folders)
     values, parameters = _values(settings, effect, flat)
+    values = {**_diagnosed(project, flat, effect, site), **values}
     extension = extend_model(
         source,
         chosen,
@@ -116,6 +122,26 @@ def _placed(name: str, place: str, flat: FlatModel, folders: Sequence[Path]) -> 
         except ModelError as problem:
             problems.append(problem)
     raise problems[0]
+
+
+def _diagnosed(project: Project, flat: FlatModel, effect: Effect, site: Site) -> dict[str, float]:
+    """The effect's parameters as the diagnosis of this model has found them there; none where it has not."""
+    path = project.results / DIAGNOSIS
+    if not path.is_file():
+        return {}
+    document = read_document(path)
+    if (document.get("model") or {}).get("name") != flat.name:
+        return {}
+    places = {site.name, *site.aliases}
+    for found in document.get("candidates", []):
+        there = {found.get("at"), *found.get("equivalent_places", [])}
+        if found.get("class") != effect.class_name or not places & there:
+            continue
+        known = {p.name for p in effect.parameters}
+        values = {name: p["value"] for name, p in found["parameters"].items() if name in known}
+        note(f"sizes as in {path}: {', '.join(f'{name} = {value:.4g}' for name, value in values.items())}")
+        return values
+    return {}
 
 
 def _values(
