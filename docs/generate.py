@@ -25,7 +25,8 @@ import daest
 from daest.cli.main import COMMANDS, cli
 from daest.cli.schema import schema_names, schema_of
 from daest.data.project import KEYS
-from daest.diagnosis import black_box, proof, residual_tests
+from daest.data import prepare
+from daest.diagnosis import black_box, proof, residual_tests, unseen
 from daest.errors import EXPLANATIONS
 from daest.model.effects import Effect
 from daest.modelica.effects import effect_library
@@ -232,7 +233,14 @@ def filled(markdown: str) -> str:
     )
     template = environment.from_string(markdown)
     return template.render(
-        rates=rates, box=box, proof=proof, tests=residual_tests, black=black_box, percent=percent
+        rates=rates,
+        box=box,
+        proof=proof,
+        unseen=unseen,
+        prepare=prepare,
+        tests=residual_tests,
+        black=black_box,
+        percent=percent,
     )
 
 
