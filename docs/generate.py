@@ -24,8 +24,8 @@ from mkdocs.structure.pages import Page
 import daest
 from daest.cli.main import COMMANDS, cli
 from daest.cli.schema import schema_names, schema_of
-from daest.data.project import KEYS
 from daest.data import prepare
+from daest.data.project import KEYS
 from daest.diagnosis import black_box, proof, residual_tests, unseen
 from daest.errors import EXPLANATIONS
 from daest.model.effects import Effect

@@ -67,7 +67,9 @@ class CandidateEntry(_Class):
     explained: NotRequired[float | None]
     ahead: NotRequired[list[AheadEntry]]
     refitted: NotRequired[
-        Annotated[bool, "false: a leader of the screen without a refit; sizes are the screen's, `reason` says why"]
+        Annotated[
+            bool, "false: a leader of the screen without a refit; sizes are the screen's, `reason` says why"
+        ]
     ]
     verdict: CandidateVerdict
     reason: NotRequired[str]
