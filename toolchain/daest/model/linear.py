@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, Protocol, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -48,6 +48,9 @@ class LinearDAE(Shown):
     source: Literal["symbolic", "fmi-ls-dae", "directional derivatives", "finite differences"] = "symbolic"
     is_affine: bool = True  # False: this is the linearisation of a nonlinear model at the operating point
     notes: tuple[str, ...] = ()  # what the reader should know, such as an operating point that was assumed
+    family: ca.Function | None = (
+        None  # θ -> E, J, K, B, …, of which the matrices are the values at `parameters`
+    )
 
     @property
     def n(self) -> int:
@@ -62,13 +65,54 @@ class LinearDAE(Shown):
 @dataclass(frozen=True)
 class RankDecision:
     """A rank that was decided: `rank` singular values exceed `threshold`; `gap` is the ratio of the smallest
-    kept to the largest dropped one (inf when nothing was dropped or the dropped ones are exactly zero)."""
+    kept to the largest dropped one (inf when nothing was dropped or the dropped ones are exactly zero).
+    `is_exact`: exact arithmetic decided on the rank, and the singular values only show what they make of it.
+    """
 
     what: str
     singular_values: tuple[float, ...]
     threshold: float
     rank: int
     gap: float
+    is_exact: bool = False
+
+
+class Structure(Protocol):
+    """What exact arithmetic says of a pencil sE - J (see `systems.exact_structure`).
+
+    `reading`: of the `numbers` in E and J, of the equations at the values of their `parameters`, or of the
+    equations at almost every θ (`generic`). `is_certain`: no number was, or may have been, rounded.
+    """
+
+    @property
+    def reading(self) -> Literal["numbers", "parameters", "generic"]: ...
+
+    @property
+    def is_certain(self) -> bool: ...
+
+    @property
+    def n_dynamic(self) -> int: ...
+
+    @property
+    def index(self) -> int: ...
+
+    @property
+    def level_sizes(self) -> tuple[int, ...]:
+        """Dimensions by which ker N, ker N², … grow (the Weyr characteristic of the infinite eigenvalue)."""
+
+    @property
+    def rank_of_n(self) -> int: ...
+
+    @property
+    def orders(self) -> np.ndarray:
+        """(n,) the highest derivative of a noise on each equation in any unknown; 0: none."""
+
+    def reached(self, m: int) -> np.ndarray | None:
+        """Which entries (n, n) of the coefficient of s^m in (sE - J)⁻¹ are not zero; None: too many."""
+
+    def response(self, m: int, b: np.ndarray) -> np.ndarray | None:
+        """Which entries (n,) of that coefficient times b (n,) are not zero; None where b is no column of B
+        or K."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +131,9 @@ class StandardForm:
     N: np.ndarray  # (n - n_dynamic, n - n_dynamic), nilpotent
     index: int
     decisions: tuple[RankDecision, ...]
+    exact: Structure | None = None  # that decided on index and n_dynamic, or agrees with them
+    doubts: tuple[str, ...] = ()  # what neither exact arithmetic nor the singular values could decide
+    poles: np.ndarray | None = None  # (n_dynamic,) where more digits were computed than A holds
 
     @property
     def n_dynamic(self) -> int:
@@ -131,6 +178,8 @@ class SparseForm:
     maps: tuple[GroupedMatrix, ...]  # `index` of them, (n, n) each; from maps[1] on all of the same groups
     index: int
     decisions: tuple[RankDecision, ...]
+    exact: Structure | None = None  # as in `StandardForm`
+    doubts: tuple[str, ...] = ()
 
     @property
     def n_dynamic(self) -> int:

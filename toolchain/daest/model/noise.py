@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from daest.model.linear import RankDecision
 from daest.model.parts import Equation
@@ -33,13 +34,39 @@ class NoisePlace:
 
 
 @dataclass(frozen=True)
+class GenericVerdict:
+    """The verdict by exact arithmetic, without tolerances: `of` almost every value of the `parameters`, or,
+    where the equations contain none, of the `numbers` in them. `forbidden` are equations, `noises` the names
+    of those noises of the model that are not admissible."""
+
+    of: Literal["parameters", "numbers"]
+    index: int
+    n_dynamic: int
+    forbidden: tuple[int, ...]
+    noises: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """What is otherwise here than in the `GenericVerdict`: `what` is the index, the number of dynamic modes,
+    the `equations` that are forbidden in one of them alone, or the `noises`; `reason` is a sentence."""
+
+    what: Literal["index", "n_dynamic", "equations", "noises"]
+    reason: str
+    equations: tuple[int, ...] = ()
+    noises: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class NoiseReport(Framed):
     """Theorem 3.1 for every equation, for every noise of the model and for the places that were asked for.
 
     `places` has one entry per entry of `equations`. `N_singular_values` are those of N in (24), zeros for the
     dropped ones; `decisions` holds every rank decision, the one between admissible and forbidden equations
     last. `tolerance` is the projection norm up to which an equation was called admissible, None for the
-    default decision, which does not depend on units.
+    default decision, which does not depend on units. `generic` is the exact verdict (None where there is
+    none: no equations, or numbers that are results of rounding), `differences` tell where the verdict at
+    these numbers is another one, and `undecided` what rounding errors could turn.
     """
 
     equations: tuple[Equation, ...]
@@ -51,6 +78,9 @@ class NoiseReport(Framed):
     N_singular_values: tuple[float, ...]
     decisions: tuple[RankDecision, ...]
     tolerance: float | None = None
+    generic: GenericVerdict | None = None
+    differences: tuple[Difference, ...] = ()
+    undecided: tuple[str, ...] = ()
 
     @property
     def n_forbidden(self) -> int:

@@ -57,13 +57,15 @@ class Staircase:
         return self.E.shape[0] - sum(self.sizes)
 
 
-def split_pencil(E: Matrix, J: Matrix, tolerance: float | None = None) -> StandardForm:
+def split_pencil(
+    E: Matrix, J: Matrix, tolerance: float | None = None, sizes: tuple[int, ...] | None = None
+) -> StandardForm:
     """P E Q = diag(I, N), P J Q = diag(A, I) for a regular pencil sE - J, by dense computations.
 
     N is strictly block upper triangular with exact zeros, so N^index = 0 exactly. The rank decisions are made
     on the pencil scaled by powers of two, so that they do not depend on the units of equations and unknowns;
     the columns of Q for the finite part are orthonormal after that scaling. `tolerance` is relative to the
-    norm of the scaled E (or J); None is 256 n eps.
+    norm of the scaled E (or J); None is 256 n eps. `sizes` are those of the levels where they are known.
 
     Raises NumericalError `pencil-singular` when det(sE - J) vanishes identically (to the tolerance).
     """
@@ -71,7 +73,7 @@ def split_pencil(E: Matrix, J: Matrix, tolerance: float | None = None) -> Standa
     if E.shape != J.shape or E.shape[0] != E.shape[1]:
         raise ValueError(f"E {E.shape} and J {J.shape} must be square and of one size")
     scaling = equilibrate(E, J)
-    stair = staircase(*apply_scaling(scaling, E, J), tolerance)
+    stair = staircase(*apply_scaling(scaling, E, J), tolerance, sizes)
     left, right, A, N = _normalise(stair, *_decouple(stair))
     n_finite = stair.n_finite
     left[:n_finite] *= scaling.time
@@ -172,12 +174,14 @@ def _maxima(values: np.ndarray, index: np.ndarray, n: int) -> np.ndarray:
     return np.where(np.isfinite(result), result, 0.0)
 
 
-def staircase(E: np.ndarray, J: np.ndarray, tolerance: float | None = None) -> Staircase:
+def staircase(
+    E: np.ndarray, J: np.ndarray, tolerance: float | None = None, known: tuple[int, ...] | None = None
+) -> Staircase:
     """Orthogonal reduction that peels the infinite eigenvalues off, one level of the nilpotent part a step.
 
     Each step: V2 spans the null space of the active E; J V2 has full column rank in a regular pencil, its
     row compression is the next diagonal block of J_i. Thresholds are relative to the norms of the whole E and
-    J: orthogonal steps do not amplify rounding errors.
+    J: orthogonal steps do not amplify rounding errors. `known` sizes are not decided again.
     """
     n = E.shape[0]
     norms = tuple(float(np.linalg.norm(matrix, 2)) if n else 0.0 for matrix in (E, J))
@@ -187,8 +191,11 @@ def staircase(E: np.ndarray, J: np.ndarray, tolerance: float | None = None) -> S
     decisions: list[RankDecision] = []
     active = n
     while active > 0:
+        own = None if known is None else next(iter(known[len(sizes) :]), 0)
         what = f"E of the staircase, level {len(sizes) + 1}"
-        row_space, null_space, decision = range_and_null(what, E[:active, :active], norms[0], tolerance)
+        row_space, null_space, decision = range_and_null(
+            what, E[:active, :active], norms[0], tolerance, None if own is None else active - own
+        )
         decisions.append(decision)
         size = null_space.shape[1]
         if size == 0:
@@ -197,7 +204,7 @@ def staircase(E: np.ndarray, J: np.ndarray, tolerance: float | None = None) -> S
         J_null = J[:active, :active] @ null_space
         values = sla.svdvals(J_null)
         decision = decide_rank(
-            f"J on the null space of E, level {len(sizes) + 1}", values, active, norms[1], tolerance
+            f"J on the null space of E, level {len(sizes) + 1}", values, active, norms[1], tolerance, own
         )
         if decision.rank < size:
             raise singular_pencil(decision)

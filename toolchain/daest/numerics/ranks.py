@@ -27,10 +27,12 @@ def decide_rank(
     size: int,
     norm: float,
     tolerance: float | None = None,
+    known: int | None = None,
 ) -> RankDecision:
     """Count the singular values above `tolerance * norm`; `tolerance` None means `default_tolerance(size)`.
 
     `norm` is the 2-norm of the whole matrix that rounding errors are relative to, not of the block decided.
+    `known` is the rank where exact arithmetic has told it.
     """
     values = np.sort(np.asarray(singular_values, dtype=float))[::-1]
     if not np.all(np.isfinite(values)):
@@ -40,8 +42,9 @@ def decide_rank(
             remedy="Check the parameter values: a division by zero gives such entries.",
         )
     threshold = (default_tolerance(size) if tolerance is None else tolerance) * norm
-    rank = int(np.count_nonzero(values > threshold))
-    return RankDecision(what, tuple(values.tolist()), float(threshold), rank, _gap(values, rank))
+    rank = int(np.count_nonzero(values > threshold)) if known is None else known
+    gap = _gap(values, rank)
+    return RankDecision(what, tuple(values.tolist()), float(threshold), rank, gap, known is not None)
 
 
 def _gap(values: np.ndarray, rank: int) -> float:
@@ -66,6 +69,12 @@ def warning(decision: RankDecision) -> str:
         return ""
     kept = decision.singular_values[decision.rank - 1]
     dropped = next(iter(decision.singular_values[decision.rank :]), 0.0)
+    if decision.is_exact:
+        return (
+            f"{decision.what}: rank {decision.rank} by exact arithmetic; floating point could not tell, "
+            f"since the smallest number kept is {kept:.1e}, the largest dropped {dropped:.1e} and the "
+            f"threshold {decision.threshold:.1e}: matrices and poles may have few true digits."
+        )
     return (
         f"{decision.what}: rank {decision.rank} is doubtful, since the smallest number kept is {kept:.1e}, "
         f"the largest dropped {dropped:.1e} and the threshold {decision.threshold:.1e}."
@@ -73,15 +82,15 @@ def warning(decision: RankDecision) -> str:
 
 
 def range_and_null(
-    what: str, matrix: np.ndarray, norm: float, tolerance: float | None = None
+    what: str, matrix: np.ndarray, norm: float, tolerance: float | None = None, known: int | None = None
 ) -> tuple[np.ndarray, np.ndarray, RankDecision]:
     """Orthonormal bases (V1, V2) of the row space and of the null space of `matrix`, and the decision.
 
-    Shapes (n, rank) and (n, n - rank); [V1 V2] is orthogonal.
+    Shapes (n, rank) and (n, n - rank); [V1 V2] is orthogonal. `known` as in `decide_rank`.
     """
     if min(matrix.shape) == 0:
-        decision = decide_rank(what, np.empty(0), 1, norm, tolerance)
+        decision = decide_rank(what, np.empty(0), 1, norm, tolerance, known)
         return np.empty((matrix.shape[1], 0)), np.eye(matrix.shape[1]), decision
     _, values, vt = sla.svd(matrix, full_matrices=True, lapack_driver="gesvd")
-    decision = decide_rank(what, values, max(matrix.shape), norm, tolerance)
+    decision = decide_rank(what, values, max(matrix.shape), norm, tolerance, known)
     return vt[: decision.rank].T, vt[decision.rank :].T, decision

@@ -66,7 +66,8 @@ def linearize(
         return flat.given.linearize(flat, values, at)
     is_affine = is_affine_model(flat)
     point = operating_point(flat, at)
-    matrices = [_array(m) for m in linear_dae_function(flat, at)(values)]
+    family = linear_dae_function(flat, at)
+    matrices = [_array(m) for m in family(values)]
     _check_finite(flat, matrices)
     E, J, K, B, C, D, H, offset, output_offset = matrices
     return LinearDAE(
@@ -87,6 +88,7 @@ def linearize(
         output_offset=output_offset.toarray().ravel(),
         is_affine=is_affine,
         notes=_notes(flat, is_affine, point),
+        family=family,
     )
 
 

@@ -105,17 +105,25 @@ class Nilpotent:
 def nilpotent_part(dae: LinearDAE, form: StandardForm | SparseForm, scaling: Scaling) -> Nilpotent:
     """Of a standard form of `dae`; `scaling` is the `unit_scaling` of the model."""
     if isinstance(form, StandardForm):
-        return _of_dense(form)
+        return _of_dense(dae, form)
     return _of_sparse(dae, form, scaling)
 
 
-def _of_dense(form: StandardForm) -> Nilpotent:
+def _of_dense(dae: LinearDAE, form: StandardForm) -> Nilpotent:
+    n1, n = form.n_dynamic, form.left.shape[0]
     values, vectors = sla.svd(form.N)[1:] if form.N.size else (np.empty(0), np.empty((0, 0)))
+    # N = P2 E Q2: rounding errors are relative to the sums that it is made of, which N itself need not show
+    P2, Q2 = np.abs(form.left[n1:]), np.abs(form.right[:, n1:])
+    size = float(np.linalg.norm(P2 @ (abs(sp.csr_array(dae.E)) @ Q2))) if form.N.size else 0.0
     decision = decide_rank(
-        "N of the standard form", values, max(form.N.shape[0], 1), float(values.max(initial=0.0))
+        "N of the standard form",
+        values,
+        1,
+        max(size, float(values.max(initial=0.0))),
+        known=form.exact.rank_of_n if form.exact else None,
     )
-    rank, n = decision.rank, form.left.shape[0]
-    rows = sla.qr((vectors[:rank] @ form.left[form.n_dynamic :]).T, mode="economic")[0].T
+    rank = decision.rank
+    rows = sla.qr((vectors[:rank] @ form.left[n1:]).T, mode="economic")[0].T
     kept = np.where(np.arange(values.size) < rank, values, 0.0)
     return Nilpotent(kept, decision, OrthonormalRows(rows if rank else np.empty((0, n))))
 

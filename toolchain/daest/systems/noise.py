@@ -17,11 +17,13 @@ import scipy.sparse as sp
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from daest.errors import ConfigError
-from daest.model.linear import GroupedMatrix, LinearDAE, RankDecision, SparseForm, StandardForm
+from daest.model.linear import GroupedMatrix, LinearDAE, RankDecision, SparseForm, StandardForm, Structure
 from daest.model.noise import NoisePlace, NoiseReport
 from daest.numerics.grouped import column, column_norms, product, ungrouped
-from daest.numerics.pencils import unit_scaling
+from daest.numerics.pencils import Scaling, unit_scaling
 from daest.numerics.ranks import decide_rank, default_tolerance
+from daest.systems.exact_structure import generic_structure
+from daest.systems.generic_verdict import compared
 from daest.systems.nilpotent import Nilpotent, RowSpace, nilpotent_part
 from daest.systems.standard_form import standard_form
 
@@ -47,7 +49,8 @@ class NoiseGains:
     ξ = Q1 z1 + Σ maps[i] b w^(i), where maps[i] = -Q2 N^i P2 (n, n), i = 0 … index-1: from `maps[1]` on the
     noise is differentiated; `maps[0]` of a large model is restricted as in `SparseForm`. `forbidden`.norm(b)
     is the projection norm of (41). `rows` and `columns` scale equations and unknowns to comparable size;
-    `norms`[i] (n,) are the lengths of the scaled columns of maps[i].
+    `norms`[i] (n,) are the lengths of the scaled columns of maps[i], and `rounding`[i] (n,) what rounding
+    errors may make of them. Where `exact` knows what is zero, sizes decide on nothing.
     """
 
     forbidden: RowSpace
@@ -55,6 +58,8 @@ class NoiseGains:
     rows: np.ndarray
     columns: np.ndarray
     norms: tuple[np.ndarray, ...]
+    rounding: tuple[np.ndarray, ...]
+    exact: Structure | None
 
     @cached_property
     def largest(self) -> tuple[float, ...]:
@@ -64,20 +69,35 @@ class NoiseGains:
     def part(self, i: int, b: np.ndarray) -> np.ndarray:
         """maps[i] b (n,), rounding errors set to zero."""
         value = product(self.maps[i], b)
+        known = None if self.exact is None else self.exact.response(i, b)
+        if known is not None:
+            return np.where(known, value, 0.0)
         limit = self._negligible(i) * np.linalg.norm(self.rows * b) * self.columns
         return np.where(np.abs(value) > limit, value, 0.0)
+
+    def differentiated(self, b: np.ndarray) -> bool:
+        """Whether noise with the column b enters some unknown differentiated."""
+        if len(self.maps) < 2:
+            return False
+        known = None if self.exact is None else self.exact.response(1, b)
+        return self.strength(b) > NO_NOISE if known is None else bool(known.any())
 
     def strength(self, b: np.ndarray) -> float:
         """Size of the first derivative of the noise in ξ, scaled; 1 is the most that one equation could
         give."""
         size = np.linalg.norm(self.rows * b) * self.largest[1] if len(self.maps) > 1 else 0.0
-        return float(np.linalg.norm(product(self.maps[1], b) / self.columns) / size) if size > 0 else 0.0
+        value = float(np.linalg.norm(product(self.maps[1], b) / self.columns)) if size > 0 else 0.0
+        return value / float(size) if value > float((self.rows * np.abs(b)) @ self.rounding[1]) else 0.0
 
     def unit_strengths(self) -> np.ndarray:
         """`strength` of every equation, shape (n,)."""
         if len(self.maps) < 2 or self.largest[1] == 0.0:
             return np.zeros(self.rows.size)
-        return self.norms[1] / self.largest[1]
+        return np.where(self.norms[1] > self.rounding[1], self.norms[1] / self.largest[1], 0.0)
+
+    def unit_differentiated(self) -> np.ndarray:
+        """`differentiated` of every equation, shape (n,) bool."""
+        return self.unit_strengths() > NO_NOISE if self.exact is None else self.exact.orders > 0
 
     def unit_part(self, equation: int) -> np.ndarray:
         """`part` 0 of the unit column of one equation."""
@@ -87,6 +107,9 @@ class NoiseGains:
 
     def reached(self, i: int, equation: int) -> np.ndarray:
         """Which unknowns (n,) bool the noise on one equation enters with derivative i."""
+        known = None if self.exact is None else self.exact.reached(i)
+        if known is not None:
+            return known[:, equation]
         size = np.abs(column(self.maps[i], equation))
         return size > self._negligible(i) * self.rows[equation] * self.columns
 
@@ -116,9 +139,10 @@ def noise_report(
     `at` holds equation indices (from 0, as number or text), names of noises, of components (all their own
     equations) and of unknowns (the flow balance for a flow variable, else the equations that contain it).
 
-    By default an equation is forbidden when noise on it reaches some unknown differentiated, decided on
-    scaled equations and unknowns (`NO_NOISE`): units make no difference. With `tolerance` it is forbidden
-    when the projection norm of the model as it stands exceeds it.
+    By default an equation is forbidden when noise on it reaches some unknown differentiated: exactly, or,
+    where the numbers are results of rounding, on scaled equations and unknowns (`NO_NOISE`), so that units
+    make no difference. With `tolerance` it is forbidden when the projection norm of the model as it stands
+    exceeds it. Beside that stands what holds for almost every θ.
     """
     form = standard_form(dae) if form is None else form
     nilpotent = nilpotent_part(dae, form, unit_scaling(dae.E, dae.J))
@@ -131,7 +155,7 @@ def noise_report(
         noise.name: _with_advice(dae, verdict(dae, gains, column, noise.name, tolerance), allowed, neighbours)
         for noise, column in zip(dae.noises, dae.B.T, strict=True)
     }
-    return NoiseReport(
+    report = NoiseReport(
         equations=dae.equations,
         places=places,
         annotated=tuple(noises.values()),
@@ -142,6 +166,10 @@ def noise_report(
         decisions=(*form.decisions, nilpotent.decision, _verdict_decision(gains, places, tolerance)),
         tolerance=tolerance,
     )
+    generic = generic_structure(dae) or form.exact
+    found, differences = compared(dae, report, generic, form.exact)
+    undecided = form.doubts if tolerance is None else ()
+    return replace(report, generic=found, differences=differences, undecided=undecided)
 
 
 def noise_gains(
@@ -153,7 +181,21 @@ def noise_gains(
     maps = form.maps if isinstance(form, SparseForm) else _dense_maps(form)
     maps = maps or (ungrouped(sp.csc_array((dae.n, dae.n))),)
     norms = tuple(column_norms(part, 1.0 / scaling.columns, 1.0 / scaling.rows) for part in maps)
-    return NoiseGains(nilpotent.row_space, maps, scaling.rows, scaling.columns, norms)
+    rounding = _rounding(dae, form, scaling) if isinstance(form, StandardForm) else ()
+    rounding = rounding or tuple(np.zeros(dae.n) for _ in maps)  # sparse maps come without rounding errors
+    return NoiseGains(nilpotent.row_space, maps, scaling.rows, scaling.columns, norms, rounding, form.exact)
+
+
+def _rounding(dae: LinearDAE, form: StandardForm, scaling: Scaling) -> tuple[np.ndarray, ...]:
+    """What rounding may make of the lengths of the scaled columns of Q2 N^i P2, N = P2 E Q2: the same
+    products of sizes without any sign, times 256 eps."""
+    P2, Q2 = np.abs(form.left[form.n_dynamic :]), np.abs(form.right[:, form.n_dynamic :])
+    N = P2 @ (abs(sp.csr_array(dae.E)) @ Q2)
+    found, image = [], Q2 / scaling.columns[:, None]
+    for _ in range(max(form.index, 1)):
+        found.append(default_tolerance(1) * np.linalg.norm(image @ P2, axis=0) / scaling.rows)
+        image = image @ N
+    return tuple(found)
 
 
 def _dense_maps(form: StandardForm) -> tuple[GroupedMatrix, ...]:
@@ -171,8 +213,7 @@ def verdict(
     """Verdict on the noise column b (n,), without advice."""
     size = float(np.linalg.norm(b))
     norm = gains.forbidden.norm(b) / size if size > 0 else 0.0
-    admissible = gains.strength(b) <= NO_NOISE if tolerance is None else norm <= tolerance
-
+    admissible = not gains.differentiated(b) if tolerance is None else norm <= tolerance
     own = [k for k, noise in enumerate(dae.noises) if noise.name == name]
     white: tuple[str, ...] = ()
     if admissible:
@@ -231,7 +272,7 @@ def _place(
 def _unit_verdicts(dae: LinearDAE, gains: NoiseGains, tolerance: float | None) -> list[NoisePlace]:
     """`verdict` on noise on every single equation."""
     norms = gains.forbidden.unit_norms()
-    admissible = gains.unit_strengths() <= NO_NOISE if tolerance is None else norms <= tolerance
+    admissible = ~gains.unit_differentiated() if tolerance is None else norms <= tolerance
     white = _white_outputs(dae, gains, admissible)
     reaches = _unit_reaches(gains, np.flatnonzero(~admissible))
     names = {key: _names(dae, reach, NAMED_UNKNOWNS) for key, reach in reaches.items()}
@@ -287,8 +328,9 @@ def _verdict_decision(
     if tolerance is not None:
         norms = np.array([place.projection_norm for place in places])
         return decide_rank("projection norms of the equations", norms, 1, 1.0, tolerance)
-    strengths = gains.unit_strengths()
-    return decide_rank("differentiated noise, equation by equation (scaled)", strengths, 1, 1.0, NO_NOISE)
+    known = None if gains.exact is None else int(np.count_nonzero(gains.unit_differentiated()))
+    what = "differentiated noise, equation by equation (scaled)"
+    return decide_rank(what, gains.unit_strengths(), 1, 1.0, NO_NOISE, known)
 
 
 @dataclass(frozen=True)

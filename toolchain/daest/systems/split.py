@@ -7,6 +7,7 @@ putting the eliminated unknowns back is exact: they only add a column block to N
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,12 +15,16 @@ import scipy.linalg as sla
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from daest.errors import ModelError, NumericalError
+from daest.errors import DaestError, ModelError, NumericalError
 from daest.model.flat import Variable
-from daest.model.linear import LinearDAE, RankDecision, StandardForm
+from daest.model.linear import LinearDAE, RankDecision, SparseForm, StandardForm, Structure
 from daest.numerics.elimination import choose_pivots
+from daest.numerics.laurent import expand_at_infinity
+from daest.numerics.modular_pencil import SingularPencil
 from daest.numerics.pencils import Scaling, apply_scaling, split_pencil, unit_scaling
-from daest.numerics.ranks import decide_rank, default_tolerance
+from daest.numerics.precise_pencil import precise_form
+from daest.numerics.ranks import decide_rank, default_tolerance, warning
+from daest.systems.exact_structure import ExactStructure, exact_structure
 from daest.systems.pantelides import Signature, check_structure
 
 LISTED = 8
@@ -39,6 +44,22 @@ NULL_VECTOR_SHARE = 0.05
 WORST_BASIS = 1e6
 """Condition up to which z2 is made orthonormal off the dynamic subspace; that many digits of P and N are
 lost."""
+
+
+PRECISE_LIMIT = 200
+"""Up to this many equations many digits are to be had: some 2 s for 100 of them, and 10 s for 200."""
+
+NEARLY_ZERO = 1e-5
+"""Part of the largest singular value below which one that counts takes digits of the fast modes: of sixteen
+some ten are left to poles that sit apart."""
+
+
+PURE_ROUNDING = (0.5, 1.0 / 12.0)
+"""Rounding errors alone leave a singular value of (a + b n) eps times the norm: singular matrices turned by
+random ones of 6 to 30 rows have 0.3 to 2 eps."""
+
+LARGEST_GROWTH = 1e10
+"""Entry by entry a matrix with a smaller ρ(|M⁻¹| |M|) stays regular under relative changes of 1e-10."""
 
 
 @dataclass(frozen=True)
@@ -68,12 +89,113 @@ def split(dae: LinearDAE, tolerance: float | None = None) -> StandardForm:
 
     z1 are unknowns of the model (rows of Q that form an identity), chosen by column-pivoted QR; z2 is scaled
     so that its norm is the distance of ξ from the subspace of z1, which makes the singular values of N
-    numbers of the model. `tolerance` goes to the rank decisions, relative to the norm of the scaled core.
+    numbers of the model. Exact arithmetic decides on index and modes; with `tolerance` floating point does,
+    and it goes to the rank decisions, relative to the norm of the scaled core.
 
     Raises ModelError `structurally-singular` with the equations and unknowns concerned, and `pencil-singular`
     with the combination of equations that vanishes.
     """
     _check_structure(dae)
+    try:
+        exact = exact_structure(dae) if tolerance is None else None
+    except SingularPencil as error:
+        raise dependent_equations(dae) from error
+    try:
+        form = _by_values(dae, tolerance)
+    except DaestError:
+        if exact is None or not decides(dae, exact):
+            raise
+        return _by_structure(dae, exact, None)
+    if exact is None:
+        return replace(form, doubts=doubtful_decisions(form.decisions) if tolerance is None else ())
+    same_modes = form.n_dynamic == exact.n_dynamic
+    if same_modes and form.index == exact.index:
+        doubts = () if exact.is_certain else doubtful_decisions(form.decisions)
+        if is_nearly_deficient(form) and decides(dae, exact):
+            return replace(_by_structure(dae, exact, form), doubts=doubts)
+        return replace(form, exact=exact, doubts=doubts)
+    if not decides(dae, exact) or not (exact.is_certain or _survives_rounding(dae, exact, form)):
+        return replace(form, doubts=disagreement(exact, form))
+    if same_modes:
+        return replace(form, index=exact.index, exact=exact, doubts=disagreement(exact, form))
+    return _by_structure(dae, exact, form)
+
+
+def _survives_rounding(dae: LinearDAE, exact: ExactStructure, by_values: StandardForm) -> bool:
+    """Whether what floating point dropped, against exact arithmetic, was more than rounding errors: numbers
+    larger than these, or small ones of a pencil whose entries are orders of magnitude apart."""
+    if has_generic_modes(dae, exact):
+        return True
+    return any(
+        max(decision.singular_values[decision.rank :]) > _pure_rounding(decision)
+        for decision in by_values.decisions
+        if decision.rank < len(decision.singular_values)
+    )
+
+
+def _pure_rounding(decision: RankDecision) -> float:
+    """What rounding errors alone may leave of a singular value, from a threshold of 256 n eps."""
+    n = max(len(decision.singular_values), 1)
+    eps = float(np.finfo(float).eps)
+    return (PURE_ROUNDING[0] + PURE_ROUNDING[1] * n) * eps * decision.threshold / default_tolerance(n)
+
+
+def has_generic_modes(dae: LinearDAE, exact: ExactStructure) -> bool:
+    """Whether the number of modes is that of almost all numbers in the same places, and relative changes of
+    the size of rounding errors cannot alter it: the system Jacobian is far from singular entry by entry.
+
+    That distance is 1 / ρ(|Â0⁻¹| |Â0|), ρ the spectral radius, whatever rows and columns are scaled by
+    (J. Demmel, SIAM J. Matrix Anal. 13, 1992).
+    """
+    scaling = unit_scaling(dae.E, dae.J)
+    E, J = apply_scaling(scaling, sp.csr_array(dae.E), sp.csr_array(dae.J))
+    try:
+        expansion = expand_at_infinity(E, J, 0.0)
+    except NumericalError:
+        return False
+    jacobian = expansion.jacobian.matrix.toarray()
+    try:
+        growth = np.abs(np.linalg.inv(jacobian)) @ np.abs(jacobian)
+    except np.linalg.LinAlgError:
+        return False
+    is_far = bool(np.abs(np.linalg.eigvals(growth)).max(initial=0.0) < LARGEST_GROWTH)
+    return is_far and expansion.degree == exact.n_dynamic
+
+
+def is_nearly_deficient(form: StandardForm) -> bool:
+    """Whether a rank counts a singular value so small that the digits of the fast modes hang on it."""
+    return any(
+        decision.rank
+        and decision.singular_values[decision.rank - 1] < NEARLY_ZERO * decision.singular_values[0]
+        for decision in form.decisions
+        if len(decision.singular_values) >= decision.rank
+    )
+
+
+def decides(dae: LinearDAE, exact: ExactStructure) -> bool:
+    """Whether exact arithmetic has the last word: not where the numbers themselves are results of rounding,
+    as at an operating point that was solved for, or out of the binary of an FMU."""
+    return exact.is_certain or (dae.is_affine and dae.source == "symbolic")
+
+
+def disagreement(exact: Structure, form: StandardForm | SparseForm | None) -> tuple[str, ...]:
+    """The doubt where numbers that may be rounded decide otherwise exactly than in floating point."""
+    if exact.is_certain or (form and (form.index, form.n_dynamic) == (exact.index, exact.n_dynamic)):
+        return ()
+    found = f"index {form.index} and {form.n_dynamic} modes" if form else "a singular pencil"
+    return (
+        f"taken at every digit, the numbers of the model give index {exact.index} and {exact.n_dynamic} "
+        f"modes; in floating point, where differences of the size of rounding errors are none, {found}",
+    )
+
+
+def doubtful_decisions(decisions: Sequence[RankDecision]) -> tuple[str, ...]:
+    """The rank decisions of floating point that another threshold near by would turn."""
+    return tuple(filter(None, map(warning, decisions)))
+
+
+def _by_values(dae: LinearDAE, tolerance: float | None) -> StandardForm:
+    """Every rank by singular values."""
     try:
         reduction = reduce_structure(dae, tolerance)
         core = split_pencil(reduction.core_E, reduction.core_J, tolerance)
@@ -82,8 +204,50 @@ def split(dae: LinearDAE, tolerance: float | None = None) -> StandardForm:
             raise
         raise dependent_equations(dae) from error
     form = _expand(reduction, core, tolerance)
-    form = _name_dynamic(form, dae, reduction.scaling.columns)
-    return _scale_infinite(_solve_left(form, dae, reduction.scaling.rows))
+    return _finished(form, dae, reduction.scaling)
+
+
+def _by_structure(dae: LinearDAE, exact: ExactStructure, by_values: StandardForm | None) -> StandardForm:
+    """The standard form that exact arithmetic prescribes: of many digits where the pencil is small, else by
+    a staircase of known levels."""
+    scaling = unit_scaling(dae.E, dae.J)
+    E, J = apply_scaling(scaling, sp.csr_array(dae.E), sp.csr_array(dae.J))
+    decisions = by_values.decisions if by_values else ()
+    doubts = disagreement(exact, by_values)
+    if dae.n > PRECISE_LIMIT:
+        form = _unscaled(split_pencil(E, J, sizes=exact.level_sizes), scaling)
+        return replace(_finished(form, dae, scaling), exact=exact, doubts=doubts)
+    rows: list[np.ndarray] = []
+
+    def states(basis: np.ndarray) -> np.ndarray:
+        rows.append(_state_rows(sla.qr(basis, mode="economic")[0], dae))
+        return rows[-1]
+
+    found = precise_form(sp.csr_array(E).toarray(), sp.csr_array(J).toarray(), exact.infinity, states)
+    form = StandardForm(found.left, found.right, found.A, found.N, exact.index, decisions, exact, doubts)
+    units = scaling.columns[rows[-1]] if rows else np.empty(0)
+    form = _scale_infinite(_in_units(_unscaled(form, scaling), units))
+    return replace(form, poles=found.poles * scaling.time)
+
+
+def _in_units(form: StandardForm, units: np.ndarray) -> StandardForm:
+    """The form with `units` · z1 in place of z1."""
+    left, right = form.left.copy(), form.right.copy()
+    left[: units.size] *= units[:, None]
+    right[:, : units.size] /= units
+    return replace(form, left=left, right=right, A=units[:, None] * form.A / units)
+
+
+def _unscaled(form: StandardForm, scaling: Scaling) -> StandardForm:
+    left = scaling.rows * form.left
+    left[: form.n_dynamic] *= scaling.time
+    right = scaling.columns[:, None] * form.right
+    return replace(form, left=left, right=right, A=form.A * scaling.time, N=form.N / scaling.time)
+
+
+def _finished(form: StandardForm, dae: LinearDAE, scaling: Scaling) -> StandardForm:
+    form = _name_dynamic(form, dae, scaling.columns)
+    return _scale_infinite(_solve_left(form, dae, scaling.rows))
 
 
 def _check_structure(dae: LinearDAE) -> None:
@@ -244,8 +408,10 @@ def _expand(reduction: Reduction, core: StandardForm, tolerance: float | None) -
     N = np.zeros((n_core - n1 + n_free,) * 2)
     N[: n_core - n1, : n_core - n1] = core.N
     N[: n_core - n1, n_core - n1 :] = G
-    size_of_G = np.abs(core.left[n1:]) @ np.abs(reduction.E21.toarray())
-    index, decisions = _index(core, G, size_of_G, tolerance)
+    rows, columns = _lengths(core.left[n1:], axis=1), _lengths(core.right[:, n1:], axis=0)
+    size_of_N = np.outer(rows * np.linalg.norm(reduction.core_E), columns)
+    size_of_G = np.outer(rows, _lengths(reduction.E21.toarray(), axis=0))
+    index, decisions = _index(core, G, size_of_N, size_of_G, tolerance)
     scaling = reduction.scaling
     left[:n1] *= scaling.time
     return StandardForm(
@@ -258,22 +424,30 @@ def _expand(reduction: Reduction, core: StandardForm, tolerance: float | None) -
     )
 
 
+def _lengths(matrix: np.ndarray, axis: int) -> np.ndarray:
+    return np.linalg.norm(matrix, axis=axis) if matrix.size else np.zeros(matrix.shape[1 - axis])
+
+
 def _index(
-    core: StandardForm, G: np.ndarray, size_of_G: np.ndarray, tolerance: float | None
+    core: StandardForm, G: np.ndarray, size_of_N: np.ndarray, size_of_G: np.ndarray, tolerance: float | None
 ) -> tuple[int, tuple[RankDecision, ...]]:
     """Nilpotency index of [[N_c, G], [0, 0]]: that of N_c, or one more if N_c^(index-1) G is not zero.
 
-    `size_of_G` (the shape of G) bounds what rounding errors of G are relative to.
+    `size_of_N` and `size_of_G` (in their shapes) bound N = P2 E Q2 and G = P2 E21 by the lengths of rows and
+    columns: rounding errors of the factors are relative to these, for N or G itself may be nothing but such.
     """
     if G.shape[1] == 0:
         return core.index, core.decisions
     if core.index == 0:
         return 1, core.decisions
-    power = np.linalg.matrix_power(core.N, core.index - 1)
-    norm = float(np.linalg.norm(np.abs(power) @ size_of_G))
-    decision = decide_rank(
-        f"N^{core.index}, eliminated unknowns", sla.svdvals(power @ G), max(G.shape), norm, tolerance
-    )
+    zero = default_tolerance(max(G.shape)) if tolerance is None else tolerance
+    power = np.linalg.matrix_power(core.N, core.index - 1) @ G
+    sizes = np.linalg.matrix_power(np.abs(core.N), core.index - 1) @ np.abs(G)
+    disturbed = np.linalg.matrix_power(np.abs(core.N) + zero * size_of_N, core.index - 1)
+    error = disturbed @ (np.abs(G) + zero * size_of_G) - sizes
+    norm = float(np.linalg.norm(error / zero + sizes))
+    what = f"N^{core.index}, eliminated unknowns"
+    decision = decide_rank(what, sla.svdvals(power), max(G.shape), norm, tolerance)
     return core.index + (1 if decision.rank else 0), (*core.decisions, decision)
 
 
@@ -287,10 +461,7 @@ def _name_dynamic(form: StandardForm, dae: LinearDAE, scales: np.ndarray) -> Sta
     n1 = form.n_dynamic
     if n1 == 0:
         return form
-    candidates = np.flatnonzero(np.diff(sp.csc_array(dae.E).indptr) > 0)
-    preference = np.array([_preference(dae.unknowns[i]) for i in candidates]) / scales[candidates]
-    _, _, order = sla.qr((preference[:, None] * form.right[candidates, :n1]).T, pivoting=True)
-    rows = np.sort(candidates[order[:n1]])
+    rows = _state_rows(form.right[:, :n1] / scales[:, None], dae)
     right = form.right.copy()
     scaled = form.right[rows, :n1] / scales[rows, None]  # well conditioned, whatever the units
     relative = sla.solve(scaled.T, form.right[:, :n1].T).T
@@ -300,6 +471,14 @@ def _name_dynamic(form: StandardForm, dae: LinearDAE, scales: np.ndarray) -> Sta
     Q1[rows] = np.eye(n1)
     right[:, :n1] = Q1
     return replace(form, right=right)
+
+
+def _state_rows(basis: np.ndarray, dae: LinearDAE) -> np.ndarray:
+    """Rows of a basis (n, n_dynamic) of the finite subspace, in scaled unknowns, that are to be states."""
+    candidates = np.flatnonzero(np.diff(sp.csc_array(dae.E).indptr) > 0)
+    preference = np.array([_preference(dae.unknowns[i]) for i in candidates])
+    _, _, order = sla.qr((preference[:, None] * basis[candidates]).T, pivoting=True)
+    return np.sort(candidates[order[: basis.shape[1]]])
 
 
 def _preference(unknown: Variable) -> float:

@@ -42,6 +42,8 @@ class TransferFunction:
 
 def poles(form: StandardForm | SparseForm) -> np.ndarray:
     """Finite eigenvalues of sE - J, sorted by real and imaginary part; complex, shape (n_dynamic,)."""
+    if isinstance(form, StandardForm) and form.poles is not None:
+        return np.sort_complex(form.poles)
     return np.sort_complex(_eigenvalues(_dense(form.A)))
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, NotRequired, TypedDict
+from typing import Annotated, Literal, NotRequired, TypedDict
 
 import numpy as np
 import scipy.sparse as sp
 
 from daest.model.linear import LinearDAE, Matrix
-from daest.model.noise import NoiseAlong, NoisePlace, NoisePlaceAlong, NoiseReport
+from daest.model.noise import GenericVerdict, NoiseAlong, NoisePlace, NoisePlaceAlong, NoiseReport
 from daest.report.documents.parts import Decision, EquationEntry, decision_entry, equation_entry
 
 ManyNames = Annotated[int, "how many such unknowns there are; of an equation at most 100 are named"]
@@ -68,6 +68,24 @@ class Along(TypedDict):
     all_admissible: bool
 
 
+class Generic(TypedDict):
+    of: Annotated[
+        Literal["parameters", "numbers"],
+        "for almost every value of the parameters, or of the numbers in equations without parameters",
+    ]
+    index: int
+    n_dynamic: int
+    forbidden: Annotated[list[int], "equations that may not carry white noise"]
+    noises: Annotated[list[str], "noises of the model that are not admissible"]
+
+
+class Differs(TypedDict):
+    what: Literal["index", "n_dynamic", "equations", "noises"]
+    reason: str
+    equations: list[int]
+    noises: list[str]
+
+
 class NoiseDocument(TypedDict):
     """Which equations may carry white noise (Theorem 3.1)."""
 
@@ -81,6 +99,13 @@ class NoiseDocument(TypedDict):
     asked: list[JudgedNoise]
     all_admissible: bool
     tolerance: float | None
+    generic: Annotated[
+        Generic | None, "the verdict by exact arithmetic; null where the numbers are results of rounding"
+    ]
+    differs: Annotated[
+        list[Differs], "where the verdict at these values is another one than `generic`, and why"
+    ]
+    undecided: Annotated[list[str], "what rounding errors could turn; empty where exact arithmetic decides"]
     decisions: list[Decision]
     along: NotRequired[Annotated[Along, "with --along: verdicts at points of a trajectory"]]
 
@@ -98,8 +123,11 @@ class Pattern(TypedDict):
 
 def document(report: NoiseReport, along: NoiseAlong | None = None) -> NoiseDocument:
     """JSON-ready verdicts of Theorem 3.1: per equation, per noise of the model (`annotated`), per place that
-    was asked for (`asked`). `equations` of a noise are indices into `equations`, from 0. `along` holds the
-    verdicts at the points of a trajectory, where they were asked for."""
+    was asked for (`asked`). `equations` of a noise are indices into `equations`, from 0.
+
+    `generic` is the exact verdict, `differs` tells where and why the one here is another, `undecided` what
+    rounding errors could turn. `along` holds the verdicts at the points of a trajectory, where they were
+    asked for."""
     judged = _document(report)
     if along is not None:
         judged["along"] = along_document(along)
@@ -152,7 +180,28 @@ def _document(report: NoiseReport) -> NoiseDocument:
         "asked": [_noise(place) for place in report.asked],
         "all_admissible": report.all_admissible,
         "tolerance": report.tolerance,
+        "generic": None if report.generic is None else _generic(report.generic),
+        "differs": [
+            {
+                "what": difference.what,
+                "reason": difference.reason,
+                "equations": list(difference.equations),
+                "noises": list(difference.noises),
+            }
+            for difference in report.differences
+        ],
+        "undecided": list(report.undecided),
         "decisions": [decision_entry(decision) for decision in report.decisions],
+    }
+
+
+def _generic(verdict: GenericVerdict) -> Generic:
+    return {
+        "of": verdict.of,
+        "index": verdict.index,
+        "n_dynamic": verdict.n_dynamic,
+        "forbidden": list(verdict.forbidden),
+        "noises": list(verdict.noises),
     }
 
 

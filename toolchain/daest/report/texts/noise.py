@@ -24,6 +24,7 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     )
     if document["N_singular_values"] or document["index"] < 2:
         yield indented(f"singular values of N: {listed([number(value) for value in singular])}")
+    yield from _exact(document)
     forbidden = [e for e in document["equations"] if not e["admissible"]]
     if forbidden:
         yield heading("No white noise here")
@@ -61,6 +62,27 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
             for d in document["decisions"]
         ),
     )
+
+
+NAMES = {"index": "index", "n_dynamic": "dynamic modes", "equations": "equations", "noises": "noises"}
+
+
+def _exact(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+    """What holds exactly, and for almost every θ; where it is otherwise here, and what is undecided."""
+    generic = document["generic"]
+    if generic is not None:
+        scope = "for almost every value of the parameters" if generic["of"] == "parameters" else "exactly"
+        if document["differs"]:
+            scope += f": index {generic['index']}, {generic['n_dynamic']} dynamic, "
+            scope += f"{len(generic['forbidden'])} equations without white noise; otherwise here:"
+        else:
+            scope += ": the same, by exact arithmetic"
+        yield indented(scope)
+    for difference in document["differs"]:
+        which = listed([str(i) for i in difference["equations"]] or difference["noises"])
+        yield indented(f"  {NAMES[difference['what']]}{' ' if which else ''}{which}: {difference['reason']}")
+    for doubt in document["undecided"]:
+        yield indented(f"UNDECIDED: {doubt}")
 
 
 def _forbidden(n: int) -> str:
