@@ -113,7 +113,7 @@ def follow_plan(n_x=2):
     assert library is not None
     none = np.zeros(0)
     return Plan(
-        str(library), none, np.ones(n_x), np.full(n_x, 1e-8), (10_000, 100_000), False, np.zeros((0, 6)),
+        str(library), none, np.ones(n_x), np.full(n_x, 1e-8), 100_000, False, np.zeros((0, 6)),
         np.zeros((1, 0)),
     )  # fmt: skip
 
