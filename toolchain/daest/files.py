@@ -12,8 +12,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from daest.errors import printable
 from daest.litter import removed_at_death
 
+FOLDER = "is a folder, not a file"  # what `why_no_file` says of one
 MOST_LINKS = 40  # that are followed to an open file, as many as Linux follows
 
 
@@ -58,6 +60,25 @@ def _is_stream(path: Path) -> bool:
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     return not stat.S_ISREG(mode)
+
+
+def why_no_file(path: Path) -> str | None:
+    """What a path is that does not name a regular file, as the end of a sentence; None where it does."""
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        if path.is_symlink():
+            return f"is a link to {printable(os.readlink(path))}, which does not exist"
+        return "does not exist"
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            return "is a link that leads in a circle"
+        return f"cannot be reached: {error.strerror or error}"
+    except ValueError:  # a zero byte in the name
+        return "does not exist"
+    kinds = ((stat.S_ISDIR, "folder"), (stat.S_ISFIFO, "pipe"), (stat.S_ISSOCK, "socket"))
+    found = next((name for asks, name in kinds if asks(mode)), "device")
+    return None if stat.S_ISREG(mode) else f"is a {found}, not a file"
 
 
 def _own_descriptor(path: Path) -> int | None:

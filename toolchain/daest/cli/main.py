@@ -166,10 +166,16 @@ def _internal(error: Exception) -> DaestError:
     return DaestError("internal-error", what, remedy=remedy)
 
 
+def _wants_traceback() -> bool:
+    return os.environ.get(TRACEBACK_VARIABLE, "0") not in ("", "0")
+
+
 def _show_traceback() -> None:
-    if os.environ.get(TRACEBACK_VARIABLE, "0") not in ("", "0"):
+    if _wants_traceback():
         click.echo(traceback.format_exc(), err=True)
 
 
-def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    if issubclass(category, RuntimeWarning) and not _wants_traceback():
+        return  # of NumPy on numbers that overflow: what comes of them is told in words of the model
     click.echo(f"warning: {message}", err=True)

@@ -11,6 +11,7 @@ from daest.data.problems import raise_collected
 from daest.data.project import NoiseSetting, ParameterSetting, Project
 from daest.data.table import nearest
 from daest.errors import ConfigError, DaestError, ModelError, Place
+from daest.files import FOLDER, why_no_file
 from daest.model.flat import FlatModel, Parameter
 
 _MODELICA = (".mo", ".bmo")
@@ -33,11 +34,12 @@ def model_source(project: Project, given: Path | None) -> Path:
             where=Place(str(source)),
             remedy="give a Modelica or Base Modelica file, or an FMU",
         )
-    if not source.is_file():
-        neighbours = [entry.name for entry in source.parent.glob("*.*")] if source.parent.is_dir() else []
+    if (why := why_no_file(source)) is not None:
+        beside = source.parent.glob("*.*") if why_no_file(source.parent) == FOLDER else ()
+        neighbours = [entry.name for entry in beside if entry.name != source.name]
         raise ConfigError(
             "model-missing",
-            "the model file does not exist",
+            f"the model file {why}",
             where=Place(str(source)),
             remedy=nearest(source.name, neighbours) or "check the path; it counts from the current folder",
         )
@@ -124,7 +126,10 @@ def _load(source: Path, class_name: str | None, libraries: Sequence[Path]) -> Fl
         from daest.fmu.runner import listeners
 
         listeners.tell = note
-        return BinaryForm(source).flat()
+        form = BinaryForm(source)
+        for remark in form.model.notes:
+            note(remark)
+        return form.flat()
     return flat
 
 

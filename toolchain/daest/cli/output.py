@@ -100,10 +100,10 @@ def whole_file(path: Path, remedy: str = "choose a folder that can be written, w
 
 def keep_inputs(output: Path | None, inputs: Iterable[Path | None]) -> None:
     """Refuse to write over a file that the command reads. Raises ConfigError `output-is-input`."""
-    if output is None or str(output) == "-" or not output.exists():
+    if output is None or str(output) == "-" or not os.path.exists(output):
         return
     for path in inputs:
-        if path is not None and path.exists() and output.samefile(path):
+        if path is not None and os.path.exists(path) and output.samefile(path):
             raise ConfigError(
                 "output-is-input",
                 "the result would overwrite a file that is read",

@@ -13,6 +13,7 @@ from daest.cli.fingerprint import differences, model_fingerprint
 from daest.cli.output import LATEST, Document, to_json, whole_file, with_schema
 from daest.data.project import Project
 from daest.errors import ConfigError, Place
+from daest.files import why_no_file
 from daest.model.flat import FlatModel
 
 KEPT_ELSEWHERE = "work in a copy of the project, in a folder that can be written"
@@ -76,13 +77,18 @@ def _remarks(document: Document, source: Path, flat: FlatModel, files: Sequence[
 
 def read_document(path: Path) -> Document:
     """A JSON document. Raises ConfigError `results-unreadable`."""
+    why = why_no_file(path)  # reading a pipe would wait for somebody to write
     try:
+        if why is not None:
+            raise ValueError(f"it {why}")
         document = json.loads(path.read_text(encoding="utf-8"))
         if isinstance(document, dict):
             return document
         what = "not a JSON object"
     except (OSError, ValueError) as error:
         what = getattr(error, "strerror", None) or str(error)
+    except RecursionError:
+        what = "it is nested too deeply"
     raise ConfigError(
         "results-unreadable",
         f"the file cannot be read: {what}",

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from daest.data.clock import clock_findings
-from daest.data.faults import Samples, column_findings
+from daest.data.faults import Samples, absurd, column_findings
 from daest.data.pairs import Series, pair_findings
 from daest.data.prepare import GRID_TOLERANCE
 from daest.data.read import find_time
@@ -74,12 +74,14 @@ def _checked(name: str, time: np.ndarray, columns: Sequence[_Column], found: lis
 
 
 def _summary(column: _Column, samples: Samples) -> ColumnSummary:
-    values = samples.values
-    low, high = (float(values.min()), float(values.max())) if values.size else (None, None)
-    several = values.size > 1
-    resolution = samples.resolution if several else None
-    noise = samples.noise if several else None
-    return ColumnSummary(column.name, column.unit, column.role, values.size, low, high, resolution, noise)
+    given = samples.values
+    low, high = (float(given.min()), float(given.max())) if given.size else (None, None)
+    is_usual = ~absurd(given)
+    usual = replace(samples, time=samples.time[is_usual], values=given[is_usual])
+    several = usual.values.size > 1
+    resolution = usual.resolution if several else None
+    noise = usual.noise if several else None
+    return ColumnSummary(column.name, column.unit, column.role, given.size, low, high, resolution, noise)
 
 
 def _period(time: np.ndarray) -> float | None:
@@ -102,6 +104,6 @@ def _pairs(time: np.ndarray, columns: Sequence[_Column]) -> list[Finding]:
     series = [
         Series(c.name, c.unit, np.interp(grid, time, c.values))
         for c in columns
-        if c.unit and np.all(np.isfinite(c.values))
+        if c.unit and np.all(np.isfinite(c.values)) and not np.any(absurd(c.values))
     ]
     return pair_findings(series, period)

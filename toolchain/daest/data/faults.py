@@ -6,7 +6,7 @@ nothing is said.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -48,6 +48,13 @@ LATTICE = 0.02  # largest deviation of a distance from a multiple of the smalles
 MANY_MISSING = 0.2
 
 
+# A value is absurd beyond this many times the middle 90 % of the others (a pulse on a quiet signal is a
+# thousand times its noise), and where these are all zero beyond what any unit makes of a physical quantity.
+FAR = 1e6
+BEYOND = 1e30
+FEWEST_ABSURD = 5
+
+
 @dataclass(frozen=True)
 class Samples:
     """The finite values (n,) of a column at their times (s)."""
@@ -87,7 +94,8 @@ class Samples:
         rest = self.values - median_filter(self.values, 5, mode="nearest")
         sizes = np.abs(rest)
         usual = 1.4826 * float(np.median(sizes))
-        rare = max(float(np.quantile(sizes, 1 - RARE)), self.resolution or 0.0)
+        # Not between two values: among few samples the next one may be the spike.
+        rare = max(float(np.quantile(sizes, 1 - RARE, method="lower")), self.resolution or 0.0)
         return rest, max(SPIKE * usual, SPIKE_BEYOND * rare)
 
     @cached_property
@@ -120,6 +128,10 @@ class Samples:
 
 def column_findings(samples: Samples, n_missing: int) -> list[Finding]:
     """What is wrong with a column of which `n_missing` further values are missing."""
+    is_absurd = absurd(samples.values)
+    if np.any(is_absurd):
+        rest = replace(samples, time=samples.time[~is_absurd], values=samples.values[~is_absurd])
+        return [_absurd_finding(samples, is_absurd), *column_findings(rest, n_missing)]
     found = _missing(samples, n_missing)
     n_levels = samples.levels[0].size
     if n_levels == 1:
@@ -134,6 +146,27 @@ def column_findings(samples: Samples, n_missing: int) -> list[Finding]:
     special = _drops(samples) or _saturation(samples)
     spikes = [] if special and special[0].code == "check-dropouts" else _outliers(samples)
     return [*found, *special, *spikes, *([] if special else _stuck(samples)), *_coarse(samples)]
+
+
+def absurd(values: np.ndarray) -> np.ndarray:
+    """Which of the values (n,) no signal of their kind takes: single ones beyond all others by orders of
+    magnitude. Commands and pulses stay within these."""
+    if values.size < FEWEST_ABSURD:
+        return np.zeros(values.size, dtype=bool)
+    low, middle, high = np.quantile(values, (0.05, 0.5, 0.95), method="nearest")
+    scale = max(high / 2 - low / 2, abs(middle))
+    limit = FAR * scale if 0.0 < scale < BEYOND / FAR else BEYOND
+    found = np.abs(values / 2 - middle / 2) > limit / 2
+    return found if np.count_nonzero(found) <= max(RARE * values.size, 1) else np.zeros_like(found)
+
+
+def _absurd_finding(samples: Samples, found: np.ndarray) -> Finding:
+    first, count = int(np.argmax(found)), int(np.count_nonzero(found))
+    text = (
+        f"has {count} value(s) beyond all others by orders of magnitude, {samples.values[first]:.6g} at "
+        f"{samples.time[first]:.6g} s first; they are left out of what follows"
+    )
+    return Finding("check-outliers", "warning", samples.name, text, float(samples.time[first]), count)
 
 
 def _missing(samples: Samples, n_missing: int) -> list[Finding]:
@@ -225,7 +258,7 @@ def _outliers(samples: Samples) -> list[Finding]:
     apart = np.abs(values[spikes + 2] - values[spikes - 2])
     spikes = spikes[apart < NEIGHBOURS_AGREE * np.abs(rest[spikes])]
     spikes = np.array([i for i in spikes if abs(rest[i]) > SPIKE_STEPS * _steps_around(values, i)], dtype=int)
-    if not spikes.size or spikes.size > RARE * values.size:
+    if not spikes.size or spikes.size > max(RARE * values.size, 1):
         return []
     worst = spikes[np.argmax(np.abs(rest[spikes]))]
     text = f"has {spikes.size} outlier(s), the largest {values[worst]:.6g} at {samples.time[worst]:.6g} s"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import tomllib
 from collections.abc import Mapping
@@ -14,6 +15,7 @@ from daest.data.prepare import Preparation
 from daest.data.problems import raise_collected
 from daest.data.table import nearest
 from daest.errors import ConfigError, DaestError, Place
+from daest.files import FOLDER, why_no_file
 from daest.model.prior import Prior
 
 FILE_NAME = "daest.toml"
@@ -119,14 +121,14 @@ def load_project(path: Path | str | None = None) -> Project:
     `config-unknown-key`, `config-type`, `config-value`.
     """
     file = Path(path) if path is not None else Path(FILE_NAME)
-    if file.is_dir():
+    if why_no_file(file) == FOLDER:
         file = file / FILE_NAME
-    if not file.is_file():
-        if path is None:
+    if (why := why_no_file(file)) is not None:
+        if path is None and not os.path.lexists(file):
             return Project(Path())
         raise ConfigError(
             "config-missing",
-            "the project file does not exist",
+            f"the project file {why}",
             where=Place(str(file)),
             remedy="write one with: daest init MODEL DATA",
         )
@@ -154,6 +156,13 @@ def _parsed(file: Path, text: str) -> dict[str, Any]:
             "config-syntax",
             f"not valid TOML: {what}",
             where=place,
+            remedy="see https://toml.io for the syntax",
+        ) from error
+    except RecursionError as error:
+        raise ConfigError(
+            "config-syntax",
+            "not valid TOML: brackets are nested too deeply",
+            where=Place(str(file)),
             remedy="see https://toml.io for the syntax",
         ) from error
 

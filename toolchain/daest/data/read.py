@@ -19,6 +19,7 @@ from daest.data.problems import raise_collected
 from daest.data.stamps import in_seconds, with_seconds
 from daest.data.table import Column, Part, Table, nearest, time_unit
 from daest.errors import DataError, Place
+from daest.files import why_no_file
 from daest.model.experiment import Experiment
 from daest.quantities import conversion
 
@@ -92,13 +93,12 @@ def read_experiments(
 def read_table(path: Path, part: Part = ALL) -> Table:
     """The columns of a file of any kind that is read, or the wanted `part` where its kind can be read in
     part. Raises DataError if it is missing, unreadable or empty."""
-    if not path.is_file():
-        what = "is a folder, not a file" if path.is_dir() else "does not exist"
+    if (why := why_no_file(path)) is not None:
         raise DataError(
             "data-missing-file",
-            f"the recording {what}",
+            f"the recording {why}",
             where=Place(str(path)),
-            remedy=nearest(path.name, _neighbours(path))
+            remedy=nearest(path.name, [name for name in _neighbours(path) if name != path.name])
             or "check the path; it counts from the current folder",
         )
     reader = _READERS.get(path.suffix.lower())

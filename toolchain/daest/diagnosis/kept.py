@@ -41,7 +41,13 @@ class KeptProofs:
         """The proof of an earlier run."""
         try:
             return _restored(prepared, json.loads(self._path(prepared).read_text(encoding="utf-8")))
-        except (OSError, ValueError, KeyError, TypeError):  # missing, or damaged: it is made anew
+        except (
+            OSError,
+            ValueError,
+            KeyError,
+            TypeError,
+            RecursionError,
+        ):  # missing, or damaged: it is made anew
             return None
 
     def keep(self, prepared: Prepared, proof: Proof) -> None:

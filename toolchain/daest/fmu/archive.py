@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 from daest.errors import FmuError, printable
+from daest.files import why_no_file
 from daest.litter import passing_folder
 
 # Limits against archives that are made to fill memory or disk. The largest FMUs in use (with maps or
@@ -105,8 +106,8 @@ def open_archive(path: str | Path) -> Iterator[Archive]:
     would be written outside its folder), `fmu-too-large` (a decompression bomb), `fmu-damaged`.
     """
     path = Path(path)
-    if not path.is_file():
-        raise FmuError("fmu-missing-file", f"There is no file `{path}`.", remedy="Check the path of the FMU.")
+    if (why := why_no_file(path)) is not None:
+        raise FmuError("fmu-missing-file", f"The FMU `{path}` {why}.", remedy="Check the path of the FMU.")
     if path.stat().st_size == 0:
         raise FmuError(
             "fmu-empty-file", "The FMU is an empty file.", where=str(path), remedy="Export it again."

@@ -20,7 +20,7 @@ from daest.fmu.engine import Followed, Plan, engine_library
 from daest.fmu.laws import law_table
 from daest.fmu.load import load_fmu
 from daest.fmu.points import DIFFERENCE_FLOOR, central_differences, difference, long_points, moved_points
-from daest.fmu.runner import Points, Runner, Simulated
+from daest.fmu.runner import Points, Runner, Simulated, refused
 from daest.fmu.semi_explicit import (
     TRUST,
     SemiExplicitForm,
@@ -28,7 +28,6 @@ from daest.fmu.semi_explicit import (
     jacobians,
     linearize_semi_explicit,
     refuse_hidden,
-    refused,
     semi_explicit_form,
 )
 from daest.model.explicit import ExplicitModel, InputDerivative
@@ -459,7 +458,7 @@ class BinaryForm:
         raise_failure()
 
     def local_functions(self, flat: FlatModel) -> tuple[PointFunction, PointFunction]:
-        refuse_hidden(self.model, "a filter")
+        refuse_hidden(self.model, "filter")
         n_x = len(self.form.states)
         rows = np.array(self.output_rows(flat), dtype=int)
         n_w = len(flat.noises)

@@ -260,7 +260,7 @@ def _check_names(variables: Iterable[FmuVariable], path: Path) -> None:
 
 def _read_fmi3(root: ET.Element, path: Path) -> tuple[list[FmuVariable], tuple[int, ...], tuple[str, ...]]:
     types = {t.get("name"): t for t in root.findall("TypeDefinitions/Float64Type")}
-    _check_clocks(root, path)
+    clocks = _own_clocks(root, path)
     variables, skipped = [], []
     rates = tuple(
         _integer(e, "valueReference", path) for e in root.findall("ModelStructure/ContinuousStateDerivative")
@@ -279,16 +279,21 @@ def _read_fmi3(root: ET.Element, path: Path) -> tuple[list[FmuVariable], tuple[i
             continue
         aliases = tuple(printable(a.get("name", "")) for a in element.findall("Alias"))
         variables.append(replace(variable, aliases=aliases))
-    more = ", ..." if len(skipped) > _SHOWN_NAMES else ""
-    left_out = ", ".join(skipped[:_SHOWN_NAMES]) + more
-    notes = (f"Array or clocked variables are left out: {left_out}.",) if skipped else ()
-    return variables, rates, notes
+    notes = [f"array or clocked variables of the FMU are left out: {_listed(skipped)}"] if skipped else []
+    if clocks:
+        notes.append(f"the FMU ticks its clocks by itself, as events: {_listed(clocks)}")
+    return variables, rates, tuple(notes)
 
 
-def _check_clocks(root: ET.Element, path: Path) -> None:
-    """Refuse clocks that the importer has to tick: what belongs to them would stand still. Clocks that the
-    FMU triggers itself only tell of its events."""
-    for clock in root.findall("ModelVariables/Clock"):
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:_SHOWN_NAMES]) + (", ..." if len(names) > _SHOWN_NAMES else "")
+
+
+def _own_clocks(root: ET.Element, path: Path) -> list[str]:
+    """Names of the clocks that the FMU ticks by itself, which tell of its events. Those that the importer has
+    to tick are refused: what belongs to them would stand still."""
+    clocks = root.findall("ModelVariables/Clock")
+    for clock in clocks:
         if clock.get("causality") == "input" or clock.get("intervalVariability") not in (None, "triggered"):
             raise FmuError(
                 "fmu-clocked",
@@ -297,6 +302,7 @@ def _check_clocks(root: ET.Element, path: Path) -> None:
                 where=str(path),
                 remedy="Export the FMU without clocks: with sampling inside, or continuous.",
             )
+    return [printable(clock.get("name", "")) for clock in clocks]
 
 
 def _read_fmi2(root: ET.Element, path: Path) -> tuple[list[FmuVariable], tuple[int, ...], tuple[str, ...]]:

@@ -20,8 +20,8 @@ from daest.fmu.points import (
     point_value,
     probe_point,
 )
-from daest.fmu.runner import Points, Runner, running
-from daest.fmu.semi_explicit import changed_parameters, refuse_hidden, refused
+from daest.fmu.runner import Points, Runner, refused, running
+from daest.fmu.semi_explicit import changed_parameters, refuse_hidden
 from daest.model.fmu import FmuModel
 from daest.model.linear import LinearDAE
 
@@ -116,7 +116,7 @@ def linearize_residuals(
     """The linear DAE through the FMU's residuals, by `runner` if it is given. See `linearize_fmu`."""
     form = residual_form(model)
     start = _start_point(model, form, at)
-    refuse_hidden(model, "a linear model")
+    refuse_hidden(model, "linear model")
     with running(model, runner) as worker:
         instance = _Residuals(worker, form, changed_parameters(model, theta))
         zero = _Point(

@@ -35,11 +35,15 @@ from daest.numerics.compiler import native_platform
 SECONDS_VARIABLE, TOTAL_VARIABLE = "DAEST_FMU_SECONDS", "DAEST_FMU_TOTAL_SECONDS"
 MEMORY_VARIABLE = "DAEST_FMU_MEMORY"
 LOG_STATUS = 97
+CUT_STATUS = 98
 START_SECONDS = 60.0  # until the process of an FMU works, on a busy machine
 WORD_SECONDS = 20.0  # between two words on an FMU that takes long
 # Two answers to one question, relative to the largest value: solvers inside FMUs that begin from what they
 # remember come within 1e-6, what is drawn at random does not.
 SAME_ANSWER = 1e-4
+SETTERS = ("fmi2SetReal", "fmi3SetFloat64")
+DISCRETE = "it may be given values only at events, for it has the discrete inputs"
+SHOWN_NAMES = 5
 SHOWN_LOG = 500  # characters of what the FMU printed last
 
 
@@ -157,7 +161,8 @@ class Runner:
         reply, tables = self._ask(
             {**header, **_mode(points, parameters, dae_mode, settle)}, _tables(points, parameters)
         )
-        return Evaluated(tables["values"], reply["problem"], reply["has_time_events"])
+        problem = reply["problem"] and in_words(self.model, reply["problem"])
+        return Evaluated(tables["values"], problem, reply["has_time_events"])
 
     def hears_steps(self, points: Points, read: Sequence[int]) -> bool:
         """Whether steps that are completed at the points lead to an event, or change what the FMU answers."""
@@ -209,7 +214,7 @@ class Runner:
             one = {"parameters": 1, "sizes": 1, "x0": 1}
             self._compare(header, {k: t[:1] if k in one else t for k, t in tables.items()}, found)
         stop = reply["stopped"]
-        stopped = None if stop is None else Stop(stop["what"], stop["time"], stop["set"])
+        stopped = stop and Stop(in_words(self.model, stop["what"]), stop["time"], stop["set"])
         return Simulated(found["values"], found["states"], reply["n_events"], stopped)
 
     def follow(
@@ -378,6 +383,24 @@ class _Heard:
         return self.stage if self.time is None else f"{self.stage} (t = {self.time:g} s)"
 
 
+def in_words(model: FmuModel, problem: str) -> str:
+    """What an FMU refused, with the reason where it is known better than the FMU tells it."""
+    names = [model.variables[vr].name for vr in model.inputs if model.variables[vr].variability == "discrete"]
+    if not names or not problem.startswith(SETTERS) or model.kind != "exchange":
+        return problem
+    return f"{problem}; {DISCRETE} {', '.join(f'`{name}`' for name in names[:SHOWN_NAMES])}"
+
+
+def refused(model: FmuModel, problem: str) -> FmuError:
+    """The error of a call that the FMU refused, in words of `in_words`."""
+    remedy = "Choose parameter values, inputs and an operating point where the model can be evaluated."
+    if DISCRETE in problem:
+        remedy = (
+            "Inputs of daest change at any time: export the FMU with continuous inputs, or for Co-Simulation."
+        )
+    return FmuError("fmu-call-failed", f"The FMU refused {problem}.", where=str(model.path), remedy=remedy)
+
+
 class _Process:
     """A worker with the unpacked FMU in a temporary folder."""
 
@@ -453,12 +476,12 @@ class _Process:
                 where=str(self._model.path),
                 remedy="It may need a library that is missing here; export the FMU for this platform again.",
             )
-        remedy = "Choose parameter values, inputs and an operating point where the model can be evaluated."
         if what.startswith("instantiate"):
             remedy = "It may need a licence, or files of the tool that wrote it: export it to run without."
-        return FmuError(
-            "fmu-call-failed", f"The FMU refused {what}.", where=str(self._model.path), remedy=remedy
-        )
+            return FmuError(
+                "fmu-call-failed", f"The FMU refused {what}.", where=str(self._model.path), remedy=remedy
+            )
+        return refused(self._model, in_words(self._model, what))
 
     def _hangs(self) -> FmuError:
         seconds = self._limits.seconds
@@ -489,6 +512,12 @@ class _Process:
     def _died(self) -> FmuError:
         status, peak = _status_and_peak(self._child)
         doing = self._heard.doing()
+        if status == CUT_STATUS:
+            return self._error(
+                "fmu-exited",
+                f"The FMU cut its process off when it {doing}: it closed files that it did not open.",
+                "Report it to the tool that wrote the FMU.",
+            )
         report = "Report it to the tool that wrote the FMU; try other parameter values or inputs."
         if status == LOG_STATUS or -status == getattr(signal, "SIGXFSZ", 0):
             return self._error(

@@ -20,7 +20,7 @@ from daest.fmu.points import (
     point_value,
     probe_point,
 )
-from daest.fmu.runner import Evaluated, Points, Runner, running
+from daest.fmu.runner import Evaluated, Points, Runner, refused, running
 from daest.model.flat import Equation
 from daest.model.fmu import FmuModel
 from daest.model.linear import LinearDAE
@@ -101,7 +101,7 @@ def linearize_semi_explicit(
     """The linear DAE of x' = f, 0 = z - g, by `runner` if it is given. See `linearize_fmu`."""
     form = semi_explicit_form(model)
     offer = allow_directional and model.provides_directional_derivatives
-    refuse_hidden(model, "a linear model")
+    refuse_hidden(model, "linear model")
     if not form.states and not form.variables:
         raise FmuError(
             "fmu-nothing-continuous",
@@ -209,15 +209,6 @@ def _directional(
         return None
 
 
-def refused(model: FmuModel, problem: str) -> FmuError:
-    return FmuError(
-        "fmu-call-failed",
-        f"The FMU refused {problem}.",
-        where=str(model.path),
-        remedy="Choose parameter values and an operating point at which the model can be evaluated.",
-    )
-
-
 def _settles(model: FmuModel) -> bool:
     """Discrete variables must be made to fit a point only where there are events."""
     return model.n_event_indicators > 0
@@ -225,8 +216,8 @@ def _settles(model: FmuModel) -> bool:
 
 def _choose(found: Jacobians, offer: bool) -> tuple[np.ndarray, str, tuple[str, ...]]:
     if found.directional is None:
-        refused = "The FMU declares directional derivatives and refuses them: finite differences are used."
-        return found.differences, "finite differences", (refused,) if offer else ()
+        told = "The FMU declares directional derivatives and refuses them: finite differences are used."
+        return found.differences, "finite differences", (told,) if offer else ()
     apart = difference([found.directional], [found.differences], DIFFERENCE_FLOOR)
     if not np.isfinite(apart) or apart > TRUST:
         note = (

@@ -17,7 +17,7 @@ def facts(variable: FmuVariable, kind: str) -> dict[str, Any]:
     """The content of a vendor annotation of daest; empty if there is none that can be read."""
     try:
         told = json.loads(variable.annotations.get(kind, "{}"))
-    except ValueError:
+    except (ValueError, RecursionError):
         return {}
     return told if isinstance(told, dict) else {}
 

@@ -26,6 +26,8 @@ from daest.fmu.wire import read_message, write_message
 
 # Exit status of a worker whose FMU logged too much.
 LOG_STATUS = 97
+# And of one whose FMU closed the pipes to the caller.
+CUT_STATUS = 98
 # The caller hears at most this often that the work goes on.
 ALIVE_SECONDS = 0.2
 # Points at which an instance that has heard of steps is compared with a new one, and the difference, relative
@@ -43,12 +45,14 @@ def main() -> None:
         opening["written"],
         replies,
     )
-    while True:
-        try:
+    try:
+        while True:
             header, arrays = read_message(requests)
-        except EOFError:
-            os._exit(0)  # without the FMU's own code that runs at exit
-        session.answer(header, arrays)
+            session.answer(header, arrays)
+    except EOFError:
+        os._exit(0)  # without the FMU's own code that runs at exit
+    except OSError:  # the pipes are gone
+        os._exit(CUT_STATUS)
 
 
 def _private_streams(log: str) -> tuple[BinaryIO, BinaryIO]:
@@ -123,7 +127,8 @@ class Session:
             time.sleep(ALIVE_SECONDS)
             now = CALLS.all
             if now != last:
-                self._send({"kind": "beat"})
+                with contextlib.suppress(OSError):  # found where the next answer is sent
+                    self._send({"kind": "beat"})
             last = now
 
     def _alive(self, stage: str, at: float | None = None) -> None:

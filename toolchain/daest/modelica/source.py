@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from daest.errors import ModelError, Place
+from daest.files import why_no_file
 from daest.modelica.syntax import Span
 from daest.modelica.tokens import place_of
 
@@ -16,17 +17,10 @@ _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 def read_source(path: Path) -> bytes:
     """The text of a .mo file in UTF-8 without byte order mark. Raises ModelError when there is none to
     read."""
-    if not path.exists():
+    if (why := why_no_file(path)) is not None:
         raise ModelError(
-            "model-missing",
-            f"there is no file {path}",
-            where=str(path),
-            remedy="Check the path of the model.",
-        )
-    if path.is_dir():
-        raise ModelError(
-            "model-file",
-            f"{path} is a folder, not a model",
+            "model-file" if path.is_dir() else "model-missing",
+            f"{path} {why}",
             where=str(path),
             remedy="Name a .mo file; give folders of libraries by -L.",
         )
