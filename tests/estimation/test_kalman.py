@@ -9,7 +9,7 @@ from dense_gaussian import DenseRecord, random_model, simulate_record
 from numpy.testing import assert_allclose
 
 from daest.errors import EXPLANATIONS, EstimationError
-from daest.estimation.kalman import kalman_filter, log_likelihood
+from daest.estimation.kalman import kalman_filter, log_likelihood, steady_sample, unobservable_states
 from daest.estimation.stationary import stationary_filter
 from daest.model.estimates import InitialState
 from daest.model.experiment import Experiment
@@ -167,7 +167,7 @@ def test_stationary_kind_is_the_constant_gain_filter():
         nu = complete.outputs[k] - model.output @ x - model.feedthrough @ u[k] - model.output_offset
         x = model.transition @ x + model.input_now @ u[k] + model.input_next @ u[k + 1] + model.drift + K @ nu
     assert result.predicted.cov.distinct.shape[0] == 1
-    assert result.stationary_from == 0 and result.steady_sample == 0
+    assert result.stationary_from == 0 and steady_sample(result) == 0
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -280,7 +280,7 @@ def test_a_constant_bias_without_noise_is_averaged_by_the_time_varying_filter():
     counts = np.arange(1, 401)
     assert_allclose(result.filtered.mean[:, 0], np.cumsum(experiment.outputs[:, 0]) / counts, rtol=1e-10)
     assert_allclose(result.filtered.cov.array()[:, 0, 0], 4.0 / counts, rtol=1e-10)
-    assert result.steady_sample is None and result.stationary_from is None
+    assert steady_sample(result) is None and result.stationary_from is None
 
 
 def test_an_unobservable_angle_gets_no_value_and_the_rest_does():
@@ -297,7 +297,7 @@ def test_an_unobservable_angle_gets_no_value_and_the_rest_does():
     seen = [1, 3, 4]
     assert np.all(np.abs(mean[-1, seen] - truth[seen]) < 5 * std[-1, seen])
     assert np.all(std[-1, seen] < np.array([0.1, 5.0, 1.0]))
-    assert result.unobservable.shape == (4, 1)
+    assert unobservable_states(result).shape == (4, 1)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -15,7 +15,7 @@ import numpy as np
 
 from daest.errors import EstimationError
 from daest.estimation.filter_cost import LARGE, check_memory, filter_cost
-from daest.estimation.kalman import kalman_filter
+from daest.estimation.kalman import kalman_filter, steady_sample, unobservable_states
 from daest.estimation.large_filter import LargeResult, can_stream, large_filter
 from daest.estimation.modes import has_equal_steps, models_by_interval
 from daest.estimation.smoother import smooth as smooth_record
@@ -111,7 +111,7 @@ def run_filter(
     std, noise_std = np.split(std, [len(names)], axis=1)
     values = values + record.inputs @ rows_of.inputs.T + rows_of.offset
     compared = [n for n in experiment.output_names if n in ss.output_names and n not in measure]
-    steady = result.steady_sample
+    steady = result.steady_sample if isinstance(result, LargeResult) else steady_sample(result)
     return FilterResult(
         kind=kind,
         smoothed=smooth,
@@ -288,8 +288,8 @@ def _messages(
             f"{used} never determine {_listed([names[i] for i in open_])}: no value is given for "
             "them. Measure another output or give the initial state."
         )
-    elif result.unobservable.shape[1]:
-        hidden = "; ".join(combination_text(v, ss.state_names) for v in result.unobservable.T)
+    elif (unseen := _unobservable(result)).shape[1]:
+        hidden = "; ".join(combination_text(v, ss.state_names) for v in unseen.T)
         messages.append(f"{used} never show {hidden}: its uncertainty is that of the given initial state.")
     if noise == "held":
         messages.append("White noise reaches an output directly; it is held over each sample.")
@@ -300,6 +300,10 @@ def _messages(
     if result.kind == "stationary" and initial is None:
         messages.append("The stationary filter starts with all states at zero.")
     return tuple(messages)
+
+
+def _unobservable(result: KalmanResult | LargeResult) -> np.ndarray:
+    return result.unobservable if isinstance(result, LargeResult) else unobservable_states(result)
 
 
 def _long_memory(

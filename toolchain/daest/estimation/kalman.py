@@ -1,12 +1,12 @@
 """Kalman filter of the sampled DAE, Gerdin & Schön (47) and (54): time-varying and stationary.
 
 The covariance runs through a compiled Joseph step until it is within COVARIANCE_TOLERANCE of the solution of
-the Riccati equation; from there the gain is constant and the states follow a linear recursion over whole
-blocks. A missing output or another step length starts a new transient. An unknown initial state is exact, no
-large prior: the pass runs from a proper reference start (the stationary covariance, so that the gain is
-constant at once) and carries along the sensitivity A[k] of its states to x[0]; the innovations are then a
-linear regression on x[0] (Rosenberg 1973, de Jong 1991), and its solution corrects states, covariances and
-likelihood at every sample.
+the Riccati equation, or of the limit that its own changes foretell; from there the gain is constant and the
+states follow a linear recursion over whole blocks. A missing output or another step length starts a new
+transient. An unknown initial state is exact, no large prior: the pass runs from a proper reference start (the
+stationary covariance, so that the gain is constant at once) and carries along the sensitivity A[k] of its
+states to x[0]; the innovations are then a linear regression on x[0] (Rosenberg 1973, de Jong 1991), and its
+solution corrects states, covariances and likelihood at every sample.
 """
 
 from __future__ import annotations
@@ -47,27 +47,33 @@ from daest.model.estimates import (
 )
 from daest.model.experiment import Experiment
 from daest.model.linear import DiscreteModel
-from daest.numerics.gaussian import CHUNK, FREE_TOLERANCE, forward_step, run, undetermined
+from daest.numerics.gaussian import CHUNK, FREE_TOLERANCE, undetermined
+from daest.numerics.kalman_pass import KalmanSteps, StepMatrices, Stop, kalman_steps
 from daest.numerics.recursions import linear_recursion
 from daest.numerics.riccati import predictor_gain, unobservable_subspace
 
 # Distance to the stationary covariance, in standard deviations, that ends a transient.
 COVARIANCE_TOLERANCE = 1e-11
 SENSITIVITY_FLOOR = 1e-20  # of A, relative to the scale of a state: the initial state is forgotten
+SETTLING = 1000  # samples after which the Riccati equation is asked where a covariance has not settled
+CHUNK_NUMBERS = 4_000_000  # of covariances in a block of steps: 32 MB
 GAIN_BLOCK = 4096  # samples whose gains are compared with the stationary one at a time
 STEADY_SHARE = 0.01  # distance of the gain to the stationary gain that counts as steady
 
 
 @dataclass(frozen=True)
 class _Start:
-    """x[0] = mean + sensitivity δ + N(0, cov); `scale` (n,) is the size of a state."""
+    """x[0] = mean + sensitivity δ + N(0, cov); `scale` (n,) is the size of a state. `stationary` is the
+    covariance of the stationary filter of `observed`, the model with the outputs that are ever present, where
+    it is known."""
 
     mean: np.ndarray
     cov: np.ndarray
     sensitivity: np.ndarray
     n_observable: int
     scale: np.ndarray
-    unobservable: np.ndarray
+    observed: DiscreteModel
+    stationary: StationaryFilter | None = None
 
 
 def kalman_filter(
@@ -87,8 +93,8 @@ def kalman_filter(
     `filter-uneven-samples`, `filter-initial-state`, `filter-singular-innovation`, and those of
     `stationary_filter` for the stationary kind.
     """
-    models, forward, start = _pass_over(model, experiment, initial, kind, state_names)
-    return _assemble(kind, experiment.time, models, forward, flat_start(forward), start)
+    forward, start = _pass_over(model, experiment, initial, kind, state_names, details=True)
+    return _assemble(kind, experiment.time, forward, flat_start(forward), start)
 
 
 def log_likelihood(
@@ -98,7 +104,7 @@ def log_likelihood(
     kind: FilterKind = "time-varying",
 ) -> float:
     """`kalman_filter(...).log_likelihood` without the estimates; arguments and errors as there."""
-    _, forward, start = _pass_over(model, experiment, initial, kind, None)
+    forward, start = _pass_over(model, experiment, initial, kind, None, details=False)
     return _log_likelihood(forward, flat_start(forward), start)
 
 
@@ -108,7 +114,9 @@ def _pass_over(
     initial: InitialState | None,
     kind: FilterKind,
     state_names: tuple[str, ...] | None,
-) -> tuple[list[DiscreteModel], FilterPass, _Start]:
+    *,
+    details: bool,
+) -> tuple[FilterPass, _Start]:
     models, which = models_by_interval(model, experiment.time)
     modes = modes_of(models, which, experiment.outputs)
     known, drive = known_parts(models, which, experiment)
@@ -116,7 +124,7 @@ def _pass_over(
     if not np.all(modes.present):
         z[np.isnan(z)] = 0.0
     start = _start(models, modes, initial, kind, state_names)
-    return models, _forward_pass(modes, z, drive, start), start
+    return _forward_pass(modes, z, drive, start, details), start
 
 
 def _start(
@@ -129,7 +137,6 @@ def _start(
     typical = models[int(np.argmax(np.bincount(modes.model[modes.index])))]
     n = typical.transition.shape[0]
     observed = _with_rows(typical, np.asarray(modes.present.any(axis=0)))
-    _, unobservable = unobservable_subspace(observed.transition, observed.output)
     if kind == "stationary":
         if len(models) > 1:
             raise EstimationError(
@@ -137,19 +144,20 @@ def _start(
                 "a stationary filter needs equal steps",
                 remedy="use the time-varying filter, or resample the record",
             )
-        P = stationary_filter(observed, state_names).predicted_cov
+        stationary = stationary_filter(observed, state_names)
+        P = stationary.predicted_cov
         mean = np.zeros(n) if initial is None else initial.mean
-        return _Start(mean, P, np.zeros((n, 0)), 0, np.sqrt(np.diagonal(P)), unobservable)
+        return _Start(mean, P, np.zeros((n, 0)), 0, np.sqrt(np.diagonal(P)), observed, stationary)
     initial = InitialState.unknown(n) if initial is None else initial
     _check_initial(initial, n)
     unknown = initial.is_unknown
     if not np.any(unknown):
         scale = np.sqrt(np.diagonal(initial.cov))
-        return _Start(initial.mean, initial.cov, np.zeros((n, 0)), 0, scale, unobservable)
-    return _unknown_start(observed, initial, unobservable)
+        return _Start(initial.mean, initial.cov, np.zeros((n, 0)), 0, scale, observed)
+    return _unknown_start(observed, initial)
 
 
-def _unknown_start(model: DiscreteModel, initial: InitialState, unobservable: np.ndarray) -> _Start:
+def _unknown_start(model: DiscreteModel, initial: InitialState) -> _Start:
     """A reference start whose covariance is the stationary one where it exists: any other gives the same
     result."""
     unknown = initial.is_unknown
@@ -167,7 +175,7 @@ def _unknown_start(model: DiscreteModel, initial: InitialState, unobservable: np
     observable, _ = unobservable_subspace(model.transition, model.output)
     basis, n_observable = observable_first(observable @ columns)
     mean = np.where(unknown, 0.0, initial.mean)
-    return _Start(mean, cov, columns @ basis, n_observable, scale, unobservable)
+    return _Start(mean, cov, columns @ basis, n_observable, scale, model, stationary)
 
 
 def observable_first(rows: np.ndarray) -> tuple[np.ndarray, int]:
@@ -218,42 +226,45 @@ def _check_initial(initial: InitialState, n: int) -> None:
 
 
 class _Recorder:
-    """Collects a pass: arrays by sample, and the distinct covariances in order of appearance."""
+    """Collects a pass: arrays by sample, and the distinct matrices in order of appearance."""
 
     def __init__(self, n_samples: int, n: int, n_y: int) -> None:
         self.predicted = np.empty((n_samples, n))
         self.innovations = np.empty((n_samples, n_y))
         self.index = np.empty(n_samples, dtype=np.int64)
-        self.cov: list[np.ndarray] = []
-        self.innovation_cov: list[np.ndarray] = []
-        self.gain: list[np.ndarray] = []
+        self.parts: list[KalmanSteps] = []
         self.mode: list[np.ndarray] = []
         self.sensitivity: list[np.ndarray] = []
         self.n_distinct = 0
         self.stationary_from: int | None = None
 
-    def distinct(self, cov: np.ndarray, S: np.ndarray, gain: np.ndarray, mode: np.ndarray) -> np.ndarray:
-        """Store arrays with a first axis and return their numbers."""
-        numbers = self.n_distinct + np.arange(cov.shape[0])
-        self.cov.append(cov)
-        self.innovation_cov.append(S)
-        self.gain.append(gain)
+    def add(self, steps: KalmanSteps, mode: np.ndarray, begin: int, n_samples: int) -> None:
+        """The matrices of `steps` with their modes; those of the samples from `begin` on, or the only ones of
+        n_samples."""
+        count = steps.gain.shape[0]
+        self.index[begin : begin + n_samples] = self.n_distinct + np.arange(count)
+        self.parts.append(steps)
         self.mode.append(mode)
-        self.n_distinct += cov.shape[0]
-        return numbers
+        self.n_distinct += count
+
+    def all(self, name: str) -> np.ndarray:
+        """The distinct matrices of one kind, empty where they were not asked for."""
+        found = [getattr(part, name) for part in self.parts]
+        kept = [part for part in found if part is not None]
+        return (kept[0] if len(kept) == 1 else np.concatenate(kept)) if kept else np.zeros((0, 0, 0))
 
 
-def _forward_pass(modes: Modes, z: np.ndarray, drive: np.ndarray, start: _Start) -> FilterPass:
+def _forward_pass(modes: Modes, z: np.ndarray, drive: np.ndarray, start: _Start, details: bool) -> FilterPass:
+    """`details`: with the covariances of all samples, and gain and covariance after the outputs."""
     n_samples, n_y = z.shape
-    n = start.mean.size
-    recorder = _Recorder(n_samples, n, n_y)
-    plan = _Plan(modes)
+    recorder = _Recorder(n_samples, start.mean.size, n_y)
+    plan = _Plan(modes, start, details)
     k, M, P = 0, np.column_stack([start.mean, start.sensitivity]), start.cov
     while k < n_samples:
         end = int(plan.run_end[k])
-        target = plan.target(int(modes.index[k])) if end - k >= LONG_RUN else None
-        if target is not None and _is_close(P, target.predicted_cov):
-            M = _stationary_phase(recorder, modes, z, drive, k, end, M, target, start.scale)
+        target = plan.target(k, P) if end - k >= LONG_RUN else None
+        if target is not None:
+            M = _stationary_phase(recorder, plan, z, drive, k, end, M, target, start.scale)
             P, k = target.predicted_cov, end
         else:
             k, M, P = _transient(recorder, plan, z, drive, k, M, P)
@@ -263,19 +274,56 @@ def _forward_pass(modes: Modes, z: np.ndarray, drive: np.ndarray, start: _Start)
 
 
 class _Plan:
-    """What a pass needs to know ahead: rows of matrices, ends of runs, and the stationary filter of each
-    mode, computed when first asked for (None where there is none)."""
+    """What a pass needs to know ahead: matrices and ends of runs, and the stationary filter of each mode.
 
-    def __init__(self, modes: Modes) -> None:
-        self.modes = modes
-        self.rows = _rows_of(modes)
+    That is the solution of the Riccati equation where it is known, or where many samples have not led to it;
+    else the sequence of covariances itself tells that it has settled.
+    """
+
+    def __init__(self, modes: Modes, start: _Start, details: bool) -> None:
+        self.modes, self.details = modes, details
+        self.matrices = StepMatrices(
+            modes.transition, modes.output, modes.process_cov, modes.cross_cov, modes.measurement_cov,
+            modes.noise_cov, modes.noise_measurement_cov,
+        )  # fmt: skip
         self.run_end = _run_ends(modes.index)
+        self.begins_long = self.run_end - np.arange(self.run_end.size) >= LONG_RUN
         self._known: dict[int, StationaryFilter | None] = {}
+        self._patience = SETTLING
+        if len(modes.present) == 1 and start.stationary is not None:
+            self._known[0] = start.stationary
+        self.has_settled = False
 
-    def target(self, mode: int) -> StationaryFilter | None:
-        if mode not in self._known:
+    def target(self, k: int, P: np.ndarray) -> StationaryFilter | None:
+        """The stationary filter from sample k on, if P is its covariance."""
+        mode = int(self.modes.index[k])
+        if self.has_settled:
+            self.has_settled = False
+            return _filter_at(self.modes, mode, P)
+        if mode not in self._known and self._patience <= 0:
             self._known[mode] = try_stationary_filter(mode_model(self.modes, mode))
-        return self._known[mode]
+        found = self._known.get(mode)
+        return found if found is not None and _is_close(P, found.predicted_cov) else None
+
+    def stop(self, begin: int, end: int) -> Stop:
+        """Where the steps over the samples begin … end - 1 end early."""
+        shape = self.modes.transition.shape
+        known = np.array([self._known.get(m) is not None for m in range(shape[0])])
+        targets = np.zeros(shape)
+        for m in np.flatnonzero(known):
+            targets[m] = self._known[int(m)].predicted_cov  # type: ignore[union-attr]
+        return Stop(COVARIANCE_TOLERANCE, self.begins_long[begin:end], targets, known)
+
+    def hear(self, count: int, stopped: bool, mode: int) -> None:
+        """That `count` steps were done, and whether they stopped before a stationary sample of the mode."""
+        self._patience -= count
+        self.has_settled = stopped and self._known.get(mode) is None
+
+
+def _filter_at(modes: Modes, mode: int, P: np.ndarray) -> StationaryFilter:
+    Phi, C = modes.transition[mode], modes.output[mode]
+    gain, S = predictor_gain(P, Phi, C, modes.measurement_cov[mode], modes.cross_cov[mode])
+    return StationaryFilter(gain, P, S, Phi - gain @ C)
 
 
 def _run_ends(index: np.ndarray) -> np.ndarray:
@@ -297,7 +345,7 @@ def _is_forgotten(A: np.ndarray, scale: np.ndarray) -> bool:
 
 def _stationary_phase(
     recorder: _Recorder,
-    modes: Modes,
+    plan: _Plan,
     z: np.ndarray,
     drive: np.ndarray,
     begin: int,
@@ -307,16 +355,23 @@ def _stationary_phase(
     scale: np.ndarray,
 ) -> np.ndarray:
     """Samples begin … end - 1 with a constant gain; returns [m A] at `end`."""
-    mode = int(modes.index[begin])
+    modes, mode = plan.modes, int(plan.modes.index[begin])
     total = z[begin:end] @ target.gain.T
     total += drive[begin:end]
     states = linear_recursion(target.closed_loop, total, M[:, 0])
     recorder.predicted[begin:end] = states[:-1]
     np.subtract(z[begin:end], states[:-1] @ modes.output[mode].T, out=recorder.innovations[begin:end])
-    numbers = recorder.distinct(
-        target.predicted_cov[None], target.innovation_cov[None], target.gain[None], np.array([mode])
+    one = slice(begin, begin + 1)
+    steps = kalman_steps(
+        plan.matrices,
+        modes.index[one],
+        z[one],
+        drive[one],
+        M[:, :1],
+        target.predicted_cov,
+        details=plan.details,
     )
-    recorder.index[begin:end] = numbers[0]
+    recorder.add(steps, np.array([mode]), begin, end - begin)
     if recorder.stationary_from is None:
         recorder.stationary_from = begin
     A = _decay(recorder, target.closed_loop, M[:, 1:], end - begin, scale)
@@ -351,60 +406,38 @@ def _transient(
     M: np.ndarray,
     P: np.ndarray,
 ) -> tuple[int, np.ndarray, np.ndarray]:
-    """Up to CHUNK samples with their own covariance each; stops early where a stationary phase begins."""
-    end = min(begin + CHUNK, z.shape[0])
-    which = plan.modes.index[begin:end]
-    data = np.hstack([plan.rows[which], z[begin:end], drive[begin:end]])
+    """A number of samples with their own covariance each; stops early where a stationary phase begins."""
     n, columns = M.shape
-    n_y = z.shape[1]
-    states, results = run(forward_step(n, n_y, columns), np.concatenate([M.ravel(), P.ravel()]), data)
-    if not np.all(np.isfinite(states)):
-        raise _singular(recorder, begin)
-    M_after = states[:, : n * columns].reshape(-1, n, columns)
-    P_after = states[:, n * columns :].reshape(-1, n, n)
-    count = _steps_to_stationary(P_after, begin, plan)
-    M_before = np.concatenate([M[None], M_after[: count - 1]])
-    innovations, S, gain = np.split(results[:count], np.cumsum([n_y * columns, n_y * n_y]), axis=1)
-    done = slice(begin, begin + count)
-    recorder.predicted[done] = M_before[:, :, 0]
-    recorder.innovations[done] = innovations.reshape(-1, n_y, columns)[:, :, 0]
-    recorder.index[done] = recorder.distinct(
-        np.concatenate([P[None], P_after[: count - 1]]),
-        S.reshape(-1, n_y, n_y),
-        gain.reshape(-1, n, n_y),
-        which[:count],
+    most = CHUNK if columns > 1 else max(CHUNK, CHUNK_NUMBERS // n**2)
+    end = min(begin + most, z.shape[0])
+    block, index = slice(begin, end), plan.modes.index
+    steps = kalman_steps(
+        plan.matrices,
+        index[block],
+        z[block],
+        drive[block],
+        M,
+        P,
+        details=plan.details,
+        stop=plan.stop(begin, end),
     )
+    if steps.failed is not None:
+        raise _singular(begin + steps.failed)
+    count = steps.predicted.shape[0]
+    done = slice(begin, begin + count)
+    recorder.predicted[done], recorder.innovations[done] = steps.predicted, steps.innovations
+    recorder.add(steps, index[done], begin, count)
     if columns > 1:
-        recorder.sensitivity.append(M_before[:, :, 1:])
-    return begin + count, M_after[count - 1], P_after[count - 1]
+        recorder.sensitivity.append(steps.sensitivity)
+    plan.hear(count, begin + count < end, int(index[begin + count - 1]))
+    return begin + count, steps.after, steps.after_cov
 
 
-def _steps_to_stationary(P_after: np.ndarray, begin: int, plan: _Plan) -> int:
-    """How many of the computed steps to keep: up to the first sample whose covariance is stationary."""
-    count, index = P_after.shape[0], plan.modes.index
-    following = np.arange(begin + 1, min(begin + count, index.size - 1) + 1)
-    long = plan.run_end[following] - following >= LONG_RUN
-    for mode in np.unique(index[following[long]]):
-        target = plan.target(int(mode))
-        if target is None:
-            continue
-        candidates = np.flatnonzero(long & (index[following] == mode))
-        close = candidates[_is_close(P_after[candidates], target.predicted_cov)]
-        if close.size:
-            count = min(count, int(close[0]) + 1)
-    return count
-
-
-def _rows_of(modes: Modes) -> np.ndarray:
-    """The matrices of each mode as one row, in the order that `forward_step` reads."""
-    parts = (modes.transition, modes.output, modes.process_cov, modes.cross_cov, modes.measurement_cov)
-    return np.hstack([part.reshape(part.shape[0], -1) for part in parts])
-
-
-def _singular(recorder: _Recorder, begin: int) -> EstimationError:
+def _singular(sample: int) -> EstimationError:
     return EstimationError(
         "filter-singular-innovation",
-        f"an output can be predicted without error near sample {begin}: neither it nor the states have noise",
+        f"an output can be predicted without error near sample {sample}: neither it nor the states have "
+        "noise",
         remedy="give every measured output a noise with a standard deviation above zero",
     )
 
@@ -416,22 +449,18 @@ def _as_pass(recorder: _Recorder, modes: Modes, start: _Start) -> FilterPass:
         A = np.zeros((0, n, 0))
     V = modes.output[modes.index[: A.shape[0]]] @ A
     V[:, :, start.n_observable :] = 0.0
-    cov, mode = np.concatenate(recorder.cov), np.concatenate(recorder.mode)
-    S = np.concatenate(recorder.innovation_cov)
-    white = whitening(S)
-    filter_gain, filtered_cov = filtered_moments(modes, mode, cov, white)
     return FilterPass(
         modes=modes,
         predicted=recorder.predicted,
         innovations=recorder.innovations,
         index=recorder.index,
-        cov=cov,
-        innovation_cov=S,
-        whitening=white,
-        gain=np.concatenate(recorder.gain),
-        filter_gain=filter_gain,
-        filtered_cov=filtered_cov,
-        mode=mode,
+        cov=recorder.all("cov"),
+        innovation_cov=recorder.all("innovation_cov"),
+        whitening=recorder.all("whitening"),
+        gain=recorder.all("gain"),
+        filter_gain=recorder.all("filter_gain"),
+        filtered_cov=recorder.all("filtered_cov"),
+        mode=np.concatenate(recorder.mode),
         sensitivity=A,
         innovation_sensitivity=V,
         n_observable=start.n_observable,
@@ -442,7 +471,6 @@ def _as_pass(recorder: _Recorder, modes: Modes, start: _Start) -> FilterPass:
 def _assemble(
     kind: FilterKind,
     time: np.ndarray,
-    models: list[DiscreteModel],
     forward: FilterPass,
     flat: FlatStart,
     start: _Start,
@@ -465,9 +493,8 @@ def _assemble(
         nis=nis,
         nis_dof=dof,
         log_likelihood=_log_likelihood(forward, flat, start, None if forward.sensitivity.size else nis),
-        steady_sample=_steady_sample(models, forward, predicted),
         stationary_from=forward.stationary_from,
-        unobservable=start.unobservable,
+        observed=start.observed,
         forward=forward,
         flat_start=flat,
         scale=scale,
@@ -562,15 +589,19 @@ def _log_likelihood(
     return float(value) + flat_evidence(flat, forward, start.sensitivity)
 
 
-def _steady_sample(
-    models: list[DiscreteModel], forward: FilterPass, predicted: GaussianSequence
-) -> int | None:
-    """First sample with all outputs whose gain is within STEADY_SHARE of the stationary gain.
+def unobservable_states(result: KalmanResult) -> np.ndarray:
+    """Basis (n, r) of the state combinations that no output ever shows."""
+    return unobservable_subspace(result.observed.transition, result.observed.output)[1]
+
+
+def steady_sample(result: KalmanResult) -> int | None:
+    """First sample with all outputs whose gain is within STEADY_SHARE of the stationary gain, or None.
 
     The distance is the Frobenius norm with states and innovations in their stationary standard deviations.
     """
+    forward, predicted = result.forward, result.predicted
     full = np.flatnonzero(forward.modes.present.all(axis=1))
-    if len(models) > 1 or full.size == 0:
+    if np.unique(forward.modes.model).size > 1 or full.size == 0:
         return None
     mode = int(full[0])
     target = try_stationary_filter(mode_model(forward.modes, mode))

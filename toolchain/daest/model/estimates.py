@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from daest.model.linear import DiscreteModel
 from daest.model.shown import Timed, Trajectories
 
 FilterKind = Literal["time-varying", "stationary"]
@@ -163,8 +164,7 @@ class KalmanResult:
     `nis_dof` present outputs, NaN and 0 where there is none. `log_likelihood` is log p(y), and log ∫ p(y |
     x0) dx0 over the unknown states that the outputs determine, NaN when the record is too short for them.
     `stationary_from` is the first sample from which the gain for a known start is constant (None: never); an
-    unknown start adds a vanishing part. `unobservable` (n, r) spans the state combinations that no output
-    ever shows.
+    unknown start adds a vanishing part.
     """
 
     kind: FilterKind
@@ -176,9 +176,8 @@ class KalmanResult:
     nis: np.ndarray
     nis_dof: np.ndarray
     log_likelihood: float
-    steady_sample: int | None  # first sample whose gain is within 1 % of the stationary one
     stationary_from: int | None
-    unobservable: np.ndarray
+    observed: DiscreteModel  # the sampled model with the outputs that are ever present
     forward: FilterPass
     flat_start: FlatStart
     scale: np.ndarray  # (n + n_w,), sizes of x and w̄

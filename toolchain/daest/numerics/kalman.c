@@ -1,0 +1,295 @@
+/* Time-varying Kalman filter of (47) over many samples, for `numerics/kalman_pass.py`. Matrices are row by row.
+
+   One step, with the covariance P of the prediction and [m A], its mean and sensitivity to an unknown start:
+   S = C P C' + R = L L', K = (Phi P C' + S12) S^-1, [m A] <- Phi [m A] + K ([z 0] - C [m A]) + [drive 0], and in
+   Joseph form P <- F P F' + Q - K S12' - S12 K' + K R K' with F = Phi - K C. With CONSTANT states the loops have
+   constant lengths; from BLAS_FROM on products are those of the BLAS that is given. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#if defined(__GNUC__)
+#define INLINE static inline __attribute__((always_inline))
+#else
+#define INLINE static inline
+#endif
+
+enum { BLAS_FROM = 16, BLOCK = 96, WINDOW = 16 };
+
+typedef void gemm_t(char *, char *, int *, int *, int *, double *, double *, int *, double *, int *, double *,
+                    double *, int *);
+
+typedef struct {
+    long n_y, n_w, columns; /* columns of [m A] */
+    const double *Phi, *C, *Q, *S12, *R, *Qw, *Ne; /* one of each per mode; Qw (n_w, n_w), Ne (n_w, n_y) */
+    gemm_t *gemm;
+} model_t;
+
+/* out (m, n) = A (m, k) B (k, n) */
+INLINE void product(long m, long k, long n, const double *A, const double *B, double *out)
+{
+    for (long i = 0; i < m; i++) {
+        double *row = out + i * n;
+        for (long j = 0; j < n; j++) row[j] = 0.0;
+        for (long l = 0; l < k; l++) {
+            const double a = A[i * k + l];
+            for (long j = 0; j < n; j++) row[j] += a * B[l * n + j];
+        }
+    }
+}
+
+/* out (m, n) = A (n, m)' */
+INLINE void transposed(long m, long n, const double *A, double *out)
+{
+    for (long i = 0; i < m; i++)
+        for (long j = 0; j < n; j++) out[i * n + j] = A[j * m + i];
+}
+
+/* out = F P F' for symmetric P, of which the upper triangle is written; Ft = F'; `work` holds a matrix. */
+INLINE void congruence(long n, const double *F, const double *Ft, const double *P, double *out, double *work,
+                       gemm_t *gemm)
+{
+    if (gemm == NULL || n < BLAS_FROM) {
+        product(n, n, n, F, P, work);
+        for (long i = 0; i < n; i++) {
+            double *row = out + i * n;
+            for (long j = i; j < n; j++) row[j] = 0.0;
+            for (long l = 0; l < n; l++) {
+                const double a = work[i * n + l];
+                for (long j = i; j < n; j++) row[j] += a * Ft[l * n + j];
+            }
+        }
+        return;
+    }
+    double one = 1.0, zero = 0.0;
+    int whole = (int)n;
+    gemm("N", "N", &whole, &whole, &whole, &one, (double *)P, &whole, (double *)F, &whole, &zero, work, &whole);
+    for (long i = 0; i < n; i += BLOCK) { /* a block of rows at a time, from the diagonal on */
+        int rows = (int)(n - i < BLOCK ? n - i : BLOCK), columns = (int)(n - i);
+        gemm("N", "N", &columns, &rows, &whole, &one, (double *)Ft + i, &whole, work + i * n, &whole, &zero,
+             out + i * n + i, &whole);
+    }
+}
+
+/* W = L^-1 of S = L L' and inverse = W' W; 1 where S is not positive definite. */
+INLINE int whitening(long n, const double *S, double *W, double *inverse, double *L)
+{
+    for (long i = 0; i < n; i++)
+        for (long j = 0; j <= i; j++) {
+            double rest = S[i * n + j];
+            for (long k = 0; k < j; k++) rest -= L[i * n + k] * L[j * n + k];
+            if (i == j && !(rest > 0.0)) return 1;
+            L[i * n + j] = i == j ? sqrt(rest) : rest / L[j * n + j];
+        }
+    for (long j = 0; j < n; j++)
+        for (long i = 0; i < n; i++) {
+            double rest = i == j ? 1.0 : 0.0;
+            for (long k = j; k < i; k++) rest -= L[i * n + k] * W[k * n + j];
+            W[i * n + j] = i < j ? 0.0 : rest / L[i * n + i];
+        }
+    for (long i = 0; i < n; i++)
+        for (long j = 0; j < n; j++) {
+            double sum = 0.0;
+            for (long k = i > j ? i : j; k < n; k++) sum += W[k * n + i] * W[k * n + j];
+            inverse[i * n + j] = sum;
+        }
+    return 0;
+}
+
+/* Gain and covariance of (x, w) after the outputs, `estimation.kalman`; PCt = C P (n_y, n). That of x in Joseph
+   form, (I - K C) P (I - K C)' + K R K', by products with K and C alone. */
+INLINE void filtered(long n, const model_t *g, long mode, const double *P, const double *PCt, const double *S,
+                     const double *inverse, double *gain, double *cov, double *work)
+{
+    const long n_y = g->n_y, n_w = g->n_w, size = n + n_w;
+    const double *R = g->R + mode * n_y * n_y, *Ne = g->Ne + mode * n_w * n_y, *Qw = g->Qw + mode * n_w * n_w;
+    double *Kt = work, *rest = Kt + n_y * n, *D = rest + n_y * n;
+    product(n_y, n_y, n, inverse, PCt, Kt);
+    transposed(n, n_y, Kt, gain);
+    product(n_w, n_y, n_y, Ne, inverse, gain + n * n_y);
+    for (long y = 0; y < n_y; y++) /* (K R)' - ((I - K C) P C')' */
+        for (long i = 0; i < n; i++) {
+            double sum = -PCt[y * n + i];
+            for (long v = 0; v < n_y; v++)
+                sum += Kt[v * n + i] * (R[v * n_y + y] + (S[v * n_y + y] - R[v * n_y + y]));
+            rest[y * n + i] = sum;
+        }
+    for (long i = 0; i < n; i++) {
+        double *row = D + i * n;
+        memcpy(row, P + i * n, n * sizeof(double));
+        for (long y = 0; y < n_y; y++) {
+            const double a = -Kt[y * n + i], b = rest[y * n + i];
+            for (long j = 0; j < n; j++) row[j] += a * PCt[y * n + j] + b * Kt[y * n + j];
+        }
+    }
+    for (long i = 0; i < n; i++)
+        for (long j = 0; j <= i; j++) cov[i * size + j] = cov[j * size + i] = 0.5 * (D[i * n + j] + D[j * n + i]);
+    for (long i = 0; i < size; i++)
+        for (long j = n; j < size; j++) {
+            double sum = i < n ? 0.0 : Qw[(i - n) * n_w + j - n];
+            for (long y = 0; y < n_y; y++) sum -= gain[i * n_y + y] * Ne[(j - n) * n_y + y];
+            cov[i * size + j] = cov[j * size + i] = sum;
+        }
+}
+
+/* Largest |one - other| in standard deviations of the larger of both. */
+INLINE double distance(long n, const double *one, const double *other, double *size)
+{
+    double worst = 0.0;
+    for (long i = 0; i < n; i++) {
+        const double larger = fmax(one[i * n + i], other[i * n + i]);
+        size[i] = larger > 0.0 ? 1.0 / sqrt(larger) : 0.0;
+    }
+    for (long i = 0; i < n; i++)
+        for (long j = 0; j <= i; j++) {
+            const double apart = fabs(one[i * n + j] - other[i * n + j]);
+            const double share = size[i] * size[j] > 0.0 ? apart * size[i] * size[j] : (apart > 0.0 ? INFINITY : 0.0);
+            if (share > worst) worst = share;
+        }
+    return worst;
+}
+
+/* Whether a sequence whose changes are told has come to within `limit` of its end: the largest changes of two
+   windows tell how fast they die out, and what all further ones add up to at most. */
+typedef struct {
+    long count;
+    double now, before;
+} settling_t;
+
+INLINE int settled(settling_t *s, double change, double limit)
+{
+    s->now = fmax(s->now, change);
+    if (++s->count < WINDOW) return 0;
+    const double ratio = s->before > 0.0 ? s->now / s->before : 1.0;
+    const int is_settled = s->now == 0.0 || (ratio < 1.0 && WINDOW * s->now * ratio / (1.0 - ratio) <= limit);
+    s->before = s->now;
+    s->now = 0.0;
+    s->count = 0;
+    return is_settled;
+}
+
+/* See `daest_kalman`. */
+INLINE long run(const long n, const model_t *g, long n_samples, const long long *mode, const long long *long_after,
+                const double *z, const double *drive, const double *target, const char *has_target, double limit,
+                double *M, double *P, double *predicted, double *nu, double *A, double *S, double *white,
+                double *gain, double *cov, double *filter_gain, double *filtered_cov, double *work)
+{
+    const long n_y = g->n_y, columns = g->columns, size = n + g->n_w;
+    double *Phit = work, *F = Phit + n * n, *Ft = F + n * n, *after = Ft + n * n, *rest = after + n * n;
+    double *PCt = rest + n * n + 2 * n_y * n, *Gt = PCt + n_y * n, *Kt = Gt + n_y * n, *RKt = Kt + n_y * n;
+    double *St = RKt + n_y * n, *Mt = St + n_y * n, *next = Mt + columns * n, *seen = next + columns * n;
+    double *L = seen + columns * n_y, *inverse = L + n_y * n_y;
+    settling_t settling = {0, 0.0, 0.0};
+    long latest = -1;
+    transposed(columns, n, M, Mt);
+    for (long k = 0; k < n_samples; k++) {
+        const long m = (long)mode[k];
+        const double *Phi = g->Phi + m * n * n, *C = g->C + m * n_y * n, *R = g->R + m * n_y * n_y;
+        const double *Q = g->Q + m * n * n;
+        double *Sk = S + k * n_y * n_y;
+        if (m != latest) {
+            transposed(n, n, Phi, Phit);
+            transposed(n_y, n, g->S12 + m * n * n_y, St);
+            latest = m;
+        }
+        if (cov) memcpy(cov + k * n * n, P, n * n * sizeof(double));
+        product(n_y, n, n, C, P, PCt);
+        for (long y = 0; y < n_y; y++)
+            for (long v = 0; v < n_y; v++) {
+                double sum = R[y * n_y + v];
+                for (long i = 0; i < n; i++) sum += PCt[y * n + i] * C[v * n + i];
+                Sk[y * n_y + v] = sum;
+            }
+        if (whitening(n_y, Sk, white + k * n_y * n_y, inverse, L)) return -1 - k;
+        product(n_y, n, n, PCt, Phit, Gt);
+        for (long i = 0; i < n_y * n; i++) Gt[i] += St[i];
+        product(n_y, n_y, n, inverse, Gt, Kt);
+        transposed(n, n_y, Kt, gain + k * n * n_y);
+
+        for (long c = 0; c < columns; c++)
+            for (long y = 0; y < n_y; y++) {
+                double sum = 0.0;
+                for (long i = 0; i < n; i++) sum += Mt[c * n + i] * C[y * n + i];
+                seen[c * n_y + y] = c ? -sum : z[k * n_y + y] - sum;
+            }
+        memcpy(nu + k * n_y, seen, n_y * sizeof(double));
+        memcpy(predicted + k * n, Mt, n * sizeof(double));
+        if (A) transposed(n, columns - 1, Mt + n, A + k * n * (columns - 1));
+        product(columns, n, n, Mt, Phit, next);
+        product(columns, n_y, n, seen, Kt, Mt);
+        for (long i = 0; i < columns * n; i++) Mt[i] += next[i];
+        for (long i = 0; i < n; i++) Mt[i] += drive[k * n + i];
+
+        if (filtered_cov)
+            filtered(n, g, m, P, PCt, Sk, inverse, filter_gain + k * size * n_y, filtered_cov + k * size * size, rest);
+        for (long i = 0; i < n; i++) {
+            for (long j = 0; j < n; j++) F[i * n + j] = Phi[i * n + j], Ft[i * n + j] = Phit[i * n + j];
+            for (long y = 0; y < n_y; y++) {
+                const double a = Kt[y * n + i], b = C[y * n + i];
+                for (long j = 0; j < n; j++) F[i * n + j] -= a * C[y * n + j], Ft[i * n + j] -= b * Kt[y * n + j];
+            }
+        }
+        congruence(n, F, Ft, P, after, rest, g->gemm);
+        product(n_y, n_y, n, R, Kt, RKt);
+        for (long i = 0; i < n_y * n; i++) RKt[i] -= St[i]; /* K R K' - K S12' - S12 K' = K (R K' - S12') - S12 K' */
+        for (long i = 0; i < n; i++) {
+            double *row = after + i * n;
+            for (long j = i; j < n; j++) row[j] += Q[i * n + j];
+            for (long y = 0; y < n_y; y++) {
+                const double a = Kt[y * n + i], b = St[y * n + i];
+                for (long j = i; j < n; j++) row[j] += a * RKt[y * n + j] - b * Kt[y * n + j];
+            }
+        }
+        for (long i = 0; i < n; i++)
+            for (long j = 0; j < i; j++) after[i * n + j] = after[j * n + i];
+        if (!isfinite(after[0])) return -1 - k;
+
+        int is_steady = 0;
+        if (k + 1 < n_samples && mode[k + 1] == m && long_after[k + 1]) {
+            if (has_target[m])
+                is_steady = distance(n, after, target + m * n * n, rest) <= limit;
+            else
+                is_steady = settled(&settling, distance(n, after, P, rest), limit);
+        } else {
+            settling.count = 0;
+            settling.now = settling.before = 0.0;
+        }
+        memcpy(P, after, n * n * sizeof(double));
+        if (is_steady) {
+            transposed(n, columns, Mt, M);
+            return k + 1;
+        }
+    }
+    transposed(n, columns, Mt, M);
+    return n_samples;
+}
+
+/* Filter samples 0 … n_samples - 1 from [m A] (n, columns) and P, which are those after them in the end. Stops
+   before a sample whose covariance is stationary to `limit`, in standard deviations: that of `target` where the
+   mode has one, else the limit of the sequence. `long_after`: samples that begin enough others of their mode.
+   Results by sample: predicted (n), nu (n_y), A (n, columns - 1), S, white = L^-1, gain (n, n_y), and unless NULL
+   cov, and filter_gain (n + n_w, n_y) and filtered_cov of (x, w). Returns the number of samples done, and -1 - k
+   where S or P of sample k has no root. */
+long daest_kalman(long n, long n_y, long n_w, long columns, long n_samples, const long long *mode,
+                  const long long *long_after, const double *Phi, const double *C, const double *Q,
+                  const double *S12, const double *R, const double *Qw, const double *Ne, const double *z,
+                  const double *drive, const double *target, const char *has_target, double limit, double *M,
+                  double *P, double *predicted, double *nu, double *A, double *S, double *white, double *gain,
+                  double *cov, double *filter_gain, double *filtered_cov, gemm_t *gemm)
+{
+    const model_t g = {n_y, n_w, columns, Phi, C, Q, S12, R, Qw, Ne, gemm};
+    double *work =
+        malloc((5 * n * n + 7 * n * n_y + (2 * n + n_y) * columns + 2 * n_y * n_y) * sizeof(double));
+    long done = 0;
+    if (work == NULL) return 0;
+#define RUN(N) run(N, &g, n_samples, mode, long_after, z, drive, target, has_target, limit, M, P, predicted, nu, A, S, \
+                   white, gain, cov, filter_gain, filtered_cov, work)
+    switch (n) {
+#ifdef CONSTANT
+    case CONSTANT: done = RUN(CONSTANT); break;
+#endif
+    default: done = RUN(n);
+    }
+    free(work);
+    return done;
+}

@@ -1,0 +1,269 @@
+"""Kalman filter steps over many samples: `kalman.c` where there is a C compiler, else the same in numpy."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any
+
+import numpy as np
+
+from daest.errors import FmuError
+from daest.numerics.compiler import build_shared
+
+# A compiled step with these numbers of states has loops of constant length: the common small models.
+CONSTANT = (4,)
+WINDOW = 16  # changes of the covariance that tell how fast they die out, as in kalman.c
+
+
+@dataclass(frozen=True)
+class StepMatrices:
+    """Φ, C, Q, S12 (n, n_y) and R of (47), covariance (n_w, n_w) of the noise, and (n_w, n_y) of the noise
+    with the outputs: one set per mode, which is the first axis."""
+
+    transition: np.ndarray
+    output: np.ndarray
+    process_cov: np.ndarray
+    cross_cov: np.ndarray
+    measurement_cov: np.ndarray
+    noise_cov: np.ndarray
+    noise_measurement_cov: np.ndarray
+
+    def contiguous(self) -> tuple[np.ndarray, ...]:
+        return tuple(np.ascontiguousarray(part, dtype=float) for part in vars(self).values())
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Where a pass ends early: before a sample whose covariance is stationary to `limit`, in standard
+    deviations.
+
+    `after` (n_samples,) bool tells which samples begin enough others of their mode. `targets` (n_modes, n, n)
+    are the stationary covariances where `known` (n_modes,) bool; without one the sequence itself tells, by
+    how fast its changes die out.
+    """
+
+    limit: float
+    after: np.ndarray
+    targets: np.ndarray
+    known: np.ndarray
+
+
+@dataclass(frozen=True)
+class KalmanSteps:
+    """The samples that were done (n_done): mean (n) of the prediction, innovations (n_y), sensitivity
+    (n, n_columns - 1) of the prediction to the start, S, L⁻¹ of S = L Lᵀ, gain (n, n_y); with details also
+    the covariance (n, n) of the prediction, and gain (n + n_w, n_y) and covariance of (x, w̄) after the
+    outputs. `after` (n, n_columns) and `after_cov` are the prediction that follows. `failed`: the sample
+    whose S has no root."""
+
+    predicted: np.ndarray
+    innovations: np.ndarray
+    sensitivity: np.ndarray
+    innovation_cov: np.ndarray
+    whitening: np.ndarray
+    gain: np.ndarray
+    cov: np.ndarray | None
+    filter_gain: np.ndarray | None
+    filtered_cov: np.ndarray | None
+    after: np.ndarray
+    after_cov: np.ndarray
+    failed: int | None = None
+
+
+def kalman_steps(
+    matrices: StepMatrices,
+    mode: np.ndarray,
+    z: np.ndarray,
+    drive: np.ndarray,
+    start: np.ndarray,
+    cov: np.ndarray,
+    *,
+    details: bool = True,
+    stop: Stop | None = None,
+) -> KalmanSteps:
+    """The predictor from [m A] = `start` (n, n_columns) and covariance `cov` over outputs z (n_samples, n_y),
+    the known drive (n_samples, n) and the modes (n_samples,) of the samples.
+
+    P is updated in Joseph form, [Φ - K C] P [Φ - K C]ᵀ + [I -K] [Q S12; S12ᵀ R] [I -K]ᵀ.
+    """
+    (n_samples, n_y), n, n_w = z.shape, cov.shape[0], matrices.noise_cov.shape[1]
+    size, columns = n + n_w, start.shape[1]
+    shapes = [(n,), (n_y,), (n, columns - 1), (n_y, n_y), (n_y, n_y), (n, n_y)]
+    more = [(n, n), (size, n_y), (size, size)] if details else []
+    results = [np.empty((n_samples, *shape)) for shape in (*shapes, *more)]
+    after, after_cov = (np.array(part, dtype=float, order="C") for part in (start, cov))
+    stop = stop or Stop(0.0, np.zeros(n_samples, dtype=bool), np.zeros((0, n, n)), np.zeros(0, dtype=bool))
+    library = _library(n)
+    run = _interpreted if library is None else functools.partial(_compiled, library)
+    done = run(matrices, mode, z, drive, after, after_cov, results, stop)
+    failed = None if done >= 0 else -1 - done
+    count = done if failed is None else failed
+    one, two, three, four, five, six, *rest = (part[:count] for part in results)
+    seven, eight, nine = rest if details else (None, None, None)
+    return KalmanSteps(one, two, three, four, five, six, seven, eight, nine, after, after_cov, failed)
+
+
+def _compiled(
+    library: ctypes.CDLL,
+    matrices: StepMatrices,
+    mode: np.ndarray,
+    z: np.ndarray,
+    drive: np.ndarray,
+    start: np.ndarray,
+    cov: np.ndarray,
+    results: list[np.ndarray],
+    stop: Stop,
+) -> int:
+    (n_samples, n_y), (n, columns) = z.shape, start.shape
+    known = np.zeros(len(matrices.transition), dtype=np.int8)
+    known[: stop.known.size] = stop.known
+    whole = [np.ascontiguousarray(part, dtype=np.int64) for part in (mode, stop.after)]
+    signals = [np.ascontiguousarray(part, dtype=float) for part in (z, drive, stop.targets)]
+    parts = matrices.contiguous()
+    outputs: list[np.ndarray | None] = [*results, *([None] * (9 - len(results)))]
+    if columns == 1:
+        outputs[2] = None
+    sizes = (n, n_y, matrices.noise_cov.shape[1], columns, n_samples)
+    done: int = library.daest_kalman(
+        *map(ctypes.c_long, sizes),
+        *map(_pointer, (*whole, *parts, *signals, known)),
+        ctypes.c_double(stop.limit),
+        *map(_pointer, (start, cov, *outputs)),
+        _matrix_product(),
+    )
+    return done
+
+
+def _interpreted(
+    matrices: StepMatrices,
+    mode: np.ndarray,
+    z: np.ndarray,
+    drive: np.ndarray,
+    start: np.ndarray,
+    cov: np.ndarray,
+    results: list[np.ndarray],
+    stop: Stop,
+) -> int:
+    predicted, innovations, sensitivity, S_all, white_all, gain_all, *details = results
+    settling = _Settling(stop.limit)
+    for k, m in enumerate(mode):
+        Phi, C, Q, S12, R, *_ = (part[m] for part in vars(matrices).values())
+        predicted[k], sensitivity[k] = start[:, 0], start[:, 1:]
+        PC = cov @ C.T
+        S = C @ PC + R
+        try:
+            white = np.linalg.inv(np.linalg.cholesky(S))
+        except np.linalg.LinAlgError:
+            return -1 - k
+        gain = (Phi @ PC + S12) @ white.T @ white
+        seen = -C @ start
+        seen[:, 0] += z[k]
+        innovations[k], S_all[k], white_all[k], gain_all[k] = seen[:, 0], S, white, gain
+        if details:
+            details[0][k] = cov
+            _filtered(matrices, m, cov, PC, white, details[1][k], details[2][k])
+        start[:] = Phi @ start + gain @ seen
+        start[:, 0] += drive[k]
+        F, cross = Phi - gain @ C, gain @ S12.T
+        following = F @ cov @ F.T + Q - cross - cross.T + gain @ R @ gain.T
+        following = (following + following.T) / 2
+        if not np.all(np.isfinite(following)):
+            return -1 - k
+        is_steady = False
+        if k + 1 < len(mode) and mode[k + 1] == m and stop.after[k + 1]:
+            has_target = bool(stop.known[m]) if stop.known.size else False
+            other = stop.targets[m] if has_target else cov
+            change = _distance(following, other)
+            is_steady = change <= stop.limit if has_target else settling.hears(change)
+        else:
+            settling = _Settling(stop.limit)
+        cov[:] = following
+        if is_steady:
+            return k + 1
+    return len(mode)
+
+
+def _filtered(
+    matrices: StepMatrices,
+    mode: int,
+    P: np.ndarray,
+    PC: np.ndarray,
+    white: np.ndarray,
+    gain: np.ndarray,
+    cov: np.ndarray,
+) -> None:
+    """Gain and covariance of (x, w̄) after the outputs, written into the arrays; x in Joseph form."""
+    n, C, Ne = P.shape[0], matrices.output[mode], matrices.noise_measurement_cov[mode]
+    gain[:] = np.vstack([PC, Ne]) @ white.T @ white
+    K = gain[:n]
+    rest = np.eye(n) - K @ C
+    cov[:n, :n] = rest @ P @ rest.T + K @ matrices.measurement_cov[mode] @ K.T
+    cov[:n, n:] = -K @ Ne.T
+    cov[n:, :n] = cov[:n, n:].T
+    cov[n:, n:] = matrices.noise_cov[mode] - gain[n:] @ Ne.T
+
+
+def _distance(one: np.ndarray, other: np.ndarray) -> float:
+    """Largest difference in standard deviations of the larger of both covariances."""
+    size = np.sqrt(np.maximum(np.maximum(np.diagonal(one), np.diagonal(other)), 0.0))
+    apart, scale = np.abs(one - other), np.outer(size, size)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(apart > 0.0, apart / scale, 0.0)
+    return float(np.max(share, initial=0.0))
+
+
+class _Settling:
+    """Whether a sequence whose changes are told has come to within `limit` of its end: the largest changes of
+    two windows tell how fast they die out, and what all further ones add up to at most."""
+
+    def __init__(self, limit: float) -> None:
+        self.limit, self.count, self.now, self.before = limit, 0, 0.0, 0.0
+
+    def hears(self, change: float) -> bool:
+        self.now, self.count = max(self.now, change), self.count + 1
+        if self.count < WINDOW:
+            return False
+        ratio = self.now / self.before if self.before > 0.0 else 1.0
+        end = WINDOW * self.now * ratio / (1.0 - ratio) if ratio < 1.0 else np.inf
+        is_settled = self.now == 0.0 or end <= self.limit
+        self.before, self.now, self.count = self.now, 0.0, 0
+        return is_settled
+
+
+@functools.lru_cache(maxsize=8)
+def _library(n: int) -> ctypes.CDLL | None:
+    """The compiled steps; None without a C compiler."""
+    source = resources.files("daest.numerics").joinpath("kalman.c").read_text(encoding="utf-8")
+    flags = ("-O3", *((f"-DCONSTANT={n}",) if n in CONSTANT else ()))
+    try:
+        library = ctypes.CDLL(str(build_shared(source, "kalman", flags)))
+    except FmuError as error:
+        if error.code != "no-c-compiler":
+            raise
+        return None
+    library.daest_kalman.restype = ctypes.c_long
+    return library
+
+
+@functools.lru_cache(maxsize=1)
+def _matrix_product() -> ctypes.c_void_p:
+    """The address of dgemm in the BLAS that scipy brings, which Cython code is meant to call; null where its
+    signature is another one than `kalman.c` knows."""
+    from scipy.linalg import cython_blas
+
+    capsule = cython_blas.__pyx_capi__["dgemm"]
+    api: Any = ctypes.pythonapi
+    api.PyCapsule_GetName.restype, api.PyCapsule_GetName.argtypes = ctypes.c_char_p, [ctypes.py_object]
+    name = api.PyCapsule_GetName(capsule)
+    if name is None or name.count(b"int *") != 6 or name.count(b"char *") != 2:
+        return ctypes.c_void_p(None)
+    api.PyCapsule_GetPointer.restype = ctypes.c_void_p
+    api.PyCapsule_GetPointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
+    return ctypes.c_void_p(api.PyCapsule_GetPointer(capsule, name))
+
+
+def _pointer(array: np.ndarray | None) -> ctypes.c_void_p | None:
+    return None if array is None else ctypes.c_void_p(array.ctypes.data)
