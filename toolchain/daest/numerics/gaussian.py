@@ -1,4 +1,4 @@
-"""Gaussian steps: one step of the Kalman recursion and of its backward companion, compiled by CasADi, and
+"""Gaussian steps: one step of the backward companion of the Kalman recursion, compiled by CasADi, and
 marginals.
 
 A step function maps (state, data) to (next state, results), all as flat row-major vectors; `run` folds it
@@ -21,33 +21,6 @@ SCALAR_SIZE = 20  # up to this many states a step is expanded into scalar operat
 BLOCK = 4_000_000  # numbers of a block of products of `marginals`: 32 MB
 SPARSE_SHARE = 0.1  # of entries of large rows: above it, products are those of dense matrices
 FREE_TOLERANCE = 1e-8  # a component is undetermined when it moves by more than this part of its scale
-
-
-@lru_cache(maxsize=32)
-def forward_step(n: int, n_y: int, n_columns: int) -> ca.Function:
-    """CHUNK steps of the predictor for states [m A] (n, n_columns) and covariance P.
-
-    Data per sample: Φ, C, Q, S12, R of (47), z = y - D ū - d (n_y) and the known drive (n). Results per
-    sample: the innovations [ν -V] (n_y, n_columns), S = C P Cᵀ + R and the gain (Φ P Cᵀ + S12) S⁻¹. P is
-    updated in Joseph form, [Φ - K C] P [Φ - K C]ᵀ + [I -K] [Q S12; S12ᵀ R] [I -K]ᵀ.
-    """
-    symbol: Any = ca.SX.sym if n <= SCALAR_SIZE else ca.MX.sym
-    state = symbol("state", n * n_columns + n * n)
-    M, P = _parts(state, (n, n_columns), (n, n))
-    data = symbol("data", 2 * n * n + 2 * n * n_y + n_y * n_y + n_y + n)
-    Phi, C, Q, S12, R, z, drive = _parts(
-        data, (n, n), (n_y, n), (n, n), (n, n_y), (n_y, n_y), (n_y, 1), (n, 1)
-    )
-    S = C @ P @ C.T + R
-    K = _solve_positive(S, (Phi @ P @ C.T + S12).T).T
-    known = ca.horzcat(z, type(state)(n_y, n_columns - 1))
-    innovations = known - C @ M
-    following = Phi @ M + K @ innovations + ca.horzcat(drive, type(state)(n, n_columns - 1))
-    closed = Phi - K @ C
-    cross = K @ S12.T
-    after = closed @ P @ closed.T + Q - cross - cross.T + K @ R @ K.T
-    after = (after + after.T) / 2
-    return _folded(state, data, _flat(following, after), _flat(innovations, S, K))
 
 
 @lru_cache(maxsize=32)
@@ -153,19 +126,3 @@ def _parts(vector: Any, *shapes: tuple[int, int]) -> list[Any]:
 
 def _flat(*matrices: Any) -> Any:
     return ca.vertcat(*[ca.vec(ca.densify(matrix).T) for matrix in matrices])
-
-
-def _solve_positive(S: Any, right: Any) -> Any:
-    """S⁻¹ right for a symmetric positive definite S by Cholesky, as straight-line code."""
-    size = S.shape[0]
-    L = [[S[0, 0]] * size for _ in range(size)]
-    for i in range(size):
-        for j in range(i + 1):
-            rest = S[i, j] - sum(L[i][k] * L[j][k] for k in range(j))
-            L[i][j] = ca.sqrt(rest) if i == j else rest / L[j][j]
-    rows = [right[i, :] for i in range(size)]
-    for i in range(size):
-        rows[i] = (rows[i] - sum(L[i][k] * rows[k] for k in range(i))) / L[i][i]
-    for i in reversed(range(size)):
-        rows[i] = (rows[i] - sum(L[k][i] * rows[k] for k in range(i + 1, size))) / L[i][i]
-    return ca.vertcat(*rows)

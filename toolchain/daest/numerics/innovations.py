@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daest.numerics.gaussian import forward_step, run
+from daest.numerics.kalman_pass import StepMatrices, kalman_steps
 
 MAX_DOUBLINGS = 60
 DOUBLING_TOLERANCE = (
@@ -104,17 +104,34 @@ def varying_gains(
 
 
 def _varying_values(noise: NoiseModel, observed: np.ndarray, P0: np.ndarray) -> Gains:
-    """P, K and S sample by sample, by the compiled step of the Kalman filter with all signals zero."""
+    """P, K and S sample by sample, by the step of the Kalman filter with all signals zero."""
     n_samples, n, n_y = observed.shape[0], P0.shape[0], observed.shape[1]
-    now = _per_sample(noise, observed, 0)
-    R = now.R + (~observed)[:, :, None] * np.eye(n_y)
-    matrices = (now.Phi, now.C, now.Q, now.S12, R)
-    columns = [np.broadcast_to(m, (n_samples, *m.shape[1:])).reshape(n_samples, -1) for m in matrices]
-    data = np.hstack([*columns, np.zeros((n_samples, n_y + n))])
-    states, results = run(forward_step(n, n_y, 1), np.concatenate([np.zeros(n), P0.ravel()]), data)
-    P = np.concatenate([P0[None], states[:-1, n:].reshape(-1, n, n)])
-    S = results[:, n_y : n_y + n_y * n_y].reshape(-1, n_y, n_y)
-    return Gains(results[:, n_y + n_y * n_y :].reshape(-1, n, n_y), S, P)
+    rows, mode = np.unique(observed, axis=0, return_inverse=True)
+    varies = max(noise.Phi.ndim, noise.Q.ndim, noise.S12.ndim) > 2
+    if varies:
+        rows, mode = observed, np.arange(n_samples)
+    now = _per_sample(noise, rows, 0) if varies else _by_pattern(noise, rows)
+    R = now.R + (~rows)[:, :, None] * np.eye(n_y)
+    parts = (now.Phi, now.C, now.Q, now.S12, R, np.zeros((1, 0, 0)), np.zeros((1, 0, n_y)))
+    matrices = StepMatrices(*(np.broadcast_to(part, (len(rows), *part.shape[1:])) for part in parts))
+    signals = np.zeros((n_samples, n_y)), np.zeros((n_samples, n))
+    found = kalman_steps(matrices, mode.ravel(), *signals, np.zeros((n, 1)), P0)
+    assert found.cov is not None
+    if found.failed is not None:  # the caller sees that the numbers are none
+        return Gains(*(np.full((n_samples, *shape), np.nan) for shape in ((n, n_y), (n_y, n_y), (n, n))))
+    return Gains(found.gain, found.innovation_cov, found.cov)
+
+
+def _by_pattern(noise: NoiseModel, observed: np.ndarray) -> NoiseModel:
+    """Constant matrices for every pattern (n_patterns, n_y) of observed outputs, rows of others cleared."""
+    keep = observed.astype(float)
+    return NoiseModel(
+        noise.Phi[None],
+        noise.C * keep[:, :, None],
+        noise.Q[None],
+        noise.R * keep[:, :, None] * keep[:, None, :],
+        noise.S12 * keep[:, None, :],
+    )
 
 
 def _per_sample(noise: NoiseModel, observed: np.ndarray, lead: int) -> NoiseModel:
