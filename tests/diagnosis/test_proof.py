@@ -20,6 +20,7 @@ from daest.diagnosis.proof import (
     _without_evidence,
     _wrong_law,
     best_accepted,
+    clipping_trials,
     is_significant,
     prepare,
     prove,
@@ -227,8 +228,9 @@ def test_size_that_was_not_estimated_is_no_claim():
 
 def test_ranking():
     _, proof = proved()
-    close = replace(proof, delta_bic=proof.delta_bic - 5.0)
-    far = replace(proof, delta_bic=proof.delta_bic - 7.0)
+    likelihood, bic = proof.delta_log_likelihood, proof.delta_bic
+    close = replace(proof, delta_log_likelihood=likelihood - 2.5, delta_bic=bic - 5.0)
+    far = replace(proof, delta_log_likelihood=likelihood - 3.5, delta_bic=bic - 7.0)
     failed = replace(proof, delta_bic=proof.delta_bic + 100.0, verdict="rejected", reason="no")
     assert [p.verdict for p in ranked([far, failed, proof])] == ["supported", "rejected", "rejected"]
     order = ranked([failed, close, far, proof])
@@ -237,6 +239,29 @@ def test_ranking():
     assert order[0].delta_bic == proof.delta_bic and order[0].not_separable_from == (close.candidate.label,)
     assert "explains the data better" in next(p for p in order if p.delta_bic == far.delta_bic).reason
     assert ranked([]) == ()
+
+
+def test_one_equation_under_two_names_is_one_answer():
+    _, proof = proved()
+    other = replace(
+        proof, candidate=replace(proof.candidate, site=replace(proof.candidate.site, name="bearing"))
+    )
+    first, second = ranked([proof, other])
+    assert first.verdict == "supported" and first.not_separable_from == ()
+    assert second.verdict == "rejected" and "same equation" in second.reason
+    apart = replace(other, delta_log_likelihood=proof.delta_log_likelihood - 0.5)
+    assert [p.verdict for p in ranked([proof, apart])] == ["not separable", "not separable"]
+
+
+def test_sensor_that_is_known_to_clip_is_tried():
+    stand = rubbing()
+    own = pairs(some_effects("Saturation", "CoulombFriction"), sites(model()))
+    (trial,) = clipping_trials(stand.null, own, {"phi": -2.5})
+    assert trial.candidate.effect.name == "Saturation" and trial.candidate.site.name == "phi"
+    assert trial.candidate.shape["limit"] == 2.5
+    values = {p.name: p.value for p in prepare(stand.null.flat, stand.null.estimated, trial).flat.parameters}
+    assert values[f"{trial.candidate.name}.limit"] == 2.5 and values[f"{trial.candidate.name}.share"] > 0.9
+    assert clipping_trials(stand.null, own, {}) == ()
 
 
 def test_without_a_load_everything_is_explained():

@@ -10,7 +10,7 @@ from hidden_plants import model, rubbing, some_effects
 
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.verdict import Evidence, decide
-from daest.model.diagnosis import FreeForm, Load, PlaceGain, Proof, Screen, Screened
+from daest.model.diagnosis import Ahead, FreeForm, Load, PlaceGain, Proof, Screen, Screened, Unproved
 from daest.model.fit import Agreement, FittedParameter
 from daest.modelica.sites import sites
 
@@ -70,6 +70,46 @@ def test_one_accepted_candidate_is_supported_with_its_numbers():
     assert found.name == "supported"
     assert "tau_c = 0.15 ± 0.01 N.m" in found.message
     assert "phi 1 -> 0.1" in found.message and "QuadraticDrag" not in found.message
+
+
+def untried(score, p_value=1e-9):
+    return Unproved(
+        candidate("QuadraticDrag"), (), score, p_value, (0.1,), "it could not be refitted: too stiff", True
+    )
+
+
+def test_leader_that_could_not_be_tried_forbids_any_other_claim():
+    found = decide(replace(evidence(proofs=[proof()]), unproved=(untried(31.0),)))
+    assert found.name == "cannot tell"
+    assert "QuadraticDrag" in found.message and "too stiff" in found.message
+    (left,) = found.proofs
+    assert left.verdict == "not separable" and left.not_separable_from == (candidate("QuadraticDrag").label,)
+    assert "daest extend" in found.next_experiment
+    # What says less than the one that is supported forbids nothing.
+    assert decide(replace(evidence(proofs=[proof()]), unproved=(untried(5.0),))).name == "supported"
+    assert (
+        decide(replace(evidence(proofs=[proof()]), unproved=(untried(31.0, p_value=0.01),))).name
+        == "supported"
+    )
+
+
+def test_leader_that_could_not_be_tried_is_named_where_nothing_else_is_found():
+    found = decide(replace(evidence(related=True), unproved=(untried(31.0),)))
+    assert found.name == "cannot tell" and "QuadraticDrag" in found.message
+
+
+def test_curve_that_foresees_nothing_is_no_effect():
+    assert decide(evidence(related=True)).name == "unknown effect"
+    found = decide(replace(evidence(related=True), against_form="unseen data are foreseen no better"))
+    assert found.name == "external disturbance"
+    assert "rotor.w" in found.message and "foreseen no better" in found.message
+
+
+def test_importance_and_certainty_are_told_apart():
+    far = replace(proof(), ahead=(Ahead(1, 0.05, 0.9, 4.0), Ahead(10, 0.5, 0.4, 3.0)))
+    said = decide(evidence(proofs=[far])).message
+    assert "removes 60 % of the error of predictions 0.5 s ahead and 90 % of that of the whole" in said
+    assert "BIC gain 95 over 12 candidates, unseen data foreseen better by 4 standard errors" in said
 
 
 def test_equivalent_places_are_told():

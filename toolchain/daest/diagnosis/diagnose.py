@@ -72,7 +72,7 @@ AGAIN: dict[Hold, str] = {
 }
 RICHER_LEVEL = 0.1  # corrected p-value of what the best candidate leaves, below which richer laws are tried
 FIRST_TRIALS = 2  # are refitted in any case
-MOST_PLACES = 2  # that the sensors see alike, where a refit is tried again
+MOST_PLACES = 3  # that the sensors see alike, where a refit is tried again
 ITERATIONS = 15  # of the simulation's fit from which one is tried again
 FEWEST_SAMPLES = 200
 REFIT_SECONDS = 3.0  # times that of the model as it is: a refit has more parameters, and is judged besides
@@ -481,21 +481,26 @@ class _Stages:
     failed: list[tuple[Trial, str]] = field(default_factory=list)
 
     def prepared(self, found: Iterable[Trial]) -> list[Prepared]:
-        """The trials that can be built into the model, at one of the places where the sensors would see them
-        alike."""
+        """The trials that can be built into the model, of the places where the sensors would see them alike
+        at the first without an implicit loop, else at the first of all."""
         null, result = self.search.stand.null, []
         for trial in found:
-            first = ""
+            reason, built = "", None
             for number in range(-1, min(len(trial.alike), MOST_PLACES)):
                 try:
-                    result.append(
-                        prepare(null.flat, null.estimated, trial if number < 0 else moved(trial, number))
-                    )
-                    break
+                    here = prepare(null.flat, null.estimated, trial if number < 0 else moved(trial, number))
+                    is_explicit = not null.explicit.is_symbolic or reduce_index(here.flat).is_symbolic
                 except DaestError as error:
-                    first = first or error.what
+                    reason = reason or error.what
+                    continue
+                if is_explicit or built is None:
+                    built = here
+                if is_explicit:
+                    break
+            if built is None:
+                self.failed.append((trial, f"it cannot be built into the model: {reason}"))
             else:
-                self.failed.append((trial, f"it cannot be built into the model: {first}"))
+                result.append(built)
         return result
 
     def proved(

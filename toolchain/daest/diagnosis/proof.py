@@ -46,7 +46,7 @@ LEFT_SHARE = 0.1  # of the effect's own gain in log-likelihood: less is how a la
 COVERED = 0.75  # share of a law's score that a free form explains, from which the law is a part of the form
 SIMPLER = 0.97  # of the gain in log-likelihood that a law with fewer parameters must reach to be preferred
 LEAST_SIGNIFICANCE = 3.0  # standard errors that the size must stand off its null
-SHARED_SIGNIFICANCE = 2.0  # where estimated shapes share in it, and the likelihood tells more than one error
+SAME_EQUATION = 1e-3  # log-likelihood, and standard errors of all parameters, within which two laws are one
 FAR_LESS = 0.7  # of the gain in log-likelihood of a refused candidate, below which none other is accepted
 CHANCE = 1e-3  # corrected p-value of the likelihood ratio, above which nothing is proven
 BIC_GAIN = 10.0  # "very strong" evidence (Kass & Raftery 1995)
@@ -425,10 +425,9 @@ def _weak(prepared: Prepared, fit: FitResult) -> str:
         size = found.get(f"{candidate.name}.{parameter.name}")
         if size is None:
             continue
+        # Beside estimated shapes a size alone tells little: there the likelihood ratio has spoken.
         shares = sum(p.estimate for p in candidate.effect.parameters) > len(candidate.effect.sizes)
-        reason = _weak_size(
-            size, parameter.null or 0.0, SHARED_SIGNIFICANCE if shares else LEAST_SIGNIFICANCE
-        )
+        reason = _weak_size(size, parameter.null or 0.0, 0.0 if shares else LEAST_SIGNIFICANCE)
         if not reason:
             return ""
         reasons.append(reason)
@@ -472,6 +471,7 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
             p if p.verdict == "rejected" else replace(p, verdict="rejected", reason=reason) for p in order
         )
     close = [p for p in accepted if abs(best.delta_bic - p.delta_bic) <= SAME_BIC]
+    close = [p for p in close if p is best or not _is_same_equation(p, best)]
     result = []
     for proof in order:
         if proof.verdict == "rejected":
@@ -483,11 +483,33 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
             )
         else:
             worse = best.delta_bic - proof.delta_bic
+            if _is_same_equation(proof, best):
+                reason = f"it is the same equation as {best.candidate.label}"
+                result.append(replace(proof, verdict="rejected", reason=reason))
+                continue
             reason = f"{best.candidate.label} explains the data better (BIC {worse:.0f})"
             if worse < 0.0:
                 reason = f"{best.candidate.label} says nearly as much with fewer parameters"
             result.append(replace(proof, verdict="rejected", reason=reason))
     return tuple(sorted(result, key=lambda p: (p.verdict == "rejected", -p.delta_bic)))
+
+
+def _is_same_equation(one: Proof, other: Proof) -> bool:
+    """Whether two laws do the same under two names, as a heat flow into a node and a gain in proportion to
+    it."""
+    if abs(one.delta_log_likelihood - other.delta_log_likelihood) > SAME_EQUATION:
+        return False
+    values, others = (_values_in_order(p) for p in (one, other))
+    return len(values) == len(others) and all(
+        abs(a.value - b.value) <= SAME_EQUATION * (a.std_error or 0.0)
+        for a, b in zip(values, others, strict=True)
+    )
+
+
+def _values_in_order(proof: Proof) -> list[FittedParameter]:
+    """Parameters of the model, then those of the effect."""
+    own = f"{proof.candidate.name}."
+    return sorted(proof.fit.parameters, key=lambda p: p.name.startswith(own))
 
 
 def best_accepted(proofs: Sequence[Proof]) -> Proof | None:

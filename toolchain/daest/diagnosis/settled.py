@@ -35,6 +35,7 @@ BATCHES = 30  # of the record, whose scores count as independent: colour of the 
 FEWEST_BATCHES = 8
 CHOICE = 0.5  # of the distance between two estimates on different terms: which is right is open
 SIMULATED_ITERATIONS = 12
+FAR = 100.0  # times its start value, or that part of it, at which a parameter may be lost
 
 
 def settled(
@@ -75,33 +76,51 @@ def simulated(
     validation: Sequence[Experiment],
 ) -> FitResult:
     """The better of `white` (of `settled`) and of the fit by simulation that starts there, judged by the
-    simulation of the validation data; its uncertainty includes the choice."""
+    simulation of the validation data. Its uncertainty includes the choice, as far as that is one: the
+    distance to an estimate that simulates much worse counts little."""
     names = tuple(p.name for p in white.parameters)
     known = {p.name for p in flat.parameters}
+    lost = _lost(null, white)
+    starts = [white.theta] + ([{**white.theta, **lost}] if lost else [])
     times = {f"{load.name}.T": shortest_load(null.experiments) for load in null.loads}
     options = IdentifyOptions(
         method="oe",
         estimate=names,
-        start={name: white.theta[name] for name in names},
         fix={name: T for name, T in times.items() if name in known},
         hold=null.hold,
         max_iterations=SIMULATED_ITERATIONS,
         second_look=False,
         shooting=1,
     )
-    try:
-        found = identify(flat, experiments, options, validation)
-    except FAILURES:
+    ends = []
+    for start in starts:
+        try:
+            chosen_start = replace(options, start={name: start[name] for name in names})
+            ends.append(identify(flat, experiments, chosen_start, validation))
+        except FAILURES:
+            continue
+    if not ends:
         return white
+    found = max(ends, key=lambda end: end.log_likelihood)
     ratios = error_ratios(white.simulated, found.simulated)
-    if not ratios or not np.mean(np.square(ratios)) < 1.0:
+    share = float(np.sqrt(np.mean(np.square(ratios)))) if ratios else np.inf
+    if not share < 1.0:
         return white
     others = {p.name: p for p in white.parameters}
     chosen = tuple(
-        replace(p, std_error=_with_choice(p.std_error, p.value - others[p.name].value))
+        replace(p, std_error=_with_choice(p.std_error, share * (p.value - others[p.name].value)))
         for p in found.parameters
     )
     return replace(found, parameters=chosen)
+
+
+def _lost(null: Null, white: FitResult) -> dict[str, float]:
+    """The start values of the model's parameters, where the search beside the loads has led one of them far
+    away: a load that is free enough leaves it nothing to do. Empty where it has not."""
+    starts = {p.name: p.initial for p in null.fit.parameters if p.name in null.estimated}
+    apart = [white.theta[name] / value for name, value in starts.items() if value and name in white.theta]
+    is_lost = any(ratio > 0.0 and abs(np.log(ratio)) > np.log(FAR) for ratio in apart)
+    return starts if is_lost else {}
 
 
 def _with_choice(std_error: float | None, apart: float) -> float | None:
