@@ -102,3 +102,15 @@ def test_slopes_that_do_not_exist_stop_no_search():
 
     found = minimise(objective, np.array([-3.0]), -FREE[:1], FREE[:1])
     assert found.z[0] == pytest.approx(5.0, abs=2e-3)
+
+
+def test_the_end_of_a_search_always_has_slopes():
+    """The minimum itself has none: the search ends at the last point that has."""
+
+    def objective(z, with_slopes):
+        is_edge = abs(z[0] - 5.0) < 1.0 and with_slopes
+        return None if is_edge else squares(lambda z: z - 5.0, lambda z: np.eye(1))(z, with_slopes)
+
+    found = minimise(objective, np.array([-3.0]), -FREE[:1], FREE[:1])
+    assert found.reason != "converged"
+    assert objective(found.z, True).value == found.evaluation.value

@@ -11,7 +11,7 @@ from daest.model.flat import FlatModel
 from daest.model.linear import StateSpaceFamily
 from daest.model.prior import Prior
 
-LOST = np.log(1e-3)  # of its start: a logarithmic parameter below has no slope left to come back by
+LOST = np.log(1e3)  # times smaller or larger than its start: no slope is left for the way back
 
 
 @dataclass(frozen=True)
@@ -123,9 +123,9 @@ def parameter_coordinate(
 
 
 def lost_ones(unknowns: Unknowns, z: np.ndarray, start: np.ndarray) -> list[int]:
-    """The logarithmic parameters that have run off towards zero on the way from `start` to z."""
+    """The logarithmic parameters that have run off by orders of magnitude on the way from `start` to z."""
     return [
         i
         for i, coordinate in enumerate(unknowns.coordinates)
-        if coordinate.kind == "parameter" and coordinate.is_log and z[i] < start[i] + LOST
+        if coordinate.kind == "parameter" and coordinate.is_log and abs(z[i] - start[i]) > LOST
     ]

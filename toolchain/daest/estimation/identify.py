@@ -20,7 +20,8 @@ from daest.estimation.coordinates import Unknowns, parameter_coordinate
 from daest.estimation.ekf_likelihood import identify_by_ekf
 from daest.estimation.identify_nonlinear import identify_nonlinear
 from daest.estimation.jumps import check_jumps
-from daest.estimation.noise_start import better_noise, with_noise
+from daest.estimation.noise_start import with_common_bounds, with_noise
+from daest.estimation.optimum import Search, best_point
 from daest.estimation.output_error import Problem
 from daest.estimation.priors import coordinate_with_prior
 from daest.estimation.profile import Searched, Tell, check_profile_names, silent, with_profiles
@@ -44,7 +45,7 @@ SIMULATION_ITERATIONS = 15  # of the output-error fit that a prediction-error fi
 START_SPREAD = np.log(10.0)  # further start points: up to a factor 10 off, for linear scales 3 scales off
 LINEAR_SPREAD = 3.0
 SAME_SIMULATION = 0.1  # difference of log-likelihoods within which two simulations are one
-NOISE_ROUNDS = 3  # searches in a row, each after a noise had come to rest too low
+SUSPICIOUS_LEVEL = 0.05  # p-value below which residuals let the search of a likelihood try its second start
 WHITE_LEVEL = 1e-3  # p-value below which residuals raise the doubt that the search ended in a local optimum
 DOUBT_STARTS = 2  # random start points that are tried then, besides the one that matches ARX models
 
@@ -386,30 +387,31 @@ def _ends_alike(one: tuple[Problem, Found] | None, other: tuple[Problem, Found] 
 
 def _simulated_from(setup: Setup, z: np.ndarray, max_iterations: int) -> Found | None:
     """The end of the output-error search: the whole search, or where that of the likelihood begins."""
-    unknowns = setup.problem.unknowns
-    iterations = max_iterations if setup.method == "oe" else SIMULATION_ITERATIONS
-    return minimise(output_error.objective(setup.problem), z, unknowns.lower, unknowns.upper, iterations)
+    objective, unknowns = output_error.objective(setup.problem), setup.problem.unknowns
+    if setup.method == "oe":
+        search = Search(objective, unknowns, unknowns.lower, unknowns.upper, unknowns.start, max_iterations)
+        return best_point(search, [z])
+    return minimise(objective, z, unknowns.lower, unknowns.upper, SIMULATION_ITERATIONS)
 
 
 def _search_from(
     setup: Setup, z: np.ndarray, simulated: Found | None, max_iterations: int
 ) -> tuple[Problem, Found] | None:
+    """The end of the search from z. Process noise biases what a simulation ends at, or leads it astray: the
+    likelihood is searched both from there and from z itself."""
     if setup.method == "oe":
         return None if simulated is None else (setup.problem, simulated)
-    noisy = _noisy(setup, z if simulated is None else simulated.z)
-    unknowns = noisy.unknowns
-    objective, z = likelihood.objective(noisy), unknowns.start
-    found, iterations = None, 0
-    for _ in range(NOISE_ROUNDS):
-        found = minimise(objective, z, unknowns.lower, unknowns.upper, max_iterations - iterations)
-        if found is None:
-            return None
-        iterations += found.iterations
-        better = better_noise(noisy, found.z, found.evaluation)
-        if better is None or iterations >= max_iterations:
-            break
-        z = better
-    return None if found is None else (noisy, replace(found, iterations=iterations))
+    starts = [_noisy(setup, start) for start in ([] if simulated is None else [simulated.z]) + [z]]
+    noisy = with_common_bounds(starts)
+    objective, unknowns = likelihood.objective(noisy), noisy.unknowns
+    home = np.concatenate([setup.problem.unknowns.start, unknowns.start[setup.problem.unknowns.start.size :]])
+    search = Search(objective, unknowns, unknowns.lower, unknowns.upper, home, max_iterations)
+
+    def is_doubtful(found: Found) -> bool:
+        return _is_coloured(setup, (noisy, found), SUSPICIOUS_LEVEL)
+
+    found = best_point(search, [start.unknowns.start for start in starts], is_doubtful)
+    return None if found is None else (noisy, found)
 
 
 def _random_starts(unknowns: Unknowns, count: int, seed: int) -> list[np.ndarray]:
@@ -424,9 +426,12 @@ def _random_starts(unknowns: Unknowns, count: int, seed: int) -> list[np.ndarray
 
 
 def _is_doubtful(setup: Setup, pair: tuple[Problem, Found] | None) -> bool:
-    """Whether the residuals at the end of a search are not white, so that a better optimum may exist."""
-    if pair is None:
-        return True
+    """Whether a better optimum may exist than the end of a search."""
+    return pair is None or _is_coloured(setup, pair, WHITE_LEVEL)
+
+
+def _is_coloured(setup: Setup, pair: tuple[Problem, Found], level: float) -> bool:
+    """Whether the residuals at the end of a search are not white."""
     problem, found = pair
     parts, _, _ = end_scores(problem, setup.method, found.z)
     p_values = [
@@ -434,4 +439,4 @@ def _is_doubtful(setup: Setup, pair: tuple[Problem, Found] | None) -> bool:
         for part, record in zip(parts, problem.records, strict=True)
         for j in range(record.observed.shape[1])
     ]
-    return min(p_values) * len(p_values) <= WHITE_LEVEL
+    return min(p_values) * len(p_values) <= level

@@ -43,6 +43,7 @@ class Predicted:
 def objective(problem: Problem) -> Callable[[np.ndarray, bool], Evaluation | None]:
     """Negative log-likelihood and priors over all search coordinates."""
 
+    @np.errstate(all="ignore")  # where numbers overflow, there is no value
     def evaluate(z: np.ndarray, with_slopes: bool) -> Evaluation | None:
         predicted = predict(problem, z, with_slopes)
         if predicted is None:

@@ -4,6 +4,7 @@ scan.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -12,7 +13,6 @@ import numpy as np
 from daest.estimation import likelihood
 from daest.estimation.coordinates import Coordinate, Unknowns
 from daest.estimation.output_error import SMALLEST_STD, Problem, simulate
-from daest.estimation.search import Evaluation
 from daest.numerics.exponential import covariance_integral, transition_integrals
 from daest.systems.state_space import state_space
 
@@ -30,9 +30,6 @@ SCAN_DECADES = (
     3,
 )  # of the intensity that would explain all of the residual
 LOWEST_DECADE = -10  # bound of the search: less noise than that is none
-HIGHEST_DECADE = 3
-SETTLED_INFORMATION = 1.0  # about log(noise), above which a noise does not rest in the flat part
-WORTHWHILE_GAIN = 1e-2  # of log-likelihood, for which a search is taken up again
 LONGEST_GROWTH = 1000  # periods over which process noise is let grow to see what it does to the outputs
 
 
@@ -80,23 +77,15 @@ def with_noise(
     return best[1] if best else trial
 
 
-def better_noise(problem: Problem, z: np.ndarray, here: Evaluation) -> np.ndarray | None:
-    """A point that differs from z in one noise and has a smaller value than `here`, or None.
-
-    On a logarithmic scale the likelihood is flat towards zero noise, so that a search can come to rest there
-    although more noise would be better. Noises with hardly any information are tried decade by decade.
-    """
-    objective, best, better = likelihood.objective(problem), here.value - WORTHWHILE_GAIN, None
-    for i, coordinate in enumerate(problem.unknowns.coordinates):
-        if coordinate.kind == "parameter" or here.information[i, i] > SETTLED_INFORMATION:
-            continue
-        for decade in range(HIGHEST_DECADE - LOWEST_DECADE + 1):
-            trial = z.copy()
-            trial[i] = coordinate.searched(coordinate.lower) + decade * np.log(10.0)
-            found = objective(trial, False)
-            if found is not None and found.value < best:
-                best, better = found.value, trial
-    return better
+def with_common_bounds(problems: Sequence[Problem]) -> Problem:
+    """The first of some problems of `with_noise`, whose noises may become as small as in any of them."""
+    lowest = np.min([p.unknowns.lower for p in problems], axis=0)
+    unknowns = problems[0].unknowns
+    coordinates = tuple(
+        c if c.kind == "parameter" else replace(c, lower=float(np.exp(low)))
+        for c, low in zip(unknowns.coordinates, lowest, strict=True)
+    )
+    return replace(problems[0], unknowns=replace(unknowns, coordinates=coordinates))
 
 
 def _noise(

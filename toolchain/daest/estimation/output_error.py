@@ -62,6 +62,7 @@ class Simulated:
 def objective(problem: Problem) -> Callable[[np.ndarray, bool], Evaluation | None]:
     """Negative log-likelihood and priors over the coordinates of the parameters (no noise coordinates)."""
 
+    @np.errstate(all="ignore")  # where numbers overflow, there is no value
     def evaluate(z: np.ndarray, with_slopes: bool) -> Evaluation | None:
         theta, _, std = problem.unknowns.values(z)
         simulated = simulate(problem, theta, std, with_slopes)

@@ -73,12 +73,13 @@ def minimise(
         return None
     damping, gain = FIRST_DAMPING, np.inf
     values = [here.value]
+    last = z  # point that the slopes of `here` belong to: a search may pass through points that have none
     at_once = True  # slopes with the first trial of an iteration, as long as first trials are good
     for iteration in range(max_iterations):
         free = _free(z, here, lower, upper)
         gain = _predicted_gain(here, free)
         if gain < converged_gain:
-            return Found(z, here, "converged", iteration, gain)
+            return Found(last, here, "converged", iteration, gain)
         is_slow = (
             len(values) > SLOW_STEPS and values[-1 - SLOW_STEPS] - values[-1] < SLOW_GAIN * converged_gain
         )
@@ -86,11 +87,13 @@ def minimise(
         if step is None:
             is_near = gain < max(STALLED_GAIN, converged_gain)
             reason: Literal["converged", "stalled"] = "converged" if is_near else "stalled"
-            return Found(z, here, reason, iteration, gain)
+            return Found(last, here, reason, iteration, gain)
         z, damping, at_once = step.z, step.damping, step.is_first
-        here = step.evaluation if step.evaluation.gradient.size else objective(z, True) or here
+        there = step.evaluation if step.evaluation.gradient.size else objective(z, True)
+        if there is not None:
+            last, here = z, there
         values.append(here.value)
-    return Found(z, here, "iteration limit", max_iterations, gain)
+    return Found(last, here, "iteration limit", max_iterations, gain)
 
 
 def _improve(

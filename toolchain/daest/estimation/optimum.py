@@ -1,0 +1,203 @@
+"""The best point that cheap starts lead to, and the doubts that an end must stand before it counts as converged.
+
+A search by slopes ends in the first valley. Three things lead out of a wrong one. Another start leads to another
+valley. A logarithmic parameter that has run off by orders of magnitude has no slope left to come back by: it is put
+back where the user started, the others are given time to follow while it is held there, and the search goes on. And
+along a direction that the data hardly tell the likelihood is no parabola: points to both sides are tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from daest.estimation.coordinates import Unknowns, lost_ones
+from daest.estimation.search import Evaluation, Found, Objective, minimise
+
+ROUNDS = 4  # of doubts and searches in a row
+WORTHWHILE_GAIN = 1e-2  # of log-likelihood, for which a search is taken up again
+SETTLED_INFORMATION = 1.0  # about log(noise), above which a noise does not rest in the flat part
+NOISE_DECADES = 13  # above its lower bound, in which a noise is looked for
+HELD_ITERATIONS = 8  # while a parameter that was put back is held
+WEAK_STD = 0.3  # of a direction in units of z, from which on the likelihood along it may be no parabola
+PROBES = (-3.0, -1.0, 1.0, 3.0)  # standard deviations along a weak direction
+LONGEST_PROBE = 2.5  # in z, the same as the largest step of a search
+MOST_PROBED = 6  # weak directions
+NO_INFORMATION = 1e-12  # relative eigenvalue of the scaled information: nothing is known along this direction
+SAME_VALLEY = 0.2  # of the difference in log-likelihood, which a parabola about the best point must foretell
+NEAR_ITERATIONS = 5  # of a search, after which it is asked whether it leads to where another one ended
+
+
+@dataclass(frozen=True)
+class Search:
+    """What is searched: `objective` over z, whose first coordinates are `unknowns`, within `lower` and `upper`. The
+    user's start is `home`."""
+
+    objective: Objective
+    unknowns: Unknowns
+    lower: np.ndarray
+    upper: np.ndarray
+    home: np.ndarray
+    max_iterations: int
+
+    def minimum(self, z: np.ndarray, iterations: int | None = None) -> Found | None:
+        count = self.max_iterations if iterations is None else iterations
+        return minimise(self.objective, z, self.lower, self.upper, count)
+
+
+def best_point(
+    search: Search, starts: Sequence[np.ndarray], is_doubtful: Callable[[Found], bool] = lambda _: False
+) -> Found | None:
+    """The best end of the searches from `starts`; None where the objective has a value at none of them.
+
+    The most likely start goes first, and the others are left out unless its end `is_doubtful`. `reason` is "stalled"
+    where a better point lies beside the end after the last round.
+    """
+    best: Found | None = None
+    for z in _by_value(search, starts):
+        found = _settled(search, z) if best is None else _rival(search, best, z)
+        if found is not None and (best is None or found.evaluation.value < best.evaluation.value):
+            best = found
+        if best is not None and not (lost(search, best) or is_doubtful(best)):
+            break
+    return best
+
+
+def lost(search: Search, found: Found) -> list[int]:
+    """Parameters that have run off by orders of magnitude."""
+    return lost_ones(search.unknowns, found.z, search.home)
+
+
+def _by_value(search: Search, starts: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Starts with a value, the most likely one first, each once."""
+    valued: list[tuple[float, np.ndarray]] = []
+    for start in starts:
+        z = np.clip(start, search.lower, search.upper)
+        here = search.objective(z, False)
+        if here is not None and not any(np.array_equal(z, other) for _, other in valued):
+            valued.append((here.value, z))
+    return [z for _, z in sorted(valued, key=lambda pair: pair[0])]
+
+
+def _rival(search: Search, best: Found, z: np.ndarray) -> Found | None:
+    """The end of a search from z, unless it leads to where `best` is."""
+    near = search.minimum(z, NEAR_ITERATIONS)
+    if near is None or _is_in_valley(near, best):
+        return None
+    rest = _settled(search, near.z)
+    return rest and replace(rest, iterations=rest.iterations + near.iterations)
+
+
+def _is_in_valley(found: Found, best: Found) -> bool:
+    """Whether the parabola about `best` foretells how much worse the other point is."""
+    gap = found.z - best.z
+    foretold = float(gap @ best.evaluation.information @ gap) / 2
+    worse = found.evaluation.value - best.evaluation.value
+    return worse >= 0.0 and abs(foretold - worse) <= SAME_VALLEY * worse + WORTHWHILE_GAIN
+
+
+def _settled(search: Search, z: np.ndarray) -> Found | None:
+    """The end of a search that went on while any doubt led to a better point."""
+    found = search.minimum(z)
+    if found is None:
+        return None
+    iterations = found.iterations
+    better = _better(search, found)
+    for _ in range(ROUNDS):
+        if better is None or iterations >= search.max_iterations:
+            break
+        again = search.minimum(better, search.max_iterations - iterations)
+        if again is None:  # a value without slopes
+            break
+        iterations += again.iterations
+        found, better = again, _better(search, again)
+    if found.reason == "converged" and better is not None:
+        found = replace(found, reason="stalled")
+    return replace(found, iterations=iterations)
+
+
+def _better(search: Search, found: Found) -> np.ndarray | None:
+    """A point that is more likely than the end of a search, or None."""
+    for doubt in (better_noise, _beside, _put_back):
+        z = doubt(search, found)
+        if z is not None:
+            return z
+    return None
+
+
+def better_noise(search: Search, found: Found) -> np.ndarray | None:
+    """A point that differs in one noise and is more likely, or None.
+
+    On a logarithmic scale the likelihood is flat towards zero noise, so that a search can come to rest there
+    although more noise would be better. Noises with hardly any information are tried decade by decade.
+    """
+    trials = []
+    for i, coordinate in enumerate(search.unknowns.coordinates):
+        if coordinate.kind == "parameter" or found.evaluation.information[i, i] > SETTLED_INFORMATION:
+            continue
+        for decade in range(NOISE_DECADES + 1):
+            trial = found.z.copy()
+            trial[i] = min(search.lower[i] + decade * np.log(10.0), search.upper[i])
+            trials.append(trial)
+    return _best_of(search, trials, found.evaluation)
+
+
+def _beside(search: Search, found: Found) -> np.ndarray | None:
+    """A more likely point along a direction that the data hardly tell, or None."""
+    return _best_of(search, weak_points(search, found), found.evaluation)
+
+
+def weak_points(search: Search, found: Found) -> list[np.ndarray]:
+    """Points to both sides along the weakest directions, no further than one step of a search."""
+    inside = (found.z > search.lower) & (found.z < search.upper)
+    diagonal = np.diagonal(found.evaluation.information)
+    free = np.flatnonzero(inside & (diagonal > 0.0))
+    if not free.size:
+        return []
+    scale = np.sqrt(diagonal[free])
+    scaled = found.evaluation.information[np.ix_(free, free)] / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(scaled)
+    points = []
+    for value, vector in list(zip(values, vectors.T, strict=True))[:MOST_PROBED]:
+        direction = vector / scale
+        size = float(np.max(np.abs(direction)))
+        std = size / np.sqrt(max(value, NO_INFORMATION))
+        if std < WEAK_STD:
+            continue
+        for share in PROBES:
+            step = np.clip(share * std, -LONGEST_PROBE, LONGEST_PROBE) / size
+            z = found.z.copy()
+            z[free] += step * direction
+            points.append(np.clip(z, search.lower, search.upper))
+    return points
+
+
+def _put_back(search: Search, found: Found) -> np.ndarray | None:
+    """A more likely point that a search reaches from where lost parameters are put back, or None.
+
+    All together, then each alone: one may be zero in truth.
+    """
+    away = lost(search, found)
+    groups = [away] if len(away) == 1 else [away, *([i] for i in away)] if away else []
+    for group in groups:
+        held = found.z.copy()
+        held[group] = search.home[group]
+        lower, upper = search.lower.copy(), search.upper.copy()
+        lower[group] = upper[group] = held[group]
+        followed = minimise(search.objective, held, lower, upper, HELD_ITERATIONS)
+        freed = followed and search.minimum(followed.z)
+        if freed and freed.evaluation.value < found.evaluation.value - WORTHWHILE_GAIN:
+            return freed.z
+    return None
+
+
+def _best_of(search: Search, trials: Sequence[np.ndarray], here: Evaluation) -> np.ndarray | None:
+    """The most likely of some points if it is more likely than `here`."""
+    best, better = here.value - WORTHWHILE_GAIN, None
+    for z in trials:
+        found = search.objective(z, False)
+        if found is not None and found.value < best:
+            best, better = found.value, z
+    return better
