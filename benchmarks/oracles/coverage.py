@@ -1,12 +1,13 @@
-"""Coverage of intervals: two masses with process noise (PEM) or without (OE), and a pendulum with friction (EKF).
+"""Coverage of intervals: two masses with process noise (PEM) or without (OE), and a pendulum with friction
+(EKF).
 
     python benchmarks/oracles/coverage.py [--case oe pem ekf ...] [--level 0.3 1 5] [--runs N] [--first N]
                                           [--start far near truth] [--profile] [--json FILE]
 
-Recordings come from exact sampling of the linear equations, or from Euler-Maruyama with 200 substeps a sample for the
-pendulum; both share nothing with daest. The likelihood ratio compares the fit with the best likelihood of an
-independent Kalman filter at the true parameters (noise levels searched by scipy). `--json FILE` keeps one line per
-recording; recordings that are in it are not done again.
+Recordings come from exact sampling of the linear equations, or from Euler-Maruyama with 200 substeps a
+sample for the pendulum; both share nothing with daest. The likelihood ratio compares the fit with the best
+likelihood of an independent Kalman filter at the true parameters (noise levels searched by scipy). `--json
+FILE` keeps one line per recording; recordings that are in it are not done again.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ end TwoMasses;
 """
 NOISE = 'input Real load(unit = "N.m") annotation(__Daest(noise = true));'
 PENDULUM = """
-model RubbedPendulum "A torque swings a pendulum against viscous and dry friction; a random torque acts on it, too"
+model RubbedPendulum "A torque and a load swing a pendulum against viscous and dry friction"
   parameter Real J(unit = "kg.m2", min = 0) = 0.1 annotation(__Daest(estimate = true));
   parameter Real m(unit = "N.m", min = 0) = 1 annotation(__Daest(estimate = true));
   parameter Real d(unit = "N.m.s/rad", min = 0) = 0.05 annotation(__Daest(estimate = true));

@@ -1,7 +1,8 @@
 """Helpers of the oracles: exact simulation and likelihood of linear systems, and tables with limits.
 
-Nothing here uses daest: matrices are sampled by one matrix exponential (Van Loan 1978), and the likelihood is that of
-the stationary Kalman filter by scipy's Riccati solver, with the initial state eliminated by least squares.
+Nothing here uses daest: matrices are sampled by one matrix exponential (Van Loan 1978), and the likelihood
+is that of the stationary Kalman filter by scipy's Riccati solver, with the initial state eliminated by least
+squares.
 """
 
 from __future__ import annotations
@@ -16,13 +17,13 @@ from scipy.linalg import expm, solve_discrete_are
 from scipy.optimize import minimize
 from scipy.stats import beta
 
-
-RECURSIONS = 3000  # of the Riccati equation, where it is not solved at once
+RECURSIONS = 1000  # of the Riccati equation, where it is not solved at once
 
 
 @dataclass(frozen=True)
 class Linear:
-    """dx = (A x + B u) dt + G dw, y = C x + D u + e; intensity (n_w,) of w and standard deviation (n_y,) of e."""
+    """dx = (A x + B u) dt + G dw, y = C x + D u + e; intensity (n_w,) of w and standard deviation (n_y,) of
+    e."""
 
     A: np.ndarray
     B: np.ndarray
@@ -79,13 +80,14 @@ def log_likelihood(model: Linear, inputs: np.ndarray, outputs: np.ndarray, perio
     else:
         S, K = R, np.zeros((n, n_y))
     whitening = np.linalg.inv(np.linalg.cholesky(S))
-    x, response = np.zeros(n), np.eye(n)
-    at_zero, slopes = np.empty((n_samples, n_y)), np.empty((n_samples, n_y, n))
-    for k in range(n_samples):
-        e = outputs[k] - model.C @ x - model.D @ inputs[k]
-        at_zero[k], slopes[k] = whitening @ e, whitening @ model.C @ response
-        x = Phi @ x + Gamma @ inputs[k] + K @ e
-        response = (Phi - K @ model.C) @ response
+    closed, known = Phi - K @ model.C, outputs - inputs @ model.D.T
+    drive = np.zeros((n_samples, n))
+    drive[1:] = inputs[:-1] @ Gamma.T + known[:-1] @ K.T
+    at_zero = (known - accumulated(closed, drive) @ model.C.T) @ whitening.T
+    starts = np.zeros((n, n_samples, n))
+    starts[:, 0] = np.eye(n)
+    response = np.stack([accumulated(closed, start) for start in starts], axis=-1)
+    slopes = whitening @ model.C @ response
     table = slopes.reshape(-1, n)
     scale = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
     x0 = np.linalg.lstsq(table / scale, at_zero.ravel(), rcond=1e-8)[0]
@@ -94,9 +96,18 @@ def log_likelihood(model: Linear, inputs: np.ndarray, outputs: np.ndarray, perio
     return float(-(rest @ rest + log_det + rest.size * np.log(2 * np.pi)) / 2)
 
 
+def accumulated(closed: np.ndarray, drive: np.ndarray) -> np.ndarray:
+    """x[k] = closed x[k - 1] + drive[k] for all k, (n_samples, n), by doubling the reach of the sums."""
+    x, power, reach = drive.copy(), closed, 1
+    while reach < len(x):
+        x[reach:] = x[reach:] + x[:-reach] @ power.T
+        power, reach = power @ power, 2 * reach
+    return x
+
+
 def stationary_covariance(Phi: np.ndarray, C: np.ndarray, Q: np.ndarray) -> np.ndarray:
-    """Predicted covariance (n, n) of the Kalman filter for outputs with unit noise: scipy's, or the limit of the
-    recursion where the pencil is too near the unit circle for it."""
+    """Predicted covariance (n, n) of the Kalman filter for outputs with unit noise: scipy's, or the limit of
+    the recursion where the pencil is too near the unit circle for it."""
     unit = np.eye(C.shape[0])
     try:
         return solve_discrete_are(Phi.T, C.T, Q, unit)
@@ -115,7 +126,8 @@ def best_log_likelihood(
     outputs: np.ndarray,
     period: float,
 ) -> tuple[float, np.ndarray]:
-    """Largest log-likelihood over the arguments of `model_at` near `start`, by scipy without derivatives of ours."""
+    """Largest log-likelihood over the arguments of `model_at` near `start`, by scipy without derivatives of
+    ours."""
 
     def value(z: np.ndarray) -> float:
         try:

@@ -114,3 +114,22 @@ def test_the_end_of_a_search_always_has_slopes():
     found = minimise(objective, np.array([-3.0]), -FREE[:1], FREE[:1])
     assert found.reason != "converged"
     assert objective(found.z, True).value == found.evaluation.value
+
+
+def narrow_ring(z):
+    """A valley along a circle, a thousand times steeper than its floor, which falls towards (1, 0)."""
+    radius, angle = np.hypot(*z), np.arctan2(z[1], z[0])
+    return np.array([1e3 * (radius - 1.0), angle])
+
+
+def narrow_ring_slopes(z):
+    radius = np.hypot(*z)
+    return np.array([1e3 * z / radius, np.array([-z[1], z[0]]) / radius**2])
+
+
+def test_a_search_leaps_along_a_valley_that_bends():
+    """Steps along it are short: without leaps it takes 281 of them."""
+    start = np.array([np.cos(2.0), np.sin(2.0)])
+    found = minimise(squares(narrow_ring, narrow_ring_slopes), start, -FREE, FREE, 100)
+    assert found.reason == "converged"
+    assert np.allclose(found.z, [1.0, 0.0], atol=2e-3)

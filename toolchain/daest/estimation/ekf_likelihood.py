@@ -22,6 +22,7 @@ from daest.estimation.ekf_start import best_start, felt_intensity, with_lost_one
 from daest.estimation.filter_task import Directions, Noise, Record, Start, record
 from daest.estimation.identifiability import correlation, covariance, weak_directions, without_influence
 from daest.estimation.identify_nonlinear import identify_nonlinear
+from daest.estimation.interval_check import with_interval_check
 from daest.estimation.nonlinear_start import fit_initial_states
 from daest.estimation.priors import log_likelihood, with_priors
 from daest.estimation.profile import Searched, Tell, silent, with_profiles
@@ -187,8 +188,9 @@ def identify_by_ekf(
         return replace(first, notes=(*first.notes, note), seconds=time.perf_counter() - began)
     problem, found = ends
     result = _result(problem, found, first, unknowns, experiments, validation)
+    searched = Searched(objective(problem), problem.unknowns, *_limits(problem), found)
+    result = with_interval_check(result, searched)
     if options.profile:
-        searched = Searched(objective(problem), problem.unknowns, *_limits(problem), found)
         result = with_profiles(result, searched, options.profile, tell)
     return replace(result, seconds=time.perf_counter() - began)
 

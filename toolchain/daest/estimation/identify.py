@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
@@ -19,6 +19,7 @@ from daest.estimation.checks import check_bounds, check_records, check_start, kn
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
 from daest.estimation.ekf_likelihood import identify_by_ekf
 from daest.estimation.identify_nonlinear import identify_nonlinear
+from daest.estimation.interval_check import with_interval_check
 from daest.estimation.jumps import check_jumps
 from daest.estimation.noise_start import with_common_bounds, with_noise
 from daest.estimation.optimum import Search, best_point
@@ -45,9 +46,9 @@ SIMULATION_ITERATIONS = 15  # of the output-error fit that a prediction-error fi
 START_SPREAD = np.log(10.0)  # further start points: up to a factor 10 off, for linear scales 3 scales off
 LINEAR_SPREAD = 3.0
 SAME_SIMULATION = 0.1  # difference of log-likelihoods within which two simulations are one
-SUSPICIOUS_LEVEL = 0.05  # p-value below which residuals let the search of a likelihood try its second start
-WHITE_LEVEL = 1e-3  # p-value below which residuals raise the doubt that the search ended in a local optimum
-DOUBT_STARTS = 2  # random start points that are tried then, besides the one that matches ARX models
+SUSPICIOUS_LEVEL = 0.05  # p-value below which residuals let a search try its next natural start
+WHITE_LEVEL = 1e-3  # p-value below which residuals let it try random ones
+DOUBT_STARTS = 2  # random start points that are tried then
 
 
 @dataclass(frozen=True)
@@ -105,10 +106,11 @@ def identify(
     if options.shooting:
         note = "no multiple shooting: the initial states of a linear model are eliminated exactly"
         result = replace(result, notes=(*result.notes, note))
+    objective = (likelihood if setup.method == "pem" else output_error).objective(problem)
+    unknowns = problem.unknowns
+    searched = Searched(objective, unknowns, unknowns.lower, unknowns.upper, ends[0])
+    result = with_interval_check(result, searched)
     if options.profile:
-        objective = (likelihood if setup.method == "pem" else output_error).objective(problem)
-        unknowns = problem.unknowns
-        searched = Searched(objective, unknowns, unknowns.lower, unknowns.upper, ends[0])
         result = with_profiles(result, searched, options.profile, tell)
     return replace(result, seconds=time.perf_counter() - began)
 
@@ -324,12 +326,16 @@ def _search(setup: Setup, options: IdentifyOptions, tell: Tell) -> tuple[Problem
     seconds = time.perf_counter() - began
     if options.starts > 1:
         pairs += _from_other_starts(setup, first, pairs[0], options, seconds, tell)
-    elif options.second_look and _is_doubtful(setup, pairs[0]):
-        for z in _other_starts(setup, options):
-            end = _other_end(setup, first, options.max_iterations, z)
-            pairs.append(pairs[0] if isinstance(end, _Same) else end)
-            if _ends_alike(pairs[0], pairs[-1]) or not _is_doubtful(setup, pairs[-1]):
+    elif options.second_look and options.max_iterations:
+        for level, start in _second_looks(setup, options):
+            if not _is_doubtful(setup, pairs[-1], level) or (
+                len(pairs) > 1 and _ends_alike(pairs[0], pairs[-1])
+            ):
                 break
+            z = start()
+            if z is not None:
+                end = _other_end(setup, first, options.max_iterations, z)
+                pairs.append(pairs[0] if isinstance(end, _Same) else end)
     ended = [pair for pair in pairs if pair is not None]
     if not ended:
         check_start(unknowns, None, 0)
@@ -346,8 +352,18 @@ End = tuple[Problem, Found] | None
 
 def _other_starts(setup: Setup, options: IdentifyOptions) -> list[np.ndarray]:
     matched = matched_start(setup.problem, options.seed)
-    random = _random_starts(setup.problem.unknowns, max(options.starts - 1, DOUBT_STARTS), options.seed)
+    random = _random_starts(setup.problem.unknowns, options.starts - 1, options.seed)
     return [*([] if matched is None else [matched]), *random]
+
+
+def _second_looks(
+    setup: Setup, options: IdentifyOptions
+) -> Iterator[tuple[float, Callable[[], np.ndarray | None]]]:
+    """Levels of the doubt that makes another start worth trying, and the start: one that matches ARX models
+    where anything is suspicious, random ones where the residuals are not white."""
+    yield SUSPICIOUS_LEVEL, lambda: matched_start(setup.problem, options.seed)
+    for z in _random_starts(setup.problem.unknowns, DOUBT_STARTS, options.seed):
+        yield WHITE_LEVEL, partial(np.asarray, z)
 
 
 def _from_other_starts(
@@ -408,7 +424,7 @@ def _search_from(
     search = Search(objective, unknowns, unknowns.lower, unknowns.upper, home, max_iterations)
 
     def is_doubtful(found: Found) -> bool:
-        return _is_coloured(setup, (noisy, found), SUSPICIOUS_LEVEL)
+        return _is_doubtful(setup, (noisy, found), SUSPICIOUS_LEVEL)
 
     found = best_point(search, [start.unknowns.start for start in starts], is_doubtful)
     return None if found is None else (noisy, found)
@@ -425,9 +441,12 @@ def _random_starts(unknowns: Unknowns, count: int, seed: int) -> list[np.ndarray
     return [rng.uniform(low, high) for _ in range(count)]
 
 
-def _is_doubtful(setup: Setup, pair: tuple[Problem, Found] | None) -> bool:
-    """Whether a better optimum may exist than the end of a search."""
-    return pair is None or _is_coloured(setup, pair, WHITE_LEVEL)
+def _is_doubtful(setup: Setup, pair: tuple[Problem, Found] | None, level: float) -> bool:
+    """Whether a better optimum may exist than the end of a search: its residuals are not white at that
+    level, or the level is that of a suspicion and the search did not converge."""
+    if pair is None or (level == SUSPICIOUS_LEVEL and pair[1].reason != "converged"):
+        return True
+    return _is_coloured(setup, pair, level)
 
 
 def _is_coloured(setup: Setup, pair: tuple[Problem, Found], level: float) -> bool:

@@ -20,6 +20,7 @@ import numpy as np
 from daest.estimation import trajectories
 from daest.estimation.checks import no_start
 from daest.estimation.coordinates import Unknowns, lost_ones
+from daest.estimation.interval_check import with_interval_check
 from daest.estimation.noise_levels import (
     Ending,
     Levels,
@@ -121,11 +122,13 @@ def identify_nonlinear(
         simulated["validation"] = agreement(best, tuple(validation), with_gain=False, at_rest=at_rest)
         one_step["validation"] = agreement(best, tuple(validation), with_gain=True)
     result = nonlinear_result(setup, ends, simulated, one_step)
+    searched = Searched(trajectories.objective(best.problem), unknowns, *limits(best.problem), best.found)
+    if warm is None and best.cut is None:
+        result = with_interval_check(result, searched)
     if options.profile and best.cut is not None:
         note = "no profile likelihood: the model is too unstable to be simulated from one initial state"
         result = replace(result, notes=(*result.notes, note))
     elif options.profile:
-        searched = Searched(trajectories.objective(best.problem), unknowns, *limits(best.problem), best.found)
         result = with_profiles(result, searched, options.profile, tell)
     return replace(result, seconds=time.perf_counter() - began)
 

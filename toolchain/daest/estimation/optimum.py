@@ -1,9 +1,11 @@
-"""The best point that cheap starts lead to, and the doubts that an end must stand before it counts as converged.
+"""The best point that cheap starts lead to, and the doubts that an end must stand before it counts as
+converged.
 
-A search by slopes ends in the first valley. Three things lead out of a wrong one. Another start leads to another
-valley. A logarithmic parameter that has run off by orders of magnitude has no slope left to come back by: it is put
-back where the user started, the others are given time to follow while it is held there, and the search goes on. And
-along a direction that the data hardly tell the likelihood is no parabola: points to both sides are tried.
+A search by slopes ends in the first valley. Three things lead out of a wrong one. Another start leads to
+another valley. A logarithmic parameter that has run off by orders of magnitude has no slope left to come
+back by: it is put back where the user started, the others are given time to follow while it is held there,
+and the search goes on. And along a direction that the data hardly tell the likelihood is no parabola: points
+to both sides are tried.
 """
 
 from __future__ import annotations
@@ -21,10 +23,10 @@ WORTHWHILE_GAIN = 1e-2  # of log-likelihood, for which a search is taken up agai
 SETTLED_INFORMATION = 1.0  # about log(noise), above which a noise does not rest in the flat part
 NOISE_DECADES = 13  # above its lower bound, in which a noise is looked for
 HELD_ITERATIONS = 8  # while a parameter that was put back is held
-WEAK_STD = 0.3  # of a direction in units of z, from which on the likelihood along it may be no parabola
-PROBES = (-3.0, -1.0, 1.0, 3.0)  # standard deviations along a weak direction
+WEAK_STD = 0.3  # of an unknown in units of z, from which on the likelihood beside it may be no parabola
+PROBES = (-3.0, -1.0, 1.0, 3.0)  # standard deviations
 LONGEST_PROBE = 2.5  # in z, the same as the largest step of a search
-MOST_PROBED = 6  # weak directions
+MOST_PROBED = 6  # unknowns, the weakest
 NO_INFORMATION = 1e-12  # relative eigenvalue of the scaled information: nothing is known along this direction
 SAME_VALLEY = 0.2  # of the difference in log-likelihood, which a parabola about the best point must foretell
 NEAR_ITERATIONS = 5  # of a search, after which it is asked whether it leads to where another one ended
@@ -32,8 +34,8 @@ NEAR_ITERATIONS = 5  # of a search, after which it is asked whether it leads to 
 
 @dataclass(frozen=True)
 class Search:
-    """What is searched: `objective` over z, whose first coordinates are `unknowns`, within `lower` and `upper`. The
-    user's start is `home`."""
+    """What is searched: `objective` over z, whose first coordinates are `unknowns`, within `lower` and
+    `upper`. The user's start is `home`."""
 
     objective: Objective
     unknowns: Unknowns
@@ -52,8 +54,8 @@ def best_point(
 ) -> Found | None:
     """The best end of the searches from `starts`; None where the objective has a value at none of them.
 
-    The most likely start goes first, and the others are left out unless its end `is_doubtful`. `reason` is "stalled"
-    where a better point lies beside the end after the last round.
+    The most likely start goes first, and the others are left out unless its end `is_doubtful`. `reason` is
+    "stalled" where a better point lies beside the end after the last round.
     """
     best: Found | None = None
     for z in _by_value(search, starts):
@@ -145,33 +147,41 @@ def better_noise(search: Search, found: Found) -> np.ndarray | None:
 
 
 def _beside(search: Search, found: Found) -> np.ndarray | None:
-    """A more likely point along a direction that the data hardly tell, or None."""
+    """A more likely point to the side of an unknown that the data hardly tell, or None."""
     return _best_of(search, weak_points(search, found), found.evaluation)
 
 
 def weak_points(search: Search, found: Found) -> list[np.ndarray]:
-    """Points to both sides along the weakest directions, no further than one step of a search."""
+    """Points to both sides of the unknowns that the data hardly tell, the others following as a parabola has
+    it; no further than one step of a search."""
+    directions = profile_directions(search, found)
+    weak = sorted(directions, key=lambda pair: -pair[1])[:MOST_PROBED]
+    points = []
+    for direction, std in weak:
+        if std >= WEAK_STD:
+            longest = LONGEST_PROBE / float(np.max(np.abs(direction)))
+            moves = {float(np.clip(share * std, -longest, longest)) for share in PROBES}
+            points += [np.clip(found.z + m * direction, search.lower, search.upper) for m in sorted(moves)]
+    return points
+
+
+def profile_directions(search: Search, found: Found) -> list[tuple[np.ndarray, float]]:
+    """For every unknown off its bounds and with influence: the direction in which it moves by 1 while the
+    others follow, by the information, and its standard deviation in z."""
     inside = (found.z > search.lower) & (found.z < search.upper)
     diagonal = np.diagonal(found.evaluation.information)
     free = np.flatnonzero(inside & (diagonal > 0.0))
-    if not free.size:
-        return []
     scale = np.sqrt(diagonal[free])
     scaled = found.evaluation.information[np.ix_(free, free)] / np.outer(scale, scale)
     values, vectors = np.linalg.eigh(scaled)
-    points = []
-    for value, vector in list(zip(values, vectors.T, strict=True))[:MOST_PROBED]:
-        direction = vector / scale
-        size = float(np.max(np.abs(direction)))
-        std = size / np.sqrt(max(value, NO_INFORMATION))
-        if std < WEAK_STD:
-            continue
-        for share in PROBES:
-            step = np.clip(share * std, -LONGEST_PROBE, LONGEST_PROBE) / size
-            z = found.z.copy()
-            z[free] += step * direction
-            points.append(np.clip(z, search.lower, search.upper))
-    return points
+    cov = (vectors / np.maximum(values, NO_INFORMATION)) @ vectors.T / np.outer(scale, scale)
+    result = []
+    for place, i in enumerate(free):
+        if i < len(search.unknowns.coordinates):
+            direction = np.zeros(found.z.size)
+            direction[free] = cov[:, place] / cov[place, place]
+            result.append((direction, float(np.sqrt(cov[place, place]))))
+    return result
 
 
 def _put_back(search: Search, found: Found) -> np.ndarray | None:

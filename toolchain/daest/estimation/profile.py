@@ -84,7 +84,7 @@ def with_profiles(result: FitResult, search: Searched, names: Sequence[str], tel
 
 def _profile(result: FitResult, search: Searched, index: int) -> Profile:
     coordinate = search.unknowns.coordinates[index]
-    factor = _colour_factor(result, search, index)
+    factor = colour_factor(result, search, index)
     threshold = float(chi2.ppf(LEVEL, 1)) * factor
     sides = [_Side(search, index, direction, threshold).walked() for direction in (-1.0, 1.0)]
     centre = (search.found.z[index], 0.0)
@@ -104,7 +104,7 @@ def _profile(result: FitResult, search: Searched, index: int) -> Profile:
     )
 
 
-def _colour_factor(result: FitResult, search: Searched, index: int) -> float:
+def colour_factor(result: FitResult, search: Searched, index: int) -> float:
     """Variance of the estimate over the inverse information, above 1 for coloured residuals alone."""
     std_error = next(
         p.std_error for p in result.parameters if p.name == search.unknowns.coordinates[index].name
@@ -183,20 +183,7 @@ class _Side:
         return None, size
 
     def _minimum(self, here: Found, value: float) -> Found | None:
-        """The minimum with the coordinate held at `value`, searched from where its tangent leads."""
-        i, search = self.index, self.search
-        value = float(np.clip(value, search.lower[i], search.upper[i]))
-        move = _tangent(here.evaluation.information, i) * (value - here.z[i])
-        # Along what the data hardly tell, a tangent may lead anywhere.
-        move[np.abs(move) > LARGEST_MOVE] = 0.0
-        lower, upper = search.lower.copy(), search.upper.copy()
-        lower[i] = upper[i] = value
-        starts = [np.clip(start, lower, upper) for start in (here.z + move, here.z)]
-        valued = [(there.value, n) for n, z in enumerate(starts) if (there := search.objective(z, False))]
-        if not valued:
-            return None
-        start = starts[min(valued)[1]]
-        return minimise(search.objective, start, lower, upper, ITERATIONS, CONVERGED_GAIN)
+        return held_minimum(self.search, here, self.index, value)
 
     def _drop(self, there: Found) -> float:
         return float(2.0 * (there.evaluation.value - self.search.found.evaluation.value))
@@ -227,7 +214,23 @@ class _Side:
         return float(z)
 
 
-def _tangent(information: np.ndarray, index: int) -> np.ndarray:
+def held_minimum(search: Searched, here: Found, index: int, value: float) -> Found | None:
+    """The minimum with a coordinate held at `value`, searched from where its tangent at `here` leads."""
+    value = float(np.clip(value, search.lower[index], search.upper[index]))
+    move = tangent(here.evaluation.information, index) * (value - here.z[index])
+    # Along what the data hardly tell, a tangent may lead anywhere.
+    move[np.abs(move) > LARGEST_MOVE] = 0.0
+    lower, upper = search.lower.copy(), search.upper.copy()
+    lower[index] = upper[index] = value
+    starts = [np.clip(start, lower, upper) for start in (here.z + move, here.z)]
+    valued = [(there.value, n) for n, z in enumerate(starts) if (there := search.objective(z, False))]
+    if not valued:
+        return None
+    start = starts[min(valued)[1]]
+    return minimise(search.objective, start, lower, upper, ITERATIONS, CONVERGED_GAIN)
+
+
+def tangent(information: np.ndarray, index: int) -> np.ndarray:
     """dz / dz_i along which the others stay optimal to first order."""
     others = np.flatnonzero((np.arange(len(information)) != index) & (np.diagonal(information) > 0.0))
     scale = np.sqrt(np.diagonal(information)[others])

@@ -1,8 +1,11 @@
-"""Bounded Fisher scoring with Levenberg-Marquardt damping, for likelihoods with exact gradients.
+"""Bounded Fisher scoring within a trust region, for likelihoods with exact gradients.
 
-A step solves (I + λ diag I) dz = -g over the coordinates that are free; a coordinate rests at its bound
-while the objective pulls it outwards. A step to a place where the objective cannot be evaluated is
-shortened, not fatal.
+A step solves (I + λ diag I) dz = -g over the coordinates that are free, with the damping λ that makes it as
+long as the region is wide (Moré 1978); a coordinate rests at its bound while the objective pulls it
+outwards. A step to a place where the objective cannot be evaluated is shortened, not fatal.
+
+A search that creeps along a curved valley, where the quadratic model holds only for short steps, leaps now
+and then: the last steps are extended to a parabola, and few steps from its end lead back to the floor.
 """
 
 from __future__ import annotations
@@ -14,12 +17,17 @@ from typing import Literal
 import numpy as np
 
 FIRST_DAMPING = 1e-3
-LARGEST_DAMPING = 1e12
+SHORTEST_STEP = 1e-12  # of the undamped one: where even that is no better, none is
+HALVINGS = 30  # of the logarithm of the damping that gives a step its length
 LARGEST_STEP = 2.5  # per iteration and coordinate: a factor 12 for a logarithmic one
 CONVERGED_GAIN = 1e-6  # predicted gain of the next step, in log-likelihood: 0.0014 standard errors
 STALLED_GAIN = 1e-3  # above this predicted gain, a search that finds no better point has not converged
 SLOW_STEPS = 5  # a search also ends where that many steps together gain less than SLOW_GAIN
 SLOW_GAIN = 10.0  # times the gain of one step that ends it: a flat valley, or the noise of the integration
+CREEPING = 0.5  # a step that gains less than this share of what an undamped one promises creeps
+CREEPING_STEPS = 3  # in a row, after which the search leaps
+FIRST_LEAP, LONGEST_LEAP = 4.0, 256.0  # steps
+RETURN_STEPS = 2  # from there to the floor of the valley
 FLAT = 1e-14  # information of a coordinate, relative to the largest, below which it has no influence
 
 
@@ -48,11 +56,11 @@ class Found:
 
 @dataclass(frozen=True)
 class _Step:
-    """A better point with the damping for the next step; `evaluation` has slopes if they were computed at
+    """A better point with the radius for the next step; `evaluation` has slopes if they were computed at
     once, `is_first` tells whether the first trial was better."""
 
     z: np.ndarray
-    damping: float
+    radius: float
     evaluation: Evaluation
     is_first: bool
 
@@ -71,7 +79,8 @@ def minimise(
     here = objective(z, True)
     if here is None:
         return None
-    damping, gain = FIRST_DAMPING, np.inf
+    gain, radius = np.inf, None
+    course = _Course()
     values = [here.value]
     last = z  # point that the slopes of `here` belong to: a search may pass through points that have none
     at_once = True  # slopes with the first trial of an iteration, as long as first trials are good
@@ -83,17 +92,70 @@ def minimise(
         is_slow = (
             len(values) > SLOW_STEPS and values[-1 - SLOW_STEPS] - values[-1] < SLOW_GAIN * converged_gain
         )
-        step = None if is_slow else _improve(objective, z, here, free, damping, lower, upper, at_once)
+        step = None if is_slow else _improve(objective, z, here, free, radius, lower, upper, at_once)
         if step is None:
             is_near = gain < max(STALLED_GAIN, converged_gain)
             reason: Literal["converged", "stalled"] = "converged" if is_near else "stalled"
             return Found(last, here, reason, iteration, gain)
-        z, damping, at_once = step.z, step.damping, step.is_first
-        there = step.evaluation if step.evaluation.gradient.size else objective(z, True)
+        there = step.evaluation if step.evaluation.gradient.size else objective(step.z, True)
         if there is not None:
-            last, here = z, there
+            course = course.followed(z, step.z, here.value - there.value < CREEPING * gain)
+            last, here = step.z, there
+        z, radius, at_once = step.z, step.radius, step.is_first
+        if course.is_straight:
+            leap = _leaped(objective, here, free, radius, lower, upper, course)
+            course = course.after_leap(leap is not None)
+            z, here = leap or (z, here)
+            last = z if leap else last
         values.append(here.value)
     return Found(last, here, "iteration limit", max_iterations, gain)
+
+
+@dataclass(frozen=True)
+class _Course:
+    """The last points of a search that creeps, oldest first, and how many steps it leaps next."""
+
+    points: tuple[np.ndarray, ...] = ()
+    leap: float = FIRST_LEAP
+
+    def followed(self, z: np.ndarray, following: np.ndarray, is_slow: bool) -> _Course:
+        """After a step from z to `following`."""
+        return _Course((*(self.points or (z,)), following), self.leap) if is_slow else _Course()
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether the last steps tell where the next ones lead."""
+        return len(self.points) > CREEPING_STEPS
+
+    def after_leap(self, was_better: bool) -> _Course:
+        """The points before a leap tell nothing of the course any more."""
+        return _Course(
+            (), min(2.0 * self.leap, LONGEST_LEAP) if was_better else max(self.leap / 4.0, FIRST_LEAP)
+        )
+
+
+def _leaped(
+    objective: Objective,
+    here: Evaluation,
+    free: np.ndarray,
+    radius: float,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    course: _Course,
+) -> tuple[np.ndarray, Evaluation] | None:
+    """A better point far along the parabola through the last points, a few steps back to the floor of the
+    valley; None where there is none."""
+    before, between, now = course.points[-3:]
+    step, bend = now - between, now - 2.0 * between + before
+    move = _limited(course.leap * step + course.leap * (course.leap + 1.0) / 2.0 * bend)
+    z = np.clip(now + move, lower, upper)
+    there = objective(z, True)
+    for _ in range(RETURN_STEPS):
+        if there is None or there.value < here.value:
+            break
+        z = np.clip(z + _Steps(there, free).within(radius)[0], lower, upper)
+        there = objective(z, True)
+    return (z, there) if there is not None and there.value < here.value else None
 
 
 def _improve(
@@ -101,27 +163,65 @@ def _improve(
     z: np.ndarray,
     here: Evaluation,
     free: np.ndarray,
-    damping: float,
+    radius: float | None,
     lower: np.ndarray,
     upper: np.ndarray,
     at_once: bool,
 ) -> _Step | None:
-    """The next point; None when no damping gives a better one. `at_once` computes slopes with the first
+    """The next point; None when no radius gives a better one. `at_once` computes slopes with the first
     trial: they are wanted if it is better."""
-    is_first = True
-    while damping <= LARGEST_DAMPING:
-        step = _damped_step(here, free, damping)
+    steps = _Steps(here, free)
+    length = steps.length_at(FIRST_DAMPING) if radius is None else radius
+    shortest, is_first = SHORTEST_STEP * steps.length_at(0.0), True
+    while length > shortest:
+        step, length = steps.within(length)
         trial = np.clip(z + step, lower, upper)
         moved = trial - z
         there = _evaluated(objective, trial, at_once and is_first) if np.any(moved) else None
         promised = -(here.gradient @ moved + moved @ here.information @ moved / 2)
         if there is not None and there.value < here.value:
             ratio = (here.value - there.value) / promised if promised > 0.0 else 0.0
-            factor = 0.1 if ratio > 0.7 else 1.0 if ratio > 0.2 else 4.0
-            return _Step(trial, damping * factor, there, is_first)
+            return _Step(
+                trial, length * (4.0 if ratio > 0.7 else 1.0 if ratio > 0.2 else 0.25), there, is_first
+            )
         is_first = False
-        damping = max(damping, FIRST_DAMPING / 10) * 8.0
+        length /= 4.0
     return None
+
+
+class _Steps:
+    """Steps from a point, by their length in units in which every coordinate alone has unit information."""
+
+    def __init__(self, here: Evaluation, free: np.ndarray) -> None:
+        self.free = free
+        information = here.information[np.ix_(free, free)]
+        self.scale = np.sqrt(np.abs(np.diagonal(information)))
+        self.values, vectors = np.linalg.eigh(information / np.outer(self.scale, self.scale))
+        # Where the curvature is negative, the step goes downhill all the same.
+        self.values = np.maximum(np.abs(self.values), FLAT * np.max(np.abs(self.values), initial=0.0))
+        self.vectors, self.pull = vectors, -vectors.T @ (here.gradient[free] / self.scale)
+
+    def length_at(self, damping: float) -> float:
+        return float(np.linalg.norm(self.pull / (self.values + damping)))
+
+    def within(self, length: float) -> tuple[np.ndarray, float]:
+        """The step of no more than that length, and its length."""
+        damping = 0.0
+        if self.length_at(0.0) > length:
+            low, high = np.log(FLAT), np.log(max(float(np.linalg.norm(self.pull)) / length, 2.0 * FLAT))
+            for _ in range(HALVINGS):
+                middle = (low + high) / 2
+                low, high = (middle, high) if self.length_at(np.exp(middle)) > length else (low, middle)
+            damping = float(np.exp(high))
+        step = np.zeros(self.free.size)
+        step[self.free] = (self.vectors @ (self.pull / (self.values + damping))) / self.scale
+        step = _limited(step)
+        return step, float(np.linalg.norm(step[self.free] * self.scale))
+
+
+def _limited(step: np.ndarray) -> np.ndarray:
+    """The step, shortened so that no coordinate moves by more than LARGEST_STEP."""
+    return step * min(1.0, LARGEST_STEP / max(np.max(np.abs(step), initial=0.0), LARGEST_STEP))
 
 
 def _evaluated(objective: Objective, z: np.ndarray, with_slopes: bool) -> Evaluation | None:
@@ -134,18 +234,6 @@ def _free(z: np.ndarray, here: Evaluation, lower: np.ndarray, upper: np.ndarray)
     diagonal = np.diagonal(here.information)
     held = ((z <= lower) & (here.gradient >= 0.0)) | ((z >= upper) & (here.gradient <= 0.0))
     return ~held & (diagonal > FLAT * np.max(diagonal, initial=0.0))
-
-
-def _damped_step(here: Evaluation, free: np.ndarray, damping: float) -> np.ndarray:
-    step = np.zeros(free.size)
-    if not np.any(free):
-        return step
-    information = here.information[np.ix_(free, free)]
-    scale = np.sqrt(np.diagonal(information))
-    system = information / np.outer(scale, scale)
-    system = system + damping * np.eye(scale.size)
-    step[free] = np.linalg.lstsq(system, -here.gradient[free] / scale, rcond=None)[0] / scale
-    return step * min(1.0, LARGEST_STEP / max(np.max(np.abs(step)), LARGEST_STEP))
 
 
 def _predicted_gain(here: Evaluation, free: np.ndarray) -> float:
