@@ -67,7 +67,7 @@ def test_pendulum_through_many_turns_is_found_from_a_far_start(start):
     assert np.ptp(experiment.outputs) > 20 * 2 * np.pi
     truth = dict(zip(("J", "d", "mgl"), explicit.flat.theta_values, strict=True))
     single = fit_of(explicit, [experiment], 1, **start)
-    assert abs(single.theta["mgl"] / truth["mgl"] - 1.0) > 0.3
+    assert single.simulated["estimation"].rms["angle"] > 0.2
     fit = fit_of(explicit, [experiment], **start)
     assert fit.status == "converged" and "found by multiple shooting (20 segments)" in fit.notes
     for p in fit.parameters:
