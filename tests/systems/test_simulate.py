@@ -244,3 +244,46 @@ def test_document_and_table():
     header, rows = table(result, all_variables=True)
     assert header == ["time [s]", "u [V]", "y", "v1 [V]", "v2 [V]", "i1 [A]", "i2 [A]"]
     assert rows.shape == (2, 7)
+
+
+def brushed_motor(order):
+    """u = R i + drop + k w with a brush voltage that hardly bends, its three equations in this order."""
+    b = FlatBuilder("Brushed")
+    u, resistance, k = b.input("u"), b.parameter("R", 4.2), b.parameter("k", 0.06)
+    w, i, drop, source = b.unknown("w", start=0.0, fixed=True), b.unknown("i"), b.unknown("v"), b.unknown("s")
+    b.equation("1e-3 der(w) = k i", 1e-3 * b.der("w"), k * i)
+    loop = [
+        ("s = R i + v + k w", source, resistance * i + drop + k * w),
+        ("v = 0.65 tanh(i/0.01)", drop, 0.65 * ca.tanh(i / 0.01)),
+        ("s = u", source, u),
+    ]
+    for position in order:
+        b.equation(*loop[position])
+    b.output("y", i)
+    return b.build()
+
+
+def test_a_law_that_flattens_out_is_solved_wherever_its_equation_stands():
+    time = np.linspace(0, 2.0, 101)
+    u = np.sin(5 * time)[:, None] * np.linspace(1.5, 0.2, 101)[:, None]
+    first, *others = (
+        simulate(brushed_motor(order), (time, u)) for order in [(0, 1, 2), (1, 0, 2), (2, 1, 0)]
+    )
+    for other in others:
+        np.testing.assert_allclose(other.outputs, first.outputs, atol=1e-9)
+    residual = u[:, 0] - 4.2 * first["i"] - 0.65 * np.tanh(first["i"] / 0.01) - 0.06 * first["w"]
+    np.testing.assert_allclose(residual, 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("guess", [0.0, 5.0, -3.0])
+def test_a_loop_is_closed_from_a_poor_start(guess):
+    b = FlatBuilder("Poor")
+    u = b.input("u")
+    x, i = b.unknown("x", start=0.0, fixed=True), b.unknown("i", start=guess)
+    b.equation("der(x) = i", b.der("x"), i)
+    b.equation("u = 4 i + 0.65 tanh(1000 i)", u, 4 * i + 0.65 * ca.tanh(1000 * i))
+    b.output("y", i)
+    explicit = reduce_index(b.build())
+    for value in (0.01, 0.5, 3.0, -0.3):
+        found = float(explicit.outputs(0, value, [], [], [], 0))
+        assert abs(4 * found + 0.65 * np.tanh(1000 * found) - value) < 1e-9

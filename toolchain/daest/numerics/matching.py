@@ -153,11 +153,15 @@ def _topological_order(first_row: list[int], edges: np.ndarray) -> list[int]:
     return order
 
 
-def tear(incidence: list[set[int]], solvable: list[set[int]], n_columns: int) -> Tearing:
+def tear(
+    incidence: list[set[int]], solvable: list[set[int]], n_columns: int, bent: frozenset[int] = frozenset()
+) -> Tearing:
     """Tear a loop: row i contains the columns `incidence[i]` and may be solved for those in `solvable[i]`.
 
     Greedy: solve every row that has one unknown left; when none is left guess the unknown that occurs in most
-    of the remaining rows, among those that no row can be solved for if there are any."""
+    of the remaining rows, among those that no row can be solved for if there are any, else among the `bent`
+    ones, in which a row is nonlinear: a law that flattens out is then read forwards, not backwards, and
+    equal loops are torn alike wherever their rows stand."""
     left = {row: set(columns) for row, columns in enumerate(incidence)}
     rows_of: list[set[int]] = [set() for _ in range(n_columns)]
     for row, columns in left.items():
@@ -167,7 +171,7 @@ def tear(incidence: list[set[int]], solvable: list[set[int]], n_columns: int) ->
     while open_columns:
         step = _causal_step(left, solvable, open_columns)
         if step is None:
-            column = _tear_candidate(left, solvable, rows_of, open_columns)
+            column = _tear_candidate(left, solvable, rows_of, open_columns, bent)
             tears.append(column)
         else:
             row, column = step
@@ -192,11 +196,15 @@ def _causal_step(
 
 
 def _tear_candidate(
-    left: dict[int, set[int]], solvable: list[set[int]], rows_of: list[set[int]], open_columns: set[int]
+    left: dict[int, set[int]],
+    solvable: list[set[int]],
+    rows_of: list[set[int]],
+    open_columns: set[int],
+    bent: frozenset[int],
 ) -> int:
-    def weight(column: int) -> tuple[bool, int, int]:
+    def weight(column: int) -> tuple[bool, bool, int, int]:
         rows = [row for row in rows_of[column] if row in left]
         is_stuck = not any(column in solvable[row] for row in rows)
-        return is_stuck, len(rows), -column
+        return is_stuck, column in bent, len(rows), -column
 
     return max(open_columns, key=weight)

@@ -19,6 +19,10 @@ from daest.systems.state_choice import StateChoice
 
 NEWTON_STEPS = 50
 NEWTON_TOLERANCE = 1e-11  # of a loop's residual and step, both scaled to the sample point
+NEWTON_MISSED, NEWTON_LOST = 1e-8, 1e-6  # residual above which a loop is tried anew, and is called unsolved
+DAMPED_DOUBLINGS, DAMPED_HALVINGS = 5, 10
+# A function whose result is a start only: it is not differentiated, and its code is not written twice.
+UNTOUCHED = {"never_inline": True, "is_diff_in": [False, False], "is_diff_out": [False]}
 ARGUMENTS = ["x", "u", "v", "w", "theta", "t"]
 RESULTS = ["rhs", "variables", "outputs", "rates"]
 
@@ -208,9 +212,59 @@ def _newton(
         "abstolStep": NEWTON_TOLERANCE,
         "max_iter": NEWTON_STEPS,
     }
-    # This plugin can be written out as C code. Where it does not arrive it raises an error or gives NaN.
-    solver = ca.rootfinder(name, "fast_newton", problem, options)
-    return lambda *at: scale * solver(loop.guess / scale, ca.vertcat(*at))
+    return _guarded(name, problem, options, loop.guess / scale, scale)
+
+
+def _guarded(
+    name: str, problem: dict[str, ca.SX], options: dict[str, Any], guess: np.ndarray, scale: np.ndarray
+) -> Callable[..., ca.MX]:
+    """Full Newton steps from the guess; where they do not arrive, damped ones. Where these do not either it
+    raises an error, and gives NaN as C code.
+
+    The plugin that can be written out as C code does not tell there whether it arrived, so that the residual
+    is looked at. The damped iteration is evaluated only where it is needed."""
+    inner = ca.Function(f"{name}_residual", [problem["x"], problem["p"]], [problem["g"]])
+    z, p = ca.MX.sym("z", guess.size), ca.MX.sym("p", problem["p"].numel())
+
+    def missed(at: ca.MX, tolerance: float) -> ca.MX:
+        return ca.logic_not(ca.norm_inf(inner(at, p)) <= tolerance)
+
+    attempt = ca.rootfinder(f"{name}_attempt", "fast_newton", problem, {**options, "error_on_fail": False})
+    arrive = ca.rootfinder(name, "fast_newton", problem, options)
+    near = _damped_newton(name, inner, guess)(guess, p)
+    end = arrive(near, p)
+    lost = ca.if_else(missed(end, NEWTON_LOST), np.nan, 0.0)
+    damped = ca.Function(f"{name}_damped", [z, p], [end + lost])
+    kept = ca.Function(f"{name}_kept", [z, p], [z])
+    either = ca.Function.if_else(f"{name}_either", damped, kept)
+    first = attempt(guess, p)
+    whole = ca.Function(
+        f"{name}_guarded",
+        [p],
+        [scale * either(missed(first, NEWTON_MISSED), first, p)],
+        {"never_inline": True},
+    )
+    return lambda *at: whole(ca.vertcat(*at))
+
+
+def _damped_newton(name: str, residual: ca.Function, guess: np.ndarray) -> ca.Function:
+    """(z, p) -> z after 2 ** `DAMPED_DOUBLINGS` Newton steps, each shortened to the half, the quarter, … that leaves the
+    smallest residual."""
+    n = guess.size
+    z, p = ca.MX.sym("z", n), ca.MX.sym("p", residual.numel_in(1))
+    value = residual(z, p)
+    matrix = ca.densify(ca.jacobian(value, z)) if n == 1 else ca.jacobian(value, z)
+    step = value / matrix if n == 1 else ca.solve(matrix, value, "qr")
+    best, size = z, ca.norm_2(value)
+    for halvings in range(DAMPED_HALVINGS):
+        there = z - step / 2**halvings
+        found = ca.norm_2(residual(there, p))
+        is_better = found < size  # never where it is no number
+        best, size = ca.if_else(is_better, there, best), ca.if_else(is_better, found, size)
+    walk = ca.Function(f"{name}_step", [z, p], [best], UNTOUCHED)
+    for level in range(DAMPED_DOUBLINGS):
+        walk = ca.Function(f"{name}_walk{level}", [z, p], [walk(walk(z, p), p)], UNTOUCHED)
+    return walk
 
 
 def _derivative_function(

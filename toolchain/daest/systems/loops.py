@@ -167,9 +167,10 @@ def _solve_loop(
 ) -> None:
     """Tear, write the causal part as definitions, close the rest by elimination or by Newton's method."""
     inner = equations.entry[rows][:, columns]
-    is_linear = equations.reach[inner.data - 1][:, columns].nnz == 0
+    reach = equations.reach[inner.data - 1][:, columns]
+    is_linear = reach.nnz == 0
     incidence = [set(inner.indices[inner.indptr[i] : inner.indptr[i + 1]].tolist()) for i in range(rows.size)]
-    tearing = tear(incidence, _solvable(equations, rows, columns), columns.size)
+    tearing = tear(incidence, _solvable(equations, rows, columns), columns.size, _bent(inner, reach))
     definitions.largest_loop = max(definitions.largest_loop, len(tearing.tears))
     if _growth(equations.values[rows][:, columns].toarray(), tearing) > GROWTH_LIMIT:
         # Solving along the tearing order would amplify rounding errors: the loop is closed as a whole.
@@ -184,6 +185,13 @@ def _solve_loop(
         _close(equations, tears, core, is_linear, definitions)
     definitions.symbols += causal.symbols
     definitions.expressions += causal.expressions
+
+
+def _bent(inner: sp.csr_array, reach: sp.csr_array) -> frozenset[int]:
+    """Columns of a loop in which one of its rows is nonlinear: the coefficient varies with the unknown itself."""
+    entries = sp.coo_array(reach)
+    of_entry, unknown = entries.coords
+    return frozenset(unknown[inner.indices[of_entry] == unknown].tolist())
 
 
 def _growth(values: np.ndarray, tearing: Tearing) -> float:
