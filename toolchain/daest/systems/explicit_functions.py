@@ -248,8 +248,8 @@ def _guarded(
 
 
 def _damped_newton(name: str, residual: ca.Function, guess: np.ndarray) -> ca.Function:
-    """(z, p) -> z after 2 ** `DAMPED_DOUBLINGS` Newton steps, each shortened to the half, the quarter, … that leaves the
-    smallest residual."""
+    """(z, p) -> z after 2 ** `DAMPED_DOUBLINGS` Newton steps, each shortened to the half, the quarter, …
+    that leaves the smallest residual."""
     n = guess.size
     z, p = ca.MX.sym("z", n), ca.MX.sym("p", residual.numel_in(1))
     value = residual(z, p)

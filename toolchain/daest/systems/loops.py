@@ -188,7 +188,8 @@ def _solve_loop(
 
 
 def _bent(inner: sp.csr_array, reach: sp.csr_array) -> frozenset[int]:
-    """Columns of a loop in which one of its rows is nonlinear: the coefficient varies with the unknown itself."""
+    """Columns of a loop in which one of its rows is nonlinear: the coefficient varies with the unknown
+    itself."""
     entries = sp.coo_array(reach)
     of_entry, unknown = entries.coords
     return frozenset(unknown[inner.indices[of_entry] == unknown].tolist())
