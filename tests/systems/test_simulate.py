@@ -279,7 +279,8 @@ def test_a_law_that_flattens_out_is_solved_wherever_its_equation_stands():
 def test_a_loop_is_closed_from_a_poor_start(guess):
     b = FlatBuilder("Poor")
     u = b.input("u")
-    x, i = b.unknown("x", start=0.0, fixed=True), b.unknown("i", start=guess)
+    b.unknown("x", start=0.0, fixed=True)
+    i = b.unknown("i", start=guess)
     b.equation("der(x) = i", b.der("x"), i)
     b.equation("u = 4 i + 0.65 tanh(1000 i)", u, 4 * i + 0.65 * ca.tanh(1000 * i))
     b.output("y", i)

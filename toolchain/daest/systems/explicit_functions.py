@@ -22,7 +22,7 @@ NEWTON_TOLERANCE = 1e-11  # of a loop's residual and step, both scaled to the sa
 NEWTON_MISSED, NEWTON_LOST = 1e-8, 1e-6  # residual above which a loop is tried anew, and is called unsolved
 DAMPED_DOUBLINGS, DAMPED_HALVINGS = 5, 10
 # A function whose result is a start only: it is not differentiated, and its code is not written twice.
-UNTOUCHED = {"never_inline": True, "is_diff_in": [False, False], "is_diff_out": [False]}
+UNTOUCHED: Any = {"never_inline": True, "is_diff_in": [False, False], "is_diff_out": [False]}
 ARGUMENTS = ["x", "u", "v", "w", "theta", "t"]
 RESULTS = ["rhs", "variables", "outputs", "rates"]
 
