@@ -9,6 +9,7 @@ from daest.estimation.coordinates import Unknowns, parameter_coordinate
 from daest.estimation.ekf import run_ekf
 from daest.estimation.filter_task import Noise, Start, record
 from daest.estimation.identify_nonlinear import identify_nonlinear
+from daest.estimation.noise_levels import NO_GAIN, SCAN, _searched_logs
 from daest.model.fit import IdentifyOptions
 from daest.systems.local_linear import local_model
 from daest.systems.simulate import simulate
@@ -93,3 +94,17 @@ def test_filter_of_a_smooth_nonlinear_model_predicts_nearly_as_the_fit():
     assert_same_predictions(explicit, experiment, fit, 0.005, 5.0)
     intensity, std = levels_of(fit)
     assert intensity == pytest.approx([0.3], rel=0.3) and std == pytest.approx([0.02], rel=0.1)
+
+
+@pytest.mark.parametrize("reached", [NO_GAIN, 1.0])
+def test_levels_without_a_gain_are_neither_searched_nor_compared(reached, recwarn):
+    asked = []
+
+    def value(logs):
+        asked.append(logs)
+        return reached if len(asked) <= len(SCAN) + 1 else NO_GAIN
+
+    found = _searched_logs(value, 1, 1, 30)
+    assert found == pytest.approx([SCAN[0], 0.0])
+    assert (len(asked) <= len(SCAN) + 1) == (reached == NO_GAIN)
+    assert not recwarn

@@ -25,6 +25,7 @@ from daest.systems.integrate import interval_inputs
 NOISE_EVALUATIONS = 40  # of the simplex search over noise levels in each round
 NOISE_SPREAD = np.log(10.0)  # first step of that search
 STD_SHARE = 0.1  # of that step: a measurement noise shows better than a process noise
+NO_GAIN = 1e300  # stands for the value of levels without a gain; two infinities have no difference
 SCAN = (0.0, -2.3, -4.6, -9.2, -13.8)  # logs of common factors that a search over noise levels tries first
 
 
@@ -109,7 +110,7 @@ def with_gain(
 
     def value(logs: np.ndarray) -> float:
         one = at(logs)
-        return np.inf if one is None else one.value
+        return NO_GAIN if one is None else one.value
 
     best = at(_searched_logs(value, q_free.size, std_free.size, evaluations))
     if best is None:
@@ -185,7 +186,7 @@ def _searched_logs(value: object, n_intensity: int, n_std: int, evaluations: int
         return np.zeros(0)
     scanned = [np.concatenate([np.full(n_intensity, s), np.zeros(n_std)]) for s in SCAN]
     best = min(scanned, key=value)
-    if not evaluations:
+    if not evaluations or value(best) >= NO_GAIN:
         return best
     steps = NOISE_SPREAD * np.diag([1.0] * n_intensity + [STD_SHARE] * n_std)
     options = {
