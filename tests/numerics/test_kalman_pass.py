@@ -63,8 +63,8 @@ def test_stop_is_as_close_to_the_limit_as_it_says(monkeypatch, compiled, slow):
     found = kalman_steps(
         matrices, mode, zeros[:, :1], zeros, zeros[:1].T * np.ones((n, 1)), np.eye(n), stop=stop
     )
-    P = found.after_cov
-    assert found.gain.shape[0] < n_samples
+    assert found.is_stationary and found.gain.shape[0] < n_samples
+    P = found.cov[-1]
     from scipy.linalg import solve_discrete_are
 
     exact = solve_discrete_are(Phi.T, np.ones((n, 1)), 1e-6 * np.eye(n), np.eye(1))
@@ -80,3 +80,21 @@ def test_outputs_without_any_noise_are_told():
         still, np.zeros(5, dtype=np.int64), zeros[:, :1], zeros, zeros[:1].T + np.zeros((3, 1)), np.eye(3)
     )
     assert found.failed == 0
+
+
+@pytest.mark.parametrize("n", [3, 4])
+def test_constant_gain(monkeypatch, n):
+    rng = np.random.default_rng(n)
+    closed, gain, output = (
+        0.3 * rng.standard_normal((n, n)),
+        rng.standard_normal((n, 2)),
+        rng.standard_normal((2, n)),
+    )
+    z, drive, x = rng.standard_normal((300, 2)), rng.standard_normal((300, n)), rng.standard_normal(n)
+    for known in (drive, np.broadcast_to(0.0, drive.shape)):
+        found = kalman_pass.constant_gain(closed, gain, output, z, known, x)
+        with monkeypatch.context() as patch:
+            patch.setattr(kalman_pass, "_library", lambda _: None)
+            expected = kalman_pass.constant_gain(closed, gain, output, z, known, x)
+        for one, other in zip(found, expected, strict=True):
+            assert np.allclose(one, other, rtol=0, atol=1e-12)

@@ -48,15 +48,14 @@ from daest.model.estimates import (
 from daest.model.experiment import Experiment
 from daest.model.linear import DiscreteModel
 from daest.numerics.gaussian import CHUNK, FREE_TOLERANCE, undetermined
-from daest.numerics.kalman_pass import KalmanSteps, StepMatrices, Stop, kalman_steps
-from daest.numerics.recursions import linear_recursion
+from daest.numerics.kalman_pass import KalmanSteps, StepMatrices, Stop, constant_gain, kalman_steps
 from daest.numerics.riccati import predictor_gain, unobservable_subspace
 
 # Distance to the stationary covariance, in standard deviations, that ends a transient.
 COVARIANCE_TOLERANCE = 1e-11
 SENSITIVITY_FLOOR = 1e-20  # of A, relative to the scale of a state: the initial state is forgotten
 SETTLING = 1000  # samples after which the Riccati equation is asked where a covariance has not settled
-CHUNK_NUMBERS = 4_000_000  # of covariances in a block of steps: 32 MB
+CHUNK_NUMBERS = 1 << 26  # of covariances in a block of steps: 512 MB, of which only those used are touched
 GAIN_BLOCK = 4096  # samples whose gains are compared with the stationary one at a time
 STEADY_SHARE = 0.01  # distance of the gain to the stationary gain that counts as steady
 
@@ -262,10 +261,12 @@ def _forward_pass(modes: Modes, z: np.ndarray, drive: np.ndarray, start: _Start,
     k, M, P = 0, np.column_stack([start.mean, start.sensitivity]), start.cov
     while k < n_samples:
         end = int(plan.run_end[k])
-        target = plan.target(k, P) if end - k >= LONG_RUN else None
+        is_long = end - k >= LONG_RUN or plan.is_last_stationary
+        target = plan.target(k, P) if is_long else None
         if target is not None:
             M = _stationary_phase(recorder, plan, z, drive, k, end, M, target, start.scale)
             P, k = target.predicted_cov, end
+            plan.is_last_stationary = False
         else:
             k, M, P = _transient(recorder, plan, z, drive, k, M, P)
         if M.shape[1] > 1 and _is_forgotten(M[:, 1:], start.scale):
@@ -292,13 +293,12 @@ class _Plan:
         self._patience = SETTLING
         if len(modes.present) == 1 and start.stationary is not None:
             self._known[0] = start.stationary
-        self.has_settled = False
+        self.is_last_stationary = False  # the last sample that was done, of the run that goes on
 
     def target(self, k: int, P: np.ndarray) -> StationaryFilter | None:
         """The stationary filter from sample k on, if P is its covariance."""
         mode = int(self.modes.index[k])
-        if self.has_settled:
-            self.has_settled = False
+        if self.is_last_stationary:
             return _filter_at(self.modes, mode, P)
         if mode not in self._known and self._patience <= 0:
             self._known[mode] = try_stationary_filter(mode_model(self.modes, mode))
@@ -314,10 +314,10 @@ class _Plan:
             targets[m] = self._known[int(m)].predicted_cov  # type: ignore[union-attr]
         return Stop(COVARIANCE_TOLERANCE, self.begins_long[begin:end], targets, known)
 
-    def hear(self, count: int, stopped: bool, mode: int) -> None:
-        """That `count` steps were done, and whether they stopped before a stationary sample of the mode."""
+    def hear(self, count: int, is_stationary: bool) -> None:
+        """That `count` steps were done, and whether the last was stationary."""
         self._patience -= count
-        self.has_settled = stopped and self._known.get(mode) is None
+        self.is_last_stationary = is_stationary
 
 
 def _filter_at(modes: Modes, mode: int, P: np.ndarray) -> StationaryFilter:
@@ -356,26 +356,20 @@ def _stationary_phase(
 ) -> np.ndarray:
     """Samples begin … end - 1 with a constant gain; returns [m A] at `end`."""
     modes, mode = plan.modes, int(plan.modes.index[begin])
-    total = z[begin:end] @ target.gain.T
-    total += drive[begin:end]
-    states = linear_recursion(target.closed_loop, total, M[:, 0])
-    recorder.predicted[begin:end] = states[:-1]
-    np.subtract(z[begin:end], states[:-1] @ modes.output[mode].T, out=recorder.innovations[begin:end])
-    one = slice(begin, begin + 1)
-    steps = kalman_steps(
-        plan.matrices,
-        modes.index[one],
-        z[one],
-        drive[one],
-        M[:, :1],
-        target.predicted_cov,
-        details=plan.details,
+    block = slice(begin, end)
+    recorder.predicted[block], recorder.innovations[block], after = constant_gain(
+        target.closed_loop, target.gain, modes.output[mode], z[block], drive[block], M[:, 0]
     )
-    recorder.add(steps, np.array([mode]), begin, end - begin)
+    if plan.is_last_stationary:
+        recorder.index[block] = recorder.n_distinct - 1
+    else:
+        one = slice(begin, begin + 1)
+        now = (plan.matrices, modes.index[one], z[one], drive[one], M[:, :1], target.predicted_cov)
+        recorder.add(kalman_steps(*now, details=plan.details), np.array([mode]), begin, end - begin)
     if recorder.stationary_from is None:
-        recorder.stationary_from = begin
+        recorder.stationary_from = begin - plan.is_last_stationary
     A = _decay(recorder, target.closed_loop, M[:, 1:], end - begin, scale)
-    return np.column_stack([states[-1], A])
+    return np.column_stack([after, A])
 
 
 def _decay(
@@ -429,7 +423,7 @@ def _transient(
     recorder.add(steps, index[done], begin, count)
     if columns > 1:
         recorder.sensitivity.append(steps.sensitivity)
-    plan.hear(count, begin + count < end, int(index[begin + count - 1]))
+    plan.hear(count, steps.is_stationary)
     return begin + count, steps.after, steps.after_cov
 
 

@@ -14,7 +14,7 @@
 #define INLINE static inline
 #endif
 
-enum { BLAS_FROM = 16, BLOCK = 96, WINDOW = 16 };
+enum { BLAS_FROM = 16, BLOCK = 48, WINDOW = 16 };
 
 typedef void gemm_t(char *, char *, int *, int *, int *, double *, double *, int *, double *, int *, double *,
                     double *, int *);
@@ -180,6 +180,7 @@ INLINE long run(const long n, const model_t *g, long n_samples, const long long 
     double *St = RKt + n_y * n, *Mt = St + n_y * n, *next = Mt + columns * n, *seen = next + columns * n;
     double *L = seen + columns * n_y, *inverse = L + n_y * n_y;
     settling_t settling = {0, 0.0, 0.0};
+    const long asked = n_samples;
     long latest = -1;
     transposed(columns, n, M, Mt);
     for (long k = 0; k < n_samples; k++) {
@@ -245,7 +246,7 @@ INLINE long run(const long n, const model_t *g, long n_samples, const long long 
         if (!isfinite(after[0])) return -1 - k;
 
         int is_steady = 0;
-        if (k + 1 < n_samples && mode[k + 1] == m && long_after[k + 1]) {
+        if (k + 1 < n_samples && n_samples == asked && mode[k + 1] == m && long_after[k + 1]) {
             if (has_target[m])
                 is_steady = distance(n, after, target + m * n * n, rest) <= limit;
             else
@@ -255,17 +256,46 @@ INLINE long run(const long n, const model_t *g, long n_samples, const long long 
             settling.now = settling.before = 0.0;
         }
         memcpy(P, after, n * n * sizeof(double));
-        if (is_steady) {
-            transposed(n, columns, Mt, M);
-            return k + 1;
-        }
+        if (is_steady) n_samples = k + 2;
     }
     transposed(n, columns, Mt, M);
     return n_samples;
 }
 
+/* The predictor with a constant gain K: x <- F x + K z + drive with F = Phi - K C; x is that after the samples. */
+INLINE void constant(const long n, long n_y, long n_samples, const double *F, const double *K, const double *C,
+                     const double *z, const double *drive, double *x, double *predicted, double *nu)
+{
+    for (long k = 0; k < n_samples; k++) {
+        double *now = predicted + k * n;
+        for (long i = 0; i < n; i++) now[i] = x[i];
+        for (long y = 0; y < n_y; y++) {
+            double sum = z[k * n_y + y];
+            for (long i = 0; i < n; i++) sum -= C[y * n + i] * now[i];
+            nu[k * n_y + y] = sum;
+        }
+        for (long i = 0; i < n; i++) {
+            double sum = drive ? drive[k * n + i] : 0.0;
+            for (long j = 0; j < n; j++) sum += F[i * n + j] * now[j];
+            for (long y = 0; y < n_y; y++) sum += K[i * n_y + y] * z[k * n_y + y];
+            x[i] = sum;
+        }
+    }
+}
+
+void daest_constant(long n, long n_y, long n_samples, const double *F, const double *K, const double *C, const double *z,
+                    const double *drive, double *x, double *predicted, double *nu)
+{
+#define CONSTANT_GAIN(N, Y) constant(N, Y, n_samples, F, K, C, z, drive, x, predicted, nu)
+#ifdef CONSTANT
+    if (n == CONSTANT && n_y == 1) { CONSTANT_GAIN(CONSTANT, 1); return; }
+    if (n == CONSTANT && n_y == 2) { CONSTANT_GAIN(CONSTANT, 2); return; }
+#endif
+    CONSTANT_GAIN(n, n_y);
+}
+
 /* Filter samples 0 … n_samples - 1 from [m A] (n, columns) and P, which are those after them in the end. Stops
-   before a sample whose covariance is stationary to `limit`, in standard deviations: that of `target` where the
+   after the first sample whose covariance is stationary to `limit`, in standard deviations: that of `target` where the
    mode has one, else the limit of the sequence. `long_after`: samples that begin enough others of their mode.
    Results by sample: predicted (n), nu (n_y), A (n, columns - 1), S, white = L^-1, gain (n, n_y), and unless NULL
    cov, and filter_gain (n + n_w, n_y) and filtered_cov of (x, w). Returns the number of samples done, and -1 - k

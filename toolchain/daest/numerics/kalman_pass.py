@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import platform
 from dataclasses import dataclass
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from daest.errors import FmuError
 from daest.numerics.compiler import build_shared
+from daest.numerics.recursions import linear_recursion
 
 # A compiled step with these numbers of states has loops of constant length: the common small models.
 CONSTANT = (4,)
+MOST_LOOPED = 16  # states; products over blocks of samples are faster above
 WINDOW = 16  # changes of the covariance that tell how fast they die out, as in kalman.c
 
 
@@ -37,7 +41,7 @@ class StepMatrices:
 
 @dataclass(frozen=True)
 class Stop:
-    """Where a pass ends early: before a sample whose covariance is stationary to `limit`, in standard
+    """Where a pass ends early: after the first sample whose covariance is stationary to `limit`, in standard
     deviations.
 
     `after` (n_samples,) bool tells which samples begin enough others of their mode. `targets` (n_modes, n, n)
@@ -57,7 +61,7 @@ class KalmanSteps:
     (n, n_columns - 1) of the prediction to the start, S, L⁻¹ of S = L Lᵀ, gain (n, n_y); with details also
     the covariance (n, n) of the prediction, and gain (n + n_w, n_y) and covariance of (x, w̄) after the
     outputs. `after` (n, n_columns) and `after_cov` are the prediction that follows. `failed`: the sample
-    whose S has no root."""
+    whose S has no root; `is_stationary`: the last sample ended the pass."""
 
     predicted: np.ndarray
     innovations: np.ndarray
@@ -71,6 +75,7 @@ class KalmanSteps:
     after: np.ndarray
     after_cov: np.ndarray
     failed: int | None = None
+    is_stationary: bool = False
 
 
 def kalman_steps(
@@ -103,7 +108,8 @@ def kalman_steps(
     count = done if failed is None else failed
     one, two, three, four, five, six, *rest = (part[:count] for part in results)
     seven, eight, nine = rest if details else (None, None, None)
-    return KalmanSteps(one, two, three, four, five, six, seven, eight, nine, after, after_cov, failed)
+    rest_of = (after, after_cov, failed, 0 <= done < n_samples)
+    return KalmanSteps(one, two, three, four, five, six, seven, eight, nine, *rest_of)
 
 
 def _compiled(
@@ -148,7 +154,7 @@ def _interpreted(
     stop: Stop,
 ) -> int:
     predicted, innovations, sensitivity, S_all, white_all, gain_all, *details = results
-    settling = _Settling(stop.limit)
+    settling, is_steady = _Settling(stop.limit), False
     for k, m in enumerate(mode):
         Phi, C, Q, S12, R, *_ = (part[m] for part in vars(matrices).values())
         predicted[k], sensitivity[k] = start[:, 0], start[:, 1:]
@@ -172,7 +178,9 @@ def _interpreted(
         following = (following + following.T) / 2
         if not np.all(np.isfinite(following)):
             return -1 - k
-        is_steady = False
+        if is_steady:
+            cov[:] = following
+            return k + 1
         if k + 1 < len(mode) and mode[k + 1] == m and stop.after[k + 1]:
             has_target = bool(stop.known[m]) if stop.known.size else False
             other = stop.targets[m] if has_target else cov
@@ -181,9 +189,36 @@ def _interpreted(
         else:
             settling = _Settling(stop.limit)
         cov[:] = following
-        if is_steady:
-            return k + 1
     return len(mode)
+
+
+def constant_gain(
+    closed: np.ndarray,
+    gain: np.ndarray,
+    output: np.ndarray,
+    z: np.ndarray,
+    drive: np.ndarray,
+    start: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Predictions (n_samples, n), innovations (n_samples, n_y) and the state after them of the predictor
+    x ← closed x + gain z + drive, closed = Φ - K C."""
+    (n_samples, n_y), n = z.shape, start.size
+    library = _library(n) if n <= MOST_LOOPED else None
+    if library is None:
+        total = z @ gain.T
+        total += drive
+        states = linear_recursion(closed, total, start)
+        return states[:-1], z - states[:-1] @ output.T, states[-1]
+    predicted, innovations = np.empty((n_samples, n)), np.empty((n_samples, n_y))
+    is_driven = any(drive.strides) or bool(np.any(drive[:1]))
+    signals = [np.ascontiguousarray(z), np.ascontiguousarray(drive) if is_driven else None]
+    after = np.array(start, dtype=float)
+    parts = [np.ascontiguousarray(part, dtype=float) for part in (closed, gain, output)]
+    library.daest_constant(
+        *map(ctypes.c_long, (n, n_y, n_samples)),
+        *map(_pointer, (*parts, *signals, after, predicted, innovations)),
+    )
+    return predicted, innovations, after
 
 
 def _filtered(
@@ -237,7 +272,7 @@ class _Settling:
 def _library(n: int) -> ctypes.CDLL | None:
     """The compiled steps; None without a C compiler."""
     source = resources.files("daest.numerics").joinpath("kalman.c").read_text(encoding="utf-8")
-    flags = ("-O3", *((f"-DCONSTANT={n}",) if n in CONSTANT else ()))
+    flags = ("-O3", *_processor_flags(), *((f"-DCONSTANT={n}",) if n in CONSTANT else ()))
     try:
         library = ctypes.CDLL(str(build_shared(source, "kalman", flags)))
     except FmuError as error:
@@ -245,7 +280,19 @@ def _library(n: int) -> ctypes.CDLL | None:
             raise
         return None
     library.daest_kalman.restype = ctypes.c_long
+    library.daest_constant.restype = None
     return library
+
+
+@functools.lru_cache(maxsize=1)
+def _processor_flags() -> tuple[str, ...]:
+    """Wide instructions where this processor tells that it has them; libraries are kept by their flags."""
+    try:
+        told = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ()
+    words = set(told.split())
+    return ("-mavx2", "-mfma") if platform.machine() == "x86_64" and {"avx2", "fma"} <= words else ()
 
 
 @functools.lru_cache(maxsize=1)
