@@ -142,7 +142,7 @@ def test_all_requests_together_have_a_limit_and_are_told_of(tmp_path, monkeypatc
     monkeypatch.setattr(runner_module.listeners, "tell", heard.append)
     with pytest.raises(FmuError) as caught:
         simulated(path, Limits(total=1.0))
-    assert caught.value.code == "fmu-too-long" and "simulated" in caught.value.what
+    assert caught.value.code == "fmu-too-long"
     assert heard and re.fullmatch(r"ball\.fmu has worked \d s, on 1 requests", heard[0])
 
 

@@ -579,6 +579,11 @@ EXPLANATIONS: dict[str, str] = {
     "fmu-platform-unknown": (
         "FMUs are compiled for linux64, win64, darwin64, linux-arm64, win-arm64 and darwin-arm64."
     ),
+    "fmu-sandbox": (
+        "DAEST_FMU_SANDBOX says how an FMU, which is foreign code, is confined: `on` (the default) as far "
+        "as the operating system can, `off` not at all, `require` so that no FMU runs where it cannot be "
+        "confined. daest check tells what holds."
+    ),
     "fmu-scheduled-only": (
         "The FMU offers Scheduled Execution alone, which has no continuous time. Export it for Model "
         "Exchange."

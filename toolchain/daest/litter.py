@@ -38,9 +38,20 @@ for line in sys.stdin:
         known[kind, what] = None
     else:
         known.pop((kind, what), None)
+def end_marked(mark):
+    for name in os.listdir("/proc") if os.path.isdir("/proc") else ():
+        try:
+            with open(f"/proc/{name}/environ", "rb") as found:
+                if name.isdigit() and int(name) != os.getpid() and mark.encode() in found.read():
+                    os.kill(int(name), signal.SIGKILL)
+        except OSError:
+            pass
 for kind, what in reversed(list(known)):
     try:
-        if kind == "group":
+        if kind == "marked":
+            end_marked(what)
+            end_marked(what)
+        elif kind == "group":
             os.killpg(what, signal.SIGKILL)
         elif os.path.isdir(what) and not os.path.islink(what):
             shutil.rmtree(what, ignore_errors=True)
@@ -71,6 +82,13 @@ def ended_at_death(group: int) -> Iterator[None]:
         yield
     finally:
         _tell(False, "group", group)
+
+
+def follow_folder(folder: Path, is_there: bool) -> None:
+    """From now on (or no longer) the folder is removed when this process dies, and the processes are ended
+    whose environment names it."""
+    _tell(is_there, "path", os.path.abspath(folder))
+    _tell(is_there, "marked", os.path.abspath(folder))
 
 
 def removed_at_the_end(path: Path) -> None:
@@ -139,7 +157,7 @@ _lock = threading.Lock()
 _pipe: tuple[int, int] | None = None  # this process, and the end of the pipe that it writes to
 
 
-def _tell(is_there: bool, kind: Literal["path", "group"], what: str | int) -> None:
+def _tell(is_there: bool, kind: Literal["path", "group", "marked"], what: str | int) -> None:
     if not hasattr(os, "posix_spawn"):
         return
     line = json.dumps([is_there, kind, what]).encode() + b"\n"

@@ -16,9 +16,9 @@ import threading
 import time
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 
@@ -27,7 +27,9 @@ from daest.fmu.archive import open_archive
 from daest.fmu.drive import Drive
 from daest.fmu.engine import Followed, Plan
 from daest.fmu.instance import Binary
+from daest.fmu.sandbox import VARIABLE, Walls, chosen_mode, end_marked, scrubbed
 from daest.fmu.wire import read_message, write_message
+from daest.litter import follow_folder
 from daest.model.fmu import FmuModel
 from daest.numerics.compiler import native_platform
 
@@ -377,6 +379,7 @@ class _Heard:
     stage: str = "was loaded"
     time: float | None = None
     is_there: bool = False
+    walls: Walls = field(default_factory=Walls)
     replies: queue.SimpleQueue = field(default_factory=queue.SimpleQueue)
 
     def doing(self) -> str:
@@ -406,26 +409,30 @@ class _Process:
 
     def __init__(self, model: FmuModel, limits: Limits, busy: Busy) -> None:
         self._model, self._limits, self._busy = model, limits, busy
+        self._mode = chosen_mode()
         self._folder = tempfile.TemporaryDirectory(prefix="daest-fmu-", ignore_cleanup_errors=True)
         root = Path(self._folder.name)
-        self._log = root / "printed.log"
+        follow_folder(root, True)
         try:
             binary = unpacked_binary(model, root / "fmu")
-            environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
-                           "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}  # fmt: skip
+            log = root / "printed.log"
+            self._log = log.open("w+b")  # kept open: the FMU may put something else in its place
+            more = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1",
+                    "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}  # fmt: skip
             self._child = subprocess.Popen(
-                [sys.executable, "-m", "daest.fmu.worker", str(self._log)],
+                [sys.executable, "-m", "daest.fmu.worker", str(log)],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-                cwd=root, env=environment, start_new_session=True,
+                cwd=root, env=scrubbed(root, more), start_new_session=True,
             )  # fmt: skip
         except BaseException:
             self._folder.cleanup()
+            follow_folder(root, False)
             raise
-        self._close = weakref.finalize(self, _end, self._child, self._folder)
         self._heard = _Heard()
+        self._close = weakref.finalize(self, _end, self._child, self._folder, self._log, self._heard)
         threading.Thread(target=_listen, args=(self._child.stdout, self._heard.replies), daemon=True).start()
         opening = {"binary": asdict(binary), "memory": limits.memory, "written": limits.written}
-        self._write(opening, {})
+        self._write({**opening, "sandbox": self._mode}, {})
 
     def close(self) -> None:
         self._close()
@@ -451,7 +458,9 @@ class _Process:
                 raise self._died()
             told, tables = reply
             self._heard.is_there = True
-            if told["kind"] == "beat":
+            if told["kind"] == "walls":
+                self._built(told)
+            elif told["kind"] == "beat":
                 deadline = time.monotonic() + self._limits.seconds
             elif told["kind"] == "alive":
                 deadline = time.monotonic() + self._limits.seconds
@@ -466,6 +475,18 @@ class _Process:
         with contextlib.suppress(BrokenPipeError):  # its end is told where the reply is awaited
             write_message(self._child.stdin, header, arrays)  # type: ignore[arg-type]
 
+    def _built(self, told: Mapping[str, Any]) -> None:
+        """The walls stand before the FMU is loaded. Raises FmuError `fmu-sandbox` where some are missing and
+        all are wanted."""
+        self._heard.walls = Walls(**{f.name: told[f.name] is True for f in fields(Walls)})
+        if self._mode == "require" and not self._heard.walls.are_whole:
+            raise FmuError(
+                "fmu-sandbox",
+                f"{VARIABLE} asks for all walls around an FMU; here {self._heard.walls.sentence()}.",
+                where=str(self._model.path),
+                remedy=f"Use a newer Linux, or leave {VARIABLE} out if the FMU is trusted.",
+            )
+
     # --------------------------------------------------------------------------------------- endings
 
     def _refused(self, what: str) -> FmuError:
@@ -477,7 +498,10 @@ class _Process:
                 remedy="It may need a library that is missing here; export the FMU for this platform again.",
             )
         if what.startswith("instantiate"):
-            remedy = "It may need a licence, or files of the tool that wrote it: export it to run without."
+            remedy = (
+                "It may need a licence, a network or files of the tool that wrote it: export it to run "
+                f"without, or set {VARIABLE}=off if it is trusted."
+            )
             return FmuError(
                 "fmu-call-failed", f"The FMU refused {what}.", where=str(self._model.path), remedy=remedy
             )
@@ -575,28 +599,30 @@ def _children_peak() -> int:
     return 0
 
 
-def _tail(path: Path) -> str:
+def _tail(stream: BinaryIO) -> str:
     try:
-        with path.open("rb") as stream:
-            stream.seek(max(0, path.stat().st_size - SHOWN_LOG))
-            text = stream.read().decode("utf-8", "replace")
-    except OSError:
+        stream.seek(max(0, os.fstat(stream.fileno()).st_size - SHOWN_LOG))
+        text = stream.read(SHOWN_LOG).decode("utf-8", "replace")
+    except (OSError, ValueError):
         return ""
     words = " ".join("".join(c if c.isprintable() else " " for c in text).split())
     return words[-SHOWN_LOG:]
 
 
-def _end(child: subprocess.Popen, folder: tempfile.TemporaryDirectory) -> None:
+def _end(child: subprocess.Popen, folder: tempfile.TemporaryDirectory, log: BinaryIO, heard: _Heard) -> None:
     """Kill the worker and what it may have started, and remove the folder."""
     with contextlib.suppress(OSError, AttributeError):
         os.killpg(child.pid, signal.SIGKILL)
     with contextlib.suppress(OSError):
         child.kill()
     child.wait()
-    for stream in (child.stdin, child.stdout):
+    if not heard.walls.processes:
+        end_marked(folder.name)
+    for stream in (child.stdin, child.stdout, log):
         with contextlib.suppress(OSError, AttributeError):
             stream.close()  # type: ignore[union-attr]
     folder.cleanup()
+    follow_folder(Path(folder.name), False)
 
 
 # ------------------------------------------------------------------------------------------------- unpacking

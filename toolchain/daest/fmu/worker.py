@@ -13,6 +13,8 @@ import sys
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -21,6 +23,7 @@ from daest.fmu.drive import Drive
 from daest.fmu.engine import Followed, Plan, follow
 from daest.fmu.instance import CALLS, Binary, Instance, Log, Refusal
 from daest.fmu.laws import Law
+from daest.fmu.sandbox import Walls, confine
 from daest.fmu.trajectory import Recorded, Stopped, run
 from daest.fmu.wire import read_message, write_message
 
@@ -40,6 +43,7 @@ def main() -> None:
     requests, replies = _private_streams(sys.argv[1])
     opening, _ = read_message(requests)
     _limit(opening["memory"], opening["written"])
+    write_message(replies, {"kind": "walls", **asdict(_walls(opening["sandbox"]))})
     session = Session(
         Binary(**{**opening["binary"], "states": tuple(opening["binary"]["states"])}),
         opening["written"],
@@ -53,6 +57,14 @@ def main() -> None:
         os._exit(0)  # without the FMU's own code that runs at exit
     except OSError:  # the pipes are gone
         os._exit(CUT_STATUS)
+
+
+def _walls(mode: str) -> Walls:
+    """Confine this process to its folder, once all is there that starts programs or makes threads."""
+    import fmpy.fmi2
+    import fmpy.fmi3  # noqa: F401 - what takes time here is none of the FMU's
+
+    return Walls() if mode == "off" else confine(Path.cwd())
 
 
 def _private_streams(log: str) -> tuple[BinaryIO, BinaryIO]:
@@ -142,9 +154,6 @@ class Session:
 
     def _loaded(self) -> Instance:
         if self._instance is None:
-            import fmpy.fmi2
-            import fmpy.fmi3  # noqa: F401 - what takes time here is none of the FMU's
-
             self._stage("was loaded")
             self._instance = Instance(self._binary, self._log)
         return self._instance
