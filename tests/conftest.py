@@ -15,6 +15,77 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 os.environ["DAEST_JOBS"] = "1"
 
 
+# `pytest -m quick`: rooms and files whose tests take milliseconds, for the minute between two edits.
+QUICK = (
+    "cli/test_check_command",
+    "cli/test_connected_units",
+    "cli/test_export_command",
+    "cli/test_frame",
+    "cli/test_init",
+    "cli/test_linear_commands",
+    "cli/test_progress",
+    "cli/test_recordings",
+    "cli/test_simulate_command",
+    "data",
+    "diagnosis/test_disturbance",
+    "diagnosis/test_error_dynamics",
+    "diagnosis/test_loads",
+    "diagnosis/test_verdict",
+    "effects/test_learned_loads",
+    "effects/test_sites",
+    "estimation/test_arx",
+    "estimation/test_ekf",
+    "estimation/test_filter",
+    "estimation/test_fitted",
+    "estimation/test_jumps",
+    "estimation/test_kalman",
+    "estimation/test_large_filter",
+    "estimation/test_likelihood",
+    "estimation/test_nonlinear_bad_input",
+    "estimation/test_observer",
+    "estimation/test_search",
+    "estimation/test_smoother",
+    "estimation/test_trajectories",
+    "estimation/test_ukf",
+    "fmu/test_export",
+    "fmu/test_load",
+    "fmu/test_platforms",
+    "fmu/test_serialization",
+    "fmu/test_units",
+    "library",
+    "modelica",
+    "numerics",
+    "report/test_check_text",
+    "report/test_documents_linear",
+    "report/test_schema",
+    "report/test_texts_and_figures",
+    "systems",
+    "test_errors",
+    "test_house",
+    "test_public_names",
+    "test_quantities",
+)
+NOT_QUICK = ("data/test_check", "data/test_fuzz", "modelica/test_fuzz", "numerics/test_parallel")
+
+
+def is_quick(file: Path) -> bool:
+    name = file.relative_to(Path(__file__).resolve().parent).with_suffix("").as_posix()
+    return (name in QUICK or name.partition("/")[0] in QUICK) and name not in NOT_QUICK
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """`-m quick` does not even import the other files."""
+    is_other = collection_path.name.startswith("test_") and not is_quick(collection_path)
+    return True if config.option.markexpr == "quick" and is_other else None
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the quick tests: those of quick files that are not slow."""
+    for item in items:
+        if is_quick(item.path) and item.get_closest_marker("slow") is None:
+            item.add_marker(pytest.mark.quick)
+
+
 @pytest.fixture(autouse=True)
 def no_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     """Text as wide as in a pipe: pytest tells its worker processes the width of its own terminal."""

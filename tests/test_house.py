@@ -12,6 +12,7 @@ import daest
 
 PACKAGE = Path(daest.__file__).parent
 ROOT = Path(__file__).resolve().parents[1]
+TESTS = Path(__file__).resolve().parent
 
 # From the ground up. Rooms on one floor do not know each other.
 FLOORS = (
@@ -130,3 +131,10 @@ def _reached(arrows: dict[str, set[str]], start: str) -> set[str]:
             seen.add(name)
             waiting.extend(arrows.get(name, ()))
     return seen
+
+
+def test_quick_files_are_there(request):
+    """A file that is renamed does not leave the quick tests unseen."""
+    conftest = request.config.pluginmanager.get_plugin(str(TESTS / "conftest.py"))
+    for name in (*conftest.QUICK, *conftest.NOT_QUICK):
+        assert (TESTS / name).is_dir() or (TESTS / f"{name}.py").is_file(), name

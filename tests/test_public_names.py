@@ -1,8 +1,10 @@
 """`import daest`: every public name exists and is documented, and nothing is loaded before it is used."""
 
+import ast
 import inspect
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -19,6 +21,14 @@ def test_public_name_is_documented(name):
     assert text and len(text.split()) >= 5
     # The words that dataclasses write by themselves are no documentation.
     assert not text.startswith(f"{name}(")
+
+
+def test_editors_know_the_types_of_all_names():
+    stub = ast.parse((Path(daest.__file__).parent / "__init__.pyi").read_text(encoding="utf-8"))
+    imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
+    told = {alias.asname: (node.module, alias.name) for node in imports for alias in node.names}
+    assert told == {name: (module, name) for name, module in daest._PUBLIC.items()}
+    assert (Path(daest.__file__).parent / "py.typed").is_file()
 
 
 def test_import_loads_nothing_numerical():

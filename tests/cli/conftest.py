@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
-from lag_data import LAG, recording, write_csv
+from lag_data import write_lag
 
 from daest.cli.main import run
 from daest.cli.schema import schema_of
@@ -32,9 +32,7 @@ def closed(schema: Any) -> Any:
 def folder(tmp_path, monkeypatch) -> Path:
     """The current folder, with Lag.mo, run1.csv and run2.csv."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "Lag.mo").write_text(LAG)
-    write_csv(tmp_path / "run1.csv", *recording(400, 1))
-    write_csv(tmp_path / "run2.csv", *recording(300, 2))
+    write_lag(tmp_path)
     return tmp_path
 
 

@@ -39,6 +39,13 @@ def recording(n_samples: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.nda
     return time, u, x + NOISE * rng.standard_normal(n_samples)
 
 
+def write_lag(folder: Path) -> None:
+    """Lag.mo, run1.csv and run2.csv."""
+    (folder / "Lag.mo").write_text(LAG)
+    write_csv(folder / "run1.csv", *recording(400, 1))
+    write_csv(folder / "run2.csv", *recording(300, 2))
+
+
 def write_csv(path: Path, time: np.ndarray, u: np.ndarray, y: np.ndarray, header: str = "time,u,y") -> Path:
     lines = [header, *(f"{a:.6g},{b:.9g},{c:.9g}" for a, b, c in zip(time, u, y, strict=True))]
     path.write_text("\n".join(lines) + "\n")

@@ -104,7 +104,7 @@ SHOWN = [
 ]
 
 
-@pytest.mark.parametrize("width", [60, 200])
+@pytest.mark.parametrize("width", [60, pytest.param(200, marks=pytest.mark.slow)])
 def test_text_fits_the_terminal(servo, daest, monkeypatch, width):
     monkeypatch.setenv("COLUMNS", str(width))
     for arguments in SHOWN:

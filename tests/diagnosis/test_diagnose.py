@@ -37,7 +37,9 @@ def accepted(found):
     return {p.candidate.effect.name for p in found.proofs if p.verdict != "rejected"}
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(
+    "seed", [1, pytest.param(2, marks=pytest.mark.slow), pytest.param(3, marks=pytest.mark.slow)]
+)
 def test_nothing_is_found_where_nothing_is_missing(seed):
     found = diagnosed(rotor_record(1000, seed=seed)[0])
     assert found.verdict == "nothing missing" and not accepted(found)

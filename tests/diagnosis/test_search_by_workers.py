@@ -71,6 +71,7 @@ class KillsAWorker:
             os.kill(self.killed, signal.SIGKILL)
 
 
+@pytest.mark.slow  # a worker that is killed: tests/numerics/test_parallel.py; equal bits: the test above
 @pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
 def test_a_cluster_that_loses_a_worker_finds_the_same_to_the_last_bit(alone):
     distributed = pytest.importorskip("distributed")

@@ -240,8 +240,15 @@ def test_interpreted_projection_gives_the_same():
     assert np.allclose(runs[0].sensitivities, runs[1].sensitivities, atol=1e-5)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("smooth", [False, True])
+# The smoother of the particle filter runs it.
+TURNS = [
+    pytest.param(smooth, kind, marks=pytest.mark.slow if (smooth, kind) == (False, "particle") else ())
+    for smooth in (False, True)
+    for kind in KINDS
+]
+
+
+@pytest.mark.parametrize(("smooth", "kind"), TURNS)
 def test_pendulum_is_filtered_through_full_turns(kind, smooth):
     _, chosen, _ = pendulum()
     time, u, angle = full_turns()

@@ -1,0 +1,45 @@
+"""The public names for editors and type checkers; at run time each is imported when it is first used."""
+
+from daest.data.check import check_experiment as check_experiment
+from daest.data.prepare import resample as resample
+from daest.data.project import load_project as load_project
+from daest.data.read import Signal as Signal
+from daest.data.read import read_experiments as read_experiments
+from daest.diagnosis.compare import compare_models as compare_models
+from daest.diagnosis.diagnose import diagnose as diagnose
+from daest.diagnosis.improve import improve as improve
+from daest.diagnosis.trial import Candidate as Candidate
+from daest.errors import DaestError as DaestError
+from daest.estimation.filter import run_filter as run_filter
+from daest.estimation.fitted import fitted_model as fitted_model
+from daest.estimation.identify import identify as identify
+from daest.fmu.export import export_fmu as export_fmu
+from daest.fmu.linearize import linearize_fmu as linearize_fmu
+from daest.fmu.load import load_fmu as load_fmu
+from daest.fmu.load import symbolic_model as symbolic_model
+from daest.model.estimates import InitialState as InitialState
+from daest.model.experiment import Experiment as Experiment
+from daest.model.fit import IdentifyOptions as IdentifyOptions
+from daest.model.prior import Prior as Prior
+from daest.modelica.attach import attach as attach
+from daest.modelica.change import declare as declare
+from daest.modelica.change import with_values as with_values
+from daest.modelica.compile import compile_model as compile_model
+from daest.modelica.effects import effect_library as effect_library
+from daest.modelica.effects import find_effect as find_effect
+from daest.modelica.extend import extend_model as extend_model
+from daest.systems.initialize import initial_point as initial_point
+from daest.systems.linearize import linear_dae_function as linear_dae_function
+from daest.systems.linearize import linearize as linearize
+from daest.systems.noise import noise_report as noise_report
+from daest.systems.reduce import reduce_index as reduce_index
+from daest.systems.sample import sample as sample
+from daest.systems.simulate import simulate as simulate
+from daest.systems.split import split as split
+from daest.systems.state_space import state_space as state_space
+from daest.systems.state_space import state_space_family as state_space_family
+from daest.systems.transfer import poles as poles
+from daest.systems.transfer import transfer_functions as transfer_functions
+
+__version__: str
+__all__: list[str]
