@@ -193,32 +193,32 @@ def schemas() -> str:
     ]
     for name in schema_names():
         schema = schema_of(name)
-        rows = [(f"`{key}`", kind(entry)) for key, entry in schema["properties"].items()]
+        definitions = schema["$defs"]
+        rows = [(f"`{key}`", kind(entry, definitions)) for key, entry in schema["properties"].items()]
         lines += [f"## {name}", "", f"{escaped(schema['title'])} ([schema](schemas/{name}.json)).", ""]
         lines += [*table(("key", "holds"), rows), ""]
     return "\n".join(lines)
 
 
-def kind(entry: Mapping[str, Any]) -> str:
-    """A schema's entry in a few words."""
+def kind(entry: Mapping[str, Any], definitions: Mapping[str, Any]) -> str:
+    """A schema's entry in a few words; `definitions` are those that it may refer to."""
+    if "$ref" in entry:
+        return kind(definitions[str(entry["$ref"]).rpartition("/")[2]], definitions)
     if "const" in entry:
         return f"`{json.dumps(entry['const'])}`"
     if "enum" in entry:
         return ", ".join(f"`{json.dumps(value)}`" for value in entry["enum"])
-    for several in ("oneOf", "anyOf"):
-        if several in entry:
-            return " or ".join(dict.fromkeys(kind(each) for each in entry[several]))
-    if "$ref" in entry:
-        return str(entry["$ref"]).rpartition("/")[2]
+    if "anyOf" in entry:
+        return " or ".join(dict.fromkeys(kind(each, definitions) for each in entry["anyOf"]))
     types = entry.get("type", "anything")
     text = " or ".join([types] if isinstance(types, str) else types)
     inner = entry.get("properties", {})
     if inner:
         return f"{text} of " + ", ".join(f"`{key}`" for key in inner)
     if isinstance(entry.get("items"), dict) and "array" in text:
-        return f"{text} of {kind(entry['items'])}"
+        return f"{text} of {kind(entry['items'], definitions)}"
     if isinstance(entry.get("additionalProperties"), dict):
-        return f"{text} by name: {kind(entry['additionalProperties'])}"
+        return f"{text} by name: {kind(entry['additionalProperties'], definitions)}"
     return text
 
 
