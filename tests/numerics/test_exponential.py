@@ -86,10 +86,9 @@ def test_balancing_tells_no_warning_about_units(recwarn):
 def test_rates_that_overflow_have_no_transition(value, capfd, recwarn):
     A, Q = np.array([[0.0, 1.0], [-value, -1.0]]), np.eye(2)
     dA = np.stack([np.eye(2)])
-    with np.errstate(all="ignore"):
-        parts = transition_integrals(A, 0.1), transition_integral_derivatives(A, dA, 0.1)
-        covs = covariance_integral(A, Q, 0.1), covariance_integral_derivatives(A, Q, dA, dA, 0.1)
-    if not np.isfinite(value):
+    parts = transition_integrals(A, 0.1), transition_integral_derivatives(A, dA, 0.1)
+    covs = covariance_integral(A, Q, 0.1), covariance_integral_derivatives(A, Q, dA, dA, 0.1)
+    if not np.isfinite(value):  # else nothing but silence is asked for
         assert all(np.isnan(part.transition).all() for part in parts)
         assert all(np.isnan(cov).all() for cov in covs)
     assert capfd.readouterr() == ("", "")

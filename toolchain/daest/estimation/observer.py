@@ -74,6 +74,7 @@ def jacobians(explicit: ExplicitModel) -> ca.Function:
     )
 
 
+@np.errstate(over="ignore", invalid="ignore")  # an average that overflows has no gain
 def observer(model: AverageModel, intensity: np.ndarray, measurement_std: np.ndarray) -> Observer | None:
     """Stationary gain for `intensity` (n_w,) and `measurement_std` (n_y,); None where none exists."""
     if not np.all(np.isfinite(model.A)):

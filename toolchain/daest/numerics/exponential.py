@@ -23,6 +23,9 @@ NODES = 10  # of the Gauss quadrature of the covariance over a short step, exact
 FEW = 4  # a covariance of a rank below this part of its size is integrated by its factor
 NEGLIGIBLE = 1e-17  # part of the largest singular value of a factor up to which others are left out
 
+# Rates that are far too fast give results that are not finite, which is for the caller to see.
+OVERFLOWING = np.errstate(over="ignore", invalid="ignore")
+
 
 @dataclass(frozen=True)
 class TransitionIntegrals:
@@ -33,6 +36,7 @@ class TransitionIntegrals:
     second: np.ndarray
 
 
+@OVERFLOWING
 def transition_integrals(A: np.ndarray, period: float) -> TransitionIntegrals:
     """Φ and its two integrals over `period` [s] for A (n, n) [1/s]; NaN where A is not finite."""
     if not np.all(np.isfinite(A)):
@@ -45,6 +49,7 @@ def transition_integrals(A: np.ndarray, period: float) -> TransitionIntegrals:
     return _in_units(found, size)
 
 
+@OVERFLOWING
 def transition_integral_derivatives(A: np.ndarray, dA: np.ndarray, period: float) -> TransitionIntegrals:
     """Derivatives of `transition_integrals` in the directions dA (p, n, n); every field is (p, n, n),
     and NaN where A is not finite."""
@@ -62,6 +67,7 @@ def _in_units(found: TransitionIntegrals, size: np.ndarray) -> TransitionIntegra
     return TransitionIntegrals(*(size[:, None] * part / size for part in parts))
 
 
+@OVERFLOWING
 def covariance_integral(A: np.ndarray, Q: np.ndarray, period: float) -> np.ndarray:
     """∫₀ᵀ e^(A s) Q e^(Aᵀ s) ds for A (n, n) and positive semidefinite Q (n, n); NaN where they are not
     finite."""
@@ -88,6 +94,7 @@ def _covariance_by_doubling(A: np.ndarray, Q: np.ndarray, period: float) -> np.n
     return (covariance + covariance.T) / 2
 
 
+@OVERFLOWING
 def covariance_integral_derivatives(
     A: np.ndarray, Q: np.ndarray, dA: np.ndarray, dQ: np.ndarray, period: float
 ) -> np.ndarray:
