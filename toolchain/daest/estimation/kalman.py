@@ -55,7 +55,7 @@ from daest.numerics.riccati import predictor_gain, unobservable_subspace
 COVARIANCE_TOLERANCE = 1e-11
 SENSITIVITY_FLOOR = 1e-20  # of A, relative to the scale of a state: the initial state is forgotten
 SETTLING = 1000  # samples after which the Riccati equation is asked where a covariance has not settled
-CHUNK_NUMBERS = 1 << 26  # of covariances in a block of steps: 512 MB, of which only those used are touched
+CHUNK_NUMBERS = 1 << 28  # of covariances in a block of steps: 2 GB, of which only those used are touched
 GAIN_BLOCK = 4096  # samples whose gains are compared with the stationary one at a time
 STEADY_SHARE = 0.01  # distance of the gain to the stationary gain that counts as steady
 

@@ -26,7 +26,7 @@ typedef struct {
 } model_t;
 
 /* out (m, n) = A (m, k) B (k, n) */
-INLINE void product(long m, long k, long n, const double *A, const double *B, double *out)
+INLINE void product(long m, long k, long n, const double *restrict A, const double *restrict B, double *restrict out)
 {
     for (long i = 0; i < m; i++) {
         double *row = out + i * n;
@@ -36,6 +36,17 @@ INLINE void product(long m, long k, long n, const double *A, const double *B, do
             for (long j = 0; j < n; j++) row[j] += a * B[l * n + j];
         }
     }
+}
+
+/* out (n, n) += sign A' B of A, B (k, n), from the diagonal on if `upper` */
+INLINE void add_outer(long k, long n, double sign, int upper, const double *restrict A, const double *restrict B,
+                      double *restrict out)
+{
+    for (long i = 0; i < n; i++)
+        for (long l = 0; l < k; l++) {
+            const double a = sign * A[l * n + i];
+            for (long j = upper ? i : 0; j < n; j++) out[i * n + j] += a * B[l * n + j];
+        }
 }
 
 /* out (m, n) = A (n, m)' */
@@ -223,24 +234,17 @@ INLINE long run(const long n, const model_t *g, long n_samples, const long long 
 
         if (filtered_cov)
             filtered(n, g, m, P, PCt, Sk, inverse, filter_gain + k * size * n_y, filtered_cov + k * size * size, rest);
-        for (long i = 0; i < n; i++) {
-            for (long j = 0; j < n; j++) F[i * n + j] = Phi[i * n + j], Ft[i * n + j] = Phit[i * n + j];
-            for (long y = 0; y < n_y; y++) {
-                const double a = Kt[y * n + i], b = C[y * n + i];
-                for (long j = 0; j < n; j++) F[i * n + j] -= a * C[y * n + j], Ft[i * n + j] -= b * Kt[y * n + j];
-            }
-        }
+        memcpy(F, Phi, n * n * sizeof(double));
+        add_outer(n_y, n, -1.0, 0, Kt, C, F);
+        memcpy(Ft, Phit, n * n * sizeof(double));
+        add_outer(n_y, n, -1.0, 0, C, Kt, Ft);
         congruence(n, F, Ft, P, after, rest, g->gemm);
         product(n_y, n_y, n, R, Kt, RKt);
         for (long i = 0; i < n_y * n; i++) RKt[i] -= St[i]; /* K R K' - K S12' - S12 K' = K (R K' - S12') - S12 K' */
-        for (long i = 0; i < n; i++) {
-            double *row = after + i * n;
-            for (long j = i; j < n; j++) row[j] += Q[i * n + j];
-            for (long y = 0; y < n_y; y++) {
-                const double a = Kt[y * n + i], b = St[y * n + i];
-                for (long j = i; j < n; j++) row[j] += a * RKt[y * n + j] - b * Kt[y * n + j];
-            }
-        }
+        for (long i = 0; i < n; i++)
+            for (long j = i; j < n; j++) after[i * n + j] += Q[i * n + j];
+        add_outer(n_y, n, 1.0, 1, Kt, RKt, after);
+        add_outer(n_y, n, -1.0, 1, St, Kt, after);
         for (long i = 0; i < n; i++)
             for (long j = 0; j < i; j++) after[i * n + j] = after[j * n + i];
         if (!isfinite(after[0])) return -1 - k;
