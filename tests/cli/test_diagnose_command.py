@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -143,6 +144,25 @@ def test_interrupted_run_goes_on(cart, daest, monkeypatch):
     assert [again[key] for key in ("verdict", "message", "candidates")] == [
         first[key] for key in ("verdict", "message", "candidates")
     ]
+
+
+def test_the_null_and_the_screen_are_kept_too(cart, daest, monkeypatch, tmp_path):
+    """An interrupted run fits the model as it is, and screens, once; what was kept changes no number."""
+    monkeypatch.setenv("DAEST_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("daest.diagnosis.kept.WORTH_KEEPING", 0.0)
+    fit_null, screen, calls = engine.fit_null, engine.screen, []
+    monkeypatch.setattr(engine, "fit_null", lambda *given: calls.append("null") or fit_null(*given))
+    monkeypatch.setattr(engine, "screen", lambda *given: calls.append("screen") or screen(*given))
+    arguments = ("rub.csv", *COULOMB, "--jobs", "1")
+    first, _ = diagnosis(daest, *arguments)
+    assert calls == ["null", "screen"]
+    shutil.rmtree(cart / "results")
+    again, _ = diagnosis(daest, *arguments)
+    assert calls == ["null", "screen"]
+    leave = ("seconds", "made_from")
+    assert {k: v for k, v in again.items() if k not in leave} == {
+        k: v for k, v in first.items() if k not in leave
+    }
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="sends a POSIX signal")

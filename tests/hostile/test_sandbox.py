@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hostile_fmu import Y, hostile
 
+from daest.cli.main import run
 from daest.errors import FmuError
 from daest.fmu import sandbox
 from daest.fmu.load import load_fmu
@@ -165,3 +166,13 @@ def test_sentences(monkeypatch):
     assert "not confined" in Walls().sentence()
     monkeypatch.setattr(sandbox.sys, "platform", "darwin")
     assert sandbox.confine(Path(".")) == Walls()
+
+
+def test_daest_check_tells_what_holds(tmp_path, monkeypatch, capsys, walls):
+    path = hostile(tmp_path, GOOD)
+    rows = "".join(f"{0.1 * i:.1f},{i % 3},{(i * i) % 7}\n" for i in range(60))
+    (tmp_path / "run.csv").write_text(f"time,u,y\n{rows}")
+    for mode, sentence in (("on", walls.sentence()), ("off", "DAEST_FMU_SANDBOX is off")):
+        monkeypatch.setenv("DAEST_FMU_SANDBOX", mode)
+        assert run(["check", str(tmp_path / "run.csv"), "--model", str(path)]) in (0, 1)
+        assert sentence in capsys.readouterr().err

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from daest.cli.options import ModelOptions, example, format_option, model_options, output_option
-from daest.cli.output import emit, keep_inputs
+from daest.cli.output import emit, keep_inputs, note
 from daest.errors import ConfigError, DaestError
 
 if TYPE_CHECKING:
@@ -35,8 +35,8 @@ def command(
     """Look for faults in the recordings DATA (default: those of daest.toml).
 
     Gaps and jumps of the clock, saturation, stuck sensors, outliers, drop-outs, coarse steps, lags between
-    columns. With a model also units that do not fit, and outputs of the wrong polarity. Exit code 1 if there
-    is a warning.
+    columns. With a model also units that do not fit, and outputs of the wrong polarity; with an FMU, how
+    it is confined on this machine. Exit code 1 if there is a warning.
     """
     from daest.report.documents import check as documents
     from daest.report.texts import check as texts
@@ -52,9 +52,20 @@ def command(
     keep_inputs(output, paths)
     is_given = model is not None or project.source is not None
     flat = model_options.load(project, model) if is_given else None
+    if flat is not None and flat.given is not None:
+        _tell_walls()
     checks = [checked(path, project, flat) for path in paths]
     emit(documents.document(checks), "check", form, output, texts.text)
     return int(any(check.warnings for check in checks))
+
+
+def _tell_walls() -> None:
+    """How the FMU of the model is confined on this machine."""
+    from daest.fmu.sandbox import VARIABLE, Walls, chosen_mode, tried_walls
+
+    is_off = chosen_mode() == "off"
+    walls = Walls() if is_off else tried_walls()
+    note(walls.sentence() + (f" ({VARIABLE} is off)" if is_off else ""))
 
 
 def checked(path: Path, project: Project, flat: FlatModel | None) -> DataCheck:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -82,12 +82,17 @@ SAME_SIGNAL = 0.05
 Progress = Callable[[str], None]
 
 
+Step = TypeVar("Step")
+
+
 class Keeper(Protocol):
     """Keeps proofs, so that an interrupted run goes on where it was."""
 
     def found(self, prepared: Prepared) -> Proof | None: ...
 
     def keep(self, prepared: Prepared, proof: Proof) -> None: ...
+
+    def step(self, name: str, parts: Sequence[Any], flat: FlatModel, make: Callable[[], Step]) -> Step: ...
 
 
 @dataclass(frozen=True)
@@ -181,11 +186,22 @@ def begin(
     began = time.perf_counter()
     experiments, validation = _divided(tuple(experiments), tuple(validation))
     progress("fitting the model as it is, with unknown loads")
-    nodes = [site for site in sites(flat) if site.kind in ("node", "equation")]
-    null = fit_null(without_noises(flat), nodes, experiments, options.hold)
-    baseline = refit(null.flat, null.explicit, null.estimated, null, validation=validation)
-    reference = reference_of(null, baseline, validation)
-    return Stand(flat, null, baseline, tuple(validation), began, reference)
+
+    def fitted() -> Stand:
+        nodes = [site for site in sites(flat) if site.kind in ("node", "equation")]
+        null = fit_null(without_noises(flat), nodes, experiments, options.hold)
+        baseline = refit(null.flat, null.explicit, null.estimated, null, validation=validation)
+        reference = reference_of(null, baseline, validation)
+        return Stand(flat, null, baseline, tuple(validation), began, reference)
+
+    return replace(_step(options, "null", (options.hold,), flat, fitted), began=began)
+
+
+def _step(
+    options: DiagnoseOptions, name: str, parts: Sequence[Any], flat: FlatModel, make: Callable[[], Step]
+) -> Step:
+    """What `make` returns, now or in an earlier run that was interrupted."""
+    return make() if options.keeper is None else options.keeper.step(name, parts, flat, make)
 
 
 def reference_of(null: Null, fit: FitResult, validation: Sequence[Experiment]) -> Reference | None:
@@ -222,11 +238,19 @@ def _quiet() -> Iterator[None]:
 def _examined(
     stand: Stand, library: Sequence[Effect], options: DiagnoseOptions, progress: Progress
 ) -> Diagnosis:
-    null = stand.null
-    run = run_null(null)
-    candidates = _chosen(library, sites(stand.declared), null.experiments, options)
+    candidates = _chosen(library, sites(stand.declared), stand.null.experiments, options)
     progress(f"screening {len(candidates)} effect{'' if len(candidates) == 1 else 's'} at places")
-    found = screen(null, run, candidates, options.seed)
+
+    def screened() -> tuple[Stand, tuple[Candidate, ...], NullObserver, Screen]:
+        run = run_null(stand.null)
+        return stand, candidates, run, screen(stand.null, run, candidates, options.seed)
+
+    # All together: what comes from an earlier run shares its symbols.
+    names, began = [candidate.label for candidate in candidates], stand.began
+    parts = (stand.null.hold, names)
+    stand, candidates, run, found = _step(options, "screen", parts, stand.null.flat, screened)
+    stand = replace(stand, began=began)
+    null = stand.null
     chosen_library = [
         e for e in library if not options.effects or {e.name, e.class_name} & set(options.effects)
     ]

@@ -1,4 +1,4 @@
-"""Proofs kept as files while a diagnosis runs, so that an interrupted run goes on where it was."""
+"""Steps and proofs kept as files while a diagnosis runs, so that an interrupted run goes on where it was."""
 
 from __future__ import annotations
 
@@ -6,25 +6,31 @@ import contextlib
 import dataclasses
 import hashlib
 import json
+import time
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
 
+from daest.cache import cache_folder, keep_content, kept_content
 from daest.diagnosis.proof import Prepared
-from daest.errors import ConfigError
+from daest.errors import ConfigError, DaestError
 from daest.model.diagnosis import Proof
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
-from daest.numerics.parallel import program
+from daest.numerics.parallel import packed, program, unpacked
+
+Step = TypeVar("Step")
 
 DIGITS = 6  # of a value that count: the last ones change from one machine to another
+WORTH_KEEPING = 0.5  # seconds that a step must have taken
+MOST_STEPS = 40  # that are kept; the oldest leave
 _LEFT_OUT = ("candidate", "flat")  # of a proof: known before it is made
 
 
@@ -56,6 +62,26 @@ class KeptProofs:
         content = {name: _plain(getattr(proof, name)) for name in kept}
         with contextlib.suppress(ConfigError), self.whole_file(self._path(prepared)) as temporary:
             temporary.write_text(json.dumps(content), encoding="utf-8")
+
+    def step(self, name: str, parts: Sequence[Any], flat: FlatModel, make: Callable[[], Step]) -> Step:
+        """What `make` returns, or what it returned for the same run, `parts` and model in an earlier one. It
+        is kept with the compiled libraries: what is read there is executed, which results of others must
+        not be."""
+        values = [(p.name, f"{p.value:.{DIGITS}g}") for p in flat.parameters]
+        folder = cache_folder() / "diagnosis"
+        file = folder / f"{_digest(self.run, name, *parts, values, *_equations(flat))}.pickle"
+        content = kept_content(file)
+        if content is not None:
+            with contextlib.suppress(Exception):  # of other packages: it is made anew
+                return unpacked(content)
+        began = time.monotonic()
+        made = make()
+        if time.monotonic() - began > WORTH_KEEPING:
+            with contextlib.suppress(DaestError, OSError):
+                keep_content(file, packed(made))
+                for old in sorted(folder.glob("*.pickle"), key=lambda f: -f.stat().st_mtime)[MOST_STEPS:]:
+                    old.unlink(missing_ok=True)
+        return made
 
     def _path(self, prepared: Prepared) -> Path:
         return self.folder / f"{_digest(self.run, *_model_parts(prepared))}.json"
