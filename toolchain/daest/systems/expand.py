@@ -44,11 +44,15 @@ class ExpandedSystem:
         return _substitute_aliases(self.flat, self.aliases, expression, self.z[0], self.z[1])
 
 
-def expand(flat: FlatModel, aliases: Aliases) -> ExpandedSystem:
-    """Differentiate as often as the structure asks for. Raises `structurally-singular`."""
+def expand(flat: FlatModel, aliases: Aliases, of: ExpandedSystem | None = None, residual: ca.SX | None = None) -> ExpandedSystem:
+    """Differentiate as often as the structure asks for. With `of`, a system of the same
+    model, its equations are replaced by `residual` in the symbols of it. Raises `structurally-singular`."""
     names = [variable.name for variable in aliases.variables]
-    z0, z1 = _symbols(names, 0), _symbols(names, 1)
-    residual = _substitute_aliases(flat, aliases, flat.residual[aliases.kept_equations.tolist()], z0, z1)
+    if of is None or residual is None:
+        z0, z1 = _symbols(names, 0), _symbols(names, 1)
+        residual = _substitute_aliases(flat, aliases, flat.residual[aliases.kept_equations.tolist()], z0, z1)
+    else:
+        z0, z1 = of.z[:2]
     sigma = signature(residual, z1, z0)
     equations = tuple(flat.equations[i] for i in aliases.kept_equations)
     check_structure(sigma, equations, aliases.variables, flat.name)

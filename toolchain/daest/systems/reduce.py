@@ -7,12 +7,12 @@ import numpy as np
 
 from daest.model.explicit import ExplicitModel
 from daest.model.flat import FlatModel
-from daest.systems.aliases import find_aliases
 from daest.systems.dummy_derivatives import DependentEquations
-from daest.systems.expand import ExpandedSystem, expand
+from daest.systems.expand import ExpandedSystem
 from daest.systems.explicit_functions import assemble, expressions_of, refuse_differentiated_noise
 from daest.systems.loops import Definitions, equations_at, solve_blocks
 from daest.systems.pantelides import check_structure, differentiations, flat_signature
+from daest.systems.regular import regular_system
 from daest.systems.sample_point import SamplePoint, nudged, sample_point
 from daest.systems.state_choice import StateChoice, choose_states, singular_after_reduction
 
@@ -20,7 +20,8 @@ from daest.systems.state_choice import StateChoice, choose_states, singular_afte
 def reduce_index(flat: FlatModel) -> ExplicitModel:
     """The explicit form of the model, states chosen among its own variables.
 
-    Steps: alias elimination; Pantelides' differentiation counts; dummy derivatives with pivots chosen by
+    Steps: alias elimination; Pantelides' differentiation counts; combinations of equations whose highest
+    derivatives depend on each other (`systems.regular`); dummy derivatives with pivots chosen by
     value at the start point, such that `stateSelect`, then differentiated variables with (fixed) start values
     stay states; block lower triangular order; tearing. Linear loops are written out, nonlinear ones become
     Newton iterations.
@@ -31,7 +32,7 @@ def reduce_index(flat: FlatModel) -> ExplicitModel:
     sigma = flat_signature(flat)
     check_structure(sigma, flat.equations, flat.unknowns, flat.name)
     in_source = differentiations(sigma)
-    system = expand(flat, find_aliases(flat))
+    system = regular_system(flat)
     point = sample_point(system)
     choice = choose_states(system, point)
     definitions = _solve(system, choice, point)

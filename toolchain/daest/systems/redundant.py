@@ -19,13 +19,13 @@ import numpy as np
 
 from daest.model.explicit import ExplicitModel
 from daest.model.flat import FlatModel
-from daest.systems.aliases import find_aliases
 from daest.systems.dummy_derivatives import DependentEquations
-from daest.systems.expand import ExpandedSystem, expand
+from daest.systems.expand import ExpandedSystem
 from daest.systems.explicit_functions import ARGUMENTS, assemble, expressions_of, refuse_differentiated_noise
 from daest.systems.initialize import initial_point
 from daest.systems.loops import Definitions, equations_at, solve_blocks
 from daest.systems.pantelides import check_structure, differentiations, flat_signature
+from daest.systems.regular import regular_system
 from daest.systems.sample_point import SamplePoint, nudged, sample_point
 from daest.systems.state_choice import StateChoice, choose_states, depends_on_place, singular_after_reduction
 
@@ -34,7 +34,7 @@ def needs_redundant_states(flat: FlatModel) -> bool:
     """Whether states have to be chosen among variables whose constraint depends on where the model is."""
     if flat.given is not None:
         return False
-    system = expand(flat, find_aliases(flat))
+    system = regular_system(flat)
     return depends_on_place(system, choose_states(system, sample_point(system)))
 
 
@@ -52,7 +52,7 @@ def redundant_model(flat: FlatModel) -> ExplicitModel:
     (x' = v) are left out. Errors as `reduce_index`."""
     sigma = flat_signature(flat)
     check_structure(sigma, flat.equations, flat.unknowns, flat.name)
-    system = expand(flat, find_aliases(flat))
+    system = regular_system(flat)
     choice = StateChoice(np.zeros_like(system.counts.unknowns), system.counts.unknowns)
     top = [row for row, (i, k) in enumerate(system.rows) if k == system.counts.equations[i]]
     lower = [row for row, (i, k) in enumerate(system.rows) if k < system.counts.equations[i]]

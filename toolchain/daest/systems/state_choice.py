@@ -43,7 +43,7 @@ class StateChoice:
 def choose_states(system: ExpandedSystem, point: SamplePoint) -> StateChoice:
     """Dummy derivatives at the sample point; for a varying Jacobian that is singular there, at a generic one
     nearby."""
-    counts, leading = system.counts, _leading_jacobian(system)
+    counts, leading = system.counts, leading_jacobian(system)
     rank = _state_rank(system)
 
     def counted(at: SamplePoint, pivot: float) -> StateChoice:
@@ -80,7 +80,7 @@ class LeadingJacobian:
         return sp.csr_array((values, (self.rows, self.columns)), shape=(self.n, self.n))
 
 
-def _leading_jacobian(system: ExpandedSystem) -> LeadingJacobian:
+def leading_jacobian(system: ExpandedSystem) -> LeadingJacobian:
     n, counts = system.sigma.n, system.counts
     rows, columns = np.zeros(0, dtype=int), np.zeros(0, dtype=int)
     entries: list[Any] = []
@@ -100,7 +100,7 @@ def _leading_jacobian(system: ExpandedSystem) -> LeadingJacobian:
 def depends_on_place(system: ExpandedSystem, choice: StateChoice) -> bool:
     """Whether the constraints are solved for the dummy derivatives with coefficients that vary with the
     state, so that the choice may become singular on the way."""
-    leading = _leading_jacobian(system)
+    leading = leading_jacobian(system)
     constrained = system.counts.equations[leading.rows] >= 1
     solved = np.flatnonzero(constrained & (choice.dummies[leading.columns] >= 1))
     coefficients = leading.entries(ca.vertcat(*system.z), system.others)[solved.tolist()]
