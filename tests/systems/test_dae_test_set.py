@@ -1,6 +1,7 @@
 """Problems of the public Test Set for IVP Solvers: values at the end, whatever the tolerance and the output
 points."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -12,6 +13,9 @@ sys.path.insert(0, str(ORACLES))
 
 from dae_problems import problems  # noqa: E402
 from dae_test_set import POINTS, RTOLS, Case  # noqa: E402
+
+import daest  # noqa: E402
+from daest.systems.reduce import reduce_index  # noqa: E402
 
 EVERY = problems()
 QUICK = [
@@ -46,3 +50,16 @@ def test_output_points_do_not_decide_how_far_a_simulation_comes():
     case = Case(EVERY["Orego"])
     ends = [case.daest(1e-8, points)[0] for points in (2, 11, 401)]
     assert np.ptp(ends) < 30.0
+
+
+@pytest.mark.parametrize("fixed", ["xl xr vxl vxr", "xl yr vxl vyr"])
+def test_states_are_chosen_where_the_model_is_not_at_zeros(tmp_path, fixed):
+    """The springs of the car axis have no start: at length zero their forces are no numbers, and at the
+    start the length of the axle does not change with its height."""
+    text = (ORACLES / "models" / "CarAxis.mo").read_text()
+    for name in fixed.split():
+        text = re.sub(rf"\b{name}\(start = ([-0-9.]+)\)", rf"{name}(start = \1, fixed = true)", text)
+    path = tmp_path / "CarAxis.mo"
+    path.write_text(text)
+    explicit = reduce_index(daest.compile_model(path))
+    assert explicit.state_names == ("yl", "yr", "vyl", "vyr")

@@ -322,3 +322,39 @@ def test_noise_is_refused_exactly_where_theorem_3_1_forbids_it():
             refused.append(row)
     assert len(refused) == 10
     assert refused == [row for row, place in enumerate(places) if not place.admissible]
+
+
+def coupled_capacitors():
+    """A capacitor between two nodes, in the node equations of both: their sum holds no derivative."""
+    b = FlatBuilder("Coupled")
+    c, r, u = b.parameter("C", 2e-6), b.parameter("R", 1e3), b.input("u")
+    first, second = b.unknown("v1", start=0.0), b.unknown("v2", start=0.0)
+    b.equation("C*der(v1) - C*der(v2) = (u - v1)/R", c * b.der("v1") - c * b.der("v2"), (u - first) / r)
+    b.equation("C*der(v2) - C*der(v1) = -v2/R", c * b.der("v2") - c * b.der("v1"), -second / r)
+    b.output("y", second)
+    return b.build()
+
+
+def test_derivatives_that_cancel_in_a_combination_leave_a_constraint():
+    explicit = reduce_index(coupled_capacitors())
+    assert explicit.n_states == 1
+    theta = np.array([3e-6, 2e3])
+    x, u, v = 0.3, 1.0, 5.0
+    variables = explicit.variables(x, u, v, [], theta, 0).full().ravel()
+    rates = explicit.variable_derivatives(x, u, v, [], theta, 0).full().ravel()
+    # By hand: the sum says u = v1 + v2, and the first equation drives the difference.
+    np.testing.assert_allclose(variables.sum(), u, rtol=1e-12)
+    np.testing.assert_allclose(rates.sum(), v, rtol=1e-12)
+    np.testing.assert_allclose(3e-6 * (rates[0] - rates[1]), (u - variables[0]) / 2e3, rtol=1e-12)
+
+
+def test_equal_values_alone_are_no_combination():
+    """Two parameters that happen to be equal: another value makes the model regular."""
+    b = FlatBuilder("Happens")
+    p, q = b.parameter("p", 1.0), b.parameter("q", 1.0)
+    x, y = b.unknown("x", start=0.0), b.unknown("y", start=0.0)
+    b.equation("der(x) + p*der(y) = -x", b.der("x") + p * b.der("y"), -x)
+    b.equation("der(x) + q*der(y) = -y", b.der("x") + q * b.der("y"), -y)
+    with pytest.raises(ModelError) as caught:
+        reduce_index(b.build())
+    assert caught.value.code == "singular-after-reduction"

@@ -44,7 +44,9 @@ class ExpandedSystem:
         return _substitute_aliases(self.flat, self.aliases, expression, self.z[0], self.z[1])
 
 
-def expand(flat: FlatModel, aliases: Aliases, of: ExpandedSystem | None = None, residual: ca.SX | None = None) -> ExpandedSystem:
+def expand(
+    flat: FlatModel, aliases: Aliases, of: ExpandedSystem | None = None, residual: ca.SX | None = None
+) -> ExpandedSystem:
     """Differentiate as often as the structure asks for. With `of`, a system of the same
     model, its equations are replaced by `residual` in the symbols of it. Raises `structurally-singular`."""
     names = [variable.name for variable in aliases.variables]

@@ -59,7 +59,15 @@ def initial_point(
     conditions = _conditions(explicit, dict(given or {}), arguments)
     start, wish = _start_values(explicit, arguments)
     x = _solve(conditions, start, wish)
-    return x, explicit.variables(x, *arguments).full().ravel()
+    try:
+        return x, explicit.variables(x, *arguments).full().ravel()
+    except RuntimeError as error:
+        states = ", ".join(f"{n} = {v:g}" for n, v in zip(explicit.state_names, x, strict=True))
+        raise ModelError(
+            "initial-not-solved",
+            f"the nonlinear equations inside the model have no solution at its start, {states}",
+            remedy="give start values nearer to a solution, of these and of what the equations contain",
+        ) from error
 
 
 def _arguments(
@@ -130,7 +138,10 @@ def _start_values(explicit: ExplicitModel, arguments: tuple) -> tuple[np.ndarray
     wish = np.array([0 if s is None else 2 for s in starts])
     x = ca.MX.sym("x", explicit.n_states)
     slopes = ca.jacobian(explicit.variables(x, *arguments), x)
-    share = ca.Function("share", [x], [ca.densify(slopes)])(value).full()
+    try:
+        share = ca.Function("share", [x], [ca.densify(slopes)])(value).full()
+    except RuntimeError:  # a loop has no solution there: the other conditions may lead to where it has one
+        return value, wish
     for i, variable in enumerate(unknowns):
         states = np.flatnonzero(share[i])
         if variable.start is not None and states.size == 1 and wish[states[0]] == 0:

@@ -1,10 +1,11 @@
 """Equations whose highest derivatives depend on each other in a way that structure does not see.
 
-Two capacitors between the same nodes, written as C der(v1) - C der(v2) = … and C der(v2) - C der(v1) = …, have a
-derivative in each equation, but their sum has none: it is a constraint. Where the Jacobian of the differentiated
-equations in the highest derivatives is singular for almost every point and parameter, one equation is replaced by the
-combination in which these derivatives cancel (the linear combination method of Tan, Nedialkov & Pryce, Computers and
-Mathematics with Applications 74, 2017), until none is left. The coefficients are exact expressions of parameters.
+Two capacitors between the same nodes, written as C der(v1) - C der(v2) = … and C der(v2) - C der(v1) = …,
+have a derivative in each equation, but their sum has none: it is a constraint. Where the Jacobian of the
+differentiated equations in the highest derivatives is singular for almost every point and parameter, one
+equation is replaced by the combination in which these derivatives cancel (the linear combination method of
+Tan, Nedialkov & Pryce, Computers and Mathematics with Applications 74, 2017), until none is left. The
+coefficients are exact expressions of parameters.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ CANCELLED = 1e-10
 
 
 def regular_system(flat: FlatModel) -> ExpandedSystem:
-    """The differentiated equations of the model, with the highest derivatives independent for almost every point
-    if combinations with parameters as coefficients can make them so. Raises `structurally-singular`."""
+    """The differentiated equations of the model, with the highest derivatives independent for almost every
+    point if combinations with parameters as coefficients can make them so. Raises `structurally-singular`."""
     aliases = find_aliases(flat)
     system = expand(flat, aliases)
     for _ in range(system.sigma.n):
@@ -52,8 +53,8 @@ def regular_system(flat: FlatModel) -> ExpandedSystem:
 
 
 def _combined(system: ExpandedSystem) -> ca.SX | None:
-    """The equations with one of them replaced by a combination without its highest derivatives; None where these
-    are independent, or no such combination is found."""
+    """The equations with one of them replaced by a combination without its highest derivatives; None where
+    these are independent, or no such combination is found."""
     leading = leading_jacobian(system)
     points = [_generic_point(system, seed) for seed in range(SEED, SEED + POINTS)]
     values = [leading.at(point) for point in points]
@@ -71,7 +72,9 @@ def _generic_point(system: ExpandedSystem, seed: int) -> SamplePoint:
     rng = np.random.default_rng(seed)
 
     def moved(values: np.ndarray) -> np.ndarray:
-        return values + 0.1 * np.where(values == 0.0, 1.0, np.abs(values)) * rng.uniform(0.5, 1.0, values.shape)
+        return values + 0.1 * np.where(values == 0.0, 1.0, np.abs(values)) * rng.uniform(
+            0.5, 1.0, values.shape
+        )
 
     start = np.zeros((len(system.z), system.sigma.n))
     start[0] = [0.0 if v.start is None else v.start for v in system.aliases.variables]
@@ -121,7 +124,7 @@ def _replaced(
     columns: np.ndarray,
     points: list[SamplePoint],
 ) -> ca.SX | None:
-    """The last equation of the support, plus multiples of the others, without the derivatives in `columns`."""
+    """The last equation of the support plus multiples of the others, without derivatives in `columns`."""
     *others, row = support.tolist()
     entries = _symbolic_entries(system, leading, support, columns)
     if ca.depends_on(entries, ca.vertcat(*system.z, *system.u, *system.w, system.flat.time)):
