@@ -7,7 +7,7 @@ floating point loses its digits: nearly higher index, long chains, and numbers m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,6 +26,9 @@ BITS = (512, 2048)
 TRUE_DIGITS = 2.0**-60
 """Part of the largest entry of its row up to which an entry must be known."""
 
+NOTHING = 2.0**-200
+"""Part of the largest entry of all below which the entries of a row may be unknown: they are zero."""
+
 
 @dataclass(frozen=True)
 class PreciseForm:
@@ -37,20 +40,19 @@ class PreciseForm:
     A: np.ndarray
     N: np.ndarray
     poles: np.ndarray
+    states: np.ndarray
 
 
-def precise_form(
-    E: np.ndarray, J: np.ndarray, infinity: DenseInfinity, states: Callable[[np.ndarray], np.ndarray]
-) -> PreciseForm:
+def precise_form(E: np.ndarray, J: np.ndarray, infinity: DenseInfinity, weights: np.ndarray) -> PreciseForm:
     """Of a pencil of doubles, scaled to entries of about one.
 
-    `states` chooses, for a basis (n, n_dynamic) of the finite subspace, the rows that are to be the identity.
-    Raises NumericalError `standard-form-ill-conditioned`.
+    `states` of the result are the rows of `right` that form an identity, chosen by size times `weights` (n,),
+    zero for those that must not be. Raises NumericalError `standard-form-ill-conditioned`.
     """
     for bits in BITS:
         with ctx.workprec(bits):
             try:
-                return _form(E, J, infinity, states)
+                return _form(E, J, infinity, weights)
             except (ZeroDivisionError, _TooFewDigits):
                 continue
     raise NumericalError(
@@ -64,19 +66,22 @@ class _TooFewDigits(Exception):
     pass
 
 
-def _form(
-    E: np.ndarray, J: np.ndarray, infinity: DenseInfinity, states: Callable[[np.ndarray], np.ndarray]
-) -> PreciseForm:
+def _form(E: np.ndarray, J: np.ndarray, infinity: DenseInfinity, weights: np.ndarray) -> PreciseForm:
     e, j = _matrix(E), _matrix(J)
     W = (e * SHIFT - j).inv() * e
     kernel, power = _kernels(W, infinity)
-    V = _finite(power, infinity, states)
+    V, states = _finite(power, infinity, weights)
     n1 = infinity.n_dynamic
     left = _beside(e * V, j * kernel).inv()
     first, second = _part(left, range(n1)), _part(left, range(n1, infinity.n))
     A, N = first * (j * V), second * (e * kernel)
     return PreciseForm(
-        _doubles(left), np.hstack([_doubles(V), _doubles(kernel)]), _doubles(A), _doubles(N), _eigenvalues(A)
+        left=_doubles(left),
+        right=np.hstack([_doubles(V), _doubles(kernel)]),
+        A=_doubles(A),
+        N=_doubles(N),
+        poles=_eigenvalues(A),
+        states=np.array(states, dtype=int),
     )
 
 
@@ -100,18 +105,30 @@ def _kernels(W: Any, infinity: DenseInfinity) -> tuple[Any, Any]:
     return arb_mat(n, len(columns), entries), power
 
 
-def _finite(power: Any, infinity: DenseInfinity, states: Callable[[np.ndarray], np.ndarray]) -> Any:
-    """A basis of the range of W^index with an identity in the rows that `states` chooses."""
+def _finite(power: Any, infinity: DenseInfinity, weights: np.ndarray) -> tuple[Any, list[int]]:
+    """A basis of the range of W^index with an identity in some rows, and these rows."""
     n = infinity.n
     if infinity.n_dynamic == 0:
-        return arb_mat(n, 0)
-    if infinity.pivots:
-        rows, pivots = infinity.pivots[-1]
-        basis = _part(power, range(n), pivots)
-        basis = basis * _part(basis, rows).inv()
-    else:
-        basis = _identity(n)
-    return basis * _part(basis, states(_doubles(basis)).tolist()).inv()
+        return arb_mat(n, 0), []
+    basis = _part(power, range(n), infinity.pivots[-1][1]) if infinity.pivots else _identity(n)
+    rows = sorted(_largest_rows(basis, weights))
+    return basis * _part(basis, rows).inv(), rows
+
+
+def _largest_rows(basis: Any, weights: np.ndarray) -> list[int]:
+    """Rows of a regular block, by elimination that takes the largest entry of each column, weighted."""
+    table = [[value.mid() for value in row] for row in basis.tolist()]
+    left = [i for i in range(len(table)) if weights[i] > 0.0]
+    chosen: list[int] = []
+    for k in range(basis.ncols()):
+        best = max(left, key=lambda i: float(abs(table[i][k])) * weights[i])
+        left.remove(best)
+        chosen.append(best)
+        pivot = table[best]
+        for i in left:
+            factor = table[i][k] / pivot[k]
+            table[i][k:] = [a - factor * b for a, b in zip(table[i][k:], pivot[k:], strict=True)]
+    return chosen
 
 
 def _matrix(values: np.ndarray) -> Any:
@@ -141,8 +158,10 @@ def _doubles(matrix: Any) -> np.ndarray:
     entries = matrix.entries()
     middle = np.array([float(value.mid()) for value in entries]).reshape(shape)
     radius = np.array([float(value.rad()) for value in entries]).reshape(shape)
-    if middle.size and not np.all(radius <= TRUE_DIGITS * np.abs(middle).max(axis=1, keepdims=True)):
-        raise _TooFewDigits
+    if middle.size:
+        largest = np.abs(middle).max(axis=1, keepdims=True)
+        if not np.all(radius <= np.maximum(TRUE_DIGITS * largest, NOTHING * largest.max())):
+            raise _TooFewDigits
     return np.where(np.abs(middle) > radius, middle, 0.0)
 
 

@@ -25,6 +25,7 @@ from daest.numerics.exact_units import Entry, simple_in_other_units
 from daest.numerics.field_values import Field, FieldValue, Tape, evaluate, tape
 from daest.numerics.modular_pencil import DenseInfinity, ModularPencil, SingularPencil, dense_infinity
 from daest.numerics.pencils import unit_scaling
+from daest.numerics.sparse_infinity import SparseInfinity, TooDense, sparse_infinity
 
 ATTEMPTS = 12
 """Fields that are tried for one in which no quotient is undefined and no square root missing: one root is
@@ -33,8 +34,9 @@ there with a chance of a half."""
 EVALUATIONS = 5
 """Evaluations at most until two agree."""
 
-LARGEST = 600
-"""Up to this many equations exact arithmetic is dense: some 3 s and 100 MB."""
+DENSE_LIMIT = 500
+"""From this many equations on exact arithmetic is sparse, and does not tell which unknowns every single
+equation reaches."""
 
 Reading = Literal["numbers", "parameters", "generic"]
 
@@ -48,7 +50,7 @@ class ExactStructure:
     are B and K beside each other (n, n_w + n_u), `residues` the same in the field.
     """
 
-    infinity: DenseInfinity
+    infinity: DenseInfinity | SparseInfinity
     noise_orders: tuple[int, ...]
     reading: Reading
     is_certain: bool
@@ -84,11 +86,14 @@ class ExactStructure:
         return np.flatnonzero(self.orders).tolist()
 
     def reached(self, m: int) -> np.ndarray | None:
-        """Which entries (n, n) of the coefficient of s^m in (sE - J)⁻¹ are not zero."""
+        """Which entries (n, n) of the coefficient of s^m in (sE - J)⁻¹ are not zero; None: too many."""
+        if isinstance(self.infinity, SparseInfinity):
+            return None
         return self._reached[m - 1] if 1 <= m < self.index else np.zeros((self.infinity.n,) * 2, dtype=bool)
 
     @cached_property
     def _reached(self) -> list[np.ndarray]:
+        assert isinstance(self.infinity, DenseInfinity)
         return [self.infinity.reached(m) for m in range(1, self.index)]
 
     def agrees(self, other: ExactStructure) -> bool:
@@ -113,8 +118,6 @@ def exact_structure(dae: LinearDAE) -> ExactStructure | None:
 
     Raises SingularPencil.
     """
-    if dae.n > LARGEST:
-        return None
     entries = _of_family(dae, frozenset()) if _has_family(dae) else None
     return _agreed(dae, entries or _of_numbers(dae), "parameters" if entries else "numbers")
 
@@ -124,7 +127,7 @@ def generic_structure(dae: LinearDAE, free: Iterable[int] | None = None) -> Exac
 
     None where the equations contain no parameter (or are not there), and where a pencil is singular for all.
     """
-    if dae.n > LARGEST or not _has_family(dae):
+    if not _has_family(dae):
         return None
     chosen = frozenset(range(len(dae.parameters)) if free is None else free)
     return _agreed(dae, _of_family(dae, chosen), "generic")
@@ -147,7 +150,7 @@ def _agreed(dae: LinearDAE, entries: _Entries | None, reading: Reading) -> Exact
         try:
             pencil, is_certain = entries.at(k)
             structure = _structure(dae, pencil, is_certain, reading, k)
-        except ZeroDivisionError:  # a quotient without a value
+        except (ZeroDivisionError, TooDense):  # a quotient without a value, or too long a computation
             return None
         except SingularPencil:
             singular += 1
@@ -165,7 +168,7 @@ def _agreed(dae: LinearDAE, entries: _Entries | None, reading: Reading) -> Exact
 def _structure(
     dae: LinearDAE, pencil: ModularPencil, is_certain: bool, reading: Reading, seed: int
 ) -> ExactStructure:
-    infinity = dense_infinity(pencil, seed)
+    infinity = dense_infinity(pencil, seed) if pencil.n < DENSE_LIMIT else sparse_infinity(pencil)
     orders = tuple(infinity.order(column) for column in pencil.right[: len(dae.noises)])
     columns = np.hstack([dae.B, dae.K])
     return ExactStructure(infinity, orders, reading, is_certain, columns, pencil.right)

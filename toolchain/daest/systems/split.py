@@ -20,7 +20,7 @@ from daest.model.flat import Variable
 from daest.model.linear import LinearDAE, RankDecision, SparseForm, StandardForm, Structure
 from daest.numerics.elimination import choose_pivots
 from daest.numerics.laurent import expand_at_infinity
-from daest.numerics.modular_pencil import SingularPencil
+from daest.numerics.modular_pencil import DenseInfinity, SingularPencil
 from daest.numerics.pencils import Scaling, apply_scaling, split_pencil, unit_scaling
 from daest.numerics.precise_pencil import precise_form
 from daest.numerics.ranks import decide_rank, default_tolerance, warning
@@ -103,7 +103,7 @@ def split(dae: LinearDAE, tolerance: float | None = None) -> StandardForm:
     try:
         form = _by_values(dae, tolerance)
     except DaestError:
-        if exact is None or not decides(dae, exact):
+        if exact is None or not decides(dae, exact) or not isinstance(exact.infinity, DenseInfinity):
             raise
         return _by_structure(dae, exact, None)
     if exact is None:
@@ -111,13 +111,15 @@ def split(dae: LinearDAE, tolerance: float | None = None) -> StandardForm:
     same_modes = form.n_dynamic == exact.n_dynamic
     if same_modes and form.index == exact.index:
         doubts = () if exact.is_certain else doubtful_decisions(form.decisions)
-        if is_nearly_deficient(form) and decides(dae, exact):
+        if is_nearly_deficient(form) and dae.n <= PRECISE_LIMIT and decides(dae, exact):
             return replace(_by_structure(dae, exact, form), doubts=doubts)
         return replace(form, exact=exact, doubts=doubts)
     if not decides(dae, exact) or not (exact.is_certain or _survives_rounding(dae, exact, form)):
         return replace(form, doubts=disagreement(exact, form))
     if same_modes:
         return replace(form, index=exact.index, exact=exact, doubts=disagreement(exact, form))
+    if not isinstance(exact.infinity, DenseInfinity):
+        return replace(form, doubts=(*disagreement(exact, form), *doubtful_decisions(form.decisions)))
     return _by_structure(dae, exact, form)
 
 
@@ -197,6 +199,21 @@ def doubtful_decisions(decisions: Sequence[RankDecision]) -> tuple[str, ...]:
 def _by_values(dae: LinearDAE, tolerance: float | None) -> StandardForm:
     """Every rank by singular values."""
     try:
+        return _by_singular_values(dae, tolerance)
+    except np.linalg.LinAlgError as error:
+        raise _ill_conditioned("the finite modes cannot be told from the algebraic part") from error
+
+
+def _ill_conditioned(what: str) -> NumericalError:
+    return NumericalError(
+        "standard-form-ill-conditioned",
+        what,
+        remedy="check the parameters for values that are many orders of magnitude too large or too small",
+    )
+
+
+def _by_singular_values(dae: LinearDAE, tolerance: float | None) -> StandardForm:
+    try:
         reduction = reduce_structure(dae, tolerance)
         core = split_pencil(reduction.core_E, reduction.core_J, tolerance)
     except NumericalError as error:
@@ -214,19 +231,18 @@ def _by_structure(dae: LinearDAE, exact: ExactStructure, by_values: StandardForm
     E, J = apply_scaling(scaling, sp.csr_array(dae.E), sp.csr_array(dae.J))
     decisions = by_values.decisions if by_values else ()
     doubts = disagreement(exact, by_values)
-    if dae.n > PRECISE_LIMIT:
-        form = _unscaled(split_pencil(E, J, sizes=exact.level_sizes), scaling)
-        return replace(_finished(form, dae, scaling), exact=exact, doubts=doubts)
-    rows: list[np.ndarray] = []
-
-    def states(basis: np.ndarray) -> np.ndarray:
-        rows.append(_state_rows(sla.qr(basis, mode="economic")[0], dae))
-        return rows[-1]
-
-    found = precise_form(sp.csr_array(E).toarray(), sp.csr_array(J).toarray(), exact.infinity, states)
+    if dae.n > PRECISE_LIMIT or not isinstance(exact.infinity, DenseInfinity):
+        try:
+            form = _unscaled(split_pencil(E, J, sizes=exact.level_sizes), scaling)
+            return replace(_finished(form, dae, scaling), exact=exact, doubts=doubts)
+        except np.linalg.LinAlgError as error:
+            raise _ill_conditioned(f"{exact.n_dynamic} modes leave no digits in floating point") from error
+    weights = np.zeros(dae.n)
+    candidates = _candidates(dae)
+    weights[candidates] = [_preference(dae.unknowns[i]) for i in candidates]
+    found = precise_form(sp.csr_array(E).toarray(), sp.csr_array(J).toarray(), exact.infinity, weights)
     form = StandardForm(found.left, found.right, found.A, found.N, exact.index, decisions, exact, doubts)
-    units = scaling.columns[rows[-1]] if rows else np.empty(0)
-    form = _scale_infinite(_in_units(_unscaled(form, scaling), units))
+    form = _scale_infinite(_in_units(_unscaled(form, scaling), scaling.columns[found.states]))
     return replace(form, poles=found.poles * scaling.time)
 
 
@@ -464,7 +480,7 @@ def _name_dynamic(form: StandardForm, dae: LinearDAE, scales: np.ndarray) -> Sta
     rows = _state_rows(form.right[:, :n1] / scales[:, None], dae)
     right = form.right.copy()
     scaled = form.right[rows, :n1] / scales[rows, None]  # well conditioned, whatever the units
-    relative = sla.solve(scaled.T, form.right[:, :n1].T).T
+    relative = np.linalg.solve(scaled.T, form.right[:, :n1].T).T
     sizes = np.abs(relative)
     is_rounding = sizes <= default_tolerance(n1) * sizes.max(axis=1, keepdims=True)
     Q1 = np.where(is_rounding, 0.0, relative) / scales[rows]
@@ -475,10 +491,15 @@ def _name_dynamic(form: StandardForm, dae: LinearDAE, scales: np.ndarray) -> Sta
 
 def _state_rows(basis: np.ndarray, dae: LinearDAE) -> np.ndarray:
     """Rows of a basis (n, n_dynamic) of the finite subspace, in scaled unknowns, that are to be states."""
-    candidates = np.flatnonzero(np.diff(sp.csc_array(dae.E).indptr) > 0)
+    candidates = _candidates(dae)
     preference = np.array([_preference(dae.unknowns[i]) for i in candidates])
     _, _, order = sla.qr((preference[:, None] * basis[candidates]).T, pivoting=True)
     return np.sort(candidates[order[: basis.shape[1]]])
+
+
+def _candidates(dae: LinearDAE) -> np.ndarray:
+    """Unknowns that occur differentiated."""
+    return np.flatnonzero(np.diff(sp.csc_array(dae.E).indptr) > 0)
 
 
 def _preference(unknown: Variable) -> float:
@@ -504,10 +525,8 @@ def _solve_left(form: StandardForm, dae: LinearDAE, row_scales: np.ndarray) -> S
     try:
         inverse = spla.splu(sp.csc_array(M * column_scales)).solve(np.eye(dae.n))
     except RuntimeError as error:  # the way in which SuperLU tells of a zero pivot
-        raise NumericalError(
-            "standard-form-ill-conditioned",
-            f"the {n1} finite modes that the rank decisions leave cannot be told from the algebraic part",
-            remedy="check the parameters for values that are many orders of magnitude too large or too small",
+        raise _ill_conditioned(
+            f"the {n1} finite modes that the rank decisions leave cannot be told from the algebraic part"
         ) from error
     size = np.abs(inverse)
     rounding = default_tolerance(1) * (size @ np.abs(M * column_scales) @ size)

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from daest.errors import ModelError, NumericalError
 from daest.model.linear import LinearDAE, SparseForm, StandardForm
+from daest.numerics.modular_pencil import SingularPencil
+from daest.systems.exact_structure import exact_structure
 from daest.systems.sparse_form import sparse_form
-from daest.systems.split import dependent_equations, null_vector, split
+from daest.systems.split import decides, dependent_equations, disagreement, null_vector, split
 
 SPARSE_LIMIT = 500
 """From this many equations on the sparse form is made."""
+
+LOST = (
+    "exact arithmetic gives index {exact.index} and {exact.n_dynamic} modes; in floating point it is index "
+    "{form.index} and {form.n_dynamic} modes: numbers of very different size have lost their digits"
+)
 
 DENSE_LIMIT = 4000
 """Up to this many equations the dense staircase decides where the structure does not tell the index: some
@@ -26,11 +35,27 @@ def standard_form(dae: LinearDAE, tolerance: float | None = None) -> StandardFor
         return split(dae, tolerance)
     try:
         with threadpool_limits(1):  # many small solutions: a second thread only waits
-            return sparse_form(dae, tolerance)
+            return _checked(dae, sparse_form(dae, tolerance), tolerance)
     except NumericalError as error:
         if error.code != "system-jacobian-singular":
             raise
         return _dense_form(dae, tolerance, error)
+
+
+def _checked(dae: LinearDAE, form: SparseForm, tolerance: float | None) -> SparseForm:
+    """The form with what exact arithmetic says; of an index that rounding errors have raised, the maps that
+    are nothing but such errors are taken away."""
+    try:
+        exact = exact_structure(dae) if tolerance is None else None
+    except SingularPencil as error:
+        raise dependent_equations(dae) from error
+    if exact is None:
+        return form
+    if form.n_dynamic == exact.n_dynamic and form.index > exact.index and decides(dae, exact):
+        form = replace(form, maps=form.maps[: exact.index], index=exact.index)
+    if (form.index, form.n_dynamic) == (exact.index, exact.n_dynamic):
+        return replace(form, exact=exact)
+    return replace(form, doubts=disagreement(exact, form) or (LOST.format(exact=exact, form=form),))
 
 
 def _dense_form(dae: LinearDAE, tolerance: float | None, reason: NumericalError) -> StandardForm:
