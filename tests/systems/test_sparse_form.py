@@ -176,6 +176,16 @@ def test_verdicts_of_random_sparse_pencils(seed):
     assert_same_reports(noise_report(dae, split(dae)), noise_report(dae, sparse_form(dae)))
 
 
+def test_exact_verdicts_of_a_large_model():
+    """Sparse exact arithmetic at the numbers and for almost all of them, and noise and inputs by columns."""
+    dae = large("Chain", 33)
+    report = noise_report(dae, form := standard_form(dae))
+    assert dae.n > 500 and form.exact is not None and form.exact.reading == "parameters"
+    found = (report.generic.index, report.generic.n_dynamic, len(report.generic.forbidden))
+    assert found == (report.index, report.n_dynamic, report.n_forbidden) == (3, 66, 231)
+    assert (report.differences, report.undecided) == ((), ())
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "n", "numbers"),
