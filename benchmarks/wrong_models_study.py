@@ -201,6 +201,12 @@ PLANTS = {
         {"coulomb": 0.03, "drag": 2e-6, "dead zone": 1.5, "offset": 1.0}, (0.0,),
     ),
 }  # fmt: skip
+FAULT_NAMES = {  # a name for a fault that is there is no wrong name
+    "lag": ("Lag", "Delay"),
+    "flexible": ("Lag", "Delay", "ExtraCompliance"),
+    "gain": ("Gain",),
+    "drift": ("Drift",),
+}
 FAULTS = ("drift", "lag", "quantised", "coloured", "gain", "flexible", "jitter", "loop")
 NOTHING = "nothing"
 
@@ -225,6 +231,11 @@ class Run:
     @property
     def is_right(self) -> bool:
         return bool(set(self.claimed) & set(NAMES.get(self.case.partition(" ")[2], ())))
+
+    @property
+    def names_fault(self) -> bool:
+        """Whether one of the small faults is named, which is none of the counted effects and there."""
+        return bool(set(self.claimed) & {n for f in self.faults for n in FAULT_NAMES.get(f, ())})
 
 
 CASES = [Case(p, f"{p} {e}") for p, plant in PLANTS.items() for e in (NOTHING, *plant.effects)]
@@ -385,8 +396,17 @@ def table(runs: Sequence[Run]) -> dict[str, Any]:
         hidden = [r for r in some if r.size > 0.0]
         claims = [r for r in hidden if r.claimed]
         entries = [
-            ("names an effect where none is hidden", sum(bool(r.claimed) for r in quiet), len(quiet)),
-            ("names a wrong effect alone", sum(not r.is_right for r in claims), len(hidden)),
+            (
+                "names what is not there, nothing hidden",
+                sum(bool(r.claimed) and not r.names_fault for r in quiet),
+                len(quiet),
+            ),
+            ("names a small fault, nothing hidden", sum(r.names_fault for r in quiet), len(quiet)),
+            (
+                "names what is not there, an effect hidden",
+                sum(not r.is_right and not r.names_fault for r in claims),
+                len(hidden),
+            ),
             ("right effect among those named", sum(r.is_right for r in claims), len(claims)),
             *(
                 (f"names the right effect, size {s}", sum(r.is_right for r in hidden if r.size == s),

@@ -13,6 +13,7 @@ from daest.errors import EstimationError, ModelError
 from daest.estimation.identify import identify
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
+from daest.modelica.compile import compile_model
 from daest.modelica.sites import sites
 from daest.systems.integrate import integrate, integrator
 from daest.systems.reduce import reduce_index
@@ -116,3 +117,34 @@ def test_input_whose_slope_the_model_needs_runs_straight():
     with pytest.raises(ModelError) as raised:
         fit_null(flat, places, (record,), "zoh")
     assert raised.value.code == "input-derivative-hold"
+
+
+TANKS = """model Tanks
+  parameter Real R1(unit = "Pa.s/m3", min = 0) = 3e5 annotation(__Daest(estimate = true, scale = "log"));
+  parameter Real R2(unit = "Pa.s/m3", min = 0) = 3e5 annotation(__Daest(estimate = true, scale = "log"));
+  input Real q(unit = "m3/s"); output Real y(unit = "Pa");
+  Real p1(unit = "Pa"); Real p2(unit = "Pa");
+equation
+  1e-4*der(p1) = q - p1/R1; 1e-4*der(p2) = p1/R1 - p2/R2;
+  y = p2;
+end Tanks;
+"""
+
+
+def test_equal_start_values_of_two_tanks_are_no_stop(tmp_path):
+    """Where they are equal, the tanks do the same to the second one's level; that is no reason to stop."""
+    (tmp_path / "Tanks.mo").write_text(TANKS)
+    flat = compile_model(tmp_path / "Tanks.mo")
+    rng = np.random.default_rng(3)
+    n, period = 400, 2.0
+    q = np.repeat(rng.uniform(0.0, 0.1, n // 20), 20)
+    p, y = np.zeros(2), np.empty(n)
+    for k in range(n):
+        y[k] = p[1] + 20.0 * rng.standard_normal()
+        for _ in range(20):
+            first = p[0] / 2e5
+            p = p + period / 20 * np.array([q[k] - first, first - p[1] / 5e5]) / 1e-4
+    record = Experiment("run", period * np.arange(n), q[:, None], y[:, None], ("q",), ("y",))
+    nodes = [site for site in sites(flat) if site.kind == "equation"]
+    found = {x.name: x.value for x in fit_null(flat, nodes, [record], "zoh").fit.parameters}
+    assert sorted((found["R1"], found["R2"])) == pytest.approx([2e5, 5e5], rel=0.1)

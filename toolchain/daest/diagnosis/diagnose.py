@@ -72,7 +72,7 @@ AGAIN: dict[Hold, str] = {
 }
 RICHER_LEVEL = 0.1  # corrected p-value of what the best candidate leaves, below which richer laws are tried
 FIRST_TRIALS = 2  # are refitted in any case
-MOST_PLACES = 3  # that the sensors see alike, where a refit is tried again
+MOST_PLACES = 5  # that the sensors see alike, where a refit is tried again
 ITERATIONS = 15  # of the simulation's fit from which one is tried again
 FEWEST_SAMPLES = 200
 REFIT_SECONDS = 3.0  # times that of the model as it is: a refit has more parameters, and is judged besides

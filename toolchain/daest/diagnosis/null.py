@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from daest.model.effects import Site
 from daest.model.experiment import Experiment
 from daest.model.explicit import ExplicitModel
 from daest.model.fit import FitResult, IdentifyOptions
-from daest.model.flat import FlatModel
+from daest.model.flat import FlatModel, Parameter
 from daest.systems.reduce import reduce_index
 from daest.systems.sample import Hold
 
@@ -27,6 +28,7 @@ LONGEST_LOAD = 0.25  # of the record: a slower one is a constant
 FIRST_LOAD = 20.0  # sampling periods, start of the search
 HOLDS: tuple[Hold, ...] = ("foh", "zoh")
 CLEAR_HOLD = 100.0  # log-likelihood by which one hold must be better to be settled before anything is found
+APART = 0.07  # of a start value, by which each is moved more than the one before where they do the same
 GIVEN_LOADS = (5.0, 50.0)  # sampling periods, where the data do not determine a time constant
 
 
@@ -135,6 +137,38 @@ def _no_place(nodes: Sequence[Site]) -> EstimationError:
 
 
 def _loaded_fit(loaded: FlatModel, experiments: Sequence[Experiment], hold: Hold) -> FitResult:
+    """The fit; where the start values are a point at which parameters do the same, as those of two equal
+    tanks in a row do, from start values beside it."""
+    try:
+        return _fit_from(loaded, experiments, hold)
+    except EstimationError as error:
+        if error.code != "identify-unidentifiable" or str(error.where).startswith("load_"):
+            raise
+        try:
+            return _fit_from(_moved_apart(loaded), experiments, hold)
+        except EstimationError:
+            raise error from None
+
+
+def _moved_apart(flat: FlatModel) -> FlatModel:
+    """The model with every estimated value off by another part of itself."""
+    number = count(1)
+    return replace(
+        flat,
+        parameters=tuple(
+            replace(p, value=_inside(p, p.value * (1.0 + APART * next(number)))) if p.estimate else p
+            for p in flat.parameters
+        ),
+    )
+
+
+def _inside(parameter: Parameter, value: float) -> float:
+    low = -np.inf if parameter.min is None else parameter.min
+    high = np.inf if parameter.max is None else parameter.max
+    return value if low < value < high else parameter.value
+
+
+def _fit_from(loaded: FlatModel, experiments: Sequence[Experiment], hold: Hold) -> FitResult:
     times = [p.name for p in loaded.parameters if p.name.startswith("load_")]
     bounds = dict.fromkeys(times, _time_constants(experiments))
     physical = tuple(p.name for p in loaded.parameters if p.estimate)
