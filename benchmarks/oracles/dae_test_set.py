@@ -13,7 +13,8 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import casadi as ca
@@ -110,15 +111,24 @@ class Case:
         return self.worst(ends, rtol), seconds
 
 
-def measure(case: Case, rtol: float, points: int, peers: bool) -> Run:
+def measure(case: Case, rtol: float, points: int) -> Run:
     name = case.problem.model
     try:
         error, seconds = case.daest(rtol, points)
     except DaestError as problem:
         return Run(name, rtol, points, np.nan, np.nan, str(problem).splitlines()[0])
-    if not peers:
-        return Run(name, rtol, points, error, seconds)
-    return Run(name, rtol, points, error, seconds, "", *case.radau(rtol), *case.idas(rtol))
+    return Run(name, rtol, points, error, seconds)
+
+
+def with_peers(run: Run, case: Case, before: Run | None) -> Run:
+    """The run with the peers' results beside it, without a peer that took `LONGEST` in the run `before`."""
+    if before is None or not before.radau_seconds > LONGEST:
+        error, seconds = case.radau(run.rtol)
+        run = replace(run, radau_error=error, radau_seconds=seconds)
+    if before is None or not before.idas_seconds > LONGEST:
+        error, seconds = case.idas(run.rtol)
+        run = replace(run, idas_error=error, idas_seconds=seconds)
+    return run
 
 
 def line(run: Run, tolerance: float) -> str:
@@ -154,8 +164,14 @@ def main() -> None:
         chosen.json.write_text(json.dumps([asdict(run) for run in runs], indent=1))
 
 
-def _measured(case: Case, rtols: list[float], points: list[int], peers: bool) -> list[Run]:
-    return [measure(case, rtol, count, peers and count == points[0]) for rtol in rtols for count in points]
+def _measured(case: Case, rtols: list[float], points: list[int], peers: bool) -> Iterator[Run]:
+    before = None
+    for rtol in rtols:
+        for count in points:
+            run = measure(case, rtol, count)
+            if peers and count == points[0]:
+                run = before = with_peers(run, case, before)
+            yield run
 
 
 if __name__ == "__main__":

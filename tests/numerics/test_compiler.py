@@ -1,5 +1,6 @@
 """Finding a compiler, and keeping what it made."""
 
+import contextvars
 import ctypes
 
 import fmu_models as models
@@ -95,3 +96,23 @@ def test_one_archive_for_three_systems(tmp_path, monkeypatch):
     result = export_fmu(models.tank(), path, platforms=("linux64", "win64", "darwin64"))
     assert result.validation == ()
     assert load_fmu(path).platforms == ("x86_64-darwin", "x86_64-linux", "x86_64-windows")
+
+
+def test_long_code_is_optimised_less():
+    assert compiler.effort("x\n" * compiler.ASKED_LINES, "-O3") == "-O3"
+    assert compiler.effort("x\n" * (compiler.ASKED_LINES + 1), "-O3") == "-O1"
+    assert compiler.effort("x\n" * (compiler.OPTIMISED_LINES + 1), "-O3") == "-O0"
+
+
+def test_a_long_compilation_is_told_once():
+    heard = []
+    source = "int answer(void) { return 42; }\n" + "\n" * compiler.TOLD_LINES
+
+    def build():
+        compiler.tell_of_compilations(heard.append)
+        for _ in range(2):
+            compiler.build_shared(source, "long", ("-O0",))
+        compiler.build_shared("int short_one(void) { return 1; }\n", "short", ("-O0",))
+
+    contextvars.copy_context().run(build)
+    assert len(heard) == 1 and "lines of C" in heard[0]
