@@ -24,6 +24,8 @@ def hidden_basis(Phi: np.ndarray, C: np.ndarray) -> np.ndarray:
     where no output sees anything at all."""
     if not np.all(np.isfinite(Phi)) or not np.any(C):
         return np.zeros((Phi.shape[0], 0))
+    if np.max(np.abs(np.linalg.eigvals(Phi)), initial=0.0) <= 1.0 - UNDAMPED_MARGIN:
+        return np.zeros((Phi.shape[0], 0))
     _, hidden = unobservable_subspace(Phi, C)
     return hidden if undamped_modes(Phi, hidden, UNDAMPED_MARGIN)[0].size else hidden[:, :0]
 
