@@ -227,7 +227,9 @@ def _sufficient(
     hold = data_choice.known_hold(project)
     if data_choice.preparation(project).period is not None:
         return estimation, validation, hold, []
-    period = sufficient_period(estimation, validation, _natural_frequencies(flat))
+    period = sufficient_period(estimation, validation)
+    if period is not None:  # only then are the modes worth their linearisation
+        period = sufficient_period(estimation, validation, _natural_frequencies(flat))
     if period is None:
         return estimation, validation, hold, []
     own = estimation[0].period

@@ -68,7 +68,7 @@ def compared(before: Foreseen | None, after: Foreseen | None, period: float) -> 
     found = []
     for h, old in before.errors.items():
         without, with_effect = _where_they_differ(old, after.errors[h])
-        if without.size < FEWEST_STRETCHES:
+        if without.size < FEWEST_STRETCHES or not np.mean(without) > 0.0:
             continue
         gain = without - with_effect
         error = float(np.std(gain, ddof=1)) / np.sqrt(gain.size)
