@@ -10,6 +10,7 @@ import pytest
 from scipy.signal import decimate, lfilter
 
 from daest.errors import EXPLANATIONS, DaestError, EstimationError
+from daest.estimation.identifiability import ROUNDING, std_errors
 from daest.estimation.identify import identify
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions, NoiseChoice
@@ -455,3 +456,11 @@ def test_refusals_name_what_is_wrong():
     with pytest.raises(EstimationError) as caught:
         identify(rig(), [simulated(1)], IdentifyOptions(estimate=("J3",)))
     assert "J1" in caught.value.remedy
+
+
+def test_no_standard_error_is_below_the_rounding_of_its_value():
+    values = np.array([2.0, 3.0, 5.0, 0.0])
+    cov = np.diag([1e-50, 0.01, -1.0, 4.0])
+    floor, usual, unknown, at_zero = std_errors(cov, values)
+    assert floor == pytest.approx(2.0 * ROUNDING)
+    assert (usual, unknown, at_zero) == (pytest.approx(0.1), None, 2.0)

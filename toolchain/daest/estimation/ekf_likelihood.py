@@ -20,7 +20,13 @@ from daest.estimation.coordinates import Coordinate, Unknowns
 from daest.estimation.ekf import EkfLikelihood, ekf_likelihood, run_ekf
 from daest.estimation.ekf_start import best_start, felt_intensity, with_lost_ones
 from daest.estimation.filter_task import Directions, Noise, Record, Start, record
-from daest.estimation.identifiability import correlation, covariance, weak_directions, without_influence
+from daest.estimation.identifiability import (
+    correlation,
+    covariance,
+    std_errors,
+    weak_directions,
+    without_influence,
+)
 from daest.estimation.identify_nonlinear import identify_nonlinear
 from daest.estimation.interval_check import with_interval_check
 from daest.estimation.nonlinear_start import fit_initial_states
@@ -380,8 +386,8 @@ def _result(
     free[:p] &= np.array([b is None for b in bounds], dtype=bool)
     units = np.concatenate([searched.slopes(found.z[:p]), np.tile(problem.state_scale, len(problem.records))])
     cov = covariance(information, free) * np.outer(units, units)
-    errors = [float(np.sqrt(v)) if np.isfinite(v) and v >= 0.0 else None for v in np.diagonal(cov)]
     values = searched.natural(found.z[:p])
+    errors = std_errors(cov, np.concatenate([values, problem.initial_states(found.z).ravel()]))
     own = searched.of_kind("parameter")
     started = {f.name: f.initial for f in first.parameters}
     limits = {f.name: (f.min, f.max, f.unit) for f in first.parameters}

@@ -18,6 +18,7 @@ OPEN_RELATIVE_STD = 0.5  # any direction is, also that of a single parameter, fr
 SHARE = 0.8  # of a parameter's variance that a joint direction must explain to name the parameter
 SMALL_WEIGHT = 0.12  # of the largest weight: smaller ones are not named
 WEIGHT_STEP = 0.25  # weights are rounded to multiples of this
+ROUNDING = 4.0 * np.finfo(float).eps  # of a value: no estimate is known better
 WHITE_LEVEL = 0.01  # p-value below which residuals count as coloured
 
 
@@ -107,6 +108,14 @@ def output_error_covariance(
     sandwich = filled @ moment @ filled
     sandwich[np.isnan(inverse)] = np.nan
     return Uncertainty(sandwich, True)
+
+
+def std_errors(cov: np.ndarray, values: np.ndarray) -> list[float | None]:
+    """Standard errors (p,) of `values`; None where the data do not determine one, and none below the rounding
+    of its value, where data without noise or the slopes of an unstable simulation would put it."""
+    with np.errstate(invalid="ignore"):
+        errors = np.maximum(np.sqrt(np.diagonal(cov)), ROUNDING * np.abs(values))
+    return [float(error) if np.isfinite(error) else None for error in errors]
 
 
 def correlation(cov: np.ndarray) -> np.ndarray:

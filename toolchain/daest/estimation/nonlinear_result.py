@@ -15,6 +15,7 @@ from daest.estimation.identifiability import (
     correlation,
     covariance,
     output_error_covariance,
+    std_errors,
     weak_directions,
     without_influence,
 )
@@ -96,11 +97,10 @@ def nonlinear_result(
         cov_z = covariance(in_z, free)
     cov = cov_z * np.outer(slopes, slopes)
     values = unknowns.natural(found.z[:n])
-    std_errors = [float(np.sqrt(v)) if np.isfinite(v) and v >= 0.0 else None for v in np.diagonal(cov)]
     weak = weak_directions(unknowns.coordinates, values, in_z / np.outer(slopes, slopes), cov)
     parameters = tuple(
         _fitted_parameter(explicit, c, v, s, b)
-        for c, v, s, b in zip(unknowns.coordinates, values, std_errors, bounds, strict=True)
+        for c, v, s, b in zip(unknowns.coordinates, values, std_errors(cov, values), bounds, strict=True)
     )
     average = average_along(problem, found.z)
     unseen = () if average is None else _unseen(explicit, average)

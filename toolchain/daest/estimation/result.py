@@ -9,11 +9,13 @@ import numpy as np
 from daest.estimation import likelihood, output_error
 from daest.estimation.coordinates import Coordinate
 from daest.estimation.identifiability import (
+    ROUNDING,
     WEAK_RELATIVE_STD,
     Uncertainty,
     correlation,
     covariance,
     output_error_covariance,
+    std_errors,
     weak_directions,
     without_influence,
 )
@@ -125,7 +127,7 @@ def _judge(problem: Problem, method: Method, best: Found) -> Judged:
     slopes = unknowns.slopes(best.z)
     cov = in_z.covariance * np.outer(slopes, slopes)
     values = unknowns.natural(best.z)
-    return Judged(values, cov, _std_errors(cov), bounds, parts, states, std, in_z.is_coloured)
+    return Judged(values, cov, std_errors(cov, values), bounds, parts, states, std, in_z.is_coloured)
 
 
 def _weak(problem: Problem, best: Found, judged: Judged) -> tuple[WeakDirection, ...]:
@@ -186,10 +188,6 @@ def _open_bound(coordinate: Coordinate, z: float, variance_z: float) -> Bound | 
     unsure = not np.isfinite(variance_z) or variance_z > OPEN_TOWARDS_ZERO**2
     fell = coordinate.kind != "parameter" or z < coordinate.searched(coordinate.initial)
     return "min" if unsure and fell else None
-
-
-def _std_errors(cov: np.ndarray) -> list[float | None]:
-    return [float(np.sqrt(v)) if np.isfinite(v) and v >= 0.0 else None for v in np.diagonal(cov)]
 
 
 def _parameters(problem: Problem, judged: Judged) -> tuple[FittedParameter, ...]:
@@ -271,6 +269,12 @@ def message_of(
     unknown = [p.name for p in parameters if p.std_error is None and not p.at_bound]
     if unknown:
         said.append(f"The data do not determine {', '.join(unknown)}: fix it, or measure more.")
+    exact = [p.name for p in parameters if p.std_error and p.std_error <= 1.01 * ROUNDING * abs(p.value)]
+    if exact:
+        said.append(
+            f"The standard errors of {', '.join(exact)} are at the rounding of numbers: the data have no "
+            "noise, or the simulation is too unstable for them to mean anything."
+        )
     if weak:
         said += [_weak_text(direction) for direction in weak]
     absent = [f"{n.kind} noise at {n.name}" for n in noises if n.at_bound == "min"]
