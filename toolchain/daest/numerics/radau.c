@@ -252,7 +252,8 @@ static void blend(const double *M, const double *v, double *out) {
       out[i * NX + q] = M[3 * i] * v[q] + M[3 * i + 1] * v[NX + q] + M[3 * i + 2] * v[2 * NX + q];
 }
 
-/* One Newton solution of Z_i = h sum_j a_ij f(x + Z_j). Returns 1 when converged, 0 otherwise. */
+/* One Newton solution of Z_i = h sum_j a_ij f(x + Z_j). Returns the iterations that it took, 0 where it does not
+ * converge. */
 static int stages(Work *k, Model *m, const Interval *s, double t, double h, double tolerance) {
   double point[NX], previous = 0.0, rate = 0.0;
   blend(TI, k->Z, k->W);
@@ -286,7 +287,7 @@ static int stages(Work *k, Model *m, const Interval *s, double t, double h, doub
     if (iteration > 0) {
       rate = previous > 0.0 ? size / previous : 0.0;
       if (rate >= 1.0 && size > tolerance) return 0;
-      if (size == 0.0 || (rate < 1.0 && rate / (1.0 - rate) * size < tolerance)) return 1;
+      if (size == 0.0 || (rate < 1.0 && rate / (1.0 - rate) * size < tolerance)) return iteration + 1;
       /* What is left of the iterations cannot bring it down to the tolerance. */
       if (rate < 1.0 && pow(rate, NEWTON_STEPS - 1 - iteration) / (1.0 - rate) * size > tolerance) return 0;
     } else if (size < 1e-3 * tolerance) {
@@ -418,7 +419,8 @@ static int solved_stages(Work *k, Model *m, const Interval *s, double t, double 
       extrapolate(k->lastZ, k->c, 1.0 + k->c[j] * step / k->last_h, k->Z + j * NX);
       for (int q = 0; q < NX; ++q) k->Z[j * NX + q] -= base[q];
     }
-    if (stages(k, m, s, t, step, tolerance)) return 1;
+    int iterations = stages(k, m, s, t, step, tolerance);
+    if (iterations) return iterations;
   }
   memset(k->Z, 0, sizeof k->Z);
   return stages(k, m, s, t, step, tolerance);
@@ -453,13 +455,16 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
         (call(daest_rhs, m, k->x, k->u, t, k->f0, k->J0, 0) || !all_finite(k->f0, NX) || !all_finite(k->J0, NX * NX)))
       return NOT_FINITE;
     for (int q = 0; q < NX; ++q) k->scale[q] = atol[q] + rtol * fabs(k->x[q]);
-    if (!solved_stages(k, m, s, t, step, newton_tolerance)) {
+    int iterations = solved_stages(k, m, s, t, step, newton_tolerance);
+    if (!iterations) {
       *h = (rejected > 2 ? 0.25 : 0.5) * step;
       ++rejected;
       continue;
     }
     double size = estimate_error(k, m, s, t, step, rejected || t == s->t0);
-    double factor_h = 0.9 * pow(fmax(size, 1e-10), -0.25);
+    /* The more iterations, the more careful, (8.21). */
+    double safety = 0.9 * (2.0 * NEWTON_STEPS + 1.0) / (2.0 * NEWTON_STEPS + iterations);
+    double factor_h = safety * pow(fmax(size, 1e-10), -0.25);
     if (!(size <= 1.0)) {
       *h = step * fmax(0.1, isfinite(size) ? factor_h : 0.1);
       ++rejected;
