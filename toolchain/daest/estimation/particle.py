@@ -29,7 +29,7 @@ Proposal = Literal["bootstrap", "ekf"]
 RESAMPLE_BELOW = 0.5  # effective sample size, as a share of the particles
 COLLAPSED_BELOW = 5.0  # effective particles: the estimate of such a sample is that of a few lucky ones
 MOST_TRAJECTORIES = 200  # of the backward simulation
-SMALLEST_CHUNK = 128  # particles per thread
+SMALLEST_CHUNK = 1000  # particles per thread: waking one takes as long as hundreds of them
 
 
 class PointModel(Protocol):
@@ -321,19 +321,19 @@ class ContinuousPoints:
             means, covs = interpreted.points_advance(task, k, points)
             return means, square_root(covs)
         m, n = points.shape
-        means, covs = points.copy(), np.empty((m, n, n))
+        means, roots = points.copy(), np.empty((m, n, n))
         library, t, dt = task.model.library, float(data.time[k]), float(data.time[k + 1] - data.time[k])
 
         def part(rows: slice) -> int:
             return library.daest_points_advance(
                 ctypes.c_long(rows.stop - rows.start),
-                *map(pointer, (means[rows], covs[rows], data.u0[k], data.u1[k])),
+                *map(pointer, (means[rows], roots[rows], data.u0[k], data.u1[k])),
                 *map(ctypes.c_double, (t, dt, task.longest)),
                 *map(pointer, (task.theta, task.noise.intensity, task.scale)),
             )
 
         self._all(part, m)
-        return means, square_root(covs)
+        return means, roots
 
     def see(self, k: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         task, data = self.task, self.task.data

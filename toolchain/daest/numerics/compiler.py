@@ -161,6 +161,17 @@ def _writable(folder: Path) -> Path:
         return _spare_folder()
 
 
+@functools.lru_cache(maxsize=1)
+def processor_flags() -> tuple[str, ...]:
+    """Wide instructions where this processor tells that it has them; libraries are kept by their flags."""
+    try:
+        told = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ()
+    words = set(told.split())
+    return ("-mavx2", "-mfma") if platform.machine() == "x86_64" and {"avx2", "fma"} <= words else ()
+
+
 def build_shared(
     source: str,
     name: str,

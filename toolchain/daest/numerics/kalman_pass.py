@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import platform
 from dataclasses import dataclass
 from importlib import resources
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from daest.errors import FmuError
-from daest.numerics.compiler import build_shared
+from daest.numerics.compiler import build_shared, processor_flags
 from daest.numerics.recursions import linear_recursion
 
 # A compiled step with these numbers of states has loops of constant length: the common small models.
@@ -272,7 +270,7 @@ class _Settling:
 def _library(n: int) -> ctypes.CDLL | None:
     """The compiled steps; None without a C compiler."""
     source = resources.files("daest.numerics").joinpath("kalman.c").read_text(encoding="utf-8")
-    flags = ("-O3", *_processor_flags(), *((f"-DCONSTANT={n}",) if n in CONSTANT else ()))
+    flags = ("-O3", *processor_flags(), *((f"-DCONSTANT={n}",) if n in CONSTANT else ()))
     try:
         library = ctypes.CDLL(str(build_shared(source, "kalman", flags)))
     except FmuError as error:
@@ -282,17 +280,6 @@ def _library(n: int) -> ctypes.CDLL | None:
     library.daest_kalman.restype = ctypes.c_long
     library.daest_constant.restype = None
     return library
-
-
-@functools.lru_cache(maxsize=1)
-def _processor_flags() -> tuple[str, ...]:
-    """Wide instructions where this processor tells that it has them; libraries are kept by their flags."""
-    try:
-        told = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return ()
-    words = set(told.split())
-    return ("-mavx2", "-mfma") if platform.machine() == "x86_64" and {"avx2", "fma"} <= words else ()
 
 
 @functools.lru_cache(maxsize=1)

@@ -24,7 +24,8 @@
 enum { DONE = 0, NOT_FINITE = 3, NO_MEMORY = 4, SINGULAR_INNOVATION = 5 };
 static const double PROJECTED = 1e-13; /* step onto the invariants, relative to the scale, that ends the search */
 enum { ORDER = 10, MOST_DOUBLINGS = 60 };
-static const double RADIUS = 0.25; /* |A| s stays below: the first term left out is below 1e-14 */
+static const double RADIUS = 0.25; /* |A| s stays below: ORDER terms leave out less than 1e-14 */
+static const double LEFT_OUT = 1e-16; /* terms of a series below this share of the first are left out */
 static const double LOG_2PI = 1.8378770664093454836;
 
 #define XX (NX * NX)
@@ -165,6 +166,8 @@ typedef struct {
   Slopes at;
   double horner[ORDER + 2][XX], f_term[ORDER + 1][NX], ramp_term[ORDER + 1][NX], Q_term[ORDER + 1][XX];
   int with_Q; /* or the mean alone */
+  int with_phi; /* the transition is wanted also where no doubling needs it */
+  int order; /* terms of the series */
   double length[MOST_DOUBLINGS + 1];
   Solution level[MOST_DOUBLINGS + 1];
   int doublings;
@@ -195,21 +198,23 @@ static void diffusion(const double *G, const double *q, double *D) {
 static void series(Substep *s, double step, const double *D) {
   const double *A = s->at.A;
   Solution *out = &s->level[0];
-  double *H = s->horner[ORDER + 1];
-  memset(H, 0, sizeof(double) * XX);
-  for (int i = 0; i < NX; ++i) H[i * NX + i] = 1.0;
-  for (int k = ORDER; k > 0; --k) {
-    multiply(A, s->horner[k + 1], s->horner[k]);
-    for (int i = 0; i < XX; ++i) s->horner[k][i] *= step / k;
-    for (int i = 0; i < NX; ++i) s->horner[k][i * NX + i] += 1.0;
+  double *H = s->horner[s->order + 1];
+  if (s->with_phi || s->doublings) {
+    memset(H, 0, sizeof(double) * XX);
+    for (int i = 0; i < NX; ++i) H[i * NX + i] = 1.0;
+    for (int k = s->order; k > 0; --k) {
+      multiply(A, s->horner[k + 1], s->horner[k]);
+      for (int i = 0; i < XX; ++i) s->horner[k][i] *= step / k;
+      for (int i = 0; i < NX; ++i) s->horner[k][i * NX + i] += 1.0;
+    }
+    memcpy(out->phi, s->horner[1], sizeof out->phi);
   }
-  memcpy(out->phi, s->horner[1], sizeof out->phi);
   for (int i = 0; i < NX; ++i) {
     out->from_f[i] = s->f_term[1][i] = step * s->at.f[i];
     out->ramp_rate[i] = s->ramp_term[1][i] = step * s->at.ramp[i];
     out->from_ramp[i] = 0.5 * step * s->ramp_term[1][i];
   }
-  for (int k = 2; k <= ORDER; ++k) {
+  for (int k = 2; k <= s->order; ++k) {
     apply(A, s->f_term[k - 1], s->f_term[k]);
     apply(A, s->ramp_term[k - 1], s->ramp_term[k]);
     for (int i = 0; i < NX; ++i) {
@@ -220,7 +225,7 @@ static void series(Substep *s, double step, const double *D) {
   }
   if (!s->with_Q) return;
   for (int i = 0; i < XX; ++i) out->Q[i] = s->Q_term[1][i] = step * D[i];
-  for (int k = 2; k <= ORDER; ++k) {
+  for (int k = 2; k <= s->order; ++k) {
     double product[XX];
     multiply(A, s->Q_term[k - 1], product);
     for (int i = 0; i < NX; ++i)
@@ -266,6 +271,14 @@ static void integrals(Substep *s) {
   }
 }
 
+/* Terms after which those of a series with growth `size` are negligible; that of Q grows from both sides. */
+static int order_of(double size) {
+  double term = 1.0;
+  for (int k = 1; k < ORDER; ++k)
+    if ((term *= size / (k + 1)) < LEFT_OUT) return k;
+  return ORDER;
+}
+
 /* With the slopes `at`; intensities q. */
 static int solve_substep(Substep *s, const double *q, double h) {
   double D[XX] = {0}, size = norm(s->at.A) * h, step = h;
@@ -277,6 +290,7 @@ static int solve_substep(Substep *s, const double *q, double h) {
     ++s->doublings;
   }
   if (s->with_Q) diffusion(s->at.G, q, D);
+  s->order = order_of(s->with_Q ? 2.0 * size : size);
   s->length[0] = step;
   series(s, step, D);
   for (int d = 0; d < s->doublings; ++d) {
@@ -291,7 +305,7 @@ static int solve_substep(Substep *s, const double *q, double h) {
 static void solve_tangent(const Substep *s, const Slopes *d, const double *dD, Solution *out) {
   const double *A = s->at.A, step = s->length[0];
   double H[XX] = {0}, product[XX], f_term[NX], ramp_term[NX], Q_term[XX];
-  for (int k = ORDER; k > 0; --k) {
+  for (int k = s->order; k > 0; --k) {
     multiply(d->A, s->horner[k + 1], product);
     add_product(A, H, product);
     for (int i = 0; i < XX; ++i) H[i] = product[i] * step / k;
@@ -304,7 +318,7 @@ static void solve_tangent(const Substep *s, const Slopes *d, const double *dD, S
   }
   if (s->with_Q)
     for (int i = 0; i < XX; ++i) out->Q[i] = Q_term[i] = step * dD[i];
-  for (int k = 2; k <= ORDER; ++k) {
+  for (int k = 2; k <= s->order; ++k) {
     double df[NX], dramp[NX];
     apply(A, f_term, df);
     add_applied(d->A, s->f_term[k - 1], df);
@@ -525,8 +539,11 @@ static int advance(Substep *work, Model *m, const Interval *s, double *x, double
   double slope[AT_LEAST_ONE(NU)], end[NX], half[XX];
   const double *over = s->is_averaged ? P : 0;
   Piece piece = {.slope = slope, .h = s->dt / n};
+  int is_point = P && !transition && !noise && !(along && along->n);
+  for (int i = 0; is_point && i < XX; ++i) is_point = P[i] == 0.0;
   mean->with_Q = 0;
   spread->with_Q = 1;
+  mean->with_phi = along && along->n;
   for (int i = 0; i < NU; ++i) slope[i] = (s->u1[i] - s->u0[i]) / s->dt;
   if (noise) memset(noise, 0, sizeof(double) * NX * NW);
   for (int k = 0; k < n; ++k) {
@@ -543,6 +560,7 @@ static int advance(Substep *work, Model *m, const Interval *s, double *x, double
       Slopes last;
       if (call_flow(daest_flow, m, end, piece.ub, slope, piece.t + piece.h, over, 0, 0, 0, &last)) return NOT_FINITE;
       average(&mean->at, &last, &spread->at);
+      spread->with_phi = !is_point || k;
       if (solve_substep(spread, m->q, piece.h)) return NOT_FINITE;
       whole = &spread->level[spread->doublings];
 #ifdef TANGENTS
@@ -550,10 +568,13 @@ static int advance(Substep *work, Model *m, const Interval *s, double *x, double
 #else
       (void)along;
 #endif
-      multiply(whole->phi, P, half);
-      memcpy(P, whole->Q, sizeof whole->Q);
-      add_outer(half, whole->phi, P);
-      symmetric(P);
+      if (spread->with_phi) {
+        multiply(whole->phi, P, half);
+        memcpy(P, whole->Q, sizeof whole->Q);
+        add_outer(half, whole->phi, P);
+        symmetric(P);
+      } else
+        memcpy(P, whole->Q, sizeof whole->Q);
     }
     memcpy(x, end, sizeof end);
     if (transition) {
@@ -929,18 +950,19 @@ int daest_ukf(long n, const double *time, const double *u0, const double *u1, co
 
 /* ---- many points at once, for particles ---- */
 
-/* Mean (n x NX) and covariance (n x XX) of the state after one interval from each of n points; x is overwritten. A
- * point whose flow is not finite becomes NaN. */
-int daest_points_advance(long n, double *x, double *cov, const double *u0, const double *u1, double t, double dt,
+/* Mean (n x NX) and a lower root (n x XX) of the covariance of the state after one interval from each of n points; x
+ * is overwritten. A point whose flow is not finite becomes NaN. */
+int daest_points_advance(long n, double *x, double *root, const double *u0, const double *u1, double t, double dt,
                          double longest, const double *theta, const double *q, const double *scale) {
   Model m;
   Substep *work = malloc(2 * sizeof(Substep));
   const Interval s = {u0, u1, t, dt, longest, 1};
   int status = make_model(&m, theta, q, 0, scale) && work ? DONE : NO_MEMORY;
   for (long i = 0; i < n && !status; ++i) {
-    memset(cov + i * XX, 0, sizeof(double) * XX);
-    if (advance(work, &m, &s, x + i * NX, cov + i * XX, 0, 0, 0))
+    double cov[XX] = {0};
+    if (advance(work, &m, &s, x + i * NX, cov, 0, 0, 0))
       for (int k = 0; k < NX; ++k) x[i * NX + k] = NAN;
+    root_of(cov, root + i * XX, NX);
   }
   free(work);
   free_model(&m);

@@ -19,7 +19,7 @@ import numpy as np
 
 from daest.errors import EstimationError, FmuError, ModelError
 from daest.model.explicit import ExplicitModel
-from daest.numerics.compiler import build_shared, effort
+from daest.numerics.compiler import build_shared, effort, processor_flags
 from daest.systems.gaussian_average import averaged
 
 _WORK = ("arg", "res", "iw", "w")
@@ -294,7 +294,9 @@ def _source(model: LocalModel) -> str:
 
 @functools.lru_cache(maxsize=64)
 def _load(source: str) -> ctypes.CDLL:
-    return ctypes.CDLL(str(build_shared(source, "local_linear", flags=(effort(source, "-O2"),))))
+    return ctypes.CDLL(
+        str(build_shared(source, "local_linear", flags=(effort(source, "-O3"), *processor_flags())))
+    )
 
 
 def pointer(array: np.ndarray | None) -> ctypes.c_void_p | None:
