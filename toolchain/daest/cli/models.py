@@ -91,7 +91,7 @@ def _warn_of_units(flat: FlatModel) -> None:
 def configured(flat: FlatModel, project: Project, *, strict: bool) -> FlatModel:
     """The model with [data] outputs, [parameters] and [noise] of daest.toml.
 
-    Unknown names are ConfigErrors if `strict`, all of them at once, and are passed over otherwise.
+    If `strict`, all unknown names are reported in one ConfigError; otherwise they are ignored.
     """
     file = str(project.file)
     problems: list[DaestError] = []

@@ -87,7 +87,7 @@ class ModelOptions:
 
 @dataclass(frozen=True)
 class DataOptions:
-    """What the command line says about the data; None leaves the word to daest.toml."""
+    """The options on data of the command line. None: use the value in daest.toml."""
 
     start: float | None = None
     stop: float | None = None

@@ -1,7 +1,7 @@
-"""Faults of one column, told from its own values: saturation, a stuck sensor, outliers, drop-outs.
+"""Detect faults of one column from its values: saturation, a stuck sensor, outliers, drop-outs.
 
-Every rule asks for what a healthy signal does not do; where rest, steps or limits of a command look the same,
-nothing is said.
+Every rule looks for something that a healthy signal does not do. Where rest, steps or the limits of a command
+look the same as a fault, no finding is reported.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Cells of a spreadsheet or CSV file -> a table: where the header stands, a row of units, the numbers.
+"""Turn the cells of a spreadsheet or CSV file into a table: find the header, a row of units and the numbers.
 
-Other tools write lines of their own above the header, a row of units below it, and a separator too many at
-the end of a row; what is passed over is said in the notes of the table.
+Some tools write extra lines above the header, a row of units below it, or one separator too many at the end
+of a row. The notes of the table name everything that was skipped.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Wrong polarity, told by a model: an output that moves against the model's whatever its parameters are."""
+"""Detect wrong polarity with a model: an output moves against the simulated one for all parameter values."""
 
 from __future__ import annotations
 

@@ -65,8 +65,8 @@ KEYS: dict[str, dict[str, str]] = {
 
 @dataclass(frozen=True)
 class ParameterSetting:
-    """What daest.toml says about one parameter; None leaves the model's own word. `value` is the start value
-    of an estimated parameter and the value of any other, in the unit of the model."""
+    """The settings of one parameter in daest.toml. None: the model decides. `value` is the start value of an
+    estimated parameter and the value of any other, in the unit of the model."""
 
     estimate: bool | None = None
     value: float | None = None
@@ -78,8 +78,8 @@ class ParameterSetting:
 
 @dataclass(frozen=True)
 class NoiseSetting:
-    """`size` is the intensity (two-sided density, unit² s) of a process noise, or the standard deviation of
-    one sample of a measurement; None leaves the model's own word."""
+    """The settings of one noise in daest.toml. None: the model decides. `size` is the intensity (two-sided
+    density, unit² s) of a process noise, or the standard deviation of one sample of a measurement."""
 
     size: float | None = None
     estimate: bool | None = None

@@ -147,8 +147,8 @@ def _table(source: Any, position: int, part: Part) -> Table:
 
 
 def with_units(table: Table, units: Mapping[str, str]) -> Table:
-    """The table with `units` (by column name) for columns whose header names none; columns that it lacks are
-    passed over. Raises DataError `data-unit-twice`."""
+    """The table with `units` (by column name) added to columns whose header has none. Units of columns that
+    the table does not have are ignored. Raises DataError `data-unit-twice`."""
     problems = [
         DataError(
             "data-unit-twice",
@@ -233,8 +233,9 @@ def _experiment(
 
 
 def find_time(table: Table, name: str | None = None) -> Column:
-    """The column of the time: the one called `name`, else the only one that is so by its name; dates turned
-    into seconds. Raises DataError `data-no-time`, `data-two-time-columns` or `data-unknown-column`."""
+    """The time column, with dates converted to seconds: the column `name` if it is given, otherwise the only
+    column whose name says that it is the time. Raises DataError `data-no-time`, `data-two-time-columns` or
+    `data-unknown-column`."""
     if name is None:
         return with_seconds(_time_column(table))
     column = table.find(name)

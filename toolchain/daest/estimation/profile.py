@@ -40,7 +40,7 @@ Tell = Callable[[str], None]
 
 
 def silent(_text: str) -> None:
-    """Tells nobody."""
+    """A progress callback that does nothing."""
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ class Candidate:
 
     @property
     def size_unit(self) -> str:
-        """Unit of the first of its sizes; empty where it is not known."""
+        """Unit of the first size parameter of the effect; empty if it is unknown."""
         size = self.effect.sizes[0]
         return self.units.get(size.name, size.unit)
 
@@ -119,7 +119,7 @@ class FreeForm:
 
     @property
     def log_likelihood_gain(self) -> float:
-        """What the form would buy, without what as many useless parameters buy."""
+        """Gain in log-likelihood, minus the expected gain of as many useless parameters."""
         return max(0.5 * (self.statistic - self.degrees), 0.0)
 
 

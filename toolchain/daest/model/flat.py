@@ -135,8 +135,8 @@ class GivenForm(Protocol):
 
     @property
     def may_jump(self) -> bool:
-        """Answers may depend on more than time, states and inputs: on discrete variables that events have
-        changed, or on steps that it has heard of."""
+        """True if the results may depend on more than time, states and inputs: on discrete variables that
+        events have changed, or on integrator steps that were reported to the model."""
 
     @property
     def method(self) -> str:
@@ -146,7 +146,7 @@ class GivenForm(Protocol):
     def is_affine(self) -> bool: ...
 
     def has_affine_dynamics(self, flat: FlatModel) -> bool:
-        """Rates and outputs are affine, whatever the other variables are."""
+        """True if the rates and the outputs are affine in states and inputs; other variables need not be."""
 
     def with_noises(self, flat: FlatModel, noises: Mapping[str, float | None]) -> FlatModel:
         """The model with white noise of the given intensities at its places, by name."""

@@ -48,8 +48,9 @@ class GenericVerdict:
 
 @dataclass(frozen=True)
 class Difference:
-    """What is otherwise here than in the `GenericVerdict`: `what` is the index, the number of dynamic modes,
-    the `equations` that are forbidden in one of them alone, or the `noises`; `reason` is a sentence."""
+    """A difference between this report and the `GenericVerdict`: `what` is the index, the number of dynamic
+    modes, the `equations` that are forbidden in one of them alone, or the `noises`; `reason` is a
+    sentence."""
 
     what: Literal["index", "n_dynamic", "equations", "noises"]
     reason: str

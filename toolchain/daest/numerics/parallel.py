@@ -52,7 +52,7 @@ Versions = dict[str, str]
 
 @dataclass(frozen=True)
 class Outcome(Generic[Result]):
-    """What became of a task: its `value`, or the `error` that it raised."""
+    """The outcome of a task: its `value`, or the `error` that it raised."""
 
     value: Result | None = None
     error: Exception | None = None
@@ -65,7 +65,7 @@ class Outcome(Generic[Result]):
 
 
 class Engine(Protocol):
-    """Runs packed work on packed tasks, and gives packed outcomes with their numbers, as they come."""
+    """Runs pickled work on pickled tasks and yields pickled outcomes with their numbers as they arrive."""
 
     def gain(self, n_tasks: int, seconds: float) -> float:
         """Seconds that this engine saves where each task takes `seconds`."""
@@ -75,7 +75,7 @@ class Engine(Protocol):
 
 @dataclass(frozen=True)
 class Workers:
-    """What runs tasks; `engine` None: this process alone."""
+    """A pool that runs tasks. `engine` None: the tasks run in this process."""
 
     engine: Engine | None = None
 
@@ -87,11 +87,12 @@ class Workers:
         seconds: float = math.inf,
         arrived: Callable[[int, Outcome[Result]], object] = lambda _number, _outcome: None,
     ) -> Iterator[Outcome[Result]]:
-        """The outcomes of `work` over the tasks, in their order, each as soon as it and those before it are
-        there; `arrived` hears of each at once, with its number. An error of one task leaves the others
-        alone. Tasks that are no longer wanted are given up when the iterator is closed.
+        """Yield the outcomes of `work` over the tasks in the order of the tasks, each as soon as it and all
+        before it have arrived. `arrived` is called with the number and the outcome of every task at once. An
+        error in one task does not affect the others. Closing the iterator cancels the remaining tasks.
 
-        `seconds` that one task takes: where workers would bring nothing, the tasks run here. Raises
+        `seconds` is the expected duration of one task; where workers would save no time, the tasks run in
+        this process. Raises
         DaestError `worker-lost`, `task-not-sendable` and ConfigError `cluster-differs`, `cluster-lost`.
         """
         if self.engine is None or self.engine.gain(len(tasks), seconds) <= 0.0:
@@ -202,7 +203,7 @@ class _Processes:
         return (n_tasks - n_rounds) * seconds - START_SECONDS if n_tasks > n_rounds else 0.0
 
     def arrivals(self, work: bytes, blobs: Sequence[bytes]) -> Generator[tuple[int, bytes]]:
-        """A worker that dies takes those beside it along: what has not come is begun anew."""
+        """If one worker dies, the whole pool breaks: tasks without an outcome are started again."""
         missing, losses = dict(enumerate(blobs)), 0
         while missing:
             try:
@@ -263,7 +264,7 @@ def _unwarned() -> Iterator[None]:
 def _lost() -> DaestError:
     return DaestError(
         "worker-lost",
-        f"a worker came to its end in the middle of a task, {MOST_LOSSES} times in a row",
+        f"a worker process died during a task, {MOST_LOSSES} times in a row",
         remedy="it may have run out of memory: use fewer at a time (--jobs 1), or workers with more memory",
     )
 
@@ -419,7 +420,7 @@ def _differs(where: str, what: str) -> ConfigError:
 
 @lru_cache(maxsize=1)
 def program() -> str:
-    """Hash of daest itself: another version may come to another result."""
+    """Hash of the source code of daest; results may differ between versions."""
     found = hashlib.sha256()
     for file in sorted(Path(daest.__file__).parent.rglob("*.py")):
         content = file.read_bytes()
