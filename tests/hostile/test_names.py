@@ -130,6 +130,13 @@ def test_one_absurd_value_among_300(folder, capsys):
             assert "check-outliers" in codes and err == "", (value, codes, err)
 
 
+def test_a_time_beyond_all_numbers(folder, capsys):
+    rows = [f"{1e-308 * i},1,{i % 3}" for i in range(60)] + ["1e308,2,2"]
+    Path("odd.csv").write_text("time,u [V],y [m]\n" + "\n".join(rows))
+    assert run(["check", "odd.csv"]) in (0, 1)
+    assert capsys.readouterr().err == ""
+
+
 def _findings(document):
     if isinstance(document, dict):
         if "code" in document:

@@ -97,9 +97,10 @@ def _pairs(time: np.ndarray, columns: Sequence[_Column]) -> list[Finding]:
     if time.size < 2 or not np.all(steps > 0):
         return []
     period = float(np.median(steps))
-    n = int((time[-1] - time[0]) / period) + 1
-    if n > 4 * time.size:  # a pause longer than the recording
+    length = float(time[-1]) / period - float(time[0]) / period
+    if not length < 4 * time.size:  # a pause longer than the recording, or a time beyond all numbers
         return []
+    n = int(length) + 1
     grid = time[0] + period * np.arange(n)
     series = [
         Series(c.name, c.unit, np.interp(grid, time, c.values))
