@@ -114,7 +114,7 @@ def _of_dense(dae: LinearDAE, form: StandardForm) -> Nilpotent:
     values, vectors = sla.svd(form.N)[1:] if form.N.size else (np.empty(0), np.empty((0, 0)))
     # N = P2 E Q2: rounding errors are relative to the sums that it is made of, which N itself need not show
     P2, Q2 = np.abs(form.left[n1:]), np.abs(form.right[:, n1:])
-    size = float(np.linalg.norm(P2 @ (abs(sp.csr_array(dae.E)) @ Q2))) if form.N.size else 0.0
+    size = float(sla.norm(P2 @ (abs(sp.csr_array(dae.E)) @ Q2))) if form.N.size else 0.0
     decision = decide_rank(
         "N of the standard form",
         values,
