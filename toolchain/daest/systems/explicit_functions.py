@@ -202,9 +202,12 @@ def _newton(
     scale = np.maximum(np.abs(loop.guess), 1.0)
     scaled = ca.SX.sym("scaled", loop.guess.size)
     residual = definitions.insert_into(loop.residual) / loop.row_size
+    everything = ca.vertcat(*known)
+    # Only what the loop contains: CasADi takes the solution to depend on all that it is given.
+    inside = sorted(set(ca.jacobian_sparsity(residual, everything).get_triplet()[1]))
     problem = {
         "x": scaled,
-        "p": ca.vertcat(*known),
+        "p": everything[inside],
         "g": ca.substitute(residual, loop.tears, ca.DM(scale) * scaled),
     }
     options = {
@@ -212,12 +215,13 @@ def _newton(
         "abstolStep": NEWTON_TOLERANCE,
         "max_iter": NEWTON_STEPS,
     }
-    return _guarded(name, problem, options, loop.guess / scale, scale)
+    solved = _guarded(name, problem, options, loop.guess / scale, scale)
+    return lambda *at: solved(ca.vertcat(*at)[inside])
 
 
 def _guarded(
     name: str, problem: dict[str, ca.SX], options: dict[str, Any], guess: np.ndarray, scale: np.ndarray
-) -> Callable[..., ca.MX]:
+) -> ca.Function:
     """Full Newton steps from the guess; where they do not arrive, damped ones. Where these do not either it
     raises an error, and gives NaN as C code.
 
@@ -238,13 +242,12 @@ def _guarded(
     kept = ca.Function(f"{name}_kept", [z, p], [z])
     either = ca.Function.if_else(f"{name}_either", damped, kept)
     first = attempt(guess, p)
-    whole = ca.Function(
+    return ca.Function(
         f"{name}_guarded",
         [p],
         [scale * either(missed(first, NEWTON_MISSED), first, p)],
         {"never_inline": True},
     )
-    return lambda *at: whole(ca.vertcat(*at))
 
 
 def _damped_newton(name: str, residual: ca.Function, guess: np.ndarray) -> ca.Function:
