@@ -71,12 +71,14 @@ def _exact(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     """What holds exactly, and for almost every θ; where it is otherwise here, and what is undecided."""
     generic = document["generic"]
     if generic is not None:
-        scope = "for almost every value of the parameters" if generic["of"] == "parameters" else "exactly"
+        is_general = generic["of"] == "parameters"
         if document["differs"]:
+            scope = "for almost every value of the parameters" if is_general else "by exact arithmetic"
             scope += f": index {generic['index']}, {generic['n_dynamic']} dynamic, "
             scope += f"{len(generic['forbidden'])} equations without white noise; otherwise here:"
         else:
-            scope += ": the same, by exact arithmetic"
+            scope = "decided by exact arithmetic"
+            scope += "; the same for almost every value of the parameters" if is_general else ""
         yield indented(scope)
     for difference in document["differs"]:
         which = listed([str(i) for i in difference["equations"]] or difference["noises"])
