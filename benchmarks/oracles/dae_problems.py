@@ -39,19 +39,22 @@ class Problem:
     t: ca.SX
     tolerance: float = 30.0
 
-    def explicit(self) -> Callable[[np.ndarray, float], np.ndarray]:
-        """x' with z solved for: g is linear in z."""
+    def explicit(self) -> ca.Function:
+        """(x, t) -> x' with z solved for, by one linear solution where g is linear in z."""
         x, z = ca.vertcat(*self.x.values()), ca.vertcat(*self.z.values())
-        f = self.f
-        if z.numel():
-            matrix = ca.jacobian(self.g, z)
+        if not z.numel():
+            return ca.Function("f", [x, self.t], [self.f])
+        laws = ca.Function("laws", [x, z, self.t], [self.f])
+        x_, t_ = ca.MX.sym("x", x.numel()), ca.MX.sym("t")
+        matrix = ca.jacobian(self.g, z)
+        if ca.depends_on(matrix, z):
+            problem = {"x": z, "p": ca.vertcat(x, self.t), "g": self.g}
+            found = ca.rootfinder("z", "newton", problem, {"abstol": 1e-14})(self.z0, ca.vertcat(x_, t_))
+        else:
             right = -ca.substitute(self.g, z, ca.SX.zeros(z.numel()))
             parts = ca.Function("parts", [x, self.t], [matrix, right])
-            laws = ca.Function("laws", [x, z, self.t], [f])
-            x_, t_ = ca.MX.sym("x", x.numel()), ca.MX.sym("t")
-            solved = ca.solve(*parts(x_, t_), "lapacklu")
-            return ca.Function("f", [x_, t_], [laws(x_, solved, t_)])
-        return ca.Function("f", [x, self.t], [f])
+            found = ca.solve(*parts(x_, t_), "lapacklu")
+        return ca.Function("f", [x_, t_], [laws(x_, found, t_)])
 
 
 def problems() -> dict[str, Problem]:
