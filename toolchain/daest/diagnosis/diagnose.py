@@ -54,7 +54,7 @@ from daest.estimation.records import part_of
 from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen, Unproved
 from daest.model.effects import Effect, Site
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult, IdentifyOptions
+from daest.model.fit import FitResult, IdentifyOptions, error_ratios
 from daest.model.flat import FlatModel
 from daest.modelica.sites import sites
 from daest.numerics.parallel import Outcome, Workers, workers
@@ -330,6 +330,11 @@ def accept(stand: Stand, proof: Proof) -> Stand:
     model = grown(null, proof.flat, reduce_index(proof.flat), proof.fit, experiments)
     validation = fed(stand.validation, proof.candidate)
     reference = reference_of(model, proof.fit, validation)
+    if reference is not None and proof.final is not None:
+        # What was told of the effect stays true of the model that holds it.
+        ratios = error_ratios(reference.fit.simulated, proof.final.simulated)
+        if ratios and np.mean(np.square(ratios)) < 1.0:
+            reference = replace(reference, fit=proof.final)
     return Stand(stand.declared, model, proof.fit, validation, time.perf_counter(), reference)
 
 
