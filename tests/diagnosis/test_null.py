@@ -8,11 +8,12 @@ from hidden_plants import model, quiet, rotor_null, rotor_record, rubbing, some_
 
 from daest.diagnosis.compare import Candidate, compare_models
 from daest.diagnosis.diagnose import DiagnoseOptions, begin, better_hold, examine, without_noises
-from daest.diagnosis.null import CLEAR_HOLD, fit_null
+from daest.diagnosis.null import CLEAR_HOLD, fit_null, refit
 from daest.errors import EstimationError, ModelError
 from daest.estimation.identify import identify
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
+from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model
 from daest.modelica.sites import sites
 from daest.systems.integrate import integrate, integrator
@@ -150,3 +151,15 @@ def test_equal_start_values_of_two_tanks_are_no_stop(tmp_path):
     nodes = [site for site in sites(flat) if site.kind == "equation"]
     found = {x.name: x.value for x in fit_null(flat, nodes, [record], "zoh").fit.parameters}
     assert sorted((found["R1"], found["R2"])) == pytest.approx([2e5, 5e5], rel=0.1)
+
+
+@pytest.mark.parametrize("record", [{"n": 600, "seed": 1}, {"n": 1000, "seed": 4, "noise": 1e-2}])
+def test_what_only_rescales_estimated_parameters_gains_nothing(record):
+    """A gain at the input makes the inertia and the friction that much larger, and says nothing else."""
+    null, _ = rotor_null(rotor_record(**record)[0])
+    baseline = refit(null.flat, null.explicit, null.estimated, null)
+    (gain,) = some_effects("Gain")
+    place = next(s for s in sites(null.flat) if s.name == "u")
+    scaled = attach(null.flat, gain, place, "scaled", {})
+    fit = refit(scaled, reduce_index(scaled), (*null.estimated, "scaled.g"), null)
+    assert fit.log_likelihood - baseline.log_likelihood < 0.5

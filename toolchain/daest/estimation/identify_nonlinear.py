@@ -285,7 +285,24 @@ def _search_on(setup: NonlinearSetup, warm: WarmStart, options: IdentifyOptions)
         best = Ending(improved_problem, found, levels)
         if improved < ENOUGH_GAIN:
             break
-    return best
+    return best if -best.found.evaluation.value < warm.hopeless else _with_own_gain(setup, best, warm)
+
+
+def _with_own_gain(setup: NonlinearSetup, end: Ending, warm: WarmStart) -> Ending:
+    """The end with the gain of the best noise levels at its own parameters.
+
+    While parameters are searched, the gain is held. One that only changes their scale then changes which
+    noise it stands for, and buys likelihood that no noise levels have: the judgement is by the gain that
+    they give.
+    """
+    around, start = replace(setup, problem=end.problem), end.levels or warm.levels
+    problem, levels = with_gain(around, end.found.z, start, start, warm.noise_evaluations)
+    errors = prediction_errors(problem, end.found.z)
+    if errors is None:
+        return end
+    value = errors.negative_log_likelihood + prior_penalty(problem.unknowns, end.found.z)
+    evaluation = replace(end.found.evaluation, value=value)
+    return Ending(problem, replace(end.found, evaluation=evaluation), levels)
 
 
 def _rescanned(setup: NonlinearSetup, end: Ending, warm: WarmStart) -> Ending:
