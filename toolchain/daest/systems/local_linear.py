@@ -258,7 +258,8 @@ def _matrix(value: Any, by: Any) -> Any:
 
 def _library(model: LocalModel) -> ctypes.CDLL | None:
     try:
-        return _load(_source(model))
+        # Derivatives make the code long: a compiler takes twice as long at -O3, for every candidate anew.
+        return _load(_source(model), "-O3" if model.dflow is None else "-O2")
     except FmuError as error:
         if error.code != "no-c-compiler":
             raise
@@ -293,9 +294,9 @@ def _source(model: LocalModel) -> str:
 
 
 @functools.lru_cache(maxsize=64)
-def _load(source: str) -> ctypes.CDLL:
+def _load(source: str, wanted: str) -> ctypes.CDLL:
     return ctypes.CDLL(
-        str(build_shared(source, "local_linear", flags=(effort(source, "-O3"), *processor_flags())))
+        str(build_shared(source, "local_linear", flags=(effort(source, wanted), *processor_flags())))
     )
 
 

@@ -1,0 +1,303 @@
+"""Speed of daest beside its peers, in one process run: the table of docs/speed.md.
+
+    python benchmarks/speed.py [--rows N] [--repeat N] [--table docs/speed.md]
+
+Figures are medians of processor time; each pair is measured in turn, so that both share the load of the
+machine. Processes are measured from outside, with all that they load. The peer of a command is the
+interpreter that loads numpy, scipy.linalg, scipy.sparse and casadi and does nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import os
+import platform
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+import nonlinear_speed as servo
+import numpy as np
+import scipy.linalg as sla
+
+from daest.data.check import check_table
+from daest.data.read import read_table
+from daest.data.table import Part
+from daest.estimation.ekf import ekf_likelihood
+from daest.estimation.filter_task import Noise, Start, Task
+from daest.estimation.filter_task import record as prepared
+from daest.estimation.kalman import kalman_filter, log_likelihood
+from daest.estimation.particle import ContinuousPoints, run_particles, systematic
+from daest.model.estimates import InitialState
+from daest.model.experiment import Experiment
+from daest.model.linear import DiscreteModel
+from daest.numerics.recursions import linear_recursion
+from daest.systems.integrate import integrate, integrator
+from daest.systems.local_linear import local_model
+
+PERIOD = 0.01
+EQUAL = 1e-9  # relative difference of two log-likelihoods of one problem
+EXAMPLE = Path(__file__).parents[1] / "examples" / "servo" / "Servo.mo"
+# States, samples, share of the values that are missing, runs.
+KALMAN = (
+    (4, 1000, 0.0, 15),
+    (4, 100_000, 0.0, 5),
+    (4, 20_000, 0.1, 5),
+    (20, 2000, 0.0, 7),
+    (100, 500, 0.0, 5),
+)
+PARTICLES, SAMPLES = 1000, 1000
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table: a figure and that of the peer, in `unit`, less being better unless `is_rate`."""
+
+    step: str
+    unit: str
+    ours: float
+    peer: str = ""
+    theirs: float | None = None
+    is_rate: bool = False
+
+    def cells(self) -> tuple[str, ...]:
+        theirs = "" if self.theirs is None else f"{self.theirs:.3g}"
+        ratio = 0.0 if self.theirs is None else self.theirs / self.ours
+        faster = "" if self.theirs is None else f"{1 / ratio if self.is_rate else ratio:.2g}"
+        return self.step, f"{self.ours:.3g} {self.unit}", self.peer, theirs, faster
+
+
+def chain(n: int) -> DiscreteModel:
+    """n / 2 masses between damped springs; noise forces on the first and the last, which are measured."""
+    m = n // 2
+    K = 2 * np.eye(m) - np.eye(m, k=1) - np.eye(m, k=-1)
+    A = np.block([[np.zeros((m, m)), np.eye(m)], [-100 * K, -0.5 * K - 0.1 * np.eye(m)]])
+    B, C = np.zeros((n, 2)), np.zeros((2, n))
+    B[m, 0] = B[n - 1, 1] = C[0, 0] = C[1, m - 1] = 1.0
+    Phi = sla.expm(PERIOD * A)
+    G = np.sqrt(PERIOD) * (Phi @ B).T
+    none, small = np.zeros((n, 0)), np.zeros((2, 0))
+    return DiscreteModel(
+        transition=Phi, input_now=none, input_next=none, drift=np.zeros(n), output=C, feedthrough=small,
+        output_offset=np.zeros(2), process_cov=G.T @ G, measurement_cov=1e-4 * np.eye(2),
+        cross_cov=np.zeros((n, 2)), noise_cov=np.eye(2), noise_process_cov=G,
+        noise_measurement_cov=np.zeros((2, 2)), period=PERIOD, hold="zoh",
+    )  # fmt: skip
+
+
+def record(model: DiscreteModel, n_samples: int, missing: float) -> Experiment:
+    rng = np.random.default_rng(0)
+    noise = rng.standard_normal((n_samples - 1, 2)) @ model.noise_process_cov
+    states = linear_recursion(model.transition, noise, np.zeros(model.transition.shape[0]))
+    y = states @ model.output.T + 0.01 * rng.standard_normal((n_samples, 2))
+    y[rng.uniform(size=y.shape) < missing] = np.nan
+    return Experiment(
+        "chain", PERIOD * np.arange(n_samples), np.zeros((n_samples, 0)), y, (), ("first", "last")
+    )
+
+
+def statsmodels_filter(model: DiscreteModel, experiment: Experiment):
+    from statsmodels.tsa.statespace.kalman_filter import KalmanFilter
+
+    n = model.transition.shape[0]
+    peer = KalmanFilter(k_endog=2, k_states=n)
+    peer.bind(experiment.outputs.copy())
+    peer["design"], peer["obs_cov"] = model.output, model.measurement_cov
+    peer["transition"], peer["selection"], peer["state_cov"] = model.transition, np.eye(n), model.process_cov
+    peer.initialize_known(np.zeros(n), np.eye(n))
+    return peer
+
+
+def in_turn(runs: list[Callable[[], object]], repeat: int) -> list[float]:
+    """Median seconds of processor time of each; the first run of each is not counted."""
+    times: list[list[float]] = [[] for _ in runs]
+    for round_ in range(repeat + 1):
+        for run, found in zip(runs, times, strict=True):
+            start = time.process_time()
+            run()
+            if round_:
+                found.append(time.process_time() - start)
+    return [statistics.median(found) for found in times]
+
+
+def kalman_rows() -> Iterator[Row]:
+    for n, n_samples, missing, repeat in KALMAN:
+        model = chain(n)
+        experiment, known = record(model, n_samples, missing), InitialState.known(np.zeros(n), 1.0)
+        peer = statsmodels_filter(model, experiment)
+        if abs(log_likelihood(model, experiment, known) / peer.loglike() - 1.0) > EQUAL:
+            raise SystemExit(f"the log-likelihoods of {n} states differ: not the same problem")
+        runs = [
+            lambda m=model, e=experiment, k=known: kalman_filter(m, e, k),
+            peer.filter,
+            lambda m=model, e=experiment, k=known: log_likelihood(m, e, k),
+            peer.loglike,
+        ]
+        ours, theirs, value, their_value = (1e3 * seconds for seconds in in_turn(runs, repeat))
+        what = f"{n} states, {n_samples} samples" + (", 10 % missing" if missing else "")
+        yield Row(f"Kalman filter, {what}", "ms", ours, "statsmodels", theirs)
+        yield Row(f"likelihood, {what}", "ms", value, "statsmodels", their_value)
+    model = chain(400)
+    experiment, known = record(model, 500, 0.0), InitialState.known(np.zeros(400), 1.0)
+    (seconds,) = in_turn([lambda: log_likelihood(model, experiment, known)], 1)
+    yield Row("likelihood, 400 states, 500 samples", "s", seconds)
+
+
+def plain_bootstrap(y: np.ndarray, u: np.ndarray, theta: np.ndarray, noise: Noise) -> None:
+    """A bootstrap filter as one writes it in numpy: two Runge-Kutta steps of order 4 a sample."""
+    import casadi as ca
+
+    x, v, p = ca.SX.sym("x", 4), ca.SX.sym("u"), ca.SX.sym("p", 8)
+    flow = ca.Function("f", [x, v, p], [servo.rates(x, v, p)]).map(PARTICLES)
+    rng, h = np.random.default_rng(0), servo.PERIOD / 2
+    points = 0.1 * rng.standard_normal((4, PARTICLES))
+    reach = np.sqrt(noise.intensity * servo.PERIOD)[:, None] / theta[:2, None]
+    for k in range(y.shape[0]):
+        error = y[k][:, None] - points[[0, 3]]
+        log_weight = -0.5 * np.sum(error**2 / noise.variance[:, None], axis=0)
+        weight = np.exp(log_weight - log_weight.max())
+        points = points[:, systematic(weight / weight.sum(), rng)]
+        for _ in range(2):
+            rate = lambda at, k=k: flow(at, u[k], theta).full()  # noqa: E731
+            k1 = rate(points)
+            k2 = rate(points + h / 2 * k1)
+            k3 = rate(points + h / 2 * k2)
+            points = points + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(points + h * k3))
+        points[[0, 2]] += reach * rng.standard_normal((2, PARTICLES))
+
+
+def nonlinear_rows() -> Iterator[Row]:
+    explicit = servo.servo()
+    theta = explicit.flat.theta_values
+    t, u = servo.drive(SAMPLES)
+    solved = integrate(integrator(explicit), t, u, theta, np.zeros(4), hold="zoh", rtol=servo.RTOL)
+    y = solved.outputs + np.array([0.1, 0.01]) * np.random.default_rng(1).standard_normal((SAMPLES, 2))
+    data = prepared(local_model(explicit), t, u, y, "zoh")
+    model = local_model(explicit)
+    noise, start = Noise(np.array([1e-4, 1e-4]), np.array([1e-2, 1e-4])), Start(np.zeros(4), 0.01 * np.eye(4))
+    (seconds,) = in_turn([lambda: ekf_likelihood(model, data, theta, noise, start)], 9)
+    yield Row("extended filter of a servo, a sample and state", "us", 1e6 * seconds / SAMPLES / 4)
+    points = ContinuousPoints(Task.of(model, data, theta, noise, start, np.inf))
+    runs = [
+        lambda: run_particles(points, data.outputs, noise.variance, start, PARTICLES, 0, "bootstrap"),
+        lambda: plain_bootstrap(y, u, theta, noise),
+    ]
+    ours, theirs = (SAMPLES * PARTICLES / 1e3 / seconds for seconds in in_turn(runs, 1))
+    name = f"particle filter, {PARTICLES} particles, {SAMPLES} samples"
+    yield Row(name, "particles a ms", ours, "plain numpy", theirs, is_rate=True)
+
+
+def table_rows(folder: Path, n_rows: int, repeat: int) -> Iterator[Row]:
+    import pyarrow as pa
+    from pyarrow import csv
+
+    rng, k, path = np.random.default_rng(0), np.arange(n_rows), folder / "long.csv"
+    u = np.sin(1e-3 * k)
+    signals = (1e-3 * k, u, u + 0.1 * rng.standard_normal(n_rows), np.cos(1e-4 * k))
+    columns = [pa.array(np.round(values, 5)) for values in signals]
+    csv.write_csv(
+        pa.table(columns, ["time", "u", "omega", "phi"]), path, csv.WriteOptions(quoting_header="none")
+    )
+    import pandas as pd
+
+    runs = [lambda: check_table(read_table(path)), lambda: pd.read_csv(path, float_precision="round_trip")]
+    ours, theirs = in_turn(runs, repeat)
+    yield Row(f"check of {n_rows} rows of CSV", "s", ours, "pandas reads them", theirs)
+    (part,) = in_turn([lambda: read_table(path, Part(None, None, 5.0))], repeat)
+    yield Row(f"the first 5000 of {n_rows} rows of CSV", "s", part)
+
+
+def process(arguments: list[str], **variables: str) -> Callable[[], object]:
+    return lambda: subprocess.run(
+        [sys.executable, *arguments], env={**os.environ, **variables}, capture_output=True, check=False
+    )
+
+
+def children(runs: list[Callable[[], object]], repeat: int) -> list[float]:
+    """Median seconds of processor time of processes and all that they start."""
+    times: list[list[float]] = [[] for _ in runs]
+    for round_ in range(repeat + 1):
+        for run, found in zip(runs, times, strict=True):
+            before = resource.getrusage(resource.RUSAGE_CHILDREN)
+            run()
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            if round_:
+                found.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    return [statistics.median(found) for found in times]
+
+
+def process_rows(folder: Path, repeat: int) -> Iterator[Row]:
+    fmu = folder / "servo.fmu"
+    process(["-m", "daest", "export", str(EXAMPLE), "-o", str(fmu)])()
+    words = {"_DAEST_COMPLETE": "bash_complete", "COMP_WORDS": "daest identify --esti", "COMP_CWORD": "2"}
+    runs = [
+        process(["-c", "import numpy, scipy.linalg, scipy.sparse, casadi"]),
+        process(["-m", "daest", "linearize", str(fmu)]),
+        process(["-m", "daest"], **words),
+        process(["-m", "daest", "--help"]),
+    ]
+    loads, *found = children(runs, repeat)
+    for name, seconds in zip(("daest linearize servo.fmu", "one Tab", "daest --help"), found, strict=True):
+        yield Row(f"`{name}`, whole process", "s", seconds, "loading the libraries", loads)
+
+
+def markdown(rows: list[Row]) -> str:
+    names = ("numpy", "scipy", "casadi", "statsmodels", "pyarrow", "pandas")
+    libraries = ", ".join(f"{name} {metadata.version(name)}" for name in names)
+    load = os.getloadavg()[0]
+    lines = [
+        "# Speed",
+        "",
+        "`python benchmarks/speed.py --table docs/speed.md` measures this table in one process run. Figures",
+        "are medians of processor time on one core; the last column says how many times faster daest is.",
+        "",
+        f"{datetime.date.today():%B %Y}, {_processor()}, {os.cpu_count()} cores, load {load:.1f} "
+        "(above 1 a figure is larger than on a quiet machine; ratios stay).",
+        f"Python {platform.python_version()}, {libraries}.",
+        "",
+        "| step | daest | peer | its figure | times faster |",
+        "|---|---|---|---|---|",
+    ]
+    return "\n".join([*lines, *(f"| {' | '.join(row.cells())} |" for row in rows), ""])
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rows", type=int, default=5_000_000, help="of the long CSV file")
+    parser.add_argument("--repeat", type=int, default=3, help="of files and processes")
+    parser.add_argument("--table", type=Path, help="write the table there as Markdown")
+    options = parser.parse_args()
+    rows: list[Row] = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for found in (
+            kalman_rows(),
+            nonlinear_rows(),
+            table_rows(folder, options.rows, options.repeat),
+            process_rows(folder, options.repeat),
+        ):
+            for row in found:
+                print("  ".join(row.cells()), flush=True)
+                rows.append(row)
+    if options.table is not None:
+        options.table.write_text(markdown(rows), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
