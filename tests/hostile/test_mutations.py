@@ -6,7 +6,7 @@ from collections import Counter
 import pytest
 from mutations import DAMAGED, PAST, tried, whole_process
 
-N = int(os.environ.get("DAEST_FUZZ", "120"))
+N = int(os.environ.get("DAEST_FUZZ", "60"))
 N_PROCESSES = N // 60
 
 

@@ -336,7 +336,7 @@ def test_a_panic_of_the_compiler_is_one_message(
             raise Panic("index out of bounds\nstack backtrace: …")
 
     monkeypatch.setattr("rumoca.Session", Broken)
-    error = failure(lambda: compiled("model M Real x = 1; end M;"))
+    error = failure(lambda: compiled("model M Real x = 1.375; end M;"))
     assert error.code == "model-compiler"
     assert "index out of bounds" in error.what and "backtrace" not in str(error)
     monkeypatch.undo()

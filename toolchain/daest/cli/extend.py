@@ -10,7 +10,6 @@ import click
 
 from daest.cli.options import ModelOptions, example, format_option, model_options, output_option, set_option
 from daest.cli.output import emit, keep_inputs, note, write_text
-from daest.cli.results import read_document
 from daest.errors import ConfigError, ModelError
 
 DIAGNOSIS = "diagnosis.json"  # among the results
@@ -129,6 +128,8 @@ def _diagnosed(project: Project, flat: FlatModel, effect: Effect, site: Site) ->
     path = project.results / DIAGNOSIS
     if not path.is_file():
         return {}
+    from daest.cli.results import read_document
+
     document = read_document(path)
     if (document.get("model") or {}).get("name") != flat.name:
         return {}

@@ -26,7 +26,8 @@ HORIZONS = (1, 3, 10, 30, 100)  # samples, as far as LONGEST allows
 LONGEST = 0.1  # of the shortest recording
 TAKES_UP = 20  # samples for which the observer follows the data before it is left alone again
 START_SAMPLES = 300  # that the initial state is fitted to
-START_ITERATIONS = 4
+START_ITERATIONS = 15
+START_PROGRESS = 1e-3  # of the mean squared error, below which the search for the start ends
 FEWEST_STRETCHES = 5
 CERTAIN = 2.5  # standard errors of the mean over stretches that tell better from worse
 DIFFERENCE = 0.95  # of the squared difference between two models: where that is, the effect acts
@@ -152,26 +153,30 @@ def _initial_state(null: Null, model: Integrator, experiment: Experiment, gain: 
     time, inputs, y = experiment.time[rows], experiment.inputs[rows], experiment.outputs[rows]
     loads = {load.name for load in null.loads}
     free = np.array([name not in loads for name in null.explicit.state_names])
-    x0 = np.where(free, initial_point(null.explicit, null.theta, experiment.inputs[0])[0], 0.0)
-    best, least = x0, np.inf
+    best = np.where(free, initial_point(null.explicit, null.theta, experiment.inputs[0])[0], 0.0)
+    least, step = np.inf, np.zeros(best.size)
     for _ in range(START_ITERATIONS):
         try:
             run = integrate(
-                model, time, inputs, null.theta, x0, hold=null.hold, sensitivities=True,
+                model, time, inputs, null.theta, best + step, hold=null.hold, sensitivities=True,
                 correction=Correction(y, gain), rtol=RTOL,
             )  # fmt: skip
         except IntegrationError:
-            break
+            step = 0.5 * step
+            continue
         error = (y - run.outputs) / null.measurement_std
         seen = np.isfinite(error)
         value = float(np.mean(error[seen] ** 2)) if seen.any() else np.inf
-        if value >= least:
+        if value >= least:  # a law that bends lets whole steps miss
+            step = 0.5 * step
+            continue
+        best, is_there = best + step, value > (1.0 - START_PROGRESS) * least
+        if is_there:
             break
-        best, least = x0, value
+        least = value
         slopes = (run.sensitivities / null.measurement_std[:, None])[seen][:, free]
-        step = np.zeros(x0.size)
+        step = np.zeros(best.size)
         step[free] = np.linalg.lstsq(slopes, error[seen], rcond=1e-8)[0]
-        x0 = x0 + step
     return best
 
 

@@ -192,34 +192,48 @@ def throw_cache_away() -> None:
     shutil.rmtree(compiler_cache(), ignore_errors=True)
 
 
-def _entries(folder: Path) -> Iterator[tuple[str, Path]]:
-    for file in folder.rglob("*.bin"):
-        yield file.relative_to(folder).as_posix(), file
+# What is known of a file: its hash, and what the file system says of it. Hashing thousands of files at every
+# compilation would take longer than compiling; a file that nobody has touched since is not read again.
+_Known = dict[str, tuple[str, list[int]]]
+
+
+def _entries(folder: Path) -> Iterator[tuple[str, list[int]]]:
+    """Paths of the compiler's files, and what changes when one of them is written to."""
+    waiting = [str(folder)]
+    while waiting:
+        with contextlib.suppress(OSError), os.scandir(waiting.pop()) as entries:
+            for entry in entries:
+                if entry.is_dir(follow_symlinks=False):
+                    waiting.append(entry.path)
+                elif entry.name.endswith(".bin"):
+                    state = entry.stat(follow_symlinks=False)
+                    yield entry.path, [state.st_size, state.st_ino, state.st_mtime_ns, state.st_ctime_ns]
 
 
 def _index(folder: Path) -> Path:
     return folder / "hashes"
 
 
-def _checked(folder: Path) -> dict[str, str]:
-    """Hashes of the files that are as they were left; others are removed."""
+def _checked(folder: Path) -> _Known:
+    """The files that are as they were left; others are removed."""
     content = kept_content(_index(folder))
-    known: dict[str, str] = {} if content is None else json.loads(content)
-    good: dict[str, str] = {}
-    for name, file in _entries(folder):
+    known: _Known = {} if content is None else json.loads(content)
+    good: _Known = {}
+    for path, state in _entries(folder):
+        hashed, before = known.get(path, ("", []))
         with contextlib.suppress(OSError):
-            if name in known and hash_of(file) == known[name]:
-                good[name] = known[name]
+            if hashed and (state == before or hash_of(Path(path)) == hashed):
+                good[path] = (hashed, state)
             else:
-                file.unlink()
+                os.unlink(path)
     return good
 
 
-def _remember(folder: Path, known: dict[str, str]) -> None:
+def _remember(folder: Path, known: _Known) -> None:
     found = dict(known)
-    for name, file in _entries(folder):
-        if name not in found:
+    for path, state in _entries(folder):
+        if path not in found:
             with contextlib.suppress(OSError):
-                found[name] = hash_of(file)
+                found[path] = (hash_of(Path(path)), state)
     if found != known:
         keep_content(_index(folder), json.dumps(found).encode())
