@@ -6,6 +6,7 @@ blindly, so that each file is held against its hash here, and one that is damage
 
 from __future__ import annotations
 
+import _thread
 import contextlib
 import faulthandler
 import json
@@ -57,7 +58,8 @@ def _may_copy() -> bool:
     the compiler itself, used by somebody else here) would be missing in a copy."""
     if sys.platform != "linux":
         return False
-    return len(os.listdir("/proc/self/task")) <= threading.active_count()
+    # Counted by the interpreter: `threading` does not know what was started below it.
+    return len(os.listdir("/proc/self/task")) <= 1 + _thread._count()
 
 
 def _by_copy(work: Callable[..., Any], arguments: tuple) -> tuple[int, bytes]:
