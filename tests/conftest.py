@@ -2,6 +2,8 @@
 
 import os
 import shutil
+import sys
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -153,3 +155,12 @@ def watched(request, browser, scheme):
     found.page.on("request", lambda r: found.requests.append(r.url))
     yield found
     context.close()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def compiler_by_copy() -> Iterator[None]:
+    """The compiler works in a copy of the test process, although other tests have left threads of native code
+    behind: they never ran the compiler, and a new process for each compilation takes five times as long."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("daest.modelica.apart._may_copy", lambda: sys.platform == "linux")
+        yield
