@@ -113,6 +113,7 @@ def test_an_output_that_the_model_needs_stays_an_unknown(compiled: Compile) -> N
     assert str(flat.output_expressions) == "[x, y, z, v]"
 
 
+@pytest.mark.slow
 def test_speed_of_the_servo() -> None:
     """Expression building included; the best of three, for other programs may be running."""
     seconds = []
