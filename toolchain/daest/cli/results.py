@@ -108,8 +108,7 @@ def fitted(flat: FlatModel, document: Mapping[str, Any]) -> FlatModel:
     stds = {name: entry["std"] for name, entry in noise.get("measurement", {}).items()}
     without = 0.0 if document.get("method") == "oe" else None
     return replace(
-        flat,
-        parameters=tuple(replace(p, value=values.get(p.name, p.value)) for p in flat.parameters),
+        flat.with_theta(values),
         noises=tuple(
             replace(w, intensity=intensities.get(w.name, w.intensity if without is None else without))
             for w in flat.noises

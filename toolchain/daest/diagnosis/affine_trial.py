@@ -16,7 +16,7 @@ from daest.estimation.predictor import Dynamics, Innovations, innovation_slopes
 from daest.estimation.records import Record, make_record
 from daest.model.comparison import Horizon
 from daest.model.experiment import Experiment
-from daest.model.explicit import ExplicitModel
+from daest.model.flat import ExplicitModel
 from daest.model.linear import StateSpaceFamily
 from daest.systems.linearize import is_affine_model
 from daest.systems.state_space import state_space, state_space_family

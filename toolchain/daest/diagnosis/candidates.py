@@ -12,8 +12,7 @@ from daest.diagnosis.grown_states import brought_rows, with_integrals
 from daest.errors import DaestError
 from daest.model.diagnosis import Candidate
 from daest.model.effects import Effect, EffectParameter, Placement, Site
-from daest.model.explicit import ExplicitModel
-from daest.model.flat import FlatModel
+from daest.model.flat import ExplicitModel, FlatModel
 from daest.modelica.attach import attach_all
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import fits

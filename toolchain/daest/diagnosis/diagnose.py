@@ -42,7 +42,6 @@ from daest.diagnosis.proof import (
     prove,
     ranked,
     trials,
-    with_values,
 )
 from daest.diagnosis.rivals import dynamic_trials, richer_laws, simpler_laws
 from daest.diagnosis.screen import NullObserver, run_null, screen
@@ -469,7 +468,7 @@ def _by_shooting(search: _Search, prepared: Prepared) -> Prepared:
     )
     fit = identify(prepared.flat, fed(null.experiments, prepared.trial.candidate), options)
     values = {name: fit.theta[name] for name in prepared.names}
-    return replace(prepared, flat=with_values(prepared.flat, values))
+    return replace(prepared, flat=prepared.flat.with_theta(values))
 
 
 def _proved(search: _Search, prepared: Prepared) -> Proof:
@@ -603,12 +602,11 @@ def _unproved(
 ) -> tuple[Unproved, ...]:
     """Leaders of the screen without a refit, and other candidates whose refit failed."""
     entries = {entry.candidate.name: entry for entry in found.entries}
-    done = {p.candidate.effect.class_name: p for p in proofs}
     result = []
     reasons = {trial.candidate.name: (trial, reason) for trial, reason in failed}
     best = best_accepted(proofs)
     for trial in wanted:
-        if trial.candidate.name in reasons or any(_is_same(trial, p.candidate) for p in done.values()):
+        if trial.candidate.name in reasons:
             continue
         reason = "not refitted: others came first"
         if best is not None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from daest.estimation.observer import AverageModel, jacobians
 from daest.model.experiment import Experiment
-from daest.model.explicit import ExplicitModel
+from daest.model.flat import ExplicitModel
 from daest.numerics.exponential import transition_integrals
 from daest.numerics.recursions import linear_recursion
 from daest.systems.affine_dynamics import has_affine_dynamics

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from daest.errors import EstimationError
-from daest.model.explicit import ExplicitModel
+from daest.model.flat import ExplicitModel
 
 Inputs = tuple[np.ndarray, np.ndarray]  # u (n_u, n_samples) and v (n_v, n_samples)
 

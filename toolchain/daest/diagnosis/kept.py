@@ -11,7 +11,7 @@ import types
 import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -133,9 +133,7 @@ def _digest(*parts: Any) -> str:
 def _restored(prepared: Prepared, content: Mapping[str, Any]) -> Proof:
     hints = typing.get_type_hints(Proof)
     known = {name: _value(hints[name], content[name]) for name in hints if name not in _LEFT_OUT}
-    theta = known["fit"].theta
-    parameters = tuple(replace(p, value=theta.get(p.name, p.value)) for p in prepared.flat.parameters)
-    flat = replace(prepared.flat, parameters=parameters)
+    flat = prepared.flat.with_theta(known["fit"].theta)
     return Proof(candidate=prepared.trial.candidate, flat=flat, **known)
 
 

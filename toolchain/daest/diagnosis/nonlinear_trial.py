@@ -26,7 +26,7 @@ from daest.estimation.search import minimise
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
 from daest.model.comparison import Horizon
 from daest.model.experiment import Experiment
-from daest.model.explicit import ExplicitModel
+from daest.model.flat import ExplicitModel
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import (
     IntegrationError,

@@ -17,9 +17,8 @@ from daest.estimation.identify_nonlinear import WarmStart, identify_nonlinear
 from daest.model.diagnosis import Load
 from daest.model.effects import Site
 from daest.model.experiment import Experiment
-from daest.model.explicit import ExplicitModel
 from daest.model.fit import FitResult, IdentifyOptions
-from daest.model.flat import FlatModel, Parameter
+from daest.model.flat import ExplicitModel, FlatModel, Parameter
 from daest.systems.reduce import reduce_index
 from daest.systems.sample import Hold
 
@@ -200,7 +199,7 @@ def _at_estimate(
     places: tuple[LoadPlace, ...],
     experiments: tuple[Experiment, ...],
 ) -> Null:
-    valued = _with_theta(loaded, fit.theta)
+    valued = loaded.with_theta(fit.theta)
     explicit = reduce_index(valued)
     return Null(
         flat=pinned(valued, explicit),
@@ -225,10 +224,9 @@ def grown(
     null: Null, flat: FlatModel, explicit: ExplicitModel, fit: FitResult, experiments: Sequence[Experiment]
 ) -> Null:
     """The null for a model that grew out of it: same places of loads, values and sizes of the new fit."""
-    values = tuple(replace(p, value=fit.theta.get(p.name, p.value)) for p in flat.parameters)
     return replace(
         null,
-        flat=pinned(replace(flat, parameters=values), explicit),
+        flat=pinned(flat.with_theta(fit.theta), explicit),
         explicit=explicit,
         fit=fit,
         loads=loads_of(fit, null.places),
@@ -246,12 +244,6 @@ def loads_of(fit: FitResult, places: Sequence[LoadPlace]) -> tuple[Load, ...]:
         size = float(np.sqrt(intensity.get(f"{name}.w", 0.0) * T / 2.0))
         result.append(Load(name, place.names[0], place.names, T, size, place.unit))
     return tuple(result)
-
-
-def _with_theta(flat: FlatModel, theta: dict[str, float]) -> FlatModel:
-    return replace(
-        flat, parameters=tuple(replace(p, value=theta.get(p.name, p.value)) for p in flat.parameters)
-    )
 
 
 def refit(

@@ -16,9 +16,8 @@ from daest.diagnosis.unseen import Foreseen, compared, foreseen, is_worse, judge
 from daest.errors import DaestError
 from daest.model.diagnosis import Ahead, Candidate, FreeForm, Load, Proof, Screen
 from daest.model.experiment import Experiment
-from daest.model.explicit import ExplicitModel
 from daest.model.fit import FitResult, FittedParameter, error_ratios
-from daest.model.flat import FlatModel
+from daest.model.flat import ExplicitModel, FlatModel
 from daest.modelica.attach import attach
 from daest.modelica.place_units import units_at
 from daest.numerics.distributions import chi2
@@ -243,10 +242,9 @@ def prove(
             reason = _unexplained(explained, ratios)
         if not reason and not _is_most_of_it(explained, ratios, is_told, gain, left):
             reason = _wrong_law(null, run, prepared, fit, gain, left)
-    parameters = tuple(replace(p, value=fit.theta.get(p.name, p.value)) for p in prepared.flat.parameters)
     return Proof(
         candidate=prepared.trial.candidate,
-        flat=replace(prepared.flat, parameters=parameters),
+        flat=prepared.flat.with_theta(fit.theta),
         fit=fit,
         delta_log_likelihood=float(gain),
         delta_bic=delta_bic,
@@ -278,7 +276,7 @@ def _refit(
     for _ in range(LONGER):
         if fit.status != "iteration limit" or fit.log_likelihood < max(hopeless, least):
             break
-        flat = with_values(prepared.flat, fit.theta)
+        flat = prepared.flat.with_theta(fit.theta)
         longer = refit(
             flat, reduce_index(flat), prepared.names, replace(null, fit=fit), validation=validation
         )
@@ -286,12 +284,6 @@ def _refit(
             break
         fit = longer
     return fit
-
-
-def with_values(flat: FlatModel, theta: Mapping[str, float]) -> FlatModel:
-    return replace(
-        flat, parameters=tuple(replace(p, value=theta.get(p.name, p.value)) for p in flat.parameters)
-    )
 
 
 def has_lost_its_way(proof: Proof) -> bool:

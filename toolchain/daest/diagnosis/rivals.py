@@ -91,7 +91,7 @@ def _best_dynamic(null: Null, candidate: Candidate) -> tuple[float, Prepared] | 
         except DaestError:
             continue
         if best is None or fit.log_likelihood > best[0]:
-            at_fit = _with_values(flat, fit.theta)
+            at_fit = flat.with_theta(fit.theta)
             values = tuple(fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
             best = (fit.log_likelihood, Prepared(Trial(candidate, values, ()), at_fit, names))
     return best
@@ -120,12 +120,6 @@ def _simulation_fit(null: Null, flat: FlatModel, names: Sequence[str]) -> float 
 
 def _own(candidate: Candidate) -> tuple[str, ...]:
     return tuple(f"{candidate.name}.{p.name}" for p in candidate.effect.parameters if p.estimate)
-
-
-def _with_values(flat: FlatModel, theta: dict[str, float]) -> FlatModel:
-    return replace(
-        flat, parameters=tuple(replace(p, value=theta.get(p.name, p.value)) for p in flat.parameters)
-    )
 
 
 def richer_laws(
@@ -215,7 +209,7 @@ def _in_place(null: Null, best: Proof, candidate: Candidate, size: float) -> Pre
         flat = attach(null.flat, effect, candidate.site, candidate.name, values)
     except DaestError:
         return None
-    at_fit = _with_values(flat, {name: best.fit.theta[name] for name in null.estimated})
+    at_fit = flat.with_theta({name: best.fit.theta[name] for name in null.estimated})
     trial = Trial(candidate, (size,), _at_other_places(best.candidate, best))
     return Prepared(trial, at_fit, (*null.estimated, *_own(candidate)), similar=best.fit)
 

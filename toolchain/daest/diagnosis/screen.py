@@ -27,7 +27,7 @@ from daest.errors import EstimationError
 from daest.estimation.observer import AverageModel, average_model, observer
 from daest.model.diagnosis import Candidate, Screen, Screened
 from daest.model.experiment import Experiment
-from daest.model.explicit import ExplicitModel
+from daest.model.flat import ExplicitModel
 from daest.numerics.distributions import chi2, norm
 from daest.numerics.statistics import autoregression
 from daest.systems.integrate import (

@@ -23,9 +23,8 @@ from daest.estimation.coordinates import Unknowns, parameter_coordinate
 from daest.estimation.identify import identify
 from daest.estimation.identify_nonlinear import WarmStart, identify_nonlinear
 from daest.model.experiment import Experiment
-from daest.model.explicit import ExplicitModel
 from daest.model.fit import FitResult, FittedParameter, IdentifyOptions, error_ratios
-from daest.model.flat import FlatModel
+from daest.model.flat import ExplicitModel, FlatModel
 from daest.systems.reduce import reduce_index
 
 FAILURES = (DaestError, RuntimeError, np.linalg.LinAlgError)  # of a search, also those of CasADi's solvers
@@ -49,10 +48,7 @@ def settled(
     from `fit`; and its observer over the experiments. None where no search from there succeeds."""
     names = tuple(p.name for p in fit.parameters)
     times = {f"{load.name}.T": shortest_load(null.experiments) for load in null.loads}
-    values = tuple(
-        replace(p, value=times.get(p.name, fit.theta.get(p.name, p.value))) for p in flat.parameters
-    )
-    started = replace(flat, parameters=values)
+    started = flat.with_theta({**fit.theta, **times})
     explicit = reduce_index(started)
     found: FitResult | None = None
     for _ in range(1 + SECOND_CHANCES):

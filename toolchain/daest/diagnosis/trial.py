@@ -10,9 +10,8 @@ import numpy as np
 
 from daest.model.comparison import Horizon
 from daest.model.experiment import Experiment
-from daest.model.explicit import ExplicitModel
 from daest.model.fit import Agreement
-from daest.model.flat import FlatModel
+from daest.model.flat import ExplicitModel, FlatModel
 from daest.systems.integrate import Hold, interval_inputs
 
 HORIZONS = (1, 3, 10, 30, 100, 300)  # samples, as far as LONGEST_HORIZON allows

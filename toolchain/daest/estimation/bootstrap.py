@@ -22,9 +22,8 @@ from daest.estimation.identify import identify
 from daest.estimation.profile import Tell, silent
 from daest.estimation.records import in_model_order
 from daest.model.experiment import Experiment
-from daest.model.explicit import ExplicitModel
 from daest.model.fit import Bootstrap, FitResult, IdentifyOptions
-from daest.model.flat import FlatModel
+from daest.model.flat import ExplicitModel, FlatModel
 from daest.model.linear import StateSpaceFamily
 from daest.numerics.parallel import workers
 from daest.systems.reduce import reduce_index

@@ -37,7 +37,6 @@ from daest.estimation.search import Evaluation, Found, minimise
 from daest.estimation.ties import Beginning, with_ties
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
-from daest.model.explicit import ExplicitModel
 from daest.model.fit import (
     Agreement,
     FitResult,
@@ -47,6 +46,7 @@ from daest.model.fit import (
     IdentifyOptions,
     Method,
 )
+from daest.model.flat import ExplicitModel
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import IntegrationError, integrator
 from daest.systems.local_linear import LocalModel, local_model

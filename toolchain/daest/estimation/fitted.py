@@ -17,8 +17,7 @@ def fitted_model(flat: FlatModel, fit: FitResult) -> FlatModel:
     sizes = {(noise.kind, noise.name): noise.value for noise in fit.noises}
     none = 0.0 if fit.method == "oe" else None
     return replace(
-        flat,
-        parameters=tuple(replace(p, value=fit.theta.get(p.name, p.value)) for p in flat.parameters),
+        flat.with_theta(fit.theta),
         noises=tuple(
             replace(w, intensity=sizes.get(("process", w.name), w.intensity if none is None else none))
             for w in flat.noises

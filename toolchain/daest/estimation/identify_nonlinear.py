@@ -46,8 +46,8 @@ from daest.estimation.search import minimise
 from daest.estimation.shooting import Cut, default_segments, search_by_shooting, start_of
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
-from daest.model.explicit import ExplicitModel
 from daest.model.fit import FitResult, IdentifyOptions, Method
+from daest.model.flat import ExplicitModel
 from daest.numerics.parallel import workers
 from daest.systems.integrate import integrator
 

@@ -27,7 +27,7 @@ from daest.estimation.ukf import UkfRun, run_ukf
 from daest.model.defaults import PARTICLES
 from daest.model.estimates import FilterResult, InitialState, NisSummary, NonlinearKind, ProcessNoiseEstimate
 from daest.model.experiment import Experiment
-from daest.model.explicit import ExplicitModel
+from daest.model.flat import ExplicitModel
 from daest.numerics.distributions import chi2
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import Hold, IntegrationError, integrate, integrator

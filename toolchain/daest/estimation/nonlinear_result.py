@@ -30,8 +30,8 @@ from daest.estimation.shooting import whole_errors
 from daest.estimation.stationary import unseen_directions, unseen_note
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
-from daest.model.explicit import ExplicitModel
 from daest.model.fit import Agreement, FitResult, FittedInitialState, FittedNoise, FittedParameter
+from daest.model.flat import ExplicitModel
 
 AGREEMENT_ITERATIONS = 10  # of the search for the initial states that an agreement is judged from
 

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from daest.estimation.stationary import try_stationary_filter
-from daest.model.explicit import ExplicitModel
+from daest.model.flat import ExplicitModel
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.numerics.hidden import forgetting
 from daest.systems.sample import sample

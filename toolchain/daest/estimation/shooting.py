@@ -24,7 +24,7 @@ from daest.estimation.scores import Scores, scores
 from daest.estimation.search import Evaluation, Found, Objective, minimise
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
-from daest.model.explicit import ExplicitModel
+from daest.model.flat import ExplicitModel
 from daest.systems.integrate import integrator
 
 FIRST_WEIGHT = 10.0  # of squared gaps in units of the state scales: loose

@@ -16,7 +16,7 @@ import numpy as np
 
 from daest.estimation.coordinates import Unknowns
 from daest.estimation.search import Evaluation
-from daest.model.explicit import ExplicitModel
+from daest.model.flat import ExplicitModel
 
 WEIGHT = 10.0  # of a distance by one state scale, as a whitened residual
 

@@ -30,8 +30,7 @@ from daest.fmu.semi_explicit import (
     refuse_hidden,
     semi_explicit_form,
 )
-from daest.model.explicit import ExplicitModel, InputDerivative
-from daest.model.flat import Equation, FlatModel, NoiseInput
+from daest.model.flat import Equation, ExplicitModel, FlatModel, InputDerivative, NoiseInput
 from daest.model.fmu import FmuModel
 from daest.model.linear import LinearDAE, StateSpaceFamily
 from daest.systems.integrate import ATOL_OF_SCALE, RTOL, IntegrationError, search_steps

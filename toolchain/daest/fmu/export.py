@@ -17,8 +17,7 @@ from daest.files import whole_file
 from daest.fmu import description, serialization, sources
 from daest.fmu.layout import Layout, layout
 from daest.fmu.portable import portable
-from daest.model.explicit import ExplicitModel
-from daest.model.flat import FlatModel
+from daest.model.flat import ExplicitModel, FlatModel
 from daest.model.fmu import ExportResult
 from daest.numerics.compiler import Platform, build_shared, native_platform, platform_named
 from daest.systems.initialize import initial_point

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from daest.errors import FmuError
-from daest.model.explicit import ExplicitModel
-from daest.model.flat import FlatModel
+from daest.model.flat import ExplicitModel, FlatModel
 
 TIME = 0
 DAE_MODE = 1

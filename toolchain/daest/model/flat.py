@@ -7,7 +7,7 @@ Gerdin & Schön (1). One scalar equation per row, each with its text, its origin
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Protocol
 
 import casadi as ca
@@ -79,6 +79,11 @@ class FlatModel:
     def theta_values(self) -> np.ndarray:
         """Values of all parameters, shape (n_parameters,)."""
         return np.array([p.value for p in self.parameters])
+
+    def with_theta(self, theta: Mapping[str, float]) -> FlatModel:
+        """The model with these parameter values; names present in only one of both are ignored."""
+        parameters = tuple(replace(p, value=theta.get(p.name, p.value)) for p in self.parameters)
+        return replace(self, parameters=parameters)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from daest.model.explicit import ExplicitModel
+from daest.model.flat import ExplicitModel
 from daest.systems.linearize import is_affine, is_affine_model
 
 

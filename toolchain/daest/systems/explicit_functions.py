@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from daest.errors import ModelError
-from daest.model.explicit import ExplicitModel, InputDerivative
+from daest.model.flat import ExplicitModel, InputDerivative
 from daest.systems.expand import ExpandedSystem, derivative_name
 from daest.systems.loops import Definitions, ImplicitLoop
 from daest.systems.pantelides import Differentiations, name_equations

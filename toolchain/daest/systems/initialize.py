@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from daest.errors import ModelError, Place
-from daest.model.explicit import ExplicitModel
+from daest.model.flat import ExplicitModel
 
 MAX_STEPS = 50
 MAX_HALVINGS = 12

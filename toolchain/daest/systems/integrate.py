@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 from daest.errors import FmuError, ModelError, NumericalError
-from daest.model.explicit import ExplicitModel
+from daest.model.flat import ExplicitModel
 from daest.numerics.compiler import MOST_LINES, build_shared, effort
 from daest.numerics.projection import pull
 

@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from daest.errors import EstimationError, FmuError, ModelError
-from daest.model.explicit import ExplicitModel
+from daest.model.flat import ExplicitModel
 from daest.numerics.compiler import build_shared, effort, processor_flags
 from daest.systems.gaussian_average import averaged
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from daest.model.explicit import ExplicitModel
-from daest.model.flat import FlatModel
+from daest.model.flat import ExplicitModel, FlatModel
 from daest.systems.dummy_derivatives import DependentEquations
 from daest.systems.expand import ExpandedSystem
 from daest.systems.explicit_functions import assemble, expressions_of, refuse_differentiated_noise

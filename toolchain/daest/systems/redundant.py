@@ -17,8 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from daest.model.explicit import ExplicitModel
-from daest.model.flat import FlatModel
+from daest.model.flat import ExplicitModel, FlatModel
 from daest.systems.dummy_derivatives import DependentEquations
 from daest.systems.expand import ExpandedSystem
 from daest.systems.explicit_functions import ARGUMENTS, assemble, expressions_of, refuse_differentiated_noise

@@ -12,8 +12,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from daest.errors import ModelError, NumericalError
 from daest.model.experiment import Experiment
-from daest.model.explicit import ExplicitModel
-from daest.model.flat import FlatModel, GivenForm
+from daest.model.flat import ExplicitModel, FlatModel, GivenForm
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.model.simulation import Simulation
 from daest.numerics.exponential import covariance_integral, transition_integrals

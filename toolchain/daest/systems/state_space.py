@@ -11,8 +11,7 @@ import casadi as ca
 import numpy as np
 
 from daest.errors import ModelError
-from daest.model.explicit import ExplicitModel
-from daest.model.flat import FlatModel
+from daest.model.flat import ExplicitModel, FlatModel
 from daest.model.linear import StateSpace, StateSpaceFamily
 from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.initialize import initial_point
