@@ -11,8 +11,8 @@ from daest.model.flat import FlatModel
 def fitted_model(flat: FlatModel, fit: FitResult) -> FlatModel:
     """The model with all parameters of the fit, process intensities and measurement standard deviations.
 
-    An output-error fit has no process noise, and then the model has none. Names that one of both lacks are
-    passed over.
+    An output-error fit has no process noise, and then the model has none. Names present in
+    only one of them are ignored.
     """
     sizes = {(noise.kind, noise.name): noise.value for noise in fit.noises}
     none = 0.0 if fit.method == "oe" else None
