@@ -22,7 +22,8 @@ from daest.estimation.ekf import ekf_likelihood, run_ekf
 from daest.estimation.filter_task import Directions, Noise, Record, Start, Task, record
 from daest.estimation.particle import ContinuousPoints, run_particles
 from daest.estimation.ukf import run_ukf
-from daest.model.flat import Equation, ExplicitModel, FlatModel, NoiseInput, Output, Parameter, Variable
+from daest.model.flat import ExplicitModel, FlatModel
+from daest.model.parts import Equation, NoiseInput, Output, Parameter, Variable
 from daest.systems.integrate import integrate, integrator
 from daest.systems.local_linear import local_model
 from daest.systems.reduce import reduce_index

@@ -1,4 +1,5 @@
-"""The house: rooms import downwards only, and no file imports itself round a corner."""
+"""The house: rooms import downwards only, no file imports itself round a corner, and each name is imported
+from the file that defines it."""
 
 import ast
 import re
@@ -120,6 +121,33 @@ def circles(arrows: dict[str, set[str]]) -> list[list[str]]:
         tuple(sorted(o for o in reached[n] if n in reached.get(o, ()))) for n in arrows if n in reached[n]
     }
     return sorted(map(list, rounds))
+
+
+def test_names_come_from_the_file_that_defines_them():
+    """`daest` itself apart, which names what is public."""
+    astray = [
+        f"{path.relative_to(PACKAGE)}:{node.lineno} imports {alias.name} by {node.module}"
+        for path in files().values()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and node.module in files() and path.parent != PACKAGE
+        for alias in node.names
+        if alias.name not in _defined(str(node.module)) and f"{node.module}.{alias.name}" not in files()
+    ]
+    assert astray == []
+
+
+@cache
+def _defined(module: str) -> frozenset[str]:
+    found: set[str] = set()
+    for node in ast.parse(files()[module].read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(node.name)
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            found |= {
+                name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)
+            }
+    return frozenset(found)
 
 
 def _reached(arrows: dict[str, set[str]], start: str) -> set[str]:

@@ -21,8 +21,8 @@ import scipy.linalg as sla
 from flint import fmpq, fmpq_mat
 
 from daest.errors import DaestError
-from daest.model.flat import Equation, Variable
 from daest.model.linear import LinearDAE
+from daest.model.parts import Equation, Variable
 from daest.systems.noise import noise_report
 
 LARGEST = 40

@@ -10,13 +10,16 @@ import pytest
 from oscillator import OSCILLATOR, record
 
 from daest.diagnosis.affine_trial import affine_model, affine_trial
-from daest.diagnosis.compare import Candidate, compare_models
+from daest.diagnosis.compare import compare_models
+from daest.diagnosis.trial import Candidate
 from daest.estimation.identify import identify
 from daest.estimation.records import part_of
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
-from daest.model.flat import Equation, FlatModel, NoiseInput, Output, Parameter, Variable
-from daest.modelica.compile import compile_model, with_values
+from daest.model.flat import FlatModel
+from daest.model.parts import Equation, NoiseInput, Output, Parameter, Variable
+from daest.modelica.change import with_values
+from daest.modelica.compile import compile_model
 from daest.systems.reduce import reduce_index
 from daest.systems.simulate import simulate
 

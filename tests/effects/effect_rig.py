@@ -9,7 +9,8 @@ import casadi as ca
 import numpy as np
 
 from daest.model.effects import Effect, Site
-from daest.model.flat import Equation, FlatModel
+from daest.model.flat import FlatModel
+from daest.model.parts import Equation
 from daest.modelica.compile import compile_model
 from daest.modelica.effects import effect_library
 from daest.modelica.sites import fits, sites

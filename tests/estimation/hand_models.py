@@ -4,8 +4,8 @@ import casadi as ca
 import numpy as np
 
 from daest.model.experiment import Experiment
-from daest.model.flat import NoiseInput, Output, Parameter, Variable
 from daest.model.linear import StateSpaceFamily
+from daest.model.parts import NoiseInput, Output, Parameter, Variable
 
 RIG_START = {"d": 0.02, "c": 1.5, "J1": 6.3e-6, "J2": 0.02, "k": 0.06}
 REPORT_START = {"d": 5.43e-4, "c": 0.0362, "J1": 3.0e-6, "J2": 3.66e-4, "k": 0.06}

@@ -4,7 +4,8 @@ import casadi as ca
 import numpy as np
 
 from daest.model.experiment import Experiment
-from daest.model.flat import Equation, FlatModel, NoiseInput, Output, Parameter, Variable
+from daest.model.flat import FlatModel
+from daest.model.parts import Equation, NoiseInput, Output, Parameter, Variable
 from daest.systems.reduce import reduce_index
 
 

@@ -17,7 +17,7 @@ from daest.estimation.arx import (
 )
 from daest.estimation.records import make_record
 from daest.model.experiment import Experiment
-from daest.model.flat import Parameter
+from daest.model.parts import Parameter
 from daest.systems.sample import sample
 from daest.systems.state_space import state_space
 

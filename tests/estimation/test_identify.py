@@ -14,7 +14,7 @@ from daest.estimation.identifiability import ROUNDING, std_errors
 from daest.estimation.identify import identify
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions, NoiseChoice
-from daest.model.flat import Parameter
+from daest.model.parts import Parameter
 from daest.report.documents.fit import document
 from daest.systems.sample import sample
 from daest.systems.state_space import state_space

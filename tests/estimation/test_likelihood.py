@@ -19,7 +19,7 @@ from daest.estimation.predictor import NoiseLevels, _interpolation, dynamics
 from daest.estimation.records import make_record
 from daest.model.estimates import InitialState
 from daest.model.experiment import Experiment
-from daest.model.flat import Parameter
+from daest.model.parts import Parameter
 from daest.numerics.exponential import transition_integrals
 from daest.numerics.innovations import NoiseModel, stationary_gains
 from daest.numerics.riccati import filter_riccati

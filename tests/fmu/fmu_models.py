@@ -6,7 +6,8 @@ import scipy.integrate
 import scipy.linalg
 
 from daest.errors import Place
-from daest.model.flat import DerivedParameter, Equation, FlatModel, NoiseInput, Output, Parameter, Variable
+from daest.model.flat import FlatModel
+from daest.model.parts import DerivedParameter, Equation, NoiseInput, Output, Parameter, Variable
 
 
 def geared_drive() -> FlatModel:

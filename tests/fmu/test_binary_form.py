@@ -7,7 +7,8 @@ import pytest
 from ball_fmu import ball, fall
 from fmu_archives import changed
 
-from daest.diagnosis.compare import Candidate, compare_models
+from daest.diagnosis.compare import compare_models
+from daest.diagnosis.trial import Candidate
 from daest.errors import FmuError, ModelError
 from daest.estimation.identify import identify
 from daest.estimation.nonlinear_filter import run_nonlinear_filter

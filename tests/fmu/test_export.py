@@ -15,7 +15,8 @@ from daest.errors import FmuError
 from daest.fmu.export import export_fmu, validate
 from daest.fmu.instance import Refusal
 from daest.fmu.load import load_fmu
-from daest.model.flat import Equation, FlatModel, Output, Parameter, Variable
+from daest.model.flat import FlatModel
+from daest.model.parts import Equation, Output, Parameter, Variable
 
 STOP, INTERVAL = 4.0, 0.05
 

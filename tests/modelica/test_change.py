@@ -10,7 +10,8 @@ import pytest
 
 from daest.errors import ModelError
 from daest.model.flat import FlatModel
-from daest.modelica.compile import compile_model, declare, with_values
+from daest.modelica.change import declare, with_values
+from daest.modelica.compile import compile_model
 from daest.modelica.places import resolve_place
 
 MODELS = Path(__file__).parent / "models"

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from daest.errors import Place
-from daest.model.flat import Equation, FlatModel, NoiseInput, Output, Parameter, Variable
+from daest.model.flat import FlatModel
+from daest.model.parts import Equation, NoiseInput, Output, Parameter, Variable
 from daest.report.documents import linearize as linearize_documents
 from daest.report.documents import noise as noise_documents
 from daest.report.texts import linearize as linearize_texts

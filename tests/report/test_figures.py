@@ -13,9 +13,9 @@ from daest.model.comparison import Comparison, Horizon, ModelTrial, ResidualTest
 from daest.model.estimates import FilterResult, NisSummary, OutputComparison, ProcessNoiseEstimate
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult, FittedParameter
-from daest.model.flat import Equation, Variable
 from daest.model.linear import LinearDAE
 from daest.model.noise import NoisePlace, NoiseReport
+from daest.model.parts import Equation, Variable
 from daest.model.simulation import Simulation
 from daest.report.comparison_figure import comparison_figure
 from daest.report.diagnosis_figures import staircase_figure

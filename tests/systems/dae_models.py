@@ -5,7 +5,8 @@ from __future__ import annotations
 import casadi as ca
 
 from daest.errors import Place
-from daest.model.flat import Equation, FlatModel, NoiseInput, Output, Parameter, Variable
+from daest.model.flat import FlatModel
+from daest.model.parts import Equation, NoiseInput, Output, Parameter, Variable
 
 
 class FlatBuilder:

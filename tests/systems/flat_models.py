@@ -9,7 +9,8 @@ from itertools import pairwise
 import casadi as ca
 
 from daest.errors import Place
-from daest.model.flat import Equation, FlatModel, NoiseInput, Output, Parameter, Variable
+from daest.model.flat import FlatModel
+from daest.model.parts import Equation, NoiseInput, Output, Parameter, Variable
 
 FUNCTIONS = {"sin": ca.sin, "cos": ca.cos, "exp": ca.exp, "sqrt": ca.sqrt, "tanh": ca.tanh}
 NAME = re.compile(r"der\(\s*([A-Za-z_][\w.]*)\s*\)|(?<![\w.])[A-Za-z_][\w.]*")

@@ -17,7 +17,7 @@ from dae_models import (
 )
 
 from daest.errors import ModelError
-from daest.model.flat import NoiseInput
+from daest.model.parts import NoiseInput
 from daest.systems.linearize import linearize
 from daest.systems.noise import noise_report
 from daest.systems.reduce import reduce_index

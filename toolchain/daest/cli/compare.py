@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from daest.data.project import Hold, Project
-    from daest.diagnosis.compare import Candidate
+    from daest.diagnosis.trial import Candidate
     from daest.model.comparison import Comparison
     from daest.model.flat import FlatModel
     from daest.report.documents.compare import CompareDocument
@@ -165,7 +165,7 @@ def compared(
 
 def _candidate(project: Project, source: Path, flat: FlatModel, options: DataOptions) -> Candidate:
     from daest.cli.results import find_fit
-    from daest.diagnosis.compare import Candidate
+    from daest.diagnosis.trial import Candidate
 
     fit = find_fit(project, source, flat)
     if fit is None:
@@ -193,7 +193,7 @@ def _with_fit(flat: FlatModel, document: Mapping[str, Any], hold: Hold, notes: t
     import numpy as np
 
     from daest.cli.results import fitted
-    from daest.diagnosis.compare import Candidate
+    from daest.diagnosis.trial import Candidate
 
     names, cov = parameter_covariance(document)
     known = {p.name for p in flat.parameters}

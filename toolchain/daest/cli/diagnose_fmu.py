@@ -11,7 +11,7 @@ from daest.cli.output import note
 from daest.errors import ConfigError
 
 if TYPE_CHECKING:
-    from daest.cli.recordings import DataOptions
+    from daest.cli.options import DataOptions
     from daest.data.project import Project
 
 HALF = 0.5

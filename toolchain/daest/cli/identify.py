@@ -246,7 +246,8 @@ def _draw_profiles(found: Identified, plot: Path) -> None:
 
 def _draw(found: Identified, plot: Path) -> None:
     from daest.cli.results import fitted
-    from daest.diagnosis.compare import Candidate, compare_models
+    from daest.diagnosis.compare import compare_models
+    from daest.diagnosis.trial import Candidate
     from daest.report.fit_figure import fit_figure
 
     result = found.result

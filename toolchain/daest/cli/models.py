@@ -12,7 +12,8 @@ from daest.data.project import NoiseSetting, ParameterSetting, Project
 from daest.data.table import nearest
 from daest.errors import ConfigError, DaestError, ModelError, Place
 from daest.files import FOLDER, why_no_file
-from daest.model.flat import FlatModel, Parameter
+from daest.model.flat import FlatModel
+from daest.model.parts import Parameter
 
 _MODELICA = (".mo", ".bmo")
 _FMU = ".fmu"
@@ -64,7 +65,7 @@ def load_model(
     _warn_of_units(flat)
     flat = configured(flat, project, strict=own)
     if settings:
-        from daest.modelica.compile import with_values
+        from daest.modelica.change import with_values
 
         flat = with_values(flat, dict(settings))
     return flat
@@ -136,7 +137,7 @@ def _load(source: Path, class_name: str | None, libraries: Sequence[Path]) -> Fl
 def _with_declared(flat: FlatModel, project: Project, problems: list[DaestError]) -> FlatModel:
     """[data] outputs, which then are the only ones, and [noise], with the problems of the names added to
     `problems`."""
-    from daest.modelica.compile import declare
+    from daest.modelica.change import declare
 
     intensities = {noise.name: noise.intensity for noise in flat.noises}
     steps: list[dict[str, Any]] = [{"outputs": [name]} for name in project.outputs]

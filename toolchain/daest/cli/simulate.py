@@ -85,7 +85,7 @@ def command(
 
 
 def _with_settings(flat: FlatModel, settings: Mapping[str, float]) -> FlatModel:
-    from daest.modelica.compile import with_values
+    from daest.modelica.change import with_values
 
     return with_values(flat, dict(settings)) if settings else flat
 

@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from daest.data.match import Match
-from daest.model.flat import FlatModel, Parameter
+from daest.model.flat import FlatModel
+from daest.model.parts import Parameter
 
 _HEAD = """\
 # What daest knows beside the model. Options on the command line come before what stands here.

@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from daest.diagnosis.compare import Candidate, compare_models
+from daest.diagnosis.compare import compare_models
+from daest.diagnosis.trial import Candidate
 from daest.errors import EstimationError, NumericalError
 from daest.estimation.fitted import fitted_model
 from daest.estimation.identify import identify

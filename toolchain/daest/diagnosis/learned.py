@@ -14,19 +14,20 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from daest.diagnosis.compare import Candidate as Trialled
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.free_forms import SOFT, TURN, internal_variables
 from daest.diagnosis.null import Null, period_of, refit
 from daest.diagnosis.proof import Reference
 from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.settled import FAILURES, settled, simulated
+from daest.diagnosis.trial import Candidate as Trialled
 from daest.diagnosis.unseen import compared, foreseen, judged
 from daest.errors import DaestError
 from daest.model.diagnosis import Curve, FreeForm, LearnedLoad
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult
-from daest.model.flat import FlatModel, Parameter
+from daest.model.flat import FlatModel
+from daest.model.parts import Parameter
 from daest.modelica.attach import names_of
 from daest.systems.reduce import reduce_index
 from daest.systems.sample import Hold

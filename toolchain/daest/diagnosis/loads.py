@@ -15,8 +15,9 @@ import numpy as np
 
 from daest.errors import DaestError
 from daest.model.effects import Site
-from daest.model.flat import Equation, FlatModel, NoiseInput, Parameter, Variable
+from daest.model.flat import FlatModel
 from daest.model.linear import StateSpace
+from daest.model.parts import Equation, NoiseInput, Parameter, Variable
 from daest.modelica.places import resolve_place
 from daest.systems.state_space import state_space, state_space_family
 

@@ -18,7 +18,8 @@ from daest.model.diagnosis import Load
 from daest.model.effects import Site
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
-from daest.model.flat import ExplicitModel, FlatModel, Parameter
+from daest.model.flat import ExplicitModel, FlatModel
+from daest.model.parts import Parameter
 from daest.systems.reduce import reduce_index
 from daest.systems.sample import Hold
 

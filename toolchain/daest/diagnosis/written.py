@@ -10,14 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from daest.diagnosis.compare import Candidate as Trialled
 from daest.diagnosis.compare import compare_models
+from daest.diagnosis.trial import Candidate as Trialled
 from daest.errors import ModelError
 from daest.model.diagnosis import Candidate, Improvement, LearnedLoad, Proof
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.modelica.attach import names_of
-from daest.modelica.compile import compile_model, declare
+from daest.modelica.change import declare
+from daest.modelica.compile import compile_model
 from daest.modelica.extend import CurveText, Extension, extend_by_curve, extend_model
 from daest.modelica.sites import find_site
 from daest.systems.sample import Hold

@@ -30,9 +30,10 @@ from daest.fmu.semi_explicit import (
     refuse_hidden,
     semi_explicit_form,
 )
-from daest.model.flat import Equation, ExplicitModel, FlatModel, InputDerivative, NoiseInput
+from daest.model.flat import ExplicitModel, FlatModel, InputDerivative
 from daest.model.fmu import FmuModel
 from daest.model.linear import LinearDAE, StateSpaceFamily
+from daest.model.parts import Equation, NoiseInput
 from daest.systems.integrate import ATOL_OF_SCALE, RTOL, IntegrationError, search_steps
 from daest.systems.state_space import family_of
 

@@ -21,9 +21,9 @@ from daest.fmu.points import (
     probe_point,
 )
 from daest.fmu.runner import Evaluated, Points, Runner, refused, running
-from daest.model.flat import Equation
 from daest.model.fmu import FmuModel
 from daest.model.linear import LinearDAE
+from daest.model.parts import Equation
 
 # Directional derivatives that differ from central differences by more than this, relative to their row, are
 # taken for wrong: some FMUs return zeros without an error, or forget that an output is a state.

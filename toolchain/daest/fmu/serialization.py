@@ -17,7 +17,8 @@ from typing import Any
 import casadi as ca
 
 from daest.errors import FmuError, Place
-from daest.model.flat import DerivedParameter, Equation, FlatModel, NoiseInput, Output, Parameter, Variable
+from daest.model.flat import FlatModel
+from daest.model.parts import DerivedParameter, Equation, NoiseInput, Output, Parameter, Variable
 
 FOLDER = "extra/org.daest.symbolic-model"
 WORDS = "flat.json"

@@ -9,8 +9,8 @@ from typing import Any
 from daest.errors import ConfigError, Place
 from daest.fmu.description import EQUATION, INPUT, NOISE, OUTPUT, PARAMETER, UNKNOWN
 from daest.fmu.layout import derivative_name
-from daest.model.flat import Equation, NoiseInput, Output, Parameter, Variable
 from daest.model.fmu import FmuModel, FmuVariable
+from daest.model.parts import Equation, NoiseInput, Output, Parameter, Variable
 
 
 def facts(variable: FmuVariable, kind: str) -> dict[str, Any]:

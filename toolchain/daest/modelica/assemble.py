@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import casadi as ca
 
 from daest.errors import Place
-from daest.model.flat import Equation, FlatModel, Variable
+from daest.model.flat import FlatModel
+from daest.model.parts import Equation, Variable
 from daest.modelica import syntax as s
 from daest.modelica.balance import unbalanced
 from daest.modelica.connects import ConnectClauses, used_texts

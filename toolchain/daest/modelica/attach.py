@@ -15,15 +15,8 @@ import casadi as ca
 
 from daest.errors import ModelError
 from daest.model.effects import Effect, EffectParameter, Placement, Site
-from daest.model.flat import (
-    DerivedParameter,
-    Equation,
-    FlatModel,
-    NoiseInput,
-    Output,
-    Parameter,
-    Variable,
-)
+from daest.model.flat import FlatModel
+from daest.model.parts import DerivedParameter, Equation, NoiseInput, Output, Parameter, Variable
 from daest.modelica.balances import balances, needs_position
 from daest.modelica.connectors import DOMAINS, connectors_of
 from daest.modelica.effects import OWN, EffectModel, effect_model

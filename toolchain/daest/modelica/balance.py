@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from daest.errors import ModelError, Place
-from daest.model.flat import Equation
+from daest.model.parts import Equation
 from daest.modelica.scope import Element
 from daest.numerics.matching import find_defect
 

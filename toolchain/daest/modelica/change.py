@@ -11,7 +11,8 @@ from difflib import get_close_matches
 import casadi as ca
 
 from daest.errors import ModelError
-from daest.model.flat import FlatModel, NoiseInput, Output, Parameter
+from daest.model.flat import FlatModel
+from daest.model.parts import NoiseInput, Output, Parameter
 from daest.modelica.places import resolve_place
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from daest.errors import DataError
-from daest.model.flat import Equation, FlatModel
+from daest.model.flat import FlatModel
+from daest.model.parts import Equation
 from daest.quantities import conversion, is_known_unit
 
 MOST_NAMED = 3  # connections that a warning names

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from daest.model.effects import Domain
-from daest.model.flat import Variable
+from daest.model.parts import Variable
 
 # (potential, flow) -> domain, as in the Modelica Standard Library; hydraulic connectors carry a volume flow.
 DOMAINS: dict[tuple[str, str], Domain] = {

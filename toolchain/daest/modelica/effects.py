@@ -23,14 +23,8 @@ import casadi as ca
 from daest.cache import cache_folder, keep_content, kept_content
 from daest.errors import ModelError, Place
 from daest.model.effects import Attachment, Domain, Effect, EffectParameter, ParameterRole
-from daest.model.flat import (
-    DerivedParameter,
-    Equation,
-    FlatModel,
-    NoiseInput,
-    Parameter,
-    Variable,
-)
+from daest.model.flat import FlatModel
+from daest.model.parts import DerivedParameter, Equation, NoiseInput, Parameter, Variable
 from daest.modelica import syntax as s
 from daest.modelica.annotations import Annotation, annotation_of
 from daest.modelica.assemble import assemble

@@ -12,7 +12,8 @@ import casadi as ca
 
 from daest.errors import ModelError
 from daest.model.effects import Effect, Placement, Site
-from daest.model.flat import FlatModel, Output
+from daest.model.flat import FlatModel
+from daest.model.parts import Output
 from daest.modelica.attach import attach, component_name, given_source, names_of
 from daest.modelica.class_choice import select_class
 from daest.modelica.class_text import (

@@ -6,7 +6,7 @@ from __future__ import annotations
 import casadi as ca
 
 from daest.errors import ModelError
-from daest.model.flat import DerivedParameter, NoiseInput, Output, Parameter, Variable
+from daest.model.parts import DerivedParameter, NoiseInput, Output, Parameter, Variable
 from daest.modelica import syntax as s
 from daest.modelica.annotations import Annotation
 from daest.modelica.expressions import split_path

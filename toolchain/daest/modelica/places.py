@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from difflib import get_close_matches
 
 from daest.errors import ModelError
-from daest.model.flat import Equation, FlatModel, Variable
+from daest.model.flat import FlatModel
 from daest.model.linear import LinearDAE
+from daest.model.parts import Equation, Variable
 
 
 def resolve_place(model: FlatModel | LinearDAE, name: str) -> list[int]:

@@ -8,7 +8,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from daest.model.flat import FlatModel, Variable
+from daest.model.flat import FlatModel
+from daest.model.parts import Variable
 from daest.systems.sparse_jacobian import sparse_jacobian
 
 SELECT_RANK = {"never": 0, "avoid": 1, "default": 2, "prefer": 3, "always": 4}

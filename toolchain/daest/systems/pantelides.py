@@ -14,7 +14,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from daest.errors import ModelError, Place
-from daest.model.flat import Equation, FlatModel, Variable
+from daest.model.flat import FlatModel
+from daest.model.parts import Equation, Variable
 from daest.numerics.matching import Defect, canonical_offsets, find_defect
 
 LISTED = 8  # equations or unknowns that a message names before it says how many more there are

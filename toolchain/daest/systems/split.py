@@ -16,8 +16,8 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from daest.errors import DaestError, ModelError, NumericalError
-from daest.model.flat import Variable
 from daest.model.linear import LinearDAE, RankDecision, SparseForm, StandardForm, Structure
+from daest.model.parts import Variable
 from daest.numerics.elimination import choose_pivots
 from daest.numerics.laurent import expand_at_infinity
 from daest.numerics.modular_pencil import DenseInfinity, SingularPencil
