@@ -115,6 +115,7 @@ def one(name: str, n: int, way: str) -> dict[str, object]:
 def one_filter(name: str, n_states: int, kind: str) -> dict[str, object]:
     """Numbers of one filter run in this process: noise on the input, one output, an unknown start."""
     from daest.estimation.filter import run_filter
+    from daest.model.estimates import FilterOptions
     from daest.systems.state_space import state_space, state_space_family
 
     n = n_states // 2 if name == "Chain" else n_states
@@ -125,7 +126,12 @@ def one_filter(name: str, n_states: int, kind: str) -> dict[str, object]:
     u, y = np.sign(np.sin(0.2 * time_))[:, None], 1e-3 * rng.standard_normal((SAMPLES, 1))
     experiment = daest.Experiment("size", time_, u, y, ss.input_names, ss.output_names)
     started = time.perf_counter()
-    run_filter(ss, None, experiment, np.array([1e-3]), np.array([1e-6]), kind)
+    run_filter(
+        ss,
+        experiment,
+        kind,
+        FilterOptions(process_intensity=np.array([1e-3]), measurement_cov=np.array([1e-6])),
+    )
     seconds = time.perf_counter() - started
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
     return {"n_states": ss.A.shape[0], "n": flat.n, "seconds": seconds, "peak_gb": peak}

@@ -53,7 +53,12 @@ def filtered(fitted, recording, fit):
     stds = np.array([n.value for n in fit.noises if n.kind == "measurement"])
     family = daest.state_space_family(fitted)
     return daest.run_filter(
-        family, fitted.theta_values, recording, np.array([1e-6]), stds**2, "time-varying", hold="zoh"
+        family,
+        recording,
+        "time-varying",
+        daest.FilterOptions(
+            theta=fitted.theta_values, process_intensity=np.array([1e-6]), measurement_cov=stds**2, hold="zoh"
+        ),
     )
 
 

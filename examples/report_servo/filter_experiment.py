@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from daest.estimation.filter import run_filter
-from daest.model.estimates import FilterResult, InitialState
+from daest.model.estimates import FilterOptions, FilterResult, InitialState
 from daest.model.experiment import Experiment
 from daest.model.linear import StateSpaceFamily
 from daest.modelica.change import declare, with_values
@@ -89,16 +89,9 @@ def trials(family: StateSpaceFamily, experiment: Experiment) -> list[Trial]:
     known = InitialState.known(zero, 1e-3)
     guessed = InitialState.known(zero, np.array([WIDE[name] for name in family.state_names]))
 
-    intensity = np.array([noise.intensity for noise in family.noises])
-
     def both(title: str, record: Experiment, start: InitialState, window: tuple[float, float]) -> Trial:
-        found = [
-            run_filter(
-                family, None, record, intensity, STD**2, kind, ["phi"],
-                initial=start, hold="zoh",
-            )
-            for kind in ("time-varying", "stationary")
-        ]  # fmt: skip
+        options = FilterOptions(measurement_cov=STD**2, measure=["phi"], initial=start, hold="zoh")
+        found = [run_filter(family, record, kind, options) for kind in ("time-varying", "stationary")]
         return Trial(title, record, found[0], found[1], window)
 
     moving = later(experiment, experiment.time[0] + 10.0)

@@ -13,7 +13,7 @@ from scipy.stats import binom
 from daest.errors import EXPLANATIONS, EstimationError
 from daest.estimation.filter import run_filter
 from daest.estimation.stationary import stationary_filter
-from daest.model.estimates import InitialState
+from daest.model.estimates import FilterOptions, InitialState
 from daest.model.experiment import Experiment
 from daest.model.linear import StateSpace
 from daest.report.documents.filter import document, table
@@ -85,7 +85,12 @@ def test_internal_variables_of_random_daes_equal_the_dense_joint_gaussian(seed, 
     intensity, R = np.array([[0.5, 0.2], [0.2, 0.4]]), np.array([[0.3, 0.1], [0.1, 0.2]])
     mean, cov = rng.normal(size=3), np.diag([1.0, 0.2, 3.0])
     initial = InitialState(mean, cov) if is_known else None
-    result = run_filter(ss, None, experiment, intensity, R, smooth=smooth, initial=initial)
+    result = run_filter(
+        ss,
+        experiment,
+        "time-varying",
+        FilterOptions(process_intensity=intensity, measurement_cov=R, smooth=smooth, initial=initial),
+    )
     assert result.noise == "held"
     model = sample(ss, 0.2, "foh", intensity, R, "held")
     dense = DenseRecord(
@@ -115,7 +120,12 @@ def test_the_normalised_innovations_are_in_their_band_in_most_of_20_runs():
     inside = 0
     for seed in range(20):
         family, experiment = simulated_servo(seed)
-        nis = run_filter(family, None, experiment, np.array([1e-4]), STD**2).nis
+        nis = run_filter(
+            family,
+            experiment,
+            "time-varying",
+            FilterOptions(process_intensity=np.array([1e-4]), measurement_cov=STD**2),
+        ).nis
         assert nis.n_innovations >= 2 * 1500 - 4
         inside += nis.inside
     assert inside >= binom.ppf(0.001, 20, 0.95)
@@ -124,13 +134,23 @@ def test_the_normalised_innovations_are_in_their_band_in_most_of_20_runs():
 def test_a_wrong_noise_level_leaves_the_band():
     family, experiment = simulated_servo(1)
     for factor in (0.8, 1.25):
-        result = run_filter(family, None, experiment, np.array([1e-4]), (factor * STD) ** 2)
+        result = run_filter(
+            family,
+            experiment,
+            "time-varying",
+            FilterOptions(process_intensity=np.array([1e-4]), measurement_cov=(factor * STD) ** 2),
+        )
         assert not result.nis.inside
 
 
 def test_the_speed_is_found_from_the_angle_alone():
     family, experiment = simulated_servo(2)
-    result = run_filter(family, None, experiment, np.array([1e-4]), STD**2, measure=["phi"])
+    result = run_filter(
+        family,
+        experiment,
+        "time-varying",
+        FilterOptions(process_intensity=np.array([1e-4]), measurement_cov=STD**2, measure=["phi"]),
+    )
     assert result.measure == ("phi",) and set(result.compared) == {"omega"}
     index = result.names.index("omega")
     error = experiment.outputs[:, 0] - result.values[:, index]
@@ -140,7 +160,14 @@ def test_the_speed_is_found_from_the_angle_alone():
     compared = result.compared["omega"]
     assert compared.fit_percent > 95.0
     assert compared.n_samples <= experiment.n_samples
-    smoothed = run_filter(family, None, experiment, np.array([1e-4]), STD**2, measure=["phi"], smooth=True)
+    smoothed = run_filter(
+        family,
+        experiment,
+        "time-varying",
+        FilterOptions(
+            process_intensity=np.array([1e-4]), measurement_cov=STD**2, measure=["phi"], smooth=True
+        ),
+    )
     smoothed_error = experiment.outputs[:, 0] - smoothed.values[:, index]
     assert np.mean(smoothed_error[late] ** 2) < np.mean(error[late] ** 2)
     assert np.all(smoothed.std[late] <= result.std[late] * (1 + 1e-9))
@@ -151,9 +178,12 @@ def test_after_a_wrong_start_time_varying_wins_in_the_transient_and_equals_stati
     start = np.array([0.0, 1.5, 2.0, -4.0])
     family, experiment = simulated_servo(4, x0=start)
     guess = InitialState.known(np.zeros(4), [5.0, 2.0, 2.0, 5.0])
-    common = (family, None, experiment, np.array([1e-4]), STD**2)
-    varying = run_filter(*common, measure=["phi"], initial=guess)
-    stationary = run_filter(*common, kind="stationary", measure=["phi"], initial=guess)
+    unknown = FilterOptions(
+        process_intensity=np.array([1e-4]), measurement_cov=STD**2, measure=["phi"], initial=None
+    )
+    guessed = replace(unknown, initial=guess)
+    varying = run_filter(family, experiment, "time-varying", guessed)
+    stationary = run_filter(family, experiment, "stationary", guessed)
     index = varying.names.index("omega")
     measured = experiment.outputs[:, 0]
     transient = slice(3, 60)
@@ -162,14 +192,19 @@ def test_after_a_wrong_start_time_varying_wins_in_the_transient_and_equals_stati
     assert varying.steady_after is not None and varying.steady_after < 6.0
     assert_allclose(varying.values[-100:], stationary.values[-100:], atol=1e-6)
     assert_allclose(varying.std[-100:], stationary.std[-100:], rtol=1e-6)
-    zero = run_filter(*common, measure=["phi"], initial=None)
+    zero = run_filter(family, experiment, "time-varying", unknown)
     assert_allclose(zero.values[-100:], varying.values[-100:], atol=1e-6)
 
 
 @pytest.mark.parametrize(("intensity", "forgets"), [(1e-4, True), (1e-14, False)])
 def test_a_stationary_filter_that_keeps_its_start_says_so(intensity, forgets):
     family, experiment = simulated_servo(4, x0=np.array([0.0, 1.5, 2.0, -4.0]))
-    result = run_filter(family, None, experiment, np.array([intensity]), STD**2, kind="stationary")
+    result = run_filter(
+        family,
+        experiment,
+        "stationary",
+        FilterOptions(process_intensity=np.array([intensity]), measurement_cov=STD**2),
+    )
     assert forgets != any("forgets a wrong start" in message for message in result.messages)
     start_left = np.abs(result.innovations[-100:] / STD).max() > 6.0
     assert start_left != forgets
@@ -177,7 +212,12 @@ def test_a_stationary_filter_that_keeps_its_start_says_so(intensity, forgets):
 
 def test_an_angle_that_nothing_measures_gets_no_number():
     family, experiment = simulated_servo(5)
-    result = run_filter(family, None, experiment, np.array([1e-4]), STD**2, measure=["omega"])
+    result = run_filter(
+        family,
+        experiment,
+        "time-varying",
+        FilterOptions(process_intensity=np.array([1e-4]), measurement_cov=STD**2, measure=["omega"]),
+    )
     angles = [result.names.index(name) for name in ("shaft.phi", "phi")]
     others = [result.names.index(name) for name in ("omega", "disc.w")]
     assert np.all(np.isnan(result.values[:, angles])) and np.all(np.isinf(result.std[:, angles]))
@@ -185,10 +225,22 @@ def test_an_angle_that_nothing_measures_gets_no_number():
     assert len(result.messages) == 1 and "shaft.phi, phi" in result.messages[0]
     assert np.isnan(result.compared["phi"].fit_percent) and result.steady_after is None
     with pytest.raises(EstimationError, match=r"shaft\.phi and phi") as caught:
-        run_filter(family, None, experiment, np.array([1e-4]), STD**2, "stationary", ["omega"])
+        run_filter(
+            family,
+            experiment,
+            "stationary",
+            FilterOptions(process_intensity=np.array([1e-4]), measurement_cov=STD**2, measure=["omega"]),
+        )
     assert caught.value.code == "filter-unobservable" and caught.value.remedy
     known = InitialState.known(np.zeros(4), 0.1)
-    given = run_filter(family, None, experiment, np.array([1e-4]), STD**2, measure=["omega"], initial=known)
+    given = run_filter(
+        family,
+        experiment,
+        "time-varying",
+        FilterOptions(
+            process_intensity=np.array([1e-4]), measurement_cov=STD**2, measure=["omega"], initial=known
+        ),
+    )
     assert np.all(np.isfinite(given.values)) and given.std[-1, angles[0]] > 0.05
     assert any("uncertainty" in message for message in given.messages)
 
@@ -209,7 +261,12 @@ def test_uneven_and_missing_samples():
     y = states[:, :1] + 0.001 * rng.standard_normal((500, 1))
     y[100:150] = np.nan
     experiment = Experiment("uneven", time, force[:, None], y, ("F",), ("position",))
-    result = run_filter(family, None, experiment, np.zeros(0), np.array([1e-6]), smooth=True)
+    result = run_filter(
+        family,
+        experiment,
+        "time-varying",
+        FilterOptions(process_intensity=np.zeros(0), measurement_cov=np.array([1e-6]), smooth=True),
+    )
     rounding = 1e-12  # without process noise the speed is known better than it can be computed
     assert np.all(np.abs(result.values[:, :2] - states) < 5 * result.std[:, :2] + rounding)
     assert result.std[-1, 0] < 5e-4
@@ -240,14 +297,24 @@ def test_unknown_outputs_are_refused_with_the_known_ones():
     family, experiment = simulated_servo(6, 50)
     for name in ("speed", "shaft.phi"):
         with pytest.raises(EstimationError) as caught:
-            run_filter(family, None, experiment, np.array([1e-4]), STD**2, measure=[name])
+            run_filter(
+                family,
+                experiment,
+                "time-varying",
+                FilterOptions(process_intensity=np.array([1e-4]), measurement_cov=STD**2, measure=[name]),
+            )
         assert caught.value.code == "filter-unknown-output" and "omega, phi" in caught.value.remedy
         assert caught.value.code in EXPLANATIONS
 
 
 def test_document_and_table():
     family, experiment = simulated_servo(7, 300)
-    result = run_filter(family, None, experiment, np.array([1e-4]), STD**2, measure=["phi"])
+    result = run_filter(
+        family,
+        experiment,
+        "time-varying",
+        FilterOptions(process_intensity=np.array([1e-4]), measurement_cov=STD**2, measure=["phi"]),
+    )
     content = json.loads(json.dumps(document(result), allow_nan=False))
     for key in ("kind", "log_likelihood", "nis", "compared", "process_noise", "steady_after"):
         assert key in content
@@ -263,7 +330,12 @@ def test_document_and_table():
     with pytest.raises(EstimationError, match=r"disc\.v") as caught:
         table(result, ["disc.v"])
     assert "disc.w" in caught.value.remedy
-    unobserved = run_filter(family, None, experiment, np.array([1e-4]), STD**2, measure=["omega"])
+    unobserved = run_filter(
+        family,
+        experiment,
+        "time-varying",
+        FilterOptions(process_intensity=np.array([1e-4]), measurement_cov=STD**2, measure=["omega"]),
+    )
     content = json.loads(json.dumps(document(unobserved), allow_nan=False))
     assert content["undetermined"] == ["shaft.phi", "phi"]
     assert content["compared"]["phi"]["fit_percent"] is None
@@ -273,8 +345,18 @@ def test_outputs_that_are_no_unknowns_are_estimated_too():
     family, experiment = simulated_servo(8, 300)
     ss = state_space(family, np.array([p.value for p in family.parameters]))
     hidden = replace(ss, unknown_names=ss.unknown_names[1:], X=ss.X[1:], U=ss.U[1:], W=ss.W[1:], x0=ss.x0[1:])
-    result = run_filter(hidden, None, experiment, np.array([1e-4]), STD**2, measure=["phi"])
-    full = run_filter(ss, None, experiment, np.array([1e-4]), STD**2, measure=["phi"])
+    result = run_filter(
+        hidden,
+        experiment,
+        "time-varying",
+        FilterOptions(process_intensity=np.array([1e-4]), measurement_cov=STD**2, measure=["phi"]),
+    )
+    full = run_filter(
+        ss,
+        experiment,
+        "time-varying",
+        FilterOptions(process_intensity=np.array([1e-4]), measurement_cov=STD**2, measure=["phi"]),
+    )
     assert result.names == ("shaft.phi", "phi", "disc.w", "omega")
     assert_allclose(result.values[5:, 3], full.values[5:, 0], rtol=1e-9)
 
@@ -288,7 +370,14 @@ def test_the_angle_of_the_recorded_rig_tells_its_speed(shared_data):
         folder / "k1_nothing_hidden.csv", "time", {"u": "u"}, {"omega": "omega", "phi": "phi"}
     )
     family = servo(truth, noise={"intensity": 1e-9})
-    result = run_filter(family, None, experiment, np.array([1e-9]), STD**2, measure=["phi"], hold="zoh")
+    result = run_filter(
+        family,
+        experiment,
+        "time-varying",
+        FilterOptions(
+            process_intensity=np.array([1e-9]), measurement_cov=STD**2, measure=["phi"], hold="zoh"
+        ),
+    )
     assert result.nis.inside
     assert result.compared["omega"].fit_percent > 98.0
     assert result.compared["omega"].rms < 1.1 * STD[0]

@@ -7,13 +7,14 @@ from dense_gaussian import DenseRecord
 from numpy.testing import assert_allclose
 
 from daest.errors import EXPLANATIONS, EstimationError
-from daest.estimation import filter as filter_module
 from daest.estimation import filter_cost as cost_module
 from daest.estimation import large_filter as module
 from daest.estimation.filter import run_filter
 from daest.estimation.filter_cost import filter_cost, way_of_filter
+from daest.estimation.filters import kalman as filter_module
 from daest.estimation.kalman import kalman_filter, steady_sample
 from daest.estimation.large_filter import can_stream, large_filter
+from daest.model.estimates import FilterOptions
 from daest.model.experiment import Experiment
 from daest.model.linear import StateSpace
 from daest.numerics.gaussian import marginals
@@ -101,7 +102,8 @@ def test_it_equals_the_dense_joint_gaussian_with_a_flat_prior():
 def test_run_filter_takes_it_for_many_states_and_tells_of_progress(monkeypatch):
     ss = heat_chain(8, [0, 4])
     _, experiment = record(ss, 150)
-    arguments = (ss, None, experiment, INTENSITY, np.full(2, 0.01))
+    options = FilterOptions(process_intensity=INTENSITY, measurement_cov=np.full(2, 0.01))
+    arguments = (ss, experiment, "time-varying", options)
     wanted = run_filter(*arguments)
     told: list[str] = []
     monkeypatch.setattr(module, "MANY_STATES", 8)
@@ -141,5 +143,10 @@ def test_a_filter_larger_than_the_memory_is_refused_before_it_starts(monkeypatch
     monkeypatch.setattr(filter_module, "LARGE", 8)
     monkeypatch.setattr(cost_module, "_memory", lambda: 1e4)
     with pytest.raises(EstimationError) as caught:
-        run_filter(ss, None, experiment, INTENSITY, np.full(2, 0.01))
+        run_filter(
+            ss,
+            experiment,
+            "time-varying",
+            FilterOptions(process_intensity=INTENSITY, measurement_cov=np.full(2, 0.01)),
+        )
     assert caught.value.code == "filter-too-large" in EXPLANATIONS

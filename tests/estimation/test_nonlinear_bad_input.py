@@ -10,10 +10,11 @@ from nonlinear_models import experiment_of, explicit_from
 
 from daest.errors import DataError, EstimationError, ModelError, NumericalError
 from daest.estimation.coordinates import Coordinate, Unknowns
+from daest.estimation.filter import run_filter
 from daest.estimation.identify import identify
-from daest.estimation.nonlinear_filter import run_nonlinear_filter
 from daest.estimation.search import minimise
 from daest.estimation.trajectories import TrajectoryProblem, objective
+from daest.model.estimates import FilterOptions
 from daest.model.fit import IdentifyOptions
 from daest.systems.integrate import IntegrationError, integrator
 from daest.systems.simulate import simulate
@@ -76,8 +77,11 @@ def test_a_gap_in_an_input_is_named(kind):
     u[50] = np.nan
     y = np.sin(TIME)[:, None]
     with pytest.raises(DataError) as caught:
-        run_nonlinear_filter(
-            explicit, None, experiment_of(explicit, TIME, u, y), np.array([1e-3]), np.array([0.01]), kind
+        run_filter(
+            explicit,
+            experiment_of(explicit, TIME, u, y),
+            kind,
+            FilterOptions(process_intensity=np.array([1e-3]), measurement_cov=np.array([1e-4])),
         )
     assert caught.value.code == "data-input-gap" and "1 s" in caught.value.what
     with pytest.raises(ModelError) as simulated:

@@ -8,8 +8,7 @@ from nonlinear_models import experiment_of, friction_servo, linear_servo, oscill
 
 from daest.errors import EstimationError
 from daest.estimation.filter import run_filter
-from daest.estimation.nonlinear_filter import run_nonlinear_filter
-from daest.model.estimates import InitialState
+from daest.model.estimates import FilterOptions, InitialState
 from daest.modelica.compile import compile_model
 from daest.systems.integrate import integrate, integrator
 from daest.systems.reduce import reduce_index
@@ -44,17 +43,24 @@ def test_agrees_with_the_filter_of_linear_models(smooth):
     initial = InitialState.known(np.zeros(4), 0.3)
     known = run_filter(
         state_space_family(explicit),
-        None,
         experiment,
-        INTENSITY,
-        STD**2,
-        smooth=smooth,
-        initial=initial,
-        hold="zoh",
+        "time-varying",
+        FilterOptions(
+            process_intensity=INTENSITY, measurement_cov=STD**2, smooth=smooth, initial=initial, hold="zoh"
+        ),
     )
     for kind in ("ekf", "ukf"):
-        found = run_nonlinear_filter(
-            explicit, None, experiment, INTENSITY, STD, kind, smooth=smooth, initial=initial, hold="zoh"
+        found = run_filter(
+            explicit,
+            experiment,
+            kind,
+            FilterOptions(
+                process_intensity=INTENSITY,
+                smooth=smooth,
+                initial=initial,
+                hold="zoh",
+                measurement_cov=STD**2,
+            ),
         )
         assert found.names == known.names
         assert np.max(np.abs(found.values - known.values) / known.std) < 1e-7
@@ -75,17 +81,18 @@ def test_standard_deviations_are_those_of_the_errors(kind):
     squares, nis = [], []
     for seed in range(3):
         sim, experiment = servo_record(explicit, seed=seed)
-        found = run_nonlinear_filter(
+        found = run_filter(
             explicit,
-            None,
             experiment,
-            INTENSITY,
-            STD,
             kind,
-            hold="zoh",
-            n_particles=400,
-            seed=seed,
-            initial=InitialState.known(np.zeros(4), 0.1) if kind == "particle" else None,
+            FilterOptions(
+                process_intensity=INTENSITY,
+                hold="zoh",
+                n_particles=400,
+                seed=seed,
+                initial=InitialState.known(np.zeros(4), 0.1) if kind == "particle" else None,
+                measurement_cov=STD**2,
+            ),
         )
         columns = [found.names.index(name) for name in sim.variable_names]
         error = (found.values[:, columns] - sim.variables) / found.std[:, columns]
@@ -102,8 +109,13 @@ def test_unused_outputs_are_compared_and_gaps_are_bridged():
     explicit = friction_servo()
     _, experiment = servo_record(explicit)
     experiment.outputs[100:130, 1] = np.nan
-    found = run_nonlinear_filter(
-        explicit, None, experiment, INTENSITY, STD, measure=["angle"], smooth=True, hold="zoh"
+    found = run_filter(
+        explicit,
+        experiment,
+        "ekf",
+        FilterOptions(
+            process_intensity=INTENSITY, measure=["angle"], smooth=True, hold="zoh", measurement_cov=STD**2
+        ),
     )
     assert found.measure == ("angle",) and found.innovations.shape == (400, 1)
     assert np.isnan(found.innovations[100:130]).all()
@@ -119,19 +131,20 @@ def test_no_compiler_gives_the_same():
     _, whole = servo_record(explicit, n=25)
     for kind in KINDS:
         compiled, plain = (
-            run_nonlinear_filter(
+            run_filter(
                 explicit,
-                None,
                 whole,
-                INTENSITY,
-                STD,
                 kind,
-                hold="zoh",
-                n_particles=20,
-                seed=0,
-                longest=0.005,
-                initial=InitialState.known(np.zeros(4), 0.1),
-                compiled=with_compiler,
+                FilterOptions(
+                    process_intensity=INTENSITY,
+                    hold="zoh",
+                    n_particles=20,
+                    seed=0,
+                    longest=0.005,
+                    initial=InitialState.known(np.zeros(4), 0.1),
+                    compiled=with_compiler,
+                    measurement_cov=STD**2,
+                ),
             )
             for with_compiler in (True, False)
         )
@@ -143,11 +156,23 @@ def test_bad_requests_are_named():
     explicit = oscillator()
     experiment = experiment_of(explicit, 0.1 * np.arange(10), np.zeros((10, 1)), np.zeros((10, 1)))
     with pytest.raises(EstimationError) as output:
-        run_nonlinear_filter(explicit, None, experiment, np.ones(1), np.ones(1), measure=["nothing"])
+        run_filter(
+            explicit,
+            experiment,
+            "ekf",
+            FilterOptions(process_intensity=np.ones(1), measure=["nothing"], measurement_cov=np.ones(1)),
+        )
     assert output.value.code == "filter-unknown-output"
     with pytest.raises(EstimationError) as start:
-        run_nonlinear_filter(
-            explicit, None, experiment, np.ones(1), np.ones(1), initial=InitialState.known(np.zeros(3))
+        run_filter(
+            explicit,
+            experiment,
+            "ekf",
+            FilterOptions(
+                process_intensity=np.ones(1),
+                initial=InitialState.known(np.zeros(3)),
+                measurement_cov=np.ones(1),
+            ),
         )
     assert start.value.code == "filter-initial-state"
 
@@ -256,18 +281,19 @@ def test_pendulum_is_filtered_through_full_turns(kind, smooth):
     std = np.full(2, 0.02)
     y = truth + std * np.random.default_rng(0).standard_normal(truth.shape)
     start = InitialState.known(np.array([0.6, 0.0]), 0.05)
-    found = run_nonlinear_filter(
+    found = run_filter(
         chosen,
-        None,
         experiment_of(chosen, time, u, y),
-        np.array([1e-3]),
-        std,
         kind,
-        smooth=smooth,
-        hold="zoh",
-        initial=start,
-        n_particles=400,
-        seed=1,
+        FilterOptions(
+            process_intensity=np.array([1e-3]),
+            smooth=smooth,
+            hold="zoh",
+            initial=start,
+            n_particles=400,
+            seed=1,
+            measurement_cov=std**2,
+        ),
     )
     columns = [found.names.index(name) for name in ("x", "y")]
     error = found.values[:, columns] - truth
@@ -293,8 +319,11 @@ def test_pendulum_from_an_unknown_start():
     y = truth + 0.02 * np.random.default_rng(1).standard_normal(truth.shape)
     experiment = experiment_of(chosen, time, u, y)
     for kind in ("ekf", "ukf"):
-        found = run_nonlinear_filter(
-            chosen, None, experiment, np.array([1e-3]), np.full(2, 0.02), kind, hold="zoh"
+        found = run_filter(
+            chosen,
+            experiment,
+            kind,
+            FilterOptions(process_intensity=np.array([1e-3]), hold="zoh", measurement_cov=np.full(2, 4e-4)),
         )
         columns = [found.names.index(name) for name in ("x", "y")]
         assert np.sqrt(np.mean((found.values[50:, columns] - truth[50:]) ** 2)) < 0.4 * 0.02

@@ -10,10 +10,11 @@ from fmu_archives import changed
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.trial import Candidate
 from daest.errors import FmuError, ModelError
+from daest.estimation.filter import run_filter
 from daest.estimation.identify import identify
-from daest.estimation.nonlinear_filter import run_nonlinear_filter
 from daest.fmu.binary_form import BinaryForm
 from daest.fmu.export import export_fmu
+from daest.model.estimates import FilterOptions
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
 from daest.modelica.change import declare
@@ -108,8 +109,11 @@ def test_prediction_error_with_noise_on_a_state_derivative(foreign):
 def test_filter_of_a_nonlinear_fmu(foreign, kind):
     model = declare(foreign, noises={"der(v)": 1e-4})
     data = recording(0.01, d=0.1)
-    found = run_nonlinear_filter(
-        reduce_index(model), None, data, np.array([1e-4]), np.array([0.01]), kind, longest=np.inf
+    found = run_filter(
+        reduce_index(model),
+        data,
+        kind,
+        FilterOptions(process_intensity=np.array([1e-4]), longest=np.inf, measurement_cov=np.array([1e-4])),
     )
     column = found.names.index("v")
     error = (found.values[:, column] - fall(TIME, FORCE)[1])[20:]
@@ -145,9 +149,8 @@ def test_co_simulation_simulates_and_identifies_and_refuses_the_rest(tmp_path):
     assert abs(d.value - 0.25) < 4 * d.std_error + 0.01
     comparison = compare_models([Candidate("ball", model, 0)], [recording(0.005, d=0.1)])
     assert comparison.models[0].simulation.rms["y"] < 0.01
-    for refused in (lambda: linearize(model), lambda: run_nonlinear_filter(
-        reduce_index(model), None, recording(), np.zeros(0), np.array([0.1])
-    )):  # fmt: skip
+    options = FilterOptions(measurement_cov=np.array([0.01]))
+    for refused in (lambda: linearize(model), lambda: run_filter(model, recording(), "ekf", options)):
         with pytest.raises(FmuError) as caught:
             refused()
         assert caught.value.code == "fmu-co-simulation-only"

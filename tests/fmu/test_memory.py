@@ -5,8 +5,9 @@ import pytest
 from ball_fmu import ball
 from relay_fmu import expected, relay
 
-from daest.estimation.nonlinear_filter import run_nonlinear_filter
+from daest.estimation.filter import run_filter
 from daest.fmu.binary_form import BinaryForm
+from daest.model.estimates import FilterOptions
 from daest.model.experiment import Experiment
 from daest.modelica.change import declare
 from daest.systems.affine_dynamics import has_affine_dynamics
@@ -42,7 +43,12 @@ def test_variables_at_states_of_a_filter_fit_these(tmp_path):
 def test_filter_tells_what_it_does_not_follow(tmp_path):
     flat = BinaryForm(relay(tmp_path, "RELAY")).flat()
     data = Experiment("run", TIME, INPUT[:, None], expected("RELAY", TIME, INPUT)[:, None], ("u",), ("y",))
-    found = run_nonlinear_filter(reduce_index(flat), None, data, np.zeros(0), np.array([0.1]), longest=np.inf)
+    found = run_filter(
+        reduce_index(flat),
+        data,
+        "ekf",
+        FilterOptions(process_intensity=np.zeros(0), longest=np.inf, measurement_cov=np.array([0.01])),
+    )
     assert any("states that jump" in message for message in found.messages)
 
 

@@ -56,6 +56,7 @@ _PUBLIC = {
     "identify": "daest.estimation.identify",
     "fitted_model": "daest.estimation.fitted",
     "InitialState": "daest.model.estimates",
+    "FilterOptions": "daest.model.estimates",
     "run_filter": "daest.estimation.filter",
     # models side by side, and what they lack
     "Candidate": "daest.diagnosis.trial",

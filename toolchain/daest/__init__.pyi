@@ -17,6 +17,7 @@ from daest.fmu.export import export_fmu as export_fmu
 from daest.fmu.linearize import linearize_fmu as linearize_fmu
 from daest.fmu.load import load_fmu as load_fmu
 from daest.fmu.load import symbolic_model as symbolic_model
+from daest.model.estimates import FilterOptions as FilterOptions
 from daest.model.estimates import InitialState as InitialState
 from daest.model.experiment import Experiment as Experiment
 from daest.model.fit import IdentifyOptions as IdentifyOptions

@@ -448,10 +448,19 @@ EXPLANATIONS: dict[str, str] = {
         "state (infinite variance) a covariance with another one. Give one mean and one standard deviation "
         "per state."
     ),
+    "filter-kind-unknown": "There is no filter of this name; the message names those that there are.",
+    "filter-linear-model": (
+        "The extended, unscented and particle filters need the equations of the model, and they were given "
+        "its matrices alone. Give them the model that compile_model or load_fmu returns."
+    ),
     "filter-no-stationary-gain": (
         "The Riccati equation of the stationary filter has no reliable solution although every state is seen "
         "and driven. Usually the noise covariances differ by too many powers of ten. Check them, or use the "
         "time-varying filter."
+    ),
+    "filter-noise-correlated": (
+        "Filters of nonlinear models take noises that are independent of each other: one intensity per "
+        "process noise and one variance per output. The time-varying filter takes full matrices."
     ),
     "filter-noise-unknown": (
         "A filter weighs model against measurement by the sizes of their noises, and one of them is not "

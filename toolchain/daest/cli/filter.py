@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -24,15 +23,14 @@ from daest.cli.options import (
 from daest.cli.output import emit, keep_inputs, note, telling, write_text
 from daest.cli.pictures import draw
 from daest.cli.progress import progress
-from daest.errors import ConfigError, EstimationError
+from daest.errors import ConfigError
+from daest.estimation.filters import FILTERS
 from daest.model.defaults import PARTICLES
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from daest.data.project import Hold, Project
     from daest.estimation.filter_cost import FilterCost, Way
-    from daest.model.estimates import FilterKind, FilterResult, NonlinearKind
+    from daest.model.estimates import FilterOptions, FilterResult
     from daest.model.experiment import Experiment
     from daest.model.flat import FlatModel
 
@@ -51,7 +49,7 @@ LONG = 10.0  # seconds from which on progress is shown
 )
 @click.option(
     "--kind",
-    type=click.Choice(["time-varying", "stationary", "ekf", "ukf", "particle"]),
+    type=click.Choice(tuple(FILTERS)),
     help="Kind of filter (default: time-varying for a linear model, ekf for a nonlinear one).",
 )
 @click.option(
@@ -72,7 +70,7 @@ def command(
     data: Path | None,
     model: Path | None,
     measure: tuple[str, ...],
-    kind: FilterKind | NonlinearKind | None,
+    kind: str | None,
     particles: int,
     smooth: bool,
     only: tuple[str, ...],
@@ -90,6 +88,7 @@ def command(
     """
     from daest.cli.kept import keep, made_from, unseen_files
     from daest.cli.models import model_source
+    from daest.model.estimates import FilterOptions
     from daest.report.csv_text import csv_text
     from daest.report.documents import filter as documents
     from daest.report.filter_figure import filter_figure
@@ -101,8 +100,10 @@ def command(
     prepared = _prepared(project, model, model_options, data, data_options)
     flat, experiment = prepared.flat, prepared.experiment
     chosen = kind or ("time-varying" if is_affine_model(flat) else "ekf")
-    wanted = _Wanted(list(measure) or None, smooth, prepared.hold, particles, seed)
-    result = _estimated(flat, experiment, chosen, wanted)
+    options = FilterOptions(
+        measure=measure or None, smooth=smooth, hold=prepared.hold, n_particles=particles, seed=seed
+    )
+    result = _estimated(flat, experiment, chosen, options)
     text = csv_text(*documents.table(result, list(only) or None))
     if output is not None and str(output) == "-":
         draw(plot, lambda: filter_figure(result, experiment, only))
@@ -120,65 +121,23 @@ def command(
         keep(project, "filter", "filter", described, origin, documents.series(result, experiment, names))
 
 
-@dataclass(frozen=True)
-class _Wanted:
-    """Options of a filter run, as on the command line."""
-
-    measure: list[str] | None
-    smooth: bool
-    hold: Any
-    particles: int
-    seed: int
-
-
-def _estimated(
-    flat: FlatModel, experiment: Experiment, kind: FilterKind | NonlinearKind, wanted: _Wanted
-) -> FilterResult:
+def _estimated(flat: FlatModel, experiment: Experiment, kind: str, options: FilterOptions) -> FilterResult:
     from daest.estimation.filter import run_filter
     from daest.estimation.filter_cost import LARGE, way_of_filter
-    from daest.estimation.nonlinear_filter import run_nonlinear_filter
     from daest.estimation.profile import silent
     from daest.systems.linearize import is_affine_model
-    from daest.systems.reduce import reduce_index
     from daest.systems.state_space import state_space_family
 
-    if flat.given is not None and flat.given.hides_states:
-        flat.given.local_functions(flat)  # says why there is no filter
-    intensity = _known([(w.name, w.intensity) for w in flat.noises], "intensity", "process")
-    std = _known([(y.name, y.noise_std) for y in flat.outputs], "std", "measurement")
-    if kind == "time-varying" or kind == "stationary":
-        if not is_affine_model(flat):
-            note(f"the {kind} filter sees the model linearised at its operating point; --kind ekf does not")
-        family = state_space_family(flat)
-        way = way_of_filter(kind, experiment, wanted.measure, wanted.smooth)
-        cost = _tell_cost(len(family.state_names), flat.n, len(experiment.time), way)
-        is_long = len(family.state_names) >= LARGE and cost.seconds > LONG
-        with progress() if is_long else nullcontext(silent) as tell:
-            return run_filter(
-                family,
-                flat.theta_values,
-                experiment,
-                intensity,
-                std**2,
-                kind,
-                wanted.measure,
-                wanted.smooth,
-                hold=wanted.hold,
-                tell=tell,
-            )
-    return run_nonlinear_filter(
-        reduce_index(flat),
-        flat.theta_values,
-        experiment,
-        intensity,
-        std,
-        kind,
-        wanted.measure,
-        wanted.smooth,
-        hold=wanted.hold,
-        n_particles=wanted.particles,
-        seed=wanted.seed,
-    )
+    if not FILTERS[kind].is_linear:
+        return run_filter(flat, experiment, kind, options)
+    if not is_affine_model(flat):
+        note(f"the {kind} filter sees the model linearised at its operating point; --kind ekf does not")
+    family = state_space_family(flat)
+    n_states = len(family.state_names)
+    way = way_of_filter(kind, experiment, options.measure, options.smooth)
+    cost = _tell_cost(n_states, flat.n, len(experiment.time), way)
+    with progress() if n_states >= LARGE and cost.seconds > LONG else nullcontext(silent) as tell:
+        return run_filter(family, experiment, kind, options, tell)
 
 
 def _tell_cost(n_states: int, n_unknowns: int, n_samples: int, way: Way) -> FilterCost:
@@ -238,18 +197,3 @@ def _prepared(
         )
     hold = options.known_hold(project) or (fit.document.get("hold") if fit else None) or "foh"
     return _Prepared(flat, experiments[0], hold, () if fit is None else fit.remarks)
-
-
-def _known(sizes: Sequence[tuple[str, float | None]], what: str, section: str) -> np.ndarray:
-    """All sizes as an array. Raises EstimationError `filter-noise-unknown`."""
-    import numpy as np
-
-    unknown = [name for name, size in sizes if size is None]
-    if unknown:
-        raise EstimationError(
-            "filter-noise-unknown",
-            f"the {section} noise of {', '.join(unknown)} has no {what}",
-            remedy="estimate it with daest identify, or give it in daest.toml: "
-            f'[noise.{section}] "{unknown[0]}" = {{ {what} = ... }}',
-        )
-    return np.array([size for _, size in sizes], dtype=float)

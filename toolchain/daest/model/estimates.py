@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from daest.model.defaults import PARTICLES
 from daest.model.linear import DiscreteModel
 from daest.model.shown import Timed, Trajectories
 
 FilterKind = Literal["time-varying", "stationary"]
-NonlinearKind = Literal["ekf", "ukf", "particle"]
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,36 @@ class InitialState:
     def is_unknown(self) -> np.ndarray:
         """Which states have a flat prior, (n,) bool."""
         return np.isinf(np.diagonal(self.cov))
+
+
+@dataclass(frozen=True)
+class FilterOptions:
+    """How a recording is filtered. Arrays are in the order of the model; None takes the model's own numbers.
+
+    theta (n_parameters,); `process_intensity` (n_w,) or (n_w, n_w): two-sided spectral densities of the white
+    noises; `measurement_cov` (n_y,) variances or (n_y, n_y) covariance of one sample of the measurement
+    noises. `measure` names the outputs to use (None: all that were recorded); the other recorded outputs are
+    compared with their estimates. `smooth` estimates from the whole record in place of the past.
+
+    `initial` is the state at the first sample, in the states of the model; None, or an infinite variance, is
+    unknown: a flat prior for the time-varying filter, zero for the stationary one, and for nonlinear filters
+    a wide one around a first smoothed estimate. `n_particles`, `seed` and `proposal` are for a particle
+    filter. `longest`: of the substeps of a nonlinear filter, seconds (None: found by halving). `compiled`
+    False computes without a C compiler.
+    """
+
+    theta: np.ndarray | None = None
+    process_intensity: np.ndarray | None = None
+    measurement_cov: np.ndarray | None = None
+    measure: Sequence[str] | None = None
+    smooth: bool = False
+    initial: InitialState | None = None
+    hold: Literal["zoh", "foh"] = "foh"
+    n_particles: int = PARTICLES
+    seed: int | None = None
+    proposal: Literal["bootstrap", "ekf"] = "ekf"
+    longest: float | None = None
+    compiled: bool = True
 
 
 @dataclass(frozen=True)
@@ -227,7 +258,7 @@ class FilterResult(Timed):
     user: what was decided, and what cannot be estimated.
     """
 
-    kind: FilterKind | NonlinearKind
+    kind: str
     smoothed: bool
     names: tuple[str, ...]
     units: tuple[str, ...]

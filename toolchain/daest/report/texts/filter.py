@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
+from daest.estimation.filters import FILTERS
 from daest.report.console import heading, indented, number, percent, rendered, table
 
 
@@ -22,7 +23,8 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
         f"normalised innovations squared: {number(nis['mean'])}, 95 % band {number(nis['low'])} to "
         f"{number(nis['high'])}: {'inside' if nis['inside'] else 'OUTSIDE'}"
     )
-    if document["kind"] in ("time-varying", "stationary"):  # the gain of a nonlinear model follows its state
+    known = FILTERS.get(document["kind"])
+    if known is not None and known.is_linear:  # the gain of a nonlinear model follows its state
         steady = document["steady_after"]
         yield indented(
             f"gain steady after {number(steady)} s" if steady is not None else "the gain is never steady"

@@ -1,0 +1,68 @@
+"""The particle filter of a nonlinear model, and its smoother."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daest.estimation.filters.case import Case, Estimates
+from daest.estimation.filters.local import prepared
+from daest.estimation.particle import ContinuousPoints, ParticleRun, run_particles, smooth_particles
+from daest.systems.local_linear import internal_names
+
+
+def estimate(case: Case, name: str) -> Estimates:
+    """Raises EstimationError `particle-collapse` and those of `prepared`."""
+    ready, options = prepared(case, inside=True), case.options
+    task = ready.task
+    points, time = ContinuousPoints(task), task.data.time
+    run = run_particles(
+        points,
+        task.data.outputs,
+        task.noise.variance,
+        task.start,
+        options.n_particles,
+        options.seed,
+        options.proposal,
+        time,
+    )
+    notes = (*ready.notes, *_notes(run, time))
+    states, weights = run.points, run.weights
+    if options.smooth:
+        found = smooth_particles(points, run, options.seed)
+        states = found.states
+        weights = np.full(states.shape[:2], 1.0 / states.shape[1])
+        if not found.is_simulated:
+            notes += (
+                "Process noise does not reach every state: smoothed by the ancestral lines of the particles.",
+            )
+    inside = [points.inside(k, states[k], weights[k]) for k in range(time.size)]
+    values, std = (np.array(part) for part in zip(*inside, strict=True))
+    steps = np.append(task.data.steps, task.data.steps[-1])
+    noise_std = np.sqrt(task.noise.intensity / steps[:, None])
+    unknown = np.full_like(noise_std, np.nan)
+    return Estimates(
+        names=internal_names(task.model.explicit),
+        values=values,
+        std=std,
+        noise_values=unknown if options.smooth else np.zeros_like(noise_std),
+        noise_std=unknown if options.smooth else noise_std,
+        innovations=run.innovations[:, [case.model.output_names.index(n) for n in case.measure]],
+        nis=float(np.sum(run.nis)),
+        n_innovations=int(np.isfinite(task.data.outputs).sum()),
+        log_likelihood=run.log_likelihood,
+        effective=run.effective,
+        messages=notes,
+    )
+
+
+def _notes(run: ParticleRun, time: np.ndarray) -> tuple[str, ...]:
+    size = run.weights.shape[1]
+    least, median = run.effective.min(), np.median(run.effective)
+    notes = [f"Effective sample size: median {median:.0f} of {size}, least {least:.0f}."]
+    if run.collapsed.size:
+        notes.append(
+            f"The particles collapse at {run.collapsed.size} samples, first at t = "
+            f"{time[run.collapsed[0]]:g} s: estimates there rest on a few of them. Use more particles or "
+            "larger noise."
+        )
+    return tuple(notes)
