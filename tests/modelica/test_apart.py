@@ -6,6 +6,8 @@ import random
 import signal
 import threading
 import time
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -65,46 +67,73 @@ def test_a_cache_that_cannot_be_written_is_no_error(tmp_path, monkeypatch):
     assert names()
 
 
+@pytest.fixture(params=[True, False])
+def is_copy(request, monkeypatch) -> Iterator[bool]:
+    """The compiler in a copy of this process, and in a new one."""
+    if request.param and os.name != "posix":
+        pytest.skip("processes of POSIX")
+    monkeypatch.setattr(apart, "_may_copy", lambda: request.param)
+    apart.stop()
+    yield request.param
+    apart.stop()
+
+
 @POSIX
-@pytest.mark.parametrize("may_copy", [True, False])
-def test_a_crash_is_one_message(cache, monkeypatch, may_copy):
-    monkeypatch.setattr(apart, "_may_copy", lambda: may_copy)
+def test_a_crash_is_one_message(cache, monkeypatch, is_copy):
     monkeypatch.setattr(compiler, "_apart", lambda *_: apart.run_apart(os.abort))
     with pytest.raises(ModelError) as caught:
         compile_text(SMALL.encode(), Path("Small.mo"))
     assert caught.value.code == "model-compiler" and "SIGABRT" in caught.value.what
 
 
-def _number(value: int) -> int:
-    return value + 1
-
-
-def _problem() -> int:
-    raise ValueError("no number")
-
-
-@pytest.mark.parametrize("may_copy", [True, False])
-def test_values_and_exceptions_come_back(monkeypatch, may_copy):
-    if may_copy and os.name != "posix":
-        pytest.skip("processes of POSIX")
-    monkeypatch.setattr(apart, "_may_copy", lambda: may_copy)
-    work = _number if may_copy else abs
-    assert apart.run_apart(work, 41) == (42 if may_copy else 41)
-    with pytest.raises(ValueError, match="no number" if may_copy else "invalid literal"):
-        apart.run_apart(*((_problem,) if may_copy else (int, "x")))
+def test_values_and_exceptions_come_back(is_copy):
+    assert apart.run_apart(abs, -41) == 41
+    with pytest.raises(ValueError, match="invalid literal"):
+        apart.run_apart(int, "x")
+    assert apart.run_apart(os.getpid) == apart.run_apart(os.getpid) != os.getpid()  # it stays
 
 
 @POSIX
-def test_ctrl_c_ends_the_compiler(monkeypatch):
+def test_it_works_where_the_program_is_now(is_copy, tmp_path, monkeypatch):
+    apart.run_apart(os.getpid)
+    monkeypatch.chdir(tmp_path)
+    assert apart.run_apart(os.getcwd) == str(tmp_path)
+    monkeypatch.setenv(apart.FOLDER_VARIABLE, str(tmp_path))
+    assert apart.run_apart(os.getenv, apart.FOLDER_VARIABLE) == str(tmp_path)
+
+
+@POSIX
+def test_it_is_replaced_after_it_was_killed(is_copy):
+    first = apart.run_apart(os.getpid)
+    os.kill(first, signal.SIGKILL)
+    time.sleep(0.2)
+    assert apart.run_apart(os.getpid) != first
+
+
+@POSIX
+def test_a_copy_of_the_program_has_its_own(is_copy):
+    own = apart.run_apart(os.getpid)
+    read, write = os.pipe()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        pid = os.fork()
+    if pid == 0:
+        os.write(write, str(apart.run_apart(os.getpid)).encode())
+        os._exit(0)
+    os.waitpid(pid, 0)
+    assert int(os.read(read, 100)) != own == apart.run_apart(os.getpid)
+
+
+@POSIX
+def test_ctrl_c_ends_the_compiler(is_copy):
     """The thread that waits for it would keep the program alive."""
-    monkeypatch.setattr(apart, "_may_copy", lambda: True)
+    running = apart.run_apart(os.getpid)
     threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
     began = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
         compiler.with_room(lambda: apart.run_apart(time.sleep, 60))
-    while apart._running:
-        assert time.monotonic() - began < 10.0
-        time.sleep(0.05)
+    assert time.monotonic() - began < 10.0
+    assert apart.run_apart(os.getpid) != running
 
 
 def test_content_is_checked(tmp_path):

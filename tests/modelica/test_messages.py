@@ -9,6 +9,7 @@ import pytest
 
 from daest.errors import EXPLANATIONS, ModelError, Place
 from daest.model.flat import FlatModel
+from daest.modelica import apart
 from daest.modelica.compile import compile_model
 
 Compile = Callable[..., FlatModel]
@@ -336,9 +337,11 @@ def test_a_panic_of_the_compiler_is_one_message(
             raise Panic("index out of bounds\nstack backtrace: …")
 
     monkeypatch.setattr("rumoca.Session", Broken)
+    apart.stop()  # the next one is a copy of this process with the broken session
     error = failure(lambda: compiled("model M Real x = 1.375; end M;"))
     assert error.code == "model-compiler"
     assert "index out of bounds" in error.what and "backtrace" not in str(error)
     monkeypatch.undo()
+    apart.stop()
     failure(lambda: compiled("model M input Real u; Real x; equation x = der(u); end M;"))
     assert capfd.readouterr().err == ""

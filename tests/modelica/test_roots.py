@@ -119,10 +119,9 @@ def test_folders_without_trouble_are_used_as_they_are(tmp_path):
     assert roots.folders == (tmp_path / "lib",) and not (tmp_path / "cache").exists()
 
 
-def test_a_long_compilation_is_kept_until_a_file_changes(tmp_path, monkeypatch):
+def test_a_compilation_is_kept_until_a_file_changes(tmp_path, monkeypatch):
     write_library(tmp_path / "lib" / "Tiny", "1.0.0", 2.0)
     (tmp_path / "M.mo").write_text(MODEL)
-    monkeypatch.setattr(compiled, "WORTH_KEEPING", 0.0)
     calls = []
     session = compiler._session
     monkeypatch.setattr(compiler, "_session", lambda *job: calls.append(1) or session(*job))
@@ -133,6 +132,18 @@ def test_a_long_compilation_is_kept_until_a_file_changes(tmp_path, monkeypatch):
     for entry in (tmp_path / "cache" / "flat").iterdir():
         entry.write_bytes(b"\x80damaged")
     assert time_constant(tmp_path / "M.mo", tmp_path / "lib") == 25.0
+
+
+def test_what_is_kept_does_not_grow_without_end(tmp_path, monkeypatch):
+    (tmp_path / "M.mo").write_text("model M\n  Real x(start = 1);\nequation\n  der(x) = -x;\nend M;\n")
+    daest.compile_model(tmp_path / "M.mo")
+    (first,) = (tmp_path / "cache" / "flat").iterdir()
+    monkeypatch.setattr(compiled, "KEPT_BYTES", first.stat().st_size * 3 // 2)
+    os.utime(first, (0, 0))
+    (tmp_path / "M.mo").write_text("model M\n  Real y(start = 1);\nequation\n  der(y) = -y;\nend M;\n")
+    daest.compile_model(tmp_path / "M.mo")
+    (left,) = (tmp_path / "cache" / "flat").iterdir()
+    assert left.name != first.name
 
 
 @pytest.mark.skipif("DAEST_TEST_MSL" not in os.environ, reason="DAEST_TEST_MSL names no library folder")

@@ -7,21 +7,26 @@ blindly, so that each file is held against its hash here, and one that is damage
 from __future__ import annotations
 
 import _thread
+import atexit
 import contextlib
 import faulthandler
+import gc
 import json
 import os
 import pickle
+import queue
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import IO, Any, TypeVar
 
 from daest.cache import cache_folder, hash_of, keep_content, kept_content
 from daest.litter import die_with_parent
@@ -31,26 +36,176 @@ T = TypeVar("T")
 # The compiler's parser recurses in native code and the conversion of its trees in Python: both get room.
 STACK_BYTES = 128 * 1024 * 1024
 FOLDER_VARIABLE = "XDG_CACHE_HOME"  # where the compiler looks for the place of its cache
-_running: set[int] = set()  # processes that compile
+_LENGTH = struct.Struct("<Q")  # of a message, in front of it
+_ANSWERS = 200  # after so many the process is replaced: native code may keep memory
 
 
 class Crash(Exception):
     """The process of the compiler ended; the text says how."""
 
 
+class Stopped(Exception):
+    """The process of the compiler was ended by `stop`."""
+
+
 def run_apart(work: Callable[..., T], *arguments: Any) -> T:
     """The value of a function of a module, or its exception, from another process. Raises Crash where that
-    ended before.
+    ended before, and Stopped after `stop`.
 
-    The other process is a copy of this one where that is safe, which is quick; else a new one.
+    The other process stays and answers the next question, too. It is a copy of this one where that is safe,
+    which is quick; else a new one.
     """
-    status, answer = (_by_copy if _may_copy() else _by_new_process)(work, arguments)
-    if status != 0:
-        raise Crash(_ending(status))
-    is_well, value = pickle.loads(answer)
-    if is_well:
-        return value
-    raise value
+    return _asker().ask(work, arguments)
+
+
+def stop() -> None:
+    """End the process that compiles."""
+    if _only is not None:
+        _only.end()
+
+
+class _Other:
+    """A process that answers questions; `environment` is what it was started with."""
+
+    def __init__(self, environment: str | None) -> None:
+        self.environment = environment
+        self.n_answers = 0
+        self.is_stopped = False
+        self._process: subprocess.Popen | None = None
+        if _may_copy():
+            self.pid, self._questions, self._answers = _copy()
+        else:
+            self._process = process = _new_process()
+            assert process.stdin is not None and process.stdout is not None
+            self.pid, self._questions, self._answers = process.pid, process.stdin, process.stdout
+        self._status: int | None = None
+
+    def ask(self, question: bytes) -> bytes | None:
+        """Its answer; None where it ended before."""
+        try:
+            _send(self._questions, question)
+            answer = _received(self._answers)
+        except OSError:
+            answer = None
+        self.n_answers += 1
+        return answer
+
+    def is_lost(self) -> bool:
+        if self.is_stopped:
+            return True
+        if self._status is None and self._process is not None:
+            self._status = self._process.poll()
+        elif self._status is None:
+            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            self._status = os.waitstatus_to_exitcode(status) if pid else None
+        return self._status is not None
+
+    def kill(self) -> None:
+        if self._status is None:
+            with contextlib.suppress(OSError):
+                os.kill(self.pid, signal.SIGTERM if sys.platform == "win32" else signal.SIGKILL)
+
+    def ending(self) -> int:
+        """Its exit code, awaited."""
+        if self._status is None and self._process is not None:
+            self._status = self._process.wait()
+        elif self._status is None:
+            self._status = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+        for stream in (self._questions, self._answers):
+            with contextlib.suppress(OSError):
+                stream.close()
+        return self._status
+
+
+class _Asker:
+    """The thread that owns the other process. The system ends that with the thread which started it, so that
+    this one lasts as long as the program."""
+
+    def __init__(self) -> None:
+        self._waiting: queue.SimpleQueue[tuple[Future, bytes]] = queue.SimpleQueue()
+        self._other: _Other | None = None
+        size = threading.stack_size(
+            STACK_BYTES
+        )  # a copy of the process has the stack of the thread that made it
+        try:
+            threading.Thread(target=self._run, name="daest-compiler", daemon=True).start()
+        finally:
+            threading.stack_size(size)
+
+    def ask(self, work: Callable[..., T], arguments: tuple) -> T:
+        answer: Future[T] = Future()
+        self._waiting.put((answer, pickle.dumps((_folder(), sys.getrecursionlimit(), work, arguments))))
+        return answer.result()
+
+    def end(self) -> None:
+        if (other := self._other) is not None:
+            other.is_stopped = True
+            other.kill()
+
+    def _run(self) -> None:
+        while True:
+            answer, question = self._waiting.get()
+            try:
+                answer.set_result(self._answered(question))
+            except BaseException as problem:
+                answer.set_exception(problem)
+            del answer, question
+
+    def _answered(self, question: bytes) -> Any:
+        other = self._ready()
+        content = other.ask(question)
+        if content is None:
+            self._other = None
+            other.kill()
+            status = other.ending()
+            raise Stopped if other.is_stopped else Crash(_ending(status))
+        is_well, value = pickle.loads(content)
+        if is_well:
+            return value
+        raise value
+
+    def _ready(self) -> _Other:
+        """The other process: as it is, or another one where it has ended, has worked for long, or was started
+        with another cache."""
+        environment = os.environ.get(FOLDER_VARIABLE)
+        other = self._other
+        if other is not None and (
+            other.is_lost() or other.n_answers >= _ANSWERS or other.environment != environment
+        ):
+            other.kill()
+            other.ending()
+            other = None
+        self._other = _Other(environment) if other is None else other
+        return self._other
+
+
+def _folder() -> str:
+    with contextlib.suppress(OSError):  # the folder is gone
+        return os.getcwd()
+    return os.sep
+
+
+_only: _Asker | None = None
+_lock = threading.Lock()
+
+
+def _asker() -> _Asker:
+    global _only
+    with _lock:
+        if _only is None:
+            _only = _Asker()
+        return _only
+
+
+def _forget() -> None:
+    """A copy of this process has neither the thread nor the process that answers it."""
+    global _only, _lock
+    _only, _lock = None, threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget)
+atexit.register(stop)
 
 
 def _may_copy() -> bool:
@@ -62,78 +217,89 @@ def _may_copy() -> bool:
     return len(os.listdir("/proc/self/task")) <= 1 + _thread._count()
 
 
-def _by_copy(work: Callable[..., Any], arguments: tuple) -> tuple[int, bytes]:
-    parent, (read, write) = os.getpid(), os.pipe()
-    pid = _forked()
+def _copy() -> tuple[int, IO[bytes], IO[bytes]]:
+    """A copy of this process that answers: its number, and where to write to and to read from."""
+    parent, (question, ask), (told, tell) = os.getpid(), os.pipe(), os.pipe()
+    with warnings.catch_warnings():
+        # The copy has one thread, which runs the compiler and ends; no lock of another one is wanted there.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        pid = os.fork()
     if pid == 0:
-        _answer(work, arguments, write, parent)
-    _running.add(pid)
-    os.close(write)
-    try:
-        with os.fdopen(read, "rb") as stream:
-            answer = stream.read()
-    finally:
-        _, status = os.waitpid(pid, 0)
-        _running.discard(pid)
-    return os.waitstatus_to_exitcode(status), answer
-
-
-def _by_new_process(work: Callable[..., Any], arguments: tuple) -> tuple[int, bytes]:
-    command = [sys.executable, "-c", f"from {__name__} import serve; serve()"]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    question = pickle.dumps((os.getpid(), sys.getrecursionlimit(), work, arguments))
-    with subprocess.Popen(
-        command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-    ) as process:
-        _running.add(process.pid)
         try:
-            answer, _ = process.communicate(question)
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+                with contextlib.suppress(ValueError):  # not the main thread
+                    signal.signal(number, signal.SIG_DFL)
+            _close_all_but(question, tell)
+            _answer_all(os.fdopen(question, "rb"), os.fdopen(tell, "wb"), parent)
         finally:
-            process.kill()
-            _running.discard(process.pid)
-    return process.returncode, answer
+            os._exit(1)
+    os.close(question)
+    os.close(tell)
+    return pid, os.fdopen(ask, "wb"), os.fdopen(told, "rb")
 
 
-def serve() -> None:
-    """In the new process: answer one question of `run_apart`, with a deep stack for the compiler's parser."""
-    parent, limit, work, arguments = pickle.load(sys.stdin.buffer)
-    sys.setrecursionlimit(limit)
-    write = os.dup(1)
+def _close_all_but(*kept: int) -> None:
+    """Keep nothing open that others wait for the end of."""
+    nothing = os.open(os.devnull, os.O_RDWR)
+    for standard in (0, 1, 2):
+        os.dup2(nothing, standard)
+    last = 2
+    for descriptor in sorted(kept):
+        os.closerange(last + 1, descriptor)
+        last = descriptor
+    os.closerange(last + 1, os.sysconf("SC_OPEN_MAX"))
+
+
+def _new_process() -> subprocess.Popen:
+    command = [sys.executable, "-c", f"from {__name__} import serve; serve({os.getpid()})"]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    return subprocess.Popen(
+        command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    )
+
+
+def serve(parent: int) -> None:
+    """In the new process: answer the questions of `run_apart`, with a deep stack for the parser."""
+    question, tell = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     threading.stack_size(STACK_BYTES)
-    thread = threading.Thread(target=_answer, args=(work, arguments, write, parent))
+    thread = threading.Thread(target=_answer_all, args=(question, tell, parent))
     thread.start()
     thread.join()
 
 
-def stop() -> None:
-    """End the processes that compile."""
-    for pid in list(_running):
-        with contextlib.suppress(OSError):
-            os.kill(pid, signal.SIGKILL)
-
-
-def _forked() -> int:
-    with warnings.catch_warnings():
-        # The copy has one thread, which runs the compiler and ends; no lock of another one is wanted there.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        return os.fork()
-
-
-def _answer(work: Callable[..., Any], arguments: tuple, write: int, parent: int) -> None:
-    """In the other process: send the value or the exception, and end without what runs at exit."""
+def _answer_all(questions: IO[bytes], answers: IO[bytes], parent: int) -> None:
+    """In the other process: send values or exceptions until nobody asks; end without what runs at exit."""
     status = 1
     try:
-        if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-                signal.signal(number, signal.SIG_DFL)
         die_with_parent(parent)
         _without_core()
-        with os.fdopen(write, "wb") as stream:
-            stream.write(_outcome(work, arguments))
+        gc.disable()  # see `compiler.with_room`; the process is replaced after some answers
+        while (question := _received(questions)) is not None:
+            folder, limit, work, arguments = pickle.loads(question)
+            with contextlib.suppress(OSError):
+                os.chdir(folder)
+            sys.setrecursionlimit(limit)
+            _send(answers, _outcome(work, arguments))
         status = 0
     finally:
         os._exit(status)
+
+
+def _send(stream: IO[bytes], message: bytes) -> None:
+    stream.write(_LENGTH.pack(len(message)))
+    stream.write(message)
+    stream.flush()
+
+
+def _received(stream: IO[bytes]) -> bytes | None:
+    """The next message; None where there is no other."""
+    head = stream.read(_LENGTH.size)
+    if len(head) < _LENGTH.size:
+        return None
+    (length,) = _LENGTH.unpack(head)
+    message = stream.read(length)
+    return message if len(message) == length else None
 
 
 def _outcome(work: Callable[..., Any], arguments: tuple) -> bytes:

@@ -1,4 +1,4 @@
-"""Flat sources that took the compiler long, kept so that the next command does not wait again."""
+"""Flat sources of the compiler, kept so that the next command does not wait again."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import contextlib
 import hashlib
 import os
 import pickle
-import time
 from collections.abc import Callable, Iterable
 from importlib.metadata import version
 from pathlib import Path
@@ -15,11 +14,8 @@ from daest.cache import cache_folder, keep_content, kept_content
 from daest.modelica import syntax as s
 from daest.modelica.roots import stamp
 
-WORTH_KEEPING = 1.0
-"""Seconds that a compilation must have taken."""
-
-KEPT = 40
-"""How many flat sources are kept; the oldest leave."""
+KEPT_BYTES = 200_000_000
+"""Size of all flat sources that are kept; those that were not used for longest leave."""
 
 
 def kept_or_compiled(
@@ -38,10 +34,8 @@ def kept_or_compiled(
     kept = _read(file)
     if kept is not None:
         return kept
-    started = time.monotonic()
     source = compiled()
-    if time.monotonic() - started > WORTH_KEEPING:
-        _write(file, source)
+    _write(file, source)
     return source
 
 
@@ -68,5 +62,15 @@ def _read(file: Path) -> s.FlatSource | None:
 def _write(file: Path, source: s.FlatSource) -> None:
     with contextlib.suppress(OSError, RecursionError):
         keep_content(file, pickle.dumps(source, protocol=pickle.HIGHEST_PROTOCOL))
-        for old in sorted(file.parent.glob("*.pickle"), key=lambda f: -f.stat().st_mtime)[KEPT:]:
-            old.unlink(missing_ok=True)
+        _make_room(file.parent)
+
+
+def _make_room(folder: Path) -> None:
+    with os.scandir(folder) as entries:
+        found = [(e.stat(), e.path) for e in entries if e.name.endswith(".pickle")]
+    size = sum(status.st_size for status, _ in found)
+    for status, path in sorted(found, key=lambda f: f[0].st_mtime):
+        if size <= KEPT_BYTES:
+            return
+        os.unlink(path)
+        size -= status.st_size
