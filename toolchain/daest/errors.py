@@ -983,6 +983,29 @@ EXPLANATIONS: dict[str, str] = {
         "The start value of a parameter lies outside its bounds (min, max). Change one of them; daest does "
         "not move a start value silently."
     ),
+    "stream-closed": (
+        "A command that follows a stream reads it from stdin, which is closed here. Pipe the samples into "
+        "it, or name a file that grows."
+    ),
+    "stream-empty": (
+        "A stream ended, or went wrong, before the first two samples. It begins with a CSV header that "
+        "names the time, the inputs and at least one output of the model, or with JSON objects, one a "
+        "line, that have these keys. The filter needs the expected step between two samples: the first "
+        "two tell it, or --step."
+    ),
+    "stream-line": (
+        "A line of a stream is no sample: it has another number of cells than the header, holds a text "
+        "where a number is expected, lacks the time or an input, or its time does not increase. It is "
+        "left out, and the filter goes over the gap. A missing output is an empty cell, or null in JSON."
+    ),
+    "stream-option": (
+        "Some options need a whole recording (--smooth, --from, --to, --resample, --detrend, --plot, -o, "
+        "the particle filter), others need a stream (--state, --step, --idle). They cannot be mixed."
+    ),
+    "stream-state": (
+        "The file of --state keeps what the filter knew when the stream stopped. It cannot be read, or it "
+        "was kept by another model, fit, kind of filter or set of outputs. Remove it to start anew."
+    ),
     "structurally-singular": (
         "Some equations compete for too few unknowns, or some unknowns occur in too few equations, so the "
         "equations cannot determine the unknowns whatever the parameter values are. The message lists both "

@@ -9,6 +9,15 @@ from typing import TYPE_CHECKING
 
 import click
 
+from daest.cli.follow import (
+    StreamOptions,
+    needs_stream,
+    open_stream,
+    refuse_whole,
+    stream_options,
+    told_at_the_end,
+    write_estimates,
+)
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -38,7 +47,13 @@ ESTIMATES = "estimates.csv"
 LONG = 10.0  # seconds from which on progress is shown
 
 
-@click.command("filter", epilog=example("daest filter run2.csv --measure phi --smooth -o estimates.csv"))
+@click.command(
+    "filter",
+    epilog=example(
+        "daest filter run2.csv --measure phi --smooth -o estimates.csv",
+        "tail -f machine.csv | daest filter --follow --state machine.npz",
+    ),
+)
 @click.argument("data", required=False, type=click.Path(path_type=Path))
 @click.option("--model", type=click.Path(path_type=Path), help="A .mo file or an .fmu (default: daest.toml).")
 @click.option(
@@ -60,6 +75,13 @@ LONG = 10.0  # seconds from which on progress is shown
 )
 @click.option("--smooth", is_flag=True, help="Estimate from the whole recording instead of the past.")
 @click.option("--only", metavar="NAME", multiple=True, help="Write this variable alone.")
+@click.option(
+    "--follow",
+    is_flag=True,
+    help="Take samples as they come, from stdin or from a file that grows (CSV or JSON lines), and write one "
+    "estimate each to stdout.",
+)
+@stream_options
 @model_options
 @data_options
 @format_option
@@ -74,6 +96,8 @@ def command(
     particles: int,
     smooth: bool,
     only: tuple[str, ...],
+    follow: bool,
+    stream: StreamOptions,
     model_options: ModelOptions,
     data_options: DataOptions,
     form: str,
@@ -84,8 +108,18 @@ def command(
     """Estimate every variable of the model from the recording DATA, and write the estimates as CSV.
 
     The table goes to results/estimates.csv or the file of -o, a summary to stdout. Parameters and noise are
-    those of results/fit.json.
+    those of results/fit.json. With --follow there is no recording: every sample of stdin, or of the file DATA
+    that grows, gives one line on stdout at once (CSV, or JSON with --format json).
     """
+    if follow:
+        refuse_whole({"--smooth": smooth, "-o": output is not None, "--plot": plot is not None})
+        opened = open_stream(
+            model_options.project(), model, model_options, data_options, data, measure, kind, stream
+        )
+        with told_at_the_end(opened.tally):
+            write_estimates(opened, only, form)
+        return
+    needs_stream(stream)
     from daest.cli.kept import keep, made_from, unseen_files
     from daest.cli.models import model_source
     from daest.model.estimates import FilterOptions

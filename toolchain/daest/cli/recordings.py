@@ -70,7 +70,7 @@ def driving_data(
     chosen = list(paths) or list(project.estimate)
     _require(chosen)
     return read_experiments(
-        chosen, *_signals(flat, project), preparation, outputs_required=False, others=False, **_words(project)
+        chosen, *signals(flat, project), preparation, outputs_required=False, others=False, **_words(project)
     )
 
 
@@ -90,7 +90,7 @@ def _read(
     raw = replace(preparation, period=None, detrend="none")
     experiments = []
     words = {**_words(project), "others": others}
-    for experiment in read_experiments(paths, *_signals(flat, project), raw, **words):
+    for experiment in read_experiments(paths, *signals(flat, project), raw, **words):
         for finding in check_experiment(experiment).warnings:
             warn(finding.code, f"{experiment.name}: {finding.sentence}")
         prepared = prepare(experiment, preparation)
@@ -104,7 +104,7 @@ def measured_recordings(
     flat: FlatModel, project: Project, paths: Sequence[Path]
 ) -> tuple[FlatModel, list[Experiment]]:
     """The recordings as they are, and the model with its measured outputs alone; nothing is said."""
-    experiments = read_experiments(paths, *_signals(flat, project), **_words(project))
+    experiments = read_experiments(paths, *signals(flat, project), **_words(project))
     names = measured_names(experiments)
     return with_outputs(flat, names), [select_outputs(experiment, names) for experiment in experiments]
 
@@ -114,7 +114,8 @@ def _words(project: Project) -> dict[str, Any]:
     return {"time": project.time, "units": project.units}
 
 
-def _signals(flat: FlatModel, project: Project) -> tuple[list[Signal], list[Signal]]:
+def signals(flat: FlatModel, project: Project) -> tuple[list[Signal], list[Signal]]:
+    """The inputs and the outputs that are looked for in data."""
     inputs = [Signal(v.name, v.unit, project.inputs.get(v.name)) for v in flat.inputs]
     outputs = [Signal(y.name, y.unit, project.outputs.get(y.name)) for y in flat.outputs]
     return inputs, outputs

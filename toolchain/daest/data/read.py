@@ -175,12 +175,12 @@ def _matched(
     problems = _time_problems(table, time_column)
     matched: dict[str, Column] = {}
     for signal in inputs:
-        _match(table, signal, "input", matched, problems)
+        match_signal(table, signal, "input", matched, problems)
     for signal in outputs:
         if signal.column is not None or table.find(signal.name) is not None:
-            _match(table, signal, "output", matched, problems)
+            match_signal(table, signal, "output", matched, problems)
     if outputs_required and not any(signal.name in matched for signal in outputs) and not problems:
-        problems.append(_no_output(table, outputs))
+        problems.append(no_output(table, outputs))
     raise_collected(problems, table.file)
     return _experiment(table, time_column, matched, inputs, outputs, preparation)
 
@@ -308,9 +308,11 @@ def _order_problems(table: Table, column: Column) -> list[DataError]:
     return problems[:1] if bad.size > _TEXTS_SHOWN else problems
 
 
-def _match(
+def match_signal(
     table: Table, signal: Signal, kind: str, matched: dict[str, Column], problems: list[DataError]
 ) -> None:
+    """Find the column of a signal of `kind` "input" or "output" and add it to `matched`; what hinders is
+    added to `problems`."""
     wanted = signal.column if signal.column is not None else signal.name
     column = table.find(wanted)
     if column is None:
@@ -350,7 +352,8 @@ def _unknown_column(table: Table, signal: Signal, kind: str, wanted: str) -> Dat
     )
 
 
-def _no_output(table: Table, outputs: Sequence[Signal]) -> DataError:
+def no_output(table: Table, outputs: Sequence[Signal]) -> DataError:
+    """That no column is an output of the model."""
     names = ", ".join(signal.name for signal in outputs) or "none at all"
     return DataError(
         "data-no-output",

@@ -40,7 +40,7 @@ def flat_start(forward: FilterPass) -> FlatStart:
     for k in range(n_kept):
         stacked = np.vstack([root, np.column_stack([rows[k], right[k]])])
         root = np.asarray(np.linalg.qr(stacked, mode="r"))[:p]
-        mean[k, :p], factor[k, :p, :p], free[k, :p, :p], condition = _solve_root(root[:, :p], root[:, p])
+        mean[k, :p], factor[k, :p, :p], free[k, :p, :p], condition = solve_root(root[:, :p], root[:, p])
         if condition <= WELL_CONDITIONED:
             _cumulate(root, rows, right, k + 1, mean, factor, p)
             break
@@ -103,7 +103,7 @@ def flat_evidence(flat: FlatStart, forward: FilterPass, start: np.ndarray) -> fl
     return float(0.5 * (fitted @ fitted + p * np.log(2 * np.pi)) + log_size)
 
 
-def _solve_root(R: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+def solve_root(R: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Minimum-norm solution of R δ = right, a root of (RᵀR)⁺, the undetermined directions and the
     condition."""
     p = R.shape[1]

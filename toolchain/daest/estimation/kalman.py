@@ -61,7 +61,7 @@ STEADY_SHARE = 0.01  # distance of the gain to the stationary gain that counts a
 
 
 @dataclass(frozen=True)
-class _Start:
+class PassStart:
     """x[0] = mean + sensitivity δ + N(0, cov); `scale` (n,) is the size of a state. `stationary` is the
     covariance of the stationary filter of `observed`, the model with the outputs that are ever present, where
     it is known."""
@@ -115,7 +115,7 @@ def _pass_over(
     state_names: tuple[str, ...] | None,
     *,
     details: bool,
-) -> tuple[FilterPass, _Start]:
+) -> tuple[FilterPass, PassStart]:
     models, which = models_by_interval(model, experiment.time)
     modes = modes_of(models, which, experiment.outputs)
     known, drive = known_parts(models, which, experiment)
@@ -132,7 +132,7 @@ def _start(
     initial: InitialState | None,
     kind: FilterKind,
     state_names: tuple[str, ...] | None,
-) -> _Start:
+) -> PassStart:
     typical = models[int(np.argmax(np.bincount(modes.model[modes.index])))]
     n = typical.transition.shape[0]
     observed = _with_rows(typical, np.asarray(modes.present.any(axis=0)))
@@ -146,17 +146,17 @@ def _start(
         stationary = stationary_filter(observed, state_names)
         P = stationary.predicted_cov
         mean = np.zeros(n) if initial is None else initial.mean
-        return _Start(mean, P, np.zeros((n, 0)), 0, np.sqrt(np.diagonal(P)), observed, stationary)
+        return PassStart(mean, P, np.zeros((n, 0)), 0, np.sqrt(np.diagonal(P)), observed, stationary)
     initial = InitialState.unknown(n) if initial is None else initial
     _check_initial(initial, n)
     unknown = initial.is_unknown
     if not np.any(unknown):
         scale = np.sqrt(np.diagonal(initial.cov))
-        return _Start(initial.mean, initial.cov, np.zeros((n, 0)), 0, scale, observed)
-    return _unknown_start(observed, initial)
+        return PassStart(initial.mean, initial.cov, np.zeros((n, 0)), 0, scale, observed)
+    return reference_start(observed, initial)
 
 
-def _unknown_start(model: DiscreteModel, initial: InitialState) -> _Start:
+def reference_start(model: DiscreteModel, initial: InitialState) -> PassStart:
     """A reference start whose covariance is the stationary one where it exists: any other gives the same
     result."""
     unknown = initial.is_unknown
@@ -174,7 +174,7 @@ def _unknown_start(model: DiscreteModel, initial: InitialState) -> _Start:
     observable, _ = unobservable_subspace(model.transition, model.output)
     basis, n_observable = observable_first(observable @ columns)
     mean = np.where(unknown, 0.0, initial.mean)
-    return _Start(mean, cov, columns @ basis, n_observable, scale, model, stationary)
+    return PassStart(mean, cov, columns @ basis, n_observable, scale, model, stationary)
 
 
 def observable_first(rows: np.ndarray) -> tuple[np.ndarray, int]:
@@ -253,7 +253,9 @@ class _Recorder:
         return (kept[0] if len(kept) == 1 else np.concatenate(kept)) if kept else np.zeros((0, 0, 0))
 
 
-def _forward_pass(modes: Modes, z: np.ndarray, drive: np.ndarray, start: _Start, details: bool) -> FilterPass:
+def _forward_pass(
+    modes: Modes, z: np.ndarray, drive: np.ndarray, start: PassStart, details: bool
+) -> FilterPass:
     """`details`: with the covariances of all samples, and gain and covariance after the outputs."""
     n_samples, n_y = z.shape
     recorder = _Recorder(n_samples, start.mean.size, n_y)
@@ -281,7 +283,7 @@ class _Plan:
     else the sequence of covariances itself tells that it has settled.
     """
 
-    def __init__(self, modes: Modes, start: _Start, details: bool) -> None:
+    def __init__(self, modes: Modes, start: PassStart, details: bool) -> None:
         self.modes, self.details = modes, details
         self.matrices = StepMatrices(
             modes.transition, modes.output, modes.process_cov, modes.cross_cov, modes.measurement_cov,
@@ -436,7 +438,7 @@ def _singular(sample: int) -> EstimationError:
     )
 
 
-def _as_pass(recorder: _Recorder, modes: Modes, start: _Start) -> FilterPass:
+def _as_pass(recorder: _Recorder, modes: Modes, start: PassStart) -> FilterPass:
     n, q = start.sensitivity.shape
     A = np.concatenate(recorder.sensitivity) if recorder.sensitivity else np.zeros((0, n, q))
     if q == 0:
@@ -467,7 +469,7 @@ def _assemble(
     time: np.ndarray,
     forward: FilterPass,
     flat: FlatStart,
-    start: _Start,
+    start: PassStart,
 ) -> KalmanResult:
     noise_size = np.sqrt(np.max(np.diagonal(forward.modes.noise_cov, axis1=1, axis2=2), axis=0))
     scale = np.concatenate([start.scale, noise_size])
@@ -564,7 +566,7 @@ def _innovations(
 
 
 def _log_likelihood(
-    forward: FilterPass, flat: FlatStart, start: _Start, nis: np.ndarray | None = None
+    forward: FilterPass, flat: FlatStart, start: PassStart, nis: np.ndarray | None = None
 ) -> float:
     """log p(y), or log ∫ p(y | x0) dx0 over the determined unknown states (density one per unit of the
     state)."""

@@ -157,10 +157,20 @@ def table(result: FilterResult, only: Sequence[str] | None = None) -> tuple[list
     return header, rows
 
 
+def chosen_columns(names: Sequence[str], only: Sequence[str] | None) -> list[int]:
+    """Positions in `names` of the variables `only`, of all without them. Raises EstimationError
+    `filter-unknown-variable`."""
+    return list(range(len(names))) if only is None else [_position(names, name) for name in only]
+
+
 def _column(result: FilterResult, name: str) -> int:
-    if name in result.names:
-        return result.names.index(name)
-    near = get_close_matches(name, result.names, 3)
+    return _position(result.names, name)
+
+
+def _position(names: Sequence[str], name: str) -> int:
+    if name in names:
+        return list(names).index(name)
+    near = get_close_matches(name, names, 3)
     raise EstimationError(
         "filter-unknown-variable",
         f"the model has no variable {name}",
