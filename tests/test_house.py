@@ -25,6 +25,7 @@ FLOORS = (
     ("estimation",),
     ("diagnosis",),
     ("report",),
+    ("app",),
     ("cli",),
     ("__main__",),
 )

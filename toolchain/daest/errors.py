@@ -104,6 +104,35 @@ class NumericalError(DaestError):
 
 EXPLANATIONS: dict[str, str] = {
     # Sorted by code. Each text: what it means, why it matters, what to do.
+    "app-busy": (
+        "The page starts one command at a time in a folder, so that results do not overtake each other. Wait "
+        "until the command that runs has ended, or stop it; what a stopped search has done is kept."
+    ),
+    "app-file": (
+        "A file that was dropped onto the page is kept in the folder of the project under its own name if it "
+        "is a model or a recording, if its name is a plain one, and if the folder has no other file of that "
+        "name. Rename it, or copy it yourself."
+    ),
+    "app-folder": (
+        "daest app shows the project of a folder, which must exist; an empty folder will do, a model and a "
+        "recording can be dropped onto the page."
+    ),
+    "app-folder-gone": (
+        "The folder that the page shows was removed, renamed or unmounted while the server ran. Nothing is "
+        "written elsewhere. Put it back, or end the server and start it where the project is now."
+    ),
+    "app-port": (
+        "The system does not let daest app listen on the port of --port: another program does already, or "
+        "numbers below 1024 need rights. Without --port a free one is taken."
+    ),
+    "app-request": (
+        "The page asked for something that the project does not have (any more): a step, a candidate, a "
+        "parameter or a file. It shows an older state; load it again."
+    ),
+    "app-running": (
+        "One server at a time serves a folder; any number of pages may show it. Open the address that the "
+        "message names, or end that server."
+    ),
     "arx-needs-uniform-samples": (
         "An ARX model relates samples at a fixed distance, and the recording has uneven sample times. "
         "Resample it."

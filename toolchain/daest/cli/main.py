@@ -39,6 +39,7 @@ COMMANDS = {
     "diagnose": "Which physical effect a model lacks, and where.",
     "extend": "Write a Modelica model that extends another by one effect.",
     "improve": "Add what is missing, effect by effect, as Modelica models.",
+    "app": "The live page: compare, find what is missing, add it, watch the error fall.",
     "report": "One HTML page of everything that has been found out.",
     "explain": "Explain a message by its code.",
     "schema": "The JSON Schema of what a command prints.",

@@ -59,9 +59,22 @@ class KeptProofs:
     def keep(self, prepared: Prepared, proof: Proof) -> None:
         """Write the proof; a folder that cannot be written is no reason to end a diagnosis."""
         kept = [f.name for f in dataclasses.fields(proof) if f.name not in _LEFT_OUT]
-        content = {name: _plain(getattr(proof, name)) for name in kept}
+        content = {"about": self._about(proof), **{name: _plain(getattr(proof, name)) for name in kept}}
         with contextlib.suppress(ConfigError), self.whole_file(self._path(prepared)) as temporary:
             temporary.write_text(json.dumps(content), encoding="utf-8")
+
+    def _about(self, proof: Proof) -> dict[str, Any]:
+        """For readers that look on while a diagnosis runs."""
+        told = proof.told.simulated
+        return {
+            "run": self.run,
+            "effect": proof.candidate.effect.name,
+            "at": proof.candidate.site.name,
+            "rms": dict(told["validation" if "validation" in told else "estimation"].rms),
+            "delta_bic": proof.delta_bic,
+            "verdict": proof.verdict,
+            "reason": proof.reason,
+        }
 
     def step(self, name: str, parts: Sequence[Any], flat: FlatModel, make: Callable[[], Step]) -> Step:
         """What `make` returns, or what it returned for the same run, `parts` and model in an earlier one. It

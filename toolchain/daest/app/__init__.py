@@ -1,0 +1,1 @@
+"""The live page: a server on this machine that shows what stands in a project and starts `daest` commands."""

@@ -1,0 +1,110 @@
+// The live page: shows the state that the server reads from the folder, and asks for commands.
+import {h, put} from "./dom.js";
+import {view as start} from "./start.js";
+import {view as compare} from "./compare.js";
+import {view as missing} from "./missing.js";
+import {view as doubt} from "./doubt.js";
+import {view as report} from "./report.js";
+import {view as parameters} from "./parameters.js";
+
+const VIEWS = {start, compare, parameters, missing, doubt, report};
+const RETRY = 700; // ms until a lost connection is tried again
+let state = null, socket = null;
+
+export const page = {
+  get state() { return state; },
+  send(message) { if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); },
+  running() { return (state?.jobs ?? []).find(job => job.status === "running"); },
+  async run(asked) {
+    const answer = await fetch("api/run", {method: "POST", body: JSON.stringify(asked)}).catch(() => null);
+    const told = await answer?.json().catch(() => null);
+    if (answer?.ok) { trouble(null); return told; }
+    if (!asked.dry) trouble(told?.what ? `${told.what}. ${told.remedy}.` : "The server does not answer: start daest app again.");
+    return null;
+  },
+  async drop(file) {
+    const answer = await fetch(`api/drop?name=${encodeURIComponent(file.name)}`, {method: "PUT", body: file}).catch(() => null);
+    const told = await answer?.json().catch(() => null);
+    trouble(answer?.ok ? null : told?.what ? `${told.what}; ${told.remedy}.` : "The file did not arrive: it may be too large.");
+    return answer?.ok ?? false;
+  },
+  // A button with the line that it types.
+  button(label, asked, {lines = state?.commands?.[asked.action], strong = false, title} = {}) {
+    return h("div", {className: "act"},
+      h("button", {className: strong ? "strong" : "", "data-key": JSON.stringify(asked), disabled: Boolean(page.running()),
+        onclick: () => page.run(asked), title}, label),
+      lines?.length ? h("code", {className: "typed"}, lines.join("\n")) : null);
+  },
+};
+
+export function trouble(text) {
+  const place = document.getElementById("trouble");
+  place.hidden = !text;
+  place.textContent = text ?? "";
+}
+
+function part() {
+  const wanted = location.hash.slice(1).split("/")[0];
+  if (wanted in VIEWS) return wanted;
+  if (!state?.project) return "start";
+  return "compare";
+}
+
+function show() {
+  if (!state) return;
+  const chosen = part();
+  for (const name of Object.keys(VIEWS)) document.getElementById(name).hidden = name !== chosen;
+  for (const link of document.querySelectorAll("#parts a")) {
+    if (link.hash.slice(1) === chosen) link.setAttribute("aria-current", "page"); else link.removeAttribute("aria-current");
+  }
+  document.title = state.title ? `${state.title}: daest` : "daest";
+  document.getElementById("title").textContent = state.title ?? "daest";
+  const step = state.story?.steps[state.story.current];
+  document.getElementById("standing").textContent = step?.model ? step.model.split("/").pop() + (step.added ? `: ${step.added} at ${step.at}` : "") : "";
+  if (state.gone) { trouble(`The folder ${state.folder} has gone. Put it back, or end daest app and start it in another folder.`); return; }
+  if (state.error) trouble(state.error);
+  VIEWS[chosen](document.querySelector(`#${chosen} > div`), state, page);
+  work();
+}
+
+// The commands: the one that runs with what it says, and those before it.
+function work() {
+  const jobs = state.jobs ?? [], last = jobs.at(-1);
+  put(document.getElementById("work"), [last, state.script], () => {
+    if (!last) return h("p", {className: "hint"}, "Every click is a daest command. They will stand here, and in a script.");
+    const said = last.said.trim().split("\n").filter(Boolean);
+    const progress = said.at(-1)?.match(/\((\d+) of (\d+)\)/);
+    const words = {running: "works", done: "done", failed: "failed", stopped: "stopped; what is done is kept", lost: "was ended by force; what is done is kept"};
+    return [
+      h("div", {className: `job ${last.status}`},
+        h("span", {className: "state", role: "status"}, words[last.status]),
+        h("code", {className: "typed"}, last.lines.map((line, i) => (last.status === "running" && i === last.codes.length ? "▸ " : "") + line).join("\n")),
+        last.status === "running" ? h("button", {"data-key": "stop", onclick: () => page.run({action: "stop", job: last.number})}, "Stop") : null,
+        last.status === "running" ? h("progress", progress ? {max: Number(progress[2]), value: Number(progress[1])} : {}) : null,
+        said.length ? h("details", {"data-key": "said", open: last.status === "failed"}, h("summary", {}, said.at(-1)), h("pre", {}, last.said)) : null),
+      h("details", {"data-key": "script"}, h("summary", {}, `All ${state.script.split("\n").filter(line => line && !line.startsWith("#")).length} commands of this folder`),
+        h("pre", {}, state.script), h("p", {}, h("a", {href: "session.sh", download: "session.sh"}, "Save them as a script"))),
+    ];
+  });
+}
+
+function connect() {
+  const address = new URL("api/live", location.href);
+  address.protocol = "ws:";
+  socket = new WebSocket(address);
+  socket.onmessage = event => {
+    const message = JSON.parse(event.data);
+    if (message.kind === "state") { state = message.state; if (!state.gone && !state.error) trouble(null); show(); document.documentElement.dataset.ready = "true"; }
+    else for (const listen of listeners) listen(message);
+  };
+  socket.onclose = () => {
+    document.documentElement.dataset.ready = "false";
+    trouble("The server has ended. Work that runs goes on; start daest app again and open its new address.");
+    setTimeout(connect, RETRY);
+  };
+}
+const listeners = new Set();
+export const listen = function_ => listeners.add(function_);
+
+addEventListener("hashchange", show);
+connect();

@@ -1,0 +1,37 @@
+"""`daest app`: the live page of a project."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from daest.cli.options import example
+
+
+@click.command("app", epilog=example("daest app servo", "daest app --port 8765 --no-browser"))
+@click.argument("folder", required=False, type=click.Path(path_type=Path), default=Path("."))
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=0,
+    metavar="N",
+    help="Listen there, on this machine alone (default: any that is free).",
+)
+@click.option("--no-browser", is_flag=True, help="Print the address, and open no browser.")
+def command(folder: Path, port: int, no_browser: bool) -> None:
+    """Open the project in FOLDER (default: here) as a page in the browser.
+
+    Compare, move parameters, search for what is missing, add it, and watch the error fall. Every click is a
+    daest command, which the page shows; its results are files of the folder. The first line of stdout is the
+    address, which holds a secret. Ctrl-C ends the page; work that runs goes on.
+    """
+    from daest.app.server import serve
+
+    serve(folder, port, not no_browser, _tell)
+
+
+def _tell(address: str) -> None:
+    click.echo(address)
+    sys.stdout.flush()
