@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import click
 
-from daest.cli.options import example
+from daest.cli.options import example, format_option
+from daest.cli.output import emit
 
 
 @click.command("app", epilog=example("daest app servo", "daest app --port 8765 --no-browser"))
@@ -20,7 +20,8 @@ from daest.cli.options import example
     help="Listen there, on this machine alone (default: any that is free).",
 )
 @click.option("--no-browser", is_flag=True, help="Print the address, and open no browser.")
-def command(folder: Path, port: int, no_browser: bool) -> None:
+@format_option
+def command(folder: Path, port: int, no_browser: bool, form: str) -> None:
     """Open the project in FOLDER (default: here) as a page in the browser.
 
     Compare, move parameters, search for what is missing, add it, and watch the error fall. Every click is a
@@ -29,9 +30,8 @@ def command(folder: Path, port: int, no_browser: bool) -> None:
     """
     from daest.app.server import serve
 
-    serve(folder, port, not no_browser, _tell)
+    def tell(address: str) -> None:
+        document = {"address": address, "folder": str(folder.resolve())}
+        emit(document, "app", form, None, lambda *_, **__: f"{address}\n")
 
-
-def _tell(address: str) -> None:
-    click.echo(address)
-    sys.stdout.flush()
+    serve(folder, port, not no_browser, tell)

@@ -16,6 +16,7 @@ from daest.errors import ConfigError
 
 # What describes the document of a command.
 DOCUMENTS = {
+    "app": "project:AppDocument",
     "check": "check:CheckDocument",
     "compare": "compare:CompareDocument",
     "completion": "project:CompletionDocument",

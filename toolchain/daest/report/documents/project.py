@@ -82,6 +82,13 @@ class SchemaDocument(TypedDict):
     schemas: dict[str, dict[str, Any]]
 
 
+class AppDocument(TypedDict):
+    """Where the live page is served."""
+
+    address: Annotated[str, "with the token; whoever knows it can start commands in the folder"]
+    folder: str
+
+
 class CompletionDocument(TypedDict):
     """Shell completion."""
 
