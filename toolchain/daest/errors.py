@@ -846,6 +846,14 @@ EXPLANATIONS: dict[str, str] = {
         "pre, sample, reinit, delay and the like. Replace it by smooth equations: tanh(x/width) for a "
         "switch, a first-order lag for a delay."
     ),
+    "mqtt-address": (
+        "Events are published under a topic of a broker: --mqtt mqtt://HOST:PORT/TOPIC, with "
+        "USER:PASSWORD@ before the host where the broker asks for it."
+    ),
+    "mqtt-unreachable": (
+        "No MQTT broker answers at the address of --mqtt. Nothing was watched. Check the address, or "
+        "leave the option out: the events stand on stdout as well."
+    ),
     "needs-package": (
         "What was asked for needs a package that is an optional part of the installation. The message names "
         "the part: pip install 'daest[...]'."

@@ -28,9 +28,10 @@ from daest.cli.output import note, warn, whole_file
 from daest.errors import ConfigError, DataError, EstimationError, Place
 
 if TYPE_CHECKING:
-    from daest.data.project import Project
+    from daest.data.project import Hold, Project
     from daest.data.stream import LineFormat
     from daest.estimation.online import Memory, OnlineFilter
+    from daest.model.experiment import Experiment
     from daest.model.flat import FlatModel
     from daest.model.stream import Estimate, Sample
 
@@ -120,6 +121,18 @@ class Stream:
     tally: Tally
     digest: str
     period: float
+    project: Project
+    hold: Hold
+
+    def estimates_of(self, experiment: Experiment) -> Iterator[Estimate]:
+        """The estimates of a whole recording, from the start of the filter."""
+        from daest.model.stream import Sample
+
+        memory = self.online.begin()
+        for k, at in enumerate(experiment.time.tolist()):
+            sample = Sample(at, experiment.inputs[k], experiment.outputs[k])
+            memory, estimate = self.online.advance(memory, sample)
+            yield estimate
 
     def followed(self, on_gap: Callable[[], None] = lambda: None) -> Iterator[Followed]:
         """Samples with their estimates as they come. A line that is no sample is told and left out. The
@@ -262,7 +275,9 @@ def open_stream(
          [y.noise_std for y in flat.outputs]]
     )  # fmt: skip
     digest = sha256(described.encode()).hexdigest()[:32]
-    return Stream(flat, online, form, tuple(first), lines, options.state, Tally(), digest, period)
+    return Stream(
+        flat, online, form, tuple(first), lines, options.state, Tally(), digest, period, project, hold
+    )
 
 
 def fitted_model(

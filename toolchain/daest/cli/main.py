@@ -34,6 +34,7 @@ COMMANDS = {
     "simulate": "Drive a model with recorded inputs, with noise if wanted.",
     "identify": "Estimate parameters with their uncertainty from recordings.",
     "filter": "States and all internal variables with their uncertainty.",
+    "watch": "Whether a model still holds for the machine that runs beside it.",
     "compare": "How well models predict data that they have not seen.",
     "effects": "The library of physical effects, and where each can sit.",
     "diagnose": "Which physical effect a model lacks, and where.",

@@ -35,6 +35,7 @@ DOCUMENTS = {
     "report": "project:ReportDocument",
     "schema": "project:SchemaDocument",
     "simulate": "simulate:SimulateDocument",
+    "watch": "watch:WatchDocument",
 }
 
 
