@@ -23,6 +23,7 @@ FLOORS = (
     ("modelica", "systems"),
     ("fmu", "data"),
     ("estimation",),
+    ("design",),
     ("diagnosis",),
     ("report",),
     ("app",),

@@ -380,6 +380,57 @@ EXPLANATIONS: dict[str, str] = {
     "data-window-empty": (
         "Fewer than two rows lie between --from and --to. The message names the times of the recording."
     ),
+    "design-limit": (
+        "A limit of the experiment leaves nothing that could be played: a range that is empty or upside "
+        "down, inputs that may not move, a rate that is not positive, or a band without a frequency. Give "
+        "--limit NAME=LOW,HIGH, --rate NAME=RATE and --band LOW,HIGH."
+    ),
+    "design-limit-unknown": (
+        "--limit and --rate take names of inputs and of variables of the model, as daest linearize lists "
+        "them."
+    ),
+    "design-limits-unknown": (
+        "An experiment needs a length and a period. They are taken from the recording; without one, give "
+        "--length and --period, and a --limit for every input."
+    ),
+    "design-no-input": (
+        "The model has no input, so that no experiment could move it. Declare what you can move on the "
+        "machine as an input."
+    ),
+    "design-no-noise": (
+        "How much an experiment tells depends on the noise of the sensors. It is known after daest identify, "
+        "or from [noise.measurement] in daest.toml; a model without any measured output tells nothing."
+    ),
+    "design-no-rivals": (
+        "--rivals tells models apart that a diagnosis could not. results/diagnosis.json holds no two such "
+        "candidates that can be built and driven: run daest diagnose, or design for --parameters or --detect."
+    ),
+    "design-no-size": (
+        "The effect has no size parameter with a start value, so that there is no size that could be seen."
+    ),
+    "design-nothing": (
+        "Within the limits there is no input that the model can be driven with, or that stays in the safe "
+        "ranges. Widen them, or make the experiment longer or shorter."
+    ),
+    "design-one-aim": "An experiment is designed for one aim: --rivals, --parameters or --detect.",
+    "design-same-equation": (
+        "Two rivals do the same whatever is played: with other parameters one of them is the other one, for "
+        "these sensors. No input can tell them apart; a sensor between their places, or a parameter that is "
+        "known from elsewhere, may."
+    ),
+    "design-too-short": (
+        "An experiment needs some twenty sample intervals at least. Give a longer --length or a shorter "
+        "--period."
+    ),
+    "design-unsafe": (
+        "The model leaves a safe range although nothing is played. Widen the range, move those of the "
+        "inputs, or put the controller that holds the machine there into the model and design its reference."
+    ),
+    "design-unstable": (
+        "Left to itself the model runs away long before the experiment ends: what is expected of it then "
+        "holds for no machine. Put the controller into the model, with its reference as the input, and "
+        "design that; or give safe ranges."
+    ),
     "diagnose-fmu-search": (
         "The library of effects is put into the equations of a model. An FMU without equations has none, "
         "so that effects and places cannot be named: everything that can be tried from outside is tried."

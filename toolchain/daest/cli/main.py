@@ -38,6 +38,7 @@ COMMANDS = {
     "compare": "How well models predict data that they have not seen.",
     "effects": "The library of physical effects, and where each can sit.",
     "diagnose": "Which physical effect a model lacks, and where.",
+    "design": "The next experiment: what to play, and what it will tell.",
     "extend": "Write a Modelica model that extends another by one effect.",
     "improve": "Add what is missing, effect by effect, as Modelica models.",
     "app": "The live page: compare, find what is missing, add it, watch the error fall.",

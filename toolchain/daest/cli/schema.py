@@ -21,6 +21,7 @@ DOCUMENTS = {
     "compare": "compare:CompareDocument",
     "completion": "project:CompletionDocument",
     "demo": "project:DemoDocument",
+    "design": "design:DesignDocument",
     "diagnose": "diagnose:DiagnoseDocument",
     "effects": "effects:EffectsDocument",
     "explain": "project:ExplainDocument",

@@ -71,8 +71,8 @@ def predict(problem: Problem, z: np.ndarray, with_slopes: bool = False) -> Predi
     theta, intensity, std = problem.unknowns.values(z)
     with np.errstate(all="ignore"):
         ss = state_space(problem.family, theta)
-        derivatives = _directions(problem, theta) if with_slopes else None
-        dyns = shared_dynamics(ss, problem, _noise_levels(problem, intensity, std), derivatives)
+        derivatives = matrix_slopes(problem, theta) if with_slopes else None
+        dyns = shared_dynamics(ss, problem, noise_levels(problem, intensity, std), derivatives)
         if dyns is None:
             return None
         found, gains, states, value = [], [], [], 0.0
@@ -108,7 +108,7 @@ def all_scores(problem: Problem, predicted: Predicted) -> list[Scores]:
     return parts
 
 
-def _noise_levels(problem: Problem, intensity: np.ndarray, std: np.ndarray) -> NoiseLevels:
+def noise_levels(problem: Problem, intensity: np.ndarray, std: np.ndarray) -> NoiseLevels:
     """Noise at one point, and its derivatives in all directions of the search."""
     coordinates = problem.unknowns.coordinates
     p, n_w, n_y = len(coordinates), intensity.size, std.size
@@ -121,7 +121,7 @@ def _noise_levels(problem: Problem, intensity: np.ndarray, std: np.ndarray) -> N
     return NoiseLevels(np.diag(intensity), dW, np.diag(std**2), dR, problem.sampled)
 
 
-def _directions(problem: Problem, theta: np.ndarray) -> dict[str, np.ndarray]:
+def matrix_slopes(problem: Problem, theta: np.ndarray) -> dict[str, np.ndarray]:
     """Derivatives of the state space in all directions: parameters first, then zeros for the noises."""
     names = problem.unknowns.parameter_names()
     extra = len(problem.unknowns.coordinates) - len(names)

@@ -59,6 +59,9 @@ class CandidateEntry(_Class):
     inputs: NotRequired[dict[str, str]]
     parameters: dict[str, Uncertain]
     model_parameters: NotRequired[dict[str, Uncertain]]
+    settings: NotRequired[
+        Annotated[dict[str, float], "all parameters of the effect, those that were not estimated too"]
+    ]
     fit_percent: ByPart
     rms: ByPart
     delta_log_likelihood: NotRequired[float | None]
@@ -289,6 +292,11 @@ def _candidate(proof: Proof, model: Written | None) -> CandidateEntry:
         },
         "model_parameters": {
             p.name: uncertain_entry(p) for p in proof.told.parameters if not p.name.startswith(prefix)
+        },
+        "settings": {
+            name.removeprefix(prefix): value
+            for name, value in proof.told.theta.items()
+            if name.startswith(prefix)
         },
         **errors_entry(proof.told.simulated),
         "delta_log_likelihood": proof.delta_log_likelihood,

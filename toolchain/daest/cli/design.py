@@ -1,0 +1,317 @@
+"""`daest design`: the next experiment, as an input to play."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from daest.cli.options import (
+    DataOptions,
+    ModelOptions,
+    assignments,
+    data_options,
+    example,
+    format_option,
+    gathered,
+    model_options,
+    output_option,
+    plot_option,
+    seed_option,
+)
+from daest.cli.output import emit, keep_inputs, note, to_json, whole_file, with_schema, write_text
+from daest.cli.pictures import draw
+from daest.cli.progress import progress
+from daest.errors import ConfigError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from daest.data.project import Project
+    from daest.design.design import Task
+    from daest.model.design import Criterion, Limits
+    from daest.model.experiment import Experiment
+    from daest.model.flat import FlatModel
+
+RESULT = "design.json"
+STEPS_OF_PERIOD = 4  # digits of a period that is read off a recording
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What the command line asks for."""
+
+    rivals: bool = False
+    parameters: tuple[str, ...] = ()
+    detect: str | None = None
+    place: str | None = None
+    size: float | None = None
+    criterion: Criterion = "D"
+    length: float | None = None
+    step: float | None = None
+    limits: tuple[str, ...] = ()
+    rates: tuple[str, ...] = ()
+    band: str | None = None
+    sensors: tuple[str, ...] = ()
+    seconds: float = 20.0
+    alone: bool = False
+
+
+wish_options = gathered(
+    "wish",
+    Wish,
+    click.option("--rivals", is_flag=True, help='Tell apart what "cannot tell" of daest diagnose left.'),
+    click.option(
+        "--parameters",
+        metavar="NAME",
+        multiple=True,
+        help="Know these parameters better (several: repeat, or with commas).",
+    ),
+    click.option("--detect", metavar="EFFECT", help="See this effect of the library."),
+    click.option("--at", "place", metavar="PLACE", help="Where the effect of --detect sits."),
+    click.option("--size", type=float, metavar="SIZE", help="Size of the effect of --detect."),
+    click.option(
+        "--criterion",
+        type=click.Choice(["D", "A", "worst"]),
+        default="D",
+        help="Volume, mean square or worst direction of the errors of --parameters (default: D).",
+    ),
+    click.option("--length", type=float, metavar="SECONDS", help="Length (default: that of the recording)."),
+    click.option(
+        "--period", "step", type=float, metavar="SECONDS", help="Period at which the input is played."
+    ),
+    click.option(
+        "--limit",
+        "limits",
+        metavar="NAME=LOW,HIGH",
+        multiple=True,
+        help="Range of an input (default: the recorded one), or safe range of any variable.",
+    ),
+    click.option(
+        "--rate", "rates", metavar="NAME=RATE", multiple=True, help="Fastest change of an input [1/s]."
+    ),
+    click.option("--band", metavar="LOW,HIGH", help="Frequencies of the inputs [Hz]."),
+    click.option(
+        "--sensor",
+        "sensors",
+        metavar="NAME=STD",
+        multiple=True,
+        help="A sensor that could be added, and its noise.",
+    ),
+    click.option(
+        "--alone", is_flag=True, help="Design --parameters as if there were no recording to add to."
+    ),
+    click.option(
+        "--seconds", type=float, default=20.0, metavar="SECONDS", help="Time for the search (default: 20)."
+    ),
+)
+
+
+@click.command("design", epilog=example("daest design --parameters d,c --limit u=-5,5 -o input.csv"))
+@click.argument("data", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--model", type=click.Path(path_type=Path), help="A .mo file or an .fmu (default: daest.toml).")
+@wish_options
+@model_options
+@data_options
+@format_option
+@output_option
+@plot_option
+@seed_option
+def command(
+    data: tuple[Path, ...],
+    model: Path | None,
+    wish: Wish,
+    model_options: ModelOptions,
+    data_options: DataOptions,
+    form: str,
+    output: Path | None,
+    plot: Path | None,
+    seed: int,
+) -> None:
+    """The input that the next recording should have, as a CSV file (-o) to be played.
+
+    DATA are recordings that there are (default: those of daest.toml): they give the ranges of the inputs, the
+    period and the length where no option does, and what is known already. Parameters and noise are those of
+    results/fit.json. Without --rivals, --parameters or --detect the aim is what results/diagnosis.json leaves
+    open, else all parameters.
+    """
+    from daest.design.design import design
+    from daest.report.csv_text import csv_text
+    from daest.report.design_figure import design_figure
+    from daest.report.documents import design as documents
+    from daest.report.texts import design as texts
+
+    project = model_options.project()
+    keep_inputs(output, [*data, model])
+    with progress() as show:
+        task = _task(project, model, data, wish, model_options, data_options, seed)
+        found = design(task, show)
+    file = None if output is None or str(output) == "-" else str(output)
+    document = {**documents.document(found, file), "model": task.subjects[0].flat.name}
+    if output is not None:
+        write_text(csv_text(*documents.table(found)), output)
+    if str(output) != "-":
+        emit(document, "design", form, None, texts.text)
+    with whole_file(project.results / RESULT) as temporary:
+        temporary.write_text(to_json(with_schema(document, "design")), encoding="utf-8")
+    draw(plot, lambda: design_figure(found))
+
+
+def _task(
+    project: Project,
+    model: Path | None,
+    data: Sequence[Path],
+    wish: Wish,
+    model_options: ModelOptions,
+    data_options: DataOptions,
+    seed: int,
+) -> Task:
+    from daest.cli.models import model_source
+    from daest.cli.results import find_fit, fitted
+    from daest.design.design import Task
+
+    source = model_source(project, model)
+    loaded = model_options.load(project, source)
+    fit = find_fit(project, source, loaded)
+    flat = loaded
+    if fit is not None:
+        note(f"parameters and noise of {fit.path}")
+        flat = fitted(flat, fit.document)
+    measured, recordings = _recordings(flat, project, data, data_options)
+    hold = data_options.known_hold(project) or (fit.document.get("hold") if fit else None) or "foh"
+    limits = _limits(measured, recordings, wish, hold)
+    recorded = _recorded_inputs(measured, recordings, limits)
+    folders = (*model_options.libraries, *project.libraries)
+    aim, subjects = _aim(project, loaded, measured, limits, recorded, wish, folders, seed)
+    sensors = assignments(wish.sensors, "--sensor")
+    return Task(aim, subjects, limits, recorded, sensors, seed, wish.seconds)
+
+
+def _recordings(
+    flat: FlatModel, project: Project, data: Sequence[Path], options: DataOptions
+) -> tuple[FlatModel, list[Experiment]]:
+    """The model with the outputs that are measured, and the recordings; without recordings all outputs count
+    as measured."""
+    from daest.cli.recordings import training_data
+
+    if not data and not project.estimate:
+        return flat, []
+    flat, estimation, validation = training_data(flat, project, data, options, others=False)
+    return flat, [*estimation, *validation]
+
+
+def _limits(flat: FlatModel, recordings: Sequence[Experiment], wish: Wish, hold: str) -> Limits:
+    """Limits of the command line, and of the recordings where it gives none. Raises ConfigError
+    `design-limits-unknown` or `option-assignment`."""
+    from daest.model.design import Limits, Range
+
+    given = dict(_range(text) for text in wish.limits)
+    rates = assignments(wish.rates, "--rate")
+    inputs = []
+    for variable in flat.inputs:
+        low, high, rate = _shown(variable.name, recordings)
+        low, high = given.pop(variable.name, (low, high))
+        inputs.append(Range(variable.name, variable.unit, low, high, rates.pop(variable.name, rate)))
+    units = {v.name: v.unit for v in flat.unknowns} | {y.name: y.unit for y in flat.outputs}
+    _require_known([*given, *rates], units, flat)
+    safe = tuple(Range(name, units[name], low, high) for name, (low, high) in given.items())
+    longest = max((e.time[-1] - e.time[0] for e in recordings), default=None)
+    length = wish.length if wish.length is not None else longest
+    period = wish.step if wish.step is not None else _period(recordings)
+    if length is None or period is None:
+        raise ConfigError(
+            "design-limits-unknown",
+            "without a recording nothing tells how long and how finely the input may be played",
+            remedy="give --length and --period in seconds, or a recording",
+        )
+    band = (0.0, float("inf")) if wish.band is None else _band(wish.band)
+    return Limits(tuple(inputs), float(length), float(period), safe, band, "zoh" if hold == "zoh" else "foh")
+
+
+def _shown(name: str, recordings: Sequence[Experiment]) -> tuple[float, float, float]:
+    """Lowest and highest value and fastest change of an input in the recordings; NaN without any."""
+    import numpy as np
+
+    columns = [(e.time, e.inputs[:, e.input_names.index(name)]) for e in recordings]
+    if not columns:
+        return float("nan"), float("nan"), float("inf")
+    rates = [float(np.max(np.abs(np.diff(u) / np.diff(t)), initial=0.0)) for t, u in columns]
+    low, high = (float(f([f(u) for _, u in columns])) for f in (min, max))
+    return low, high, max(rates) or float("inf")
+
+
+def _period(recordings: Sequence[Experiment]) -> float | None:
+    import numpy as np
+
+    steps = [float(np.median(np.diff(e.time))) for e in recordings if e.n_samples > 1]
+    return float(f"{min(steps):.{STEPS_OF_PERIOD}g}") if steps else None
+
+
+def _require_known(names: Sequence[str], units: Mapping[str, str], flat: FlatModel) -> None:
+    from daest.data.table import nearest
+
+    known = [*units, *(v.name for v in flat.inputs)]
+    for name in names:
+        if name not in units:
+            raise ConfigError(
+                "design-limit-unknown",
+                f"--limit and --rate name '{name}', which is no variable of {flat.name}",
+                remedy=nearest(name, known) or f"its inputs are {', '.join(v.name for v in flat.inputs)}",
+            )
+
+
+def _recorded_inputs(
+    flat: FlatModel, recordings: Sequence[Experiment], limits: Limits
+) -> tuple[np.ndarray, ...]:
+    from daest.design.design import at_period
+
+    names = [v.name for v in flat.inputs]
+    return tuple(at_period(e, names, limits.period) for e in recordings)
+
+
+def _aim(
+    project: Project,
+    loaded: FlatModel,
+    flat: FlatModel,
+    limits: Limits,
+    recorded: tuple[np.ndarray, ...],
+    wish: Wish,
+    folders: Sequence[Path],
+    seed: int,
+) -> tuple[Any, tuple[Any, ...]]:
+    from daest.cli.design_aims import effect_aim, parameter_aim, rivals_of, survivors
+
+    if sum((wish.rivals, bool(wish.parameters), wish.detect is not None)) > 1:
+        raise ConfigError(
+            "design-one-aim",
+            "--rivals, --parameters and --detect are different aims",
+            remedy="give one of them",
+        )
+    if wish.detect is not None:
+        return effect_aim(project, flat, limits, recorded, wish.detect, wish.place, wish.size, folders)
+    if wish.rivals or (not wish.parameters and survivors(project)):
+        return rivals_of(project, flat, limits, recorded, folders, seed)
+    names = tuple(part.strip() for text in wish.parameters for part in text.split(",") if part.strip())
+    return parameter_aim(flat, limits, () if wish.alone else recorded, names, wish.criterion)
+
+
+def _range(text: str) -> tuple[str, tuple[float, float]]:
+    name, _, values = text.partition("=")
+    return name.strip(), _two_numbers(values, f"--limit {text}", "--limit u=-5,5")
+
+
+def _band(text: str) -> tuple[float, float]:
+    return _two_numbers(text, f"--band {text}", "--band 0,10")
+
+
+def _two_numbers(values: str, what: str, remedy: str) -> tuple[float, float]:
+    try:
+        low, high = (float(value) for value in values.split(","))
+    except ValueError:
+        low = high = float("nan")
+    if low != low or high != high:
+        raise ConfigError("option-assignment", f"{what}: not two numbers", remedy=f"for example {remedy}")
+    return low, high

@@ -1,0 +1,267 @@
+"""Design: the input that serves an aim best within limits, what it is expected to bring, and what would bring
+more."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from daest.design.aims import Aim, ParameterAim
+from daest.design.explainer import Explainer, likely
+from daest.design.linear_explainer import LinearExplainer
+from daest.design.prepared import Subject
+from daest.design.rivals import DetectAim, RivalAim
+from daest.design.safety import DRAWS, TOLERATED, Guard
+from daest.design.search import SHARE_OF_FAMILIES, Budget, best_of_families, free_input
+from daest.design.sensors import sensor_gains
+from daest.errors import DaestError, EstimationError
+from daest.model.design import Design, Expected, Limits, Played, PowerPoint, SensorGain
+from daest.model.experiment import Experiment
+from daest.model.fit import WeakDirection
+from daest.systems.state_space import state_space, state_space_family
+
+SECONDS = 20.0  # that a search may take
+GROWN = 10.0  # logarithm of how much an unstable mode may grow over an experiment without safe ranges
+LENGTHS = (0.5, 1.0, 2.0, 4.0)  # of the designed experiment, at which the power is told
+AMPLITUDES = (0.25, 0.5)  # likewise
+LITTLE = 1.05  # times better: a sensor that brings less is not told
+MOST_TOLD = 8  # sensors
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be designed: the aim, the models that it drives, the limits, the inputs of the recordings
+    that there are (each (n, n_u) at the period of the limits), and the noise of possible sensors by name."""
+
+    aim: Aim
+    subjects: tuple[Subject, ...]
+    limits: Limits
+    recorded: tuple[np.ndarray, ...] = ()
+    sensor_noise: Mapping[str, float] = field(default_factory=dict)
+    seed: int = 0
+    seconds: float = SECONDS
+    with_sensors: bool = True
+
+
+def design(task: Task, progress: Progress = lambda _: None) -> Design:
+    """The best input. Raises EstimationError `design-unstable`, `design-unsafe`, `design-same-equation` or
+    `design-nothing`."""
+    began = time.perf_counter()
+    aim, limits = task.aim, task.limits
+    draws = DRAWS if limits.safe else 0
+    guard = Guard(aim.driven, limits.safe, tuple(likely(aim.driven[0], task.recorded, task.seed, draws)))
+    _require_stable(task)
+    guard.require_room(limits)
+    progress("trying the families of inputs")
+    families, best = _searched(task, guard, began, progress)
+    inputs = guard.calmed(_inputs(best), limits)
+    notes = _notes(best, inputs)
+    _require_difference(aim, inputs)
+    progress("looking at what the best input would bring")
+    expected = _required(aim.expected([inputs]))
+    present = aim.expected(task.recorded) if task.recorded else None
+    together = aim.expected([*task.recorded, inputs]) if task.recorded else None
+    sensors = _sensors(task, inputs, notes) if task.with_sensors else ()
+    found = Design(
+        aim=aim.name,
+        message="",
+        value_of=aim.value_of,
+        higher_is_better=aim.higher_is_better,
+        limits=limits,
+        inputs=inputs,
+        families=tuple(families),
+        expected=expected,
+        present=present,
+        together=together,
+        open_directions=_open(task, inputs),
+        sensors=sensors,
+        safety=guard.told(inputs),
+        power=_powers(task, inputs) if isinstance(aim, DetectAim) else (),
+        notes=tuple(notes),
+        seconds=time.perf_counter() - began,
+    )
+    return replace(found, message=told(found, aim))
+
+
+def at_period(experiment: Experiment, names: Sequence[str], period: float) -> np.ndarray:
+    """The recorded inputs (n, n_u), in that order, on straight lines at a period."""
+    time_ = experiment.time - experiment.time[0]
+    grid = period * np.arange(int(np.floor(time_[-1] / period + 1e-9)) + 1)
+    columns = [experiment.inputs[:, experiment.input_names.index(name)] for name in names]
+    return np.column_stack([np.interp(grid, time_, column) for column in columns])
+
+
+def _searched(task: Task, guard: Guard, began: float, progress: Progress) -> tuple[list[Played], Played]:
+    aim, limits = task.aim, task.limits
+    first = Budget(began + SHARE_OF_FAMILIES * task.seconds)
+    families = best_of_families(aim, limits, guard, task.seed, first)
+    if families[0].inputs is None:
+        reasons = "; ".join(dict.fromkeys(f"{p.family}: {p.reason}" for p in families))
+        raise EstimationError(
+            "design-nothing",
+            f"no input within these limits can be played ({reasons})",
+            remedy="widen the limits: --limit, --rate, --band or --length",
+        )
+    progress("improving the best of them by its gradient")
+    free = free_input(aim, limits, guard, families[0], Budget(began + task.seconds))
+    families = [*families, free]
+    sign = -1.0 if aim.higher_is_better else 1.0
+    families.sort(key=lambda p: (p.inputs is None, sign * p.value if p.inputs is not None else 0.0))
+    return families, families[0]
+
+
+def _inputs(best: Played) -> np.ndarray:
+    assert best.inputs is not None
+    return best.inputs
+
+
+def _required(found: Expected | None) -> Expected:
+    if found is None:
+        raise EstimationError(
+            "design-nothing",
+            "the designed input cannot be simulated with all likely parameters",
+            remedy="give smaller ranges with --limit, or safe ranges for the variables that run away",
+        )
+    return found
+
+
+def _notes(best: Played, inputs: np.ndarray) -> list[str]:
+    if best.inputs is not None and np.array_equal(inputs, best.inputs):
+        return []
+    return [
+        f"made smaller, so that the safe ranges hold with a probability of {100 * (1 - TOLERATED):.0f} % "
+        "over the uncertainty of the parameters"
+    ]
+
+
+def _require_stable(task: Task) -> None:
+    """A model whose motion grows without bound tells of a motion that no machine would make."""
+    if task.limits.safe:
+        return
+    for explainer in task.aim.driven:
+        rate = _fastest_growth(explainer)
+        if rate * task.limits.length > GROWN:
+            raise EstimationError(
+                "design-unstable",
+                f"the model is unstable: a motion grows e-fold within {1.0 / rate:.3g} s, and the experiment "
+                f"takes {task.limits.length:.4g} s",
+                remedy="put the controller into the model, with its reference as the input, and design "
+                "that; or give safe ranges with --limit NAME=LOW,HIGH",
+            )
+
+
+def _fastest_growth(explainer: Explainer) -> float:
+    """Largest real part of the poles [1/s], at the start of a nonlinear model."""
+    explicit = explainer.explicit if isinstance(explainer, LinearExplainer) else explainer.model.explicit  # type: ignore[attr-defined]
+    try:
+        family = explainer.family if isinstance(explainer, LinearExplainer) else state_space_family(explicit)
+        A = state_space(family, explicit.flat.theta_values).A
+    except DaestError:
+        return 0.0
+    if not A.size or not np.all(np.isfinite(A)):
+        return 0.0
+    return float(np.max(np.linalg.eigvals(A).real))
+
+
+def _require_difference(aim: Aim, inputs: np.ndarray) -> None:
+    if not isinstance(aim, RivalAim):
+        return
+    same = aim.one_equation(inputs)
+    if same:
+        raise EstimationError(
+            "design-same-equation",
+            f"{same[0][0]} and {same[0][1]} are the same equation: what one of them does, the other one does "
+            "with other parameters, whatever is played and measured here",
+            remedy="leave one of them out, or measure something between their places",
+        )
+
+
+def _open(task: Task, inputs: np.ndarray) -> tuple[WeakDirection, ...]:
+    if not isinstance(task.aim, ParameterAim):
+        return ()
+    return task.aim.open_directions([*task.recorded, inputs])
+
+
+def _sensors(task: Task, inputs: np.ndarray, notes: list[str]) -> tuple[SensorGain, ...]:
+    found = sensor_gains(task.aim, task.subjects, task.limits, inputs, task.sensor_noise)
+    unknown = [name for name in task.sensor_noise if not any(name in one.variables for one in found)]
+    if unknown:
+        notes.append(f"no sensor at {', '.join(unknown)}: it does not move, or is no variable of the model")
+    useful = [s for s in found if s.gain > LITTLE or set(s.variables) & set(task.sensor_noise)]
+    return tuple(useful[:MOST_TOLD])
+
+
+def _powers(task: Task, inputs: np.ndarray) -> tuple[PowerPoint, ...]:
+    aim, limits = task.aim, task.limits
+    assert isinstance(aim, DetectAim)
+    middle = np.array([one.middle for one in limits.inputs])
+    cases = [(length, 1.0) for length in LENGTHS] + [(1.0, amplitude) for amplitude in AMPLITUDES]
+    found = []
+    for length, amplitude in cases:
+        played = middle + amplitude * (_of_length(inputs, length) - middle)
+        expected = aim.expected([played])
+        if expected is not None and expected.power is not None and expected.smallest_size is not None:
+            point = (length * limits.length, amplitude, expected.power, expected.smallest_size)
+            found.append(PowerPoint(*point))
+    return tuple(found)
+
+
+def _of_length(inputs: np.ndarray, share: float) -> np.ndarray:
+    """The input cut, or played again from its beginning."""
+    n = max(2, round(share * inputs.shape[0]))
+    return np.tile(inputs, (int(np.ceil(share)), 1))[:n]
+
+
+def told(found: Design, aim: Aim) -> str:
+    """The design in a sentence."""
+    best = found.families[0]
+    ranges = ", ".join(f"{r.name} from {_lowest(found, i):.3g} to {_highest(found, i):.3g} {r.unit}".rstrip()
+                       for i, r in enumerate(found.limits.inputs))  # fmt: skip
+    how = _how(best, found.families)
+    return f"Play {how} for {found.limits.length:.4g} s, {ranges}: {_promise(found, aim)}."
+
+
+def _how(best: Played, families: Sequence[Played]) -> str:
+    if best.family != "free":
+        return f"{best.family} ({best.shape})"
+    return "the free input that the gradient found"
+
+
+def _lowest(found: Design, column: int) -> float:
+    return float(found.inputs[:, column].min())
+
+
+def _highest(found: Design, column: int) -> float:
+    return float(found.inputs[:, column].max())
+
+
+def _promise(found: Design, aim: Aim) -> str:
+    expected, present = found.expected, found.present
+    if isinstance(aim, RivalAim):
+        pair = min(expected.log_likelihood_ratio, key=lambda p: expected.log_likelihood_ratio[p])
+        text = (
+            f"the closest pair, {pair}, is expected to differ by {expected.value:.3g} in log-likelihood "
+            f"(told apart with {_percent(expected.power)})"
+        )
+        return text + ("" if present is None else f", against {present.value:.3g} in what is recorded")
+    if isinstance(aim, DetectAim):
+        size = expected.smallest_size
+        text = f"an effect of {aim.size:.3g} is seen with {_percent(expected.power)}"
+        text += "" if size is None or not np.isfinite(size) else f", and from {size:.3g} with 95 %"
+        if present is None or present.smallest_size is None:
+            return text
+        return f"{text}; the present recording shows it from {present.smallest_size:.3g}"
+    errors = [f"{n} ± {e:.2g}" for n, e in expected.std_errors.items() if e is not None]
+    text = f"expected standard errors {', '.join(errors) or 'none that is finite'}"
+    if present is None:
+        return text
+    return f"{text}; {present.value / expected.value:.2g} times better than the present recording"
+
+
+def _percent(power: float | None) -> str:
+    return "-" if power is None else f"{100.0 * power:.0f} % probability"

@@ -1,0 +1,162 @@
+"""Nonlinear models: simulated with exact sensitivities, or predicted by an observer with the stationary gain
+of their average linearisation where the process has noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from daest.design.explainer import Explained, Point
+from daest.errors import DaestError
+from daest.estimation.coordinates import Coordinate, Unknowns
+from daest.estimation.observer import Observer, average_model, observer
+from daest.model.design import Hold
+from daest.systems.initialize import initial_point
+from daest.systems.integrate import (
+    Correction,
+    IntegrationError,
+    Integrator,
+    Trajectory,
+    integrate,
+    interval_inputs,
+)
+
+RTOL = 1e-5  # of the integration: far below the noise of a measurement
+
+
+@dataclass(frozen=True)
+class NonlinearExplainer:
+    """`unknowns` holds the parameters alone; `rows` are the outputs that are measured (None: all)."""
+
+    model: Integrator
+    unknowns: Unknowns
+    period: float
+    hold: Hold
+    rows: tuple[int, ...] | None = None
+    _kept: dict = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        return self.unknowns.coordinates
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        return tuple(self.model.explicit.flat.outputs[i].name for i in self.chosen)
+
+    @property
+    def variable_names(self) -> tuple[str, ...]:
+        return tuple(v.name for v in self.model.explicit.flat.unknowns)
+
+    @property
+    def chosen(self) -> list[int]:
+        n_y = len(self.model.explicit.flat.outputs)
+        return list(range(n_y)) if self.rows is None else list(self.rows)
+
+    def start(self, inputs: np.ndarray, z: np.ndarray | None = None) -> Point:
+        at = self.unknowns.start if z is None else z
+        theta, _, _ = self.unknowns.values(at)
+        return Point(at, initial_point(self.model.explicit, theta, inputs[0])[0])
+
+    def outputs(self, inputs: np.ndarray, at: Point) -> np.ndarray:
+        found = self._run(inputs, at)
+        if found is None:
+            return np.full((inputs.shape[0], len(self.chosen)), np.nan)
+        return found.outputs[:, self.chosen]
+
+    def variables(self, inputs: np.ndarray, at: Point) -> np.ndarray:
+        explicit = self.model.explicit
+        n_v = len(explicit.flat.unknowns)
+        found = self._run(inputs, at)
+        if found is None:
+            return np.full((inputs.shape[0], n_v), np.nan)
+        theta, _, _ = self.unknowns.values(at.z)
+        time, n = self._time(inputs), inputs.shape[0]
+        ubar = self._ubar(time, inputs)
+        if explicit.flat.given is not None:
+            given = explicit.flat.given
+            return given.variables_along(explicit.flat, time, ubar, theta, found.states, self.hold)
+        u, v = ubar[:, : inputs.shape[1]], ubar[:, inputs.shape[1] :]
+        w = np.zeros((explicit.rhs.numel_in(3), n))
+        repeated = np.tile(theta[:, None], (1, n))
+        along = explicit.variables.map(n)(found.states.T, u.T, v.T, w, repeated, time)
+        return np.array(along).T
+
+    @np.errstate(all="ignore")  # where numbers overflow, nothing is explained
+    def explain(self, inputs: np.ndarray, outputs: np.ndarray, at: Point) -> Explained | None:
+        rows = self.chosen
+        every = np.full((inputs.shape[0], len(self.model.explicit.flat.outputs)), np.nan)
+        every[:, rows] = outputs
+        found = self._observer(inputs, at)
+        run = self._run(inputs, at, every, found, slopes=True)
+        if run is None or not np.all(np.isfinite(run.sensitivities)):
+            return None
+        _, _, std = self.unknowns.values(at.z)
+        cov = np.diag(std[rows] ** 2) if found is None else found.innovation_cov
+        white = np.linalg.inv(np.linalg.cholesky(cov)).T
+        p = len(self.coordinates)
+        errors = (outputs - run.outputs[:, rows]) @ white
+        moves = -run.sensitivities[:, rows].transpose(2, 0, 1)
+        moves[:p] *= self.unknowns.slopes(at.z)[:, None, None]
+        moves = (moves @ white).reshape(moves.shape[0], -1)
+        return Explained(errors.ravel(), moves[:p], moves[p:])
+
+    def by_noise(self, n_samples: int) -> np.ndarray:
+        """The gain is held, and nothing is said of the motion that noise causes."""
+        return np.zeros((len(self.coordinates),) * 2)
+
+    def pulled_back(self, weights: np.ndarray, n_samples: int) -> None:
+        """Not known: what a pulse does depends on the motion."""
+
+    def _time(self, inputs: np.ndarray) -> np.ndarray:
+        return self.period * np.arange(inputs.shape[0])
+
+    def _ubar(self, time: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+        ubar, _ = interval_inputs(self.model.explicit, time, inputs, self.hold)
+        return np.vstack([ubar, np.hstack([inputs[-1:], ubar[-1:, inputs.shape[1] :]])])
+
+    def _run(
+        self,
+        inputs: np.ndarray,
+        at: Point,
+        measured: np.ndarray | None = None,
+        gained: Observer | None = None,
+        *,
+        slopes: bool = False,
+    ) -> Trajectory | None:
+        theta, _, _ = self.unknowns.values(at.z)
+        correction = None
+        if gained is not None and measured is not None:
+            gain = np.zeros((at.x0.size, measured.shape[1]))
+            gain[:, self.chosen] = gained.gain
+            correction = Correction(measured, gain)
+        try:
+            return integrate(
+                self.model,
+                self._time(inputs),
+                inputs,
+                theta,
+                at.x0,
+                hold=self.hold,
+                sensitivities=slopes,
+                correction=correction,
+                rtol=RTOL,
+            )
+        except (IntegrationError, DaestError):
+            return None
+
+    def _observer(self, inputs: np.ndarray, at: Point) -> Observer | None:
+        """The observer along the first motion that was asked for; None for a process without noise."""
+        _, intensity, std = self.unknowns.values(at.z)
+        if not np.any(intensity > 0.0):
+            return None
+        if "observer" not in self._kept:
+            run = self._run(inputs, at)
+            if run is None:
+                return None
+            theta, _, _ = self.unknowns.values(at.z)
+            time = self._time(inputs)
+            average = average_model(self.model.explicit, theta, time, run.states, self._ubar(time, inputs))
+            average = type(average)(average.A, average.G, average.C[self.chosen], average.period)
+            self._kept["observer"] = observer(average, intensity, std[self.chosen])
+        return self._kept["observer"]

@@ -1,0 +1,172 @@
+"""Experiments that tell rival models apart, and that show an effect of a given size.
+
+A rival is refitted to what another one would give: what it cannot follow is the expected log-likelihood ratio
+(T-optimality; Atkinson and Fedorov 1975), the least over all pairs and over likely parameters of the truth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import chndtr, chndtrinc, ndtr
+
+from daest.design.explainer import STEPS, Explainer, distance
+from daest.model.design import AimName, Expected
+
+SAME = 1e-7  # share of the squared signals, in noise, by which two models differ that are one equation
+POWER = 0.95  # with which an effect is to be seen
+SIZE_STEPS = 8  # of the search for the smallest size
+SIZE_TOLERANCE = 0.01  # relative, of the smallest size
+MOST_CHANGE = 10.0  # times, of the size in a step
+LEAST = 1e-12  # log-likelihood that stands for none
+
+
+@dataclass(frozen=True)
+class RivalAim:
+    """`labels` and `driven` name and hold the rivals; `truths` likely parameters of each, z (p,). A rival is
+    told from the truth where it loses more than `margin` in log-likelihood."""
+
+    labels: tuple[str, ...]
+    driven: tuple[Explainer, ...]
+    truths: tuple[tuple[np.ndarray, ...], ...]
+    margin: float
+
+    name: AimName = "rivals"
+    higher_is_better: bool = True
+    value_of: str = "expected log-likelihood ratio of the closest pair"
+
+    def merit(self, inputs: np.ndarray) -> float:
+        """From the fitted parameters of every rival; the refits are estimated by one projection."""
+        found = [distance(other, inputs, made, _nothing(other)) for _, _, other, made in self._pairs(inputs)]
+        return float(np.log(max(min(found), LEAST))) if np.all(np.isfinite(found)) else -np.inf
+
+    def gradient(self, inputs: np.ndarray) -> np.ndarray | None:
+        return None
+
+    def value(self, merit: float) -> float:
+        return float(np.exp(merit))
+
+    def expected(self, recordings: Sequence[np.ndarray]) -> Expected | None:
+        """Over likely parameters of the truth, with the rivals refitted."""
+        ratios: dict[str, float] = {}
+        for i, j in self._orders():
+            for z in self.truths[i]:
+                parts = [self._ratio(i, j, z, inputs) for inputs in recordings]
+                label = " | ".join(sorted((self.labels[i], self.labels[j])))
+                ratios[label] = min(ratios.get(label, np.inf), sum(parts))
+        if not ratios or not np.all(np.isfinite(list(ratios.values()))):
+            return None
+        worst = min(ratios.values())
+        return Expected(worst, log_likelihood_ratio=ratios, power=self.power(worst))
+
+    def power(self, ratio: float) -> float:
+        """Probability that the truth is ahead by the margin: under it the ratio is normal with that mean, and
+        its variance is twice the mean."""
+        return float(ndtr((ratio - self.margin) / np.sqrt(2.0 * ratio))) if ratio > LEAST else 0.0
+
+    def watching(self, driven: Sequence[Explainer]) -> RivalAim:
+        return replace(self, driven=tuple(driven))
+
+    def one_equation(self, inputs: np.ndarray) -> list[tuple[str, str]]:
+        """Pairs that are the same equation, as far as this input shows."""
+        same = []
+        for i, j, other, made in self._pairs(inputs):
+            explained = other.explain(inputs, np.zeros_like(made), other.start(inputs))
+            left = distance(other, inputs, made, _nothing(other), STEPS)
+            energy = 0.0 if explained is None else 0.5 * float(np.sum(explained.errors**2))
+            if i < j and left < SAME * energy:
+                same.append((self.labels[i], self.labels[j]))
+        return same
+
+    def _orders(self) -> list[tuple[int, int]]:
+        count = range(len(self.driven))
+        return [(i, j) for i in count for j in count if i != j]
+
+    def _pairs(self, inputs: np.ndarray) -> Iterator[tuple[int, int, Explainer, np.ndarray]]:
+        made = [one.outputs(inputs, one.start(inputs)) for one in self.driven]
+        for i, j in self._orders():
+            yield i, j, self.driven[j], made[i]
+
+    def _ratio(self, i: int, j: int, z: np.ndarray, inputs: np.ndarray) -> float:
+        truth, other = self.driven[i], self.driven[j]
+        made = truth.outputs(inputs, truth.start(inputs, z))
+        return distance(other, inputs, made, _nothing(other), STEPS)
+
+
+def _nothing(explainer: Explainer) -> np.ndarray:
+    p = len(explainer.coordinates)
+    return np.zeros((p, p))
+
+
+@dataclass(frozen=True)
+class DetectAim:
+    """`null` is the model without the effect, `effect` the one with it, whose coordinates are the sizes of
+    the effect in the proportions `sizes`. It is seen where twice the log-likelihood ratio exceeds
+    `threshold`; `size` is the one that the input is designed for."""
+
+    null: Explainer
+    effect: Explainer
+    sizes: np.ndarray
+    size: float
+    threshold: float
+
+    name: AimName = "detect"
+    higher_is_better: bool = True
+    value_of: str = "power: probability that the effect is seen"
+
+    @property
+    def driven(self) -> tuple[Explainer, ...]:
+        return (self.null, self.effect)
+
+    def merit(self, inputs: np.ndarray) -> float:
+        found = self.shown([inputs], self.size)
+        return float(np.log(max(found, LEAST))) if np.isfinite(found) else -np.inf
+
+    def gradient(self, inputs: np.ndarray) -> np.ndarray | None:
+        return None
+
+    def value(self, merit: float) -> float:
+        return self.power(float(np.exp(merit)))
+
+    def expected(self, recordings: Sequence[np.ndarray]) -> Expected | None:
+        found = self.shown(recordings, self.size)
+        if not np.isfinite(found):
+            return None
+        power = self.power(found)
+        return Expected(power, power=power, smallest_size=self.smallest(recordings))
+
+    def watching(self, driven: Sequence[Explainer]) -> DetectAim:
+        return replace(self, null=driven[0], effect=driven[1])
+
+    def shown(self, recordings: Sequence[np.ndarray], size: float) -> float:
+        """Twice the expected log-likelihood ratio at a size, with the model refitted; -inf where it cannot be
+        simulated."""
+        total = 0.0
+        sizes = self.sizes * (size / self.sizes[0])
+        pairs = zip(self.effect.coordinates, sizes, strict=True)
+        z = np.array([c.searched(value) for c, value in pairs])
+        for inputs in recordings:
+            made = self.effect.outputs(inputs, self.effect.start(inputs, z))
+            total += 2.0 * distance(self.null, inputs, made, _nothing(self.null))
+        return total
+
+    def power(self, shown: float) -> float:
+        """Probability that a chi-squared variable with as many degrees as sizes, that far off, exceeds the
+        threshold."""
+        return 1.0 - float(chndtr(self.threshold, self.sizes.size, max(shown, 0.0)))
+
+    def smallest(self, recordings: Sequence[np.ndarray]) -> float:
+        """The size that is seen with the power POWER; NaN where none is found."""
+        wanted = float(chndtrinc(self.threshold, self.sizes.size, 1.0 - POWER))
+        size = self.size
+        for _ in range(SIZE_STEPS):
+            found = self.shown(recordings, size)
+            if not np.isfinite(found) or found <= LEAST:
+                return float("nan")
+            change = float(np.clip(np.sqrt(wanted / found), 1.0 / MOST_CHANGE, MOST_CHANGE))
+            size *= change
+            if abs(change - 1.0) < SIZE_TOLERANCE:
+                break
+        return size

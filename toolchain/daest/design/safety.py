@@ -1,0 +1,111 @@
+"""Safe ranges: inputs are made smaller until the model stays within them, and the probability that the
+machine leaves them is told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from daest.design.explainer import Explainer
+from daest.errors import EstimationError
+from daest.estimation.checks import known_name
+from daest.model.design import Limits, Range, Safety
+
+SMALLEST = 0.02  # of the amplitude: an input that is not safe at this size is given up
+HALVINGS = 6  # of the interval in which the largest safe amplitude lies
+DRAWS = 40  # of the parameters, for the probability of leaving a safe range
+TOLERATED = 0.05  # probability of leaving a safe range beyond which the input is made smaller
+CALMER = 0.85  # times the amplitude, at a time
+MOST_CALMED = 12
+
+
+@dataclass(frozen=True)
+class Guard:
+    """The models that are driven, the safe ranges of their variables, and likely search coordinates of the
+    first model (none where nothing is known)."""
+
+    driven: tuple[Explainer, ...]
+    ranges: tuple[Range, ...]
+    likely: tuple[np.ndarray, ...] = ()
+
+    def columns(self, explainer: Explainer) -> list[int]:
+        names = [*explainer.output_names, *explainer.variable_names]
+        return [known_name(one.name, names, "variable") for one in self.ranges]
+
+    def reach(self, explainer: Explainer, inputs: np.ndarray, z: np.ndarray | None = None) -> np.ndarray:
+        """Lowest and highest values (n_ranges, 2); NaN where the model cannot be simulated."""
+        at = explainer.start(inputs, z)
+        every = np.hstack([explainer.outputs(inputs, at), explainer.variables(inputs, at)])
+        found = every[:, self.columns(explainer)]
+        return np.column_stack([found.min(axis=0), found.max(axis=0)])
+
+    def is_safe(self, inputs: np.ndarray) -> bool:
+        return not self.ranges or all(self._holds(self.reach(one, inputs)) for one in self.driven)
+
+    def kept_safe(self, inputs: np.ndarray, limits: Limits) -> np.ndarray | None:
+        """The input, as much smaller around its middle as the safe ranges ask for; None where no size is
+        safe."""
+        if self.is_safe(inputs):
+            return inputs
+        middle = np.array([one.middle for one in limits.inputs])
+        low, high = SMALLEST, 1.0
+        if not self.is_safe(middle + low * (inputs - middle)):
+            return None
+        for _ in range(HALVINGS):
+            share = 0.5 * (low + high)
+            low, high = (share, high) if self.is_safe(middle + share * (inputs - middle)) else (low, share)
+        return middle + low * (inputs - middle)
+
+    def probabilities(self, inputs: np.ndarray) -> np.ndarray:
+        """Share of likely parameters with which the first model leaves each range, (n_ranges,); NaN where
+        nothing is known."""
+        if not self.likely or not self.ranges:
+            return np.full(len(self.ranges), np.nan)
+        reaches = [self.reach(self.driven[0], inputs, z) for z in self.likely]
+        return np.asarray(np.mean([~self._inside(reach) for reach in reaches], axis=0))
+
+    def told(self, inputs: np.ndarray) -> tuple[Safety, ...]:
+        if not self.ranges:
+            return ()
+        reach = self.reach(self.driven[0], inputs)
+        chances = self.probabilities(inputs)
+        return tuple(
+            Safety(one, float(low), float(high), float(chance))
+            for one, (low, high), chance in zip(self.ranges, reach, chances, strict=True)
+        )
+
+    def calmed(self, inputs: np.ndarray, limits: Limits) -> np.ndarray:
+        """The input, made smaller until the probability of leaving a range is tolerated."""
+        middle = np.array([one.middle for one in limits.inputs])
+        for _ in range(MOST_CALMED):
+            if not np.any(self.probabilities(inputs) > TOLERATED):
+                break
+            inputs = middle + CALMER * (inputs - middle)
+        return inputs
+
+    def require_room(self, limits: Limits) -> None:
+        """Raise EstimationError `design-unsafe` where the model leaves a safe range without being moved."""
+        rest = np.tile([one.middle for one in limits.inputs], (limits.time.size, 1))
+        for explainer in self.driven:
+            if not self.ranges:
+                break
+            reach = self.reach(explainer, rest)
+            for one, (low, high), inside in zip(self.ranges, reach, self._inside(reach), strict=True):
+                if not inside:
+                    raise EstimationError(
+                        "design-unsafe",
+                        f"{one.name} leaves {one.low:.4g} to {one.high:.4g} {one.unit} although the inputs "
+                        f"rest in the middle of their ranges: it runs from {low:.4g} to {high:.4g}",
+                        where=one.name,
+                        remedy="widen the safe range, move the ranges of the inputs, or design for the "
+                        "reference of a controller that is in the model",
+                    )
+
+    def _holds(self, reach: np.ndarray) -> bool:
+        return bool(np.all(self._inside(reach)))
+
+    def _inside(self, reach: np.ndarray) -> np.ndarray:
+        low = np.array([one.low for one in self.ranges])
+        high = np.array([one.high for one in self.ranges])
+        return (reach[:, 0] >= low) & (reach[:, 1] <= high)
