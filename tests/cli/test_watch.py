@@ -34,7 +34,8 @@ def simulated(n, changes_at, seed=0, offset=0.3):
 @pytest.fixture
 def watch(folder, daest, monkeypatch):
     """Run `daest watch` on a text as stdin; the calibration is short."""
-    monkeypatch.setattr(change, "STREAMS", 50)
+    monkeypatch.setattr(change, "LEVELS", (4.0, 5.5))
+    monkeypatch.setattr(change, "STREAMS", 200)
     monkeypatch.setattr(change, "SAMPLES", 1000)
     (folder / "Noisy.mo").write_text(NOISY)
     validator = Draft202012Validator(schema_of("watch"))

@@ -10,10 +10,10 @@ from typing import IO
 
 from daest.cli.output import note
 from daest.cli.streams import is_closed
-from daest.data.stream import MOST_CHARACTERS
 from daest.errors import ConfigError, DataError, Place
 from daest.files import why_no_file
 
+MOST_CHARACTERS = 1 << 20  # of one line; more comes in pieces, which are no samples
 POLL = 0.02  # seconds between two looks at a file that may have grown
 STDIN = "stdin"
 

@@ -87,8 +87,8 @@ _watch_options = gathered(
 @click.command(
     "watch",
     epilog=example(
-        "tail -f machine.csv | daest watch --reference run1.csv --diagnose",
         "daest watch night.csv --idle 1 --fail-on-alarm",
+        "tail -f machine.csv | daest watch --reference run1.csv --diagnose",
     ),
 )
 @click.argument("data", required=False, type=click.Path(path_type=Path))
