@@ -28,13 +28,16 @@ import numpy as np
 from diagnosis_study import EXCITATIONS, SIZES, Case, Rate, arguments, chosen, keep, limits, servo_truth
 
 from daest.diagnosis.black_box import diagnose_black_box
+from daest.diagnosis.diagnose import DiagnoseOptions
 from daest.errors import DaestError
 from daest.estimation.records import part_of
 from daest.fmu.binary_form import BinaryForm
 from daest.fmu.export import export_fmu
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
+from daest.modelica.effects import effect_library
 from daest.numerics.parallel import workers
+from daest.report.documents.diagnose import document
 
 # Faults of sensors at size 1: what is done to the outputs (omega, phi) of a record.
 FAULTS: dict[str, Callable[[np.ndarray, np.ndarray, float], np.ndarray]] = {
@@ -68,7 +71,7 @@ CASES = (
     _named("gain-omega", {}, "", ["Gain"], "omega"),
     _inside("coulomb-disc", {"coulomb_2": 0.1}, "coulomb_2", "CoulombFriction", "disc.w"),
     _inside("drag-disc", {"drag": 0.02}, "drag", "QuadraticDrag", "disc.w"),
-    _inside("unbalance-disc", {"unbalance": 0.2}, "unbalance", "Gravity", "disc.phi"),
+    _inside("unbalance-disc", {"unbalance": 0.2}, "unbalance", "Unbalance", "disc.phi"),
     _inside("hardening", {"c3": 10.0}, "c3"),
     _inside("backlash", {"gap": 0.1}, "gap"),
 )
@@ -130,7 +133,8 @@ def one_run(task: tuple[str, int, int]) -> Run:
     flat = box()
     began = time.perf_counter()
     try:
-        found = diagnose_black_box(flat, [first], [second], "zoh")
+        options = DiagnoseOptions(hold="zoh", jobs=1)
+        found = document(diagnose_black_box(flat, effect_library(), [first], [second], options))
     except DaestError as error:
         found = {"verdict": f"error {error.code}", "candidates": [], "screen": {"p_value": None}}
     accepted = [c for c in found["candidates"] if c["verdict"] != "rejected"]

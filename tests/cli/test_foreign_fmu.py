@@ -82,9 +82,29 @@ def description(path):
         return archive.read("modelDescription.xml").decode()
 
 
-def test_effects_cannot_be_named_or_put_in(folder, capsys):
-    assert run(["diagnose", "run.csv", "--model", "ball.fmu", "--effect", "CoulombFriction"]) == 2
-    told(capsys, "diagnose-fmu-search")
+def test_effects_and_places_can_be_named(folder, capsys):
+    """With the pictures and options of models with equations; what an earlier run has found is not made
+    again."""
+    (folder / "daest.toml").write_text("[parameters]\nd = { estimate = true }\n")
+    command = ["diagnose", "run.csv", "--model", "ball.fmu", "--effect", "CoulombFriction", "--at", "u"]
+    more = ["--split", "0.5", "--jobs", "2", "--plot", "found.png", "--format", "json"]
+    assert run([*command, *more]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["searched"] == {"effects": ["CoulombFriction"], "places": ["u"]}
+    assert found["screen"]["n_screened"] == 2  # of h and v
+    assert {e["effect"] for e in found["screen"]["best"]} == {"CoulombFriction"}
+    assert Path("found.png").read_bytes().startswith(b"\x89PNG")
+    assert json.loads(Path("results/diagnosis.json").read_text())["verdict"] == found["verdict"]
+
+
+def test_effects_that_cannot_be_tried_from_outside(folder, capsys):
+    for words, code in (
+        (["--effect", "LuGreFriction"], "diagnose-fmu-search"),
+        (["--effect", "CoulombFrictoin"], "effect-unknown"),
+        (["--at", "brake"], "effect-place"),
+    ):
+        assert run(["diagnose", "run.csv", "--model", "ball.fmu", *words]) == 2
+        told(capsys, code)
     assert run(["improve", "run.csv", "--model", "ball.fmu"]) == 2
     told(capsys, "fmu-no-equations")
 
@@ -94,7 +114,7 @@ def test_gaps_are_refused(tmp_path):
     whole = Experiment("run", TIME, FORCE[:, None], np.ones((41, 1)), ("u",), ("y",))
     gaps = replace(whole, outputs=np.where(TIME[:, None] > 1, np.nan, 1.0))
     with pytest.raises(EstimationError) as caught:
-        diagnose_black_box(flat, [gaps], [whole])
+        diagnose_black_box(flat, (), [gaps], [whole])
     assert caught.value.code == "diagnose-gaps"
 
 

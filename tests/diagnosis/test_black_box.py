@@ -13,10 +13,14 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "fmu"))
 from ball_fmu import ball
 
 from daest.diagnosis import black_box
-from daest.diagnosis.black_box import diagnose_black_box
+from daest.diagnosis.black_box import Scored, diagnose_black_box
+from daest.diagnosis.diagnose import DiagnoseOptions
 from daest.fmu.binary_form import BinaryForm
+from daest.model.diagnosis import Screened
 from daest.model.experiment import Experiment
 from daest.modelica.change import declare
+from daest.modelica.effects import effect_library
+from daest.report.documents.diagnose import document
 
 PERIOD, SAMPLES = 0.05, 160
 
@@ -51,15 +55,21 @@ def model(tmp_path_factory):
     return declare(flat, estimate=["d"])
 
 
+def diagnosed(model, estimation, validation, **options):
+    """The document of a diagnosis."""
+    chosen = DiagnoseOptions(hold="foh", jobs=1, **options)
+    return document(diagnose_black_box(model, effect_library(), estimation, validation, chosen))
+
+
 def test_nothing_is_missing(model):
-    found = diagnose_black_box(model, [recording("a", 1)], [recording("b", 2)], "foh")
+    found = diagnosed(model, [recording("a", 1)], [recording("b", 2)])
     assert found["verdict"] == "nothing missing"
     assert "black box" in found["message"]
     assert found["screen"]["p_value"] > 0.01
 
 
 def test_friction_is_found_at_the_input(model):
-    found = diagnose_black_box(model, [recording("a", 1, 0.8)], [recording("b", 2, 0.8)], "foh")
+    found = diagnosed(model, [recording("a", 1, 0.8)], [recording("b", 2, 0.8)])
     assert found["verdict"] == "supported"
     best = found["candidates"][0]
     assert (best["effect"], best["at"]) == ("CoulombFriction", "u (v)")
@@ -70,7 +80,7 @@ def test_friction_is_found_at_the_input(model):
 
 def test_recorded_signal_that_pushes(model):
     data = [recording(name, seed, gust=0.8) for name, seed in (("a", 1), ("b", 2))]
-    found = diagnose_black_box(model, data[:1], data[1:], "foh")
+    found = diagnosed(model, data[:1], data[1:])
     best = found["candidates"][0]
     assert (found["verdict"], best["effect"], best["at"]) == ("supported", "MeasuredInput", "u (wind)")
     size = best["parameters"]["size"]
@@ -79,14 +89,14 @@ def test_recorded_signal_that_pushes(model):
 
 def test_law_that_cannot_be_tried_is_not_called_by_another_name(model):
     data = [recording(name, seed, rough=1.0) for name, seed in (("a", 1), ("b", 2))]
-    found = diagnose_black_box(model, data[:1], data[1:], "foh")
+    found = diagnosed(model, data[:1], data[1:])
     assert found["verdict"] == "external disturbance"
     assert found["candidates"], "laws were tried"
     assert all(p["verdict"] == "rejected" and p["reason"] for p in found["candidates"])
 
 
 def test_only_the_best_and_what_is_as_good_are_named(model):
-    found = diagnose_black_box(model, [recording("a", 1, 0.8)], [recording("b", 2, 0.8)], "foh")
+    found = diagnosed(model, [recording("a", 1, 0.8)], [recording("b", 2, 0.8)])
     named = [p for p in found["candidates"] if p["verdict"] != "rejected"]
     assert len(named) == 1
     others = [p["reason"] for p in found["candidates"] if p is not named[0]]
@@ -103,9 +113,11 @@ def test_what_can_be_foreseen():
 
 
 def test_a_constant_is_worth_a_refit_though_a_filter_takes_it_for_colour():
-    entry = {"absorbed": False, "p_value": 0.5, "share": 0.1}
-    slow = {**entry, "share": 0.9}
+    def scored(p_value, share, absorbed=False):
+        return Scored(None, Screened(None, 0.0, (0.0,), p_value, absorbed, 1.0, share), share)
+
+    entry, slow = scored(0.5, 0.1), scored(0.5, 0.9)
     assert black_box._worth_a_refit([entry, slow]) == [slow]
-    assert black_box._worth_a_refit([{**slow, "absorbed": True}]) == []
-    seen = {**entry, "p_value": 1e-6}
+    assert black_box._worth_a_refit([scored(0.5, 0.9, absorbed=True)]) == []
+    seen = scored(1e-6, 0.1)
     assert black_box._worth_a_refit([seen, slow]) == [seen, slow]

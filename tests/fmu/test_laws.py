@@ -1,40 +1,62 @@
-"""Laws that are added to inputs: compiled and in Python, against the law written into the equation."""
+"""Laws of the library at inputs: compiled and in Python, against the law written into the equation."""
 
+import casadi as ca
 import numpy as np
 import pytest
 from ball_fmu import ball
 from scipy.integrate import solve_ivp
 
+from daest.errors import ModelError
 from daest.fmu import binary_form
 from daest.fmu.binary_form import BinaryForm
-from daest.fmu.laws import KINDS, SIZED, Law
+from daest.fmu.laws import STEPS, Law
+from daest.fmu.outside import input_law, program_of, sensor_fault
+from daest.modelica.effects import effect_library, find_effect
 
 TIME = np.linspace(0.0, 2.0, 41)
 FORCE = 9.81 + 3.0 * np.sin(3.0 * TIME)
 COLUMN = np.cos(5.0 * TIME)
-SHAPES = {"sign": (0.3,), "sine": (2.0, 0.5), "saturation": (1.0,)}
-COLUMN_LAWS = ("recorded", "dead zone", "saturation")
 STEP = 1e-2  # relative; the trajectories are good to 1e-7
+SIZE = 0.4
+# What the classes say, written once more: v is what is read, s the size, m the largest magnitude of v.
+FORMULAS = {
+    "ConstantLoad": lambda v, s, m: -s,
+    "CoulombFriction": lambda v, s, m: -s * np.tanh(v / (0.01 * m)),
+    "ViscousFriction": lambda v, s, m: -s * v,
+    "QuadraticDrag": lambda v, s, m: -s * v * np.sqrt(v**2 + (0.01 * m) ** 2),
+    "HardeningSpring": lambda v, s, m: -s * v**3,
+    "Unbalance": lambda v, s, m: -s * np.sin(v),
+    "MeasuredInput": lambda v, s, m: s * v,
+    "DeadZone": lambda v, s, m: (np.hypot(v - s / 2, 0.01 * m) - np.hypot(v + s / 2, 0.01 * m)) / 2,
+    "Saturation": lambda v, s, m: (
+        -(2 * v + np.hypot(v - m + s, 0.01 * m) - np.hypot(v + m - s, 0.01 * m)) / 2
+    ),
+}
+LARGEST = 1.0
 
 
-def along(law, size):
+def of_name(name):
+    return input_law(next(e for e in effect_library() if e.name == name and e.outside))
+
+
+def along(name, size, reads):
     """h(t) with the law in the equation, by an independent integrator, straight between the samples."""
 
     def rate(t, x):
-        read = np.interp(t, TIME, COLUMN) if law in COLUMN_LAWS else x[1]
-        added = Law(law, 0, (), SHAPES.get(law, ()), size).value(np.array([read]), np.zeros(0))
+        read = x[1] if reads == "state" else np.interp(t, TIME, COLUMN)
+        added = FORMULAS[name](read, size, LARGEST)
         return [x[1], -9.81 - 0.1 * x[1] * abs(x[1]) + np.interp(t, TIME, FORCE) + added]
 
     options = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12, "max_step": 0.05}
     return solve_ivp(rate, (0.0, 2.0), [1.0, 0.0], t_eval=TIME, **options).y[0]
 
 
-def followed(path, law, size, by_size):
-    flat = BinaryForm(path).flat()
-    column = 1 if law in COLUMN_LAWS else None
+def followed(path, name, size, by_size):
+    flat, law = BinaryForm(path).flat(), of_name(name)
     u = np.column_stack([FORCE, COLUMN])
-    reads = () if law == "constant" or law in COLUMN_LAWS else (1,)
-    laws = (Law(law, 0, reads, SHAPES.get(law, ()), size, column),)
+    column = 1 if law.reads in ("recorded", "signal") else None
+    reads = 1 if law.reads == "state" else None
+    laws = (Law(program_of(law.function(LARGEST)), 0, reads, column, size),)
     drive = flat.given.drive(TIME, u[:-1], u[1:], u[-1], (5,))
     drive = type(drive)(**{**drive.__dict__, "laws": laws})
     found = flat.given.integrate_with_laws(
@@ -44,24 +66,60 @@ def followed(path, law, size, by_size):
     return flat.given.method, found
 
 
-@pytest.mark.parametrize("law", KINDS)
+@pytest.mark.parametrize("name", FORMULAS)
 @pytest.mark.parametrize("compiled", [True, False])
-def test_law_at_an_input(tmp_path, monkeypatch, law, compiled):
+def test_law_at_an_input(tmp_path, monkeypatch, name, compiled):
     if not compiled:
         monkeypatch.setattr(binary_form, "engine_library", lambda *_: None)
-    size = 5e6 if law == "fourth power" else 0.4
-    method, (_, outputs, slopes) = followed(ball(tmp_path), law, size, True)
+    method, (_, outputs, slopes) = followed(ball(tmp_path), name, SIZE, True)
     assert method.startswith("Radau IIA" if compiled else "CVODE")
-    np.testing.assert_allclose(outputs[:, 0], along(law, size), atol=2e-5)
-    step = STEP * size
-    by_size = (along(law, size + step) - along(law, size - step)) / (2 * step)
-    # The corners of the last two make both differences coarser.
-    tolerance = 1e-2 if law in SIZED else 2e-3
-    np.testing.assert_allclose(slopes[:, 0, 1], by_size, atol=tolerance * np.abs(by_size).max())
+    reads = of_name(name).reads
+    np.testing.assert_allclose(outputs[:, 0], along(name, SIZE, reads), atol=2e-5)
+    step = STEP * SIZE
+    by_size = (along(name, SIZE + step, reads) - along(name, SIZE - step, reads)) / (2 * step)
+    np.testing.assert_allclose(slopes[:, 0, 1], by_size, atol=1e-4 + 5e-3 * np.abs(by_size).max())
     assert slopes.shape == (41, 1, 4)  # by d, the size, and two initial states
 
 
+def test_every_effect_that_is_marked_can_be_tried():
+    marked = [e for e in effect_library() if e.outside]
+    assert {e.name for e in marked if e.outside == "input"} == set(FORMULAS)
+    t = np.linspace(5.0, 6.0, 101)
+    y = t**2
+    slopes = {e.name: sensor_fault(e).along(y, t) for e in marked if e.outside == "output"}
+    wanted = {"Offset": np.ones(101), "Drift": t - 5.0, "Gain": y, "Lag": -2.0 * t}
+    assert set(slopes) == set(wanted)
+    for name, slope in slopes.items():
+        np.testing.assert_allclose(slope[1:-1], wanted[name][1:-1], rtol=1e-9, atol=1e-12)
+
+
+def test_programs_compute_what_casadi_does():
+    v, s = ca.SX.sym("v"), ca.SX.sym("s")
+    parts = [
+        v + s, v - s, v * s, v / s, -v, v**2, 2 * v, 1 / v, ca.fabs(v) ** s, ca.sqrt(s), ca.exp(v), ca.log(s),
+        ca.sin(v), ca.cos(v), ca.tan(v), ca.atan(v), ca.tanh(v), ca.fabs(v), ca.sign(v), ca.fmin(v, s),
+        ca.fmax(v, s), ca.if_else(v < s, v, s), ca.if_else(v <= s, s, v), v**3,
+    ]  # fmt: skip
+    used = set()
+    for part in parts:
+        function = ca.Function("part", [v, s], [part])
+        program = program_of(function)
+        used |= {step[0] for step in program}
+        for at in (-1.3, 0.7):
+            assert Law(program, 0, size=1.1).value(at) == pytest.approx(float(function(at, 1.1)), rel=1e-14)
+    assert {"add", "where", "not", "power", "at most"} <= {list(STEPS)[i] for i in used if i < len(STEPS)}
+
+
+@pytest.mark.parametrize(
+    "name", ["Daest.Effects.Rotational.Backlash", "Daest.Effects.Rotational.LuGreFriction"]
+)
+def test_effects_of_another_form_are_refused(name):
+    with pytest.raises(ModelError) as caught:
+        input_law(find_effect(name))
+    assert caught.value.code == "effect-law-outside" and caught.value.remedy
+
+
 def test_simulation_alone_has_no_slopes(tmp_path):
-    _, (states, outputs, slopes) = followed(ball(tmp_path), "square", 0.4, False)
+    _, (states, outputs, slopes) = followed(ball(tmp_path), "QuadraticDrag", SIZE, False)
     assert slopes.shape == (41, 1, 0)
     np.testing.assert_array_equal(states[:, 0], outputs[:, 0])

@@ -432,8 +432,8 @@ EXPLANATIONS: dict[str, str] = {
         "design that; or give safe ranges."
     ),
     "diagnose-fmu-search": (
-        "The library of effects is put into the equations of a model. An FMU without equations has none, "
-        "so that effects and places cannot be named: everything that can be tried from outside is tried."
+        "Nothing can be put between the parts of an FMU without equations. Only effects that act at its "
+        "inputs or outputs can be tried, those that the library marks `outside`; the message lists them."
     ),
     "diagnose-gaps": (
         "The residual of an FMU without equations is whitened by an autoregression, which needs every "
@@ -477,6 +477,11 @@ EXPLANATIONS: dict[str, str] = {
         "that signal. Here the signal stands in an equation or a binding, where nothing can be put in "
         "between. Connect the input to a block or source, or compare the models without writing the "
         "extension."
+    ),
+    "effect-law-outside": (
+        "An effect of the library is marked `outside`, so that it is tried at the inputs or outputs of FMUs "
+        "without equations, but its equations are not of the form that this needs: one formula of one "
+        "variable for what it adds. Write it so, or leave out `outside`."
     ),
     "effect-name": (
         "The extended model needs a name for the effect's component, for a new input or for the class "

@@ -111,19 +111,11 @@ def command(
     Without validation data the second half of every recording validates. The result is written to
     results/diagnosis.json; an interrupted run goes on where it was.
     """
-    from daest.cli.diagnose_fmu import black_box_document
     from daest.report.diagnosis_figures import diagnosis_figure
     from daest.report.texts import diagnose as texts
 
     project = model_options.project()
     keep_inputs(output, [*data, model])
-    names = (*search.effects, *search.places)
-    outside = black_box_document(project, model, data, data_options, names, search.seed)
-    if outside is not None:
-        content, made_of = outside
-        with telling(lambda: emit(content, "diagnose", form, output, texts.text)):
-            keep_diagnosis(project, content, made_of)
-        return
     case = opened(
         project,
         model,
@@ -132,6 +124,7 @@ def command(
         search,
         model_options.class_name,
         model_options.libraries,
+        is_extended=False,
     )
     diagnosis = diagnosed(case)
     document = written_document(case, diagnosis)
@@ -148,10 +141,13 @@ def opened(
     search: Search,
     class_name: str | None = None,
     libraries: Sequence[Path] = (),
+    is_extended: bool = True,
 ) -> Case:
-    """The model (default: that of daest.toml), its recordings, and the search with its names checked.
+    """The model (default: that of daest.toml), its recordings, and the search with its names checked. A model
+    that `is_extended` must have equations.
 
-    Raises ModelError `effect-unknown`, `effect-place` or `effect-fit`, and ConfigError of `workers`.
+    Raises ModelError `effect-unknown`, `effect-place` or `effect-fit`, FmuError `fmu-no-equations`, and
+    ConfigError of `workers`.
     """
     from daest.cli.kept import training_files
     from daest.cli.models import chosen_class, load_model, model_source
@@ -163,7 +159,7 @@ def opened(
     require_cluster(search.cluster)
     source = model_source(project, model)
     loaded = load_model(project, source, class_name, libraries)
-    if loaded.given is not None:
+    if loaded.given is not None and is_extended:
         raise FmuError(
             "fmu-no-equations",
             "an FMU without equations cannot be extended",
@@ -176,13 +172,20 @@ def opened(
         note("no validation data: the second half of every recording validates")
         halves = replace(data_choice.preparation(project), split=HALF)
         estimation, validation = split_all(estimation, halves)
-    clipped = _clipped(estimation)
-    estimation, validation, hold, coarser = _sufficient(flat, estimation, validation, project, data_choice)
     folders = (*libraries, *project.libraries)
     library = effect_library(folders)
-    fit = _earlier_fit(project, source, loaded, estimation)
-    options = _options(flat, folders, search, hold, fit)
-    decisive = (options.effects, options.places, options.hold, options.seed)
+    if loaded.given is None:
+        clipped = _clipped(estimation)
+        estimation, validation, hold, notes = _sufficient(flat, estimation, validation, project, data_choice)
+        fit = _earlier_fit(project, source, loaded, estimation)
+        options = replace(_options(flat, folders, search, hold, fit), clipped=clipped)
+        remarks = (*(() if fit is None else fit.remarks), *notes, *_straight(flat, hold))
+        binary = b""
+    else:
+        names, hold = _named_effects(search, folders), data_choice.known_hold(project)
+        options, remarks = _engine_options(search, names, search.places, hold), ()
+        binary = source.read_bytes()
+    decisive = (options.effects, options.places, options.hold, options.seed, binary)
     run = run_digest(flat, estimation, validation, decisive)
     return Case(
         project,
@@ -193,9 +196,9 @@ def opened(
         estimation,
         validation,
         library,
-        replace(options, keeper=KeptProofs(project.results / KEPT, run, whole_file), clipped=clipped),
+        replace(options, keeper=KeptProofs(project.results / KEPT, run, whole_file)),
         tuple(training_files(project, data)),
-        (*(() if fit is None else fit.remarks), *coarser, *_straight(flat, hold)),
+        remarks,
     )
 
 
@@ -277,22 +280,36 @@ def _natural_frequencies(flat: FlatModel) -> list[float]:
 def _options(
     flat: FlatModel, folders: Sequence[Path], search: Search, hold: Hold | None, fit: KeptFit | None
 ) -> DiagnoseOptions:
-    """Options of the engine."""
+    """Options of the search, and the values of an earlier fit."""
     from daest.cli.results import parameter_values
-    from daest.diagnosis.diagnose import DiagnoseOptions
 
     effects, places = _known(flat, search, folders)
     known = {p.name for p in flat.parameters}
     values = {} if fit is None else parameter_values(fit.document)
+    fitted = {name: value for name, value in values.items() if name in known}
+    return replace(_engine_options(search, effects, places, hold), fitted=fitted)
+
+
+def _engine_options(
+    search: Search, effects: Sequence[str], places: Sequence[str], hold: Hold | None
+) -> DiagnoseOptions:
+    from daest.diagnosis.diagnose import DiagnoseOptions
+
     return DiagnoseOptions(
-        effects=effects,
-        places=places,
+        effects=tuple(effects),
+        places=tuple(places),
         hold=hold,
         seed=search.seed,
         jobs=search.jobs or os.cpu_count() or 1,
         cluster=search.cluster,
-        fitted={name: value for name, value in values.items() if name in known},
     )
+
+
+def _named_effects(search: Search, folders: Sequence[Path]) -> list[str]:
+    """The effects of the search as the library calls them. Raises ModelError `effect-unknown`."""
+    from daest.modelica.effects import find_effects
+
+    return [own for name in search.effects for own in _names(name, find_effects(name, folders))]
 
 
 def _known(
@@ -312,8 +329,7 @@ def _known(
             places += [", ".join(part.strip() for part in place.split(",")), find_site(flat, place).name]
         for group in groups:
             places.append(_place_for(flat, group, place))
-    names = [name for one, group in zip(search.effects, groups, strict=True) for name in _names(one, group)]
-    return tuple(dict.fromkeys(names)), tuple(dict.fromkeys(places))
+    return tuple(dict.fromkeys(_named_effects(search, folders))), tuple(dict.fromkeys(places))
 
 
 def _names(name: str, group: Sequence[Effect]) -> list[str]:
@@ -373,10 +389,12 @@ def _recordings(names: Iterable[str]) -> set[str]:
 
 def diagnosed(case: Case) -> Diagnosis:
     """The diagnosis. Raises what the engine raises, and EstimationError `diagnose-unseen`."""
+    from daest.diagnosis.black_box import diagnose_black_box
     from daest.diagnosis.diagnose import diagnose
 
+    engine = diagnose if case.flat.given is None else diagnose_black_box
     with progress() as show:
-        found = diagnose(case.flat, case.library, case.estimation, case.validation, case.options, show)
+        found = engine(case.flat, case.library, case.estimation, case.validation, case.options, show)
     _require_seen(case, found)
     return found
 
@@ -420,8 +438,11 @@ def keep_diagnosis(project: Project, document: Mapping[str, Any], origin: Mappin
 
 def models_of(case: Case, diagnosis: Diagnosis) -> dict[str, Written]:
     """Extended models of the candidates that are not rejected, by candidate name."""
-    from daest.diagnosis.written import written_proof
+    from daest.diagnosis.black_box import NO_TEXT
+    from daest.diagnosis.written import Written, written_proof
 
+    if case.flat.given is not None:
+        return {proof.candidate.name: Written(None, NO_TEXT) for proof in diagnosis.proofs}
     return {
         proof.candidate.name: written_proof(case.source, case.class_name, proof, case.folders)
         for proof in diagnosis.proofs

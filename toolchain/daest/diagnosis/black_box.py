@@ -2,37 +2,44 @@
 
 Nothing can be put between the parts of a black box. What can be tried: a force, torque, voltage or flow at
 one of its inputs that follows a law of one of its states or a recorded column, and what a sensor may do to an
-output. The null hypothesis is the refitted model with a residual of any colour (an autoregression); every
-candidate is scored on the whitened residual after the responses of parameters and initial states are
-projected out, and the search over all of them is paid for. A slow effect looks like colour: what would
-explain much of the residual as it is counts, too. The best are refitted and tried on validation data. A law
-that leaves more than a tenth of what could be foreseen of the residual is refused: from outside, what acts
-between the parts looks a little like many laws.
+output. The effects are those of the Modelica library that are marked `outside`, with their laws. The null
+hypothesis is the refitted model with a residual of any colour (an autoregression); every candidate is scored
+on the whitened residual after the responses of parameters and initial states are projected out, and p-values
+are corrected for the number of candidates. A slow effect looks like colour: what would explain much of the
+residual as it is counts, too. The best are refitted and tried on validation data. A law that leaves more than
+a tenth of what could be foreseen of the residual is refused: from outside, what acts between the parts looks
+a little like many laws.
 """
 
 from __future__ import annotations
 
-import contextlib
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from daest.diagnosis.compare import compare_models
-from daest.diagnosis.trial import Candidate
-from daest.errors import EstimationError, NumericalError
+from daest.diagnosis.diagnose import DiagnoseOptions, Progress, Step
+from daest.diagnosis.trial import Candidate as Compared
+from daest.errors import ConfigError, EstimationError, ModelError, NumericalError
 from daest.estimation.fitted import fitted_model
 from daest.estimation.identify import identify
 from daest.fmu.binary_form import BinaryForm
 from daest.fmu.drive import Drive
-from daest.fmu.laws import LAWS, Law
+from daest.fmu.laws import Law
+from daest.fmu.laws import Step as LawStep
+from daest.fmu.outside import InputLaw, SensorFault, input_law, program_of, sensor_fault, tried_as
+from daest.model.diagnosis import Candidate, Diagnosis, Proof, Screen, Screened, VerdictName
+from daest.model.effects import Effect, Site
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult, IdentifyOptions
+from daest.model.fit import Agreement, FitResult, FittedParameter, IdentifyOptions
 from daest.model.flat import FlatModel
 from daest.numerics.distributions import chi2, norm
+from daest.numerics.parallel import workers
 from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.integrate import Hold, IntegrationError, interval_inputs
 from daest.systems.reduce import reduce_index
@@ -46,46 +53,38 @@ BEHIND = 3.0  # log-likelihood units within which a candidate is as good as the 
 LEAST_GAIN = 0.02  # relative, of the validation error, that an effect must bring
 MOST_ORDER = 8  # of the autoregression that whitens the residual
 ABSORBED = 1e-6  # share of a response that parameters leave over, below which they do all that it does
-SIGN_WIDTH = 0.02  # of the largest value of a state: the width of Coulomb friction
 SHARES = (1.0, 0.3, 0.0)  # of the size that one step from the null gives, where a refit starts
 STEP = 1e-3  # size of an effect against that of its input, when its response is computed
 MOST_STATES = 12  # whose laws are tried
 WHITE_LAGS = 20
 POWER = 1.28  # standard deviations beyond the limit, at which an effect is seen in 90 of 100 recordings
 MOST_EVALUATIONS = 15  # of a refit
-STATE_LAWS = {
-    "sign": "CoulombFriction",
-    "linear": "ViscousFriction",
-    "square": "QuadraticDrag",
-    "cube": "HardeningSpring",
-}
-# Of the input itself; their sizes are half a width, and what is cut off the largest value.
-INPUT_LAWS = {"dead zone": "DeadZone", "saturation": "Saturation"}
-CUT = 0.2  # of the largest value: the saturation that a response is computed for
+REFIT_SECONDS = 3.0  # times that of the model as it is
+CUT = 0.2  # of the largest value: what cuts a signal has no slope at 0, and its response is computed for this
+TRANSLATIONAL = ("N", "m", "m/s", "m/s2")  # units by which the one of two effects of a name is told
+NO_TEXT = "an FMU cannot be extended from outside; the law is told above"
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One effect at an input or output. `law` is a law of `fmu.laws` of the state `variable`; `column` a
-    recorded signal that is added to the input; `sensor` what happens to an output."""
+    """One effect at input or output `number`, in the words of `candidate`. A law at an input is the `program`
+    of the state `variable`, of the recorded `column`, or of the input itself; `unit_value` is what it adds at
+    size 1 where what it reads is as large as it gets. What a size `cuts` is at most that largest value (0.0:
+    it cuts nothing). A `fault` is that of the sensor of an output."""
 
-    effect: str
-    at: str
+    candidate: Candidate
     number: int
-    law: str = ""
+    program: tuple[LawStep, ...] = ()
+    reads: str = ""
     variable: str = ""
     column: str = ""
-    sensor: str = ""
-    shape: tuple[float, ...] = ()
-    unit: str = ""
+    unit_value: float = 1.0
+    cuts: float = 0.0
+    fault: SensorFault | None = None
 
     @property
     def label(self) -> str:
-        return f"{self.effect} at {self.at}" + (f" ({self.variable or self.column})" if self.reads else "")
-
-    @property
-    def reads(self) -> bool:
-        return bool(self.variable or self.column)
+        return self.candidate.label
 
 
 @dataclass(frozen=True)
@@ -104,57 +103,118 @@ class Case:
     sizes: np.ndarray
 
 
+@dataclass(frozen=True)
+class Scored:
+    """A trial with its entry in the screen; `share`: of the squared residual, as it is, that one step from
+    the null would explain."""
+
+    trial: Trial
+    entry: Screened
+    share: float
+
+
 def diagnose_black_box(
     flat: FlatModel,
+    library: Sequence[Effect],
     estimation: Sequence[Experiment],
     validation: Sequence[Experiment],
-    hold: Hold | None = None,
-    seed: int = 0,
-) -> dict[str, Any]:
-    """The document of `daest diagnose` for an FMU. EstimationError `diagnose-gaps` for missing samples."""
+    options: DiagnoseOptions | None = None,
+    progress: Progress = lambda _: None,
+) -> Diagnosis:
+    """Diagnose an FMU without equations, as `diagnose` does a model with equations. `places` of the options
+    are names of inputs and outputs.
+
+    Raises EstimationError `diagnose-gaps` for missing samples, ConfigError `diagnose-fmu-search` for effects
+    that cannot be tried from outside, ModelError `effect-place` for unknown places, and what identification
+    raises.
+    """
+    options = options or DiagnoseOptions()
     began = clock.perf_counter()
     form = flat.given
     assert isinstance(form, BinaryForm)
     _refuse_gaps([*estimation, *validation])
+    _require_places(flat, options.places)
+    effects = chosen(library, flat, options)
     quiet = replace(flat, noises=(), w=type(flat.w)(0, 1))
-    baseline = identify(quiet, estimation, IdentifyOptions(method="oe", hold=hold, seed=seed), validation)
-    case = _case(quiet, form, baseline, tuple(estimation))
-    residuals, slopes = _residuals(case), _parameter_slopes(case)
-    trials = candidates(case)
-    responses = [_response(case, trial) for trial in trials]
-    screened = _screen(trials, responses, residuals, slopes)
-    tried = _case(quiet, form, baseline, tuple(validation))
-    proofs = _proofs(case, tried, _worth_a_refit(screened), residuals, len(trials))
-    verdict, message, experiment = _verdict(
-        proofs, lambda: _is_white(residuals) or _is_noise_of(flat, baseline, estimation)
+    progress("fitting the FMU as it is")
+    fitting = IdentifyOptions(
+        method="oe", hold=options.hold, seed=options.seed, jobs=options.jobs, cluster=options.cluster
     )
-    return {
-        "verdict": verdict,
-        "message": f"{message} {_limits_of_the_box(case)}",
-        "baseline": {
-            "fit_percent": {k: dict(a.fit_percent) for k, a in baseline.simulated.items()},
-            "rms": {k: dict(a.rms) for k, a in baseline.simulated.items()},
-        },
-        "candidates": proofs,
-        "screen": {
-            "p_value": min((s["p_value"] for s in screened), default=1.0),
-            "n_screened": len(screened),
-            "best": [{k: v for k, v in s.items() if k not in ("trial", "absorbed")} for s in screened[:20]],
-            "skipped": [],
-        },
-        "places": [],
-        "disturbance": None,
-        "next_experiment": experiment,
-        "seconds": clock.perf_counter() - began,
-    }
+    baseline = _step(options, "null", (), flat, lambda: identify(quiet, estimation, fitting, validation))
+    case = _case(quiet, form, baseline, tuple(estimation))
+    residuals = _residuals(case)
+    trials = candidates(case, effects, options.places)
+    progress(f"screening {len(trials)} effects at inputs and outputs")
+    labels = [trial.label for trial in trials]
+    scored, screen = _step(options, "screen", labels, flat, lambda: _screened(case, trials, residuals))
+    tried = _case(quiet, form, baseline, tuple(validation))
+    refit = _Refit(case, tried, baseline, tuple(residuals), screen.n_screened)
+    found = _proofs(refit, _worth_a_refit(scored), options, progress)
+    verdict, message, experiment, proofs = _verdict(
+        found, lambda: _is_white(residuals) or _is_noise_of(flat, baseline, estimation)
+    )
+    return Diagnosis(
+        verdict=verdict,
+        message=f"{message} {_limits_of_the_box(case)}",
+        baseline=baseline,
+        proofs=proofs,
+        screen=screen,
+        places=(),
+        disturbance=None,
+        validation=baseline.simulated.get("validation"),
+        next_experiment=experiment,
+        seconds=clock.perf_counter() - began,
+        has_loads=False,
+    )
 
 
-def _worth_a_refit(screened: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def _step(
+    options: DiagnoseOptions, name: str, parts: Sequence[Any], flat: FlatModel, make: Callable[[], Step]
+) -> Step:
+    """What `make` returns, now or in an earlier run that was interrupted."""
+    return make() if options.keeper is None else options.keeper.step(f"fmu {name}", parts, flat, make)
+
+
+def _require_places(flat: FlatModel, places: Sequence[str]) -> None:
+    known = [*(v.name for v in flat.inputs), *(y.name for y in flat.outputs)]
+    for place in places:
+        if place not in known:
+            raise ModelError(
+                "effect-place",
+                f"the FMU has no input or output `{place}`",
+                remedy=f"places are {', '.join(known)}",
+            )
+
+
+def chosen(library: Sequence[Effect], flat: FlatModel, options: DiagnoseOptions) -> list[Effect]:
+    """The effects that are marked `outside`, one of each name, in the domain that the units of the FMU tell;
+    those that `options` name. Raises ConfigError `diagnose-fmu-search`."""
+    units = {v.unit for v in (*flat.inputs, *flat.unknowns)}
+    wanted = "translational" if units & set(TRANSLATIONAL) else "rotational"
+    outside = [e for e in library if e.outside]
+    of_name: dict[str, Effect] = {}
+    for effect in sorted(outside, key=lambda e: e.domain != wanted):
+        of_name.setdefault(effect.name, effect)
+    known = list(dict.fromkeys(e.name for e in outside))
+    if not options.effects:
+        return [of_name[name] for name in known]
+    named = {e.name for e in library if {e.name, e.class_name} & set(options.effects)}
+    if missing := sorted(named - set(known)):
+        raise ConfigError(
+            "diagnose-fmu-search",
+            f"{', '.join(missing)} cannot be searched for in an FMU without equations",
+            where=flat.source,
+            remedy=f"from outside these are tried: {', '.join(known)}",
+        )
+    return [of_name[name] for name in known if name in named]
+
+
+def _worth_a_refit(scored: Sequence[Scored]) -> list[Scored]:
     """The best by score if any is significant, since one step from the null ranks like laws badly; and those
     that would explain most of the residual as it is, which a filter for its colour would take for colour."""
-    found = [s for s in screened if not s["absorbed"]]
-    by_score = found[:REFITTED] if found and found[0]["p_value"] < LEVEL else []
-    by_share = sorted((s for s in found if s["share"] >= LEAST_SHARE), key=lambda s: -s["share"])[:REFITTED]
+    found = [s for s in scored if not s.entry.absorbed]
+    by_score = found[:REFITTED] if found and found[0].entry.p_value < LEVEL else []
+    by_share = sorted((s for s in found if s.share >= LEAST_SHARE), key=lambda s: -s.share)[:REFITTED]
     return [*by_score, *(s for s in by_share if not any(s is other for other in by_score))]
 
 
@@ -170,12 +230,12 @@ def _is_noise_of(flat: FlatModel, baseline: FitResult, estimation: Sequence[Expe
         return False
 
 
-def _with_its_fit(flat: FlatModel, fit: FitResult) -> Candidate:
+def _with_its_fit(flat: FlatModel, fit: FitResult) -> Compared:
     """The fitted model, with what its tests must know of the parameters."""
     known = {p.name: p.std_error for p in fit.parameters if p.std_error and p.name in fit.correlation_names}
     rows = [fit.correlation_names.index(name) for name in known]
     stds = np.array(list(known.values()))
-    return Candidate(
+    return Compared(
         flat.name, fitted_model(flat, fit), len(fit.parameters), fit.hold, fit.noise_model,
         parameter_names=tuple(known),
         parameter_cov=fit.correlation[np.ix_(rows, rows)] * np.outer(stds, stds) if known else None,
@@ -224,29 +284,54 @@ def _case(
     return case if all(e.name in fitted for e in experiments) else _with_fitted_starts(case)
 
 
-def candidates(case: Case) -> list[Trial]:
-    """Every law at every input, and every fault of a sensor at every output."""
-    states = case.flat.unknowns[: len(case.form.form.states)][:MOST_STATES]
+def candidates(case: Case, effects: Sequence[Effect], places: Sequence[str] = ()) -> list[Trial]:
+    """Every law at every input, and every fault of a sensor at every output; at `places` alone if there are
+    any."""
+    laws = [input_law(e) for e in effects if e.outside == "input"]
+    laws.sort(key=lambda law: READ_FIRST.index(law.reads))
     trials = []
     for number, u in enumerate(case.flat.inputs):
-        trials.append(Trial("ConstantLoad", u.name, number, "constant", unit=u.unit))
-        for state, size in zip(states, case.sizes, strict=False):
-            if size <= 0.0 or not np.isfinite(size):
-                continue
-            for law, effect in STATE_LAWS.items():
-                shape = (SIGN_WIDTH * float(size),) if law == "sign" else ()
-                trials.append(Trial(effect, u.name, number, law, state.name, shape=shape))
-            if state.unit == "rad":
-                trials.append(Trial("Gravity", u.name, number, "sine", state.name, shape=(1.0, 0.0)))
-        largest = max(float(np.max(np.abs(e.inputs[:, number]))) for e in case.experiments)
-        for law, effect in INPUT_LAWS.items():
-            trials.append(Trial(effect, u.name, number, law, shape=(largest,), unit=u.unit))
-        for column in case.columns:
-            trials.append(Trial("MeasuredInput", u.name, number, "recorded", column=column))
+        if not places or u.name in places:
+            trials += [trial for law in laws for trial in _at_input(case, law, number)]
+    faults = [sensor_fault(e) for e in effects if e.outside == "output"]
     for number, y in enumerate(case.flat.outputs):
-        for sensor, effect in (("offset", "Offset"), ("drift", "Drift"), ("gain", "Gain"), ("lag", "Lag")):
-            trials.append(Trial(effect, y.name, number, sensor=sensor, unit=y.unit))
+        if not places or y.name in places:
+            trials += [Trial(_told(f.effect, y.name, y.unit), number, fault=f) for f in faults]
     return trials
+
+
+READ_FIRST = ("nothing", "state", "signal", "recorded")
+
+
+def _at_input(case: Case, law: InputLaw, number: int) -> Iterable[Trial]:
+    """The law at one input, of everything that it may read."""
+    u, effect = case.flat.inputs[number], law.effect
+    if law.reads == "state":
+        states = case.flat.unknowns[: len(case.form.form.states)][:MOST_STATES]
+        for state, size in zip(states, case.sizes, strict=False):
+            if size > 0.0 and np.isfinite(size) and (state.unit == "rad" or not law.needs_angle):
+                told = _told(effect, f"{u.name} ({state.name})", "")
+                yield _trial(law, told, number, float(size), variable=state.name)
+    elif law.reads == "recorded":
+        for column in case.columns:
+            largest = max(float(np.max(np.abs(e.extra[column]))) for e in case.experiments)
+            yield _trial(law, _told(effect, f"{u.name} ({column})", ""), number, largest, column=column)
+    else:
+        largest = max(float(np.max(np.abs(e.inputs[:, number]))) for e in case.experiments)
+        yield _trial(law, _told(effect, u.name, u.unit), number, largest)
+
+
+def _told(effect: Effect, at: str, unit: str) -> Candidate:
+    return Candidate(tried_as(effect, unit), Site(at, "input", "signal"), effect.name)
+
+
+def _trial(
+    law: InputLaw, told: Candidate, number: int, largest: float, variable: str = "", column: str = ""
+) -> Trial:
+    function = law.function(largest)
+    value = 1.0 if law.reads in ("nothing", "signal") else abs(float(function(largest, 1.0)))
+    cuts = largest if law.cuts else 0.0
+    return Trial(told, number, program_of(function), law.reads, variable, column, value, cuts)
 
 
 # ------------------------------------------------------------------------------------------ simulation
@@ -267,7 +352,7 @@ def _course(
 ) -> _Course:
     """Recording i with `size` of the trial. Raises IntegrationError."""
     form, n_x = case.form, case.starts[i].size
-    laws = () if trial is None or not trial.law else (_law(case, trial, size),)
+    laws = () if trial is None or trial.fault is not None else (_law(case, trial, size),)
     read = tuple((*form.form.states, *form.form.variables)[row] for row in form.output_rows(case.flat))
     request = replace(_request(case, case.experiments[i]), read=read, laws=laws)
     steps = np.array([_size_step(case, trial)]) if laws and trial is not None else np.zeros(0)
@@ -275,7 +360,7 @@ def _course(
     states, outputs, found = form.integrate_with_laws(
         case.flat, case.names, request, case.theta, case.starts[i], scale, steps if slopes else None
     )
-    if trial is None or not trial.sensor:
+    if trial is None or trial.fault is None:
         return _Course(outputs, states, found)
     time = case.experiments[i].time
     sensed = outputs + size * _fault(outputs, time, trial)
@@ -302,27 +387,21 @@ def _request(case: Case, e: Experiment) -> Drive:
 
 def _fault(y: np.ndarray, time: np.ndarray, trial: Trial) -> np.ndarray:
     """What a unit of the fault of a sensor adds to the outputs (n, n_y)."""
-    own = y[:, trial.number]
-    faults = {
-        "offset": np.ones_like(own),
-        "drift": time - time[0],
-        "gain": own,
-        "lag": -np.gradient(own, time),
-    }
     added = np.zeros_like(y)
-    added[:, trial.number] = faults[trial.sensor]
+    if trial.fault is not None:
+        added[:, trial.number] = trial.fault.along(y[:, trial.number], time)
     return added
 
 
 def _law(case: Case, trial: Trial, size: float) -> Law:
+    reads = column = None
     if trial.column:
         column = len(case.form.form.inputs) + case.columns.index(trial.column)
-        return Law(trial.law, trial.number, (), (), size, column)
-    if trial.law in INPUT_LAWS:
-        return Law(trial.law, trial.number, (), trial.shape, size, trial.number)
-    names = [v.name for v in case.flat.unknowns]
-    reads = (case.form.form.states[names.index(trial.variable)],) if trial.variable else ()
-    return Law(trial.law, trial.number, reads, trial.shape, size)
+    elif trial.reads == "signal":
+        column = trial.number
+    elif trial.variable:
+        reads = case.form.form.states[[v.name for v in case.flat.unknowns].index(trial.variable)]
+    return Law(trial.program, trial.number, reads, column, size)
 
 
 def _residuals(case: Case, trial: Trial | None = None, size: float = 0.0) -> list[np.ndarray]:
@@ -348,8 +427,8 @@ def _response(case: Case, trial: Trial) -> list[np.ndarray]:
     tables = []
     for i, e in enumerate(case.experiments):
         try:
-            if trial.law == "saturation":
-                cut = CUT * trial.shape[0]
+            if trial.cuts:
+                cut = CUT * trial.cuts
                 found = _course(alone, i, trial, cut).outputs - _course(alone, i).outputs
                 tables.append(found / (cut or 1.0))
                 continue
@@ -361,19 +440,11 @@ def _response(case: Case, trial: Trial) -> list[np.ndarray]:
 
 def _size_step(case: Case, trial: Trial) -> float:
     """A size at which the effect is small against its input or output."""
-    if trial.sensor:
+    if trial.fault is not None:
         return STEP
     spread = max(float(np.std(e.inputs[:, trial.number])) for e in case.experiments)
     spread = spread or max(float(np.max(np.abs(e.inputs[:, trial.number]))) for e in case.experiments) or 1.0
-    if trial.column:
-        largest = max(float(np.max(np.abs(e.extra[trial.column]))) for e in case.experiments)
-    elif trial.variable:
-        names = [v.name for v in case.flat.unknowns]
-        v = case.sizes[names.index(trial.variable)]
-        largest = abs(float(LAWS[trial.law](np.array([v]), np.array(trial.shape))))
-    else:
-        largest = 1.0
-    return STEP * spread / (largest or 1.0)
+    return STEP * spread / (trial.unit_value or 1.0)
 
 
 # ---------------------------------------------------------------------------------------------- screen
@@ -414,12 +485,11 @@ def _white(tables: Sequence[np.ndarray], filters: Sequence[np.ndarray]) -> np.nd
     return np.concatenate(parts)
 
 
-def _screen(
-    trials: Sequence[Trial], responses: Sequence[list[np.ndarray]],
-    residuals: Sequence[np.ndarray], slopes: Sequence[np.ndarray],
-) -> list[dict[str, Any]]:  # fmt: skip
-    """Scores of all trials on the whitened residual, best first, p-values corrected for the search; and the
-    share of the residual, as it is, that one step from the null would explain."""
+def _screened(
+    case: Case, trials: Sequence[Trial], residuals: Sequence[np.ndarray]
+) -> tuple[list[Scored], Screen]:
+    """All trials scored on the whitened residual, best first, p-values corrected for their number."""
+    slopes, responses = _parameter_slopes(case), [_response(case, trial) for trial in trials]
     filters = _autoregression(residuals)
     spreads = _spreads(residuals, filters)
     weights = _weights(residuals, spreads)
@@ -428,24 +498,29 @@ def _screen(
     basis = _orthonormal(base)
     left = e - basis @ (basis.T @ e)
     shares = _shares(responses, residuals, slopes, spreads)
-    seen_from = float(norm.isf(LEVEL / 2 / len(trials))) + POWER
-    entries = []
+    seen_from = float(norm.isf(LEVEL / 2 / max(len(trials), 1))) + POWER
+    found: list[tuple[Scored, np.ndarray]] = []
     for trial, response, share in zip(trials, responses, shares, strict=True):
         s = _white(response, filters) * weights
         own = s - basis @ (basis.T @ s)
         size, whole = float(np.linalg.norm(own)), float(np.linalg.norm(s))
         absorbed = not np.isfinite(size) or size**2 <= ABSORBED * whole**2 or size == 0.0
         score = 0.0 if absorbed else float(own @ left) / size
-        p = min(1.0, len(trials) * 2 * float(norm.sf(abs(score))))
-        entries.append(
-            {
-                "effect": trial.effect, "at": _at(trial), "score": abs(score), "p_value": p,
-                "sizes": {"size": 0.0 if absorbed else score / size},
-                "detectable": None if absorbed else seen_from / size,
-                "share": share, "unit": trial.unit, "trial": trial, "absorbed": absorbed,
-            }
-        )  # fmt: skip
-    return sorted(entries, key=lambda s: -s["score"])
+        entry = Screened(
+            trial.candidate,
+            abs(score),
+            (0.0 if absorbed else score / size,),
+            min(1.0, len(trials) * 2 * float(norm.sf(abs(score)))),
+            absorbed,
+            np.inf if absorbed else seen_from / size,
+            share,
+        )
+        found.append((Scored(trial, entry, share), np.zeros_like(own) if absorbed else own / size))
+    found.sort(key=lambda pair: -pair[0].entry.score)
+    entries = tuple(scored.entry for scored, _ in found)
+    unit = np.array([direction for _, direction in found]).reshape(len(found), -1)
+    p_value = min((entry.p_value for entry in entries), default=1.0)
+    return [scored for scored, _ in found], Screen(entries, unit @ unit.T, p_value, len(entries), ())
 
 
 def _shares(
@@ -467,10 +542,6 @@ def _shares(
         sizes = float(own @ own) * float(left @ left)
         found.append(float(own @ left) ** 2 / sizes if np.isfinite(sizes) and sizes > 0 else 0.0)
     return found
-
-
-def _at(trial: Trial) -> str:
-    return f"{trial.at} ({trial.variable or trial.column})" if trial.reads else trial.at
 
 
 def _spreads(residuals: Sequence[np.ndarray], filters: Sequence[np.ndarray]) -> np.ndarray:
@@ -501,39 +572,56 @@ def _orthonormal(rows: np.ndarray) -> np.ndarray:
 # ----------------------------------------------------------------------------------------------- proof
 
 
+@dataclass(frozen=True)
+class _Refit:
+    """What every refit needs: the FMU at its fit with the recordings and the validation data, and the
+    residuals of that fit. `without`: rms errors of the validation data as the FMU is."""
+
+    case: Case
+    validation: Case
+    baseline: FitResult
+    residuals: tuple[np.ndarray, ...]
+    n_trials: int
+    without: tuple[float, ...] = ()
+
+
 def _proofs(
-    case: Case, validation: Case, entries: Sequence[dict[str, Any]], residuals: Sequence[np.ndarray],
-    n_trials: int,
-) -> list[dict[str, Any]]:  # fmt: skip
-    """Of all entries; an effect that the FMU cannot be simulated with is none."""
-    found: list[dict[str, Any]] = []
-    if entries:
-        with contextlib.suppress(IntegrationError):
-            without = _rms(_with_fitted_starts(validation))
-            for entry in entries:
-                with contextlib.suppress(IntegrationError):
-                    found.append(_proof(case, validation, without, entry, residuals, n_trials))
-    return found
+    task: _Refit, scored: Sequence[Scored], options: DiagnoseOptions, progress: Progress
+) -> list[Proof]:
+    """Of all that were scored; an effect that the FMU cannot be simulated with is none."""
+    if not scored:
+        return []
+    try:
+        task = replace(task, without=tuple(_rms(_with_fitted_starts(task.validation))))
+    except IntegrationError:
+        return []
+    for one in scored:
+        progress(f"refitting with {one.trial.label}")
+    with workers(options.jobs, options.cluster) as pool:
+        seconds = REFIT_SECONDS * task.baseline.seconds
+        outcomes = list(pool.map(partial(_kept_proof, task, options), scored, seconds=seconds))
+    return [o.get() for o in outcomes if not isinstance(o.error, IntegrationError)]
 
 
-def _proof(
-    case: Case, validation: Case, without: Sequence[float], entry: dict[str, Any],
-    residuals: Sequence[np.ndarray], n_trials: int,
-) -> dict[str, Any]:  # fmt: skip
-    """The effect put at its place and refitted with all parameters, and tried on validation data, whose rms
-    errors are those `without` it so far."""
-    trial: Trial = entry["trial"]
-    fitted, size, std_error, errors = _refitted(case, trial, entry["sizes"]["size"])
-    gain = _log_likelihood(errors) - _log_likelihood(residuals)
+def _kept_proof(task: _Refit, options: DiagnoseOptions, one: Scored) -> Proof:
+    """The proof, now or of an earlier run. Raises IntegrationError."""
+    return _step(options, "proof", (one.trial.label,), task.case.flat, lambda: _proof(task, one))
+
+
+def _proof(task: _Refit, one: Scored) -> Proof:
+    """The effect put at its place and refitted with all parameters, and tried on validation data."""
+    case, trial, baseline = task.case, one.trial, task.baseline
+    fitted, size, std_error, errors = _refitted(case, trial, one.entry.sizes[0])
+    gain = _log_likelihood(errors) - _log_likelihood(task.residuals)
     n = sum(e.size for e in errors)
-    tried = _with_fitted_starts(replace(validation, theta=fitted.theta), trial, size)
+    tried = _with_fitted_starts(replace(task.validation, theta=fitted.theta), trial, size)
     with_effect = _rms(tried, trial, size)
-    better = float(np.mean([1 - a / b for a, b in zip(with_effect, without, strict=True) if b > 0]))
+    better = float(np.mean([1 - a / b for a, b in zip(with_effect, task.without, strict=True) if b > 0]))
     names = [o.name for o in case.flat.outputs]
     left = [float(r) for r in np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))]
-    share = _foreseen(errors, residuals) / (_foreseen(residuals, errors) or 1.0)
+    share = _foreseen(errors, task.residuals) / (_foreseen(task.residuals, errors) or 1.0)
     reason = ""
-    if 2 * gain <= np.log(n) + 2 * np.log(n_trials):
+    if 2 * gain <= np.log(n) + 2 * np.log(task.n_trials):
         reason = "it gains no more likelihood than chance would in such a search"
     elif std_error is None or abs(size) < CERTAIN * std_error:
         reason = "its size cannot be told from zero"
@@ -541,25 +629,34 @@ def _proof(
         reason = "it does not lower the error on validation data"
     elif share > MOST_LEFT:
         reason = f"it leaves {share:.0%} of what can be foreseen of the residual, more than {MOST_LEFT:.0%}"
-    return {
-        "effect": trial.effect, "class": "", "at": _at(trial), "equivalent_places": [], "inputs": {},
-        "parameters": {"size": {"value": size, "std_error": std_error, "unit": trial.unit or ""}},
-        "model_parameters": {
-            name: {"value": float(fitted.theta[[p.name for p in case.flat.parameters].index(name)]),
-                   "std_error": None, "unit": ""} for name in case.names
+    theta = dict(zip((p.name for p in case.flat.parameters), fitted.theta.tolist(), strict=True))
+    own, unit = f"{trial.candidate.name}.size", trial.candidate.size_unit
+    known = [replace(p, value=theta[p.name], std_error=None) for p in baseline.parameters]
+    fitted_size = FittedParameter(own, size, std_error, one.entry.sizes[0], unit, None, None, None)
+    fit = replace(
+        baseline,
+        parameters=(*known, fitted_size),
+        theta={**theta, own: size},
+        log_likelihood=baseline.log_likelihood + gain,
+        simulated={
+            "estimation": Agreement({}, dict(zip(names, left, strict=True))),
+            "validation": Agreement({}, dict(zip(names, with_effect, strict=True))),
         },
-        "fit_percent": {},
-        "rms": {
-            "estimation": dict(zip(names, left, strict=True)),
-            "validation": dict(zip(names, with_effect, strict=True)),
-        },
-        "delta_log_likelihood": gain, "delta_bic": 2 * gain - float(np.log(n)), "p_value": entry["p_value"],
-        "explained": max(0.0, better),
-        "verdict": "rejected" if reason else "supported",
-        "reason": reason,
-        "not_separable_from": [], "model": None,
-        "model_reason": "an FMU cannot be extended from outside; the law is told above",
-    }  # fmt: skip
+        one_step={},
+    )
+    return Proof(
+        candidate=trial.candidate,
+        flat=case.flat.with_theta(theta),
+        fit=fit,
+        delta_log_likelihood=gain,
+        delta_bic=2 * gain - float(np.log(n)),
+        p_value=one.entry.p_value,
+        explained=max(0.0, better),
+        equivalent=(),
+        not_separable_from=(),
+        verdict="rejected" if reason else "supported",
+        reason=reason,
+    )
 
 
 def _foreseen(errors: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> float:
@@ -612,8 +709,8 @@ def _refitted(case: Case, trial: Trial, size: float) -> tuple[Case, float, float
 
     # One step from the null may be far off, and even unstable: a part of it, or none, is the better start.
     sizes_at = [share * size for share in SHARES]
-    if trial.law == "saturation":
-        sizes_at = [share * trial.shape[0] for share in (0.5 * CUT, CUT, 2.0 * CUT)]
+    if trial.cuts:
+        sizes_at = [share * trial.cuts for share in (0.5 * CUT, CUT, 2.0 * CUT)]
     starts_at = [np.concatenate([case.theta[columns], [at], *case.starts]) for at in sizes_at]
     z0 = min((z / scales for z in starts_at), key=lambda z: float(np.sum(errors(z) ** 2)))
     bounds = np.full((2, z0.size), np.inf) * np.array([[-1.0], [1.0]])
@@ -680,50 +777,55 @@ def _log_likelihood(errors: Sequence[np.ndarray]) -> float:
 # --------------------------------------------------------------------------------------------- verdict
 
 
-def _verdict(proofs: list[dict[str, Any]], is_explained: Callable[[], bool]) -> tuple[str, str, str]:
-    """Verdict, message and what to record next. `is_explained`, asked where no effect is supported: the
-    residual is white, or that of declared noise."""
-    proofs.sort(key=lambda p: -p["delta_log_likelihood"])
-    supported = [p for p in proofs if p["verdict"] == "supported"]
+def _verdict(
+    proofs: Sequence[Proof], is_explained: Callable[[], bool]
+) -> tuple[VerdictName, str, str, tuple[Proof, ...]]:
+    """Verdict, message, what to record next, and the proofs with what was decided of each. `is_explained`,
+    asked where no effect is supported: the residual is white, or that of declared noise."""
+    ranked = sorted(proofs, key=lambda p: -p.delta_log_likelihood)
+    supported = [p for p in ranked if p.verdict == "supported"]
     if supported:
         best = supported[0]
-        close = []
-        for other in supported[1:]:
-            behind = best["delta_log_likelihood"] - other["delta_log_likelihood"]
-            if behind < BEHIND:
-                close.append(other)
-            else:
-                other["verdict"] = "rejected"
-                other["reason"] = f"{_name(best)} explains more: {behind:.1f} log-likelihood units"
-        size = best["parameters"]["size"]
-        text = f"{_name(best)}, size {size['value']:.4g} ± {size['std_error']:.2g}"
-        if not close:
-            return "supported", f"{text}: the data ask for it, and it predicts better.", ""
-        for p in (best, *close):
-            p["verdict"] = "not separable"
-            p["not_separable_from"] = [_name(q) for q in (best, *close) if q is not p]
+        close = [p for p in supported if best.delta_log_likelihood - p.delta_log_likelihood < BEHIND]
+        decided = tuple(_decided(p, best, close) if p.verdict == "supported" else p for p in ranked)
+        size = best.fit.parameters[-1]
+        text = f"{best.candidate.label}, size {size.value:.4g} ± {size.std_error or 0.0:.2g}"
+        if len(close) == 1:
+            return "supported", f"{text}: the data ask for it, and it predicts better.", "", decided
+        others = ", ".join(p.candidate.label for p in close[1:])
         return (
             "cannot tell",
-            f"{text}, or {', '.join(map(_name, close))}: the data cannot tell them apart.",
+            f"{text}, or {others}: the data cannot tell them apart.",
             "excite the inputs at other amplitudes and speeds, where these laws differ",
+            decided,
         )
     if is_explained():
         return (
             "nothing missing",
-            "What the refitted FMU leaves is white, or what its own white noise would leave, and no effect "
-            "fits it.",
+            "The residual of the refitted FMU is white, or explained by its declared process noise; no "
+            "effect improves the fit.",
             "",
+            tuple(ranked),
         )
     return (
         "external disturbance",
         "The residual is coloured, and no law that can be tried from outside explains it: a load from "
         "outside, or something inside the FMU.",
         "measure what may act on the plant, and add the column to the recording",
+        tuple(ranked),
     )
 
 
-def _name(proof: dict[str, Any]) -> str:
-    return f"{proof['effect']} at {proof['at']}"
+def _decided(proof: Proof, best: Proof, close: Sequence[Proof]) -> Proof:
+    """A supported proof beside those that are as good as the best."""
+    if not any(proof is one for one in close):
+        behind = best.delta_log_likelihood - proof.delta_log_likelihood
+        reason = f"{best.candidate.label} explains more: {behind:.1f} log-likelihood units"
+        return replace(proof, verdict="rejected", reason=reason)
+    if len(close) == 1:
+        return proof
+    others = tuple(p.candidate.label for p in close if p is not proof)
+    return replace(proof, verdict="not separable", not_separable_from=others)
 
 
 def _is_white(residuals: Sequence[np.ndarray]) -> bool:

@@ -53,7 +53,7 @@ class Plan:
     """How a trajectory is followed: the `library` of `engine_library`; `steps` (n_p,) by which the instances
     behind the first have their parameters moved; `sizes` (n_x,) of the states; `atol` (n_x,); the `most`
     steps in all; whether there are sensitivities (n, n_y, n_p + n_x) (`has_slopes`).
-    `laws` (n_laws, 6) is their `laws.law_table`, `law_sizes` (1 + 2 n_p, n_laws) those of every instance."""
+    `laws` is their `laws.law_table`, `law_sizes` (1 + 2 n_p, n_laws) those of every instance."""
 
     library: str
     steps: np.ndarray

@@ -52,39 +52,74 @@ static double completed_at;
 static int has_slopes, is_first, has_refused;
 
 #if NL > 0
-/* In the order of fmu.laws.KINDS. */
-enum { CONSTANT, LINEAR, SIGN, SQUARE, CUBE, SINE, FOURTH_POWER, RECORDED, DEAD_ZONE, SATURATION };
+/* In the order of fmu.laws.NAMES. */
+enum {
+  COPY, ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATE, SQUARE, TWICE, INVERT, POWER, ROOT, EXPONENTIAL, LOGARITHM, SINE,
+  COSINE, TANGENT, ARCTANGENT, TANH, MAGNITUDE, SIGN, SMALLER, LARGER, BELOW, AT_MOST, NOT, WHERE, CONSTANT, VARIABLE,
+  SIZE
+};
+enum { MOST_STEPS = 64 };
 static struct {
-  int kind, input, from; /* from: the entry of u that is read, or -1 for a variable of the FMU */
+  int input, column, n_steps; /* column: the entry of u that is read, or -1 */
+  int reads_variable;
   unsigned reads;
-  double shape[2];
+  struct {
+    int step, target, a, b;
+    double number;
+  } program[MOST_STEPS];
 } law[NL];
 static double law_size[1 + 2 * NP][NL];
 
-static double within(double v, double limit) { return v > limit ? limit : v < -limit ? -limit : v; }
-
-static double law_value(int l, double v, double size) {
-  const double *shape = law[l].shape;
-  switch (law[l].kind) {
-    case CONSTANT: return size;
-    case LINEAR: return -size * v;
-    case SIGN: return -size * tanh(v / shape[0]);
-    case SQUARE: return -size * v * fabs(v);
-    case CUBE: return -size * v * v * v;
-    case SINE: return -size * sin(shape[0] * v + shape[1]);
-    case FOURTH_POWER: return -size * pow(v / 100.0, 4);
-    case DEAD_ZONE: return size < 0 ? within(v, -size) : -within(v, size);
-    case SATURATION: return size < 0 ? 0.0 : within(v, fmax(shape[0] - size, 0.0)) - v;
-    default: return size * v;
+static double step_value(int step, double a, double b) {
+  switch (step) {
+    case COPY: return a;
+    case ADD: return a + b;
+    case SUBTRACT: return a - b;
+    case MULTIPLY: return a * b;
+    case DIVIDE: return a / b;
+    case NEGATE: return -a;
+    case SQUARE: return a * a;
+    case TWICE: return 2.0 * a;
+    case INVERT: return 1.0 / a;
+    case POWER: return pow(a, b);
+    case ROOT: return sqrt(a);
+    case EXPONENTIAL: return exp(a);
+    case LOGARITHM: return log(a);
+    case SINE: return sin(a);
+    case COSINE: return cos(a);
+    case TANGENT: return tan(a);
+    case ARCTANGENT: return atan(a);
+    case TANH: return tanh(a);
+    case MAGNITUDE: return fabs(a);
+    case SIGN: return (a > 0.0) - (a < 0.0);
+    case SMALLER: return fmin(a, b);
+    case LARGER: return fmax(a, b);
+    case BELOW: return a < b;
+    case AT_MOST: return a <= b;
+    case NOT: return !a;
+    default: return a ? b : 0.0; /* WHERE */
   }
+}
+
+static double law_value(int l, double variable, double size) {
+  double registers[MOST_STEPS] = {0.0}, last = 0.0;
+  for (int k = 0; k < law[l].n_steps; ++k) {
+    int step = law[l].program[k].step;
+    last = step == CONSTANT   ? law[l].program[k].number
+           : step == VARIABLE ? variable
+           : step == SIZE     ? size
+                              : step_value(step, registers[law[l].program[k].a], registers[law[l].program[k].b]);
+    registers[law[l].program[k].target] = last;
+  }
+  return last;
 }
 
 static int add_laws(int i, const double *u) {
   double whole[NS + 1];
   for (int k = 0; k < NS; ++k) whole[k] = u[k];
   for (int l = 0; l < NL; ++l) {
-    double v = law[l].from < 0 ? 0.0 : u[law[l].from];
-    if (law[l].from < 0 && REFUSED(fmu.get(instance[i], &law[l].reads, 1, &v LENGTH(1)))) return 1;
+    double v = law[l].column < 0 ? 0.0 : u[law[l].column];
+    if (law[l].reads_variable && REFUSED(fmu.get(instance[i], &law[l].reads, 1, &v LENGTH(1)))) return 1;
     whole[law[l].input] += law_value(l, v, law_size[i][l]);
   }
   return REFUSED(fmu.set(instance[i], inputs, NS, whole LENGTH(NS)));
@@ -194,18 +229,25 @@ static int daest_out(const double **arg, double **res, casadi_int *iw, double *w
 int daest_refused(void) { return has_refused; }
 
 /* What the next daest_simulate asks: functions in the order of `fmu`, instances, value references, steps; of every
- * law its kind, input, place in u, value reference and two numbers of shape, and the sizes of each instance. */
+ * law its row of fmu.laws.law_table, and the sizes of each instance. */
 void daest_bind(void *const *functions, void *const *given, const unsigned *input_references,
                 const unsigned *output_references, const double *steps, const double *sizes, int slopes,
                 const double *laws, const double *law_sizes) {
 #if NL > 0
-  for (int l = 0; l < NL; ++l, laws += 6) {
-    law[l].kind = (int)laws[0];
-    law[l].input = (int)laws[1];
-    law[l].from = (int)laws[2];
-    law[l].reads = (unsigned)laws[3];
-    law[l].shape[0] = laws[4];
-    law[l].shape[1] = laws[5];
+  for (int l = 0; l < NL; ++l, laws += 4 + 5 * MOST_STEPS) {
+    law[l].input = (int)laws[0];
+    law[l].column = (int)laws[1];
+    law[l].reads_variable = laws[2] >= 0.0;
+    law[l].reads = law[l].reads_variable ? (unsigned)laws[2] : 0;
+    law[l].n_steps = (int)laws[3];
+    for (int k = 0; k < law[l].n_steps; ++k) {
+      const double *step = laws + 4 + 5 * k;
+      law[l].program[k].step = (int)step[0];
+      law[l].program[k].target = (int)step[1];
+      law[l].program[k].a = (int)step[2];
+      law[l].program[k].b = (int)step[3];
+      law[l].program[k].number = step[4];
+    }
   }
   for (int i = 0; i < 1 + 2 * NP; ++i)
     for (int l = 0; l < NL; ++l) law_size[i][l] = *law_sizes++;

@@ -1,124 +1,100 @@
-"""Laws that can be added to the inputs of an FMU from outside: what a missing effect would do there."""
+"""Laws that are added to the inputs of an FMU from outside, as programs of a few arithmetic steps.
+
+A program is data: the process that runs the FMU needs neither CasADi nor a compiler to follow it. `foreign.c`
+and `Law.value` run the same steps. `fmu.outside` writes programs from the classes of the Modelica library.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-LAWS: dict[str, Callable[[np.ndarray, np.ndarray], float]] = {}
+MOST_STEPS = 64
+"""Steps and registers of a program that `foreign.c` has room for."""
 
+# A step computes registers[target] from two registers. In the order of foreign.c.
+STEPS: dict[str, Callable[[float, float], float]] = {
+    "copy": lambda a, _: a,
+    "add": lambda a, b: a + b,
+    "subtract": lambda a, b: a - b,
+    "multiply": lambda a, b: a * b,
+    "divide": lambda a, b: a / b if b else math.copysign(math.inf, a),
+    "negate": lambda a, _: -a,
+    "square": lambda a, _: a * a,
+    "twice": lambda a, _: 2.0 * a,
+    "invert": lambda a, _: 1.0 / a if a else math.inf,
+    "power": lambda a, b: float(np.power(a, b)),
+    "root": lambda a, _: math.sqrt(a) if a >= 0.0 else math.nan,
+    "exponential": lambda a, _: float(np.exp(a)),
+    "logarithm": lambda a, _: math.log(a) if a > 0.0 else math.nan,
+    "sine": lambda a, _: math.sin(a),
+    "cosine": lambda a, _: math.cos(a),
+    "tangent": lambda a, _: math.tan(a),
+    "arctangent": lambda a, _: math.atan(a),
+    "tanh": lambda a, _: math.tanh(a),
+    "magnitude": lambda a, _: abs(a),
+    "sign": lambda a, _: float(np.sign(a)),
+    "smaller": lambda a, b: min(a, b),
+    "larger": lambda a, b: max(a, b),
+    "below": lambda a, b: float(a < b),
+    "at most": lambda a, b: float(a <= b),
+    "not": lambda a, _: float(not a),
+    "where": lambda a, b: b if a else 0.0,
+}
+CONSTANT, VARIABLE, SIZE = len(STEPS), len(STEPS) + 1, len(STEPS) + 2
+"""Steps that fill a register: with a number, with what the law reads, with its size."""
 
-def _law(name: str) -> Callable[[Callable[[np.ndarray, np.ndarray], float]], Callable]:
-    def keep(function: Callable[[np.ndarray, np.ndarray], float]) -> Callable:
-        LAWS[name] = function
-        return function
-
-    return keep
+NAMES = (*STEPS, "constant", "variable", "size")
+Step = tuple[int, int, int, int, float]
+"""Number of the step, target register, two source registers, and the number of a constant."""
 
 
 @dataclass(frozen=True)
 class Law:
-    """The law `name` of the variables `reads` with its `size`, which is a factor of those in LAWS and a width
-    or a limit in SIZED, added to input number `input`.
+    """What is added to input number `input`: the last register of `program`, which reads one variable of the
+    FMU (`reads`, a value reference) or one column of what drives the simulation (`column`), or nothing, and
+    its `size`."""
 
-    `shape` holds what the law needs besides: the width of a sign, a dead band, a limit. `column`: it reads
-    that column of what drives the simulation instead, an input or a recorded signal that is none.
-    """
-
-    name: str
+    program: tuple[Step, ...]
     input: int
-    reads: tuple[int, ...]
-    shape: tuple[float, ...] = ()
-    size: float = 1.0
+    reads: int | None = None
     column: int | None = None
+    size: float = 1.0
 
-    def value(self, variables: np.ndarray, u: np.ndarray) -> float:
-        """The law at the `variables` that it reads, or at the columns u (n_columns,)."""
-        read = variables if self.column is None else u[self.column : self.column + 1]
-        if self.name in SIZED:
-            return float(SIZED[self.name](float(read[0]), self.shape, self.size))
-        return self.size * float(LAWS[self.name](read, np.array(self.shape)))
+    def value(self, variable: float) -> float:
+        """The law where what it reads is `variable`."""
+        registers = [0.0] * MOST_STEPS
+        target = 0
+        for step, target, a, b, number in self.program:
+            if step == CONSTANT:
+                registers[target] = number
+            elif step == VARIABLE:
+                registers[target] = variable
+            elif step == SIZE:
+                registers[target] = self.size
+            else:
+                registers[target] = _STEPS[step](registers[a], registers[b])
+        return registers[target]
 
-
-@_law("constant")
-def constant(_: np.ndarray, __: np.ndarray) -> float:
-    """1."""
-    return 1.0
-
-
-@_law("linear")
-def linear(v: np.ndarray, _: np.ndarray) -> float:
-    """-v: viscous friction, a spring, a leak."""
-    return -float(v[0])
-
-
-@_law("sign")
-def sign(v: np.ndarray, shape: np.ndarray) -> float:
-    """-tanh(v / width): Coulomb friction, a voltage drop of brushes."""
-    return -float(np.tanh(v[0] / shape[0]))
+    def read(self, get: Callable[[tuple[int, ...]], np.ndarray], columns: np.ndarray) -> float:
+        """What the law reads: by `get` from the FMU, or from the columns (n_columns,)."""
+        if self.column is not None:
+            return float(columns[self.column])
+        return 0.0 if self.reads is None else float(get((self.reads,))[0])
 
 
-@_law("square")
-def square(v: np.ndarray, _: np.ndarray) -> float:
-    """-v |v|: drag."""
-    return -float(v[0] * abs(v[0]))
-
-
-@_law("cube")
-def cube(v: np.ndarray, _: np.ndarray) -> float:
-    """-v³: a hardening spring."""
-    return -float(v[0] ** 3)
-
-
-@_law("sine")
-def sine(v: np.ndarray, shape: np.ndarray) -> float:
-    """-sin(n v + phase): gravity on an unbalanced shaft, cogging."""
-    return -float(np.sin(shape[0] * v[0] + shape[1]))
-
-
-@_law("fourth power")
-def fourth_power(v: np.ndarray, _: np.ndarray) -> float:
-    """-(v / 100)⁴: radiation of a body at an absolute temperature."""
-    return -float((v[0] / 100.0) ** 4)
-
-
-@_law("recorded")
-def recorded(v: np.ndarray, _: np.ndarray) -> float:
-    """v: a signal that is added to the input."""
-    return float(v[0])
-
-
-def dead_zone(v: float, _: tuple[float, ...], size: float) -> float:
-    """What a dead zone of the half width `size` takes away."""
-    return -float(np.sign(size) * np.clip(v, -abs(size), abs(size)))
-
-
-def saturation(v: float, shape: tuple[float, ...], size: float) -> float:
-    """What a limit takes away that stands `size` below the largest value, shape[0]; nothing below 0."""
-    limit = max(shape[0] - size, 0.0)
-    return float(np.clip(v, -limit, limit)) - v if size > 0 else 0.0
-
-
-SIZED: dict[str, Callable[[float, tuple[float, ...], float], float]] = {
-    "dead zone": dead_zone,
-    "saturation": saturation,
-}
-# The kinds of foreign.c, in its order.
-KINDS = (*LAWS, *SIZED)
+_STEPS = tuple(STEPS.values())
 
 
 def law_table(laws: tuple[Law, ...]) -> np.ndarray:
-    """The laws as foreign.c reads them, (n_laws, 6): kind, input, column or -1, value reference, shape."""
-    rows = []
-    for law in laws:
-        reads = law.reads[0] if law.reads else 0
-        shape = (*law.shape, 0.0, 0.0)[:2]
-        rows.append([KINDS.index(law.name), law.input, _column(law), reads, *shape])
-    return np.array(rows, dtype=float).reshape(len(laws), 6)
-
-
-def _column(law: Law) -> int:
-    """A constant reads nothing, and so no variable of the FMU."""
-    return 0 if law.name == "constant" else -1 if law.column is None else law.column
+    """The laws as foreign.c reads them, (n_laws, 4 + 5 MOST_STEPS): input, column or -1, value reference or
+    -1, number of steps, and the steps, filled up with zeros."""
+    table = np.zeros((len(laws), 4 + 5 * MOST_STEPS))
+    for row, law in zip(table, laws, strict=True):
+        column, reads = (-1 if n is None else n for n in (law.column, law.reads))
+        row[:4] = law.input, column, reads, len(law.program)
+        row[4 : 4 + 5 * len(law.program)] = np.array(law.program, dtype=float).ravel()
+    return table

@@ -79,7 +79,7 @@ def _added(instance: Instance, drive: Drive, u: np.ndarray, time: float) -> np.n
     """What the laws add to the inputs, (n_inputs,), with the columns at u (n_columns,)."""
     added = np.zeros(len(drive.inputs))
     for law in drive.laws:
-        added[law.input] += law.value(_guarded(instance.get, time, law.reads), u)
+        added[law.input] += law.value(law.read(lambda refs: _guarded(instance.get, time, refs), u))
     return added
 
 
@@ -138,7 +138,7 @@ class _Driver:
         if not self.drive.laws:
             return
         read = self.instance.get
-        added = [(law.input, law.value(read(law.reads), self._columns)) for law in self.drive.laws]
+        added = [(law.input, law.value(law.read(read, self._columns))) for law in self.drive.laws]
         for number, value in added:
             self._buffer[number] += value
         self._write()

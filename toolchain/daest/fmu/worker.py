@@ -389,7 +389,7 @@ def _answers(instance: Instance, drive: Drive, k: int, x: np.ndarray) -> np.ndar
 
 def _drive(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray], sizes: np.ndarray) -> Drive:
     laws = tuple(
-        Law(law["name"], law["input"], tuple(law["reads"]), tuple(law["shape"]), float(size), law["column"])
+        Law(tuple(map(tuple, law["program"])), law["input"], law["reads"], law["column"], float(size))
         for law, size in zip(header["laws"], sizes, strict=True)
     )
     return Drive(

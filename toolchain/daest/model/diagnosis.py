@@ -69,7 +69,7 @@ class Screened:
     """Score of one candidate. `score` is as large as a standard normal variable when nothing is missing;
     `sizes` are the one-step estimates of the effect's sizes; `absorbed` tells that the refitted parameters do
     all that the effect could do; `detectable` is the smallest size that would have been seen (at the level of
-    the search, power 0.9)."""
+    the search, power 0.9); `share` is the part of the squared residual that it would explain (FMUs only)."""
 
     candidate: Candidate
     score: float
@@ -77,6 +77,7 @@ class Screened:
     p_value: float  # corrected for the search over all candidates
     absorbed: bool
     detectable: float
+    share: float | None = None
 
 
 @dataclass(frozen=True)
@@ -222,7 +223,7 @@ class PlaceGain:
 
 @dataclass(frozen=True)
 class Diagnosis(Framed):
-    """The result of `diagnose`."""
+    """The result of `diagnose`. `has_loads`: the model as it is was fitted together with unknown loads."""
 
     verdict: VerdictName
     message: str
@@ -236,6 +237,7 @@ class Diagnosis(Framed):
     seconds: float
     learned: LearnedLoad | None = None  # of an unknown effect
     unproved: tuple[Unproved, ...] = ()
+    has_loads: bool = True
 
     def tables(self) -> tuple[Listing, ...]:
         columns = ("effect", "at", "verdict", "delta_bic", "p_value")

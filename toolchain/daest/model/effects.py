@@ -51,7 +51,8 @@ class Effect:
     connectors in the order from a to b; those of a signal effect are `u` and `y`. `inputs` are signals that
     must be supplied besides. `is_dynamic`: the model changes its order or index at the null of the sizes, so
     that no derivative with respect to them exists there. `n_states` counts the effect's own states that it
-    has besides those of the motion of its connectors.
+    has besides those of the motion of its connectors. `outside` tells where it is tried at an FMU without
+    equations: at its inputs, at its outputs, or not at all.
     """
 
     name: str
@@ -66,6 +67,7 @@ class Effect:
     n_states: int
     has_support: bool = False
     inputs: tuple[str, ...] = ()
+    outside: Literal["", "input", "output"] = ""
     documentation: str = ""
     libraries: tuple[str, ...] = ()  # folders besides the bundled library that the class was read from
 

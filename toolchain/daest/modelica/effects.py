@@ -50,7 +50,7 @@ _SIGNALS: tuple[Attachment, ...] = ("signal", "input", "output", "parameter")
 _ATTACHMENTS: tuple[Attachment, ...] = ("connector", "parallel", "series", *_SIGNALS)
 _ROLES: tuple[ParameterRole, ...] = ("size", "shape", "sharpness", "given")
 _SIGNAL_UNITS = ("", "u", "u/s")
-_KEYS = ("effect", "attach", "law", "dynamic", "inputs")
+_KEYS = ("effect", "attach", "law", "dynamic", "inputs", "outside")
 _DOCUMENTATION = re.compile(r'Documentation\s*\(\s*info\s*=\s*"((?:[^"\\]|\\.)*)"', re.DOTALL)
 _TAG = re.compile(r"<[^>]*>")
 
@@ -256,6 +256,8 @@ def _check(source: _Source) -> None:
         )
     if not isinstance(source.entry("law"), str):
         raise source.error("law", "law is missing", 'Write law = "tau = -d*w", say.')
+    if source.entry("outside") not in (None, "input", "output"):
+        raise source.error("outside", "outside is unknown", 'Write outside = "input" or "output".')
 
 
 def _value(node: s.Node | None) -> Any:
@@ -451,6 +453,7 @@ def _entry(i: int, source: _Source, parts: Mapping[str, EffectModel], libraries:
         n_states=_own_states(model, _signals(source)),
         has_support=across is not None,
         inputs=tuple(source.entry("inputs") or ()),
+        outside=source.entry("outside") or "",
         documentation=source.documentation,
         libraries=libraries,
     )

@@ -7,7 +7,7 @@ block MeasuredInput "Measured signal added to another one"
 equation
   y = u + k*z;
   annotation(
-    __Daest(effect = true, attach = "signal", inputs = {"z"}, law = "y = u + k*z"),
+    __Daest(effect = true, attach = "signal", outside = "input", inputs = {"z"}, law = "y = u + k*z"),
     Documentation(info = "A recorded signal that the model has not used so far acts where another one
 does."));
 end MeasuredInput;

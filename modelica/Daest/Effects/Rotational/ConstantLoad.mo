@@ -6,6 +6,6 @@ model ConstantLoad "Constant torque against the positive direction"
 equation
   tau = -tau_0;
   annotation(
-    __Daest(effect = true, attach = "connector", law = "tau = -tau_0"),
+    __Daest(effect = true, attach = "connector", outside = "input", law = "tau = -tau_0"),
     Documentation(info = "A weight, a preload, or the offset of an amplifier."));
 end ConstantLoad;

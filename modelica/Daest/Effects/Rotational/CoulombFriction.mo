@@ -8,7 +8,7 @@ model CoulombFriction "Dry friction: a torque of constant size against the motio
 equation
   tau = -tau_c*tanh(w/w_s);
   annotation(
-    __Daest(effect = true, attach = "connector", law = "tau = -tau_c*tanh(w/w_s)"),
+    __Daest(effect = true, attach = "connector", outside = "input", law = "tau = -tau_c*tanh(w/w_s)"),
     Documentation(info = "Bearings, seals, guides and gears rub with a torque that hardly depends on
 the angular velocity. It takes energy out of the shaft in both directions. The step of the ideal law is
 rounded over w_s, which is not estimated: about 1 % of the range of the angular velocity."));

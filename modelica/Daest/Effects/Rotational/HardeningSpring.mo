@@ -6,6 +6,6 @@ model HardeningSpring "Spring whose torque grows with the cube of the deflection
 equation
   tau = c3*phi_rel^3;
   annotation(
-    __Daest(effect = true, attach = "parallel", law = "tau = c3*phi_rel^3"),
+    __Daest(effect = true, attach = "parallel", outside = "input", law = "tau = c3*phi_rel^3"),
     Documentation(info = "In parallel to a spring it makes it stiffer the further it is deflected."));
 end HardeningSpring;

@@ -8,7 +8,7 @@ model QuadraticDrag "Drag in proportion to the square of the angular velocity"
 equation
   tau = -k*w*sqrt(w^2 + w_s^2);
   annotation(
-    __Daest(effect = true, attach = "connector", law = "tau = -k*w*sqrt(w^2 + w_s^2)"),
+    __Daest(effect = true, attach = "connector", outside = "input", law = "tau = -k*w*sqrt(w^2 + w_s^2)"),
     Documentation(info = "Air and water at high angular velocity: fans, propellers, vehicles. The step
 of the ideal law is rounded over w_s, which is not estimated: about 1 % of the range of the angular
 velocity."));

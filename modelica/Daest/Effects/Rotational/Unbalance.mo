@@ -9,6 +9,6 @@ model Unbalance "Weight off the axis: a pendulum's torque"
 equation
   tau = -mgr*sin(phi + phi_0);
   annotation(
-    __Daest(effect = true, attach = "connector", law = "tau = -mgr*sin(phi + phi_0)"),
+    __Daest(effect = true, attach = "connector", outside = "input", law = "tau = -mgr*sin(phi + phi_0)"),
     Documentation(info = "Arms, doors and unbalanced discs. The torque is conservative."));
 end Unbalance;

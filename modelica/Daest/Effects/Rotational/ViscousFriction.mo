@@ -6,7 +6,7 @@ model ViscousFriction "Friction in proportion to the angular velocity"
 equation
   tau = -d*w;
   annotation(
-    __Daest(effect = true, attach = "connector", law = "tau = -d*w"),
+    __Daest(effect = true, attach = "connector", outside = "input", law = "tau = -d*w"),
     Documentation(info = "A film of oil or grease resists with a torque in proportion to the angular
 velocity."));
 end ViscousFriction;

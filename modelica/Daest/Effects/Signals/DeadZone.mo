@@ -8,7 +8,7 @@ block DeadZone "Small values of the signal are lost"
 equation
   y = u + (sqrt((u - width/2)^2 + u_s^2) - sqrt((u + width/2)^2 + u_s^2))/2;
   annotation(
-    __Daest(effect = true, attach = "signal",
+    __Daest(effect = true, attach = "signal", outside = "input",
       law = "y = u + (sqrt((u - width/2)^2 + u_s^2) - sqrt((u + width/2)^2 + u_s^2))/2"),
     Documentation(info = "y is 0 for |u| < width/2 and u -+ width/2 beyond: amplifiers with crossover,
 valves with overlap, sensors with a threshold."));

@@ -6,6 +6,6 @@ block Drift "Zero that drifts with time"
 equation
   y = u + r*time;
   annotation(
-    __Daest(effect = true, attach = "signal", law = "y = u + r*time"),
+    __Daest(effect = true, attach = "signal", outside = "output", law = "y = u + r*time"),
     Documentation(info = "Integrators, strain gauges, warm-up."));
 end Drift;

@@ -6,6 +6,6 @@ block Gain "Wrong scale of the signal"
 equation
   y = (1 + g)*u;
   annotation(
-    __Daest(effect = true, attach = "signal", law = "y = (1 + g)*u"),
+    __Daest(effect = true, attach = "signal", outside = "output", law = "y = (1 + g)*u"),
     Documentation(info = "A calibration that is off by the share g."));
 end Gain;

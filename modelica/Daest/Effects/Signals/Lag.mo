@@ -6,6 +6,6 @@ block Lag "First-order lag"
 equation
   T*der(y) = u - y;
   annotation(
-    __Daest(effect = true, attach = "signal", dynamic = true, law = "T*der(y) = u - y"),
+    __Daest(effect = true, attach = "signal", outside = "output", dynamic = true, law = "T*der(y) = u - y"),
     Documentation(info = "Amplifiers, filters and sensors that follow with a delay."));
 end Lag;

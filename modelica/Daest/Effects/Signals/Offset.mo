@@ -6,6 +6,6 @@ block Offset "Constant added to the signal"
 equation
   y = u + b;
   annotation(
-    __Daest(effect = true, attach = "signal", law = "y = u + b"),
+    __Daest(effect = true, attach = "signal", outside = "output", law = "y = u + b"),
     Documentation(info = "A zero that was not adjusted."));
 end Offset;

@@ -10,7 +10,7 @@ block Saturation "Large values of the signal are cut"
 equation
   y = u - share*(2*u + sqrt((u - limit)^2 + u_s^2) - sqrt((u + limit)^2 + u_s^2))/2;
   annotation(
-    __Daest(effect = true, attach = "signal",
+    __Daest(effect = true, attach = "signal", outside = "input",
       law = "y = u - share*(r(u - limit) - r(-u - limit)), r(x) = (x + sqrt(x^2 + u_s^2))/2"),
     Documentation(info = "Amplifiers at their supply voltage, sensors at the end of their range."));
 end Saturation;

@@ -6,6 +6,6 @@ model ConstantLoad "Constant force against the positive direction"
 equation
   f = -f_0;
   annotation(
-    __Daest(effect = true, attach = "connector", law = "f = -f_0"),
+    __Daest(effect = true, attach = "connector", outside = "input", law = "f = -f_0"),
     Documentation(info = "A weight, a preload, or the offset of an amplifier."));
 end ConstantLoad;

@@ -8,7 +8,7 @@ model CoulombFriction "Dry friction: a force of constant size against the motion
 equation
   f = -f_c*tanh(v/v_s);
   annotation(
-    __Daest(effect = true, attach = "connector", law = "f = -f_c*tanh(v/v_s)"),
+    __Daest(effect = true, attach = "connector", outside = "input", law = "f = -f_c*tanh(v/v_s)"),
     Documentation(info = "Bearings, seals, guides and gears rub with a force that hardly depends on
 the velocity. It takes energy out of the body in both directions. The step of the ideal law is rounded over
 v_s, which is not estimated: about 1 % of the range of the velocity."));

@@ -6,6 +6,6 @@ model HardeningSpring "Spring whose force grows with the cube of the deflection"
 equation
   f = c3*s_rel^3;
   annotation(
-    __Daest(effect = true, attach = "parallel", law = "f = c3*s_rel^3"),
+    __Daest(effect = true, attach = "parallel", outside = "input", law = "f = c3*s_rel^3"),
     Documentation(info = "In parallel to a spring it makes it stiffer the further it is deflected."));
 end HardeningSpring;

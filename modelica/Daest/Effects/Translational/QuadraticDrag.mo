@@ -8,7 +8,7 @@ model QuadraticDrag "Drag in proportion to the square of the velocity"
 equation
   f = -k*v*sqrt(v^2 + v_s^2);
   annotation(
-    __Daest(effect = true, attach = "connector", law = "f = -k*v*sqrt(v^2 + v_s^2)"),
+    __Daest(effect = true, attach = "connector", outside = "input", law = "f = -k*v*sqrt(v^2 + v_s^2)"),
     Documentation(info = "Air and water at high velocity: fans, propellers, vehicles. The step of the
 ideal law is rounded over v_s, which is not estimated: about 1 % of the range of the velocity."));
 end QuadraticDrag;

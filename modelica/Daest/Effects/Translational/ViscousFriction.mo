@@ -6,6 +6,6 @@ model ViscousFriction "Friction in proportion to the velocity"
 equation
   f = -d*v;
   annotation(
-    __Daest(effect = true, attach = "connector", law = "f = -d*v"),
+    __Daest(effect = true, attach = "connector", outside = "input", law = "f = -d*v"),
     Documentation(info = "A film of oil or grease resists with a force in proportion to the velocity."));
 end ViscousFriction;

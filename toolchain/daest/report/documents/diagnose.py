@@ -89,6 +89,9 @@ class ScreenedEntry(TypedDict):
     sizes: dict[str, float | None]
     detectable: float | None
     unit: str
+    share: NotRequired[
+        Annotated[float | None, "of the squared residual that it would explain (FMUs without equations)"]
+    ]
 
 
 class Skipped(TypedDict):
@@ -193,7 +196,7 @@ def document(
     return {
         "verdict": diagnosis.verdict,
         "message": diagnosis.message,
-        "baseline": {**errors_entry(diagnosis.baseline.simulated), "remark": AS_IT_IS},
+        "baseline": _baseline(diagnosis),
         "candidates": [
             *(_candidate(p, (models or {}).get(p.candidate.name)) for p in diagnosis.proofs),
             *(_without_refit(u) for u in diagnosis.unproved),
@@ -219,6 +222,11 @@ def document(
     }
 
 
+def _baseline(diagnosis: Diagnosis) -> Baseline:
+    errors = errors_entry(diagnosis.baseline.simulated)
+    return {**errors, "remark": AS_IT_IS} if diagnosis.has_loads else {**errors}
+
+
 def _screened(entry: Screened) -> ScreenedEntry:
     candidate = entry.candidate
     return {
@@ -229,6 +237,7 @@ def _screened(entry: Screened) -> ScreenedEntry:
         "sizes": dict(zip((p.name for p in candidate.effect.sizes), entry.sizes, strict=True)),
         "detectable": entry.detectable,
         "unit": candidate.size_unit,
+        "share": entry.share,
     }
 
 
