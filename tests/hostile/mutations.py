@@ -204,7 +204,14 @@ def strange_values(rng: np.random.Generator, folder: Path) -> str:
     (folder / "run.csv").write_text(table(rng, 20).replace("u,y", names, 1))
     inputs, outputs = ([Signal(v.name, v.unit, None) for v in part] for part in (flat.inputs, flat.outputs))
     (experiment,) = read_experiments([folder / "run.csv"], inputs, outputs)
-    simulate(flat, experiment, theta=theta)
+
+    def told(_text: str) -> None:
+        raise Long  # it is said how far it is, and an end is possible
+
+    try:
+        simulate(flat, experiment, theta=theta, tell=told)
+    except Long:
+        return "long"
     return "simulated"
 
 
@@ -229,6 +236,10 @@ COMMANDS = (
     ("simulate", "Lag.mo", "--inputs", "run.csv", "-o", "out.csv"),
     ("report",),
 )
+
+
+class Long(Exception):
+    """A simulation that says how far it is."""
 
 
 class TooSlow(BaseException):
@@ -260,7 +271,9 @@ def tried(number: int, folder: Path) -> tuple[str, str]:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
     said = err.getvalue()
     assert "internal-error" not in said and "Traceback" not in said, said
-    assert outcome in ("message", "read", "linearized", "simulated", "exit 0", "exit 1", "exit 2"), outcome
+    assert outcome in ("message", "read", "linearized", "simulated", "long", "exit 0", "exit 1", "exit 2"), (
+        outcome
+    )
     return mutation.__name__, outcome
 
 

@@ -11,6 +11,7 @@ from scipy.stats import chi2
 from daest.errors import ModelError, NumericalError
 from daest.model.experiment import Experiment
 from daest.report.documents.simulate import document, table
+from daest.systems.linearize import linearize
 from daest.systems.reduce import reduce_index
 from daest.systems.simulate import simulate
 from daest.systems.state_space import state_space, state_space_family
@@ -288,3 +289,37 @@ def test_a_loop_is_closed_from_a_poor_start(guess):
     for value in (0.01, 0.5, 3.0, -0.3):
         found = float(explicit.outputs(0, value, [], [], [], 0))
         assert abs(4 * found + 0.65 * np.tanh(1000 * found) - value) < 1e-9
+
+
+def test_a_long_simulation_tells_and_can_be_ended(monkeypatch):
+    monkeypatch.setattr("daest.numerics.watched.SECONDS", 0.2)
+    told = []
+
+    def tell(text):
+        told.append(text)
+        if len(told) == 2:
+            raise KeyboardInterrupt
+
+    b = FlatBuilder("Swing")
+    phi, w = b.unknown("phi", start=1.0, fixed=True), b.unknown("w", start=0.0, fixed=True)
+    b.equation("der(phi) = w", b.der("phi"), w)
+    b.equation("der(w) = -sin(phi)", b.der("w"), -ca.sin(phi))
+    b.output("y", phi)
+    time = np.array([0.0, 1e7])  # more than a million turns
+    with pytest.raises(KeyboardInterrupt):
+        simulate(b.build(), (time, np.zeros((2, 0))), tell=tell)
+    assert len(told) == 2 and "of 1e+07 s" in told[0]
+
+
+@pytest.mark.parametrize("value", [np.inf, np.nan])
+def test_parameters_are_finite(value):
+    flat = servo()
+    theta = flat.theta_values
+    theta[0] = value
+    for use in (
+        lambda: linearize(flat, theta),
+        lambda: simulate(flat, (np.arange(3.0), np.zeros((3, 1))), theta=theta),
+    ):
+        with pytest.raises(ModelError, match=rf"{flat.parameters[0].name}.*not a finite number") as caught:
+            use()
+        assert caught.value.code == "parameter-outside-bounds"

@@ -22,6 +22,7 @@ from daest.cli.options import (
 )
 from daest.cli.output import emit, keep_inputs, note, write_text
 from daest.cli.pictures import draw
+from daest.cli.progress import progress
 
 if TYPE_CHECKING:
     from daest.model.flat import FlatModel
@@ -79,7 +80,8 @@ def command(
     flat = _with_settings(flat, settings)
     recording = driving_data(flat, project, [inputs] if inputs else [], data_options)[0]
     chosen = data_options.known_hold(project) or (fit.document.get("hold") if fit else None) or "foh"
-    result = simulate(flat, recording, hold=chosen, noise=noise, seed=seed if noise else None)
+    with progress() as tell:
+        result = simulate(flat, recording, hold=chosen, noise=noise, seed=seed if noise else None, tell=tell)
     draw(plot, lambda: simulation_figure(result, recording))
     _write(result, form, output, all_variables, () if fit is None else fit.remarks)
 

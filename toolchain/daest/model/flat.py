@@ -13,6 +13,7 @@ from typing import Any, Literal, Protocol
 import casadi as ca
 import numpy as np
 
+from daest.errors import ModelError
 from daest.model.linear import LinearDAE, StateSpaceFamily
 from daest.model.parts import DerivedParameter, Equation, NoiseInput, Output, Parameter, Variable
 
@@ -84,6 +85,22 @@ class FlatModel:
         """The model with these parameter values; names present in only one of both are ignored."""
         parameters = tuple(replace(p, value=theta.get(p.name, p.value)) for p in self.parameters)
         return replace(self, parameters=parameters)
+
+    def checked_theta(self, theta: np.ndarray | None) -> np.ndarray:
+        """`theta` (n_theta,), or the values of the model for None. Raises ValueError for another shape and
+        ModelError `parameter-outside-bounds` for a value that is not finite."""
+        values = self.theta_values if theta is None else np.asarray(theta, dtype=float)
+        if values.shape != (len(self.parameters),):
+            raise ValueError(f"theta has shape {values.shape}, expected {(len(self.parameters),)}")
+        for parameter, value in zip(self.parameters, values, strict=True):
+            if not np.isfinite(value):
+                raise ModelError(
+                    "parameter-outside-bounds",
+                    f"parameter `{parameter.name}`: {value} is not a finite number",
+                    where=parameter.place,
+                    remedy="Choose a finite value.",
+                )
+        return values
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,8 @@ enum {
   NOT_FINITE = 3,
   NO_MEMORY = 4,
   DEPENDENT_CONSTRAINTS = 5,
-  STALLED = 6
+  STALLED = 6,
+  STOPPED = 7
 };
 
 enum {
@@ -426,9 +427,10 @@ static int solved_stages(Work *k, Model *m, const Interval *s, double t, double 
   return stages(k, m, s, t, step, tolerance);
 }
 
-/* Counts a step; STALLED where the end is out of reach at the pace of the last WINDOW of them. */
+/* Counts a step; STOPPED where that was asked for, STALLED where the end is out of reach at the pace of the last WINDOW of them. */
 static int counted(Progress *p, double t) {
   p->reached[0] = t;
+  if (((volatile double *)p->reached)[2] != 0.0) return STOPPED;
   if (++p->steps > p->most) return TOO_MANY_STEPS;
   if (p->steps % WINDOW) return DONE;
   int is_hopeless = (p->end - t) * WINDOW > HOPELESS * (t - p->looked_at);
@@ -553,8 +555,8 @@ static void release(Work *k, Model *m, double *S) {
 /* Solution over n samples. u0, u1: (n-1) x NU inputs at the two ends of each interval; u_last: NU, input at the
  * last sample. x0 (NX). S0: NX x directions row-major, or null. y: n x NY (NaN: missing) and gain: NX x NY,
  * advanced by gain_stride per sample, or null. Out: states n x NX before correction; predicted n x NY; sens
- * n x NY x directions of `predicted`, or null; steps; reached: {time, step that was to come next}. Returns a code
- * above. */
+ * n x NY x directions of `predicted`, or null; steps; reached: {time, step that was to come next, not zero where
+ * another thread wants an end}. Returns a code above. */
 int daest_simulate(long n, const double *time, const double *u0, const double *u1, const double *u_last,
                    const double *theta, const double *x0, int directions, const double *S0, const double *y,
                    const double *gain, long gain_stride, double rtol, const double *atol, long max_steps, double *states,

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any, Literal
@@ -22,6 +22,7 @@ from daest.errors import FmuError, ModelError, NumericalError
 from daest.model.flat import ExplicitModel
 from daest.numerics.compiler import MOST_LINES, build_shared, effort
 from daest.numerics.projection import pull
+from daest.numerics.watched import watched
 
 Hold = Literal["zoh", "foh"]
 
@@ -258,6 +259,7 @@ class _Run:
     atol: np.ndarray
     correction: Correction | None
     max_steps: int
+    tell: Callable[[float], object] | None
 
     @property
     def start_sensitivities(self) -> np.ndarray:
@@ -282,6 +284,7 @@ def integrate(
     rtol: float = RTOL,
     state_scale: np.ndarray | None = None,
     max_steps: int | None = None,
+    tell: Callable[[float], object] | None = None,
 ) -> Trajectory:
     """States and outputs at `time` (n_samples,) from x0 (n_states,) under the recorded `inputs` (n_samples,
     n_u).
@@ -289,7 +292,9 @@ def integrate(
     theta: all parameters. `correction` turns the simulation into the one-step predictor of an observer.
     `state_scale` (n_states,): sizes that count as large for each state, for the absolute tolerance (default
     1). Directions of the sensitivities: `model.names`, then the initial states. `max_steps` over the whole
-    record (default: `search_steps`). Raises IntegrationError with the time it stopped at.
+    record (default: `search_steps`).
+    `tell` hears of the time that a long run has reached; an exception in it ends the run.
+    Raises IntegrationError with the time it stopped at.
     """
     u0, u1 = interval_inputs(model.explicit, time, inputs, hold)
     scale = np.ones(x0.shape[0]) if state_scale is None else np.maximum(np.abs(state_scale), 1e-30)
@@ -299,7 +304,7 @@ def integrate(
     directions = model.n_directions if sensitivities else 0
     atol = rtol * ATOL_OF_SCALE * scale
     most = search_steps(time.size) if max_steps is None else max_steps
-    run = _Run(time, u0, u1, u_last, theta, x0, directions, rtol, atol, correction, most)
+    run = _Run(time, u0, u1, u_last, theta, x0, directions, rtol, atol, correction, most, tell)
     if model.explicit.flat.given is not None:
         return _run_given(model, run, scale)
     return _run_interpreted(model, run) if model.library is None else _run_radau(model, run)
@@ -319,23 +324,39 @@ def _run_radau(model: Integrator, run: _Run) -> Trajectory:
     n, n_states, n_y = run.time.size, run.x0.size, model.out.numel_out(0)
     states, outputs = np.empty((n, n_states)), np.empty((n, n_y))
     sens = np.empty((n, n_y, run.directions))
-    steps, reached = ctypes.c_long(0), np.zeros(2)
+    steps, reached = ctypes.c_long(0), np.zeros(3)
     start = np.ascontiguousarray(run.start_sensitivities)
     y, gain, stride = None, None, 0
     if run.correction is not None:
         y = np.ascontiguousarray(run.correction.measurements, dtype=float)
         gain = np.ascontiguousarray(run.correction.gain, dtype=float)
         stride = gain[0].size if gain.ndim == 3 else 0
-    status = model.library.daest_simulate(
+    arguments = (
         ctypes.c_long(n), *map(_pointer, (run.time, run.u0, run.u1, run.u_last, run.theta, run.x0)),
         ctypes.c_int(run.directions), _pointer(start), _pointer(y), _pointer(gain), ctypes.c_long(stride),
         ctypes.c_double(run.rtol), _pointer(run.atol), ctypes.c_long(run.max_steps),
         *map(_pointer, (states, outputs, sens)), ctypes.byref(steps), _pointer(reached),
     )  # fmt: skip
+    status = _watched(model.library.daest_simulate, arguments, reached, run.tell)
     if status:
         reason = _FAILURES[status].format(steps=steps.value, next=reached[1])
         raise IntegrationError(reason, float(reached[0]))
     return Trajectory(states, outputs, sens, steps.value)
+
+
+def _watched(
+    simulate: Callable[..., int],
+    arguments: tuple,
+    reached: np.ndarray,
+    tell: Callable[[float], object] | None,
+) -> int:
+    if tell is None:
+        return simulate(*arguments)
+
+    def stop() -> None:
+        reached[2] = 1.0
+
+    return watched(lambda: simulate(*arguments), lambda: tell(float(reached[0])), stop)
 
 
 def _pointer(array: np.ndarray | None) -> ctypes.c_void_p | None:

@@ -59,9 +59,7 @@ def linearize(
     there `at` has no effect. For a nonlinear model without `at` the start values are used, and a note in the
     result says so; another note tells the time where the equations contain it.
     """
-    values = flat.theta_values if theta is None else np.asarray(theta, dtype=float)
-    if values.shape != (len(flat.parameters),):
-        raise ValueError(f"theta has shape {values.shape}, expected {(len(flat.parameters),)}")
+    values = flat.checked_theta(theta)
     if flat.given is not None:
         return flat.given.linearize(flat, values, at)
     is_affine = is_affine_model(flat)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -64,6 +64,7 @@ def simulate(
     seed: int | None = None,
     intensities: Mapping[str, float] | None = None,
     rtol: float = RTOL,
+    tell: Callable[[str], object] = lambda _: None,
 ) -> Simulation:
     """States, outputs and all internal variables at the times of `recording`.
 
@@ -79,8 +80,11 @@ def simulate(
     sample, (43)-(45). Where a choice of states would become singular on the way, all differentiated
     variables are states and every step is pulled back onto the constraints.
 
-    Raises ModelError `simulation-input`, `input-derivative-order`, `input-derivative-hold`,
-    `noise-intensity-missing` and what `initial_point` raises; NumericalError `simulation-failed`.
+    `tell` hears of the progress of a long simulation; an exception in it ends the simulation.
+
+    Raises ModelError `simulation-input`, `parameter-outside-bounds`, `input-derivative-order`,
+    `input-derivative-hold`, `noise-intensity-missing` and what `initial_point` raises; NumericalError
+    `simulation-failed`.
     """
     explicit = model if isinstance(model, ExplicitModel) else reduce_index(model)
     task = _prepare(explicit, recording, theta, hold, x0)
@@ -95,7 +99,7 @@ def simulate(
         elif is_affine:
             states, method = _affine(task)
         else:
-            states, method = _nonlinear(task, rtol)
+            states, method = _nonlinear(task, rtol, tell)
     result = _collect(task, states, w, method)
     if not noise:
         return result
@@ -113,7 +117,7 @@ def _prepare(
 ) -> _Task:
     time, u = _inputs(explicit.flat, recording)
     v = _slopes(explicit, time, u, hold)
-    values = explicit.flat.theta_values if theta is None else np.asarray(theta, dtype=float)
+    values = explicit.flat.checked_theta(theta)
     if isinstance(x0, Mapping) or x0 is None:
         start, _ = initial_point(explicit, values, u[0], v[0], float(time[0]), given=x0)
     else:
@@ -294,13 +298,19 @@ def _good_everywhere(task: _Task) -> _Task:
     return replace(task, explicit=redundant, x0=x0)
 
 
-def _nonlinear(task: _Task, rtol: float) -> tuple[np.ndarray, str]:
+def _nonlinear(task: _Task, rtol: float, tell: Callable[[str], object]) -> tuple[np.ndarray, str]:
+    begin, end = task.time[0], task.time[-1]
+
+    def told(reached: float) -> None:
+        percent = int(100 * (reached - begin) / (end - begin))
+        tell(f"simulating: t = {reached:.4g} of {end:.4g} s ({percent} of 100)")
+
     engine = integrator(task.explicit, runs_once=True)
     scale = _state_scale(task.explicit)
     try:
         run = integrate(
             engine, task.time, task.u, task.theta, task.x0,
-            hold=task.hold, rtol=rtol, state_scale=scale, max_steps=ALL_STEPS,
+            hold=task.hold, rtol=rtol, state_scale=scale, max_steps=ALL_STEPS, tell=told,
         )  # fmt: skip
     except IntegrationError as error:
         raise _failed(error.time, error.reason, task.explicit.flat.given) from error
