@@ -8,8 +8,9 @@ information is Σ ∂ε ∂εᵀ + ½ ∂log s ∂log sᵀ over whitened innovat
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from daest.estimation.identifiability import (
 from daest.estimation.identify_nonlinear import identify_nonlinear
 from daest.estimation.interval_check import with_interval_check
 from daest.estimation.nonlinear_start import fit_initial_states
+from daest.estimation.optimum import Search, best_point, coloured
 from daest.estimation.priors import log_likelihood, with_priors
 from daest.estimation.profile import Searched, Tell, silent, with_profiles
 from daest.estimation.result import bound_of, message_of
@@ -186,7 +188,7 @@ def identify_by_ekf(
     starts = [with_lost_ones(problem.unknowns, z, given), given]
     if explicit.invariants is not None and not np.all(estimate_intensity):
         starts += _wide_ends(explicit, unknowns, experiments, given_std, first, options)
-    ends = _search(problem, best_start(_rough_objective(problem), problem.unknowns, starts), given, options)
+    ends = _search(problem, starts, given, options)
     if ends is None or log_likelihood(ends[0].unknowns, ends[1]) < first.log_likelihood - WORSE:
         note = "not smooth enough for the extended filter: predictions of an observer"
         if options.profile:
@@ -258,8 +260,7 @@ def _wide_ends(
     every = np.ones(len(explicit.flat.noises), dtype=bool)
     problem, z = _problem(explicit, unknowns, experiments, every, given_std, first)
     given = _given_start(problem, z, unknowns, experiments)
-    start = best_start(_rough_objective(problem), problem.unknowns, [given])
-    ends = _search(problem, start, given, options)
+    ends = _search(problem, [given], given, options)
     return [] if ends is None else [np.delete(ends[1].z, problem.unknowns.of_kind("process"))]
 
 
@@ -306,10 +307,19 @@ def _sizes(
 
 
 def _search(
-    problem: EkfProblem, z: np.ndarray, given: np.ndarray, options: IdentifyOptions
+    problem: EkfProblem, starts: list[np.ndarray], given: np.ndarray, options: IdentifyOptions
 ) -> tuple[EkfProblem, Found] | None:
     """The optimum, with substeps so short that halving them hardly changes the likelihood there; None where
-    the shortest allowed ones are far too long. `given` is the search vector that the user started from."""
+    the shortest allowed ones are far too long.
+
+    The most likely start goes first, the others follow where its end is doubtful. `given` is the search
+    vector that the user started from.
+    """
+    rough = _rough_objective(problem)
+    z = best_start(rough, problem.unknowns, starts)
+    others: Iterable[np.ndarray] = ()
+    if options.second_look and options.max_iterations and len(starts) > 1:
+        others = (best_start(rough, problem.unknowns, [start]) for start in starts)
     found: Found | None = None
     for _ in range(ROUNDS):
         # A start may be far from smooth where the optimum is not: the shortest substeps then have to do.
@@ -317,21 +327,25 @@ def _search(
         if found is not None and finer.longest >= problem.longest:
             break
         problem = finer
-        n_initial = z.size - problem.n_unknowns
-        lower = np.concatenate([problem.unknowns.lower, np.full(n_initial, -STATE_RANGE)])
-        upper = np.concatenate([problem.unknowns.upper, np.full(n_initial, STATE_RANGE)])
-        again = minimise(objective(problem), z, lower, upper, options.max_iterations)
+        search = Search(
+            objective(problem), problem.unknowns, *_limits(problem), given, options.max_iterations
+        )
+        again = best_point(search, [z], partial(_is_coloured, problem), others)
         if again is None:
             break
-        revived = with_lost_ones(problem.unknowns, again.z, given)
-        if revived is not again.z:
-            second = minimise(objective(problem), revived, lower, upper, options.max_iterations)
-            better = second is not None and second.evaluation.value < again.evaluation.value
-            again = second if second is not None and better else again
-        found, z = again, again.z
+        found, z, others = again, again.z, ()
     if found is None or _change_by_halving(problem, found.z) > TOLERATED * _allowed_change(problem):
         return None
     return problem, found
+
+
+def _is_coloured(problem: EkfProblem, found: Found) -> bool:
+    """Whether the innovations at the end of a search are not white."""
+    parts = likelihoods(problem, found.z, with_slopes=False)
+    if parts is None:
+        return True
+    pairs = [(part.whitened, data.outputs) for part, data in zip(parts, problem.records, strict=True)]
+    return coloured([white for white, _ in pairs], [np.isfinite(y) for _, y in pairs])
 
 
 def with_substeps(problem: EkfProblem, z: np.ndarray) -> EkfProblem | None:

@@ -22,7 +22,7 @@ from daest.estimation.identify_nonlinear import identify_nonlinear
 from daest.estimation.interval_check import with_interval_check
 from daest.estimation.jumps import check_jumps
 from daest.estimation.noise_start import with_common_bounds, with_noise
-from daest.estimation.optimum import Search, best_point
+from daest.estimation.optimum import SUSPICIOUS_LEVEL, Search, best_point, coloured
 from daest.estimation.output_error import Problem
 from daest.estimation.priors import coordinate_with_prior
 from daest.estimation.profile import Searched, Tell, check_profile_names, silent, with_profiles
@@ -34,7 +34,6 @@ from daest.model.fit import FitResult, IdentifyOptions, Method, NoiseChoice
 from daest.model.flat import FlatModel
 from daest.model.linear import StateSpaceFamily
 from daest.numerics.parallel import workers
-from daest.numerics.statistics import whiteness_p_value
 from daest.systems.reduce import reduce_index
 from daest.systems.redundant import good_everywhere
 from daest.systems.sample import Hold, slope_note
@@ -46,7 +45,6 @@ SIMULATION_ITERATIONS = 15  # of the output-error fit that a prediction-error fi
 START_SPREAD = np.log(10.0)  # further start points: up to a factor 10 off, for linear scales 3 scales off
 LINEAR_SPREAD = 3.0
 SAME_SIMULATION = 0.1  # difference of log-likelihoods within which two simulations are one
-SUSPICIOUS_LEVEL = 0.05  # p-value below which residuals let a search try its next natural start
 WHITE_LEVEL = 1e-3  # p-value below which residuals let it try random ones
 DOUBT_STARTS = 2  # random start points that are tried then
 
@@ -453,9 +451,4 @@ def _is_coloured(setup: Setup, pair: tuple[Problem, Found], level: float) -> boo
     """Whether the residuals at the end of a search are not white."""
     problem, found = pair
     parts, _, _ = end_scores(problem, setup.method, found.z)
-    p_values = [
-        whiteness_p_value(part.residuals[:, j], record.observed[:, j])
-        for part, record in zip(parts, problem.records, strict=True)
-        for j in range(record.observed.shape[1])
-    ]
-    return min(p_values) * len(p_values) <= level
+    return coloured([part.residuals for part in parts], [r.observed for r in problem.records], level)

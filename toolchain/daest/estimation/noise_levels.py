@@ -10,6 +10,7 @@ are right. The extended filter (`ekf_likelihood`) has no such bias.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -135,6 +136,31 @@ def _try_levels(setup: NonlinearSetup, average: AverageModel, z: np.ndarray, lev
         return None
     value = errors.negative_log_likelihood + (0.0 if setup.has_free_size else _misfit(errors, found))
     return _Tried(value, found, at_size_of_innovations(setup, errors, levels, found))
+
+
+def assumed(
+    problem: TrajectoryProblem, z: np.ndarray, levels: Levels | None, factors: Sequence[float]
+) -> tuple[TrajectoryProblem, Levels] | None:
+    """The predictor for an assumed noise on every state, and its levels: the most likely of `levels`, by
+    default as large as the measurement noise, with the intensity times each of `factors`. None where the
+    model cannot be run at z or no level makes a gain."""
+    average = average_along(problem, z)
+    if average is None:
+        return None
+    average = replace(average, G=np.diag(problem.state_scale))
+    if levels is None:
+        std = _rough_std(problem, z)
+        levels = Levels(_unit_intensity(average, std), std)
+    best: tuple[float, Observer, Levels] | None = None
+    for factor in factors:
+        tried = Levels(factor * levels.intensity, levels.measurement_std)
+        found = observer(average, tried.intensity, tried.measurement_std)
+        errors = None if found is None else prediction_errors(gained(problem, found), z)
+        if found is None or errors is None:
+            continue
+        if best is None or errors.negative_log_likelihood < best[0]:
+            best = errors.negative_log_likelihood, found, tried
+    return None if best is None else (gained(problem, best[1]), best[2])
 
 
 def gained(problem: TrajectoryProblem, found: Observer) -> TrajectoryProblem:

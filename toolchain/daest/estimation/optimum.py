@@ -10,13 +10,15 @@ to both sides are tried.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
 from daest.estimation.coordinates import Unknowns, lost_ones
-from daest.estimation.search import Evaluation, Found, Objective, minimise
+from daest.estimation.search import CONVERGED_GAIN, Evaluation, Found, Objective, minimise
+from daest.numerics.statistics import whiteness_p_value
 
 ROUNDS = 4  # of doubts and searches in a row
 WORTHWHILE_GAIN = 1e-2  # of log-likelihood, for which a search is taken up again
@@ -27,8 +29,10 @@ WEAK_STD = 0.3  # of an unknown in units of z, from which on the likelihood besi
 PROBES = (-3.0, -1.0, 1.0, 3.0)  # standard deviations
 LONGEST_PROBE = 2.5  # in z, the same as the largest step of a search
 MOST_PROBED = 6  # unknowns, the weakest
+REVIVING = (1.0, 0.3, 0.1, 0.03)  # shares of the step that gives a lost parameter its size again
 NO_INFORMATION = 1e-12  # relative eigenvalue of the scaled information: nothing is known along this direction
 SAME_VALLEY = 0.2  # of the difference in log-likelihood, which a parabola about the best point must foretell
+SUSPICIOUS_LEVEL = 0.05  # p-value below which residuals let a search try its next natural start
 NEAR_ITERATIONS = 5  # of a search, after which it is asked whether it leads to where another one ended
 
 
@@ -43,28 +47,46 @@ class Search:
     upper: np.ndarray
     home: np.ndarray
     max_iterations: int
+    converged_gain: float = CONVERGED_GAIN
 
     def minimum(self, z: np.ndarray, iterations: int | None = None) -> Found | None:
         count = self.max_iterations if iterations is None else iterations
-        return minimise(self.objective, z, self.lower, self.upper, count)
+        return minimise(self.objective, z, self.lower, self.upper, count, self.converged_gain)
 
 
 def best_point(
-    search: Search, starts: Sequence[np.ndarray], is_doubtful: Callable[[Found], bool] = lambda _: False
+    search: Search,
+    starts: Sequence[np.ndarray],
+    is_doubtful: Callable[[Found], bool] = lambda _: False,
+    further: Iterable[np.ndarray] = (),
 ) -> Found | None:
     """The best end of the searches from `starts`; None where the objective has a value at none of them.
 
-    The most likely start goes first, and the others are left out unless its end `is_doubtful`. `reason` is
-    "stalled" where a better point lies beside the end after the last round.
+    The most likely start goes first, and the others are left out unless its end `is_doubtful`; then come the
+    `further` ones, each asked for only when its turn comes. `reason` is "stalled" where a better point lies
+    beside the end after the last round.
     """
     best: Found | None = None
-    for z in _by_value(search, starts):
+    for z in chain(_by_value(search, starts), further):
         found = _settled(search, z) if best is None else _rival(search, best, z)
         if found is not None and (best is None or found.evaluation.value < best.evaluation.value):
             best = found
         if best is not None and not (lost(search, best) or is_doubtful(best)):
             break
     return best
+
+
+def coloured(
+    residuals: Sequence[np.ndarray], observed: Sequence[np.ndarray], level: float = SUSPICIOUS_LEVEL
+) -> bool:
+    """Whether residuals (n_samples, n_y) of any record are not white: the end of the search that left them
+    is doubtful."""
+    p_values = [
+        whiteness_p_value(part[:, j], seen[:, j])
+        for part, seen in zip(residuals, observed, strict=True)
+        for j in range(part.shape[1])
+    ]
+    return min(p_values) * len(p_values) <= level
 
 
 def lost(search: Search, found: Found) -> list[int]:
@@ -122,7 +144,7 @@ def _settled(search: Search, z: np.ndarray) -> Found | None:
 
 def _better(search: Search, found: Found) -> np.ndarray | None:
     """A point that is more likely than the end of a search, or None."""
-    for doubt in (better_noise, _beside, _put_back):
+    for doubt in (better_noise, _beside, _revived, _put_back):
         z = doubt(search, found)
         if z is not None:
             return z
@@ -182,6 +204,49 @@ def profile_directions(search: Search, found: Found) -> list[tuple[np.ndarray, f
             direction[free] = cov[:, place] / cov[place, place]
             result.append((direction, float(np.sqrt(cov[place, place]))))
     return result
+
+
+def _revived(search: Search, found: Found) -> np.ndarray | None:
+    """A more likely point where parameters that went towards zero are as large as the slopes ask for, or
+    None.
+
+    On a logarithmic scale they have no slope left, in their own unit they have: one step of Fisher scoring
+    there, with parameters left alone that it would make negative.
+    """
+    away = [i for i in lost(search, found) if found.z[i] < search.home[i]]
+    scale = np.ones(found.z.size)
+    scale[away] = np.exp(found.z[away])
+    while away:
+        step = _natural_step(search, found, scale, away)
+        below = [i for i in away if step[i] <= 0.0]
+        if not below:
+            return _best_of(search, _shares_of(search, found, step, away), found.evaluation)
+        away = [i for i in away if i not in below]
+    return None
+
+
+def _natural_step(search: Search, found: Found, scale: np.ndarray, away: list[int]) -> np.ndarray:
+    """The step of Fisher scoring per unit of z over `scale`; parameters lost besides those `away` rest."""
+    free = (found.z > search.lower) & (found.z < search.upper)
+    free[[i for i in lost(search, found) if i not in away]] = False
+    diagonal = np.diagonal(found.evaluation.information) / scale**2
+    free &= diagonal > 0.0
+    rows = np.flatnonzero(free)
+    unit = scale[rows] * np.sqrt(diagonal[rows])
+    values, vectors = np.linalg.eigh(found.evaluation.information[np.ix_(rows, rows)] / np.outer(unit, unit))
+    pull = vectors.T @ (-found.evaluation.gradient[rows] / unit)
+    step = np.zeros(found.z.size)
+    step[rows] = vectors @ (pull / np.maximum(values, NO_INFORMATION)) / np.sqrt(diagonal[rows])
+    return step
+
+
+def _shares_of(search: Search, found: Found, step: np.ndarray, away: list[int]) -> list[np.ndarray]:
+    points = []
+    for share in REVIVING:
+        z = found.z + np.clip(share * step, -LONGEST_PROBE, LONGEST_PROBE)
+        z[away] = np.log(np.exp(found.z[away]) + share * step[away])
+        points.append(np.clip(z, search.lower, search.upper))
+    return points
 
 
 def _put_back(search: Search, found: Found) -> np.ndarray | None:

@@ -1,0 +1,235 @@
+"""The search of a nonlinear model: by simulation, by the predictions of an observer, by multiple shooting.
+
+All end at the best of several starts (`optimum`). A simulation that starts far from the truth leaves the
+record, and its errors have valleys without number; a predictor that every sample pulls back to the record
+has few. Where the end of a simulation is doubtful, one with an assumed noise on every state is searched
+first, and leads the simulation.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from itertools import count
+
+import numpy as np
+
+from daest.estimation import trajectories
+from daest.estimation.checks import no_start
+from daest.estimation.noise_levels import (
+    Ending,
+    Levels,
+    NonlinearSetup,
+    assumed,
+    at_size_of_innovations,
+    average_along,
+    gained,
+    with_gain,
+)
+from daest.estimation.nonlinear_start import further_starts, limits
+from daest.estimation.observer import observer
+from daest.estimation.optimum import Search, best_point, coloured, lost
+from daest.estimation.profile import Tell
+from daest.estimation.search import CONVERGED_GAIN, Found
+from daest.estimation.shooting import Cut, default_segments, search_by_shooting, start_of
+from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
+from daest.model.fit import IdentifyOptions
+from daest.numerics.parallel import workers
+
+NOISE_ROUNDS = 4  # of searching noise levels and parameters in turn
+ASSUMED = (1e2, 1.0, 1e-2, 1e-4)  # of the size of an assumed noise that moves outputs by their own noise
+ENOUGH_GAIN = 0.2  # in log-likelihood: a round that gains less is the last
+LEADING_SEARCHES = 2  # of its size and of parameters in turn
+FADING = 1e-2  # of its size, from each further round to the next
+LEADING_ROUNDS = 10
+LEADING_ITERATIONS, LEADING_GAIN = 15, 0.1  # of the search in each
+LEADING_LOSS = 1.0  # in log-likelihood, that a predictor with less noise may be worse by
+SIMULATION_ITERATIONS = 15  # of the simulation that a search of predictions starts from
+POOR = 0.5  # of the spread of an output: a simulation that leaves more is tried by multiple shooting
+SAME_END = 1.0  # in log-likelihood, between the joined segments and the simulation that they lead to
+
+
+def best_ends(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions, tell: Tell) -> list[Ending]:
+    """The ends of the searches from z and from further starts, best first. Error `identify-no-start`."""
+    starts = [z, *further_starts(setup.problem, z, options)]
+    if len(starts) == 1:
+        found = [_search_from(setup, z, options)]
+    else:
+        done = count(1)
+        with workers(options.jobs, options.cluster) as pool:
+            outcomes = pool.map(
+                partial(_search_from, setup, options=options),
+                starts,
+                arrived=lambda *_: tell(f"searched from start point ({next(done)} of {len(starts)})"),
+            )
+            found = [outcome.get() for outcome in outcomes]
+    ends = [end for end in found if end is not None]
+    if not ends:
+        raise no_start()
+    return sorted(ends, key=lambda end: end.found.evaluation.value)
+
+
+def search_of(
+    problem: TrajectoryProblem, home: np.ndarray, max_iterations: int, gain: float = CONVERGED_GAIN
+) -> Search:
+    """What is searched; `home` is where the user started."""
+    lower, upper = limits(problem)
+    objective = trajectories.objective(problem)
+    return Search(objective, problem.unknowns, lower, upper, home, max_iterations, gain)
+
+
+def _search_from(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions) -> Ending | None:
+    simulated = _simulated(setup, z, options)
+    if simulated is None or setup.method == "oe" or simulated.cut is not None:
+        return simulated
+    setup = replace(setup, problem=simulated.problem)
+    points = [simulated.found.z]
+    if options.second_look and options.max_iterations:
+        points += _led(setup.problem, z)
+    end = _predicted(setup, z, points, options)
+    return None if end is None else replace(_settled(setup, end, z, options), notes=simulated.notes)
+
+
+def _predicted(
+    setup: NonlinearSetup, home: np.ndarray, points: list[np.ndarray], options: IdentifyOptions
+) -> Ending | None:
+    """The end of searching noise levels and parameters in turn from the most likely of some points."""
+    first, *others = sorted(points, key=lambda z: _rough_value(setup, z)) if len(points) > 1 else points
+    end: Ending | None = None
+    for number in range(NOISE_ROUNDS):
+        z = first if end is None else end.found.z
+        problem, levels = with_gain(setup, z, None if end is None else end.levels)
+        search = search_of(problem, home, options.max_iterations)
+        is_doubtful = partial(is_coloured, problem)
+        found = best_point(search, [z], is_doubtful, () if number else others)
+        if found is None:
+            break
+        gain = np.inf if end is None else end.found.evaluation.value - found.evaluation.value
+        if gain < 0.0:
+            break
+        end = Ending(problem, found, levels)
+        if gain < ENOUGH_GAIN:
+            break
+    return end
+
+
+def _rough_value(setup: NonlinearSetup, z: np.ndarray) -> float:
+    """Negative log-likelihood at z with the best of a few noise levels."""
+    if average_along(setup.problem, z) is None:
+        return np.inf
+    problem, _ = with_gain(setup, z, None, evaluations=0)
+    errors = prediction_errors(problem, z)
+    return np.inf if errors is None else errors.negative_log_likelihood
+
+
+def _simulated(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions) -> Ending | None:
+    """The end of an output-error search: over the whole records, by multiple shooting where that is wanted,
+    or by the better of both where the former fails or loses a parameter."""
+    problem, shooting = setup.problem, options.shooting
+    single = None
+    if shooting is None or shooting == 1:
+        is_end = setup.method == "oe" or shooting == 1
+        search = search_of(problem, z, options.max_iterations if is_end else SIMULATION_ITERATIONS)
+        leads = is_end and options.second_look and options.max_iterations > 0
+        found = best_point(search, [z], partial(is_coloured, problem), _led(problem, z) if leads else ())
+        single = None if found is None else Ending(problem, found, None)
+    is_doubtful = _has_lost_one(single, z) or (setup.method == "oe" and _is_poor(single))
+    if shooting == 1 or (shooting is None and not is_doubtful):
+        return single
+    if not problem.n_states:  # nothing that a segment could start from
+        return single
+    n_segments = shooting or default_segments(problem.experiments)
+    cut = search_by_shooting(problem, z, n_segments, options.max_iterations)
+    ends = [end for end in (single, _uncut(problem, cut, n_segments, z, options)) if end is not None]
+    return min(ends, key=lambda end: end.found.evaluation.value, default=None)
+
+
+def is_coloured(problem: TrajectoryProblem, found: Found) -> bool:
+    """Whether the errors at the end of a search are not white."""
+    errors = prediction_errors(problem, found.z)
+    return errors is None or coloured(errors.errors, [np.isfinite(e) for e in errors.errors])
+
+
+def _led(problem: TrajectoryProblem, home: np.ndarray) -> Iterator[np.ndarray]:
+    """Where the searches of predictors end that lean on the record less and less.
+
+    Every state has an assumed noise. First its size is chosen by the likelihood, then it fades as long as
+    the predictions become no less likely; a step down that is too long is halved once.
+    """
+    if not problem.n_states:
+        return
+    end: tuple[float, np.ndarray, Levels] | None = None
+    fading = FADING
+    for number in range(LEADING_ROUNDS):
+        is_fading = end is not None and number >= LEADING_SEARCHES
+        z, levels = (home, None) if end is None else end[1:]
+        chosen = assumed(problem, z, levels if is_fading else None, (fading,) if is_fading else ASSUMED)
+        found = chosen and best_point(search_of(chosen[0], home, LEADING_ITERATIONS, LEADING_GAIN), [z])
+        if chosen and found and (end is None or found.evaluation.value < end[0] + LEADING_LOSS):
+            problem = replace(problem, gain=chosen[0].gain)
+            end = found.evaluation.value, found.z, chosen[1]
+        elif is_fading and fading == FADING:
+            fading = float(np.sqrt(FADING))
+        else:
+            break
+    if end is not None:
+        yield end[1]
+
+
+def _has_lost_one(end: Ending | None, start: np.ndarray) -> bool:
+    """Whether a search has lost a parameter: on a way over hills it may end where none was to be."""
+    return end is not None and bool(lost(search_of(end.problem, start, 0), end.found))
+
+
+def _is_poor(end: Ending | None) -> bool:
+    """Whether a search by simulation did not converge, or left an output largely unexplained."""
+    if end is None or end.found.reason != "converged":
+        return True
+    errors = prediction_errors(end.problem, end.found.z)
+    assert errors is not None
+    y = np.concatenate([e.outputs for e in end.problem.experiments])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # an output without a value
+        left, spread = np.nanstd(np.concatenate(errors.errors), axis=0), np.nanstd(y, axis=0)
+    return bool(np.any(left > POOR * spread))
+
+
+def _uncut(
+    problem: TrajectoryProblem, cut: Cut | None, n_segments: int, home: np.ndarray, options: IdentifyOptions
+) -> Ending | None:
+    """The end of multiple shooting as a simulation of the whole records, searched on from there; the cut one
+    where the model is too unstable for that."""
+    if cut is None:
+        return None
+    note = (f"found by multiple shooting ({n_segments} segments)",)
+    problem = replace(problem, state_scale=cut.shooting.problem.state_scale)
+    z = start_of(cut.shooting, cut.found.z)
+    found = best_point(search_of(problem, home, options.max_iterations), [z])
+    if not cut.is_continuous:
+        gaps = "multiple shooting did not close all gaps: searched on from there over the whole records"
+        return None if found is None else Ending(problem, found, None, notes=(gaps,))
+    if found is not None and found.evaluation.value < cut.found.evaluation.value + SAME_END:
+        return Ending(problem, found, None, notes=note)
+    unstable = "too unstable to be simulated from one initial state: errors are those of the joined segments"
+    return Ending(problem, replace(cut.found, z=z), None, cut, (*note, unstable))
+
+
+def _settled(setup: NonlinearSetup, end: Ending, home: np.ndarray, options: IdentifyOptions) -> Ending:
+    """The end with the gain of its own levels at its own parameters, and the levels at the size of its
+    innovations: a filter with these levels then is the predictor of the fit."""
+    if end.levels is None:
+        return end
+    average = average_along(end.problem, end.found.z)
+    assert average is not None
+    found = observer(average, end.levels.intensity, end.levels.measurement_std)
+    if found is None:
+        return end
+    problem = gained(end.problem, found)
+    again = best_point(search_of(problem, home, options.max_iterations), [end.found.z])
+    if again is None:
+        return end
+    errors = prediction_errors(problem, again.z)
+    levels = end.levels if errors is None else at_size_of_innovations(setup, errors, end.levels, found)
+    return Ending(problem, again, levels)
