@@ -22,7 +22,7 @@ from daest.estimation.identify_nonlinear import identify_nonlinear
 from daest.estimation.interval_check import with_interval_check
 from daest.estimation.jumps import check_jumps
 from daest.estimation.noise_start import with_common_bounds, with_noise
-from daest.estimation.optimum import SUSPICIOUS_LEVEL, Search, best_point, coloured
+from daest.estimation.optimum import SUSPICIOUS_LEVEL, Search, best_point, coloured, rank
 from daest.estimation.output_error import Problem
 from daest.estimation.priors import coordinate_with_prior
 from daest.estimation.profile import Searched, Tell, check_profile_names, silent, with_profiles
@@ -337,7 +337,7 @@ def _search(setup: Setup, options: IdentifyOptions, tell: Tell) -> tuple[Problem
     ended = [pair for pair in pairs if pair is not None]
     if not ended:
         check_start(unknowns, None, 0)
-    ended.sort(key=lambda pair: pair[1].evaluation.value)
+    ended.sort(key=lambda pair: rank(pair[1]))
     return ended[0][0], [found for _, found in ended]
 
 

@@ -83,7 +83,10 @@ def predict(problem: Problem, z: np.ndarray, with_slopes: bool = False) -> Predi
             residuals = innovations(dyn, record, kalman)
             if not (np.all(np.isfinite(residuals.at_zero)) and np.all(np.isfinite(residuals.response))):
                 return None
-            whitened = _whiten(residuals.S, np.concatenate([residuals.at_zero[None], residuals.response]))
+            try:
+                whitened = _whiten(residuals.S, np.concatenate([residuals.at_zero[None], residuals.response]))
+            except np.linalg.LinAlgError:  # a covariance that rounding leaves without a root
+                return None
             x0 = initial_state(whitened[1:].reshape(len(whitened) - 1, -1), whitened[0].ravel())
             rest = whitened[0] - np.tensordot(x0, whitened[1:], 1)
             value += _record_value(rest, residuals.S, record)

@@ -30,7 +30,7 @@ from daest.estimation.noise_levels import (
 )
 from daest.estimation.nonlinear_start import further_starts, limits
 from daest.estimation.observer import observer
-from daest.estimation.optimum import Search, best_point, coloured, lost
+from daest.estimation.optimum import Search, best_point, coloured, lost, rank
 from daest.estimation.profile import Tell
 from daest.estimation.search import CONVERGED_GAIN, Found
 from daest.estimation.shooting import Cut, default_segments, search_by_shooting, start_of
@@ -68,16 +68,17 @@ def best_ends(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions, te
     ends = [end for end in found if end is not None]
     if not ends:
         raise no_start()
-    return sorted(ends, key=lambda end: end.found.evaluation.value)
+    return sorted(ends, key=lambda end: rank(end.found))
 
 
 def search_of(
-    problem: TrajectoryProblem, home: np.ndarray, max_iterations: int, gain: float = CONVERGED_GAIN
+    problem: TrajectoryProblem, home: np.ndarray, max_iterations: int, is_last: bool = True
 ) -> Search:
-    """What is searched; `home` is where the user started."""
+    """What is searched; `home` is where the user started. A search that another one follows ends early."""
     lower, upper = limits(problem)
     objective = trajectories.objective(problem)
-    return Search(objective, problem.unknowns, lower, upper, home, max_iterations, gain)
+    gain = CONVERGED_GAIN if is_last else LEADING_GAIN
+    return Search(objective, problem.unknowns, lower, upper, home, max_iterations, gain, looks_beyond=is_last)
 
 
 def _search_from(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions) -> Ending | None:
@@ -101,7 +102,7 @@ def _predicted(
     for number in range(NOISE_ROUNDS):
         z = first if end is None else end.found.z
         problem, levels = with_gain(setup, z, None if end is None else end.levels)
-        search = search_of(problem, home, options.max_iterations)
+        search = search_of(problem, home, options.max_iterations, is_last=False)
         is_doubtful = partial(is_coloured, problem)
         found = best_point(search, [z], is_doubtful, () if number else others)
         if found is None:
@@ -131,7 +132,8 @@ def _simulated(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions) -
     single = None
     if shooting is None or shooting == 1:
         is_end = setup.method == "oe" or shooting == 1
-        search = search_of(problem, z, options.max_iterations if is_end else SIMULATION_ITERATIONS)
+        iterations = options.max_iterations if is_end else SIMULATION_ITERATIONS
+        search = search_of(problem, z, iterations, is_last=is_end)
         leads = is_end and options.second_look and options.max_iterations > 0
         found = best_point(search, [z], partial(is_coloured, problem), _led(problem, z) if leads else ())
         single = None if found is None else Ending(problem, found, None)
@@ -143,7 +145,7 @@ def _simulated(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions) -
     n_segments = shooting or default_segments(problem.experiments)
     cut = search_by_shooting(problem, z, n_segments, options.max_iterations)
     ends = [end for end in (single, _uncut(problem, cut, n_segments, z, options)) if end is not None]
-    return min(ends, key=lambda end: end.found.evaluation.value, default=None)
+    return min(ends, key=lambda end: rank(end.found), default=None)
 
 
 def is_coloured(problem: TrajectoryProblem, found: Found) -> bool:
@@ -166,7 +168,7 @@ def _led(problem: TrajectoryProblem, home: np.ndarray) -> Iterator[np.ndarray]:
         is_fading = end is not None and number >= LEADING_SEARCHES
         z, levels = (home, None) if end is None else end[1:]
         chosen = assumed(problem, z, levels if is_fading else None, (fading,) if is_fading else ASSUMED)
-        found = chosen and best_point(search_of(chosen[0], home, LEADING_ITERATIONS, LEADING_GAIN), [z])
+        found = chosen and best_point(search_of(chosen[0], home, LEADING_ITERATIONS, is_last=False), [z])
         if chosen and found and (end is None or found.evaluation.value < end[0] + LEADING_LOSS):
             problem = replace(problem, gain=chosen[0].gain)
             end = found.evaluation.value, found.z, chosen[1]

@@ -16,8 +16,8 @@ from itertools import chain
 
 import numpy as np
 
-from daest.estimation.coordinates import Unknowns, lost_ones
-from daest.estimation.search import CONVERGED_GAIN, Evaluation, Found, Objective, minimise
+from daest.estimation.coordinates import Coordinate, Unknowns, lost_ones
+from daest.estimation.search import CONVERGED_GAIN, STALLED_GAIN, Evaluation, Found, Objective, minimise
 from daest.numerics.statistics import whiteness_p_value
 
 ROUNDS = 4  # of doubts and searches in a row
@@ -31,6 +31,7 @@ LONGEST_PROBE = 2.5  # in z, the same as the largest step of a search
 MOST_PROBED = 6  # unknowns, the weakest
 REVIVING = (1.0, 0.3, 0.1, 0.03)  # shares of the step that gives a lost parameter its size again
 NO_INFORMATION = 1e-12  # relative eigenvalue of the scaled information: nothing is known along this direction
+HILL, HILL_STDS = np.log(2.0), 3.0  # how far a parameter is moved to look over a hill: in z, in stds
 SAME_VALLEY = 0.2  # of the difference in log-likelihood, which a parabola about the best point must foretell
 SUSPICIOUS_LEVEL = 0.05  # p-value below which residuals let a search try its next natural start
 NEAR_ITERATIONS = 5  # of a search, after which it is asked whether it leads to where another one ended
@@ -48,6 +49,7 @@ class Search:
     home: np.ndarray
     max_iterations: int
     converged_gain: float = CONVERGED_GAIN
+    looks_beyond: bool = True  # over the hills beside the best end
 
     def minimum(self, z: np.ndarray, iterations: int | None = None) -> Found | None:
         count = self.max_iterations if iterations is None else iterations
@@ -69,11 +71,58 @@ def best_point(
     best: Found | None = None
     for z in chain(_by_value(search, starts), further):
         found = _settled(search, z) if best is None else _rival(search, best, z)
-        if found is not None and (best is None or found.evaluation.value < best.evaluation.value):
+        if found is not None and (best is None or rank(found) < rank(best)):
             best = found
         if best is not None and not (lost(search, best) or is_doubtful(best)):
             break
+    return best if best is None or not search.looks_beyond else _beyond_hills(search, best)
+
+
+def _beyond_hills(search: Search, best: Found) -> Found:
+    """The end of the searches from beyond the hills beside `best`, while they lead to better ones."""
+    while best.iterations < search.max_iterations:
+        z = _over_the_hill(search, best)
+        found = None if z is None else _settled(search, z)
+        if found is None or found.evaluation.value >= best.evaluation.value:
+            break
+        best = replace(found, iterations=best.iterations + found.iterations)
     return best
+
+
+def _over_the_hill(search: Search, found: Found) -> np.ndarray | None:
+    """A more likely point beyond a hill, or None.
+
+    Time constants that trade places make valleys that look alike. The parameter that the data know least is
+    moved both ways and held while the others follow. If it is pulled on from there, not back, the search
+    goes on.
+    """
+    directions = profile_directions(search, found)
+    own = [(d, std) for d, std in directions if _unknown(search, d).kind == "parameter"]
+    if not own:
+        return None
+    direction, std = max(own, key=lambda pair: pair[1])
+    i = int(np.argmax(direction == 1.0))
+    for sign in (-1.0, 1.0):
+        size = min(max(HILL, HILL_STDS * std), LONGEST_PROBE)
+        z = found.z + sign * size * direction
+        lower, upper = search.lower.copy(), search.upper.copy()
+        lower[i] = upper[i] = np.clip(z[i], search.lower[i], search.upper[i])
+        there = minimise(search.objective, z, lower, upper, NEAR_ITERATIONS, WORTHWHILE_GAIN)
+        if there is None:
+            continue
+        if there.evaluation.value < found.evaluation.value - WORTHWHILE_GAIN:
+            return there.z
+        if sign * there.evaluation.gradient[i] >= 0.0:
+            continue
+        freed = search.minimum(there.z)
+        if freed is not None and freed.evaluation.value < found.evaluation.value - WORTHWHILE_GAIN:
+            return freed.z
+    return None
+
+
+def _unknown(search: Search, direction: np.ndarray) -> Coordinate:
+    """That moves by 1."""
+    return search.unknowns.coordinates[int(np.argmax(direction == 1.0))]
 
 
 def coloured(
@@ -87,6 +136,11 @@ def coloured(
         for j in range(part.shape[1])
     ]
     return min(p_values) * len(p_values) <= level
+
+
+def rank(found: Found) -> float:
+    """The value, with an end that converged before one as good as it that did not."""
+    return found.evaluation.value - (STALLED_GAIN if found.reason == "converged" else 0.0)
 
 
 def lost(search: Search, found: Found) -> list[int]:
