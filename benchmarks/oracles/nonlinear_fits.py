@@ -34,7 +34,6 @@ TOLERATED = 0.1  # in log-likelihood: twice what two integrations within their t
 FACTOR = 4.0
 SPREAD = 2.0  # of the true values about those of the machine, a factor both ways
 SUBSTEPS = 20
-SAME_START = 0.0  # a machine starts at rest
 
 Equations = Callable[[np.ndarray, float, dict[str, float]], list[float]]
 
@@ -114,7 +113,8 @@ MACHINES = {
     ),
     "vehicle": Machine(
         {"m": 1.0, "c_d": 0.05, "c_r": 0.3, "T": 0.4},
-        "der(x[1]) = x[2]; m*der(x[2]) = x[3] - c_d*x[2]*abs(x[2]) - c_r*tanh(x[2]/0.2); T*der(x[3]) = v - x[3];",
+        "der(x[1]) = x[2]; m*der(x[2]) = x[3] - c_d*x[2]*abs(x[2]) - c_r*tanh(x[2]/0.2); "
+        "T*der(x[3]) = v - x[3];",
         _vehicle, 3, (1,), 0.1, 400, 2.0, offset=0.5,
     ),
 }  # fmt: skip
