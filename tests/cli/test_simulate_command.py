@@ -61,7 +61,7 @@ def test_output_file(folder, daest):
         (["Lag.mo", "--inputs", "none.csv"], "data-missing-file", "none.csv"),
         (["Lag.mo"], "data-not-given", "recording"),
         ([], "model-not-given", "model"),
-        (["Lag.txt", "--inputs", "step.csv"], "model-unknown-format", "Lag.txt"),
+        (["Lag.modelica", "--inputs", "step.csv"], "model-unknown-format", "Lag.modelica"),
         (["Lag.mo", "--inputs", "step.csv", "--set", "Tau=3"], "parameter-unknown", "Tau"),
         (["Lag.mo", "--inputs", "step.csv", "--set", "T=-3"], "parameter-outside-bounds", "T"),
         (["Lag.mo", "--inputs", "step.csv", "--set", "T"], "option-assignment", "--set"),

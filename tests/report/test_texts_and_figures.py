@@ -7,7 +7,7 @@ from daest.model.comparison import Comparison, ModelTrial
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement
 from daest.report.comparison_figure import comparison_figure
-from daest.report.console import listed, number, percent, rendered, table
+from daest.report.console import indented, listed, number, percent, rendered, table
 from daest.report.csv_text import csv_text
 from daest.report.documents import compare as documents
 from daest.report.figures import save
@@ -48,7 +48,38 @@ def test_tables_fit_the_terminal_and_keep_numbers_whole(width):
 def test_names_are_kept_together():
     rows = [("LoadDependentFriction", "gear.flange_b and three more", "0.238", "0.217", "286.5", "rejected")]
     columns = ("effect", "place", "omega [rad/s]", "phi [rad]", "BIC gain", "verdict")
-    assert "LoadDependentFriction" in rendered([table(columns, rows, (0, 1, 5), (0,))], 72, False)
+    assert "LoadDependentFriction" in rendered([table(columns, rows, (0, 1, 5))], 72, False)
+
+
+@pytest.mark.parametrize("width", [60, 80, 140])
+def test_no_word_is_divided(width):
+    """Whatever the width, every word of every cell stands on one line of its own table."""
+    rows = [
+        (
+            "spring.flange_b.phi = disc.flange_a.phi",
+            "PartialCompliant.mo:9",
+            "7.9e-12",
+            "not supported",
+            "3.1",
+        ),
+        ("12", "Flange_a.mo:3", "-1.2345e+06", "cannot tell from these data", "-"),
+    ]
+    columns = ("equation", "place in the model", "norm", "verdict of the last test", "BIC gain")
+    text = rendered([table(columns, rows, (0, 1, 3))], width, False)
+    assert max(map(len, text.splitlines())) <= width
+    words = [word for row in (columns, *rows) for cell in row for word in cell.split()]
+    assert not [word for word in words if word not in text.split()]
+
+
+def test_where_columns_do_not_fit_rows_stand_upright():
+    columns = ("a", "b")
+    text = rendered([table(columns, [("1.23457e-06", "9.87654e+10"), ("2", "3")], ())], 20, False)
+    assert text.splitlines() == ["a  1.23457e-06", "b  9.87654e+10", "", "a  2", "b  3"]
+
+
+def test_a_word_longer_than_the_line_stays_whole():
+    name = "x" * 90
+    assert name in rendered([indented(f"see {name} there")], 60, False).split()
 
 
 def test_colour_only_when_asked():

@@ -528,6 +528,10 @@ EXPLANATIONS: dict[str, str] = {
         "The operating system refuses a file or folder that is named: its name is too long, links lead in a "
         "circle, or rights are missing. The message names it and the reason."
     ),
+    "files-too-many": (
+        "More files were given than the command reads. Models (.mo, .bmo, .fmu) and recordings may stand in "
+        "any order; the help of the command (-h) says how many of each it takes."
+    ),
     "filter-initial-state": (
         "The initial state of a filter does not have the size of the model's state, or gives an unknown "
         "state (infinite variance) a covariance with another one. Give one mean and one standard deviation "
@@ -960,6 +964,10 @@ EXPLANATIONS: dict[str, str] = {
     "option-assignment": (
         "An option of the form NAME=VALUE was written otherwise. The value is a number in the unit of the "
         "model: --set spring.c=0.04."
+    ),
+    "option-contradiction": (
+        "Two options say different things of one parameter. --fix holds it at a value; --set gives a value, "
+        "from which the search starts where the parameter is estimated; --estimate names what is estimated."
     ),
     "option-resample": (
         "The period for --resample must be positive and not shorter than the sampling period of the "

@@ -9,25 +9,35 @@ from typing import TYPE_CHECKING
 
 import click
 
-from daest.cli.options import ModelOptions, example, format_option, model_options, output_option
+from daest.cli.given import Files, files
+from daest.cli.options import (
+    DataOptions,
+    ModelOptions,
+    example,
+    format_option,
+    model_options,
+    output_option,
+    window_options,
+)
 from daest.cli.output import emit, keep_inputs, note
 from daest.errors import ConfigError, DaestError
 
 if TYPE_CHECKING:
+    from daest.data.prepare import Preparation
     from daest.data.project import Project
     from daest.model.flat import FlatModel
     from daest.model.quality import DataCheck, Finding, Role
 
 
-@click.command("check", epilog=example("daest check run1.csv", "daest check run1.csv --model Servo.mo"))
-@click.argument("data", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--model", type=click.Path(path_type=Path), help="A .mo file or an .fmu (default: daest.toml).")
+@click.command("check", epilog=example("daest check run1.csv", "daest check Servo.mo run1.csv --from 10"))
+@files("[MODEL] [DATA]...")
+@window_options
 @model_options
 @format_option
 @output_option
 def command(
-    data: tuple[Path, ...],
-    model: Path | None,
+    files: Files,
+    data_options: DataOptions,
     model_options: ModelOptions,
     form: str,
     output: Path | None,
@@ -42,7 +52,7 @@ def command(
     from daest.report.texts import check as texts
 
     project = model_options.project()
-    paths = list(data) or [*project.estimate, *project.validate]
+    paths = list(files.data) or [*project.estimate, *project.validate]
     if not paths:
         raise ConfigError(
             "data-not-given",
@@ -50,11 +60,13 @@ def command(
             remedy='name a .csv file, or write [data] estimate = ["run.csv"] in daest.toml',
         )
     keep_inputs(output, paths)
+    model = files.model
     is_given = model is not None or project.source is not None
     flat = model_options.load(project, model) if is_given else None
     if flat is not None and flat.given is not None:
         _tell_walls()
-    checks = [checked(path, project, flat) for path in paths]
+    window = data_options.preparation(project)
+    checks = [checked(path, project, flat, window) for path in paths]
     emit(documents.document(checks), "check", form, output, texts.text)
     return int(any(check.warnings for check in checks))
 
@@ -68,13 +80,17 @@ def _tell_walls() -> None:
     note(walls.sentence() + (f" ({VARIABLE} is off)" if is_off else ""))
 
 
-def checked(path: Path, project: Project, flat: FlatModel | None) -> DataCheck:
-    """The check of one file, against the model if there is one. Raises DataError where it cannot be read."""
+def checked(
+    path: Path, project: Project, flat: FlatModel | None, window: Preparation | None = None
+) -> DataCheck:
+    """The check of one file, or of its part in the `window`, against the model if there is one. Raises
+    DataError where it cannot be read."""
     from daest.data.check import check_table
     from daest.data.match import unitless_findings
-    from daest.data.read import Signal, read_table, with_units
+    from daest.data.read import Signal, read_table, with_units, within
 
-    table = with_units(read_table(path), project.units)
+    window = window or project.preparation
+    table = within(with_units(read_table(path), project.units), window.start, window.stop, project.time)
     if flat is None:
         return check_table(table, {}, project.time)
     roles: dict[str, Role] = {project.inputs.get(v.name, v.name): "input" for v in flat.inputs}
@@ -82,17 +98,17 @@ def checked(path: Path, project: Project, flat: FlatModel | None) -> DataCheck:
     check = check_table(table, roles, project.time)
     signals = [Signal(v.name, v.unit, project.inputs.get(v.name)) for v in flat.inputs]
     signals += [Signal(y.name, y.unit, project.outputs.get(y.name)) for y in flat.outputs]
-    findings = (*_against(path, project, flat), *unitless_findings(table, signals), *check.findings)
+    findings = (*_against(path, project, flat, window), *unitless_findings(table, signals), *check.findings)
     return replace(check, findings=findings)
 
 
-def _against(path: Path, project: Project, flat: FlatModel) -> Sequence[Finding]:
+def _against(path: Path, project: Project, flat: FlatModel, window: Preparation) -> Sequence[Finding]:
     """What the model says about a recording; what makes it unreadable is one of the findings."""
     from daest.cli.recordings import measured_recordings
     from daest.data.polarity import polarity_findings
 
     try:
-        measured, experiments = measured_recordings(flat, project, [path])
+        measured, experiments = measured_recordings(flat, project, [path], window)
     except DaestError as error:
         return [_unusable(problem) for problem in error.problems or (error,)]
     return polarity_findings(measured, experiments[0])

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from daest.cli.given import Files, ParameterOptions, files, parameter_options
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -47,11 +48,9 @@ class Compared:
     document: CompareDocument
 
 
-@click.command("compare", epilog=example("daest compare Servo.mo ServoFriction.mo --data run2.csv"))
-@click.argument("models", metavar="MODEL...", nargs=-1, type=click.Path(path_type=Path))
-@click.option(
-    "--data", "data", multiple=True, type=click.Path(path_type=Path), help="Recording (default: [data])."
-)
+@click.command("compare", epilog=example("daest compare Servo.mo ServoFriction.mo run2.csv"))
+@files("[MODEL]... [DATA]...", "model")
+@parameter_options
 @click.option("--refit", is_flag=True, help="Identify every model anew, on [data] estimate.")
 @click.option(
     "--bootstrap",
@@ -71,8 +70,8 @@ class Compared:
 @plot_option
 @seed_option
 def command(
-    models: tuple[Path, ...],
-    data: tuple[Path, ...],
+    files: Files,
+    parameters: ParameterOptions,
     refit: bool,
     bootstrap: int | None,
     jobs: int | None,
@@ -86,13 +85,18 @@ def command(
     plot: Path | None,
     seed: int,
 ) -> int:
-    """Error of every MODEL on recordings, in simulation and ahead of the data, with the parameters of its own
-    fit; whether the data contradict it, and where it fails."""
+    """Error of every MODEL on the recordings DATA, in simulation and ahead of the data, with the parameters
+    of its own fit; whether the data contradict it, and where it fails.
+
+    Models and recordings are by default those of daest.toml.
+    """
     from daest.report.comparison_figure import comparison_figure
     from daest.report.texts import compare as texts
 
     project = model_options.project()
-    keep_inputs(output, [*models, *data])
+    models, data = files.models, files.data
+    keep_inputs(output, files.all)
+    _require_use(parameters, refit)
     require_cluster(cluster)
     found = compared(
         project,
@@ -106,6 +110,7 @@ def command(
         seed=seed,
         jobs=jobs or os.cpu_count() or 1,
         cluster=cluster,
+        parameters=parameters,
     )
     with telling(lambda: emit(found.document, "compare", form, output, texts.text)):
         keep_comparison(project, models, data, found)
@@ -139,9 +144,10 @@ def compared(
     seed: int = 0,
     jobs: int = 1,
     cluster: str | None = None,
+    parameters: ParameterOptions | None = None,
 ) -> Compared:
     """Every model (default: that of daest.toml) on the same recordings."""
-    from daest.cli.models import load_model, model_source
+    from daest.cli.models import load_model, model_source, with_settings
     from daest.cli.recordings import unseen_data
     from daest.diagnosis.compare import compare_models
     from daest.report.documents import compare as documents
@@ -149,18 +155,29 @@ def compared(
     sources = [model_source(project, path) for path in models] or [model_source(project, None)]
     flats = [load_model(project, source, class_name, libraries) for source in sources]
     measured, experiments = unseen_data(flats[0], project, data, options)
+    held = {} if parameters is None else parameters.held
+    for name, value in held.items():
+        if not any(_own({name: value}, flat) for flat in flats):
+            with_settings(flats[0], {name: value})  # says which names there are
     candidates = []
     for source, flat in zip(sources, flats, strict=True):
         if refit:
-            candidates.append(_refitted(project, source, flat, options, seed))
+            candidates.append(_refitted(project, source, flat, options, seed, parameters))
         else:
-            candidates.append(_candidate(project, source, flat, options))
+            candidate = _candidate(project, source, flat, options)
+            candidates.append(replace(candidate, flat=with_settings(candidate.flat, _own(held, flat))))
     names = [output.name for output in measured.outputs]
     chosen = [_on(candidate, names, source) for candidate, source in zip(candidates, sources, strict=True)]
     comparison = compare_models(
         chosen, experiments, bootstrap=bootstrap, seed=seed, jobs=jobs, cluster=cluster
     )
     return Compared(comparison, documents.document(comparison))
+
+
+def _own(held: Mapping[str, float], flat: FlatModel) -> dict[str, float]:
+    """Those of the values whose parameters the model has."""
+    known = {p.name for p in flat.parameters}
+    return {name: value for name, value in held.items() if name in known}
 
 
 def _candidate(project: Project, source: Path, flat: FlatModel, options: DataOptions) -> Candidate:
@@ -175,13 +192,21 @@ def _candidate(project: Project, source: Path, flat: FlatModel, options: DataOpt
     return _with_fit(flat, fit.document, hold, (f"fit of {fit.path}", *fit.remarks))
 
 
-def _refitted(project: Project, source: Path, flat: FlatModel, options: DataOptions, seed: int) -> Candidate:
+def _refitted(
+    project: Project,
+    source: Path,
+    flat: FlatModel,
+    options: DataOptions,
+    seed: int,
+    parameters: ParameterOptions | None,
+) -> Candidate:
     from daest.cli.identify import identified, keep_fit
     from daest.model.fit import IdentifyOptions
 
-    fit = identified(
-        project, source, (), options, IdentifyOptions(hold=options.known_hold(project), seed=seed), flat=flat
-    )
+    choice = IdentifyOptions(hold=options.known_hold(project), seed=seed)
+    if parameters is not None:
+        choice = parameters.among(choice)
+    fit = identified(project, source, (), options, choice, flat=flat)
     try:
         keep_fit(project, fit)
     except ConfigError as problem:
@@ -242,6 +267,17 @@ def _on(candidate: Candidate, names: Sequence[str], source: Path) -> Candidate:
             remedy="compare models with the same outputs; [data] outputs in daest.toml can declare them",
         )
     return replace(candidate, flat=with_outputs(candidate.flat, names))
+
+
+def _require_use(parameters: ParameterOptions, refit: bool) -> None:
+    """Raises ConfigError `option-contradiction` for a choice of estimates where nothing is estimated."""
+    if refit or not (parameters.estimate or parameters.prior):
+        return
+    raise ConfigError(
+        "option-contradiction",
+        "--estimate and --prior are given, and nothing is estimated",
+        remedy="add --refit, or leave them out",
+    )
 
 
 def _is_below(comparison: Comparison, limit: float) -> bool:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from daest.cli.given import Files, ParameterOptions, files, parameter_options
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -86,9 +87,9 @@ class Case:
     remarks: tuple[str, ...] = ()  # on the earlier fit that is held against the data, and on the data
 
 
-@click.command("diagnose", epilog=example("daest diagnose run1.csv --model Servo.mo --split 0.5"))
-@click.argument("data", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--model", type=click.Path(path_type=Path), help="A .mo file or an .fmu (default: daest.toml).")
+@click.command("diagnose", epilog=example("daest diagnose Servo.mo run1.csv --split 0.5 --fix R=4.6"))
+@files("[MODEL] [DATA]...")
+@parameter_options
 @search_options
 @model_options
 @split_data_options
@@ -96,8 +97,8 @@ class Case:
 @output_option
 @plot_option
 def command(
-    data: tuple[Path, ...],
-    model: Path | None,
+    files: Files,
+    parameters: ParameterOptions,
     search: Search,
     model_options: ModelOptions,
     data_options: DataOptions,
@@ -107,24 +108,25 @@ def command(
 ) -> None:
     """Whether the model lacks a physical effect, where, and which one of the library.
 
-    DATA are recordings (default: those of daest.toml); columns that the model does not use are tried, too.
-    Without validation data the second half of every recording validates. The result is written to
-    results/diagnosis.json; an interrupted run goes on where it was.
+    MODEL and the recordings DATA are by default those of daest.toml; columns that the model does not use are
+    tried, too. Without validation data the second half of every recording validates. The result is written
+    to results/diagnosis.json; an interrupted run goes on where it was.
     """
     from daest.report.diagnosis_figures import diagnosis_figure
     from daest.report.texts import diagnose as texts
 
     project = model_options.project()
-    keep_inputs(output, [*data, model])
+    keep_inputs(output, files.all)
     case = opened(
         project,
-        model,
-        data,
+        files.model,
+        files.data,
         data_options,
         search,
         model_options.class_name,
         model_options.libraries,
         is_extended=False,
+        parameters=parameters,
     )
     diagnosis = diagnosed(case)
     document = written_document(case, diagnosis)
@@ -142,6 +144,7 @@ def opened(
     class_name: str | None = None,
     libraries: Sequence[Path] = (),
     is_extended: bool = True,
+    parameters: ParameterOptions | None = None,
 ) -> Case:
     """The model (default: that of daest.toml), its recordings, and the search with its names checked. A model
     that `is_extended` must have equations.
@@ -167,7 +170,8 @@ def opened(
             remedy="use the Modelica source, or an FMU of daest export; daest diagnose tells what shows from "
             "outside",
         )
-    flat, estimation, validation = training_data(loaded, project, data, data_choice)
+    chosen = loaded if parameters is None else parameters.applied(loaded)
+    flat, estimation, validation = training_data(chosen, project, data, data_choice)
     if not validation:
         note("no validation data: the second half of every recording validates")
         halves = replace(data_choice.preparation(project), split=HALF)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from daest.cli.given import Files, files
 from daest.cli.options import ModelOptions, example, format_option, model_options, output_option, set_option
 from daest.cli.output import emit, keep_inputs, note, whole_file
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @click.command("export", epilog=example("daest export Servo.mo -o servo.fmu --platform linux64,win64"))
-@click.argument("model", required=False, type=click.Path(path_type=Path))
+@files("[MODEL]", "model", None)
 @click.option(
     "--platform", "platforms", metavar="LIST", help="linux64, win64, darwin64 (default: this machine's)."
 )
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 @format_option
 @output_option
 def command(
-    model: Path | None,
+    files: Files,
     platforms: str | None,
     compiler: str,
     settings: dict[str, float],
@@ -50,6 +51,7 @@ def command(
     from daest.report.texts import export as texts
 
     project = model_options.project()
+    model = files.model
     source = model_source(project, model)
     target = output or Path(source.with_suffix(".fmu").name)
     if str(target) == "-":

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from daest.cli.given import Files, files
 from daest.cli.options import ModelOptions, example, format_option, model_options, output_option, set_option
 from daest.cli.output import emit, keep_inputs, note, write_text
 from daest.errors import ConfigError, ModelError
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     "extend",
     epilog=example("daest extend Servo.mo --effect CoulombFriction --at motor --set tau_c=0.006 -o new.mo"),
 )
-@click.argument("model", required=False, type=click.Path(path_type=Path))
+@files("[MODEL]", "model", None)
 @click.option(
     "--effect", "effect_name", metavar="NAME", required=True, help="Effect; daest effects lists them."
 )
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 @format_option
 @output_option
 def command(
-    model: Path | None,
+    files: Files,
     effect_name: str,
     place: str,
     settings: dict[str, float],
@@ -67,6 +68,7 @@ def command(
     from daest.report.texts import extend as texts
 
     project = model_options.project()
+    model = files.model
     source = model_source(project, model)
     if source.suffix != ".mo":
         raise ModelError(

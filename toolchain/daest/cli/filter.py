@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from daest.cli.follow import (
     told_at_the_end,
     write_estimates,
 )
+from daest.cli.given import Files, files
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -28,6 +30,7 @@ from daest.cli.options import (
     output_option,
     plot_option,
     seed_option,
+    set_option,
 )
 from daest.cli.output import emit, keep_inputs, note, telling, write_text
 from daest.cli.pictures import draw
@@ -50,12 +53,12 @@ LONG = 10.0  # seconds from which on progress is shown
 @click.command(
     "filter",
     epilog=example(
-        "daest filter run2.csv --measure phi --smooth -o estimates.csv",
-        "tail -f machine.csv | daest filter --follow --state machine.npz",
+        "daest filter Servo.mo run2.csv --measure phi --smooth -o estimates.csv",
+        "tail -f machine.csv | daest filter Servo.mo --follow --state machine.npz",
     ),
 )
-@click.argument("data", required=False, type=click.Path(path_type=Path))
-@click.option("--model", type=click.Path(path_type=Path), help="A .mo file or an .fmu (default: daest.toml).")
+@files("[MODEL] [DATA]")
+@set_option
 @click.option(
     "--measure",
     metavar="OUTPUT",
@@ -70,8 +73,9 @@ LONG = 10.0  # seconds from which on progress is shown
 @click.option(
     "--particles",
     type=click.IntRange(min=2),
+    metavar="N",
     default=PARTICLES,
-    help="Number of particles of a particle filter.",
+    help=f"Number of particles of a particle filter (default: {PARTICLES}).",
 )
 @click.option("--smooth", is_flag=True, help="Estimate from the whole recording instead of the past.")
 @click.option("--only", metavar="NAME", multiple=True, help="Write this variable alone.")
@@ -89,8 +93,8 @@ LONG = 10.0  # seconds from which on progress is shown
 @plot_option
 @seed_option
 def command(
-    data: Path | None,
-    model: Path | None,
+    files: Files,
+    settings: Mapping[str, float],
     measure: tuple[str, ...],
     kind: str | None,
     particles: int,
@@ -105,16 +109,18 @@ def command(
     plot: Path | None,
     seed: int,
 ) -> None:
-    """Estimate every variable of the model from the recording DATA, and write the estimates as CSV.
+    """Estimate every variable of MODEL from the recording DATA (default: those of daest.toml), and write the
+    estimates as CSV.
 
     The table goes to results/estimates.csv or the file of -o, a summary to stdout. Parameters and noise are
     those of results/fit.json. With --follow there is no recording: every sample of stdin, or of the file DATA
     that grows, gives one line on stdout at once (CSV, or JSON with --format json).
     """
+    model, data = files.model, files.recording
     if follow:
         refuse_whole({"--smooth": smooth, "-o": output is not None, "--plot": plot is not None})
         opened = open_stream(
-            model_options.project(), model, model_options, data_options, data, measure, kind, stream
+            model_options.project(), model, model_options, data_options, data, measure, kind, stream, settings
         )
         with told_at_the_end(opened.tally):
             write_estimates(opened, only, form)
@@ -130,8 +136,8 @@ def command(
     from daest.systems.linearize import is_affine_model
 
     project = model_options.project()
-    keep_inputs(output, [data, model])
-    prepared = _prepared(project, model, model_options, data, data_options)
+    keep_inputs(output, files.all)
+    prepared = _prepared(project, model, model_options, data, data_options, settings)
     flat, experiment = prepared.flat, prepared.experiment
     chosen = kind or ("time-varying" if is_affine_model(flat) else "ekf")
     options = FilterOptions(
@@ -205,8 +211,9 @@ def _prepared(
     model_options: ModelOptions,
     data: Path | None,
     options: DataOptions,
+    settings: Mapping[str, float],
 ) -> _Prepared:
-    from daest.cli.models import model_source
+    from daest.cli.models import model_source, with_settings
     from daest.cli.recordings import unseen_data
     from daest.cli.results import find_fit, fitted
 
@@ -220,6 +227,7 @@ def _prepared(
         for remark in fit.remarks:
             note(remark)
         flat = fitted(flat, fit.document)
+    flat = with_settings(flat, settings)
     # What is estimated from a recording needs no part that the model has not seen.
     flat, experiments = unseen_data(flat, project, [data] if data else [], options, splits_windows=False)
     if len(experiments) > 1:

@@ -232,12 +232,13 @@ def open_stream(
     measure: Sequence[str],
     kind: Any,
     options: StreamOptions,
+    settings: Mapping[str, float] | None = None,
 ) -> Stream:
     """Read the model with its fit, and the begin of the stream, and make the filter.
 
     Raises ConfigError `stream-option`, DataError of the header, `stream-empty`, and what `online_filter`
     raises."""
-    from daest.cli.models import with_outputs
+    from daest.cli.models import with_outputs, with_settings
     from daest.cli.recordings import signals
     from daest.data.stream import line_format
     from daest.estimation.online_filter import online_filter
@@ -245,6 +246,7 @@ def open_stream(
 
     _refuse(data_options, kind)
     flat, hold = fitted_model(project, model, model_options, data_options)
+    flat = with_settings(flat, settings or {})
     source = source_name(data)
     lines = lines_of(data, options.idle)
     number, header = next(lines, (0, ""))

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from daest.cli.given import Files, ParameterOptions, files, parameter_options
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
-    assignments,
     cluster_option,
     example,
     format_option,
@@ -22,7 +22,6 @@ from daest.cli.options import (
     model_options,
     output_option,
     plot_option,
-    priors,
     require_cluster,
     seed_option,
     split_data_options,
@@ -55,9 +54,9 @@ class Identified:
     validation: list[Experiment]
 
 
-@click.command("identify", epilog=example("daest identify run1.csv --model Servo.mo --split 0.5"))
-@click.argument("data", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--model", type=click.Path(path_type=Path), help="A .mo file or an .fmu (default: daest.toml).")
+@click.command("identify", epilog=example("daest identify Servo.mo run1.csv --split 0.5 --fix R=4.6"))
+@files("[MODEL] [DATA]...")
+@parameter_options
 @click.option(
     "--method",
     type=click.Choice(["oe", "pem"]),
@@ -68,17 +67,6 @@ class Identified:
     type=click.Choice(["observer", "ekf"]),
     default="observer",
     help="One-step predictions of a nonlinear model: constant gain, or extended Kalman filter.",
-)
-@click.option(
-    "--estimate", metavar="NAME", multiple=True, help="Estimate this parameter (default: the marked ones)."
-)
-@click.option("--fix", metavar="NAME=VALUE", multiple=True, help="Hold a parameter at a value.")
-@click.option(
-    "--prior",
-    "given_priors",
-    metavar="NAME=MEAN,STD",
-    multiple=True,
-    help="What is known of a parameter beforehand (lognormal where it is searched on a log scale).",
 )
 @click.option(
     "--profile",
@@ -102,6 +90,7 @@ class Identified:
 @click.option(
     "--starts",
     type=click.IntRange(min=1),
+    metavar="N",
     default=1,
     help="Number of start points (default: 1, and more when the residuals are not white).",
 )
@@ -120,13 +109,10 @@ class Identified:
 @plot_option
 @seed_option
 def command(
-    data: tuple[Path, ...],
-    model: Path | None,
+    files: Files,
+    parameters: ParameterOptions,
     method: Any,
     likelihood: Any,
-    estimate: tuple[str, ...],
-    fix: tuple[str, ...],
-    given_priors: tuple[str, ...],
     profile: tuple[str, ...],
     profile_plot: Path | None,
     shooting: int | None,
@@ -141,7 +127,7 @@ def command(
     plot: Path | None,
     seed: int,
 ) -> None:
-    """Estimate parameters from the recordings DATA (default: those of daest.toml).
+    """Estimate parameters of MODEL from the recordings DATA (default: those of daest.toml).
 
     The result is written to results/fit.json, where filter, compare and simulate find it.
     """
@@ -150,13 +136,10 @@ def command(
     from daest.report.texts import identify as texts
 
     project = model_options.project()
-    keep_inputs(output, [*data, model])
+    keep_inputs(output, files.all)
     options = IdentifyOptions(
         method=method,
         likelihood=likelihood,
-        estimate=estimate or None,
-        fix=assignments(fix, "--fix"),
-        prior=priors(given_priors),
         profile=profile or ((ALL,) if profile_plot is not None else ()),
         hold=data_options.known_hold(project),
         shooting=shooting,
@@ -165,11 +148,12 @@ def command(
         jobs=jobs or os.cpu_count() or 1,
         cluster=cluster,
     )
+    options = parameters.among(options)
     require_cluster(cluster)
     found = identified(
         project,
-        model,
-        data,
+        files.model,
+        files.data,
         data_options,
         options,
         model_options.class_name,

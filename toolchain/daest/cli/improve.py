@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from daest.cli.diagnose import search_options
+from daest.cli.given import Files, ParameterOptions, files, parameter_options
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -35,9 +36,9 @@ MOST_EFFECTS = 4
 CLOSE = 0.05  # relative difference of errors up to which a written model counts as the one that was fitted
 
 
-@click.command("improve", epilog=example("daest improve run1.csv --model Servo.mo --split 0.5"))
-@click.argument("data", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--model", type=click.Path(path_type=Path), help="A .mo file or an .fmu (default: daest.toml).")
+@click.command("improve", epilog=example("daest improve Servo.mo run1.csv --split 0.5 --fix R=4.6"))
+@files("[MODEL] [DATA]...")
+@parameter_options
 @click.option(
     "--max-effects",
     type=click.IntRange(min=1),
@@ -59,8 +60,8 @@ CLOSE = 0.05  # relative difference of errors up to which a written model counts
 @format_option
 @plot_option
 def command(
-    data: tuple[Path, ...],
-    model: Path | None,
+    files: Files,
+    parameters: ParameterOptions,
     max_effects: int,
     search: Search,
     folder: Path | None,
@@ -84,12 +85,13 @@ def command(
     _require_own(folder)
     case = opened(
         project,
-        model,
-        data,
+        files.model,
+        files.data,
         data_options,
         search,
         model_options.class_name,
         model_options.libraries,
+        parameters=parameters,
     )
     document, models = improved(case, folder, max_effects)
     shown = {**document, "folder": ""}

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from daest.cli.given import Files, files
 from daest.cli.options import ModelOptions, example, format_option, model_options
 from daest.cli.output import emit, whole_file
 
@@ -18,13 +19,11 @@ if TYPE_CHECKING:
 
 
 @click.command("init", epilog=example("daest init Servo.mo run1.csv", "daest identify"))
-@click.argument("model", type=click.Path(path_type=Path))
-@click.argument("data", nargs=-1, type=click.Path(path_type=Path))
+@files("MODEL [DATA]...")
 @model_options
 @format_option
 def command(
-    model: Path,
-    data: tuple[Path, ...],
+    files: Files,
     model_options: ModelOptions,
     form: str,
 ) -> None:
@@ -33,6 +32,7 @@ def command(
     Columns are matched with inputs and outputs by name, or proposed by unit. An existing file is not touched.
     """
     from daest.cli.check import checked
+    from daest.cli.models import model_source
     from daest.data.match import match_columns, named_time_unit, named_units, propose_time
     from daest.data.project import FILE_NAME, Project, load_project
     from daest.data.read import Signal, read_table
@@ -40,6 +40,7 @@ def command(
 
     file = model_options.project_file or Path(FILE_NAME)
     _refuse_existing(file)
+    model, data = model_source(Project(Path()), files.model), files.data
     flat = model_options.load(Project(Path()), model)
     tables = [read_table(path) for path in data]
     inputs = [Signal(v.name, v.unit) for v in flat.inputs]

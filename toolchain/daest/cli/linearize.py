@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from daest.cli.given import Files, files
 from daest.cli.options import (
     ModelOptions,
     example,
@@ -31,7 +32,7 @@ ARRAYS = (".npz", ".mat")
 
 
 @click.command("linearize", epilog=example("daest linearize servo.fmu --set k=0.06 -o servo.npz"))
-@click.argument("model", required=False, type=click.Path(path_type=Path))
+@files("[MODEL]", "model", None)
 @set_option
 @click.option(
     "--at",
@@ -48,7 +49,7 @@ ARRAYS = (".npz", ".mat")
 @output_option
 @plot_option
 def command(
-    model: Path | None,
+    files: Files,
     settings: Mapping[str, float],
     at: Path | None,
     symbolic: bool,
@@ -71,6 +72,7 @@ def command(
     from daest.systems.transfer import poles, transfer_functions
 
     project = model_options.project()
+    model = files.model
     keep_inputs(output, [model, at])
     linear = load_linear(project, model, model_options, settings, at, route)
     standard = standard_form(linear.dae)

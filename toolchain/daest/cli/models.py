@@ -64,11 +64,14 @@ def load_model(
     flat = _load(source, chosen_class(project, source, class_name), [*libraries, *project.libraries])
     _warn_of_units(flat)
     flat = configured(flat, project, strict=own)
-    if settings:
-        from daest.modelica.change import with_values
+    return with_settings(flat, settings or {})
 
-        flat = with_values(flat, dict(settings))
-    return flat
+
+def with_settings(flat: FlatModel, settings: Mapping[str, float]) -> FlatModel:
+    """The model with the values of --set. Raises ModelError for a name that is no tunable parameter."""
+    from daest.modelica.change import with_values
+
+    return with_values(flat, dict(settings)) if settings else flat
 
 
 def chosen_class(project: Project, source: Path, class_name: str | None) -> str | None:

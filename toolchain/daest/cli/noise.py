@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from daest.cli.given import Files, files
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 
 @click.command("noise", epilog=example("daest noise Servo.mo", "daest noise Servo.mo --at disc.flange_b.tau"))
-@click.argument("model", required=False, type=click.Path(path_type=Path))
+@files("[MODEL] [DATA]", "model", "--along")
 @click.option(
     "--tolerance",
     type=click.FloatRange(min=0, min_open=True),
@@ -37,22 +38,15 @@ if TYPE_CHECKING:
     help="Call equations admissible up to this projection norm (default: decided without units).",
 )
 @click.option("--at", "places", metavar="EQUATION|NAME", multiple=True, help="Ask for this place too.")
-@click.option(
-    "--along",
-    metavar="DATA",
-    type=click.Path(path_type=Path),
-    help="Judge a nonlinear model along its simulation under the inputs of this recording too.",
-)
 @set_option
 @model_options
 @format_option
 @output_option
 @plot_option
 def command(
-    model: Path | None,
+    files: Files,
     tolerance: float | None,
     places: tuple[str, ...],
-    along: Path | None,
     settings: Mapping[str, float],
     model_options: ModelOptions,
     form: str,
@@ -61,8 +55,10 @@ def command(
 ) -> int:
     """Say for every equation of MODEL whether white noise may act there.
 
+    With a recording DATA a nonlinear model is judged along its simulation under those inputs, too.
+
     Exit code 1 if a noise of the model, or a place that was asked for with --at, is not admissible, at the
-    operating point or anywhere along the recording of --along.
+    operating point or anywhere along the recording.
     """
     from daest.cli.kept import keep, made_from
     from daest.cli.linear import load_linear
@@ -73,7 +69,8 @@ def command(
     from daest.systems.noise import noise_report
 
     project = model_options.project()
-    keep_inputs(output, [model, along])
+    keep_inputs(output, files.all)
+    model, along = files.model, files.recording
     linear = load_linear(project, model, model_options, settings, None)
     dae = linear.dae
     report = noise_report(dae, at=places, tolerance=tolerance)

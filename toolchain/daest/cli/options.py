@@ -145,7 +145,11 @@ output_option = click.option(
     help="Write the result there; - is stdout.",
 )
 seed_option = click.option(
-    "--seed", type=click.IntRange(min=0), default=0, help="Seed of all random numbers (default: 0)."
+    "--seed",
+    type=click.IntRange(min=0),
+    metavar="N",
+    default=0,
+    help="Seed of all random numbers (default: 0).",
 )
 jobs_option = click.option(
     "--jobs",
@@ -166,7 +170,7 @@ _class_options = (
         metavar="DIR",
         multiple=True,
         type=click.Path(path_type=Path),
-        help="Folder of Modelica libraries; MODELICAPATH is read too.",
+        help="Folder of Modelica libraries; those of MODELICAPATH are read, too.",
     ),
 )
 model_options = gathered("model_options", ModelOptions, *_class_options, _project_option)
@@ -176,7 +180,7 @@ set_option = click.option(
     metavar="NAME=VALUE",
     multiple=True,
     callback=lambda _ctx, _param, given: assignments(given, "--set"),
-    help="Value of a parameter.",
+    help="Value of a parameter; where it is estimated, the start.",
 )
 plot_option = click.option(
     "--plot",
@@ -188,28 +192,36 @@ plot_option = click.option(
 hold_option = click.option(
     "--hold",
     type=click.Choice(["zoh", "foh"]),
-    help="Inputs between samples: held, or on straight lines (default: foh).",
+    help="Inputs between samples: held (zoh), or on straight lines (foh). Default: that of daest.toml or of "
+    "the fit; identify, diagnose and improve take what fits better; otherwise foh.",
 )
-_data_options = (
+_window_options = (
     click.option("--from", "start", type=float, metavar="TIME", help="Use the recording from here on [s]."),
     click.option("--to", "stop", type=float, metavar="TIME", help="Use the recording up to here [s]."),
+)
+_data_options = (
+    *_window_options,
     click.option(
         "--resample",
         "period",
         type=float,
         metavar="PERIOD",
-        help="New sampling period [s], anti-alias filtered.",
+        help="New sampling period [s], anti-alias filtered (default: that of the recording).",
     ),
     click.option(
         "--detrend",
         type=click.Choice(["none", "mean", "linear"]),
-        help="Remove mean or trend of all signals.",
+        help="Remove mean or trend of all signals (default: as daest.toml says, else none).",
     ),
     hold_option,
 )
 _split_option = click.option(
-    "--split", type=float, metavar="SHARE", help="Share for estimation; the rest validates, e.g. 0.5."
+    "--split",
+    type=float,
+    metavar="SHARE",
+    help="Share for estimation; the rest validates, e.g. 0.5 (default: as daest.toml says, else all of it).",
 )
+window_options = gathered("data_options", DataOptions, *_window_options)
 data_options = gathered("data_options", DataOptions, *_data_options)
 split_data_options = gathered("data_options", DataOptions, *_data_options, _split_option)
 

@@ -101,10 +101,12 @@ def _read(
 
 
 def measured_recordings(
-    flat: FlatModel, project: Project, paths: Sequence[Path]
+    flat: FlatModel, project: Project, paths: Sequence[Path], window: Preparation
 ) -> tuple[FlatModel, list[Experiment]]:
-    """The recordings as they are, and the model with its measured outputs alone; nothing is said."""
-    experiments = read_experiments(paths, *signals(flat, project), **_words(project))
+    """The recordings as they are in the `window`, and the model with its measured outputs alone. Says
+    nothing."""
+    only = Preparation(start=window.start, stop=window.stop)
+    experiments = read_experiments(paths, *signals(flat, project), only, **_words(project))
     names = measured_names(experiments)
     return with_outputs(flat, names), [select_outputs(experiment, names) for experiment in experiments]
 

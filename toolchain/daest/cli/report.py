@@ -40,18 +40,18 @@ SERIES = ("comparison", "filter")
     "--output",
     metavar="FILE",
     type=click.Path(path_type=Path, allow_dash=True),
-    default=PAGE,
-    help=f"Write the page there; - is stdout (default: {PAGE}).",
+    help=f"Write the page there; - is stdout (default: {PAGE} beside daest.toml).",
 )
 @model_options
 @format_option
-def command(output: Path, model_options: ModelOptions, form: str) -> None:
+def command(output: Path | None, model_options: ModelOptions, form: str) -> None:
     """Write one HTML page of the project: model, noise, estimates, comparison, diagnosis, what was added.
 
     It shows what the other commands have left in results/, says which one makes what is missing, and opens
-    without a network.
+    without a network. It stands beside daest.toml, unless -o names another place.
     """
     project = model_options.project()
+    output = output or project.folder / PAGE
     keep_inputs(output, [project.source, *project.estimate, *project.validate])
     text, parts, remarks = report_page(project, model_options)
     write_text(text, output)

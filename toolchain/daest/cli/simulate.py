@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from daest.cli.given import Files, files
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -25,16 +26,14 @@ from daest.cli.pictures import draw
 from daest.cli.progress import progress
 
 if TYPE_CHECKING:
-    from daest.model.flat import FlatModel
     from daest.model.simulation import Simulation
 
 # Names of variables without finite values that are told.
 MOST_LOST = 5
 
 
-@click.command("simulate", epilog=example("daest simulate Servo.mo --inputs run1.csv -o out.csv"))
-@click.argument("model", required=False, type=click.Path(path_type=Path))
-@click.option("--inputs", metavar="DATA", type=click.Path(path_type=Path), help="Recording with the inputs.")
+@click.command("simulate", epilog=example("daest simulate Servo.mo run1.csv -o out.csv"))
+@files("[MODEL] [DATA]", "model", "--inputs")
 @click.option("--noise", is_flag=True, help="Add process and measurement noise with their intensities.")
 @click.option(
     "--all", "all_variables", is_flag=True, help="Write every internal variable, not the outputs alone."
@@ -47,8 +46,7 @@ MOST_LOST = 5
 @plot_option
 @seed_option
 def command(
-    model: Path | None,
-    inputs: Path | None,
+    files: Files,
     noise: bool,
     all_variables: bool,
     settings: Mapping[str, float],
@@ -59,37 +57,34 @@ def command(
     plot: Path | None,
     seed: int,
 ) -> None:
-    """Drive MODEL (default: that of daest.toml) with the inputs of a recording and write its outputs as CSV.
+    """Drive MODEL with the inputs of the recording DATA, and write its outputs as CSV.
+
+    Both are by default those of daest.toml.
 
     Parameters are those of results/fit.json if it is a fit of this model, else those of the model.
     """
-    from daest.cli.models import model_source
+    from daest.cli.models import model_source, with_settings
     from daest.cli.recordings import driving_data
     from daest.cli.results import find_fit, fitted
     from daest.report.simulation_figure import simulation_figure
     from daest.systems.simulate import simulate
 
     project = model_options.project()
-    keep_inputs(output, [inputs, model])
-    source = model_source(project, model)
+    keep_inputs(output, files.all)
+    source = model_source(project, files.model)
     flat = model_options.load(project, source)
     fit = find_fit(project, source, flat)
     if fit is not None:
         note(f"parameters of {fit.path}")
         flat = fitted(flat, fit.document)
-    flat = _with_settings(flat, settings)
+    flat = with_settings(flat, settings)
+    inputs = files.recording
     recording = driving_data(flat, project, [inputs] if inputs else [], data_options)[0]
     chosen = data_options.known_hold(project) or (fit.document.get("hold") if fit else None) or "foh"
     with progress() as tell:
         result = simulate(flat, recording, hold=chosen, noise=noise, seed=seed if noise else None, tell=tell)
     draw(plot, lambda: simulation_figure(result, recording))
     _write(result, form, output, all_variables, () if fit is None else fit.remarks)
-
-
-def _with_settings(flat: FlatModel, settings: Mapping[str, float]) -> FlatModel:
-    from daest.modelica.change import with_values
-
-    return with_values(flat, dict(settings)) if settings else flat
 
 
 def _write(

@@ -232,6 +232,22 @@ def _experiment(
     return prepare(experiment, preparation)
 
 
+def within(table: Table, start: float | None, stop: float | None, time: str | None = None) -> Table:
+    """The rows of the table from `start` to `stop` [s] (None: open). Raises DataError where there is no time,
+    and `data-window-empty`."""
+    if start is None and stop is None:
+        return table
+    seconds = in_seconds(find_time(table, time))
+    rows = np.nonzero(_window(table, seconds, Preparation(start=start, stop=stop)))[0]
+    at = {int(row): i for i, row in enumerate(rows)}
+    columns = tuple(
+        replace(c, values=c.values[rows], texts=tuple((at[row], text) for row, text in c.texts if row in at))
+        for c in table.columns
+    )
+    lines = None if table.lines is None else np.asarray(table.lines)[rows]
+    return replace(table, columns=columns, lines=lines)
+
+
 def find_time(table: Table, name: str | None = None) -> Column:
     """The time column, with dates converted to seconds: the column `name` if it is given, otherwise the only
     column whose name says that it is the time. Raises DataError `data-no-time`, `data-two-time-columns` or

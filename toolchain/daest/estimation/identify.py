@@ -33,6 +33,7 @@ from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions, Method, NoiseChoice
 from daest.model.flat import FlatModel
 from daest.model.linear import StateSpaceFamily
+from daest.model.prior import prior_unused
 from daest.numerics.parallel import workers
 from daest.systems.reduce import reduce_index
 from daest.systems.redundant import good_everywhere
@@ -220,7 +221,7 @@ def _unknowns(family: StateSpaceFamily, options: IdentifyOptions) -> tuple[np.nd
     for name in options.prior:
         known_name(name, known, "parameter")
         if name not in names:
-            raise _prior_without_use(name)
+            raise prior_unused(name)
     indices = [known_name(n, known, "parameter") for n in names]
     if not names:
         raise EstimationError(
@@ -237,15 +238,6 @@ def _unknowns(family: StateSpaceFamily, options: IdentifyOptions) -> tuple[np.nd
         check_bounds(coordinate)
         coordinates.append(coordinate_with_prior(coordinate, options.prior.get(name, parameter.prior)))
     return theta, Unknowns(tuple(coordinates), theta, np.zeros(0), np.zeros(0))
-
-
-def _prior_without_use(name: str) -> EstimationError:
-    return EstimationError(
-        "prior-unused",
-        f"{name} has a prior but is not estimated",
-        where=name,
-        remedy=f"estimate it (--estimate {name}), or leave the prior out",
-    )
 
 
 def _noise_choices(

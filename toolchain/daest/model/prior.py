@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from daest.errors import EstimationError
+
 
 @dataclass(frozen=True)
 class Prior:
@@ -12,3 +14,13 @@ class Prior:
 
     mean: float
     std: float
+
+
+def prior_unused(name: str) -> EstimationError:
+    """The error for a prior on a parameter that is not estimated."""
+    return EstimationError(
+        "prior-unused",
+        f"{name} has a prior but is not estimated",
+        where=name,
+        remedy=f"estimate it (--estimate {name}), or leave the prior out",
+    )

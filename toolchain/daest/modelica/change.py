@@ -13,6 +13,7 @@ import casadi as ca
 from daest.errors import ModelError
 from daest.model.flat import FlatModel
 from daest.model.parts import NoiseInput, Output, Parameter
+from daest.model.prior import Prior, prior_unused
 from daest.modelica.places import resolve_place
 
 
@@ -80,6 +81,33 @@ def _outside(parameter: Parameter, what: str) -> ModelError:
         where=parameter.place,
         remedy="Choose a value inside, or change min and max in the model.",
     )
+
+
+def with_choice(
+    flat: FlatModel,
+    estimate: Iterable[str] | None = None,
+    fix: Iterable[str] = (),
+    prior: Mapping[str, Prior] | None = None,
+) -> FlatModel:
+    """`flat` with another choice of the estimated parameters: `estimate` alone (None: those that are marked),
+    without those of `fix`; `prior` takes the place of the model's.
+
+    Raises ModelError for a name that is no tunable parameter, and EstimationError `prior-unused` for a prior
+    on a parameter that is not estimated.
+    """
+    prior = dict(prior or {})
+    wanted = {p.name for p in flat.parameters if p.estimate} if estimate is None else set(estimate)
+    held = set(fix)
+    for name in (*sorted(wanted), *held, *prior):
+        _tunable(flat, name)
+    for name in prior:
+        if name not in wanted - held:
+            raise prior_unused(name)
+    parameters = tuple(
+        replace(p, estimate=p.name in wanted - held, prior=prior.get(p.name, p.prior))
+        for p in flat.parameters
+    )
+    return replace(flat, parameters=parameters)
 
 
 def declare(

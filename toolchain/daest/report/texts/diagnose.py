@@ -74,7 +74,7 @@ def _refitted(document: Mapping[str, Any]) -> RenderableType:
     ]
     errors = [f"{name} [{unit or '1'}]" for name, unit in outputs.items()]
     columns = ("effect", "place", *errors, "BIC gain", "explained", "verdict")
-    return table(columns, [first, *rows], text_columns=(0, 1, len(columns) - 1), whole_columns=(0,))
+    return table(columns, [first, *rows], text_columns=(0, 1, len(columns) - 1))
 
 
 def remark(document: Mapping[str, Any]) -> Iterator[RenderableType]:

@@ -52,9 +52,7 @@ def _ledger(document: Mapping[str, Any]) -> RenderableType:
         for i, step in enumerate(document["steps"])
     ]
     errors = [f"{name} [{unit or '1'}]" for name, unit in outputs.items()]
-    return table(
-        ("", "added", "place", *errors, "BIC gain"), rows, text_columns=(0, 1, 2), whole_columns=(1,)
-    )
+    return table(("", "added", "place", *errors, "BIC gain"), rows, text_columns=(0, 1, 2))
 
 
 def _remarks(i: int, step: Mapping[str, Any]) -> Iterator[RenderableType]:

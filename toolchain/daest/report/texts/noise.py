@@ -11,38 +11,37 @@ from rich.text import Text
 
 from daest.report.console import heading, indented, listed, number, rendered, table
 
+FEW = 8  # equations up to which each that may carry noise is shown with its text
+MOST_NAMES = 24  # places that are named; the rest is counted
+SUMS = ("flow", "unconnected")  # kinds of equations that are named by their first flow
+HOW = (
+    "such a name or number goes behind --at, or into daest.toml: "
+    '[noise.process] "{name}" = {{ estimate = true }}'
+)
+
 
 def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
     return rendered(_parts(document), width, color)
 
 
 def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
-    singular = [value for value in document["N_singular_values"] if value]
+    """The answers first: verdicts on what was declared and asked for, and where noise may be put; then the
+    equations that may not carry any, and what all this rests on."""
     yield Text(
         f"{document['n_equations']} equations, {document['n_dynamic']} dynamic, index {document['index']}; "
         f"{_forbidden(document['n_forbidden'])}"
     )
-    if document["N_singular_values"] or document["index"] < 2:
-        yield indented(f"singular values of N: {listed([number(value) for value in singular])}")
     yield from _exact(document)
-    forbidden = [e for e in document["equations"] if not e["admissible"]]
-    if forbidden:
-        yield heading("No white noise here")
-        yield table(
-            ("eq", "equation", "place", "norm", "would contain differentiated noise"),
-            (
-                (
-                    str(e["index"]),
-                    e["text"],
-                    _short(e["place"]) or e["origin"],
-                    number(e["projection_norm"], 3),
-                    listed(e["differentiated"], 3, e["n_differentiated"]),
-                )
-                for e in forbidden
-            ),
-            text_columns=(1, 2, 4),
-        )
-        yield from _advice(forbidden)
+    yield from _declared(document)
+    yield from _admissible([e for e in document["equations"] if e["admissible"]])
+    if "along" in document:
+        yield from _along(document["along"], document["n_equations"])
+    yield from _refused([e for e in document["equations"] if not e["admissible"]])
+    yield from _decisions(document)
+
+
+def _declared(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+    """Verdicts on the noises of the model, and on the places that were asked for."""
     if not document["annotated"] and not document["asked"]:
         yield heading("Noise of the model")
         yield indented("none: declare it in the model (Daest.Noise) or in daest.toml ([noise.process])")
@@ -52,9 +51,58 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
             yield _noises(document[key])
             for advice in dict.fromkeys(entry["advice"] for entry in document[key] if entry["advice"]):
                 yield indented(advice)
-    if "along" in document:
-        yield from _along(document["along"], document["n_equations"])
+
+
+def _admissible(equations: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:
+    """Where white noise may be put: sums of flows by the name of a flow, other equations by their numbers."""
+    if not equations:
+        return
+    yield heading("White noise may act here")
+    if len(equations) <= FEW:
+        for equation in equations:
+            yield indented(f"{equation['index']}: {equation['text']}")
+        yield indented(HOW.format(name=equations[0]["index"]))
+        return
+    sums = {e["index"]: e["text"].split()[0] for e in equations if e["kind"] in SUMS}
+    components: dict[str, list[str]] = {}
+    for equation in equations:
+        if equation["index"] not in sums:
+            components.setdefault(equation["origin"] or "the model", []).append(str(equation["index"]))
+    if sums:
+        yield indented(f"at connectors: {listed(list(dict.fromkeys(sums.values())), MOST_NAMES, len(sums))}")
+    if components:
+        inside = [f"{name} {', '.join(numbers)}" for name, numbers in components.items()]
+        yield indented(f"in equations, by their numbers: {listed(inside, MOST_NAMES, separator='; ')}")
+    yield indented(HOW.format(name=next(iter(sums.values()), equations[0]["index"])))
+
+
+def _refused(equations: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:
+    if not equations:
+        return
+    yield heading("No white noise here")
+    yield table(
+        ("eq", "equation", "place", "norm", "would contain differentiated noise"),
+        (
+            (
+                str(e["index"]),
+                e["text"],
+                _short(e["place"]) or e["origin"],
+                number(e["projection_norm"], 3),
+                listed(e["differentiated"], 3, e["n_differentiated"]),
+            )
+            for e in equations
+        ),
+        text_columns=(1, 2, 4),
+    )
+    yield from _advice(equations)
+
+
+def _decisions(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+    """Singular values and ranks that the verdicts rest on."""
     yield heading("Rank decisions")
+    singular = [value for value in document["N_singular_values"] if value]
+    if document["N_singular_values"] or document["index"] < 2:
+        yield indented(f"singular values of N: {listed([number(value) for value in singular])}")
     yield table(
         ("what", "rank", "threshold", "gap"),
         (

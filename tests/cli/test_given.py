@@ -1,0 +1,87 @@
+"""Files in any order, and what a command line says of parameters."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from daest.cli.diagnose import Search, opened
+from daest.cli.given import DATA_SUFFIXES, Files, ParameterOptions, kind_of
+from daest.cli.options import DataOptions
+from daest.data.project import load_project
+from daest.data.read import _READERS
+from daest.errors import ConfigError, EstimationError, ModelError
+from daest.model.prior import Prior
+from daest.modelica.compile import compile_model
+
+
+def test_kinds_of_recordings_are_those_that_are_read():
+    assert set(DATA_SUFFIXES) == set(_READERS)
+    assert kind_of(Path("A.MO"), "data") == "model" and kind_of(Path("a.CSV"), "model") == "data"
+    assert kind_of(Path("folder"), "model") == "model"
+
+
+def test_one_of_each_is_one():
+    assert Files((Path("A.mo"), Path("A.mo"))).model == Path("A.mo")
+    assert Files().recording is None
+    with pytest.raises(ConfigError, match=r"one recording, and a\.csv, b\.csv are given"):
+        _ = Files((), (Path("a.csv"), Path("b.csv"))).recording
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("Lag.mo", "run1.csv"),
+        ("run1.csv", "Lag.mo"),
+        ("run1.csv", "--model", "Lag.mo"),
+        ("--data", "run1.csv", "--model", "Lag.mo"),
+    ],
+    ids=" ".join,
+)
+def test_files_stand_in_any_order(folder, daest, words):
+    code, out, _ = daest("check", *words)
+    assert code == 0 and "input" in out and "output" in out
+
+
+def test_a_second_model_is_refused(folder, daest):
+    (folder / "Other.mo").write_text((folder / "Lag.mo").read_text())
+    code, _, err = daest("identify", "Lag.mo", "Other.mo", "run1.csv")
+    assert code == 2 and "error[files-too-many]" in err and "Other.mo" in err
+
+
+def test_check_looks_at_a_part(folder, daest):
+    whole = json.loads(daest("check", "run1.csv", "--format", "json")[1])["recordings"][0]
+    _, out, _ = daest("check", "run1.csv", "--from", "1", "--to", "2", "--format", "json")
+    part = json.loads(out)["recordings"][0]
+    assert whole["start"] < 1 <= part["start"] and part["stop"] <= 2 < whole["stop"]
+    assert part["n_samples"] < whole["n_samples"]
+    assert DataOptions(start=1.0).has_window
+
+
+def test_a_parameter_is_held_or_estimated(folder, daest):
+    code, _, err = daest("diagnose", "Lag.mo", "run1.csv", "--fix", "k=2", "--estimate", "k")
+    assert code == 2 and "error[option-contradiction]" in err and "--fix and by --estimate" in err
+    code, _, err = daest("compare", "Lag.mo", "run1.csv", "--estimate", "k")
+    assert code == 2 and "error[option-contradiction]" in err and "--refit" in err
+
+
+def test_set_gives_the_start_of_the_search(folder, daest):
+    _, out, _ = daest("identify", "Lag.mo", "run1.csv", "--set", "T=0.7", "--format", "json")
+    assert json.loads(out)["parameters"]["T"]["initial"] == 0.7
+
+
+def test_diagnosis_takes_the_choice(folder):
+    choice = ParameterOptions({"k": 1.5}, {"T": 0.45}, ("k",), {"k": Prior(2.0, 0.1)})
+    data = [Path("run1.csv")]
+    case = opened(load_project(None), Path("Lag.mo"), data, DataOptions(), Search(), parameters=choice)
+    known = {p.name: p for p in case.flat.parameters}
+    assert (known["T"].value, known["T"].estimate, known["T"].prior) == (0.45, False, None)
+    assert (known["k"].value, known["k"].estimate, known["k"].prior) == (1.5, True, Prior(2.0, 0.1))
+
+
+def test_a_prior_without_an_estimate_is_refused(folder):
+    flat = compile_model(Path("Lag.mo"))
+    with pytest.raises(EstimationError, match="k has a prior but is not estimated"):
+        ParameterOptions({}, {"k": 2.0}, (), {"k": Prior(2.0, 0.1)}).applied(flat)
+    with pytest.raises(ModelError, match="no tunable parameter `kk`"):
+        ParameterOptions({}, {}, ("kk",)).applied(flat)
