@@ -5,13 +5,31 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hidden_plants import library, model, rotor_record, some_effects
+from hidden_plants import (
+    DAMPING,
+    INERTIA,
+    PERIOD,
+    library,
+    model,
+    rotor_record,
+    some_effects,
+    torque_steps,
+)
+from scipy.signal import cont2discrete, dlsim, tf2ss
 
-from daest.diagnosis.diagnose import DiagnoseOptions, _is_new_signal, _told_by_rest, diagnose
+from daest.diagnosis.diagnose import (
+    DiagnoseOptions,
+    _is_new_signal,
+    _told_by_rest,
+    diagnose,
+    says_more,
+    unsettled_hold,
+)
 from daest.diagnosis.improve import improve
 from daest.errors import EstimationError
 from daest.estimation.records import part_of
 from daest.model.diagnosis import FreeForm
+from daest.model.experiment import Experiment
 from daest.report.diagnosis_figures import diagnosis_figure
 
 STATIC = (
@@ -261,3 +279,43 @@ def test_unknown_effect_is_told_over_what_the_nearest_wrong_law_leaves():
     weak = (forms[0], replace(forms[1], statistic=100.0))
     assert _told_by_rest(weak, [wrong]) is weak[0]
     assert _told_by_rest((), [wrong]) is None
+
+
+def test_other_hold_is_tried_where_something_is_missing_and_nothing_accepted():
+    stand = SimpleNamespace(
+        null=SimpleNamespace(other_hold="zoh"), baseline=SimpleNamespace(log_likelihood=100.0)
+    )
+    refused, named = SimpleNamespace(verdict="rejected"), SimpleNamespace(verdict="supported")
+
+    def hold(verdict, proof):
+        return unsettled_hold(stand, SimpleNamespace(proofs=(proof,), verdict=verdict))
+
+    assert hold("unknown effect", refused) == "zoh"
+    assert hold("nothing missing", refused) is None and hold("supported", named) is None
+    # What is accepted with it must fit better than the model as it is with the hold before.
+    named.fit = SimpleNamespace(log_likelihood=105.0)
+    assert not says_more([refused, named], stand)
+    named.fit.log_likelihood = 120.0
+    assert says_more([refused, named], stand) and not says_more([refused], stand)
+
+
+def behind(numerator, denominator, seed):
+    """A rotor behind a filter of its torque: exact for an input that is held."""
+    system = cont2discrete(
+        tf2ss(numerator, np.polymul(denominator, [INERTIA, DAMPING, 0.0])), PERIOD, method="zoh"
+    )
+    u = torque_steps(1200, seed)
+    _, y, _ = dlsim(system, u[:, None])
+    y += 0.01 * np.random.default_rng(seed).standard_normal(y.shape)
+    return Experiment("run", PERIOD * np.arange(u.size), u[:, None], y, ("u",), ("phi",))
+
+
+def test_lag_is_named_and_what_only_looks_like_one_is_not():
+    lag = diagnosed(behind([1.0], [0.5, 1.0], 4), "Lag")
+    assert accepted(lag) == {"Lag"}
+    size = next(p for p in lag.proofs[0].told.parameters if p.name.endswith(".T"))
+    assert size.value == pytest.approx(0.5, rel=0.1)
+    flexible = diagnosed(behind([9.0], [1.0, 3.0, 9.0], 4), "Lag")
+    assert not accepted(flexible) and flexible.verdict not in ("nothing missing", "parameters off")
+    reason = flexible.proofs[0].reason
+    assert "something dynamic is missing" in reason or "is not significant" in reason

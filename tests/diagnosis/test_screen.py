@@ -162,6 +162,12 @@ def test_no_candidate_is_an_error():
     assert caught.value.code == "diagnose-no-candidate"
 
 
+def test_effects_with_states_alone_leave_the_screen_empty():
+    null, run = quiet()
+    found = screen(null, run, candidates("Lag"))
+    assert not found.entries and found.p_value == 1.0 and "states of its own" in found.skipped[0][1]
+
+
 def test_detectable_size_is_about_what_is_found():
     """A friction of twice the detectable size is found in a new record; p-values are of the whole search."""
     null, run = quiet()

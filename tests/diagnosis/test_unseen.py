@@ -5,7 +5,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from daest.diagnosis.unseen import Foreseen, compared, is_better, is_worse, judged
+from daest.diagnosis.unseen import (
+    Confirmed,
+    Foreseen,
+    Innovations,
+    compared,
+    confirmed,
+    is_better,
+    is_worse,
+    judged,
+)
 from daest.model.diagnosis import Ahead
 from daest.model.fit import Agreement
 
@@ -65,3 +74,36 @@ def test_unseen_data_must_be_foreseen_as_well_at_all_horizons_and_better_at_one(
 ):
     found, is_clear, _ = judged(steps, fit_with(1.0), fit_with(whole), adds_up)
     assert reason in found and bool(reason) == bool(found) and is_clear == (not reason)
+
+
+@pytest.mark.parametrize(
+    "told, whole, reason",
+    [
+        (Confirmed(30.0, 4.0, 30.0), 0.98, ""),
+        (Confirmed(30.0, 4.0, 30.0), 1.0, "no better"),  # no error is any smaller: it matters to nobody
+        (Confirmed(1.0, 0.5, 4.0), 1.0, ""),  # what is missing does not show there
+        (Confirmed(-8.0, -3.0, 4.0), 1.0, "no better"),
+        (Confirmed(2.0, 0.4, 40.0), 0.98, "no better"),  # it ought to show there, and does not
+    ],
+)
+def test_likelihood_of_unseen_data_speaks_where_their_errors_are_noise(told, whole, reason):
+    found, is_clear, _ = judged([ahead(1.0, 0.0)], fit_with(1.0), fit_with(whole), False, told)
+    assert reason in found and bool(reason) == bool(found) and is_clear == (not reason)
+
+
+@pytest.mark.parametrize("size", [0.05, 0.3])
+def test_right_law_gains_the_likelihood_that_is_expected_of_it(size):
+    rng = np.random.default_rng(3)
+    noise = rng.standard_normal((200, 20, 1))
+    law = size * np.sign(rng.standard_normal((200, 20, 1)))
+    found = confirmed(Innovations(noise + law, 0.0), Innovations(noise, 0.0))
+    expected = 0.5 * size**2 * noise.size
+    assert found.expected == pytest.approx(expected)
+    assert found.gain == pytest.approx(expected, abs=3.0 * np.sqrt(2.0 * expected))
+    assert found.is_silent == (size == 0.05) and (size == 0.05 or found.certainty > 5.0)
+    wrong = confirmed(Innovations(noise, 0.0), Innovations(noise + law, 0.0))
+    assert wrong.gain == pytest.approx(-found.gain) and wrong.certainty < 0.0
+    # A wider band of the innovations costs what the density says.
+    wider = confirmed(Innovations(noise, 0.0), Innovations(0.5 * noise, -np.log(2.0)))
+    assert wider.gain < -500.0
+    assert confirmed(None, Innovations(noise, 0.0)).certainty == 0.0

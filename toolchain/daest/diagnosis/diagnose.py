@@ -46,7 +46,7 @@ from daest.diagnosis.proof import (
 from daest.diagnosis.rivals import dynamic_trials, richer_laws, simpler_laws
 from daest.diagnosis.screen import NullObserver, run_null, screen
 from daest.diagnosis.settled import FAILURES, settled, simulated
-from daest.diagnosis.unseen import adds_up, foreseen
+from daest.diagnosis.unseen import adds_up, foreseen, innovations
 from daest.errors import DaestError, EstimationError
 from daest.estimation.identify import identify
 from daest.estimation.records import part_of
@@ -68,6 +68,10 @@ HOLD_GAIN = 10.0  # log-likelihood that the other hold must gain with the effect
 AGAIN: dict[Hold, str] = {
     "zoh": "with the effect, the inputs are held between the samples after all: once more",
     "foh": "with the effect, the inputs run straight between the samples after all: once more",
+}
+IN_VAIN: dict[Hold, str] = {
+    "zoh": "nothing was accepted: once more with inputs that are held between the samples",
+    "foh": "nothing was accepted: once more with inputs that run straight between the samples",
 }
 RICHER_LEVEL = 0.1  # corrected p-value of what the best candidate leaves, below which richer laws are tried
 FIRST_TRIALS = 2  # are refitted in any case
@@ -130,19 +134,22 @@ def diagnose(
     options = options or DiagnoseOptions()
     stand = begin(flat, experiments, validation, options, progress)
     found = examine(stand, library, options, progress)
-    hold = better_hold(stand, found)
+    better, other = better_hold(stand, found), unsettled_hold(stand, found)
+    hold = better or other
     if hold is None:
         return found
-    progress(AGAIN[hold])
+    progress(AGAIN[hold] if better else IN_VAIN[hold])
     again = replace(options, hold=hold)
     second = examine(begin(flat, experiments, validation, again, progress), library, again, progress)
-    return replace(second, seconds=found.seconds + second.seconds)
+    best = second if better or says_more(second.proofs, stand) else found
+    return replace(best, seconds=found.seconds + second.seconds)
 
 
 def better_hold(stand: Stand, found: Diagnosis) -> Hold | None:
-    """The other hold, where the best accepted candidate fits better with it."""
+    """The other hold, where the best candidate fits better with it: the best accepted one, or else the most
+    likely, which unseen data may refuse for nothing but the wrong hold."""
     null = stand.null
-    best = best_accepted(found.proofs)
+    best = best_start(found.proofs)
     if best is None or null.other_hold is None:
         return None
     other = replace(null, hold=null.other_hold, experiments=fed(null.experiments, best.candidate))
@@ -153,6 +160,20 @@ def better_hold(stand: Stand, found: Diagnosis) -> Hold | None:
     except DaestError:
         return None
     return null.other_hold if fit.log_likelihood > best.fit.log_likelihood + HOLD_GAIN else None
+
+
+def unsettled_hold(stand: Stand, found: Diagnosis) -> Hold | None:
+    """The other hold, where something is missing, no candidate was accepted, and the data have not clearly
+    refused it: with the wrong hold half a sample of delay is left, and the right law is refused for that."""
+    if best_accepted(found.proofs) is not None or found.verdict in ("nothing missing", "parameters off"):
+        return None
+    return stand.null.other_hold
+
+
+def says_more(proofs: Sequence[Proof], stand: Stand) -> bool:
+    """Whether a candidate was accepted that fits better than the model as it is with the hold of `stand`."""
+    best = best_accepted(proofs)
+    return best is not None and best.fit.log_likelihood > stand.baseline.log_likelihood + HOLD_GAIN
 
 
 @dataclass(frozen=True)
@@ -249,6 +270,9 @@ def _examined(
     parts = (stand.null.hold, names)
     stand, candidates, run, found = _step(options, "screen", parts, stand.null.flat, screened)
     stand = replace(stand, began=began)
+    if stand.reference is not None and stand.validation:
+        known = replace(stand.reference, innovations=innovations(run, stand.validation))
+        stand = replace(stand, reference=known)
     null = stand.null
     chosen_library = [
         e for e in library if not options.effects or {e.name, e.class_name} & set(options.effects)

@@ -7,12 +7,15 @@ from dataclasses import replace
 
 from daest.diagnosis.diagnose import (
     AGAIN,
+    IN_VAIN,
     DiagnoseOptions,
     Progress,
     accept,
     begin,
     better_hold,
     examine,
+    says_more,
+    unsettled_hold,
 )
 from daest.diagnosis.proof import best_accepted
 from daest.diagnosis.unseen import is_better
@@ -50,7 +53,15 @@ def improve(
             return Improvement(tuple(steps), last, "No other effect was to be searched for.")
         best = best_accepted(diagnosis.proofs)
         if best is None:
-            return Improvement(tuple(steps), diagnosis, diagnosis.message)
+            nothing = Improvement(tuple(steps), diagnosis, diagnosis.message)
+            other = unsettled_hold(stand, diagnosis) if len(steps) == 1 and options.hold is None else None
+            if other is None:
+                return nothing
+            progress(IN_VAIN[other])
+            again = replace(options, hold=other)
+            found = improve(flat, library, experiments, validation, again, most_effects, progress)
+            proofs = [step.proof for step in found.steps if step.proof is not None]
+            return found if says_more(proofs, stand) else nothing
         if not _helps(stand.told, best):
             reason = f"{best.candidate.label} is supported, but it does not lower the validation error."
             return Improvement(tuple(steps), diagnosis, reason)

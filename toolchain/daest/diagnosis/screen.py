@@ -178,12 +178,14 @@ def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed:
     first, filtered = null.experiments[0], run.observed[0].filtered
     states = dict(zip(run.state_names, filtered.T, strict=True))
     shaped, refused = with_shapes(null.flat, static, first.time, states, first.inputs)
-    if not shaped:
+    if not shaped and len(static) == len(candidates):
         raise EstimationError(
             "diagnose-no-candidate",
             "no effect of the library fits any place of this model",
             remedy="name effects and places (--effect, --at), or see `daest effects`",
         )
+    if not shaped:
+        return Screen((), np.zeros((0, 0)), 1.0, 0, (*skipped, *refused))
     usable, refused_shapes, explicit = attachable(null.flat, shaped)
     if not usable:
         return Screen((), np.zeros((0, 0)), 1.0, 0, (*skipped, *refused, *refused_shapes))

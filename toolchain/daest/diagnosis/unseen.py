@@ -32,6 +32,9 @@ FEWEST_STRETCHES = 5
 CERTAIN = 2.5  # standard errors of the mean over stretches that tell better from worse
 DIFFERENCE = 0.95  # of the squared difference between two models: where that is, the effect acts
 SAME = 0.01  # relative difference of errors that is none
+LIKELIER = 1.64  # standard errors of the gain in log-likelihood of unseen data that confirm a law (5 %)
+SILENT = 10.0  # log-likelihood that unseen data would gain if a law were right, below which they cannot tell
+TOLERATED = 0.05  # by which a whole simulation may be worse by chance where unseen data are likelier
 CLEAR = 0.9  # error relative to the one before, from which a simulation has become clearly better
 MOST = 0.7  # likewise, from which most of the squared error is gone
 STEADY = 3.0  # durations of the record: a mode that is slower than that adds up errors without bound
@@ -60,6 +63,64 @@ def foreseen(run: NullObserver, experiments: Sequence[Experiment]) -> Foreseen |
         except IntegrationError:
             return None
     return Foreseen({h: np.concatenate(parts) for h, parts in errors.items()})
+
+
+@dataclass(frozen=True)
+class Innovations:
+    """Of every stretch of unseen data, whitened as `run_null` does: (n_stretches, length, n_y), NaN where
+    nothing was measured, and the logarithm of the density's scale."""
+
+    white: np.ndarray
+    log_scale: float
+
+
+@dataclass(frozen=True)
+class Confirmed:
+    """What the likelihood of unseen data says of a law: its gain, how many standard errors that is over the
+    stretches, and the gain that is to be expected if the law is right."""
+
+    gain: float = 0.0
+    certainty: float = 0.0
+    expected: float = np.inf
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether the law makes too little of a difference there to be told from its absence."""
+        return self.expected < SILENT and self.certainty > -LIKELIER
+
+
+def innovations(run: NullObserver, experiments: Sequence[Experiment]) -> Innovations | None:
+    """Prediction errors one sample ahead of the validation `experiments`; None where the observer `run`
+    cannot be integrated there.
+
+    Most of what a small law does to a measured value is far below the noise of that value; the likelihood of
+    these adds up what it does to all of them."""
+    model = integrator(run.null.explicit)
+    parts = []
+    for experiment in experiments:
+        try:
+            x0 = _initial_state(run.null, model, experiment, run.gain)
+            parts.append(_stretches(run.null, model, experiment, x0, run.gain, 1) @ run.root.T)
+        except IntegrationError:
+            return None
+    return Innovations(np.concatenate(parts), float(np.log(np.diag(run.root)).sum()))
+
+
+def confirmed(before: Innovations | None, after: Innovations | None) -> Confirmed:
+    """The gain of `after` over `before`, and what it would be if `after` were right: half of the squared
+    difference between the predictions."""
+    if before is None or after is None or before.white.shape[0] < FEWEST_STRETCHES:
+        return Confirmed()
+    gain = _log_density(after) - _log_density(before)
+    error = float(np.std(gain, ddof=1)) * float(np.sqrt(gain.size))
+    total = float(np.sum(gain))
+    expected = 0.5 * float(np.nansum((after.white - before.white) ** 2))
+    return Confirmed(total, total / error if error > 0.0 else 0.0, expected)
+
+
+def _log_density(found: Innovations) -> np.ndarray:
+    """Of every stretch (n_stretches,)."""
+    return np.nansum(found.log_scale - 0.5 * np.sum(found.white**2, axis=2), axis=1)
 
 
 def compared(before: Foreseen | None, after: Foreseen | None, period: float) -> tuple[Ahead, ...]:
@@ -112,11 +173,12 @@ def is_better(one: Ahead) -> bool:
 
 
 def judged(
-    ahead: Sequence[Ahead], before: FitResult, after: FitResult, adds_up: bool
+    ahead: Sequence[Ahead], before: FitResult, after: FitResult, adds_up: bool, told: Confirmed | None = None
 ) -> tuple[str, bool, bool]:
     """Why unseen data speak against the effect (empty where they do not), whether they speak clearly for it,
     and whether it does away with most of the error at some horizon. `adds_up` tells that the whole
-    simulation is dead reckoning, which counts for an effect, not against it."""
+    simulation is dead reckoning, which counts for an effect, not against it; `told` is
+    what their likelihood says."""
     ratios = error_ratios(before.simulated, after.simulated)
     whole = float(np.sqrt(np.mean(np.square(ratios)))) if ratios else np.nan
     if not ahead and not ratios:
@@ -124,12 +186,17 @@ def judged(
     better = [one for one in ahead if is_better(one)]
     worse = [one for one in ahead if is_worse(one)]
     best = min([one.ratio for one in better], default=1.0)
-    is_clear = bool(better) or whole < CLEAR
+    # An effect that changes no error matters to nobody, however likely it makes the data.
+    shows = min([*(one.ratio for one in ahead), whole], default=1.0) < 1.0 - SAME
+    told = told or Confirmed()
+    is_likelier = told.is_silent or (told.certainty > LIKELIER and shows)
+    is_clear = bool(better) or whole < CLEAR or is_likelier
     if worse:
         one = max(worse, key=lambda a: a.ratio)
-        return f"unseen data are foreseen {one.ratio:.2g} times worse over {one.seconds:.3g} s", False, False
-    if ratios and whole > 1.0 + SAME and not (adds_up and better):
-        return f"the simulation of unseen data gets {whole:.2g} times worse", False, False
+        return f"unseen data are foreseen {one.ratio:.3g} times worse over {one.seconds:.3g} s", False, False
+    most = 1.0 + (TOLERATED if is_likelier else SAME)
+    if ratios and whole > most and not (adds_up and is_clear):
+        return f"the simulation of unseen data gets {whole:.3g} times worse", False, False
     if not is_clear:
         return "unseen data are foreseen no better", False, False
     return "", True, min(best, whole if whole == whole else 1.0) < MOST
