@@ -88,7 +88,8 @@ def rivals_of(
 def _rival(flat: FlatModel, entry: Mapping[str, Any], folders: Sequence[Path]) -> Rival | None:
     """The candidate as a model, with the values and the noise of its fit; None where it cannot be built."""
     from daest.cli.results import parameter_values
-    from daest.design.effects import NAME, Rival, leaving, with_effect
+    from daest.design.effects import Rival, leaving, with_effect
+    from daest.design.sensors import COMPONENT
 
     label = f"{entry['effect']} at {entry['at']}"
     if entry.get("inputs"):
@@ -97,12 +98,13 @@ def _rival(flat: FlatModel, entry: Mapping[str, Any], folders: Sequence[Path]) -
     try:
         effect, site = _placed(flat, entry.get("class") or entry["effect"], entry["at"], folders)
         values = parameter_values({"parameters": entry["parameters"]}) | dict(entry.get("settings", {}))
-        grown = with_effect(flat, effect, site, values, {}, NAME)
+        grown = with_effect(flat, effect, site, values, {})
     except ModelError as problem:
         note(f"{label} cannot be built: {problem.what}")
         return None
     grown = grown.with_theta(parameter_values({"parameters": entry.get("model_parameters", {})}))
-    return Rival(label, leaving(grown, entry["rms"]["estimation"]))
+    names = [*entry.get("model_parameters", {}), *(f"{COMPONENT}.{name}" for name in entry["parameters"])]
+    return Rival(label, leaving(grown, entry["rms"]["estimation"]), tuple(names))
 
 
 def effect_aim(

@@ -49,6 +49,9 @@ class Aim(Protocol):
     def expected(self, recordings: Sequence[np.ndarray]) -> Expected | None:
         """What is expected of recordings with these inputs; None where a model cannot be simulated."""
 
+    def focused(self, inputs: np.ndarray) -> Aim:
+        """What decides the merit near an input, where that is less work than the whole."""
+
     def watching(self, driven: Sequence[Explainer]) -> Aim:
         """The same aim with other measurements of the same models."""
 
@@ -122,6 +125,9 @@ class ParameterAim:
         scaled = found / np.outer(slopes, slopes)
         coordinates = tuple(self.explainer.coordinates[i] for i in chosen)
         return weak_directions(coordinates, values[chosen], scaled[part], cov[part])
+
+    def focused(self, inputs: np.ndarray) -> ParameterAim:
+        return self
 
     def watching(self, driven: Sequence[Explainer]) -> ParameterAim:
         p = len(driven[0].coordinates)  # noises come last, and may be taken as given

@@ -17,6 +17,7 @@ from daest.design.rivals import DetectAim, RivalAim
 from daest.design.safety import DRAWS, TOLERATED, Guard
 from daest.design.search import SHARE_OF_FAMILIES, Budget, best_of_families, free_input
 from daest.design.sensors import sensor_gains
+from daest.design.signals import FAMILIES, KEEPS_LOWEST, within
 from daest.errors import DaestError, EstimationError
 from daest.model.design import Design, Expected, Limits, Played, PowerPoint, SensorGain
 from daest.model.experiment import Experiment
@@ -27,6 +28,7 @@ SECONDS = 20.0  # that a search may take
 GROWN = 10.0  # logarithm of how much an unstable mode may grow over an experiment without safe ranges
 LENGTHS = (0.5, 1.0, 2.0, 4.0)  # of the designed experiment, at which the power is told
 AMPLITUDES = (0.25, 0.5)  # likewise
+PROBES = ("steps", "multisine")  # families whose inputs show whether two rivals are one equation
 LITTLE = 1.05  # times better: a sensor that brings less is not told
 MOST_TOLD = 8  # sensors
 
@@ -45,13 +47,14 @@ class Task:
     sensor_noise: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
     seconds: float = SECONDS
-    with_sensors: bool = True
+    is_short: bool = False  # families alone, and nothing of sensors and of both recordings together
 
 
 def design(task: Task, progress: Progress = lambda _: None) -> Design:
     """The best input. Raises EstimationError `design-unstable`, `design-unsafe`, `design-same-equation` or
     `design-nothing`."""
     began = time.perf_counter()
+    task, notes = _distinct(task)
     aim, limits = task.aim, task.limits
     draws = DRAWS if limits.safe else 0
     guard = Guard(aim.driven, limits.safe, tuple(likely(aim.driven[0], task.recorded, task.seed, draws)))
@@ -60,13 +63,12 @@ def design(task: Task, progress: Progress = lambda _: None) -> Design:
     progress("trying the families of inputs")
     families, best = _searched(task, guard, began, progress)
     inputs = guard.calmed(_inputs(best), limits)
-    notes = _notes(best, inputs)
-    _require_difference(aim, inputs)
+    notes += _notes(best, inputs)
     progress("looking at what the best input would bring")
     expected = _required(aim.expected([inputs]))
     present = aim.expected(task.recorded) if task.recorded else None
-    together = aim.expected([*task.recorded, inputs]) if task.recorded else None
-    sensors = _sensors(task, inputs, notes) if task.with_sensors else ()
+    together = aim.expected([*task.recorded, inputs]) if task.recorded and not task.is_short else None
+    sensors = () if task.is_short else _sensors(task, inputs, notes)
     found = Design(
         aim=aim.name,
         message="",
@@ -98,7 +100,7 @@ def at_period(experiment: Experiment, names: Sequence[str], period: float) -> np
 
 def _searched(task: Task, guard: Guard, began: float, progress: Progress) -> tuple[list[Played], Played]:
     aim, limits = task.aim, task.limits
-    first = Budget(began + SHARE_OF_FAMILIES * task.seconds)
+    first = Budget(began + (1.0 if task.is_short else SHARE_OF_FAMILIES) * task.seconds)
     families = best_of_families(aim, limits, guard, task.seed, first)
     if families[0].inputs is None:
         reasons = "; ".join(dict.fromkeys(f"{p.family}: {p.reason}" for p in families))
@@ -107,6 +109,8 @@ def _searched(task: Task, guard: Guard, began: float, progress: Progress) -> tup
             f"no input within these limits can be played ({reasons})",
             remedy="widen the limits: --limit, --rate, --band or --length",
         )
+    if task.is_short:
+        return families, families[0]
     progress("improving the best of them by its gradient")
     free = free_input(aim, limits, guard, families[0], Budget(began + task.seconds))
     families = [*families, free]
@@ -168,17 +172,38 @@ def _fastest_growth(explainer: Explainer) -> float:
     return float(np.max(np.linalg.eigvals(A).real))
 
 
-def _require_difference(aim: Aim, inputs: np.ndarray) -> None:
+def _distinct(task: Task) -> tuple[Task, list[str]]:
+    """The task with one of all rivals that do the same within the limits, and what was left out."""
+    aim, limits = task.aim, task.limits
     if not isinstance(aim, RivalAim):
-        return
-    same = aim.one_equation(inputs)
-    if same:
+        return task, []
+    probes = [
+        _probe(limits, family, task.seed)
+        for family in PROBES
+        if limits.band[0] == 0.0 or family in KEEPS_LOWEST
+    ]
+    groups = aim.groups(probes)
+    said = [
+        f"{', '.join(aim.labels[i] for i in group)} do the same within these limits: the first stands for all"
+        for group in groups
+        if len(group) > 1
+    ]
+    if len(groups) == 1:
         raise EstimationError(
             "design-same-equation",
-            f"{same[0][0]} and {same[0][1]} are the same equation: what one of them does, the other one does "
-            "with other parameters, whatever is played and measured here",
-            remedy="leave one of them out, or measure something between their places",
+            f"{', '.join(aim.labels)} do the same whatever is played within these limits, with other "
+            "parameters: they are one equation there",
+            remedy="widen the limits (both directions of motion, larger amplitudes), or measure something "
+            "between their places",
         )
+    first = [group[0] for group in groups]
+    return replace(task, aim=aim.only(first), subjects=tuple(task.subjects[i] for i in first)), said
+
+
+def _probe(limits: Limits, family: str, seed: int) -> np.ndarray:
+    """An input of the family at a middle time scale."""
+    shapes = list(FAMILIES[family](limits, seed))
+    return within(limits, shapes[len(shapes) // 2].signal, keeps_form=family in KEEPS_LOWEST)
 
 
 def _open(task: Task, inputs: np.ndarray) -> tuple[WeakDirection, ...]:

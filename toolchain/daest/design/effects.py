@@ -11,6 +11,7 @@ from scipy.special import chdtri
 from daest.design.explainer import Explainer, likely
 from daest.design.prepared import Subject, estimated_names, explainer
 from daest.design.rivals import DetectAim, RivalAim
+from daest.design.sensors import COMPONENT
 from daest.errors import EstimationError
 from daest.model.design import Limits
 from daest.model.effects import Effect, Placement, Site
@@ -18,7 +19,6 @@ from daest.model.flat import FlatModel
 from daest.modelica.attach import attach_all
 
 DRAWS = 4  # likely parameters of each rival beside the fitted ones, for the expectation
-NAME = "effect"
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class Rival:
 
     label: str
     flat: FlatModel
+    names: tuple[str, ...]  # of the parameters that were estimated
 
 
 def with_effect(
@@ -35,7 +36,7 @@ def with_effect(
     site: Site,
     values: Mapping[str, float],
     inputs: Mapping[str, str],
-    name: str = NAME,
+    name: str = COMPONENT,
 ) -> FlatModel:
     """The model with the effect at a place as component `name`; parameters without a value have their start
     value."""
@@ -66,7 +67,8 @@ def rival_aim(
             remedy='run daest diagnose first; its verdict "cannot tell" leaves rivals. --parameters and '
             "--detect design for other aims",
         )
-    subjects = tuple(Subject(one, estimated_names(one)) for one in _alike([r.flat for r in rivals]))
+    flats = _alike([rival.flat for rival in rivals])
+    subjects = tuple(Subject(one, rival.names) for one, rival in zip(flats, rivals, strict=True))
     driven = tuple(explainer(subject, limits.period, limits.hold) for subject in subjects)
     truths = tuple(_truths(one, recorded, seed, draws) for one in driven)
     return RivalAim(tuple(r.label for r in rivals), driven, truths, margin), subjects
@@ -121,7 +123,7 @@ def detect_aim(
     starts = np.array([p.start for p in sizes])
     values = {**(shape or {}), **dict(zip((p.name for p in sizes), starts.tolist(), strict=True))}
     whole = with_effect(flat, effect, site, values, {})
-    names = tuple(f"{NAME}.{p.name}" for p in sizes)
+    names = tuple(f"{COMPONENT}.{p.name}" for p in sizes)
     subjects = (Subject(flat, estimated_names(flat)), Subject(whole, names))
     null, other = (explainer(subject, limits.period, limits.hold) for subject in subjects)
     n_data = max(sum(inputs.shape[0] for inputs in recorded), limits.time.size) * len(flat.outputs)

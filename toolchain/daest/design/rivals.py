@@ -26,12 +26,14 @@ LEAST = 1e-12  # log-likelihood that stands for none
 @dataclass(frozen=True)
 class RivalAim:
     """`labels` and `driven` name and hold the rivals; `truths` likely parameters of each, z (p,). A rival is
-    told from the truth where it loses more than `margin` in log-likelihood."""
+    told from the truth where it loses more than `margin` in log-likelihood. `orders` are the pairs (truth,
+    rival) that are looked at, None for all."""
 
     labels: tuple[str, ...]
     driven: tuple[Explainer, ...]
     truths: tuple[tuple[np.ndarray, ...], ...]
     margin: float
+    orders: tuple[tuple[int, int], ...] | None = None
 
     name: AimName = "rivals"
     higher_is_better: bool = True
@@ -51,7 +53,7 @@ class RivalAim:
     def expected(self, recordings: Sequence[np.ndarray]) -> Expected | None:
         """Over likely parameters of the truth, with the rivals refitted."""
         ratios: dict[str, float] = {}
-        for i, j in self._orders():
+        for i, j in self._chosen():
             for z in self.truths[i]:
                 parts = [self._ratio(i, j, z, inputs) for inputs in recordings]
                 label = " | ".join(sorted((self.labels[i], self.labels[j])))
@@ -69,25 +71,49 @@ class RivalAim:
     def watching(self, driven: Sequence[Explainer]) -> RivalAim:
         return replace(self, driven=tuple(driven))
 
-    def one_equation(self, inputs: np.ndarray) -> list[tuple[str, str]]:
-        """Pairs that are the same equation, as far as this input shows."""
-        same = []
-        for i, j, other, made in self._pairs(inputs):
-            explained = other.explain(inputs, np.zeros_like(made), other.start(inputs))
-            left = distance(other, inputs, made, _nothing(other), STEPS)
-            energy = 0.0 if explained is None else 0.5 * float(np.sum(explained.errors**2))
-            if i < j and left < SAME * energy:
-                same.append((self.labels[i], self.labels[j]))
-        return same
+    def groups(self, probes: Sequence[np.ndarray]) -> list[list[int]]:
+        """The rivals that do the same with all these inputs, when refitted, together."""
+        found: list[list[int]] = []
+        for i in range(len(self.driven)):
+            home = next((g for g in found if all(self._is_same(g[0], i, inputs) for inputs in probes)), None)
+            if home is None:
+                found.append([i])
+            else:
+                home.append(i)
+        return found
 
-    def _orders(self) -> list[tuple[int, int]]:
+    def only(self, chosen: Sequence[int]) -> RivalAim:
+        """The aim for these rivals alone."""
+        labels, driven = tuple(self.labels[i] for i in chosen), tuple(self.driven[i] for i in chosen)
+        return RivalAim(labels, driven, tuple(self.truths[i] for i in chosen), self.margin)
+
+    def _is_same(self, i: int, j: int, inputs: np.ndarray) -> bool:
+        truth, other = self.driven[i], self.driven[j]
+        made = truth.outputs(inputs, truth.start(inputs))
+        explained = other.explain(inputs, np.zeros_like(made), other.start(inputs))
+        left = distance(other, inputs, made, _nothing(other), STEPS)
+        return explained is not None and 0.0 <= left < 0.5 * SAME * float(np.sum(explained.errors**2))
+
+    def focused(self, inputs: np.ndarray) -> RivalAim:
+        """The aim for the pair alone that is closest with this input."""
+        found = [
+            (distance(other, inputs, made, _nothing(other)), (i, j))
+            for i, j, other, made in self._pairs(inputs)
+        ]
+        return replace(self, orders=(min(found)[1],))
+
+    def _chosen(self) -> list[tuple[int, int]]:
+        if self.orders is not None:
+            return list(self.orders)
         count = range(len(self.driven))
         return [(i, j) for i in count for j in count if i != j]
 
     def _pairs(self, inputs: np.ndarray) -> Iterator[tuple[int, int, Explainer, np.ndarray]]:
-        made = [one.outputs(inputs, one.start(inputs)) for one in self.driven]
-        for i, j in self._orders():
-            yield i, j, self.driven[j], made[i]
+        order = self._chosen()
+        truths = {i: self.driven[i] for i, _ in order}
+        outputs = {i: one.outputs(inputs, one.start(inputs)) for i, one in truths.items()}
+        for i, j in order:
+            yield i, j, self.driven[j], outputs[i]
 
     def _ratio(self, i: int, j: int, z: np.ndarray, inputs: np.ndarray) -> float:
         truth, other = self.driven[i], self.driven[j]
@@ -139,6 +165,9 @@ class DetectAim:
 
     def watching(self, driven: Sequence[Explainer]) -> DetectAim:
         return replace(self, null=driven[0], effect=driven[1])
+
+    def focused(self, inputs: np.ndarray) -> DetectAim:
+        return self
 
     def shown(self, recordings: Sequence[np.ndarray], size: float) -> float:
         """Twice the expected log-likelihood ratio at a size, with the model refitted; -inf where it cannot be

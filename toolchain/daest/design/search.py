@@ -96,7 +96,7 @@ def free_input(aim: Aim, limits: Limits, guard: Guard, start: Played, budget: Bu
         slopes = aim.gradient(inputs)
         basis = None if slopes is not None and np.isinf(limits.band[1]) else coarse
         if slopes is None:
-            slopes = _probed(aim, limits, inputs, merit, coarse, budget)
+            slopes = _probed(aim.focused(inputs), limits, inputs, coarse, budget)
         elif basis is not None:
             slopes = basis @ slopes
         if slopes is None or not np.any(slopes):
@@ -136,10 +136,10 @@ def _hats(limits: Limits) -> csr_matrix:
 
 
 def _probed(
-    aim: Aim, limits: Limits, inputs: np.ndarray, merit: float, hats: csr_matrix, budget: Budget
+    aim: Aim, limits: Limits, inputs: np.ndarray, hats: csr_matrix, budget: Budget
 ) -> np.ndarray | None:
     """∂merit/∂knot (n_knots, n_u) by differences, inwards where a limit is reached; None out of time."""
-    slopes = np.zeros((hats.shape[0], len(limits.inputs)))
+    slopes, merit = np.zeros((hats.shape[0], len(limits.inputs))), aim.merit(inputs)
     for m in range(hats.shape[0]):
         hat = hats[m].toarray()[0]
         for i, one in enumerate(limits.inputs):

@@ -17,6 +17,7 @@ from daest.modelica.change import declare
 PROPORTIONAL = 1.0 - 1e-9  # correlation of variables that are the same up to a factor and an offset
 STILL = 1e-9  # of its size: a variable that moves less does not move
 MOST_SENSORS = 24
+COMPONENT = "effect"  # of a rival: what is inside of it is no variable of the machine
 USUAL_NOISE = 0.01  # of the motion, where the present sensors tell none
 
 
@@ -82,6 +83,7 @@ def _groups(
     scaled, known = _scaled(values), _scaled(taken)
     free = (np.linalg.norm(scaled, axis=0) > 0.5) & ~np.any(np.abs(scaled.T @ known) > PROPORTIONAL, axis=1)
     free |= np.array([name in noise for name in names])
+    free &= ~np.array([name.startswith(f"{COMPONENT}.") for name in names])
     groups: list[list[int]] = []
     for column in np.flatnonzero(free):
         home = (g for g in groups if abs(scaled[:, g[0]] @ scaled[:, column]) > PROPORTIONAL)

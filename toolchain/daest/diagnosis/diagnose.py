@@ -24,6 +24,7 @@ from daest.diagnosis.candidates import pairs
 from daest.diagnosis.disturbance import SmoothedLoad, place_gains, smoothed_load
 from daest.diagnosis.free_forms import free_forms
 from daest.diagnosis.learned import learned_load, said
+from daest.diagnosis.next_experiment import Asked, computed
 from daest.diagnosis.null import Null, fit_null, grown, refit, shortest_load
 from daest.diagnosis.proof import (
     BIC_GAIN,
@@ -313,10 +314,19 @@ def _examined(
         places=gains,
         disturbance=form,
         validation=stand.told.simulated.get("validation"),
-        next_experiment=decided.next_experiment,
+        next_experiment=_next_experiment(stand, decided, options),
         seconds=time.perf_counter() - stand.began,
         learned=learned if decided.name == "unknown effect" else None,
     )
+
+
+def _next_experiment(stand: Stand, decided: verdicts.Decided, options: DiagnoseOptions) -> str:
+    """The experiment of the verdict; computed, where candidates are left that could not be told apart."""
+    null = stand.null
+    if decided.name != "cannot tell":
+        return decided.next_experiment
+    asked = Asked(decided.proofs, null.experiments, null.hold, options.seed)
+    return computed(asked, decided.next_experiment)
 
 
 def _learned(stand: Stand, run: NullObserver, form: FreeForm) -> LearnedLoad | None:

@@ -1,0 +1,71 @@
+"""The experiment that a diagnosis proposes where candidates could not be told apart."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from daest.design.effects import with_effect
+from daest.diagnosis.next_experiment import Asked, computed
+from daest.model.experiment import Experiment
+from daest.modelica.compile import compile_model
+from daest.modelica.effects import find_effects
+from daest.modelica.sites import find_site
+
+ROTOR = Path(__file__).resolve().parents[1] / "design" / "models" / "Rotor.mo"
+OTHERWISE = "Shake it."
+
+
+@pytest.fixture(scope="module")
+def rotor():
+    return compile_model(ROTOR)
+
+
+def proof(rotor, name, place, **sizes):
+    effect = next(e for e in find_effects(name) if e.domain in ("rotational", "signal"))
+    flat = with_effect(rotor, effect, find_site(rotor, place, effect), sizes, {}, "effect_1")
+    names = ("J", "d", *(f"effect_1.{size}" for size in sizes))
+    told = SimpleNamespace(
+        theta={p.name: p.value for p in flat.parameters},
+        parameters=[SimpleNamespace(name=n) for n in names],
+        simulated={"estimation": SimpleNamespace(rms={"w": 0.05})},
+    )
+    candidate = SimpleNamespace(inputs={}, label=f"{name} at {place}")
+    return SimpleNamespace(verdict="not separable", candidate=candidate, flat=flat, told=told)
+
+
+def asked(proofs, low=0.6):
+    time = 0.05 * np.arange(241)
+    torque = np.random.default_rng(1).uniform(low, 1.2, 13).repeat(20)[:241, None]
+    run = Experiment("run", time, torque, np.zeros((241, 1)), ("tau",), ("w",))
+    return Asked(proofs, (run,), "zoh")
+
+
+def test_input_that_tells_them_apart(rotor):
+    left = [
+        proof(rotor, "CoulombFriction", "rotor.flange_a", tau_c=0.2),
+        proof(rotor, "QuadraticDrag", "rotor.flange_a", k=0.02),
+    ]
+    text = computed(asked(left, low=-1.2), OTHERWISE)
+    assert text.startswith("Play ") and "tau from" in text and "N.m" in text
+    assert "CoulombFriction at rotor.flange_a | QuadraticDrag at rotor.flange_a" in text
+    assert "against" in text and "daest design --rivals" in text and OTHERWISE not in text
+
+
+def test_what_only_the_other_direction_tells(rotor):
+    left = [
+        proof(rotor, "CoulombFriction", "rotor.flange_a", tau_c=0.2),
+        proof(rotor, "ConstantLoad", "rotor.flange_a", tau_0=0.2),
+    ]
+    text = computed(asked(left), OTHERWISE)
+    assert text.startswith("Within the recorded range of tau no input") and "tau from -1" in text
+
+
+def test_what_no_input_tells_keeps_the_other_advice(rotor):
+    left = [
+        proof(rotor, "Offset", "tau", b=-0.2),
+        proof(rotor, "ConstantLoad", "rotor.flange_a", tau_0=0.2),
+    ]
+    assert computed(asked(left), OTHERWISE).endswith(OTHERWISE)
+    assert computed(asked(left[:1]), OTHERWISE) == OTHERWISE

@@ -1,0 +1,104 @@
+"""What to record next where candidates could not be told apart: computed from their models, in a
+sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from daest.design.design import Task, at_period, design
+from daest.design.effects import Rival, leaving, rival_aim
+from daest.diagnosis.proof import SAME_BIC
+from daest.errors import DaestError
+from daest.model.design import Design, Limits, Range
+from daest.model.diagnosis import Proof
+from daest.model.experiment import Experiment
+from daest.model.flat import FlatModel
+from daest.systems.sample import Hold
+
+SECONDS = 4.0  # that the search for the experiment may take
+LONGEST = 4000  # samples of a designed experiment, so that the search comes to something
+MARGIN = 0.5 * SAME_BIC  # log-likelihood by which candidates are told apart
+MOST = 4  # candidates that are looked at, best first
+COMMAND = "daest design --rivals -o input.csv writes the input, and looks longer for a better one."
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The candidates that are left, the recordings, and how their inputs run between the samples."""
+
+    proofs: Sequence[Proof]
+    experiments: Sequence[Experiment]
+    hold: Hold
+    seed: int = 0
+
+
+def computed(asked: Asked, otherwise: str) -> str:
+    """The input that tells the candidates apart best, and what it is expected to bring: within the recorded
+    ranges of the inputs, else in both directions; `otherwise` where fewer than two candidates can be driven,
+    or nothing comes of it."""
+    left = [p for p in asked.proofs if p.verdict != "rejected" and not p.candidate.inputs][:MOST]
+    if len(left) < 2 or not left[0].flat.inputs:
+        return otherwise
+    limits = _limits(asked, left[0].flat)
+    found = _designed(left, asked, limits)
+    if found is not None and found.expected.value > MARGIN:
+        return _said(found)
+    both = replace(limits, inputs=tuple(_both_ways(one) for one in limits.inputs))
+    wider = None if both == limits else _designed(left, asked, both)
+    if wider is not None and wider.expected.value > MARGIN:
+        names = ", ".join(one.name for one in both.inputs)
+        said = _said(wider)
+        return f"Within the recorded range of {names} no input tells them apart; in both directions: {said}"
+    if found is None and wider is None:
+        return otherwise
+    return (
+        "No input of the recorded amplitude, rate and length was found that tells them apart "
+        f"({MARGIN:g} in log-likelihood are needed). {otherwise}"
+    )
+
+
+def _both_ways(one: Range) -> Range:
+    largest = max(abs(one.low), abs(one.high))
+    return replace(one, low=-largest, high=largest)
+
+
+def _designed(left: Sequence[Proof], asked: Asked, limits: Limits) -> Design | None:
+    """None where nothing within the limits makes a difference."""
+    names = [one.name for one in limits.inputs]
+    recorded = [at_period(e, names, limits.period) for e in asked.experiments]
+    try:
+        aim, subjects = rival_aim([_rival(p) for p in left], limits, recorded, MARGIN, asked.seed, draws=0)
+        task = Task(aim, subjects, limits, tuple(recorded), seed=asked.seed, seconds=SECONDS, is_short=True)
+        return design(task)
+    except DaestError:
+        return None
+
+
+def _rival(proof: Proof) -> Rival:
+    told = proof.told
+    flat = leaving(proof.flat.with_theta(told.theta), told.simulated["estimation"].rms)
+    return Rival(proof.candidate.label, flat, tuple(p.name for p in told.parameters))
+
+
+def _limits(asked: Asked, flat: FlatModel) -> Limits:
+    """What was recorded: the ranges and rates of the inputs, and the length of the longest recording."""
+    experiments = asked.experiments
+    period = min(float(np.median(np.diff(e.time))) for e in experiments)
+    longest = max(float(e.time[-1] - e.time[0]) for e in experiments)
+    inputs = []
+    for variable in flat.inputs:
+        values = [e.inputs[:, e.input_names.index(variable.name)] for e in experiments]
+        rates = [
+            np.max(np.abs(np.diff(u) / np.diff(e.time))) for u, e in zip(values, experiments, strict=True)
+        ]
+        low, high = float(min(map(np.min, values))), float(max(map(np.max, values)))
+        inputs.append(Range(variable.name, variable.unit, low, high, float(max(rates)) or np.inf))
+    return Limits(tuple(inputs), min(longest, LONGEST * period), period, hold=asked.hold)
+
+
+def _said(found: Design) -> str:
+    alike = "".join(f" {note}." for note in found.notes)
+    return f"{found.message}.{alike} {COMMAND}"
