@@ -106,7 +106,6 @@ def nothing() -> None:
     """The folder is as it is."""
 
 
-NAMES_A_STATE = {"filter-unobservable"}  # which has no place in a file
 IDENTIFY = ("identify", "bad.csv", "--model", "Servo.mo")
 ALL_FREE = [word for name in ("R", "k", "J1", "J2", "c", "d") for word in ("--estimate", name)]
 
@@ -199,12 +198,6 @@ CASES: dict[str, tuple[Callable[[], object], tuple[str, ...], str, tuple[str, ..
         "config-value",
         ("bad.toml:7", "1.5", "2 to inf"),
     ),
-    "unobservable": (
-        nothing,
-        ("filter", "run.csv", "--model", "Servo.mo", "--measure", "omega", "--kind", "stationary"),
-        "filter-unobservable",
-        ("motor.phi", "measure more outputs"),
-    ),
     "unidentifiable": (
         nothing,
         ("identify", "run.csv", "--model", "Servo.mo", *ALL_FREE),
@@ -253,7 +246,7 @@ def test_message(folder, capsys, name):
     assert out == ""
     shown = err[err.index("error[") :]
     assert shown.startswith(f"error[{code}]: ")
-    assert "\n  help: " in shown and ("\n  --> " in shown or code in NAMES_A_STATE)
+    assert "\n  help: " in shown and "\n  --> " in shown
     assert "Traceback" not in err
     missing = [word for word in words if word not in shown]
     assert not missing, shown

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import qr
 
 from daest.errors import EstimationError
 from daest.model.linear import DiscreteModel
+from daest.numerics.balancing import balanced
 from daest.numerics.exponential import transition_integrals
-from daest.numerics.hidden import UNDAMPED_MARGIN, hidden_basis
+from daest.numerics.gaussian import FREE_TOLERANCE
+from daest.numerics.hidden import UNDAMPED_MARGIN, forgetting, hidden_basis
 from daest.numerics.riccati import filter_riccati, predictor_gain, undamped_modes, unobservable_subspace
 
 NAMED_SHARE = 0.05  # a state is named when it takes this part of the largest share of a combination
@@ -70,6 +72,17 @@ def unobservable_message(model: DiscreteModel, names: tuple[str, ...]) -> str:
     _, hidden = unobservable_subspace(model.transition, model.output)
     _, vectors = undamped_modes(model.transition, hidden, UNDAMPED_MARGIN)
     return "; ".join(dict.fromkeys(combination_text(vector, names) for vector in vectors.T))
+
+
+def without_unseen(model: DiscreteModel, present: np.ndarray) -> tuple[DiscreteModel, np.ndarray]:
+    """The model with the same predictions of the outputs that are `present` (n_y,) bool and without undamped
+    modes that none of them sees, and the directions (n, r) of the state that it leaves out."""
+    output = model.output[present]
+    basis = hidden_basis(model.transition, output)
+    scaled = basis / balanced(model.transition - np.eye(basis.shape[0]))[1][:, None]
+    rounding = np.abs(scaled) < FREE_TOLERANCE * np.max(np.abs(scaled), axis=0, initial=0.0)
+    still = replace(model, transition=forgetting(model.transition, output))
+    return still, np.where(rounding, 0.0, basis)
 
 
 def unseen_directions(A: np.ndarray, C: np.ndarray, period: float, names: tuple[str, ...]) -> tuple[str, ...]:

@@ -20,11 +20,11 @@ from daest.estimation.kalman import kalman_filter, steady_sample, unobservable_s
 from daest.estimation.large_filter import LargeResult, can_stream, large_filter
 from daest.estimation.modes import has_equal_steps, models_by_interval
 from daest.estimation.smoother import smooth as smooth_record
-from daest.estimation.stationary import combination_text, stationary_filter
+from daest.estimation.stationary import combination_text, stationary_filter, without_unseen
 from daest.model.estimates import InitialState, KalmanResult
 from daest.model.experiment import Experiment
 from daest.model.linear import DiscreteModel, StateSpace
-from daest.numerics.gaussian import marginals
+from daest.numerics.gaussian import FREE_TOLERANCE, marginals
 from daest.systems.sample import sample, stacked_inputs
 
 STEP_RESOLUTION = 1e-8  # steps that differ by less than this part of the median step share one sampled model
@@ -54,6 +54,9 @@ def estimate(case: Case, name: str) -> Estimates:
     noise = noise_rule(ss, intensity, rows)
     models = sampled_models(_with_outputs(ss, rows), experiment.time, options.hold, intensity, cov, noise)
     record = _record(ss, experiment, case.measure)
+    unseen = np.zeros((len(ss.state_names), 0))
+    if kind == "stationary" and isinstance(models, DiscreteModel):
+        models, unseen = without_unseen(models, np.isfinite(record.outputs).any(axis=0))
     names, internal = _variables(ss)
     wanted = _with_noise(internal.state_and_noise, len(ss.noise_names))
     is_unknown = kind == "time-varying" and options.initial is None
@@ -67,6 +70,8 @@ def estimate(case: Case, name: str) -> Estimates:
         result = kalman_filter(models, record, options.initial, kind, ss.state_names)
         found = smooth_record(result).smoothed if options.smooth else result.filtered
         values, std = marginals(found, wanted)
+    open_ = _reached_by(wanted, unseen)
+    values[:, open_], std[:, open_] = np.nan, np.inf
     values, noise_values = np.split(values, [len(names)], axis=1)
     std, noise_std = np.split(std, [len(names)], axis=1)
     return Estimates(
@@ -86,6 +91,14 @@ def estimate(case: Case, name: str) -> Estimates:
             *(_long_memory(models, experiment.time) if kind == "stationary" else ()),
         ),
     )
+
+
+def _reached_by(rows: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Which rows (m, n + …) over the state (n) and more a change of the state along `directions` (n, r)
+    reaches, (m,) bool."""
+    states = rows[:, : directions.shape[0]]
+    largest = np.max(np.abs(states) @ np.abs(directions), axis=1, initial=0.0)
+    return np.max(np.abs(states @ directions), axis=1, initial=0.0) > FREE_TOLERANCE * largest
 
 
 def noise_rule(ss: StateSpace, intensity: np.ndarray, outputs: Sequence[int]) -> Noise:
