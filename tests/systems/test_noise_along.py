@@ -45,6 +45,7 @@ def test_admissible_at_the_start_and_forbidden_later():
     assert found.asked[0] == place
     assert found.places[1].admissible and not found.same_everywhere
     assert len(found.times) == 21 and found.unjudged == ()
+    assert 2 in found.generic.forbidden and found.generic_points == 16
 
 
 def test_pendulum_all_around():
@@ -54,6 +55,9 @@ def test_pendulum_all_around():
     found = noise_along(flat, (time, u), hold="zoh")
     assert found.all_admissible and found.annotated[0].name == "w"
     assert found.structures == ((2, 3),)
+    assert (found.generic.n_dynamic, found.generic.index) == (2, 3)
+    assert found.generic_points == len(found.times)
+    assert set(found.generic.forbidden) == {i for i, p in enumerate(found.places) if not p.admissible}
     texts = [e.text for e in flat.equations]
     constraint = next(i for i, text in enumerate(texts) if "L" in text and "der" not in text)
     assert found.places[constraint].forbidden_share == 1.0

@@ -134,6 +134,23 @@ def test_dependent_equations_are_named_with_weights():
     assert "der(x)" not in error.what.split("\n", 1)[1]
 
 
+def test_equations_that_one_parameter_value_makes_dependent_are_told_apart():
+    m = Draft("Special", parameters={"g": 2.0, "k": 3.0}, unknowns=["a", "b", "x"])
+    for text in ("der(x) = -k*x + a", "a + b = x", "g*a + 2*b = 2*x"):
+        m.equation(text)
+    with pytest.raises(ModelError) as caught:
+        split(linearize(m.flat()))
+    error = caught.value
+    assert error.code == "pencil-singular" and error.what.startswith("at these values of the parameters ")
+    last = error.what.splitlines()[-1]
+    assert last.endswith("they do (index 1, 1 dynamic modes); g = 2 is a special value")
+    assert split(linearize(replace(m, parameters={"g": 2.5, "k": 3.0}).flat())).index == 1
+    m.equations[-1] = replace(m.equations[-1], text="2*a + 2*b = 2*x")
+    with pytest.raises(ModelError) as caught:
+        split(linearize(m.flat()))
+    assert "at these values" not in caught.value.what and "special" not in caught.value.what
+
+
 def test_dynamic_equations_can_be_dependent_too():
     m = Draft("DynamicTwice", unknowns=["x", "y", "z"])
     for text in ("der(x) + der(y) = -x - y", "2*der(x) + 2*der(y) = -2*x - 2*y", "z = x - y"):

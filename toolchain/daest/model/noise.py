@@ -141,7 +141,8 @@ class NoiseAlong:
 
     `times` are those of the points judged; `unjudged` those where the linearised model is not regular, with
     the reason. `structures` are the pairs (n_dynamic, index) that occur; one pair with `same_everywhere` for
-    an affine model, which needs no trajectory."""
+    an affine model, which needs no trajectory. `generic` is the exact verdict that holds at most points,
+    `generic_points` their number; None where there is none at any point."""
 
     times: tuple[float, ...]
     unjudged: tuple[tuple[float, str], ...]
@@ -150,6 +151,8 @@ class NoiseAlong:
     annotated: tuple[NoisePlaceAlong, ...]
     asked: tuple[NoisePlaceAlong, ...]
     same_everywhere: bool
+    generic: GenericVerdict | None = None
+    generic_points: int = 0
 
     @property
     def all_admissible(self) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 from daest.model.linear import LinearDAE, Structure
 from daest.model.noise import Difference, GenericVerdict, NoiseReport
@@ -91,10 +91,15 @@ def _tolerance_reason(report: NoiseReport, norms: Iterable[float]) -> str:
 
 def _special_values(dae: LinearDAE, here: ExactStructure) -> str:
     """Which parameters have values at which the verdict is another one than at values near by."""
+    return special_values(dae, lambda released: not released.agrees(here))
+
+
+def special_values(dae: LinearDAE, is_other: Callable[[ExactStructure], bool]) -> str:
+    """Which parameters, released alone, give a structure that `is_other`, in words."""
     special = []
     for i, parameter in enumerate(dae.parameters[:MOST_RELEASED]):
         released = generic_structure(dae, [i])
-        if released is not None and not released.agrees(here):
+        if released is not None and is_other(released):
             special.append(f"{parameter.name} = {parameter.value:g}")
     if not special:
         return "the values of several parameters together are special"

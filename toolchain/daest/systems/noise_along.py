@@ -6,6 +6,7 @@ zero at the start may let a noise through into a differentiated equation later.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -112,6 +113,8 @@ def _gathered(
         rows = [[(time, place) for place in of(report)] for time, report in reports]
         return tuple(_place(list(column)) for column in zip(*rows, strict=True))
 
+    exact = Counter(report.generic for _, report in reports if report.generic is not None).most_common(1)
+    generic, generic_points = exact[0] if exact else (None, 0)
     return NoiseAlong(
         times=tuple(time for time, _ in reports),
         unjudged=unjudged,
@@ -120,6 +123,8 @@ def _gathered(
         annotated=along(lambda report: report.annotated),
         asked=along(lambda report: report.asked),
         same_everywhere=same_everywhere,
+        generic=generic,
+        generic_points=generic_points,
     )
 
 

@@ -24,7 +24,8 @@ from daest.numerics.modular_pencil import DenseInfinity, SingularPencil
 from daest.numerics.pencils import Scaling, apply_scaling, split_pencil, unit_scaling
 from daest.numerics.precise_pencil import precise_form
 from daest.numerics.ranks import decide_rank, default_tolerance, warning
-from daest.systems.exact_structure import ExactStructure, exact_structure
+from daest.systems.exact_structure import ExactStructure, exact_structure, generic_structure
+from daest.systems.generic_verdict import special_values
 from daest.systems.pantelides import Signature, check_structure
 
 LISTED = 8
@@ -308,18 +309,34 @@ def dependent_equations(dae: LinearDAE) -> ModelError:
     share = np.abs(vector) / np.max(np.abs(vector))
     order = [int(i) for i in np.argsort(-share, kind="stable") if share[i] >= NULL_VECTOR_SHARE]
     places = [dae.equations[i].place for i in order]
+    here, elsewhere, remedy = _where_dependent(dae)
     return ModelError(
         "pencil-singular",
         "\n".join(
             [
-                "the equations do not determine the unknowns: det(sE - J) is zero for every s, because this "
-                "sum of equations vanishes (weights before the equations):",
+                f"{here}the equations do not determine the unknowns: det(sE - J) is zero for every s, "
+                "because this sum of equations vanishes (weights before the equations):",
                 *_weighted(dae, weights, order),
+                *elsewhere,
             ]
         ),
         where=next((place for place in places if place is not None), None),
-        remedy="one of these equations repeats the others, or contradicts them: remove or correct it",
+        remedy=remedy,
     )
+
+
+def _where_dependent(dae: LinearDAE) -> tuple[str, list[str], str]:
+    """Beginning, last lines and remedy of the message: whether the equations depend on each other at these
+    parameter values alone."""
+    generic = generic_structure(dae)
+    if generic is None:
+        return "", [], "one of these equations repeats the others, or contradicts them: remove or correct it"
+    regular = (
+        f"for almost every other value of the parameters they do (index {generic.index}, "
+        f"{generic.n_dynamic} dynamic modes); {special_values(dae, lambda _: True)}"
+    )
+    remedy = "change that value, or leave out the equations that it makes dependent"
+    return "at these values of the parameters ", [regular], remedy
 
 
 def _at_random_point(dae: LinearDAE) -> sp.csr_array:

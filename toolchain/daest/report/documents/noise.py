@@ -57,17 +57,6 @@ class Structure(TypedDict):
     index: int
 
 
-class Along(TypedDict):
-    times: list[float]
-    unjudged: list[Unjudged]
-    structures: list[Structure]
-    same_everywhere: bool
-    equations: list[JudgedAlong]
-    annotated: list[JudgedAlong]
-    asked: list[JudgedAlong]
-    all_admissible: bool
-
-
 class Generic(TypedDict):
     of: Annotated[
         Literal["parameters", "numbers"],
@@ -77,6 +66,19 @@ class Generic(TypedDict):
     n_dynamic: int
     forbidden: Annotated[list[int], "equations that may not carry white noise"]
     noises: Annotated[list[str], "noises of the model that are not admissible"]
+
+
+class Along(TypedDict):
+    times: list[float]
+    unjudged: list[Unjudged]
+    structures: list[Structure]
+    same_everywhere: bool
+    equations: list[JudgedAlong]
+    annotated: list[JudgedAlong]
+    asked: list[JudgedAlong]
+    all_admissible: bool
+    generic: Annotated[Generic | None, "the exact verdict that holds at most points; null where none exists"]
+    generic_points: Annotated[int, "how many points that is"]
 
 
 class Differs(TypedDict):
@@ -148,6 +150,8 @@ def along_document(along: NoiseAlong) -> Along:
         "annotated": [{"equations": list(p.equations), **_along(p)} for p in along.annotated],
         "asked": [{"equations": list(p.equations), **_along(p)} for p in along.asked],
         "all_admissible": along.all_admissible,
+        "generic": None if along.generic is None else _generic(along.generic),
+        "generic_points": along.generic_points,
     }
 
 

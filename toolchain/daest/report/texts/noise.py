@@ -115,14 +115,16 @@ def _decisions(document: Mapping[str, Any]) -> Iterator[RenderableType]:
 NAMES = {"index": "index", "n_dynamic": "dynamic modes", "equations": "equations", "noises": "noises"}
 
 
+EXACTLY = {"parameters": "for almost every value of the parameters", "numbers": "by exact arithmetic"}
+
+
 def _exact(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     """What holds exactly, and for almost every θ; where it is otherwise here, and what is undecided."""
     generic = document["generic"]
     if generic is not None:
         is_general = generic["of"] == "parameters"
         if document["differs"]:
-            scope = "for almost every value of the parameters" if is_general else "by exact arithmetic"
-            scope += f": index {generic['index']}, {generic['n_dynamic']} dynamic, "
+            scope = EXACTLY[generic["of"]] + f": index {generic['index']}, {generic['n_dynamic']} dynamic, "
             scope += f"{len(generic['forbidden'])} equations without white noise; otherwise here:"
         else:
             scope = "decided by exact arithmetic"
@@ -154,6 +156,13 @@ def _along(along: Mapping[str, Any], n_equations: int) -> Iterator[RenderableTyp
         f"{len(times)} points, t = {number(times[0])} to {number(times[-1])} s: {structures}; {always} of "
         f"{n_equations} equations may carry white noise at all of them"
     )
+    if along["generic"] is not None:
+        generic, points = along["generic"], along["generic_points"]
+        where = "at all of them" if points == len(times) else f"at {points} of them, the others are special"
+        yield indented(
+            f"{EXACTLY[generic['of']]}: index {generic['index']}, {generic['n_dynamic']} dynamic, "
+            f"{len(generic['forbidden'])} equations without white noise ({where})"
+        )
     for point in along["unjudged"]:
         yield indented(f"t = {number(point['time'])} s could not be judged: {point['reason']}")
     mixed = [e for e in along["equations"] if e["forbidden_share"] < 1.0]
