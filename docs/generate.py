@@ -26,7 +26,8 @@ from daest.cli.main import COMMANDS, cli
 from daest.cli.schema import schema_names, schema_of
 from daest.data import prepare
 from daest.data.project import KEYS
-from daest.diagnosis import black_box, proof, residual_tests, unseen
+from daest.diagnosis import proof, unseen
+from daest.diagnosis.gates import GATES
 from daest.errors import EXPLANATIONS
 from daest.model.effects import Effect
 from daest.modelica.effects import effect_library
@@ -235,11 +236,10 @@ def filled(markdown: str) -> str:
     return template.render(
         rates=rates,
         box=box,
+        gates=GATES,
         proof=proof,
         unseen=unseen,
         prepare=prepare,
-        tests=residual_tests,
-        black=black_box,
         percent=percent,
     )
 

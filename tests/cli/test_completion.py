@@ -9,7 +9,7 @@ import pytest
 from click.shell_completion import BashComplete
 
 from daest.cli.main import COMMANDS, cli
-from daest.diagnosis.residual_tests import LEVEL
+from daest.diagnosis.gates import GATES
 from daest.model.defaults import LEAST_NULL_RECORDS
 
 
@@ -71,4 +71,4 @@ def test_nothing_numerical_is_loaded_for_a_completion():
 
 
 def test_least_records_fit_the_level_of_the_tests():
-    assert int(1 / LEVEL) - 1 == LEAST_NULL_RECORDS
+    assert int(1 / GATES.residual_level) - 1 == LEAST_NULL_RECORDS

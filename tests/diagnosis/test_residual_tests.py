@@ -8,7 +8,8 @@ from oscillator import OSCILLATOR, record
 from scipy.stats import beta, binom, chi2
 
 from daest.diagnosis.compare import compare_models
-from daest.diagnosis.residual_tests import LEVEL, RawTest, joined, judged, residual_tests
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.residual_tests import RawTest, joined, judged, residual_tests
 from daest.diagnosis.trial import Candidate
 from daest.modelica.compile import compile_model
 from daest.numerics.statistics import ljung_box
@@ -141,7 +142,7 @@ def test_holm_procedure_by_hand():
     assert [tests["a"]["x"].passed, tests["a"]["y"].passed, tests["b"]["x"].passed] == [False, False, True]
     one = judged({"a": {"x": raw(0.004), "y": raw(0.3)}, "b": {"x": raw(0.02)}})
     assert all(test.passed for tests in one.values() for test in tests.values())
-    assert one["a"]["x"].limit == pytest.approx(chi2.isf(LEVEL / 3, 3))
+    assert one["a"]["x"].limit == pytest.approx(chi2.isf(GATES.residual_level / 3, 3))
 
 
 def _study(tmp_path, n_records, n_samples, bootstrap=0):

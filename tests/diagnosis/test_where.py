@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from daest.diagnosis.where import LEVEL, ErrorSeries, Signal, distinct, where
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.where import ErrorSeries, Signal, distinct, where
 
 N, PERIOD = 4000, 0.01
 TIME = PERIOD * np.arange(N)
@@ -82,8 +83,8 @@ def test_nothing_is_said_when_nothing_is_there():
     for seed in range(30):
         slow = np.convolve(noise(200 + seed), np.hanning(60), "same")
         said += bool(where([series(noise(seed), seed=seed), series(slow, "simulation", seed=seed)]))
-    # At LEVEL = 2 % five of 30 have a probability of 3e-4.
-    assert LEVEL == 0.02 and said <= 4
+    # At GATES.where_level = 2 % five of 30 have a probability of 3e-4.
+    assert GATES.where_level == 0.02 and said <= 4
 
 
 def test_copies_and_constants_are_left_out():

@@ -24,6 +24,7 @@ from scipy.optimize import least_squares
 
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.diagnose import DiagnoseOptions, Progress, Step
+from daest.diagnosis.gates import GATES
 from daest.diagnosis.trial import Candidate as Compared
 from daest.errors import ConfigError, EstimationError, ModelError, NumericalError
 from daest.estimation.fitted import fitted_model
@@ -44,20 +45,12 @@ from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.integrate import Hold, IntegrationError, interval_inputs
 from daest.systems.reduce import reduce_index
 
-LEVEL = 0.01  # of the whole search
 REFITTED = 3  # candidates by their score, and as many by the share of the residual that they would explain
-LEAST_SHARE = 0.2  # of the residual, for these
-MOST_LEFT = 0.1  # of what can be foreseen of the null's residual, in an effect that is accepted
-CERTAIN = 3.0  # standard errors that a size must have
-BEHIND = 3.0  # log-likelihood units within which a candidate is as good as the best
-LEAST_GAIN = 0.02  # relative, of the validation error, that an effect must bring
 MOST_ORDER = 8  # of the autoregression that whitens the residual
-ABSORBED = 1e-6  # share of a response that parameters leave over, below which they do all that it does
 SHARES = (1.0, 0.3, 0.0)  # of the size that one step from the null gives, where a refit starts
 STEP = 1e-3  # size of an effect against that of its input, when its response is computed
 MOST_STATES = 12  # whose laws are tried
 WHITE_LAGS = 20
-POWER = 1.28  # standard deviations beyond the limit, at which an effect is seen in 90 of 100 recordings
 MOST_EVALUATIONS = 15  # of a refit
 REFIT_SECONDS = 3.0  # times that of the model as it is
 CUT = 0.2  # of the largest value: what cuts a signal has no slope at 0, and its response is computed for this
@@ -213,8 +206,8 @@ def _worth_a_refit(scored: Sequence[Scored]) -> list[Scored]:
     """The best by score if any is significant, since one step from the null ranks like laws badly; and those
     that would explain most of the residual as it is, which a filter for its colour would take for colour."""
     found = [s for s in scored if not s.entry.absorbed]
-    by_score = found[:REFITTED] if found and found[0].entry.p_value < LEVEL else []
-    by_share = sorted((s for s in found if s.share >= LEAST_SHARE), key=lambda s: -s.share)[:REFITTED]
+    by_score = found[:REFITTED] if found and found[0].entry.p_value < GATES.fmu_level else []
+    by_share = sorted((s for s in found if s.share >= GATES.fmu_min_share), key=lambda s: -s.share)[:REFITTED]
     return [*by_score, *(s for s in by_share if not any(s is other for other in by_score))]
 
 
@@ -498,13 +491,13 @@ def _screened(
     basis = _orthonormal(base)
     left = e - basis @ (basis.T @ e)
     shares = _shares(responses, residuals, slopes, spreads)
-    seen_from = float(norm.isf(LEVEL / 2 / max(len(trials), 1))) + POWER
+    seen_from = float(norm.isf(GATES.fmu_level / 2 / max(len(trials), 1))) + GATES.fmu_power_margin
     found: list[tuple[Scored, np.ndarray]] = []
     for trial, response, share in zip(trials, responses, shares, strict=True):
         s = _white(response, filters) * weights
         own = s - basis @ (basis.T @ s)
         size, whole = float(np.linalg.norm(own)), float(np.linalg.norm(s))
-        absorbed = not np.isfinite(size) or size**2 <= ABSORBED * whole**2 or size == 0.0
+        absorbed = not np.isfinite(size) or size**2 <= GATES.fmu_absorbed_share * whole**2 or size == 0.0
         score = 0.0 if absorbed else float(own @ left) / size
         entry = Screened(
             trial.candidate,
@@ -623,12 +616,12 @@ def _proof(task: _Refit, one: Scored) -> Proof:
     reason = ""
     if 2 * gain <= np.log(n) + 2 * np.log(task.n_trials):
         reason = "it gains no more likelihood than chance would in such a search"
-    elif std_error is None or abs(size) < CERTAIN * std_error:
+    elif std_error is None or abs(size) < GATES.fmu_min_significance * std_error:
         reason = "its size cannot be told from zero"
-    elif better <= LEAST_GAIN:
+    elif better <= GATES.fmu_min_validation_gain:
         reason = "it does not lower the error on validation data"
-    elif share > MOST_LEFT:
-        reason = f"it leaves {share:.0%} of what can be foreseen of the residual, more than {MOST_LEFT:.0%}"
+    elif share > (most := GATES.fmu_max_foreseen):
+        reason = f"it leaves {share:.0%} of what can be foreseen of the residual, more than {most:.0%}"
     theta = dict(zip((p.name for p in case.flat.parameters), fitted.theta.tolist(), strict=True))
     own, unit = f"{trial.candidate.name}.size", trial.candidate.size_unit
     known = [replace(p, value=theta[p.name], std_error=None) for p in baseline.parameters]
@@ -786,7 +779,11 @@ def _verdict(
     supported = [p for p in ranked if p.verdict == "supported"]
     if supported:
         best = supported[0]
-        close = [p for p in supported if best.delta_log_likelihood - p.delta_log_likelihood < BEHIND]
+        close = [
+            p
+            for p in supported
+            if best.delta_log_likelihood - p.delta_log_likelihood < GATES.fmu_same_log_likelihood
+        ]
         decided = tuple(_decided(p, best, close) if p.verdict == "supported" else p for p in ranked)
         size = best.fit.parameters[-1]
         text = f"{best.candidate.label}, size {size.value:.4g} ± {size.std_error or 0.0:.2g}"
@@ -829,7 +826,7 @@ def _decided(proof: Proof, best: Proof, close: Sequence[Proof]) -> Proof:
 
 
 def _is_white(residuals: Sequence[np.ndarray]) -> bool:
-    """Ljung-Box of every output, all together at LEVEL."""
+    """Ljung-Box of every output, all together at GATES.fmu_level."""
     p_values = []
     for j in range(residuals[0].shape[1]):
         statistic, lags = 0.0, 0
@@ -842,7 +839,7 @@ def _is_white(residuals: Sequence[np.ndarray]) -> bool:
             statistic += n * (n + 2) * float(np.sum(r**2 / (n - np.arange(1, WHITE_LAGS + 1))))
             lags += WHITE_LAGS
         p_values.append(float(chi2.sf(statistic, lags)) if lags else 1.0)
-    return min(p_values) >= LEVEL / len(p_values)
+    return min(p_values) >= GATES.fmu_level / len(p_values)
 
 
 def _limits_of_the_box(case: Case) -> str:

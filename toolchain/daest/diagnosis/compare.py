@@ -12,9 +12,9 @@ from typing import Literal, cast
 import numpy as np
 
 from daest.diagnosis.affine_trial import AffineModel, affine_model, affine_trial
+from daest.diagnosis.gates import GATES
 from daest.diagnosis.nonlinear_trial import NonlinearModel, nonlinear_model, nonlinear_trial
 from daest.diagnosis.residual_tests import (
-    LEVEL,
     Raw,
     RawTest,
     joined,
@@ -112,7 +112,7 @@ def _model_trial(
         predicted=trial.predicted,
         notes=(*candidate.notes, *trial.notes, *_notes(trial, feedback, is_doubtful=not all(passed))),
         tests=tests,
-        feedback={name: with_limit(test, LEVEL) for name, test in feedback.items()},
+        feedback={name: with_limit(test, GATES.residual_level) for name, test in feedback.items()},
         verdict=None if not passed else ("not falsified" if all(passed) else "falsified"),
         where=where(_error_series(flat, experiments, trial), seed),
         growth=trial.growth,
@@ -128,7 +128,7 @@ def _notes(trial: Trial, feedback: Mapping[str, RawTest], *, is_doubtful: bool) 
         notes.append(
             "no process noise: one-step errors are those of the simulation, and whiteness is asked of them"
         )
-    closed = [name for name, test in feedback.items() if test.p_value < LEVEL / len(feedback)]
+    closed = [name for name, test in feedback.items() if test.p_value < GATES.residual_level / len(feedback)]
     if closed:
         cause = "a controller acts on them, or the model lacks something" if is_doubtful else "closed loop"
         notes.append(
@@ -235,7 +235,7 @@ class _Faultless:
 
 def _bootstrapped(faultless: _Faultless, raw: Raw, n: int, seed: int, pool: Workers) -> tuple[Raw, float]:
     """Tests with the p-values of `n` records that the model itself produced, and the level of a single test
-    at which LEVEL of these records fail any."""
+    at which `residual_level` of these records fail any."""
     candidate = faultless.ready.candidate
     unknown = [o.name for o in candidate.flat.outputs if o.noise_std is None]
     if unknown:
@@ -259,7 +259,7 @@ def _bootstrapped(faultless: _Faultless, raw: Raw, n: int, seed: int, pool: Work
         for kind, tests in raw.items()
     }
     smallest = [min(p_values.values(), default=1.0) for p_values in drawn]
-    rank = int(LEVEL * (n + 1))
+    rank = int(GATES.residual_level * (n + 1))
     level = float(np.sort(smallest)[rank - 1]) if rank else 0.0
     return calibrated, level
 

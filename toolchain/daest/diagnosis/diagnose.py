@@ -23,6 +23,7 @@ from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.disturbance import SmoothedLoad, place_gains, smoothed_load
 from daest.diagnosis.free_forms import free_forms
+from daest.diagnosis.gates import GATES
 from daest.diagnosis.learned import learned_load, said
 from daest.diagnosis.next_experiment import Asked, computed
 from daest.diagnosis.null import Null, fit_null, grown, refit, shortest_load
@@ -299,7 +300,7 @@ def _examined(
     )
     decided = verdicts.decide(evidence)
     learned = None
-    if decided.name == "unknown effect" and form is not None and form.p_value < verdicts.CERTAIN:
+    if decided.name == "unknown effect" and form is not None and form.p_value < GATES.missing_level:
         progress(f"refitting with the load as a curve over {form.label}")
         learned = _learned(stand, run, form)
         if learned is not None and learned.against:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
 from daest.diagnosis.screen import RTOL, NullObserver
 from daest.estimation.observer import observer, sampled_average
@@ -15,7 +16,6 @@ from daest.model.diagnosis import PlaceGain
 from daest.numerics.recursions import linear_recursion
 from daest.systems.integrate import Correction, IntegrationError, Integrator, integrate, integrator
 
-LEAST_GAIN = 5.0  # log-likelihood that a load must buy to be looked at
 HARDLY_ANY = 1e-8  # of a load's intensity stands for none: a model with integrators has no gain without noise
 
 
@@ -77,7 +77,7 @@ def smoothed_load(
     """The load that buys most, by fixed-interval smoothing with the stationary gain of the average model
     (Bryson & Frazier); None where no load buys anything or there is no gain."""
     bought = np.array([g.log_likelihood_gain for g in gains])
-    if not np.any(bought > LEAST_GAIN):
+    if not np.any(bought > GATES.min_looked_at_gain):
         return None
     return smoothed_at(null, run, int(np.argmax(bought)), experiment)
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
 from daest.diagnosis.screen import (
     ABSORBED,
@@ -37,7 +38,6 @@ ANGLE_UNIT = "rad"
 RANK = 1e-8  # of the largest eigenvalue: directions of a form that its own basis does not tell apart
 SOFT = 0.05  # of a speed's rms over which its sign changes
 JUMP = 3.0  # times that, where the curve is shown beside its jump
-SAME_COURSE = 1e-6  # 1 - |correlation| of two variables that are one, up to offset and factor
 
 Spread = Callable[[np.ndarray], np.ndarray]  # of the scores of unit responses
 Key = tuple[int, str, str]  # load, variable, speed whose sign multiplies the curve
@@ -245,7 +245,7 @@ def internal_variables(
         if variable.name in loads or not np.all(np.isfinite(row)) or np.ptp(row) == 0.0:
             continue
         shape = _normalised(row)
-        if variable.name in named or all(abs(shape @ other) < 1.0 - SAME_COURSE for other in seen):
+        if variable.name in named or all(abs(shape @ other) < 1.0 - GATES.same_course for other in seen):
             found[variable.name] = row
             seen.append(shape)
     return found

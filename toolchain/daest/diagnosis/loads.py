@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from daest.diagnosis.gates import GATES
 from daest.errors import DaestError
 from daest.model.effects import Site
 from daest.model.flat import FlatModel
@@ -21,8 +22,6 @@ from daest.model.parts import Equation, NoiseInput, Parameter, Variable
 from daest.modelica.places import resolve_place
 from daest.systems.state_space import state_space, state_space_family
 
-COLLINEAR = 1e-3  # sine of the angle below which the outputs see two places alike
-UNSEEN = 1e-9  # of the largest effect on the outputs: a load that does less is not seen
 SLOWEST = 1e-9  # of the fastest rate of the model: slower modes count as integrators
 BEYOND = 3.0  # factor by which the compared frequencies reach beyond the model's own rates
 N_FREQUENCIES = 9
@@ -52,13 +51,15 @@ def load_places(flat: FlatModel, nodes: Sequence[Site]) -> tuple[LoadPlace, ...]
     # Every output counts alike at every frequency, whatever its unit.
     largest = np.max(np.abs(table), axis=0)
     table = table / np.where(largest > 0.0, largest, 1.0)
-    seen = np.linalg.norm(table, axis=1) > UNSEEN * np.max(np.linalg.norm(table, axis=1), initial=0.0)
+    seen = np.linalg.norm(table, axis=1) > GATES.unseen_load * np.max(
+        np.linalg.norm(table, axis=1), initial=0.0
+    )
     groups: list[tuple[np.ndarray, list[int]]] = []
     for row, response, is_seen in zip(spaces, table, seen, strict=True):
         if not is_seen:
             continue
         for direction, members in groups:
-            if _sine(direction, response) < COLLINEAR:
+            if _sine(direction, response) < GATES.same_place_sine:
                 members.append(row)
                 break
         else:

@@ -9,6 +9,7 @@ from itertools import count
 
 import numpy as np
 
+from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import LoadPlace, load_places, with_loads
 from daest.errors import EstimationError
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
@@ -27,7 +28,6 @@ SHORTEST_LOAD = 2.0  # sampling periods: a faster load is white noise
 LONGEST_LOAD = 0.25  # of the record: a slower one is a constant
 FIRST_LOAD = 20.0  # sampling periods, start of the search
 HOLDS: tuple[Hold, ...] = ("foh", "zoh")
-CLEAR_HOLD = 100.0  # log-likelihood by which one hold must be better to be settled before anything is found
 APART = 0.07  # of a start value, by which each is moved more than the one before where they do the same
 GIVEN_LOADS = (5.0, 50.0)  # sampling periods, where the data do not determine a time constant
 
@@ -96,7 +96,7 @@ def fit_null(
     fits = [_loaded_fit(loaded, experiments, one) for one in ((hold,) if hold else _possible_holds(loaded))]
     best, *others = sorted(fits, key=lambda fit: -fit.log_likelihood)
     null = _at_estimate(loaded, best, places, tuple(experiments))
-    rivals = [f.hold for f in others if best.log_likelihood - f.log_likelihood < CLEAR_HOLD]
+    rivals = [f.hold for f in others if best.log_likelihood - f.log_likelihood < GATES.clear_hold_gain]
     return replace(null, other_hold=rivals[0] if rivals else None)
 
 

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from daest.diagnosis.gates import GATES
 from daest.model.comparison import ResidualTest
 from daest.numerics.distributions import chi2, norm
 from daest.numerics.statistics import autoregression, ljung_box, weighted_past
 
-LEVEL = 0.01  # of a false alarm by any test of a model
 WHITENESS_LAGS = 30  # at most; fewer where the record is short
 SAMPLES_PER_LAG = 10
 INPUT_LAGS = (0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # samples
@@ -117,7 +117,7 @@ def residual_tests(sequences: Sequences, names: Sequence[str]) -> tuple[Raw, dic
         returned = _feedback(sequences, j)
         if returned is not None:
             feedback[name] = returned
-        is_closed = returned is not None and returned.p_value < LEVEL
+        is_closed = returned is not None and returned.p_value < GATES.residual_level
         tests["whiteness"][name] = _whiteness(sequences, j)
         past = _past_inputs(sequences, first=1 if is_closed or not sequences.acts_at_once else 0)
         features = _variable_features(sequences, first=1 if is_closed else 0)
@@ -131,16 +131,18 @@ def residual_tests(sequences: Sequences, names: Sequence[str]) -> tuple[Raw, dic
 
 
 def judged(raw: Raw, level: float | None = None) -> dict[str, dict[str, ResidualTest]]:
-    """Tests with limits: Holm's procedure at LEVEL over all, or every test at `level` (from a bootstrap)."""
+    """Tests with limits: by Holm's procedure over all, or every test at `level` (from a bootstrap)."""
     p_values = sorted(test.p_value for by_output in raw.values() for test in by_output.values())
     if level is None and p_values:
         rejected = 0
-        while rejected < len(p_values) and p_values[rejected] < LEVEL / (len(p_values) - rejected):
+        while rejected < len(p_values) and p_values[rejected] < GATES.residual_level / (
+            len(p_values) - rejected
+        ):
             rejected += 1
         # What is rejected stays so at the level of the first test that is not.
-        level = LEVEL / max(len(p_values) - rejected, 1)
+        level = GATES.residual_level / max(len(p_values) - rejected, 1)
     return {
-        kind: {name: with_limit(test, level or LEVEL) for name, test in by_output.items()}
+        kind: {name: with_limit(test, level or GATES.residual_level) for name, test in by_output.items()}
         for kind, by_output in raw.items()
     }
 

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from daest.diagnosis.candidates import with_shapes
+from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
 from daest.diagnosis.proof import SHARPER, Prepared, Trial
 from daest.diagnosis.screen import NullObserver
@@ -33,10 +34,7 @@ from daest.systems.state_space import state_space_family
 
 MOST_DYNAMIC = 2  # of them go to the proof
 MOST_RICHER = 2
-MORE_THAN_SIMPLE = 10.0  # log-likelihood by which a richer law must have gone beyond the simple one
 MOST_SIMPLER = 2
-LEAST_GAIN = 20.0  # log-likelihood of the simulation that a dynamic effect must gain to go to the proof
-SAME_FIT = 0.5  # log-likelihood within which two places are the same to the sensors
 ITERATIONS = 15
 START_SHARES = (1.0, 30.0)  # of the library's start value, for sizes whose scale the machine decides
 RTOL = 1e-4
@@ -55,7 +53,7 @@ def dynamic_trials(null: Null, candidates: Sequence[Candidate]) -> tuple[Prepare
         if not candidate.effect.is_dynamic or candidate.inputs:
             continue
         best = _best_dynamic(null, candidate)
-        if best is None or best[0] - nominal < LEAST_GAIN:
+        if best is None or best[0] - nominal < GATES.min_dynamic_gain:
             continue
         same = next((i for i, (value, p) in enumerate(found) if _is_same(value, p, best)), None)
         if same is None:
@@ -70,7 +68,7 @@ def dynamic_trials(null: Null, candidates: Sequence[Candidate]) -> tuple[Prepare
 
 def _is_same(value: float, prepared: Prepared, other: tuple[float, Prepared]) -> bool:
     effects = (prepared.trial.candidate.effect.class_name, other[1].trial.candidate.effect.class_name)
-    return effects[0] == effects[1] and abs(value - other[0]) < SAME_FIT
+    return effects[0] == effects[1] and abs(value - other[0]) < GATES.same_fit
 
 
 def _best_dynamic(null: Null, candidate: Candidate) -> tuple[float, Prepared] | None:
@@ -138,7 +136,7 @@ def richer_laws(
         and sum(p.estimate for p in effect.parameters) > n_own
     ]
     # A richer law that came no further than the simple one has found just that.
-    least = best.fit.log_likelihood + MORE_THAN_SIMPLE
+    least = best.fit.log_likelihood + GATES.min_richer_gain
     further = {p.candidate.effect.class_name for p in tried if p.fit.log_likelihood > least}
     rivals = [r for r in rivals if r.effect.class_name not in further]
     if not rivals:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
 from daest.diagnosis.proof import is_significant
 from daest.diagnosis.screen import NullObserver
@@ -14,17 +15,6 @@ from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Unproved, 
 from daest.model.fit import Agreement, FitResult, FittedParameter, error_ratios
 from daest.model.flat import FlatModel
 from daest.numerics.statistics import whiteness_p_value
-
-TO_NOISE = 1.03  # simulation error relative to the one-step error that is as good as it gets
-CERTAIN = 1e-3  # corrected p-value of the screen below which something is missing, named or not
-LOAD_GAIN = 10.0  # log-likelihood that a load must buy to be a finding
-EXPECTED_NOISE = 10.0  # times the declared intensity: noise up to that is what the model expects
-WHITE_LEVEL = 1e-4  # p-value below which the innovations of the null are certainly not white
-NEAR = 10.0  # BIC gain above which a rejected candidate is worth a word
-SOME = 0.2  # share of the load below which no law is near to the one that is missing
-FORESEEN = 0.6  # of the error on unseen data, below which a rejected candidate is worth a word, too
-ALIKE = 1.1  # ratio of errors on unseen data that tells no candidates apart
-CHANGED = 3.0  # standard errors that a refitted parameter must move to be off
 
 
 @dataclass(frozen=True)
@@ -67,7 +57,9 @@ def _untried_leader(evidence: Evidence, accepted: Sequence[Proof]) -> Unproved |
     """A candidate whose refit failed, with a score that none of the accepted ones reaches."""
     scores = {entry.candidate.name: entry.score for entry in evidence.screen.entries}
     best = max((scores.get(p.candidate.name, 0.0) for p in accepted), default=0.0)
-    failed = [u for u in evidence.unproved if u.has_failed and u.p_value < CERTAIN and u.score > best]
+    failed = [
+        u for u in evidence.unproved if u.has_failed and u.p_value < GATES.missing_level and u.score > best
+    ]
     return max(failed, key=lambda u: u.score, default=None)
 
 
@@ -104,8 +96,12 @@ def _decided(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved | N
     if _simulates_to_noise(evidence):
         return _nothing(evidence)
     form = evidence.form
-    is_related = form is not None and form.p_value < CERTAIN
-    if evidence.screen.p_value > CERTAIN and not is_related and not _has_unexpected_load(evidence):
+    is_related = form is not None and form.p_value < GATES.missing_level
+    if (
+        evidence.screen.p_value > GATES.missing_level
+        and not is_related
+        and not _has_unexpected_load(evidence)
+    ):
         return _nothing(evidence)
     if leader is not None:
         return Decided(
@@ -125,8 +121,8 @@ def _decided(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved | N
             f"were admitted at {_load_places(evidence)}, and no effect of the library explains them.",
             "Excite the machine over a wider band of frequencies, and measure a motion or a current between.",
         )
-    near = [p for p in evidence.proofs if p.delta_bic > NEAR]
-    if evidence.screen.p_value < CERTAIN and near:
+    near = [p for p in evidence.proofs if p.delta_bic > GATES.min_told_bic_gain]
+    if evidence.screen.p_value < GATES.missing_level and near:
         return _not_proven(evidence, near)
     return Decided(
         "external disturbance",
@@ -138,7 +134,7 @@ def _decided(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved | N
 
 def _no_law(evidence: Evidence, form: FreeForm) -> Decided:
     """A load that seems to follow a variable, though no curve over it foresees anything."""
-    near = [p for p in evidence.proofs if p.delta_bic > NEAR]
+    near = [p for p in evidence.proofs if p.delta_bic > GATES.min_told_bic_gain]
     text = (
         f"An unexplained load acts at {_load_places(evidence)}. It seems to follow {form.label} (p = "
         f"{form.p_value:.1g}), but with a curve over that in the model {evidence.against_form}: it is noise "
@@ -168,7 +164,7 @@ def _supported(evidence: Evidence, proof: Proof) -> str:
         text += f" Something else is missing besides: what is left follows {proof.left.label}."
     ratio = _error_ratio(evidence, proof)
     told = _errors(evidence, proof) + _importance(evidence, proof) + _certainty(evidence, proof)
-    return text + told + _foreseen(evidence, proof, FORESEEN * min(ratio, 1.0))
+    return text + told + _foreseen(evidence, proof, GATES.max_told_ratio * min(ratio, 1.0))
 
 
 def _importance(evidence: Evidence, proof: Proof) -> str:
@@ -254,7 +250,9 @@ def _is_at_noise(fit: FitResult, one_step: Agreement) -> bool:
     if simulated is None:
         return False
     pairs = [(rms, one_step.rms.get(name)) for name, rms in simulated.rms.items()]
-    return all(rms is not None and other is not None and rms <= TO_NOISE * other for rms, other in pairs)
+    return all(
+        rms is not None and other is not None and rms <= GATES.max_to_noise * other for rms, other in pairs
+    )
 
 
 def _has_unexpected_load(evidence: Evidence) -> bool:
@@ -263,8 +261,8 @@ def _has_unexpected_load(evidence: Evidence) -> bool:
     for gain, load in zip(evidence.gains, evidence.null.loads, strict=True):
         # The correlation function size² exp(-|τ|/T) has the spectral density 2 size² T at low frequency.
         if (
-            gain.log_likelihood_gain > LOAD_GAIN
-            and 2.0 * load.size**2 * load.time_constant > EXPECTED_NOISE * declared
+            gain.log_likelihood_gain > GATES.min_load_gain
+            and 2.0 * load.size**2 * load.time_constant > GATES.expected_noise * declared
         ):
             return True
     return False
@@ -301,7 +299,7 @@ def _moved(evidence: Evidence) -> list[str]:
         given = evidence.fitted.get(p.name)
         if given is None or not p.std_error:
             continue
-        if abs(p.value - given) > CHANGED * p.std_error:
+        if abs(p.value - given) > GATES.changed_significance * p.std_error:
             result.append(
                 f"{p.name} = {given:.4g} given, {p.value:.4g} ± {p.std_error:.2g} {p.unit} found".rstrip()
             )
@@ -309,7 +307,14 @@ def _moved(evidence: Evidence) -> list[str]:
 
 
 def _unknown(evidence: Evidence, form: FreeForm) -> Decided:
-    nearest = next((p for p in evidence.proofs if p.delta_bic > NEAR and p.explained > SOME), None)
+    nearest = next(
+        (
+            p
+            for p in evidence.proofs
+            if p.delta_bic > GATES.min_told_bic_gain and p.explained > GATES.min_told_explained
+        ),
+        None,
+    )
     text = (
         f"An effect that the library does not hold acts at {_group(evidence.gains[form.load])}: the "
         f"unexplained load follows {form.label} (p = {form.p_value:.1g}); the curve is given."
@@ -321,7 +326,7 @@ def _unknown(evidence: Evidence, form: FreeForm) -> Decided:
     return Decided("unknown effect", text, record)
 
 
-def _foreseen(evidence: Evidence, named: Proof | None, limit: float = FORESEEN) -> str:
+def _foreseen(evidence: Evidence, named: Proof | None, limit: float = GATES.max_told_ratio) -> str:
     """The rejected candidates other than `named` whose error on unseen data is below `limit` times that of
     the model as it is, those about as good as the best of them, as a sentence; empty where there is none. An
     unknown load that is free enough takes the likelihood from a law that is right; a simulation has no such
@@ -331,7 +336,9 @@ def _foreseen(evidence: Evidence, named: Proof | None, limit: float = FORESEEN) 
     best = min(ratios, default=np.inf)
     if not best < limit:
         return ""
-    found = [proof for proof, ratio in zip(others, ratios, strict=True) if ratio <= ALIKE * best]
+    found = [
+        proof for proof, ratio in zip(others, ratios, strict=True) if ratio <= GATES.same_unseen_ratio * best
+    ]
     names, verb = (
         _listed(tuple(p.candidate.label for p in found)),
         "foresees" if len(found) == 1 else "foresee",
@@ -364,11 +371,11 @@ def _is_coloured(evidence: Evidence) -> bool:
         for o in evidence.run.observed
         for j in range(o.whitened.shape[1])
     ]
-    return min(p_values) * len(p_values) < WHITE_LEVEL
+    return min(p_values) * len(p_values) < GATES.white_level
 
 
 def _load_places(evidence: Evidence) -> str:
-    found = [g for g in evidence.gains if g.log_likelihood_gain > LOAD_GAIN] or list(evidence.gains)
+    found = [g for g in evidence.gains if g.log_likelihood_gain > GATES.min_load_gain] or list(evidence.gains)
     return _group(max(found, key=lambda g: g.log_likelihood_gain))
 
 

@@ -15,17 +15,16 @@ from typing import Literal
 
 import numpy as np
 
+from daest.diagnosis.gates import GATES
 from daest.model.comparison import Finding
 from daest.numerics.distributions import beta
 
-LEVEL = 0.02  # of a false finding anywhere in one model
 MOST_FINDINGS = 4
 MOST_PER_OUTPUT = 2  # of one output and error
 SMALLEST_PART = 0.02  # of the time: smaller regions are not looked at
 SHARES = (0.05, 0.1, 0.2, 0.3, 0.5)  # of the time that a region covers
 WINDOWS = (4, 8, 16)  # parts of a recording
 OCTAVES = 8  # bands below the Nyquist frequency
-OVERLAP = 0.5  # of the union: regions that share more say the same
 PERMUTATIONS = 999
 ROWS_AT_ONCE = 40  # permutations in one matrix product
 BLOCKS = 24  # at least, of a record
@@ -33,8 +32,6 @@ CORRELATION_TIMES = 4.0  # in a block
 SAME_VARIABLE = 0.999  # correlation above which two variables are one
 MOST_VARIABLES = 12
 SLOW = 1.0 / 120.0  # Hz: below, a period says more than a frequency
-SMALLEST_SHARE = 0.1  # of the error that is worth a sentence
-TELLING = 1.15  # share over expected share below which a finding is not worth a sentence
 
 
 @dataclass(frozen=True)
@@ -74,11 +71,11 @@ class Place:
 
 
 def where(series: Sequence[ErrorSeries], seed: int = 0) -> tuple[Finding, ...]:
-    """The few most telling findings, best first; at most LEVEL of the models without fault get any."""
+    """The few most telling findings, best first; `where_level` tells how many good models get any."""
     usable = [one for one in series if np.isfinite(one.error).sum() >= 4 * BLOCKS]
     if not usable:
         return ()
-    level = LEVEL / (2 * len(usable))
+    level = GATES.where_level / (2 * len(usable))
     found = [f for one in usable for f in (*_in_places(one, level, seed), *_in_bands(one, level))]
     found.sort(key=_surprise, reverse=True)
     return tuple(found[:MOST_FINDINGS])
@@ -116,12 +113,16 @@ def _in_places(series: ErrorSeries, level: float, seed: int) -> list[Finding]:
     std = np.where(std > 0.0, std, np.inf)
     scores, largest = (shares - expected) / std, ((drawn - expected) / std).max(axis=1)
     p_values = (1 + (largest[:, None] >= scores).sum(axis=0)) / (1 + PERMUTATIONS)
-    telling = (p_values <= level) & (shares >= TELLING * expected) & (shares >= SMALLEST_SHARE)
+    telling = (
+        (p_values <= level) & (shares >= GATES.min_told_excess * expected) & (shares >= GATES.min_told_share)
+    )
     order = sorted(np.flatnonzero(telling), key=lambda i: -_divergence(shares[i], expected[i]))
     kept: list[int] = []
     for i in order:
         others = [
-            k for k in kept if _same_subject(places[i], places[k]) or _overlap(inside[i], inside[k]) > OVERLAP
+            k
+            for k in kept
+            if _same_subject(places[i], places[k]) or _overlap(inside[i], inside[k]) > GATES.same_region
         ]
         if len(kept) < MOST_PER_OUTPUT and not others:
             kept.append(int(i))
@@ -210,7 +211,9 @@ def _in_bands(series: ErrorSeries, level: float) -> list[Finding]:
             share = float(power[inside].sum() / power.sum())
             p_value = min(float(beta.sf(share, m, rest)) * len(bands), 1.0)
             tested.append((low, high, share, m / power.size, p_value))
-    telling = [t for t in tested if t[4] <= level and t[2] >= max(TELLING * t[3], SMALLEST_SHARE)]
+    telling = [
+        t for t in tested if t[4] <= level and t[2] >= max(GATES.min_told_excess * t[3], GATES.min_told_share)
+    ]
     telling.sort(key=lambda t: -_divergence(t[2], t[3]))
     return [_band_finding(series, *t) for t in telling[:1]]
 

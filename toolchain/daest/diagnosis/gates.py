@@ -1,0 +1,221 @@
+"""The thresholds of the diagnosis, each with its unit, its meaning and what set it.
+
+`docs/trust.md` and `docs/theory.md` show the values from here. A count that only limits how long a search
+takes is no gate and stands where it is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+SIMULATED = "the machines of benchmarks/diagnosis_study.py, with other seeds than those of the rates"
+BOXES = "the FMUs of benchmarks/black_box_study.py, with other seeds than those of the rates"
+JUDGEMENT = "judgement; no study has varied it"
+ROUNDING = "rounding of double precision"
+
+
+def gate(value: float, unit: str, meaning: str, study: str) -> Any:
+    return field(default=value, metadata={"unit": unit, "meaning": meaning, "study": study})
+
+
+@dataclass(frozen=True)
+class Gates:
+    """The thresholds. `rows` tells of each what stands beside its value."""
+
+    clear_hold_gain: float = gate(
+        100.0,
+        "log-likelihood",
+        "by which one hold of the inputs must be better to be settled before anything is found",
+        JUDGEMENT,
+    )
+    same_place_sine: float = gate(
+        1e-3,
+        "sine of an angle",
+        "below which the outputs see the loads at two places alike",
+        JUDGEMENT,
+    )
+    unseen_load: float = gate(
+        1e-9,
+        "share",
+        "of the largest effect of a load on the outputs, below which a load is not seen",
+        ROUNDING,
+    )
+    min_looked_at_gain: float = gate(
+        5.0,
+        "log-likelihood",
+        "that a load must buy for what it follows to be looked at",
+        JUDGEMENT,
+    )
+    same_course: float = gate(
+        1e-6,
+        "1 - |correlation|",
+        "below which two variables are one up to offset and factor",
+        ROUNDING,
+    )
+    min_richer_gain: float = gate(
+        10.0,
+        "log-likelihood",
+        "by which a law with more parameters must go beyond the simple one",
+        JUDGEMENT,
+    )
+    min_dynamic_gain: float = gate(
+        20.0,
+        "log-likelihood",
+        "of the simulation that an effect with states must gain to be refitted",
+        JUDGEMENT,
+    )
+    same_fit: float = gate(
+        0.5,
+        "log-likelihood",
+        "within which two places are the same to the sensors",
+        JUDGEMENT,
+    )
+    max_to_noise: float = gate(
+        1.03,
+        "ratio",
+        "of the simulation error to the one-step error that is as good as it gets",
+        JUDGEMENT,
+    )
+    missing_level: float = gate(
+        1e-3,
+        "p-value",
+        "of the screen, corrected for the search, below which something is missing, named or not",
+        "distribution: largest of jointly normal scores",
+    )
+    min_load_gain: float = gate(
+        10.0,
+        "log-likelihood",
+        "that a load must buy to be a finding",
+        JUDGEMENT,
+    )
+    expected_noise: float = gate(
+        10.0,
+        "ratio",
+        "to the declared intensity, up to which noise is what the model expects",
+        JUDGEMENT,
+    )
+    white_level: float = gate(
+        1e-4,
+        "p-value",
+        "below which the innovations of the null are certainly not white",
+        "distribution: chi-squared (Ljung and Box 1978)",
+    )
+    min_told_bic_gain: float = gate(
+        10.0,
+        "BIC",
+        "above which a rejected candidate is worth a word",
+        JUDGEMENT,
+    )
+    min_told_explained: float = gate(
+        0.2,
+        "share",
+        "of the load below which no law is near to the one that is missing",
+        JUDGEMENT,
+    )
+    max_told_ratio: float = gate(
+        0.6,
+        "ratio",
+        "of errors on unseen data below which a rejected candidate is worth a word",
+        JUDGEMENT,
+    )
+    same_unseen_ratio: float = gate(
+        1.1,
+        "ratio",
+        "of errors on unseen data that tells no two candidates apart",
+        JUDGEMENT,
+    )
+    changed_significance: float = gate(
+        3.0,
+        "standard errors",
+        "that a refitted parameter must move to be off",
+        "distribution: normal",
+    )
+    residual_level: float = gate(
+        0.01,
+        "probability",
+        "of a false alarm by any test of one model",
+        "distribution: level of the tests, corrected for their number",
+    )
+    where_level: float = gate(
+        0.02,
+        "probability",
+        "of a false finding anywhere in one model",
+        "distribution: permutations",
+    )
+    same_region: float = gate(
+        0.5,
+        "share",
+        "of the union of two regions from which they say the same",
+        JUDGEMENT,
+    )
+    min_told_share: float = gate(
+        0.1,
+        "share",
+        "of the error that is worth a sentence",
+        JUDGEMENT,
+    )
+    min_told_excess: float = gate(
+        1.15,
+        "ratio",
+        "of the share of the error to what is expected, below which a finding is not told",
+        JUDGEMENT,
+    )
+    fmu_level: float = gate(
+        0.01,
+        "p-value",
+        "of a score, corrected for the search, below which an effect at an FMU is refitted",
+        "distribution: normal, Bonferroni",
+    )
+    fmu_min_share: float = gate(
+        0.2,
+        "share",
+        "of the squared residual as it is, from which a slow effect is refitted, too",
+        BOXES,
+    )
+    fmu_absorbed_share: float = gate(
+        1e-6,
+        "share",
+        "of a squared response that parameters leave over, below which they do all that it does",
+        BOXES,
+    )
+    fmu_min_significance: float = gate(
+        3.0,
+        "standard errors",
+        "that the size of a supported effect has",
+        "distribution: normal",
+    )
+    fmu_min_validation_gain: float = gate(
+        0.02,
+        "share",
+        "of the validation error that a supported effect takes away",
+        BOXES,
+    )
+    fmu_max_foreseen: float = gate(
+        0.1,
+        "share",
+        "of what can be foreseen of the residual that a supported effect may leave",
+        BOXES,
+    )
+    fmu_same_log_likelihood: float = gate(
+        3.0,
+        "log-likelihood",
+        "within which a candidate is as good as the best",
+        BOXES,
+    )
+    fmu_power_margin: float = gate(
+        1.28,
+        "standard deviations",
+        "beyond the limit of a score, at which an effect is seen in 90 of 100 recordings",
+        "distribution: normal",
+    )
+
+    def rows(self) -> Iterator[tuple[str, float, str, str, str]]:
+        """Name, value, unit, meaning and study of every gate."""
+        for f in fields(self):
+            told = f.metadata
+            yield f.name, getattr(self, f.name), told["unit"], told["meaning"], told["study"]
+
+
+GATES = Gates()
