@@ -586,6 +586,14 @@ EXPLANATIONS: dict[str, str] = {
         "that its error would never become bounded. Measure another output, or tie the combination down in "
         "the model."
     ),
+    "fleet-empty": (
+        "daest fleet takes recordings, one file for each machine, or folders that hold them. There is "
+        "none among what was named."
+    ),
+    "fleet-nothing": (
+        "No machine of the fleet could be examined. One broken recording does not stop a fleet, but here "
+        "all of them fail, most likely for the same reason; the message has that of the first."
+    ),
     "fmu-array-variable": (
         "A state, input or output of the FMU is an array, or belongs to a clock. Only scalar continuous "
         "variables can be used; most tools have an option that exports arrays element by element."

@@ -39,6 +39,7 @@ COMMANDS = {
     "effects": "The library of physical effects, and where each can sit.",
     "diagnose": "Which physical effect a model lacks, and where.",
     "design": "The next experiment: what to play, and what it will tell.",
+    "fleet": "One model for many machines: fits, verdicts, groups, the odd ones.",
     "extend": "Write a Modelica model that extends another by one effect.",
     "improve": "Add what is missing, effect by effect, as Modelica models.",
     "app": "The live page: compare, find what is missing, add it, watch the error fall.",

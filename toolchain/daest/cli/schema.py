@@ -28,6 +28,7 @@ DOCUMENTS = {
     "export": "export:ExportDocument",
     "extend": "effects:ExtendDocument",
     "filter": "filter:FilterDocument",
+    "fleet": "fleet:FleetDocument",
     "identify": "fit:FitDocument",
     "improve": "diagnose:ImproveDocument",
     "init": "project:InitDocument",

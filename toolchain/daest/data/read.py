@@ -23,7 +23,7 @@ from daest.files import why_no_file
 from daest.model.experiment import Experiment
 from daest.quantities import conversion
 
-_READERS: dict[str, Callable[[Path, Part], Table]] = {
+READERS: dict[str, Callable[[Path, Part], Table]] = {
     ".csv": read_csv,
     ".txt": read_csv,
     ".tsv": read_csv,
@@ -101,13 +101,13 @@ def read_table(path: Path, part: Part = ALL) -> Table:
             remedy=nearest(path.name, [name for name in _neighbours(path) if name != path.name])
             or "check the path; it counts from the current folder",
         )
-    reader = _READERS.get(path.suffix.lower())
+    reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise DataError(
             "data-unknown-format",
             f"files of kind '{path.suffix}' are not read",
             where=Place(str(path)),
-            remedy=f"give one of {', '.join(sorted(_READERS))}",
+            remedy=f"give one of {', '.join(sorted(READERS))}",
         )
     return reader(path, part)
 

@@ -1,0 +1,190 @@
+"""How `daest watch` does on simulated streams: false alarms, delay by size of the effect, the right name.
+
+    python benchmarks/watch_study.py [--streams N] [--quiet N] [--diagnosed N] [--seed N] [--jobs N]
+                                     [--json FILE]
+
+The servo of `examples/servo` runs for 20 s as its model says, then an effect sets in: dry friction on the
+disc, backlash in the spring, or a constant torque, at three sizes. `--quiet N` streams have none, and give
+the rate of false alarms. The plant is integrated by small semi-implicit steps, which share nothing with
+daest. The first `--diagnosed` streams of every effect's largest size are diagnosed, too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import json
+import time
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from diagnosis_study import excitation
+
+from daest.diagnosis.diagnose import DiagnoseOptions, diagnose
+from daest.errors import DaestError
+from daest.estimation.change import Usual, threshold_for
+from daest.estimation.online_filter import online_filter
+from daest.estimation.watch import Watch
+from daest.model.estimates import FilterOptions
+from daest.model.experiment import Experiment
+from daest.model.stream import Sample
+from daest.modelica.compile import compile_model
+from daest.modelica.effects import effect_library
+from daest.numerics.compiler import build_shared
+from daest.numerics.parallel import workers
+from daest.systems.local_linear import pointer
+
+ROOT = Path(__file__).resolve().parents[1]
+PERIOD, BEGINS, SAMPLES, QUIET_SAMPLES = 0.01, 2000, 4000, 10_000
+SIZES = {"friction": (0.002, 0.01, 0.05), "backlash": (0.002, 0.01, 0.05), "constant": (0.002, 0.01, 0.05)}
+NAMES = {
+    "friction": ("CoulombFriction", "StribeckFriction", "LuGreFriction"),
+    "backlash": ("Backlash",),
+    "constant": ("ConstantLoad", "Offset"),
+}
+AVERAGE_RUN = 20_000.0
+SUBSTEPS = 400  # of the simulator, whose steps are of first order
+
+
+@cache
+def model() -> Any:
+    return compile_model(ROOT / "examples" / "servo" / "Servo.mo")
+
+
+SOURCE = """
+#include <math.h>
+static double soft(double v, double t) { return v > 0 ? fmax(v - t, 0.0) : fmin(v + t, 0.0); }
+void simulate(long n, long m, double period, const double *u, const double *kicks, long begins, double gap,
+              double dry_size, double push_size, double *y) {
+    double J1 = 6.3e-6 * 900, J2 = 0.02, c = 1.5, d = 0.02, torque = 1.8, R = 4.31617, dt = period / m;
+    double w1 = 0, a1 = 0, w2 = 0, a2 = 0;
+    for (long k = 0; k < n; k++) {
+        y[2 * k] = w1, y[2 * k + 1] = a2;
+        double half = k < begins ? 0 : gap / 2, dry = k < begins ? 0 : dry_size;
+        double push = k < begins ? 0 : push_size;
+        for (long j = 0; j < m; j++) {
+            double x = a1 - a2, spring = c * soft(x, half) + (fabs(x) >= half ? d * (w1 - w2) : 0);
+            if (half > 0 && spring * x < 0) spring = 0;
+            double n1 = w1 + dt * (torque * (u[k] - torque * w1) / R - spring) / J1;
+            double n2 = soft(w2 + (dt * (spring - push) + kicks[m * k + j]) / J2, dt * dry / J2);
+            a1 += dt * (w1 + n1) / 2, a2 += dt * (w2 + n2) / 2, w1 = n1, w2 = n2;
+        }
+    }
+}
+"""
+
+
+@cache
+def library() -> ctypes.CDLL:
+    return ctypes.CDLL(str(build_shared(SOURCE, "watch_study", ("-O2",))))
+
+
+def stream(effect: str, size: float, n: int, seed: int) -> Experiment:
+    """The servo with an effect from sample BEGINS on. The white torque is drawn afresh for every substep."""
+    rng = np.random.default_rng(seed)
+    u = np.ascontiguousarray(6.0 * excitation("noise", n, PERIOD, 0.5, rng))
+    kicks = rng.standard_normal((n, SUBSTEPS)) * np.sqrt(1e-6 * PERIOD / SUBSTEPS)
+    y = np.zeros((n, 2))
+    sizes = [size if effect == name else 0.0 for name in ("backlash", "friction", "constant")]
+    library().simulate(
+        ctypes.c_long(n), ctypes.c_long(SUBSTEPS), ctypes.c_double(PERIOD), pointer(u), pointer(kicks),
+        ctypes.c_long(BEGINS), *map(ctypes.c_double, sizes), pointer(y),
+    )  # fmt: skip
+    y += rng.standard_normal((n, 2)) * (0.02, 0.01)
+    return Experiment(effect, np.arange(n) * PERIOD, u[:, None], y, ("u",), ("omega", "phi"))
+
+
+def run(task: tuple[str, float, int, bool, float]) -> dict[str, Any]:
+    """One stream: alarms before the change, delay [samples] of the first after it, name of the effect."""
+    effect, size, seed, names_it, threshold = task
+    began = time.perf_counter()
+    n = QUIET_SAMPLES if effect == "nothing" else SAMPLES
+    record = stream(effect, size, n, seed)
+    online = online_filter(model(), PERIOD, options=FilterOptions(hold="zoh"))
+    watch = Watch(online.output_names, Usual.white(2), threshold)
+    state, memory, false, delay, since = watch.begin(), online.begin(), 0, None, None
+    for k in range(n):
+        memory, estimate = online.advance(memory, Sample(k * PERIOD, record.inputs[k], record.outputs[k]))
+        state, alarm = watch.look(state, estimate)
+        if alarm is None:
+            continue
+        if k < BEGINS or effect == "nothing":
+            false += 1
+        elif delay is None:
+            delay, since = k - BEGINS, alarm.since
+    found = None
+    if names_it and since is not None:
+        found = _named(record, since)
+    seconds = time.perf_counter() - began
+    return {"effect": effect, "size": size, "seed": seed, "false": false, "delay": delay, "since": since,
+            "found": found, "seconds": seconds}  # fmt: skip
+
+
+def _named(record: Experiment, since: float) -> str:
+    rows = record.time >= since
+    after = Experiment(
+        "after", record.time[rows], record.inputs[rows], record.outputs[rows], record.input_names,
+        record.output_names,
+    )  # fmt: skip
+    options = DiagnoseOptions(hold="zoh", jobs=1, fitted={p.name: p.value for p in model().parameters})
+    try:
+        found = diagnose(model(), effect_library(()), [after], (), options)
+    except DaestError as problem:
+        return problem.code
+    best = next((p.candidate.effect.name for p in found.proofs if p.verdict == "supported"), None)
+    return best or found.verdict
+
+
+def tasks(arguments: argparse.Namespace, threshold: float) -> Iterator[tuple[str, float, int, bool, float]]:
+    for i in range(arguments.quiet):
+        yield "nothing", 0.0, arguments.seed + i, False, threshold
+    cells = [(effect, size) for effect, sizes in SIZES.items() for size in sizes]
+    for i in range(arguments.streams):
+        effect, size = cells[i % len(cells)]
+        names_it = size == SIZES[effect][-1] and i // len(cells) < arguments.diagnosed
+        yield effect, size, arguments.seed + 10_000 + i, names_it, threshold
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--streams", type=int, default=200)
+    parser.add_argument("--quiet", type=int, default=50)
+    parser.add_argument("--diagnosed", type=int, default=5)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--json", type=Path)
+    arguments = parser.parse_args()
+    threshold = threshold_for(Usual.white(2), AVERAGE_RUN)
+    print(f"threshold {threshold:.3f} nats for {AVERAGE_RUN:g} samples between false alarms", flush=True)
+    results = []
+    todo = list(tasks(arguments, threshold))
+    with workers(arguments.jobs) as pool:
+        for outcome in pool.map(run, todo):
+            results.append(outcome.get())
+            if arguments.json:
+                with arguments.json.open("a") as file:
+                    file.write(json.dumps(results[-1]) + "\n")
+    report(results)
+
+
+def report(results: list[dict[str, Any]]) -> None:
+    quiet = [r for r in results if r["effect"] == "nothing"]
+    before = [r for r in results if r["effect"] != "nothing"]
+    n = QUIET_SAMPLES * len(quiet) + BEGINS * len(before)
+    print(f"false alarms: {sum(r['false'] for r in results)} in {n} samples; promised {n / AVERAGE_RUN:.1f}")
+    for effect, sizes in SIZES.items():
+        for size in sizes:
+            cell = [r for r in before if (r["effect"], r["size"]) == (effect, size)]
+            delays = [r["delay"] for r in cell if r["delay"] is not None]
+            named = [r["found"] for r in cell if r["found"] is not None]
+            right = sum(name in NAMES[effect] for name in named)
+            middle = f"median delay {np.median(delays):.0f} samples" if delays else "-"
+            share = f"found {len(delays)} of {len(cell)}, {middle}"
+            print(f"{effect} {size}: {share}; named {right} of {len(named)}")
+
+
+if __name__ == "__main__":
+    main()
