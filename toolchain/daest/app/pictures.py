@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from daest.app.state import Desk, read_json
-from daest.report.page.plots import Plot, comparison_plots, frequency_plots, residual_plots
+from daest.report.page.plots import (
+    Plot,
+    comparison_plots,
+    followed_figures,
+    frequency_plots,
+    residual_plots,
+    stacked_item,
+)
 
 
 def comparison_pictures(desk: Desk) -> list[dict[str, Any]]:
@@ -28,6 +36,15 @@ def comparison_pictures(desk: Desk) -> list[dict[str, Any]]:
     except (KeyError, TypeError, ValueError, IndexError):
         return []  # the document and its series are written one after the other
     return [_entry(plot) for plot in plots]
+
+
+def following_pictures(told: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """A figure for every output that the simulating process has told of; its sources are filled in the page
+    by their names: measured, band, fit and now, each with the number of the output."""
+    figures = followed_figures(told)
+    names = ", ".join(output["name"] for output in told["outputs"])
+    label = f"Measured and simulated {names} against time; what is simulated follows the sliders"
+    return [_entry(Plot("plot-follow", label, stacked_item(figures, "time [s]")))] if figures else []
 
 
 def _entry(plot: Plot) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from daest.app import actions
 from daest.app.guard import LOOPBACK, POLICY, REPORT_POLICY, Guard, headers
 from daest.app.jobs import SCRIPT, start, stop
 from daest.app.locks import locked
+from daest.app.simulator import Simulator
 from daest.app.state import HOME, MODELS, RECORDINGS, REPORT, Desk, preview, signature, state
 from daest.app.story import keep_story
 from daest.errors import ConfigError, DaestError, Place, printable
@@ -45,6 +46,7 @@ class Pages:
     """The pages that are open, and the state that they were told last."""
 
     desk: Desk
+    simulator: Simulator
     open: set[Live] = field(default_factory=set)
     signature: tuple[Any, ...] = ()
     text: str = ""
@@ -159,6 +161,20 @@ class Pictures(Guarded):
 
 def _pictures(desk: Desk) -> list[dict[str, Any]]:
     return importlib.import_module(PICTURES).comparison_pictures(desk)
+
+
+class Sliders(Guarded):
+    """Empty plots for what the simulating process tells."""
+
+    async def get(self) -> None:
+        loop = asyncio.get_running_loop()
+        told = self.pages.simulator.introduced
+        plots = await loop.run_in_executor(None, _sliders, told) if told else []
+        self.write({"plots": plots})
+
+
+def _sliders(told: str) -> list[dict[str, Any]]:
+    return importlib.import_module(PICTURES).following_pictures(json.loads(told))
 
 
 class Run(Guarded):
@@ -289,8 +305,17 @@ class Live(tornado.websocket.WebSocketHandler):
         with suppress(tornado.websocket.WebSocketClosedError):
             self.write_message(text)
 
+    def on_message(self, message: str | bytes) -> None:
+        """A question to the simulating process."""
+        with suppress(ValueError, RecursionError, DaestError, OSError):
+            question = json.loads(message)
+            if isinstance(question, dict):
+                model, stamps = self.desk.simulated()
+                self.pages.simulator.ask((model, *stamps), ["app", "--follow", model], question, self.tell)
+
     def on_close(self) -> None:
         self.pages.open.discard(self)
+        self.pages.simulator.forget(self.tell)
 
 
 def application(guard: Guard, desk: Desk, pages: Pages) -> tornado.web.Application:
@@ -301,6 +326,7 @@ def application(guard: Guard, desk: Desk, pages: Pages) -> tornado.web.Applicati
         (r"drawing/(?P<name>bokeh\.js|report\.css)", Drawing),
         ("api/state", State),
         ("api/pictures", Pictures),
+        ("api/sliders", Sliders),
         ("api/run", Run),
         ("api/drop", Drop),
         ("api/live", Live),
@@ -391,7 +417,7 @@ async def listening(desk: Desk, port: int = 0) -> AsyncIterator[str]:
             remedy="another program listens there, or it needs rights: name another one with --port",
         ) from problem
     guard = Guard(secrets.token_urlsafe(TOKEN_BYTES), sockets[0].getsockname()[1])
-    pages = Pages(desk)
+    pages = Pages(desk, Simulator(desk.folder))
     server = tornado.httpserver.HTTPServer(
         application(guard, desk, pages), max_buffer_size=LARGEST_BODY, max_body_size=LARGEST_BODY
     )
@@ -402,6 +428,7 @@ async def listening(desk: Desk, port: int = 0) -> AsyncIterator[str]:
         yield guard.address()
     finally:
         looking.cancel()
+        pages.simulator.end()
         server.stop()
         for page in list(pages.open):
             page.close()

@@ -78,6 +78,18 @@ class Desk:
         """A document of the page's own."""
         return read_json(self.home / name)
 
+    def simulated(self) -> tuple[str, tuple[Any, ...]]:
+        """The current model, and what changes whenever its simulation may. Raises DaestError."""
+        model = self.story().step.model
+        results = self.folder / "results"
+        files = (
+            self.folder / model,
+            self.folder / FILE_NAME,
+            results / "fit.json",
+            *results.glob("fits/*.json"),
+        )
+        return model, tuple(stat_of(file) for file in files)
+
     def fit(self, story: Story) -> dict[str, Any] | None:
         """The fit of the current model that was kept last."""
         results = self.folder / "results"
@@ -90,6 +102,14 @@ class Desk:
     def _is_of(self, document: Mapping[str, Any], model: str) -> bool:
         key = document.get("model")
         return isinstance(key, Mapping) and key.get("source") == model
+
+
+def stat_of(path: Path) -> tuple[str, int, int] | None:
+    try:
+        about = path.stat()
+    except OSError:
+        return None
+    return str(path), about.st_mtime_ns, about.st_size
 
 
 def read_json(path: Path) -> dict[str, Any] | None:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from daest.data.project import Hold, Project
     from daest.diagnosis.trial import Candidate
     from daest.model.comparison import Comparison
+    from daest.model.experiment import Experiment
     from daest.model.flat import FlatModel
     from daest.report.documents.compare import CompareDocument
 
@@ -147,10 +148,33 @@ def compared(
     parameters: ParameterOptions | None = None,
 ) -> Compared:
     """Every model (default: that of daest.toml) on the same recordings."""
-    from daest.cli.models import load_model, model_source, with_settings
-    from daest.cli.recordings import unseen_data
     from daest.diagnosis.compare import compare_models
     from daest.report.documents import compare as documents
+
+    chosen, experiments = opened(
+        project, models, data, options, class_name, libraries, refit=refit, seed=seed, parameters=parameters
+    )
+    comparison = compare_models(
+        chosen, experiments, bootstrap=bootstrap, seed=seed, jobs=jobs, cluster=cluster
+    )
+    return Compared(comparison, documents.document(comparison))
+
+
+def opened(
+    project: Project,
+    models: Sequence[Path],
+    data: Sequence[Path],
+    options: DataOptions,
+    class_name: str | None = None,
+    libraries: Sequence[Path] = (),
+    *,
+    refit: bool = False,
+    seed: int = 0,
+    parameters: ParameterOptions | None = None,
+) -> tuple[list[Candidate], list[Experiment]]:
+    """The models with the values of their fits, and the recordings that they are compared on."""
+    from daest.cli.models import load_model, model_source, with_settings
+    from daest.cli.recordings import unseen_data
 
     sources = [model_source(project, path) for path in models] or [model_source(project, None)]
     flats = [load_model(project, source, class_name, libraries) for source in sources]
@@ -167,11 +191,7 @@ def compared(
             candidate = _candidate(project, source, flat, options)
             candidates.append(replace(candidate, flat=with_settings(candidate.flat, _own(held, flat))))
     names = [output.name for output in measured.outputs]
-    chosen = [_on(candidate, names, source) for candidate, source in zip(candidates, sources, strict=True)]
-    comparison = compare_models(
-        chosen, experiments, bootstrap=bootstrap, seed=seed, jobs=jobs, cluster=cluster
-    )
-    return Compared(comparison, documents.document(comparison))
+    return [_on(each, names, source) for each, source in zip(candidates, sources, strict=True)], experiments
 
 
 def _own(held: Mapping[str, float], flat: FlatModel) -> dict[str, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -75,6 +75,20 @@ def affine_trial(candidate: Candidate, experiments: Sequence[Experiment], model:
         if predicted
         else ("no one-step prediction: the Kalman filter does not settle at these values",),
     )
+
+
+def affine_follower(
+    candidate: Candidate, experiments: Sequence[Experiment], model: AffineModel
+) -> Callable[[np.ndarray], tuple[np.ndarray, ...]]:
+    """Simulated outputs (n_samples, n_y) of every recording as a function of theta, from the initial states
+    that fit best there; NaN where the model overflows."""
+    problem = _problem(replace(candidate, parameter_names=()), model.family, experiments)
+    std = problem.unknowns.measurement_std
+
+    def at(theta: np.ndarray) -> tuple[np.ndarray, ...]:
+        return _outputs(problem, output_error.simulate(problem, theta, std))
+
+    return at
 
 
 def _problem(candidate: Candidate, family: StateSpaceFamily, experiments: Sequence[Experiment]) -> Problem:

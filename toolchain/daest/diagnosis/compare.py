@@ -4,16 +4,21 @@ and where it fails."""
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal, cast
 
 import numpy as np
 
-from daest.diagnosis.affine_trial import AffineModel, affine_model, affine_trial
+from daest.diagnosis.affine_trial import AffineModel, affine_follower, affine_model, affine_trial
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.nonlinear_trial import NonlinearModel, nonlinear_model, nonlinear_trial
+from daest.diagnosis.nonlinear_trial import (
+    NonlinearModel,
+    nonlinear_follower,
+    nonlinear_model,
+    nonlinear_trial,
+)
 from daest.diagnosis.residual_tests import (
     Raw,
     RawTest,
@@ -35,7 +40,7 @@ from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.reduce import reduce_index
 from daest.systems.simulate import simulate
 
-__all__ = ["Candidate", "compare_models"]
+__all__ = ["Candidate", "compare_models", "follower"]
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,18 @@ def _ready(candidate: Candidate) -> _Ready:
     if has_affine_dynamics(explicit):
         return _Ready(candidate, affine_model(explicit))
     return _Ready(candidate, nonlinear_model(explicit, candidate.parameter_names))
+
+
+def follower(
+    candidate: Candidate, experiments: Sequence[Experiment]
+) -> Callable[[np.ndarray], tuple[np.ndarray, ...]]:
+    """What a comparison simulates, as a function of theta: outputs (n_samples, n_y) of every recording. All
+    that does not depend on theta is prepared here."""
+    experiments = [in_model_order(e, cast(StateSpaceFamily, candidate.flat)) for e in experiments]
+    ready = _ready(candidate)
+    if isinstance(ready.prepared, AffineModel):
+        return affine_follower(candidate, experiments, ready.prepared)
+    return nonlinear_follower(candidate, experiments, ready.prepared)
 
 
 def compare_models(

@@ -5,7 +5,7 @@ Parameters are held; initial states are those that fit best.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -104,6 +104,21 @@ def nonlinear_trial(candidate: Candidate, experiments: Sequence[Experiment], mod
         acts_at_once=candidate.hold == "foh" or explicit.outputs.jac_sparsity(0, 1).nnz() > 0,
         notes=notes,
     )
+
+
+def nonlinear_follower(
+    candidate: Candidate, experiments: Sequence[Experiment], model: NonlinearModel
+) -> Callable[[np.ndarray], tuple[np.ndarray, ...]]:
+    """Simulated outputs (n_samples, n_y) of every recording as a function of theta, from the initial states
+    that fit best at the values of the candidate; NaN where the model cannot be integrated."""
+    problem = _problem(candidate, experiments, model)
+    z = _searched(problem, _first_states(problem))
+
+    def at(theta: np.ndarray) -> tuple[np.ndarray, ...]:
+        there = replace(problem, unknowns=replace(problem.unknowns, theta=theta))
+        return _outputs(experiments, prediction_errors(there, z))
+
+    return at
 
 
 def _problem(

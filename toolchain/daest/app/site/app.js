@@ -9,11 +9,13 @@ import {view as parameters} from "./parameters.js";
 
 const VIEWS = {start, compare, parameters, missing, doubt, report};
 const RETRY = 700; // ms until a lost connection is tried again
+const listeners = new Set();
 let state = null, socket = null;
 
 export const page = {
   get state() { return state; },
   send(message) { if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); },
+  listen(function_) { listeners.add(function_); },
   running() { return (state?.jobs ?? []).find(job => job.status === "running"); },
   async run(asked) {
     const answer = await fetch("api/run", {method: "POST", body: JSON.stringify(asked)}).catch(() => null);
@@ -103,8 +105,6 @@ function connect() {
     setTimeout(connect, RETRY);
   };
 }
-const listeners = new Set();
-export const listen = function_ => listeners.add(function_);
 
 addEventListener("hashchange", show);
 connect();

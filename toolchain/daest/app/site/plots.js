@@ -49,6 +49,10 @@ export function source(place, name) {
   return null;
 }
 
+export function figureOf(place) {
+  return (views.get(place) ?? [])[0]?.parts[0] ?? null;
+}
+
 // Shows the stretch of time [s] in every figure of a plot; the ranges are linked.
 export function zoom(place, id, low, high) {
   const found = (views.get(place) ?? []).find(entry => entry.id === id);

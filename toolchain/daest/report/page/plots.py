@@ -97,6 +97,37 @@ def comparison_plots(document: Document, series: Series) -> Iterator[Plot]:
         )
 
 
+def followed_figures(told: Mapping[str, Any]) -> list[Any]:
+    """A figure per output that the simulating process of the live page has `told` of, still without curves:
+    measured, the band and the curve of the fit, and the curve that follows the sliders. Their sources are
+    called measured-N, band-N, fit-N and now-N."""
+    whole, figures = told["recordings"][0], list[Any]()
+    for i, output in enumerate(told["outputs"]):
+        shared = figures[0].x_range if figures else Range1d(whole["start"], whole["stop"])
+        plot = _figure("", _titled(output["name"], output["unit"]), MIDDLE, shared)
+        start = {"x": [whole["start"]], "y": [0.0]}  # an axis needs a value
+        empty: dict[str, list[float]] = {"x": [], "low": [], "high": []}
+        measured, fit, now = (ColumnDataSource(start, name=f"{n}-{i}") for n in ("measured", "fit", "now"))
+        band = ColumnDataSource(empty, name=f"band-{i}")
+        plot.varea(
+            "x", "low", "high", source=band, color=COLORS[2], alpha=0.3, legend_label="95 % of the fit"
+        )
+        plot.line("x", "y", source=fit, color=COLORS[2], line_width=1.4, legend_label="fit")
+        plot.line("x", "y", source=now, color=COLORS[0], line_width=2, legend_label="as set")
+        plot.scatter(
+            "x", "y", source=measured, size=3, color=MEASURED, line_color=None, legend_label="measured"
+        )
+        _legend(plot)
+        figures.append(plot)
+    return figures
+
+
+def stacked_item(figures: Sequence[Any], x_label: str) -> str:
+    """JSON of figures below each other."""
+    figures[-1].xaxis.axis_label = x_label
+    return _item(_stacked(figures))
+
+
 def _mark_windows(plot: Any, document: Document, output: str, recording: str) -> None:
     """Stretches of time in which the error is larger than elsewhere."""
     for finding in (f for model in document["models"] for f in model["where"]):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 
 
@@ -16,12 +14,11 @@ def thinned(values: np.ndarray, most: int) -> np.ndarray:
     n = values.size
     if n <= most:
         return np.arange(n)
-    edges = np.linspace(0, n, max((most - 2) // 2, 1) + 1).astype(int)
-    chosen = {0, n - 1}
-    for low, high in pairwise(edges.tolist()):
-        part = values[low:high]
-        if not np.isfinite(part).any():
-            chosen.add(low)
-            continue
-        chosen |= {low + int(np.nanargmin(part)), low + int(np.nanargmax(part))}
-    return np.array(sorted(chosen))
+    length = -(-n // max((most - 2) // 2, 1))  # of a stretch; the last may be shorter
+    padded = np.full((-(-n // length), length), np.nan)
+    padded.flat[:n] = values
+    finite = np.isfinite(padded)
+    first = length * np.arange(len(padded))
+    smallest = first + np.argmin(np.where(finite, padded, np.inf), axis=1)
+    largest = first + np.argmax(np.where(finite, padded, -np.inf), axis=1)
+    return np.unique(np.concatenate([[0, n - 1], smallest, largest]))
