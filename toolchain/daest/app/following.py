@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from daest.diagnosis.compare import Candidate, follower
-from daest.diagnosis.trial import agreement
+from daest.diagnosis.compare import follower
+from daest.diagnosis.trial import Candidate, agreement
 from daest.model.experiment import Experiment
-from daest.model.flat import Parameter
+from daest.model.parts import Parameter
 from daest.report.page.thinning import thinned
 
 MOST_POINTS = 1200  # of a curve: more than a screen has columns for a smallest and a largest value each

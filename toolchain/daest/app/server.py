@@ -7,8 +7,10 @@ import asyncio
 import importlib
 import json
 import os
+import re
 import secrets
 import signal
+import sys
 import webbrowser
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
@@ -38,6 +40,7 @@ LARGEST_BODY = 256 << 20  # bytes of a file that is dropped onto the page
 LOCK = "server"  # in the home of the page: locked by the server, with its address
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
 PICTURES = "daest.app.pictures"  # its import takes a second, which the first page need not wait for
+EFFECT = re.compile(r"[A-Za-z_][\w.]{0,199}")  # name of a class
 NAME_LENGTH = 120  # characters of the name of a file that is dropped
 
 
@@ -175,6 +178,27 @@ class Sliders(Guarded):
 
 def _sliders(told: str) -> list[dict[str, Any]]:
     return importlib.import_module(PICTURES).following_pictures(json.loads(told))
+
+
+class Effect(Guarded):
+    """The law of an effect, as daest effects tells it."""
+
+    async def get(self) -> None:
+        name = str(self.get_query_argument("name", ""))
+        if not EFFECT.fullmatch(name):
+            raise tornado.web.HTTPError(404, reason="there is no such effect")
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "daest", "effects", name, "--format", "json"),
+            cwd=self.desk.folder,
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.DEVNULL,
+        )
+        out, _ = await process.communicate()
+        if process.returncode != 0:
+            raise tornado.web.HTTPError(404, reason="there is no such effect")
+        effect = json.loads(out)["effects"][0]
+        self.write({key: effect[key] for key in ("name", "law", "description", "documentation")})
 
 
 class Run(Guarded):
@@ -327,6 +351,7 @@ def application(guard: Guard, desk: Desk, pages: Pages) -> tornado.web.Applicati
         ("api/state", State),
         ("api/pictures", Pictures),
         ("api/sliders", Sliders),
+        ("api/effect", Effect),
         ("api/run", Run),
         ("api/drop", Drop),
         ("api/live", Live),

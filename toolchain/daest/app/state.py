@@ -11,7 +11,7 @@ from typing import Any
 
 from daest.app.actions import CHECK, PLAIN, Standing, lines
 from daest.app.jobs import SCRIPT, jobs, shown
-from daest.app.story import Story, comparison_file, diagnosis_file, read_story, step_errors
+from daest.app.story import Step, Story, comparison_file, diagnosis_file, read_story, step_errors
 from daest.data.project import FILE_NAME, Project, load_project
 from daest.errors import DaestError
 from daest.report.page.modelica_text import added_lines
@@ -205,11 +205,23 @@ def _story(desk: Desk, story: Story) -> dict[str, Any]:
                 "at": step.at,
                 "current": step.number == story.current,
                 "on_path": step.number in on_path,
-                "errors": step_errors(desk.read(comparison_file(step.number))),
+                "errors": _errors(desk, step),
                 "lines": _difference(desk, story, step.number),
             }
         )
     return {"current": story.current, "steps": steps}
+
+
+def _errors(desk: Desk, step: Step) -> dict[str, Any] | None:
+    """Of the comparison that was made with the step; of the first model also of one made without the page."""
+    own = desk.read(comparison_file(step.number))
+    if own is None and step.number == 0:
+        kept = read_json(desk.folder / "results" / "comparison.json") or {}
+        files = [
+            file["path"] for file in (kept.get("made_from") or {}).get("files", []) if file["role"] == "model"
+        ]
+        own = kept if files == [step.model] else None
+    return step_errors(own)
 
 
 def _difference(desk: Desk, story: Story, number: int) -> list[dict[str, Any]]:

@@ -9,7 +9,7 @@ import {view as parameters} from "./parameters.js";
 
 const VIEWS = {start, compare, parameters, missing, doubt, report};
 const RETRY = 700; // ms until a lost connection is tried again
-const listeners = new Set();
+const listeners = new Set(), laws = new Map();
 let state = null, socket = null;
 
 export const page = {
@@ -30,6 +30,10 @@ export const page = {
     trouble(answer?.ok ? null : told?.what ? `${told.what}; ${told.remedy}.` : "The file did not arrive: it may be too large.");
     return answer?.ok ?? false;
   },
+  async law(name) {
+    laws.set(name, laws.get(name) ?? fetch(`api/effect?name=${encodeURIComponent(name)}`).then(found => found.ok ? found.json() : null).catch(() => null));
+    return laws.get(name);
+  },
   // A button with the line that it types.
   button(label, asked, {lines = state?.commands?.[asked.action], strong = false, title} = {}) {
     return h("div", {className: "act"},
@@ -39,8 +43,12 @@ export const page = {
   },
 };
 
-export function trouble(text) {
+// What went wrong stands until the next click; what the state says, as long as it says so.
+let is_answer = false;
+export function trouble(text, of_answer = true) {
   const place = document.getElementById("trouble");
+  if (!of_answer && is_answer && !text) return;
+  is_answer = of_answer && Boolean(text);
   place.hidden = !text;
   place.textContent = text ?? "";
 }
@@ -48,8 +56,8 @@ export function trouble(text) {
 function part() {
   const wanted = location.hash.slice(1).split("/")[0];
   if (wanted in VIEWS) return wanted;
-  if (!state?.project) return "start";
-  return "compare";
+  history.replaceState(null, "", state.project ? "#compare" : "#start");
+  return location.hash.slice(1);
 }
 
 function show() {
@@ -63,8 +71,8 @@ function show() {
   document.getElementById("title").textContent = state.title ?? "daest";
   const step = state.story?.steps[state.story.current];
   document.getElementById("standing").textContent = step?.model ? step.model.split("/").pop() + (step.added ? `: ${step.added} at ${step.at}` : "") : "";
-  if (state.gone) { trouble(`The folder ${state.folder} has gone. Put it back, or end daest app and start it in another folder.`); return; }
-  if (state.error) trouble(state.error);
+  if (state.gone) { trouble(`The folder ${state.folder} has gone. Put it back, or end daest app and start it in another folder.`, false); return; }
+  if (state.error) trouble(state.error, false);
   VIEWS[chosen](document.querySelector(`#${chosen} > div`), state, page);
   work();
 }
@@ -84,7 +92,7 @@ function work() {
         last.status === "running" ? h("button", {"data-key": "stop", onclick: () => page.run({action: "stop", job: last.number})}, "Stop") : null,
         last.status === "running" ? h("progress", progress ? {max: Number(progress[2]), value: Number(progress[1])} : {}) : null,
         said.length ? h("details", {"data-key": "said", open: last.status === "failed"}, h("summary", {}, said.at(-1)), h("pre", {}, last.said)) : null),
-      h("details", {"data-key": "script"}, h("summary", {}, `All ${state.script.split("\n").filter(line => line && !line.startsWith("#")).length} commands of this folder`),
+      h("details", {"data-key": "script"}, h("summary", {}, "All commands of this folder"),
         h("pre", {}, state.script), h("p", {}, h("a", {href: "session.sh", download: "session.sh"}, "Save them as a script"))),
     ];
   });
@@ -96,12 +104,12 @@ function connect() {
   socket = new WebSocket(address);
   socket.onmessage = event => {
     const message = JSON.parse(event.data);
-    if (message.kind === "state") { state = message.state; if (!state.gone && !state.error) trouble(null); show(); document.documentElement.dataset.ready = "true"; }
+    if (message.kind === "state") { state = message.state; if (!state.gone && !state.error) trouble(null, false); show(); document.documentElement.dataset.ready = "true"; }
     else for (const listen of listeners) listen(message);
   };
   socket.onclose = () => {
     document.documentElement.dataset.ready = "false";
-    trouble("The server has ended. Work that runs goes on; start daest app again and open its new address.");
+    trouble("The server has ended. Work that runs goes on; start daest app again and open its new address.", false);
     setTimeout(connect, RETRY);
   };
 }
