@@ -29,7 +29,7 @@ from daest.estimation.identifiability import (
     without_influence,
 )
 from daest.estimation.identify_nonlinear import identify_nonlinear
-from daest.estimation.interval_check import with_interval_check
+from daest.estimation.interval_check import NOT_QUADRATIC, with_interval_check
 from daest.estimation.nonlinear_start import fit_initial_states
 from daest.estimation.optimum import Search, best_point, coloured
 from daest.estimation.priors import log_likelihood, with_priors
@@ -448,8 +448,13 @@ def _result(
         simulated=simulated,
         one_step=one_step,
         n_iterations=found.iterations,
-        notes=(*first.notes, "maximum likelihood by the extended Kalman filter", *substeps),
+        notes=(*_still_true(first.notes), "maximum likelihood by the extended Kalman filter", *substeps),
     )
+
+
+def _still_true(notes: Sequence[str]) -> list[str]:
+    """Notes of the fit that came first, without that on its own likelihood."""
+    return [note for note in notes if not note.startswith(NOT_QUADRATIC)]
 
 
 def _noises(

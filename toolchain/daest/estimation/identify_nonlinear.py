@@ -27,7 +27,7 @@ from daest.estimation.noise_levels import (
     with_gain,
 )
 from daest.estimation.nonlinear_result import agreement, nonlinear_result
-from daest.estimation.nonlinear_search import best_ends
+from daest.estimation.nonlinear_search import best_ends, search_of
 from daest.estimation.nonlinear_start import (
     check_nonlinear_start,
     limits,
@@ -36,6 +36,7 @@ from daest.estimation.nonlinear_start import (
     with_hold,
 )
 from daest.estimation.observer import AverageModel, observer
+from daest.estimation.optimum import best_point
 from daest.estimation.priors import prior_penalty
 from daest.estimation.profile import Searched, Tell, silent, with_profiles
 from daest.estimation.search import minimise
@@ -163,7 +164,10 @@ def _search_on(setup: NonlinearSetup, warm: WarmStart, options: IdentifyOptions)
         best = Ending(improved_problem, found, levels)
         if improved < ENOUGH_GAIN:
             break
-    return best if -best.found.evaluation.value < warm.hopeless else _with_own_gain(setup, best, warm)
+    if -best.found.evaluation.value < warm.hopeless:
+        return best
+    settled = best_point(search_of(best.problem, z, options.max_iterations, WARM_GAIN), [best.found.z])
+    return _with_own_gain(setup, replace(best, found=settled or best.found), warm)
 
 
 def _with_own_gain(setup: NonlinearSetup, end: Ending, warm: WarmStart) -> Ending:

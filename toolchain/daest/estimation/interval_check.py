@@ -22,6 +22,9 @@ TWO_SIDED = float(ndtri(0.975))  # standard errors to the end of a 95 % interval
 PARABOLIC = 0.15
 
 
+NOT_QUADRATIC = "the likelihood is not quadratic in"
+
+
 def with_interval_check(result: FitResult, search: Searched) -> FitResult:
     """The result with a note that names the parameters whose standard error makes no interval."""
     doubtful = doubtful_intervals(result, search)
@@ -29,7 +32,7 @@ def with_interval_check(result: FitResult, search: Searched) -> FitResult:
         return result
     listed, profiles = ", ".join(doubtful), " ".join(f"--profile {name}" for name in doubtful)
     note = (
-        f"the likelihood is not quadratic in {listed}: do not trust an interval of standard errors, "
+        f"{NOT_QUADRATIC} {listed}: do not trust an interval of standard errors, "
         f"use the profile likelihood ({profiles})"
     )
     return replace(result, notes=(*result.notes, note))

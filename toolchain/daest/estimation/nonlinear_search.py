@@ -72,12 +72,13 @@ def best_ends(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions, te
 
 
 def search_of(
-    problem: TrajectoryProblem, home: np.ndarray, max_iterations: int, is_last: bool = True
+    problem: TrajectoryProblem, home: np.ndarray, max_iterations: int, enough: float | None = None
 ) -> Search:
-    """What is searched; `home` is where the user started. A search that another one follows ends early."""
+    """What is searched; `home` is where the user started. A search that another one follows ends where the
+    next step would gain less than `enough`, and does not look beyond hills."""
     lower, upper = limits(problem)
     objective = trajectories.objective(problem)
-    gain = CONVERGED_GAIN if is_last else LEADING_GAIN
+    gain, is_last = (CONVERGED_GAIN, True) if enough is None else (enough, False)
     return Search(objective, problem.unknowns, lower, upper, home, max_iterations, gain, looks_beyond=is_last)
 
 
@@ -102,7 +103,7 @@ def _predicted(
     for number in range(NOISE_ROUNDS):
         z = first if end is None else end.found.z
         problem, levels = with_gain(setup, z, None if end is None else end.levels)
-        search = search_of(problem, home, options.max_iterations, is_last=False)
+        search = search_of(problem, home, options.max_iterations, LEADING_GAIN)
         is_doubtful = partial(is_coloured, problem)
         found = best_point(search, [z], is_doubtful, () if number else others)
         if found is None:
@@ -133,7 +134,7 @@ def _simulated(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions) -
     if shooting is None or shooting == 1:
         is_end = setup.method == "oe" or shooting == 1
         iterations = options.max_iterations if is_end else SIMULATION_ITERATIONS
-        search = search_of(problem, z, iterations, is_last=is_end)
+        search = search_of(problem, z, iterations, None if is_end else LEADING_GAIN)
         leads = is_end and options.second_look and options.max_iterations > 0
         found = best_point(search, [z], partial(is_coloured, problem), _led(problem, z) if leads else ())
         single = None if found is None else Ending(problem, found, None)
@@ -168,7 +169,7 @@ def _led(problem: TrajectoryProblem, home: np.ndarray) -> Iterator[np.ndarray]:
         is_fading = end is not None and number >= LEADING_SEARCHES
         z, levels = (home, None) if end is None else end[1:]
         chosen = assumed(problem, z, levels if is_fading else None, (fading,) if is_fading else ASSUMED)
-        found = chosen and best_point(search_of(chosen[0], home, LEADING_ITERATIONS, is_last=False), [z])
+        found = chosen and best_point(search_of(chosen[0], home, LEADING_ITERATIONS, LEADING_GAIN), [z])
         if chosen and found and (end is None or found.evaluation.value < end[0] + LEADING_LOSS):
             problem = replace(problem, gain=chosen[0].gain)
             end = found.evaluation.value, found.z, chosen[1]
