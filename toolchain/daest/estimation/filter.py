@@ -51,7 +51,7 @@ def run_filter(
 
     `model` has equations, or is their explicit form, or a linear model in state space; an FMU without
     equations serves as well. `kind` is a name of `estimation.filters.FILTERS`; None is "time-varying" for an
-    affine model and "ekf" for any other. `tell` hears of the progress of a long run.
+    affine model and "ekf" for any other. `tell` is called with texts about the progress of a long run.
 
     What the data cannot tell has NaN and inf in the result and is named in its messages. Raises
     EstimationError `filter-kind-unknown`, `filter-unknown-output`, `filter-noise-unknown`,

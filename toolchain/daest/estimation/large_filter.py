@@ -97,7 +97,7 @@ def large_filter(
     rows: np.ndarray,
     tell: Callable[[str], None] = lambda text: None,
 ) -> LargeResult:
-    """Filtered rows (m, n + n_w) of (x, w̄) with x[0] unknown, where `can_stream`; `tell` hears of
+    """Filtered rows (m, n + n_w) of (x, w̄) with x[0] unknown, where `can_stream`; `tell` is called with
     progress."""
     run = _Run(model, experiment, rows)
     n_samples = run.innovations.shape[0]

@@ -143,7 +143,7 @@ def _counted(calls: ctypes.c_long) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _told(reached: Callable[[], float], alive: Callable[[float], None]) -> Iterator[None]:
-    """`alive` hears of the time reached as long as it grows: a solution that stands still is not alive."""
+    """Within the block `alive` is called with the time reached, as long as that grows."""
     is_done = threading.Event()
 
     def tell() -> None:

@@ -49,7 +49,7 @@ class Recorded:
 
 
 def run(instance: Instance, drive: Drive, x0: np.ndarray | None, alive: Callable[[float], None]) -> Recorded:
-    """Simulate from the instance's own start, or from x0 (n_states,). `alive` hears of the time reached."""
+    """Simulate from the instance's own start, or from x0 (n_states,). `alive` gets the time reached."""
     if instance.binary.kind == "exchange":
         return _exchange(instance, drive, x0, alive)
     return _co_simulation(instance, drive, alive)

@@ -137,7 +137,8 @@ class FilterModel:
 
 @dataclass(frozen=True)
 class Case:
-    """A model and one recording of it. `measure` are the outputs to use; `tell` hears of the progress."""
+    """A model and one recording of it. `measure` are the outputs to use; `tell` is called with texts about
+    the progress."""
 
     model: FilterModel
     experiment: Experiment
