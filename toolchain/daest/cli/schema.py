@@ -14,49 +14,39 @@ from daest.cli.options import example, format_option, one_of, output_option
 from daest.cli.output import emit, write_text
 from daest.errors import ConfigError
 
-# What describes the document of a command.
-DOCUMENTS = {
+# Documents that do not stand in a file of their command's name.
+ELSEWHERE = {
     "app": "project:AppDocument",
-    "check": "check:CheckDocument",
-    "compare": "compare:CompareDocument",
     "completion": "project:CompletionDocument",
     "demo": "project:DemoDocument",
-    "design": "design:DesignDocument",
-    "diagnose": "diagnose:DiagnoseDocument",
-    "effects": "effects:EffectsDocument",
     "explain": "project:ExplainDocument",
-    "export": "export:ExportDocument",
     "extend": "effects:ExtendDocument",
-    "filter": "filter:FilterDocument",
-    "fleet": "fleet:FleetDocument",
     "identify": "fit:FitDocument",
     "improve": "diagnose:ImproveDocument",
     "init": "project:InitDocument",
-    "linearize": "linearize:LinearizeDocument",
-    "noise": "noise:NoiseDocument",
     "report": "project:ReportDocument",
     "schema": "project:SchemaDocument",
-    "simulate": "simulate:SimulateDocument",
-    "watch": "watch:WatchDocument",
 }
 
 
 def schema_names() -> list[str]:
-    """Commands whose documents have a schema."""
-    return sorted(DOCUMENTS)
+    """Commands whose documents have a schema: all of them."""
+    from daest.cli.main import COMMANDS
+
+    return sorted(COMMANDS)
 
 
 def schema_of(name: str) -> dict[str, Any]:
     """The schema of a command's document. Raises ConfigError `schema-unknown`."""
     from daest.report.schema import document_schema
 
-    if name not in DOCUMENTS:
+    if name not in schema_names():
         raise ConfigError(
             "schema-unknown",
             f"there is no command '{name}' that prints a document",
             remedy=f"there are {', '.join(schema_names())}",
         )
-    module, _, document = DOCUMENTS[name].partition(":")
+    module, _, document = ELSEWHERE.get(name, f"{name}:{name.capitalize()}Document").partition(":")
     return document_schema(name, getattr(import_module(f"daest.report.documents.{module}"), document))
 
 
