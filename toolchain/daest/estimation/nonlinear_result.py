@@ -9,28 +9,24 @@ import numpy as np
 
 from daest.estimation import trajectories
 from daest.estimation.agreement import agreement_of
-from daest.estimation.coordinates import Coordinate
 from daest.estimation.identifiability import (
-    WEAK_RELATIVE_STD,
-    correlation,
     covariance,
     output_error_covariance,
     std_errors,
-    weak_directions,
     without_influence,
 )
 from daest.estimation.noise_levels import Ending, Levels, NonlinearSetup, average_along
 from daest.estimation.nonlinear_start import consistent_states, fit_initial_states, limits
 from daest.estimation.observer import AverageModel
-from daest.estimation.priors import log_likelihood, prior_precisions
-from daest.estimation.result import bound_of, message_of
+from daest.estimation.priors import prior_precisions
+from daest.estimation.result import COLOURED, End, Told, assembled, bound_of, fitted_initial_state
 from daest.estimation.scores import Scores, scores
 from daest.estimation.search import minimise
 from daest.estimation.shooting import whole_errors
-from daest.estimation.stationary import unseen_directions, unseen_note
+from daest.estimation.stationary import unseen_directions
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
-from daest.model.fit import Agreement, FitResult, FittedInitialState, FittedNoise, FittedParameter
+from daest.model.fit import Agreement, FitResult, FittedNoise
 from daest.model.flat import ExplicitModel
 
 AGREEMENT_ITERATIONS = 10  # of the search for the initial states that an agreement is judged from
@@ -92,46 +88,33 @@ def nonlinear_result(
         uncertain = output_error_covariance(parts, observed, slopes, free, prior_precisions(unknowns))
         cov_z = uncertain.covariance
         if uncertain.is_coloured:
-            notes.append("the simulation residuals are not white; the standard errors account for that")
+            notes.append(COLOURED)
     else:
         cov_z = covariance(in_z, free)
     cov = cov_z * np.outer(slopes, slopes)
     values = unknowns.natural(found.z[:n])
-    weak = weak_directions(unknowns.coordinates, values, in_z / np.outer(slopes, slopes), cov)
-    parameters = tuple(
-        _fitted_parameter(explicit, c, v, s, b)
-        for c, v, s, b in zip(unknowns.coordinates, values, std_errors(cov, values), bounds, strict=True)
-    )
     average = average_along(problem, found.z)
-    unseen = () if average is None else _unseen(explicit, average)
-    noises = fitted_noises(setup, end, errors.covariance, count)
-    periods = {e.period for e in problem.experiments}
-    theta = problem.theta(found.z)
-    return FitResult(
-        status=found.reason,
-        message=message_of(found, parameters, noises, weak, [e.found for e in ends]),
+    names = explicit.state_names
+    told = Told(
         method=setup.method,
-        parameters=parameters,
-        theta={p.name: float(v) for p, v in zip(explicit.flat.parameters, theta, strict=True)},
-        noises=noises,
+        theta=problem.theta(found.z),
+        noises=fitted_noises(setup, end, errors.covariance, count),
         noise_model="white",
-        initial_states=_initial_states(problem, parts, found.z, cov),
-        correlation_names=tuple(c.name for c in unknowns.coordinates),
-        correlation=correlation(cov),
-        weak_directions=weak,
-        weak_threshold=WEAK_RELATIVE_STD,
-        log_likelihood=log_likelihood(unknowns, found),
-        start_log_likelihoods=tuple(log_likelihood(unknowns, e.found) for e in ends),
+        initial_states=tuple(
+            fitted_initial_state(experiment.name, names, x0, part, cov)
+            for experiment, part, x0 in zip(
+                problem.experiments, parts, problem.initial_states(found.z), strict=True
+            )
+        ),
         simulated=simulated,
         one_step=one_step,
         n_samples=sum(e.n_samples for e in problem.experiments),
-        n_iterations=found.iterations,
-        seconds=0.0,
-        period=periods.pop() if len(periods) == 1 else None,
         hold=problem.hold,
-        notes=(*notes, *unseen_note(unseen)),
-        unseen_states=unseen,
+        notes=tuple(notes),
+        unseen=() if average is None else _unseen(explicit, average),
     )
+    judged = End(unknowns, values, cov, std_errors(cov, values), bounds, in_z)
+    return assembled(judged, [e.found for e in ends], explicit.flat.parameters, problem.experiments, told)
 
 
 def _unseen(explicit: ExplicitModel, average: AverageModel) -> tuple[str, ...]:
@@ -157,22 +140,6 @@ def all_scores(problem: TrajectoryProblem, errors: Errors) -> list[Scores]:
         residuals = np.where(observed, error, 0.0) @ root
         parts.append(scores(residuals, -change[n:], change[:n]))
     return parts
-
-
-def _fitted_parameter(
-    explicit: ExplicitModel, coordinate: Coordinate, value: float, std_error: float | None, bound: object
-) -> FittedParameter:
-    return FittedParameter(
-        name=coordinate.name,
-        value=float(value),
-        std_error=std_error,
-        initial=coordinate.initial,
-        unit=explicit.flat.parameters[coordinate.index].unit,
-        min=None if np.isinf(coordinate.lower) else coordinate.lower,
-        max=None if np.isinf(coordinate.upper) else coordinate.upper,
-        at_bound=bound,  # type: ignore[arg-type]
-        prior=coordinate.prior,
-    )
 
 
 def fitted_noises(
@@ -201,16 +168,3 @@ def fitted_noises(
         for o, s, given in zip(flat.outputs, std, setup.given_std, strict=True)
     )
     return (*process, *measurement)
-
-
-def _initial_states(
-    problem: TrajectoryProblem, parts: Sequence[Scores], z: np.ndarray, cov: np.ndarray
-) -> tuple[FittedInitialState, ...]:
-    names = problem.model.explicit.state_names
-    result = []
-    for experiment, part, x0 in zip(problem.experiments, parts, problem.initial_states(z), strict=True):
-        spread = part.initial_slope @ np.nan_to_num(cov) @ part.initial_slope.T
-        with np.errstate(invalid="ignore"):
-            std = np.sqrt(np.diagonal(part.initial_cov) + np.diagonal(spread))
-        result.append(FittedInitialState(experiment.name, names, x0, std))
-    return tuple(result)

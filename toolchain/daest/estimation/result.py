@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal, Protocol
 
 import numpy as np
 
 from daest.estimation import likelihood, output_error
-from daest.estimation.coordinates import Coordinate
+from daest.estimation.coordinates import Coordinate, Unknowns
 from daest.estimation.identifiability import (
     ROUNDING,
     WEAK_RELATIVE_STD,
@@ -35,24 +37,61 @@ from daest.model.fit import (
     Method,
     WeakDirection,
 )
+from daest.model.parts import Parameter
 from daest.systems.state_space import state_space
 
 AT_BOUND = 1e-6  # distance in z within which an unknown lies at its bound
 SAME_OPTIMUM = 1e-2  # difference of log-likelihoods within which two searches ended at the same place
+COLOURED = "the simulation residuals are not white; the standard errors account for that"
 OPEN_TOWARDS_ZERO = 5.0  # standard deviation of log(value) above which a value may as well be zero
 
 
-@dataclass(frozen=True)
-class Judged:
-    """The best point of a search with everything that is said about it, in the units of the unknowns."""
+class Recorded(Protocol):
+    """A recording, or what was prepared from it."""
 
+    @property
+    def period(self) -> float | None: ...
+
+
+@dataclass(frozen=True)
+class End:
+    """The best point of a search in the units of its p unknowns: `information` (p, p) is that of the search,
+    per unit of its coordinates."""
+
+    unknowns: Unknowns
     values: np.ndarray  # (p,)
     cov: np.ndarray  # (p, p), NaN where not determined
-    errors: list[float | None]
-    bounds: list[Bound | None]
+    errors: Sequence[float | None]
+    bounds: Sequence[Bound | None]
+    information: np.ndarray
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a predictor tells of the end of its search besides the unknowns; theta (n_parameters,) are all
+    parameters of the model, fields as in `FitResult`."""
+
+    method: Method
+    theta: np.ndarray
+    noises: tuple[FittedNoise, ...]
+    noise_model: Literal["white", "held"]
+    initial_states: tuple[FittedInitialState, ...]
+    simulated: dict[str, Agreement]
+    one_step: dict[str, Agreement]
+    n_samples: int
+    hold: Literal["foh", "zoh"]
+    notes: tuple[str, ...]
+    unseen: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """The end of a linear search with its scores, initial states and measurement noise (n_y,)."""
+
+    end: End
     parts: list[Scores]
     initial_states: tuple[np.ndarray, ...]
-    measurement_std: np.ndarray  # (n_y,)
+    measurement_std: np.ndarray
     is_coloured: bool
 
 
@@ -69,43 +108,108 @@ def fit_result(
     best, family = ends[0], problem.family
     judged = _judge(problem, method, best)
     theta, intensity, _ = problem.unknowns.values(best.z)
-    parameters = _parameters(problem, judged)
     noises = _process_noises(problem, intensity, judged) if method == "pem" else ()
     noises += _measurement_noises(problem, measurement, judged)
-    weak = _weak(problem, best, judged)
     if judged.is_coloured:
-        notes = (*notes, "the simulation residuals are not white; the standard errors account for that")
+        notes = (*notes, COLOURED)
     initial = tuple(
-        _initial_state(record.name, family.state_names, x0, part, judged.cov)
+        fitted_initial_state(record.name, family.state_names, x0, part, judged.end.cov)
         for record, x0, part in zip(problem.records, judged.initial_states, judged.parts, strict=True)
     )
-    periods = {r.period for r in problem.records}
-    unseen = _unseen(problem, theta)
-    return FitResult(
-        status=best.reason,
-        message=message_of(best, parameters, noises, weak, ends),
+    told = Told(
         method=method,
-        parameters=parameters,
-        theta={p.name: float(v) for p, v in zip(family.parameters, theta, strict=True)},
+        theta=theta,
         noises=noises,
         noise_model=problem.sampled,
         initial_states=initial,
-        correlation_names=tuple(c.name for c in problem.unknowns.coordinates),
-        correlation=correlation(judged.cov),
-        weak_directions=weak,
-        weak_threshold=WEAK_RELATIVE_STD,
-        log_likelihood=log_likelihood(problem.unknowns, best),
-        start_log_likelihoods=tuple(log_likelihood(problem.unknowns, end) for end in ends),
         simulated=simulated,
         one_step=one_step,
         n_samples=sum(int(r.recorded.size) for r in problem.records),
+        hold=problem.hold,
+        notes=notes,
+        unseen=_unseen(problem, theta),
+    )
+    return assembled(judged.end, ends, family.parameters, problem.records, told)
+
+
+def assembled(
+    end: End,
+    ends: Sequence[Found],
+    model: Sequence[Parameter],
+    experiments: Sequence[Recorded],
+    told: Told,
+) -> FitResult:
+    """The result of a search, whatever its predictor was: `end` is its best point, `ends` where the searches
+    from all start points ended, `model` the parameters of the model, in order. `seconds` is left to the
+    caller."""
+    best, unknowns = ends[0], end.unknowns
+    own = unknowns.of_kind("parameter")
+    parameters = tuple(
+        fitted_parameter(unknowns.coordinates[i], model, end.values[i], end.errors[i], end.bounds[i])
+        for i in own
+    )
+    rows = np.ix_(own, own)
+    slopes = unknowns.slopes(best.z[: len(unknowns.coordinates)])[own]
+    information = end.information[rows] / np.outer(slopes, slopes)
+    coordinates = tuple(unknowns.coordinates[i] for i in own)
+    weak = weak_directions(coordinates, end.values[own], information, end.cov[rows])
+    periods = {e.period for e in experiments}
+    return FitResult(
+        status=best.reason,
+        message=message_of(best, parameters, told.noises, weak, list(ends)),
+        method=told.method,
+        parameters=parameters,
+        theta={p.name: float(v) for p, v in zip(model, told.theta, strict=True)},
+        noises=told.noises,
+        noise_model=told.noise_model,
+        initial_states=told.initial_states,
+        correlation_names=tuple(c.name for c in unknowns.coordinates),
+        correlation=correlation(end.cov),
+        weak_directions=weak,
+        weak_threshold=WEAK_RELATIVE_STD,
+        log_likelihood=log_likelihood(unknowns, best),
+        start_log_likelihoods=tuple(log_likelihood(unknowns, one) for one in ends),
+        simulated=told.simulated,
+        one_step=told.one_step,
+        n_samples=told.n_samples,
         n_iterations=best.iterations,
         seconds=0.0,
         period=periods.pop() if len(periods) == 1 else None,
-        hold=problem.hold,
-        notes=(*notes, *unseen_note(unseen)),
-        unseen_states=unseen,
+        hold=told.hold,
+        notes=(*told.notes, *unseen_note(told.unseen)),
+        unseen_states=told.unseen,
     )
+
+
+def fitted_parameter(
+    coordinate: Coordinate,
+    model: Sequence[Parameter],
+    value: float,
+    std_error: float | None,
+    bound: Bound | None,
+) -> FittedParameter:
+    """The estimate of one parameter, in its own unit."""
+    return FittedParameter(
+        name=coordinate.name,
+        value=float(value),
+        std_error=std_error,
+        initial=coordinate.initial,
+        unit=model[coordinate.index].unit,
+        min=None if np.isinf(coordinate.lower) else coordinate.lower,
+        max=None if np.isinf(coordinate.upper) else coordinate.upper,
+        at_bound=bound,
+        prior=coordinate.prior,
+    )
+
+
+def fitted_initial_state(
+    name: str, names: tuple[str, ...], x0: np.ndarray, part: Scores, cov: np.ndarray
+) -> FittedInitialState:
+    """The initial state of one recording, with what the covariance `cov` of the unknowns adds to its own."""
+    spread = part.initial_slope @ np.nan_to_num(cov) @ part.initial_slope.T
+    with np.errstate(invalid="ignore"):
+        errors = np.sqrt(np.diagonal(part.initial_cov) + np.diagonal(spread))
+    return FittedInitialState(name, names, x0, errors)
 
 
 def _unseen(problem: Problem, theta: np.ndarray) -> tuple[str, ...]:
@@ -113,7 +217,7 @@ def _unseen(problem: Problem, theta: np.ndarray) -> tuple[str, ...]:
     return unseen_directions(ss.A, ss.C, float(np.median(steps)), problem.family.state_names)
 
 
-def _judge(problem: Problem, method: Method, best: Found) -> Judged:
+def _judge(problem: Problem, method: Method, best: Found) -> _Judged:
     """Bounds first: an unknown that rests at one is left out of the covariance of the others."""
     unknowns = problem.unknowns
     parts, states, std = end_scores(problem, method, best.z)
@@ -127,17 +231,8 @@ def _judge(problem: Problem, method: Method, best: Found) -> Judged:
     slopes = unknowns.slopes(best.z)
     cov = in_z.covariance * np.outer(slopes, slopes)
     values = unknowns.natural(best.z)
-    return Judged(values, cov, std_errors(cov, values), bounds, parts, states, std, in_z.is_coloured)
-
-
-def _weak(problem: Problem, best: Found, judged: Judged) -> tuple[WeakDirection, ...]:
-    """Weak directions among the model's parameters."""
-    which = problem.unknowns.of_kind("parameter")
-    rows = np.ix_(which, which)
-    slopes = problem.unknowns.slopes(best.z)[which]
-    information = best.evaluation.information[rows] / np.outer(slopes, slopes)
-    coordinates = tuple(problem.unknowns.coordinates[i] for i in which)
-    return weak_directions(coordinates, judged.values[which], information, judged.cov[rows])
+    end = End(unknowns, values, cov, std_errors(cov, values), bounds, best.evaluation.information)
+    return _Judged(end, parts, states, std, in_z.is_coloured)
 
 
 def end_scores(
@@ -190,43 +285,23 @@ def _open_bound(coordinate: Coordinate, z: float, variance_z: float) -> Bound | 
     return "min" if unsure and fell else None
 
 
-def _parameters(problem: Problem, judged: Judged) -> tuple[FittedParameter, ...]:
-    result = []
-    for i in problem.unknowns.of_kind("parameter"):
-        coordinate = problem.unknowns.coordinates[i]
-        result.append(
-            FittedParameter(
-                name=coordinate.name,
-                value=float(judged.values[i]),
-                std_error=judged.errors[i],
-                initial=coordinate.initial,
-                unit=problem.family.parameters[coordinate.index].unit,
-                min=None if np.isinf(coordinate.lower) else coordinate.lower,
-                max=None if np.isinf(coordinate.upper) else coordinate.upper,
-                at_bound=judged.bounds[i],
-                prior=coordinate.prior,
-            )
-        )
-    return tuple(result)
-
-
 def _searched(problem: Problem, kind: str) -> dict[int, int]:
     """Noise or output index -> position among the unknowns."""
     return {problem.unknowns.coordinates[i].index: i for i in problem.unknowns.of_kind(kind)}
 
 
-def _process_noises(problem: Problem, intensity: np.ndarray, judged: Judged) -> tuple[FittedNoise, ...]:
+def _process_noises(problem: Problem, intensity: np.ndarray, judged: _Judged) -> tuple[FittedNoise, ...]:
     searched, result = _searched(problem, "process"), []
     for k, noise in enumerate(problem.family.noises):
         i = searched.get(k)
-        error, bound = (None, None) if i is None else (judged.errors[i], judged.bounds[i])
+        error, bound = (None, None) if i is None else (judged.end.errors[i], judged.end.bounds[i])
         value = float(intensity[k])
         result.append(FittedNoise(noise.name, "process", value, error, noise.unit, i is not None, bound))
     return tuple(result)
 
 
 def _measurement_noises(
-    problem: Problem, measurement: dict[int, bool], judged: Judged
+    problem: Problem, measurement: dict[int, bool], judged: _Judged
 ) -> tuple[FittedNoise, ...]:
     """Noises of the measured outputs. One that was eliminated is a mean of n squares: std(σ) = σ / √(2 n)."""
     searched, result = _searched(problem, "measurement"), []
@@ -237,18 +312,9 @@ def _measurement_noises(
         error = value / float(np.sqrt(2.0 * counts[j])) if estimated else None
         bound = None
         if i is not None:
-            error, bound = judged.errors[i], judged.bounds[i]
+            error, bound = judged.end.errors[i], judged.end.bounds[i]
         result.append(FittedNoise(output.name, "measurement", value, error, output.unit, estimated, bound))
     return tuple(result)
-
-
-def _initial_state(
-    name: str, names: tuple[str, ...], x0: np.ndarray, part: Scores, cov: np.ndarray
-) -> FittedInitialState:
-    spread = part.initial_slope @ np.nan_to_num(cov) @ part.initial_slope.T
-    with np.errstate(invalid="ignore"):
-        errors = np.sqrt(np.diagonal(part.initial_cov) + np.diagonal(spread))
-    return FittedInitialState(name, names, x0, errors)
 
 
 def message_of(
