@@ -1,6 +1,5 @@
 """Models that designs are tried on, compiled once."""
 
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -28,11 +27,4 @@ def driven(name, unknown_noise=False, hold="zoh"):
 def limits(length=20.0, low=-4.0, high=4.0, **others):
     return Limits(
         (Range("F", "N", low, high, others.pop("rate", np.inf)),), length, PERIOD, hold="zoh", **others
-    )
-
-
-def with_values(model, **values):
-    """The model with other parameter values."""
-    return replace(
-        model, parameters=tuple(replace(p, value=values.get(p.name, p.value)) for p in model.parameters)
     )

@@ -4,10 +4,12 @@ import time
 
 import numpy as np
 import pytest
-from driven import driven, limits
+from driven import driven, flat, limits
 
 from daest.design import signals
 from daest.design.aims import ParameterAim
+from daest.design.design import Task, design
+from daest.design.prepared import Subject, explainer
 from daest.design.safety import Guard
 from daest.design.search import Budget, best_of_families, free_input
 from daest.errors import EstimationError
@@ -119,3 +121,29 @@ def test_limits_that_allow_nothing_are_told():
     with pytest.raises(EstimationError) as problem:
         limits(length=0.1)
     assert problem.value.code == "design-too-short"
+
+
+def test_what_no_input_tells_and_what_would():
+    """Mass, friction, spring and the gain of the drive are told up to a common factor by the motion alone; a
+    sensor of the force on the mass tells them all."""
+    model = flat("Pushed")
+    subject = Subject(model, ("m", "b", "c", "g"))
+    one = ParameterAim(explainer(subject, 0.05, "zoh"), (0, 1, 2, 3), "D", np.zeros((4, 4)))
+    found = design(Task(one, (subject,), limits(), seconds=2.0))
+    (direction,) = found.open_directions
+    assert np.isinf(direction.relative_std) and set(direction.combination) == {"m", "b", "c", "g"}
+    assert all(weight == 1.0 for weight in direction.combination.values())
+    assert all(error is None for error in found.expected.std_errors.values())
+    assert [s.variables[0] for s in found.sensors if s.closes] == ["f"]
+    (note,) = [n for n in found.notes if n.startswith("no input tells")]
+    assert "m · b · c · g" in note and "a sensor at f" in note
+
+
+def test_a_recording_that_there_is_counts():
+    """What is known already needs no input: the criterion is that of both recordings together."""
+    allowed = limits()
+    force = signals.within(allowed, next(signals.steps(allowed, 0)).signal, keeps_form=False)
+    known = 1e8 * np.eye(3)
+    alone, together = aim(), ParameterAim(driven("Cart"), (0, 1, 2), "D", known)
+    assert together.value(together.merit(force)) == pytest.approx(1e-4, rel=0.02)
+    assert alone.value(alone.merit(force)) > 1e-3

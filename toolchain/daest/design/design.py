@@ -69,6 +69,8 @@ def design(task: Task, progress: Progress = lambda _: None) -> Design:
     present = aim.expected(task.recorded) if task.recorded else None
     together = aim.expected([*task.recorded, inputs]) if task.recorded and not task.is_short else None
     sensors = () if task.is_short else _sensors(task, inputs, notes)
+    left_open = _open(task, inputs)
+    notes += _what_no_input_tells(task, left_open, sensors)
     found = Design(
         aim=aim.name,
         message="",
@@ -80,7 +82,7 @@ def design(task: Task, progress: Progress = lambda _: None) -> Design:
         expected=expected,
         present=present,
         together=together,
-        open_directions=_open(task, inputs),
+        open_directions=left_open,
         sensors=sensors,
         safety=guard.told(inputs),
         power=_powers(task, inputs) if isinstance(aim, DetectAim) else (),
@@ -212,12 +214,31 @@ def _open(task: Task, inputs: np.ndarray) -> tuple[WeakDirection, ...]:
     return task.aim.open_directions([*task.recorded, inputs])
 
 
+def _what_no_input_tells(
+    task: Task, left_open: Sequence[WeakDirection], sensors: Sequence[SensorGain]
+) -> list[str]:
+    """A sentence for every combination of parameters that reaches no output, whatever is played."""
+    outputs = ", ".join(y.name for y in task.subjects[0].flat.outputs)
+    closing = [s.variables[0] for s in sensors if s.closes]
+    said = []
+    for direction in left_open:
+        if np.isfinite(direction.relative_std):
+            continue
+        names = " · ".join(n if w == 1.0 else f"{n}^{w:.3g}" for n, w in direction.combination.items())
+        remedy = f", or a sensor at {' or '.join(closing)}" if closing else ""
+        said.append(
+            f"no input tells {names}: scaled together like that, these parameters leave {outputs} as they "
+            f"are; one of them known from elsewhere would do{remedy}"
+        )
+    return said
+
+
 def _sensors(task: Task, inputs: np.ndarray, notes: list[str]) -> tuple[SensorGain, ...]:
     found = sensor_gains(task.aim, task.subjects, task.limits, inputs, task.sensor_noise)
     unknown = [name for name in task.sensor_noise if not any(name in one.variables for one in found)]
     if unknown:
         notes.append(f"no sensor at {', '.join(unknown)}: it does not move, or is no variable of the model")
-    useful = [s for s in found if s.gain > LITTLE or set(s.variables) & set(task.sensor_noise)]
+    useful = [s for s in found if s.gain > LITTLE or s.closes or set(s.variables) & set(task.sensor_noise)]
     return tuple(useful[:MOST_TOLD])
 
 
@@ -282,7 +303,9 @@ def _promise(found: Design, aim: Aim) -> str:
             return text
         return f"{text}; the present recording shows it from {present.smallest_size:.3g}"
     errors = [f"{n} ± {e:.2g}" for n, e in expected.std_errors.items() if e is not None]
-    text = f"expected standard errors {', '.join(errors) or 'none that is finite'}"
+    unknown = [n for n, e in expected.std_errors.items() if e is None]
+    text = f"expected standard errors {', '.join(errors)}" if errors else "no parameter is determined alone"
+    text += f" ({', '.join(unknown)} stay open)" if errors and unknown else ""
     if present is None:
         return text
     return f"{text}; {present.value / expected.value:.2g} times better than the present recording"

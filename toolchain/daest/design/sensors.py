@@ -7,16 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from daest.design.aims import Aim
+from daest.design.aims import Aim, ParameterAim
 from daest.design.explainer import Explainer
 from daest.design.prepared import Subject, explainer, with_rows
 from daest.errors import DaestError
 from daest.model.design import Limits, SensorGain
 from daest.modelica.change import declare
 
-PROPORTIONAL = 1.0 - 1e-9  # correlation of variables that are the same up to a factor and an offset
+ASIDE = 0.03  # change of the search coordinates at which variables are compared
+EQUAL = 1e-9  # of its largest value: signals that differ by less are the same
 STILL = 1e-9  # of its size: a variable that moves less does not move
-MOST_SENSORS = 24
+MOST_SENSORS = 40
 COMPONENT = "effect"  # of a rival: what is inside of it is no variable of the machine
 USUAL_NOISE = 0.01  # of the motion, where the present sensors tell none
 
@@ -31,7 +32,7 @@ def sensor_gains(
     """The aim with one more sensor, best first, for every variable that moves with these inputs. Its noise is
     that of `noise` by name, else it has the share of the motion that the present sensors' noise has on
     average. Empty where the models have no such variables in common."""
-    groups = _groups(aim.driven[0], limits, inputs, noise)
+    groups = _groups(aim.driven[0], inputs, noise)
     names = [group[0] for group in groups]
     moved = dict(zip(names, _motion(aim.driven[0], inputs, names), strict=True))
     share = _usual_share(aim.driven[0], subjects[0], inputs)
@@ -42,20 +43,30 @@ def sensor_gains(
         return ()
     n_y = len(subjects[0].flat.outputs)
     units = {v.name: v.unit for v in subjects[0].flat.unknowns}
-    before = _value(aim, wide, range(n_y), inputs)
+    before, was_open = _value(aim, wide, range(n_y), inputs), _is_open(aim, wide, range(n_y), inputs)
     found = []
     for i, group in enumerate(groups):
-        value = _value(aim, wide, [*range(n_y), n_y + i], inputs)
+        rows = [*range(n_y), n_y + i]
+        value = _value(aim, wide, rows, inputs)
         if value is None or before is None:
             continue
         gain = value / before if aim.higher_is_better else before / value
-        found.append(SensorGain(group, units[group[0]], stds[group[0]], value, gain))
-    return tuple(sorted(found, key=lambda one: -one.gain))
+        closes = was_open and not _is_open(aim, wide, rows, inputs)
+        found.append(SensorGain(group, units[group[0]], float(stds[group[0]]), value, gain, closes))
+    return tuple(sorted(found, key=lambda one: (not one.closes, -one.gain)))
 
 
 def _value(aim: Aim, wide: Sequence[Explainer], rows: Sequence[int], inputs: np.ndarray) -> float | None:
     merit = aim.watching([with_rows(one, rows) for one in wide]).merit(inputs)
     return aim.value(merit) if np.isfinite(merit) else None
+
+
+def _is_open(aim: Aim, wide: Sequence[Explainer], rows: Sequence[int], inputs: np.ndarray) -> bool:
+    """Whether parameters stay undetermined with these outputs."""
+    if not isinstance(aim, ParameterAim):
+        return False
+    left = aim.watching([with_rows(one, rows) for one in wide]).open_directions([inputs])
+    return any(np.isinf(direction.relative_std) for direction in left)
 
 
 def _widened(subject: Subject, stds: Mapping[str, float], limits: Limits) -> Explainer:
@@ -72,40 +83,44 @@ def _widened(subject: Subject, stds: Mapping[str, float], limits: Limits) -> Exp
     )
 
 
-def _groups(
-    driven: Explainer, limits: Limits, inputs: np.ndarray, noise: Mapping[str, float]
-) -> list[tuple[str, ...]]:
-    """Variables that move and are neither inputs nor outputs, those that are the same up to a factor
-    together; those with a given noise first."""
-    at = driven.start(inputs)
+def _groups(driven: Explainer, inputs: np.ndarray, noise: Mapping[str, float]) -> list[tuple[str, ...]]:
+    """Variables that move and are neither inputs nor outputs, those that are the same but for their sign
+    together; those with a given noise first.
+
+    What is proportional is not the same: where the factor is unknown, a sensor tells it. They are compared
+    at other parameters than those of the fit, where a factor may happen to be one.
+    """
+    home = driven.start(inputs).z
+    at = driven.start(inputs, home + ASIDE * np.cos(np.arange(home.size)))
     values, taken = driven.variables(inputs, at), np.hstack([inputs, driven.outputs(inputs, at)])
     names = list(driven.variable_names)
-    scaled, known = _scaled(values), _scaled(taken)
-    free = (np.linalg.norm(scaled, axis=0) > 0.5) & ~np.any(np.abs(scaled.T @ known) > PROPORTIONAL, axis=1)
-    free |= np.array([name in noise for name in names])
-    free &= ~np.array([name.startswith(f"{COMPONENT}.") for name in names])
     groups: list[list[int]] = []
-    for column in np.flatnonzero(free):
-        home = (g for g in groups if abs(scaled[:, g[0]] @ scaled[:, column]) > PROPORTIONAL)
-        group = next(home, None)
+    for column, name in enumerate(names):
+        own = values[:, column]
+        is_wanted = name in noise or not any(_are_same(own, other) for other in taken.T)
+        if name.startswith(f"{COMPONENT}.") or not _moves(own) or not is_wanted:
+            continue
+        group = next((g for g in groups if _are_same(values[:, g[0]], own)), None)
         if group is None:
-            groups.append([int(column)])
+            groups.append([column])
         else:
-            group.append(int(column))
+            group.append(column)
     order = sorted(groups, key=lambda g: not any(names[i] in noise for i in g))
     return [_leading([names[i] for i in g], noise) for g in order[:MOST_SENSORS]]
 
 
+def _are_same(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two signals agree but for their sign."""
+    least = min(float(np.max(np.abs(one - other))), float(np.max(np.abs(one + other))))
+    return least <= EQUAL * float(np.max(np.abs(one)))
+
+
+def _moves(values: np.ndarray) -> bool:
+    return bool(np.std(values) > STILL * np.max(np.abs(values), initial=0.0))
+
+
 def _leading(group: list[str], noise: Mapping[str, float]) -> tuple[str, ...]:
     return tuple(sorted(group, key=lambda name: (name not in noise, name.count("."), len(name))))
-
-
-def _scaled(values: np.ndarray) -> np.ndarray:
-    """Columns around their means, of length one; zero where a variable does not move."""
-    moves = values - values.mean(axis=0)
-    length = np.linalg.norm(moves, axis=0)
-    still = ~(length > STILL * np.maximum(np.linalg.norm(values, axis=0), 1e-300))
-    return np.where(still, 0.0, moves / np.where(length > 0.0, length, 1.0))
 
 
 def _motion(driven: Explainer, inputs: np.ndarray, names: Sequence[str]) -> np.ndarray:

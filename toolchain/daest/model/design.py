@@ -147,14 +147,16 @@ class PowerPoint:
 
 @dataclass(frozen=True)
 class SensorGain:
-    """An additional measurement of `variables` (the same up to a factor), with noise of standard deviation
-    `std`: what the aim would be with it, and `gain` times better."""
+    """An additional measurement of `variables` (the same but for their sign), with noise of standard
+    deviation `std`: what the aim would be with it, and `gain` times better. `closes` tells that it determines
+    parameters that no input does without it."""
 
     variables: tuple[str, ...]
     unit: str
     std: float
     value: float
     gain: float
+    closes: bool = False
 
 
 @dataclass(frozen=True)

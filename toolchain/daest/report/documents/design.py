@@ -35,11 +35,12 @@ class FamilyEntry(TypedDict):
 
 class SensorEntry(TypedDict):
     variable: str
-    same_as: Annotated[list[str], "variables that are the same up to a factor"]
+    same_as: Annotated[list[str], "variables that are the same but for their sign"]
     unit: str
     std: Annotated[float, "assumed noise"]
     value: Annotated[float, "see value_of"]
     gain: Annotated[float, "times better than without it"]
+    closes: Annotated[bool, "determines parameters that no input does without it"]
 
 
 class SafeEntry(TypedDict):
@@ -168,6 +169,7 @@ def _sensor(entry: SensorGain) -> SensorEntry:
         "std": entry.std,
         "value": entry.value,
         "gain": entry.gain,
+        "closes": entry.closes,
     }
 
 

@@ -92,10 +92,9 @@ def _sensors(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     rows = []
     for sensor in document["sensors"]:
         others = listed(sensor["same_as"], MOST_ALIASES) if sensor["same_as"] else ""
+        gain = "determines them" if sensor["closes"] else number(sensor["gain"], 3)
         noise = f"{number(sensor['std'], 2)} {bracketed(sensor['unit'])}".strip()
-        rows.append(
-            (sensor["variable"], noise, number(sensor["value"], 3), number(sensor["gain"], 3), others)
-        )
+        rows.append((sensor["variable"], noise, number(sensor["value"], 3), gain, others))
     yield table(("variable", "noise", "value", "times better", "the same as"), rows, text_columns=(0, 4))
 
 
