@@ -1,0 +1,291 @@
+"""What designed recordings keep of what they promise: simulated by scipy, which shares nothing with daest.
+
+    python benchmarks/design_study.py errors --runs 60         predicted against obtained standard errors
+    python benchmarks/design_study.py rivals --runs 20         laws that a first recording cannot tell apart
+    python benchmarks/design_study.py power --runs 40          predicted against obtained power
+    python benchmarks/design_study.py peers                    a D-optimal input beside pydex
+
+`--json FILE` keeps the result.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+from scipy.signal import cont2discrete
+
+from daest.design.aims import ParameterAim
+from daest.design.design import Task, design
+from daest.design.effects import Rival, detect_aim, leaving, rival_aim, with_effect
+from daest.design.prepared import Subject, estimated_names, explainer
+from daest.design.signals import multisine, random_binary, within
+from daest.diagnosis.proof import BIC_GAIN, CHANCE, SAME_BIC
+from daest.errors import DaestError
+from daest.estimation.identify import identify
+from daest.model.design import Limits, Range
+from daest.model.experiment import Experiment
+from daest.model.fit import IdentifyOptions
+from daest.modelica.compile import compile_model
+from daest.modelica.effects import find_effects
+from daest.modelica.sites import find_site
+
+ROOT = Path(__file__).resolve().parents[1]
+SERVO = {"d": 0.02, "c": 1.5, "J1": 6.3e-6, "J2": 0.02, "k": 0.06}
+RESISTANCE, RATIO = 4.31617, 30.0
+INERTIA, DAMPING, NOISE, PERIOD = 0.1, 0.12, 0.05, 0.05
+LAWS = {
+    "CoulombFriction": ("tau_c", lambda w, s: s * np.tanh(w / 0.01)),
+    "ConstantLoad": ("tau_0", lambda w, s: s),
+    "QuadraticDrag": ("k", lambda w, s: s * w * abs(w)),
+}
+
+
+def servo_matrices(d, c, J1, J2, k):
+    J = J1 * RATIO**2
+    A = [[0, 1, 0, 0], [-c / J, -(d + (RATIO * k) ** 2 / RESISTANCE) / J, c / J, d / J]]
+    A += [[0, 0, 0, 1], [c / J2, d / J2, -c / J2, -d / J2]]
+    return np.array(A), np.array([[0], [RATIO * k / RESISTANCE / J], [0], [0]])
+
+
+def servo_outputs(u, period, noise, rng):
+    """Speed and angle of the servo under a held voltage and a white torque of intensity `noise`."""
+    A, B = servo_matrices(**SERVO)
+    Ad, Bd, *_ = cont2discrete((A, B, np.eye(4), np.zeros((4, 1))), period, "zoh")
+    G = np.array([[0.0], [0.0], [0.0], [1.0 / SERVO["J2"]]])
+    both = expm(np.block([[-A, noise * G @ G.T], [np.zeros((4, 4)), A.T]]) * period)
+    values, vectors = np.linalg.eigh(both[4:, 4:].T @ both[:4, 4:])
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    x, states = np.zeros(4), []
+    for voltage in u:
+        states.append(x)
+        x = Ad @ x + Bd[:, 0] * voltage + root @ rng.standard_normal(4)
+    return np.array(states)[:, [1, 2]] + rng.standard_normal((len(u), 2)) * [0.02, 0.01]
+
+
+def errors(runs: int, seed: int) -> dict:
+    """Ratio of the obtained spread to the predicted standard error, by noise of the process and parameter."""
+    result = {}
+    for noise in (0.0, 1e-4):
+        flat = compile_model(ROOT / "examples" / "servo" / "Servo.mo").with_theta(SERVO | {"R": RESISTANCE})
+        flat = replace(flat, noises=tuple(replace(w, intensity=noise) for w in flat.noises))
+        allowed = Limits((Range("u", "V", -5.0, 5.0),), 10.0, 0.01, band=(0.0, 8.0), hold="zoh")
+        subject = Subject(flat, estimated_names(flat), unknown_noise=True)
+        driven = explainer(subject, allowed.period, "zoh")
+        p = len(driven.coordinates)
+        aim = ParameterAim(driven, tuple(range(5)), "D", np.zeros((p, p)))
+        found = design(Task(aim, (subject,), allowed, is_short=True))
+        options = IdentifyOptions(hold="zoh", method="pem" if noise else "oe", second_look=False)
+        values = []
+        for run in range(runs):
+            y = servo_outputs(found.inputs[:, 0], 0.01, noise, np.random.default_rng([seed, run]))
+            recording = Experiment("r", allowed.time, found.inputs, y, ("u",), ("omega", "phi"))
+            values.append([q.value for q in identify(flat, [recording], options).parameters])
+        spread = np.std(values, axis=0, ddof=1)
+        predicted = found.expected.std_errors
+        result[f"noise {noise:g}"] = {
+            n: float(s / predicted[n]) for n, s in zip(predicted, spread, strict=True)
+        }
+        print(noise, found.families[0].family, result[f"noise {noise:g}"], flush=True)
+    return {
+        "obtained over predicted": result,
+        "runs": runs,
+        "standard error of a ratio": (2.0 * runs) ** -0.5,
+    }
+
+
+def speeds(law, size, torque, rng):
+    """Speed of the rotor under a held torque, with a hidden law."""
+    w, result = 0.0, []
+    for tau in torque:
+        result.append(w)
+
+        def rate(_, x, tau=tau):
+            return [(tau - DAMPING * x[0] - LAWS[law][1](x[0], size)) / INERTIA]
+
+        w = float(solve_ivp(rate, (0.0, PERIOD), [w], method="LSODA", rtol=1e-8, atol=1e-10).y[0, -1])
+    return np.array(result)[:, None] + NOISE * rng.standard_normal((len(torque), 1))
+
+
+def recording(name, inputs, law, size, rng):
+    time = PERIOD * np.arange(len(inputs))
+    return Experiment(name, time, inputs, speeds(law, size, inputs[:, 0], rng), ("tau",), ("w",))
+
+
+def rotor():
+    return compile_model(ROOT / "tests" / "design" / "models" / "Rotor.mo")
+
+
+def grown(flat, law, size):
+    effect = next(e for e in find_effects(law) if e.domain == "rotational")
+    return with_effect(flat, effect, find_site(flat, "rotor.flange_a", effect), {LAWS[law][0]: size}, {})
+
+
+def names_of(law):
+    return ("J", "d", f"effect.{LAWS[law][0]}")
+
+
+def fits(models, recordings):
+    """Of every law, refitted to all recordings."""
+    return {
+        law: identify(flat, recordings, IdentifyOptions(estimate=names_of(law), method="oe", hold="zoh"))
+        for law, flat in models.items()
+    }
+
+
+def decided(found):
+    """The law that is ahead of all others by the margin, None where none is."""
+    order = sorted(found, key=lambda law: -found[law].log_likelihood)
+    ahead = found[order[0]].log_likelihood - found[order[1]].log_likelihood
+    return order[0] if ahead > 0.5 * SAME_BIC else None
+
+
+def of_power(shape, allowed, rms):
+    """The signal at the rms of another input, as far as the amplitude allows."""
+    signal = within(allowed, shape.signal, keeps_form=True)
+    return signal * min(1.0, rms / float(np.std(signal)))
+
+
+def rivals(runs: int, seed: int) -> dict:
+    """Laws that a recording in one direction leaves open; then one designed recording of the same length."""
+    flat, rows = rotor(), []
+    allowed = Limits((Range("tau", "N.m", -0.6, 0.6),), 12.0, PERIOD, hold="zoh")
+    for run in range(runs):
+        rng = np.random.default_rng([seed, run])
+        law = list(LAWS)[run % len(LAWS)]
+        size = float(np.exp(rng.uniform(np.log(0.01), np.log(0.05))))
+        first = rng.uniform(0.3, 0.6, 13).repeat(20)[:241, None]
+        start = recording("first", first, law, size, rng)
+        models = {name: grown(flat, name, 0.02) for name in LAWS}
+        before = fits(models, [start])
+        if decided(before) is not None:
+            rows.append({"law": law, "size": size, "first": decided(before) == law})
+            continue
+        left = [
+            Rival(
+                name,
+                leaving(models[name].with_theta(fit.theta), fit.simulated["estimation"].rms),
+                names_of(name),
+            )
+            for name, fit in before.items()
+        ]
+        aim, subjects = rival_aim(left, allowed, [first], 0.5 * SAME_BIC, 0)
+        found = design(Task(aim, subjects, allowed, (first,)))
+        rms = float(np.std(found.inputs))
+        played = {
+            "designed": found.inputs,
+            "multisine": of_power(list(multisine(allowed, run))[1], allowed, rms),
+            "random binary": of_power(list(random_binary(allowed, run))[1], allowed, rms),
+        }
+        row = {"law": law, "size": size, "first": None, "expected": found.expected.value, "rms": rms}
+        for name, inputs in played.items():
+            second = recording("second", inputs, law, size, np.random.default_rng([seed, run, 1]))
+            row[name] = decided(fits(models, [start, second]))
+        rows.append(row)
+        print(row, flush=True)
+    open_cases = [row for row in rows if "designed" in row]
+    right = {
+        name: sum(row[name] == row["law"] for row in open_cases)
+        for name in ("designed", "multisine", "random binary")
+    }
+    wrong = {
+        name: sum(row[name] not in (None, row["law"]) for row in open_cases)
+        for name in ("designed", "multisine", "random binary")
+    }
+    return {"cases": len(open_cases), "decided rightly": right, "decided wrongly": wrong, "rows": rows}
+
+
+def power(runs: int, seed: int) -> dict:
+    """How often the likelihood ratio of noisy recordings passes the threshold, beside the predicted power."""
+    flat, rows = rotor(), []
+    allowed = Limits((Range("tau", "N.m", -0.6, 0.6),), 12.0, PERIOD, hold="zoh")
+    flat = flat.with_theta({"J": INERTIA, "d": DAMPING})
+    effect = next(e for e in find_effects("CoulombFriction") if e.domain == "rotational")
+    site = find_site(flat, "rotor.flange_a", effect)
+    inputs = within(allowed, list(multisine(allowed, 0))[1].signal, keeps_form=True)
+    model = grown(flat, "CoulombFriction", 0.01)
+    for size in (0.006, 0.009, 0.012, 0.015):
+        aim, _ = detect_aim(
+            flat, effect, site, allowed, (), size=size, evidence=BIC_GAIN, n_candidates=50, chance=CHANCE
+        )
+        seen = 0
+        for run in range(runs):
+            one = recording("r", inputs, "CoulombFriction", size, np.random.default_rng([seed, run]))
+            null = identify(flat, [one], IdentifyOptions(estimate=("J", "d"), method="oe", hold="zoh"))
+            full = fits({"CoulombFriction": model}, [one])["CoulombFriction"]
+            seen += 2.0 * (full.log_likelihood - null.log_likelihood) > aim.threshold
+        rows.append(
+            {"size": size, "predicted": aim.power(aim.shown([inputs], size)), "obtained": seen / runs}
+        )
+        print(rows[-1], flush=True)
+    return {"runs": runs, "rows": rows}
+
+
+def peers() -> dict:
+    """The law y = V u / (K + u) over 0 ≤ u ≤ 1, whose D-optimal designs measure half at u = 1 and half at
+    u = K / (2K + 1)."""
+    path = ROOT / "tests" / "design" / "models" / "Saturating.mo"
+    subject = Subject(compile_model(path), ("V", "K"))
+    allowed = Limits((Range("u", "", 0.0, 1.0),), 20.0, 0.1, hold="zoh")
+    driven = explainer(subject, allowed.period, "zoh")
+    aim = ParameterAim(driven, (0, 1), "D", np.zeros((2, 2)))
+    found = design(Task(aim, (subject,), allowed))
+    K = 0.3
+    best = np.where(np.arange(allowed.time.size) % 2, 1.0, K / (2 * K + 1))[:, None]
+    result = {
+        "ours": found.families[0].value,
+        "family": found.families[0].family,
+        "analytic": aim.value(aim.merit(best)),
+    }
+    try:
+        result["pydex"] = by_pydex(aim, allowed, K)
+    except (ImportError, DaestError) as problem:
+        result["pydex"] = f"not run: {problem}"
+    return result
+
+
+def by_pydex(aim, allowed, K):
+    """The value of the design of pydex (Kusumo et al. 2022) on a grid of levels, played in turn."""
+    from pydex.core.designer import Designer  # type: ignore[import-not-found]
+
+    def simulate(ti_controls, model_parameters):
+        V, half = model_parameters
+        return np.array([V * ti_controls[0] / (half + ti_controls[0])])
+
+    designer = Designer()
+    designer.simulate = simulate
+    designer.model_parameters = [1.0, K]
+    designer.ti_controls_candidates = np.linspace(0.0, 1.0, 201)[:, None]
+    designer.initialize(verbose=0)
+    designer.design_experiment(designer.d_opt_criterion, write=False, package="cvxpy")
+    efforts = np.asarray(designer.efforts).ravel()
+    counts = np.round(efforts / efforts.sum() * allowed.time.size).astype(int)
+    levels = np.repeat(np.linspace(0.0, 1.0, 201), counts)
+    inputs = np.resize(levels, allowed.time.size)[:, None]
+    return {"value": aim.value(aim.merit(inputs)), "levels": np.linspace(0, 1, 201)[efforts > 1e-3].tolist()}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("part", choices=["errors", "rivals", "power", "peers"])
+    parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    parts = {"errors": errors, "rivals": rivals, "power": power}
+    result = peers() if given.part == "peers" else parts[given.part](given.runs, given.seed)
+    text = json.dumps(result, indent=2)
+    print(text)
+    if given.json:
+        given.json.write_text(text + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
