@@ -28,7 +28,7 @@ import numpy as np
 from diagnosis_study import EXCITATIONS, SIZES, Case, Rate, arguments, chosen, keep, limits, servo_truth
 
 from daest.diagnosis.black_box import diagnose_black_box
-from daest.diagnosis.diagnose import DiagnoseOptions
+from daest.diagnosis.options import DiagnoseOptions
 from daest.errors import DaestError
 from daest.estimation.records import part_of
 from daest.fmu.binary_form import BinaryForm

@@ -36,7 +36,8 @@ import numpy as np
 from scipy.signal import savgol_filter
 from scipy.stats import beta
 
-from daest.diagnosis.diagnose import DiagnoseOptions, diagnose
+from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.options import DiagnoseOptions
 from daest.errors import DaestError
 from daest.model.diagnosis import Diagnosis, FreeForm
 from daest.model.experiment import Experiment

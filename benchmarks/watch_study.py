@@ -23,7 +23,8 @@ from typing import Any
 import numpy as np
 from diagnosis_study import excitation
 
-from daest.diagnosis.diagnose import DiagnoseOptions, diagnose
+from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.options import DiagnoseOptions
 from daest.errors import DaestError
 from daest.estimation.change import Usual, threshold_for
 from daest.estimation.online_filter import online_filter

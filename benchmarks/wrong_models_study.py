@@ -27,7 +27,8 @@ from diagnosis_study import SIZES, arguments, chosen
 from scipy.integrate import solve_ivp
 from scipy.stats import beta
 
-from daest.diagnosis.diagnose import DiagnoseOptions, diagnose
+from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.options import DiagnoseOptions
 from daest.errors import DaestError
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel

@@ -13,8 +13,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "fmu"))
 from ball_fmu import ball
 
 from daest.diagnosis import black_box
-from daest.diagnosis.black_box import Scored, diagnose_black_box
-from daest.diagnosis.diagnose import DiagnoseOptions
+from daest.diagnosis.black_box import Scored
+from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.options import DiagnoseOptions
 from daest.fmu.binary_form import BinaryForm
 from daest.model.diagnosis import Screened
 from daest.model.experiment import Experiment
@@ -58,7 +59,7 @@ def model(tmp_path_factory):
 def diagnosed(model, estimation, validation, **options):
     """The document of a diagnosis."""
     chosen = DiagnoseOptions(hold="foh", jobs=1, **options)
-    return document(diagnose_black_box(model, effect_library(), estimation, validation, chosen))
+    return document(diagnose(model, effect_library(), estimation, validation, chosen))
 
 
 def test_nothing_is_missing(model):

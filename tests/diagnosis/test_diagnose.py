@@ -17,15 +17,9 @@ from hidden_plants import (
 )
 from scipy.signal import cont2discrete, dlsim, tf2ss
 
-from daest.diagnosis.diagnose import (
-    DiagnoseOptions,
-    _is_new_signal,
-    _told_by_rest,
-    diagnose,
-    says_more,
-    unsettled_hold,
-)
+from daest.diagnosis.diagnose import _is_new_signal, _told_by_rest, diagnose, says_more, unsettled_hold
 from daest.diagnosis.improve import improve
+from daest.diagnosis.options import DiagnoseOptions
 from daest.errors import EstimationError
 from daest.estimation.records import part_of
 from daest.model.diagnosis import FreeForm

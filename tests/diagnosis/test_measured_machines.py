@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 import daest
-from daest.diagnosis.diagnose import DiagnoseOptions, diagnose
+from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.options import DiagnoseOptions
 from daest.estimation.records import part_of
 from daest.modelica.effects import effect_library
 

@@ -7,8 +7,9 @@ import pytest
 from hidden_plants import model, quiet, rotor_null, rotor_record, rubbing, some_effects
 
 from daest.diagnosis.compare import compare_models
-from daest.diagnosis.diagnose import DiagnoseOptions, begin, better_hold, examine, without_noises
+from daest.diagnosis.diagnose import begin, better_hold, examine, without_noises
 from daest.diagnosis.null import CLEAR_HOLD, fit_null, refit
+from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.trial import Candidate
 from daest.errors import EstimationError, ModelError
 from daest.estimation.identify import identify

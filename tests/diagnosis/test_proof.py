@@ -8,10 +8,11 @@ import pytest
 from hidden_plants import model, rotor_record, rubbing, some_effects
 
 from daest.diagnosis.candidates import pairs
-from daest.diagnosis.diagnose import DiagnoseOptions, begin, reference_of
+from daest.diagnosis.diagnose import begin, reference_of
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.free_forms import covers, free_forms
 from daest.diagnosis.null import grown
+from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.proof import (
     Trial,
     _inside,

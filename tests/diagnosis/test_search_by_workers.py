@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from hidden_plants import library, model, rotor_record
 
-from daest.diagnosis.diagnose import DiagnoseOptions, diagnose
+from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.options import DiagnoseOptions
 from daest.numerics import parallel
 
 EFFECTS = ("CoulombFriction", "StribeckFriction", "QuadraticDrag", "Unbalance", "ExtraCompliance")

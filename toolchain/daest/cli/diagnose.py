@@ -34,7 +34,7 @@ from daest.errors import DaestError, EstimationError, FmuError, ModelError
 if TYPE_CHECKING:
     from daest.cli.results import KeptFit
     from daest.data.project import Hold, Project
-    from daest.diagnosis.diagnose import DiagnoseOptions
+    from daest.diagnosis.options import DiagnoseOptions
     from daest.diagnosis.written import Written
     from daest.model.diagnosis import Diagnosis
     from daest.model.effects import Effect
@@ -297,7 +297,7 @@ def _options(
 def _engine_options(
     search: Search, effects: Sequence[str], places: Sequence[str], hold: Hold | None
 ) -> DiagnoseOptions:
-    from daest.diagnosis.diagnose import DiagnoseOptions
+    from daest.diagnosis.options import DiagnoseOptions
 
     return DiagnoseOptions(
         effects=tuple(effects),
@@ -393,12 +393,10 @@ def _recordings(names: Iterable[str]) -> set[str]:
 
 def diagnosed(case: Case) -> Diagnosis:
     """The diagnosis. Raises what the engine raises, and EstimationError `diagnose-unseen`."""
-    from daest.diagnosis.black_box import diagnose_black_box
     from daest.diagnosis.diagnose import diagnose
 
-    engine = diagnose if case.flat.given is None else diagnose_black_box
     with progress() as show:
-        found = engine(case.flat, case.library, case.estimation, case.validation, case.options, show)
+        found = diagnose(case.flat, case.library, case.estimation, case.validation, case.options, show)
     _require_seen(case, found)
     return found
 

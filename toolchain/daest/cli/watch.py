@@ -279,7 +279,8 @@ def _tell_diagnosis(
 
 
 def _diagnosed(stream: Stream, experiment: Any, folders: tuple[Path, ...], seed: int) -> Any:
-    from daest.diagnosis.diagnose import DiagnoseOptions, diagnose
+    from daest.diagnosis.diagnose import diagnose
+    from daest.diagnosis.options import DiagnoseOptions
     from daest.modelica.effects import effect_library
 
     options = DiagnoseOptions(

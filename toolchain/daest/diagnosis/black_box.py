@@ -23,8 +23,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from daest.diagnosis.compare import compare_models
-from daest.diagnosis.diagnose import DiagnoseOptions, Progress, Step
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.trial import Candidate as Compared
 from daest.errors import ConfigError, EstimationError, ModelError, NumericalError
 from daest.estimation.fitted import fitted_model
@@ -133,13 +133,13 @@ def diagnose_black_box(
     fitting = IdentifyOptions(
         method="oe", hold=options.hold, seed=options.seed, jobs=options.jobs, cluster=options.cluster
     )
-    baseline = _step(options, "null", (), flat, lambda: identify(quiet, estimation, fitting, validation))
+    baseline = options.step("fmu null", (), flat, lambda: identify(quiet, estimation, fitting, validation))
     case = _case(quiet, form, baseline, tuple(estimation))
     residuals = _residuals(case)
     trials = candidates(case, effects, options.places)
     progress(f"screening {len(trials)} effects at inputs and outputs")
     labels = [trial.label for trial in trials]
-    scored, screen = _step(options, "screen", labels, flat, lambda: _screened(case, trials, residuals))
+    scored, screen = options.step("fmu screen", labels, flat, lambda: _screened(case, trials, residuals))
     tried = _case(quiet, form, baseline, tuple(validation))
     refit = _Refit(case, tried, baseline, tuple(residuals), screen.n_screened)
     found = _proofs(refit, _worth_a_refit(scored), options, progress)
@@ -159,13 +159,6 @@ def diagnose_black_box(
         seconds=clock.perf_counter() - began,
         has_loads=False,
     )
-
-
-def _step(
-    options: DiagnoseOptions, name: str, parts: Sequence[Any], flat: FlatModel, make: Callable[[], Step]
-) -> Step:
-    """What `make` returns, now or in an earlier run that was interrupted."""
-    return make() if options.keeper is None else options.keeper.step(f"fmu {name}", parts, flat, make)
 
 
 def _require_places(flat: FlatModel, places: Sequence[str]) -> None:
@@ -598,7 +591,7 @@ def _proofs(
 
 def _kept_proof(task: _Refit, options: DiagnoseOptions, one: Scored) -> Proof:
     """The proof, now or of an earlier run. Raises IntegrationError."""
-    return _step(options, "proof", (one.trial.label,), task.case.flat, lambda: _proof(task, one))
+    return options.step("fmu proof", (one.trial.label,), task.case.flat, lambda: _proof(task, one))
 
 
 def _proof(task: _Refit, one: Scored) -> Proof:

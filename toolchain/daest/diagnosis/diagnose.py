@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import casadi as ca
 import numpy as np
 from scipy.linalg import LinAlgWarning
 
 from daest.diagnosis import verdict as verdicts
+from daest.diagnosis.black_box import diagnose_black_box
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.disturbance import SmoothedLoad, place_gains, smoothed_load
 from daest.diagnosis.free_forms import free_forms
@@ -27,6 +28,7 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.learned import learned_load, said
 from daest.diagnosis.next_experiment import Asked, computed
 from daest.diagnosis.null import Null, fit_null, grown, refit, shortest_load
+from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import (
     BIC_GAIN,
     CLEARLY_WORSE,
@@ -63,7 +65,6 @@ from daest.systems.reduce import reduce_index
 from daest.systems.sample import Hold
 
 SCREEN_LEVEL = 0.05  # corrected p-value of a score below which a candidate goes to the proof
-MOST_TRIALS = 5
 MORE_TRIALS = 4  # where none of those is accepted, or the best leaves a curve over some variable
 MUCH = 0.5  # of the gain of the form that says most
 HOLD_GAIN = 10.0  # log-likelihood that the other hold must gain with the effect in the model
@@ -84,41 +85,6 @@ REFIT_SECONDS = 3.0  # times that of the model as it is: a refit has more parame
 # Share of a column's variance that inputs, outputs and rates of outputs leave, below which it is one of them.
 SAME_SIGNAL = 0.05
 
-Progress = Callable[[str], None]
-
-
-Step = TypeVar("Step")
-
-
-class Keeper(Protocol):
-    """Keeps proofs, so that an interrupted run goes on where it was."""
-
-    def found(self, prepared: Prepared) -> Proof | None: ...
-
-    def keep(self, prepared: Prepared, proof: Proof) -> None: ...
-
-    def step(self, name: str, parts: Sequence[Any], flat: FlatModel, make: Callable[[], Step]) -> Step: ...
-
-
-@dataclass(frozen=True)
-class DiagnoseOptions:
-    """`effects` and `places` restrict the search by name. `hold` None takes the better one. `fitted` are
-    parameter values of an earlier fit, which the data may contradict. Refits run in `jobs` processes where
-    that is worth while, or on the Dask `cluster` at an address, with the same results; `keeper` knows those
-    of an earlier run. `clipped` are the magnitudes at which outputs stay at a limit, by output: a sensor that
-    cuts is tried there first."""
-
-    effects: tuple[str, ...] = ()
-    places: tuple[str, ...] = ()
-    hold: Hold | None = None
-    seed: int = 0
-    jobs: int = 2
-    cluster: str | None = None
-    most_trials: int = MOST_TRIALS
-    fitted: Mapping[str, float] = field(default_factory=dict)
-    keeper: Keeper | None = None
-    clipped: Mapping[str, float] = field(default_factory=dict)
-
 
 def diagnose(
     flat: FlatModel,
@@ -130,10 +96,13 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose the model on the experiments (signals in the order of the model; unused columns in `extra`).
 
-    Without `validation`, the second half of every experiment is kept for it. Raises EstimationError
+    Without `validation`, the second half of every experiment is kept for it. An FMU without equations is
+    diagnosed from outside (`diagnosis.black_box`). Raises EstimationError
     `diagnose-too-short`, `diagnose-no-place`, `diagnose-no-candidate`, and what identification raises.
     """
     options = options or DiagnoseOptions()
+    if flat.given is not None:
+        return diagnose_black_box(flat, library, *halved(experiments, validation), options, progress)
     stand = begin(flat, experiments, validation, options, progress)
     found = examine(stand, library, options, progress)
     better, other = better_hold(stand, found), unsettled_hold(stand, found)
@@ -216,14 +185,7 @@ def begin(
         reference = reference_of(null, baseline, validation)
         return Stand(flat, null, baseline, tuple(validation), began, reference)
 
-    return replace(_step(options, "null", (options.hold,), flat, fitted), began=began)
-
-
-def _step(
-    options: DiagnoseOptions, name: str, parts: Sequence[Any], flat: FlatModel, make: Callable[[], Step]
-) -> Step:
-    """What `make` returns, now or in an earlier run that was interrupted."""
-    return make() if options.keeper is None else options.keeper.step(name, parts, flat, make)
+    return replace(options.step("null", (options.hold,), flat, fitted), began=began)
 
 
 def reference_of(null: Null, fit: FitResult, validation: Sequence[Experiment]) -> Reference | None:
@@ -270,7 +232,7 @@ def _examined(
     # All together: what comes from an earlier run shares its symbols.
     names, began = [candidate.label for candidate in candidates], stand.began
     parts = (stand.null.hold, names)
-    stand, candidates, run, found = _step(options, "screen", parts, stand.null.flat, screened)
+    stand, candidates, run, found = options.step("screen", parts, stand.null.flat, screened)
     stand = replace(stand, began=began)
     if stand.reference is not None and stand.validation:
         known = replace(stand.reference, innovations=innovations(run, stand.validation))
@@ -379,13 +341,22 @@ def without_noises(flat: FlatModel) -> FlatModel:
     return replace(flat, noises=(), w=ca.SX.sym("w", 0), residual=residual, output_expressions=outputs)
 
 
+def halved(
+    experiments: Sequence[Experiment], validation: Sequence[Experiment]
+) -> tuple[tuple[Experiment, ...], tuple[Experiment, ...]]:
+    """Without validation data, the first halves of the experiments and the second ones."""
+    if validation:
+        return tuple(experiments), tuple(validation)
+    cuts = [e.n_samples // 2 for e in experiments]
+    first = tuple(part_of(e, 0, cut) for e, cut in zip(experiments, cuts, strict=True))
+    second = tuple(part_of(e, cut, e.n_samples) for e, cut in zip(experiments, cuts, strict=True))
+    return first, second
+
+
 def _divided(
     experiments: tuple[Experiment, ...], validation: tuple[Experiment, ...]
 ) -> tuple[tuple[Experiment, ...], tuple[Experiment, ...]]:
-    if not validation:
-        halves = [(e, e.n_samples // 2) for e in experiments]
-        validation = tuple(part_of(e, cut, e.n_samples) for e, cut in halves)
-        experiments = tuple(part_of(e, 0, cut) for e, cut in halves)
+    experiments, validation = halved(experiments, validation)
     n_samples = sum(e.n_samples for e in experiments)
     if n_samples < FEWEST_SAMPLES:
         raise EstimationError(

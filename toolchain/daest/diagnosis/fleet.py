@@ -11,7 +11,8 @@ import numpy as np
 
 from daest.data.prepare import Preparation, split_all
 from daest.diagnosis.compare import compare_models
-from daest.diagnosis.diagnose import DiagnoseOptions, diagnose
+from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.trial import Candidate
 from daest.errors import DaestError
 from daest.estimation.fitted import fitted_model

@@ -8,8 +8,6 @@ from dataclasses import replace
 from daest.diagnosis.diagnose import (
     AGAIN,
     IN_VAIN,
-    DiagnoseOptions,
-    Progress,
     accept,
     begin,
     better_hold,
@@ -17,6 +15,7 @@ from daest.diagnosis.diagnose import (
     says_more,
     unsettled_hold,
 )
+from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import best_accepted
 from daest.diagnosis.unseen import is_better
 from daest.errors import EstimationError

@@ -1,0 +1,53 @@
+"""How a diagnosis is made: what is searched for, where refits run, and what keeps them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol, TypeVar
+
+from daest.diagnosis.proof import Prepared
+from daest.model.diagnosis import Proof
+from daest.model.flat import FlatModel
+from daest.systems.sample import Hold
+
+MOST_TRIALS = 5
+
+Progress = Callable[[str], None]
+
+
+Step = TypeVar("Step")
+
+
+class Keeper(Protocol):
+    """Keeps proofs, so that an interrupted run goes on where it was."""
+
+    def found(self, prepared: Prepared) -> Proof | None: ...
+
+    def keep(self, prepared: Prepared, proof: Proof) -> None: ...
+
+    def step(self, name: str, parts: Sequence[Any], flat: FlatModel, make: Callable[[], Step]) -> Step: ...
+
+
+@dataclass(frozen=True)
+class DiagnoseOptions:
+    """`effects` and `places` restrict the search by name. `hold` None takes the better one. `fitted` are
+    parameter values of an earlier fit, which the data may contradict. Refits run in `jobs` processes where
+    that is worth while, or on the Dask `cluster` at an address, with the same results; `keeper` knows those
+    of an earlier run. `clipped` are the magnitudes at which outputs stay at a limit, by output: a sensor that
+    cuts is tried there first."""
+
+    effects: tuple[str, ...] = ()
+    places: tuple[str, ...] = ()
+    hold: Hold | None = None
+    seed: int = 0
+    jobs: int = 2
+    cluster: str | None = None
+    most_trials: int = MOST_TRIALS
+    fitted: Mapping[str, float] = field(default_factory=dict)
+    keeper: Keeper | None = None
+    clipped: Mapping[str, float] = field(default_factory=dict)
+
+    def step(self, name: str, parts: Sequence[Any], flat: FlatModel, make: Callable[[], Step]) -> Step:
+        """What `make` returns, now or in an earlier run that was interrupted."""
+        return make() if self.keeper is None else self.keeper.step(name, parts, flat, make)
