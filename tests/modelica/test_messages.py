@@ -87,23 +87,6 @@ CASES = {
         "`speed`",
     ),
     "type": ('model M\n Real x;\nequation\n x = "a";\nend M;', "model-type", (4, 2), "String", "same type"),
-    "when": (
-        "model M\n Real x(start = 1);\nequation\n der(x) = -x;\n when x < 0.5 then\n  reinit(x, 1);\n end "
-        "when;\nend M;",
-        "model-unsupported",
-        (5, 7),
-        "`when`",
-        "smooth",
-    ),
-    "algorithm when": (
-        "model M\n Real x(start = 1); discrete Integer k;\nequation\n der(x) = -x;\nalgorithm\n when x < "
-        "0.5 then\n"
-        "  k := 1;\n end when;\nend M;",
-        "model-unsupported",
-        None,
-        "when",
-        "",
-    ),
     "delay": (
         "model M\n Real x, y;\nequation\n x = time;\n y = delay(x, 0.1);\nend M;",
         "model-unsupported",
@@ -118,26 +101,11 @@ CASES = {
         "`pre`",
         "",
     ),
-    "initial()": (
-        "model M\n Real x;\nequation\n x = if initial() then 1 else 2;\nend M;",
-        "model-unsupported",
-        (4, 9),
-        "`initial`",
-        "",
-    ),
     "clock": (
         "model M\n Real x, y;\nequation\n x = time;\n y = sample(x, Clock(0.1));\nend M;",
         "model-unsupported",
         (5, 16),
         "clock",
-        "",
-    ),
-    "initial algorithm": (
-        "model M\n Real x; parameter Real p(fixed = false);\ninitial algorithm\n p := 3;\nequation\n "
-        "der(x) = p;\nend M;",
-        "model-unsupported",
-        (4, 2),
-        "`initial algorithm`",
         "",
     ),
     "external": (
@@ -192,13 +160,6 @@ CASES = {
         (2, 87),
         "calls itself",
         "for-loop",
-    ),
-    "der of an expression": (
-        "model M\n Real x;\nequation\n der(2*x) = 3;\nend M;",
-        "model-der-expression",
-        (4, 2),
-        "expression",
-        "variable",
     ),
     "der of an input": (
         "model M\n input Real u; Real x;\nequation\n x = der(u);\nend M;",

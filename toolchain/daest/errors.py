@@ -510,6 +510,30 @@ EXPLANATIONS: dict[str, str] = {
         "The effect library has no class of that name. daest effects lists all of them; -L DIR adds a "
         "folder with classes of one's own."
     ),
+    "event-state": (
+        "An event (reinit, or an assignment in a when-clause) gives a variable a value that several states "
+        "decide together. Restart the variable that is differentiated, or mark it with stateSelect = "
+        "StateSelect.always, so that it is a state itself."
+    ),
+    "events-chatter": (
+        "A switch of the model goes to and fro without end: each event undoes the one before. Give the "
+        "switch a hysteresis, or a mode that holds the motion, as friction that sticks."
+    ),
+    "events-do-not-settle": (
+        "At an event the switches of the model find no common state: each update of the discrete variables "
+        "changes another one. Look for two switches that undo each other, and use pre() of one of them."
+    ),
+    "events-need-compiler": (
+        "Models with events are simulated by compiled code. Install a compiler: pip install daest[compiler]."
+    ),
+    "events-not-supported": (
+        "The model has when-clauses, reinit, pre or sample. Simulation follows them, linearize and noise "
+        "take the mode of the start, identify fits the whole simulation (oe); predictions from sample to "
+        "sample, filters, comparison, diagnosis and export do not follow events yet."
+    ),
+    "events-sample-interval": (
+        "sample(start, interval) was given an interval that is not positive. Give a positive time in seconds."
+    ),
     "example-folder-exists": (
         "daest demo copies an example into a new folder and does not overwrite one. Remove it, or call it "
         "elsewhere."
@@ -910,9 +934,9 @@ EXPLANATIONS: dict[str, str] = {
         "A name in an equation is not declared. Check its spelling and the component that it belongs to."
     ),
     "model-unsupported": (
-        "The model uses events, clocks, memory or an algorithm that cannot be written as equations: when, "
-        "pre, sample, reinit, delay and the like. Replace it by smooth equations: tanh(x/width) for a "
-        "switch, a first-order lag for a delay."
+        "The model uses clocks, a delay, or an algorithm that cannot be written as equations. The message "
+        "names it and its line. A first-order lag may stand for a delay, sample(start, interval) for a "
+        "clock; or export the model by your own tool as an FMU, which all commands take."
     ),
     "mqtt-address": (
         "Events are published under a topic of a broker: --mqtt mqtt://HOST:PORT/TOPIC, with "

@@ -216,9 +216,12 @@ def _prepared(
     from daest.cli.models import model_source, with_settings
     from daest.cli.recordings import unseen_data
     from daest.cli.results import find_fit, fitted
+    from daest.model.flat import events_refused
 
     source = model_source(project, model)
     flat = model_options.load(project, source)
+    if flat.events is not None:
+        raise events_refused("a filter")
     fit = find_fit(project, source, flat)
     if fit is None:
         note("no fit found: the parameters and the noise of the model are used")

@@ -33,7 +33,7 @@ from daest.errors import EstimationError
 from daest.estimation.records import in_model_order
 from daest.model.comparison import Comparison, ModelTrial
 from daest.model.experiment import Experiment
-from daest.model.flat import FlatModel
+from daest.model.flat import FlatModel, events_refused
 from daest.model.linear import StateSpaceFamily
 from daest.numerics.parallel import Workers, workers
 from daest.systems.affine_dynamics import has_affine_dynamics
@@ -93,6 +93,8 @@ def compare_models(
     address, with the same result. Raises EstimationError `compare-bootstrap-noise`.
     """
     outputs = candidates[0].flat.outputs
+    if any(candidate.flat.events is not None for candidate in candidates):
+        raise events_refused("a comparison of one-step errors")
     with workers(jobs if bootstrap else 1, cluster if bootstrap else None) as pool:
         models = tuple(_model_trial(c, experiments, bootstrap, seed, pool) for c in candidates)
     return Comparison(

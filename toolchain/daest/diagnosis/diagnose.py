@@ -58,7 +58,7 @@ from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, P
 from daest.model.effects import Effect, Site
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions, error_ratios
-from daest.model.flat import FlatModel
+from daest.model.flat import FlatModel, events_refused
 from daest.modelica.sites import sites
 from daest.numerics.parallel import Outcome, Workers, workers
 from daest.systems.reduce import reduce_index
@@ -103,6 +103,8 @@ def diagnose(
     options = options or DiagnoseOptions()
     if flat.given is not None:
         return diagnose_black_box(flat, library, *halved(experiments, validation), options, progress)
+    if flat.events is not None:
+        raise events_refused("a diagnosis")
     stand = begin(flat, experiments, validation, options, progress)
     found = examine(stand, library, options, progress)
     better, other = better_hold(stand, found), unsettled_hold(stand, found)

@@ -31,10 +31,11 @@ from daest.estimation.result import SAME_OPTIMUM, end_scores, fit_result
 from daest.estimation.search import Evaluation, Found, minimise
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions, Method, NoiseChoice
-from daest.model.flat import FlatModel
+from daest.model.flat import FlatModel, events_refused
 from daest.model.linear import StateSpaceFamily
 from daest.model.prior import prior_unused
 from daest.numerics.parallel import workers
+from daest.systems.modes import in_starting_mode
 from daest.systems.reduce import reduce_index
 from daest.systems.redundant import good_everywhere
 from daest.systems.sample import Hold, slope_note
@@ -82,11 +83,14 @@ def identify(
     options = options or IdentifyOptions()
     if isinstance(model, FlatModel):
         check_jumps(model)
+        model = in_starting_mode(model)
     family = model if isinstance(model, StateSpaceFamily) else state_space_family(model)
     estimation, held_back = _divided(tuple(experiments), tuple(validation), options.split)
     setup = _setup(family, tuple(make_record(e, family) for e in estimation), options)
     check_profile_names(options.profile, setup.problem.unknowns)
-    if isinstance(model, FlatModel) and not family.is_affine:
+    if isinstance(model, FlatModel) and model.events is not None and setup.method == "pem":
+        raise events_refused("a prediction from sample to sample")
+    if isinstance(model, FlatModel) and (model.events is not None or not family.is_affine):
         return _identified_nonlinear(model, family, setup, estimation, held_back, options, tell)
     setup = replace(setup, problem=replace(setup.problem, hold=_chosen_hold(setup, options)))
     _check_start(setup)
@@ -126,7 +130,8 @@ def _identified_nonlinear(
     n_w, n_y = len(family.noises), len(family.outputs)
     estimated = np.array([setup.process[i] for i in range(n_w)], dtype=bool)
     searched = np.array([setup.measurement[j] for j in range(n_y)], dtype=bool)
-    explicit = good_everywhere(reduce_index(flat))
+    explicit = reduce_index(flat)
+    explicit = explicit if flat.events is not None else good_everywhere(explicit)
     # States that constraints tie have no observer with a constant gain.
     by_ekf = setup.method == "pem" and (options.likelihood == "ekf" or explicit.invariants is not None)
     search = identify_by_ekf if by_ekf else identify_nonlinear

@@ -17,7 +17,7 @@ from daest.files import whole_file
 from daest.fmu import description, serialization, sources
 from daest.fmu.layout import Layout, layout
 from daest.fmu.portable import portable
-from daest.model.flat import ExplicitModel, FlatModel
+from daest.model.flat import ExplicitModel, FlatModel, events_refused
 from daest.model.fmu import ExportResult
 from daest.numerics.compiler import Platform, build_shared, native_platform, platform_named
 from daest.systems.initialize import initial_point
@@ -46,6 +46,8 @@ def export_fmu(
     `fmu-not-written`; ModelError of the index reduction and of the initial point.
     """
     began = time.perf_counter()
+    if flat.events is not None:
+        raise events_refused("an exported FMU")
     flat = portable(flat)
     targets = [platform_named(p) for p in platforms] if platforms else [native_platform()]
     explicit = replace(explicit or reduce_index(flat), flat=flat)

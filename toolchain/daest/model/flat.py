@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from daest.errors import ModelError
+from daest.model.events import Events
 from daest.model.linear import LinearDAE, StateSpaceFamily
 from daest.model.parts import DerivedParameter, Equation, NoiseInput, Output, Parameter, Variable
 
@@ -27,7 +28,8 @@ class FlatModel:
     unknowns: a top-level output that only names an expression, y = h(ξ), is no unknown; it stands in
     `output_expressions` as in (1b) of the report. `initial_residual` are the initial equations, in the same
     symbols; fixed start values are told by `Variable.fixed`. `given` takes the place of equations that
-    nobody has.
+    nobody has. `events`: what happens when; None for a model that is smooth, or whose switches need no
+    memory.
     """
 
     name: str
@@ -52,6 +54,7 @@ class FlatModel:
     source: str = ""
     description: str = ""
     given: GivenForm | None = None
+    events: Events | None = None
 
     def __post_init__(self) -> None:
         sizes = {
@@ -205,3 +208,14 @@ class GivenForm(Protocol):
 
     def local_functions(self, flat: FlatModel) -> tuple[Any, Any]:
         """`flow` and `see` of `systems.local_linear.LocalModel`."""
+
+
+def events_refused(what: str) -> ModelError:
+    """The error for what needs a model without events; `what` is the task, as a noun."""
+    return ModelError(
+        "events-not-supported",
+        f"the model changes at events (when, reinit, pre, sample), which {what} does not follow",
+        remedy="`simulate` follows events, `linearize` and `noise` take the mode of the start. Else describe "
+        "the switch by a smooth equation (tanh(x/width) for sign(x)), or export the model by your own tool "
+        "as an FMU, which knows its events.",
+    )

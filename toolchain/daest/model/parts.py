@@ -42,6 +42,7 @@ class Parameter:
     scale: Literal["auto", "linear", "log"] = "auto"
     place: Place | None = None
     prior: Prior | None = None
+    is_memory: bool = False  # no parameter of the source: what keeps its value between events
 
 
 @dataclass(frozen=True)

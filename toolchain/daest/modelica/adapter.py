@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeGuard
 
 from daest.errors import ModelError
 from daest.modelica import syntax as s
+from daest.modelica.dialect import DER
 
 _BINARY = {
     "Add": "+",
@@ -65,7 +66,8 @@ def flat_source(
         records=_records(flat),
         literals=dict(flat.get("enum_literal_ordinals", {})),
         structural=_structural(flat),
-        refused=tuple(_refused(flat)),
+        initial_algorithms=tuple(_algorithm(section) for section in flat.get("initial_algorithms", [])),
+        whens=tuple(_when_equation(chain) for chain in flat.get("when_chains", [])),
         texts=texts,
         own=own,
     )
@@ -142,13 +144,6 @@ def _records(flat: dict[str, Any]) -> dict[str, tuple[str, ...]]:
 def _structural(flat: dict[str, Any]) -> frozenset[str]:
     selections = flat.get("parameter_branch_selections", [])
     return frozenset(".".join(path) for choice in selections for path in choice["references"])
-
-
-def _refused(flat: dict[str, Any]) -> Iterable[tuple[str, s.Span | None]]:
-    for chain in flat.get("when_chains", []):
-        yield "when", _first_span(chain)
-    for section in flat.get("initial_algorithms", []):
-        yield "initial algorithm", _first_span(section)
 
 
 def _first_span(value: Any) -> s.Span | None:
@@ -332,6 +327,8 @@ def _builtin(value: dict[str, Any], at: s.Span | None) -> s.Node:
 
 def _call(value: dict[str, Any], at: s.Span | None) -> s.Call:
     constructor = bool(value.get("is_constructor"))
+    if value["name"]["name"] == DER:
+        return s.Call("der", _expressions(value["args"]), builtin=True, span=at)
     return s.Call(value["name"]["name"], _expressions(value["args"]), constructor=constructor, span=at)
 
 
@@ -461,6 +458,10 @@ def _assert(value: dict[str, Any], at: s.Span | None) -> s.Statement:
     return s.Assert(expression(value["condition"]), expression(value["message"]), at)
 
 
+def _when(value: dict[str, Any], at: s.Span | None) -> s.Statement:
+    return s.When(tuple((expression(b["cond"]), _statements(b["stmts"])) for b in value["blocks"]), at)
+
+
 _STATEMENTS: dict[str, Callable[[dict[str, Any], s.Span | None], s.Statement]] = {
     "Assignment": _assignment,
     "FunctionCall": _call_statement,
@@ -468,6 +469,38 @@ _STATEMENTS: dict[str, Callable[[dict[str, Any], s.Span | None], s.Statement]] =
     "While": _while,
     "If": _if,
     "Assert": _assert,
+    "When": _when,
     "Return": lambda _value, at: s.Jump("return", at),
     "Break": lambda _value, at: s.Jump("break", at),
 }
+
+
+# When-equations ---------------------------------------------------------------------------------------------
+
+
+def _when_equation(chain: dict[str, Any]) -> s.When:
+    blocks = [chain["first"], *chain.get("else_when", [])]
+    branches = tuple((expression(b["condition"]), _when_body(b["equations"])) for b in blocks)
+    return s.When(branches, _first_span(chain))
+
+
+def _when_body(equations: Iterable[dict[str, Any]]) -> tuple[s.Statement, ...]:
+    return tuple(_when_part(next(iter(equation)), next(iter(equation.values()))) for equation in equations)
+
+
+def _when_part(kind: str, value: dict[str, Any]) -> s.Statement:
+    at = span(value.get("span"))
+    if kind == "Assign":
+        return s.Assign(s.Name(value["target"], (), at), expression(value["value"]), at)
+    if kind == "Reinit":
+        return s.Reinit(s.Name(value["state"], (), at), expression(value["value"]), at)
+    if kind == "Assert":
+        return s.Assert(expression(value["condition"]), s.Constant(""), at)
+    if kind == "Conditional":
+        branches = tuple((expression(c), _when_body(body)) for c, body in value["branches"])
+        return s.If(branches, _when_body(value.get("else_branch") or ()), at)
+    if kind == "FunctionCallOutputs":
+        call = expression(value["function"])
+        if isinstance(call, s.Call):
+            return s.AssignCall(tuple(s.Name(name, (), at) for name in value["outputs"]), call, at)
+    return s.Refused(kind.lower(), at)

@@ -4,24 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import casadi as ca
 
 from daest.errors import Place
+from daest.model.events import Events
 from daest.model.flat import FlatModel
 from daest.model.parts import Equation, Variable
 from daest.modelica import syntax as s
+from daest.modelica import values as v
 from daest.modelica.balance import unbalanced
 from daest.modelica.connects import ConnectClauses, used_texts
+from daest.modelica.events import Kept, finished, kept
 from daest.modelica.expressions import refusal
+from daest.modelica.functions import run_algorithm
 from daest.modelica.metadata import derived_of, noise_of, output_of, parameter_of, variable_of
 from daest.modelica.outputs import NamedOutput, named_outputs
-from daest.modelica.parameters import ParameterTable, sort_parameters
+from daest.modelica.parameters import ParameterTable, is_parameter, number, sort_parameters
 from daest.modelica.reading import Reading
 from daest.modelica.rows import Row, algorithm_rows, rows_of
-from daest.modelica.scope import Element
+from daest.modelica.scope import Element, element_names
+from daest.modelica.start_parameters import with_settled_parameters
 from daest.modelica.starts import start_rows
 from daest.modelica.unknowns import Declared, declare_variables
+from daest.modelica.values import Value
 
 
 @dataclass(frozen=True)
@@ -33,6 +40,7 @@ class _Parts:
     declared: Declared
     rows: list[Row]
     initial: list[Row]
+    memory_starts: dict[str, ca.SX]
     starts: dict[str, Row]
     xi: ca.SX
     derivatives: ca.SX
@@ -40,17 +48,23 @@ class _Parts:
 
 def assemble(source: s.FlatSource, file: str) -> FlatModel:
     """The FlatModel of a flat source. Raises ModelError with place and remedy."""
+    source = with_settled_parameters(source)
     reading = Reading(source)
-    for what, span in (*source.refused, *_refused_statements(source)):
+    for what, span in _refused_statements(source):
         raise refusal(what, reading.sources.place(span))
     parameters = sort_parameters(source, reading.numeric, reading.scope, reading.evaluator)
+    if reading.events is not None:
+        reading.events.parameters = frozenset(element.name for element, _ in parameters.tunable)
     declared = declare_variables(reading)
+    rows = _all_rows(reading, declared)
+    initial, starts_of_memory = _initial(reading, declared)
     parts = _Parts(
         reading=reading,
         parameters=parameters,
         declared=declared,
-        rows=_all_rows(reading, declared),
-        initial=_rows(reading, declared, source.initial_equations),
+        rows=rows,
+        initial=initial,
+        memory_starts=starts_of_memory,
         starts=start_rows(declared.unknowns, reading),
         xi=_column([element.symbol for element in declared.unknowns]),
         derivatives=_column(declared.derivatives),
@@ -69,7 +83,82 @@ def _all_rows(reading: Reading, declared: Declared) -> list[Row]:
     rows = _rows(reading, declared, (*reading.source.equations, *_bindings(reading)))
     for algorithm in reading.source.algorithms:
         rows += algorithm_rows(algorithm, reading)
+    if reading.events is not None:
+        reading.events.read(reading.source.whens, reading.evaluator(reading.scope, None))
+        rows += [_held(element, reading) for element in declared.held]
     return rows
+
+
+def _held(element: Element, reading: Reading) -> Row:
+    """A Real variable that events assign keeps its value between them."""
+    variable = element.variable
+    rate = v.elements(reading.scope.derivatives[variable.name])[element.position]
+    origin = variable.name.rpartition(".")[0]
+    equation = s.FlatEquation(s.Name(element.name), None, "component", origin, variable.span)
+    return Row(v.symbolic(rate), f"der({element.name}) = 0 between events", equation)
+
+
+def _initial(reading: Reading, declared: Declared) -> tuple[list[Row], dict[str, ca.SX]]:
+    """The initial equations for variables, and the values of initial equations and algorithms for what is
+    remembered between events, by name."""
+    rows: list[s.FlatEquation] = []
+    starts: dict[str, ca.SX] = {}
+    evaluator = reading.evaluator(reading.scope, None)
+    held = {element.variable.name for element in declared.held}
+    for equation in reading.source.initial_equations:
+        name = _remembered(equation.left, reading)
+        if not name or equation.right is None or name in held:
+            rows.append(equation)
+            continue
+        evaluator.at = equation.span
+        _start(starts, name, evaluator.value(equation.right), reading)
+    made = _rows(reading, declared, rows)
+    for algorithm in reading.source.initial_algorithms:
+        made += _initial_algorithm(algorithm, reading, starts)
+    return made, starts
+
+
+def _remembered(node: s.Node, reading: Reading) -> str:
+    """The name of a discrete variable `x`, also in pre(x); empty for any other node."""
+    if isinstance(node, s.Call) and node.function == "pre":
+        node = node.arguments[0]
+    known = isinstance(node, s.Name) and not node.subscripts and reading.events is not None
+    return node.name if known and node.name in reading.discrete | reading.targets else ""  # type: ignore[union-attr]
+
+
+def _start(starts: dict[str, ca.SX], name: str, value: Value, reading: Reading) -> None:
+    assert reading.events is not None
+    reading.events.pre(name)  # what an initial equation sets is remembered, even where nobody asks for it
+    names = element_names(name, reading.scope.declared_shape(name) or ())
+    for one, element in zip(names, v.elements(value), strict=True):
+        starts[f"pre({one})"] = v.symbolic(element)
+        starts[one] = v.symbolic(element)
+
+
+def _initial_algorithm(algorithm: s.FlatAlgorithm, reading: Reading, starts: dict[str, ca.SX]) -> list[Row]:
+    shapes = {variable.name: variable.dimensions for variable in reading.source.variables}
+    evaluator = reading.evaluator(reading.scope, algorithm.span)
+    body = tuple(x for x in algorithm.body if not _is_settled(x, reading))
+    left = replace(algorithm, body=body)
+    with evaluator.at_events():
+        results = run_algorithm(left, shapes, evaluator, reading.library(reading.scope), reading.targets)
+    made: list[Row] = []
+    for name, value in results.items():
+        if name in reading.discrete:
+            _start(starts, name, value, reading)
+            continue
+        present = evaluator.value(s.Name(name))
+        equation = s.FlatEquation(s.Name(name), None, "component", algorithm.origin, algorithm.span)
+        pairs = zip(v.elements(present), v.elements(value), strict=True)
+        made += [Row(v.symbolic(v.subtract(a, b)), f"{name} = (algorithm)", equation) for a, b in pairs]
+    return made
+
+
+def _is_settled(statement: s.Statement, reading: Reading) -> bool:
+    """Whether a statement computes a parameter, which has that as its binding, or only checks."""
+    if isinstance(statement, s.Assign):
+        return statement.target.name in reading.scope.constant_names
+    return isinstance(statement, s.AssignCall) and not any(statement.targets)
 
 
 def _bindings(reading: Reading) -> Iterable[s.FlatEquation]:
@@ -100,6 +189,7 @@ def _rows(reading: Reading, declared: Declared, equations: Iterable[s.FlatEquati
 def _flat_model(parts: _Parts, file: str) -> FlatModel:
     reading, declared, table = parts.reading, parts.declared, parts.parameters
     equations = _equations(parts.rows, reading)
+    memory = _memory(parts)
     if len(parts.rows) != len(declared.unknowns):
         residual = _column([row.residual for row in parts.rows])
         raise unbalanced(equations, declared.unknowns, residual, parts.xi, parts.derivatives, file)
@@ -114,19 +204,23 @@ def _flat_model(parts: _Parts, file: str) -> FlatModel:
         unknowns=tuple(_unknown(declared.unknowns[i], parts) for i in kept),
         inputs=tuple(variable_of(element, reading) for element in declared.inputs),
         noises=tuple(noise_of(element, reading) for element in declared.noises),
-        parameters=tuple(parameter_of(element, value, reading) for element, value in table.tunable),
+        parameters=(
+            *(parameter_of(element, value, reading) for element, value in table.tunable),
+            *(() if memory is None else memory.parameters),
+        ),
         outputs=tuple(output_of(declared.unknowns[i], reading) for i in outputs),
         equations=tuple(equations[i] for i in kept_rows),
         derivatives=_column([declared.derivatives[i] for i in kept]),
         xi=_column([declared.unknowns[i].symbol for i in kept]),
         u=_column([element.symbol for element in declared.inputs]),
         w=_column([element.symbol for element in declared.noises]),
-        theta=_column([element.symbol for element, _ in table.tunable]),
+        theta=_theta(table, memory),
         time=reading.time,
-        residual=_column([parts.rows[i].residual for i in kept_rows]),
-        output_expressions=_output_expressions(outputs, named, declared.unknowns),
+        residual=_now(_column([parts.rows[i].residual for i in kept_rows]), parts),
+        output_expressions=_now(_output_expressions(outputs, named, declared.unknowns), parts),
         initial_equations=tuple(_equations(initial, reading)),
-        initial_residual=_initial_residual(initial, named, declared.unknowns),
+        initial_residual=_now(_initial_residual(initial, named, declared.unknowns), parts),
+        events=_events(parts, memory, [declared.unknowns[i].name for i in kept], named),
         derived_parameters=tuple(
             derived_of(one.element.name, one.element.variable, one.expression, reading)
             for one in table.derived
@@ -135,6 +229,65 @@ def _flat_model(parts: _Parts, file: str) -> FlatModel:
         source=file,
         description=reading.source.description,
     )
+
+
+def _memory(parts: _Parts) -> Kept | None:
+    """What keeps its value between events, with its start values."""
+    reading = parts.reading
+    if reading.events is None:
+        return None
+    starts: dict[str, float] = {}
+    for variable in reading.source.variables:
+        if is_parameter(variable) or variable.start is None:
+            continue
+        for i, name in enumerate(element_names(variable.name, variable.dimensions)):
+            value = number(variable.start, i, reading.numeric, reading.evaluator, variable.span)
+            starts[name] = 0.0 if value is None else value
+    return kept(reading.events, starts, len(parts.parameters.tunable))
+
+
+def _theta(table: ParameterTable, memory: Kept | None) -> ca.SX:
+    own = _column([element.symbol for element, _ in table.tunable])
+    return own if memory is None else ca.vertcat(own, memory.symbols)
+
+
+def _now(expression: ca.SX, parts: _Parts) -> ca.SX:
+    """Between events pre(x) of a Real variable that events assign is x."""
+    recorder = parts.reading.events
+    if recorder is None:
+        return expression
+    pairs = [
+        (v.symbolic(before), v.symbolic(now))
+        for name in recorder.before
+        if name in {element.variable.name for element in parts.declared.held}
+        for before, now in zip(
+            v.elements(recorder.before[name]), v.elements(recorder.scope.values[name]), strict=True
+        )
+    ]
+    if not pairs or not expression.numel():
+        return expression
+    return ca.substitute(expression, _column([a for a, _ in pairs]), _column([b for _, b in pairs]))
+
+
+def _events(
+    parts: _Parts, memory: Kept | None, unknowns: Sequence[str], named: dict[int, NamedOutput]
+) -> Events | None:
+    recorder = parts.reading.events
+    if recorder is None or memory is None:
+        return None
+    events = finished(
+        recorder, memory.slots, {name: i for i, name in enumerate(unknowns)}, parts.memory_starts
+    )
+    if not named:
+        return events
+    gone = _column([parts.declared.unknowns[i].symbol for i in named])
+    instead = _column([one.expression for one in named.values()])
+    changed: dict[str, Any] = {
+        key: ca.substitute(getattr(events, key), gone, instead)
+        for key in ("values", "wholes", "conditions", "assigned", "sources", "restarted", "starts")
+        if getattr(events, key).numel()
+    }
+    return replace(events, **changed)
 
 
 def _unknown(element: Element, parts: _Parts) -> Variable:

@@ -40,7 +40,7 @@ def with_values(flat: FlatModel, values: Mapping[str, float]) -> FlatModel:
 
 def _tunable(flat: FlatModel, name: str) -> Parameter:
     for parameter in flat.parameters:
-        if parameter.name == name:
+        if parameter.name == name and not parameter.is_memory:
             return parameter
     for derived in flat.derived_parameters:
         if derived.name == name:
@@ -50,7 +50,7 @@ def _tunable(flat: FlatModel, name: str) -> Parameter:
                 where=derived.place,
                 remedy="Set what it is computed from instead.",
             )
-    known = [p.name for p in flat.parameters]
+    known = [p.name for p in flat.parameters if not p.is_memory]
     computed = [p.name for p in flat.derived_parameters]
     same_end = [k for k in known if k.rpartition(".")[2] == name][:3]
     near = get_close_matches(name, known + computed, 3) or same_end

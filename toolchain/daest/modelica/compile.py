@@ -15,11 +15,14 @@ from daest.modelica.breaks import without_broken
 from daest.modelica.change import declare, with_values
 from daest.modelica.class_choice import select_class
 from daest.modelica.compiler import Job, compile_source, modification, with_room
+from daest.modelica.dialect import adapted
+from daest.modelica.excerpt import adapted_text, excerpt
 from daest.modelica.library import library_roots
 from daest.modelica.outline import class_heads
 from daest.modelica.parameters import is_parameter
-from daest.modelica.roots import readable_roots
+from daest.modelica.roots import Roots, chosen_libraries, library_name, readable_roots
 from daest.modelica.source import read_source
+from daest.modelica.tokens import tokens
 
 __all__ = ["compile_model", "compile_text", "declare", "with_values"]
 
@@ -51,9 +54,34 @@ def compile_text(
     """As `compile_model`, of a text that stands, or is going to stand, in file `path`."""
     text, names = without_quotes(text)
     name = _chosen_class(text, names, path, class_name)
-    roots = readable_roots(library_roots(libraries), text, path)
-    job = Job(path, without_broken(text, path, name), name, roots, names=names)
-    return with_room(lambda: _compile(job, dict(overrides or {})))
+    text = without_broken(text, path, name)
+    folders = library_roots(libraries)
+    part = _excerpt(folders, text, path)
+    if part is not None:
+        job = Job(path, adapted_text(text, part), name, part, names=names)
+        try:
+            return with_room(lambda: _compile(job, dict(overrides or {})))
+        except ModelError as problem:
+            if problem.code not in _MISSING:
+                raise
+    whole = Job(path, text, name, readable_roots(folders, text, path), names=names)
+    return with_room(lambda: _compile(whole, dict(overrides or {})))
+
+
+# Errors that an excerpt of a library may cause by what it lacks.
+_MISSING = ("model-unknown-class", "model-unknown-name", "model-kind")
+
+
+def _excerpt(folders: Sequence[Path], text: bytes, path: Path) -> Roots | None:
+    """The part of the user's libraries that the text needs; None where it uses the bundled one alone."""
+    bundled = [folder for folder in folders if (folder / "Daest" / "package.mo").is_file()]
+    others = [folder for folder in folders if folder not in bundled]
+    entries = [entry for _, chosen, _ in chosen_libraries(others, text, path) for entry in chosen]
+    known = {library_name(entry) for entry in entries}
+    words = {token.text for token in tokens(text) if token.kind == "name"}
+    if not known & words:
+        return excerpt([], bundled, text, path) if adapted(text) != text else None
+    return excerpt(entries, bundled, text, path)
 
 
 def _chosen_class(text: bytes, names: Names, path: Path, wanted: str | None) -> str:

@@ -43,7 +43,6 @@ _ALONE = Path("/daest-single-file")
 # The class that is put behind a file's own to compile it with other parameter values, or to reach the flat
 # form of a model whose equations and unknowns differ in number.
 _WRAPPER = "Daest__Wrapper"
-_SPARE = "daest__spare"
 
 
 @dataclass(frozen=True)
@@ -119,8 +118,8 @@ def _compiled_source(job: Job) -> s.FlatSource:
 def _balanced(job: Job) -> s.FlatSource:
     try:
         return _compiled(job, _wrapper(job))
-    except failures.Unbalanced as problem:
-        return _padded(job, problem)
+    except failures.Unbalanced:
+        return _unchecked(job)
 
 
 def _with_bodies(source: s.FlatSource, found: list[FunctionText], job: Job) -> s.FlatSource:
@@ -168,30 +167,19 @@ def _parsed(text: FunctionText, job: Job, own: int, function: s.Function | None 
         ) from None
 
 
-def _padded(job: Job, problem: failures.Unbalanced) -> s.FlatSource:
-    """The flat form of an unbalanced model: compiled with spare equations or unknowns, which are dropped
-    again."""
-    missing = problem.n_unknowns - problem.n_equations
-    body = " equation" + " 0 = time;" * missing if missing > 0 else f" Real {_SPARE}[{-missing}];"
-    source = _compiled(job, _wrapper(job, body))
-    end = len(job.text)
-    return replace(
-        source,
-        variables=tuple(x for x in source.variables if x.name != _SPARE),
-        equations=tuple(e for e in source.equations if not _is_behind(e.span, source, end)),
-    )
+def _unchecked(job: Job) -> s.FlatSource:
+    """The flat form of a model whose equations and unknowns differ in number, or are counted wrongly: those
+    of a partial model are not counted."""
+    return _compiled(job, _wrapper(job, is_partial=True))
 
 
-def _is_behind(span: s.Span | None, source: s.FlatSource, end: int) -> bool:
-    return span is not None and span.source in source.own and span.start >= end
-
-
-def _wrapper(job: Job, body: str = "") -> bytes:
+def _wrapper(job: Job, is_partial: bool = False) -> bytes:
     """The text to append, empty if the class itself can be compiled."""
-    if not body and not job.modification:
+    if not is_partial and not job.modification:
         return b""
     modification = f"({job.modification})" if job.modification else ""
-    return f"\nmodel {_WRAPPER} extends {job.class_name}{modification};{body} end {_WRAPPER};\n".encode()
+    kind = "partial model" if is_partial else "model"
+    return f"\n{kind} {_WRAPPER} extends {job.class_name}{modification}; end {_WRAPPER};\n".encode()
 
 
 def modification(values: Mapping[str, str]) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import product as cartesian
-from typing import Protocol
+from typing import Protocol, TypeGuard
 
 import casadi as ca
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from daest.errors import ModelError, Place
 from daest.modelica import syntax as s
 from daest.modelica import values as v
-from daest.modelica.operators import BUILTINS, REFUSED, integer, matrix_of_rows
+from daest.modelica.operators import BUILTINS, EVENTFUL, REFUSED, integer, matrix_of_rows
 from daest.modelica.text import text
 from daest.modelica.values import Record, Scalar, Value
 
@@ -38,11 +38,16 @@ _RELATIONS: dict[str, Callable[[Scalar, Scalar], Scalar]] = {
     "<>": lambda a, b: a != b,
 }
 _REFUSAL_REMEDY = (
-    "Only differential-algebraic equations can be estimated: remove events, clocks and memory, or describe "
-    "the behaviour by a smooth equation (tanh(x/width) for sign(x), a first-order lag for a delay); let a "
-    "source of pulses or a table over time be an input, and its values a column of the recording."
+    "Write when-clauses with sample(start, interval) for clocks, and a first-order lag for a delay; let a "
+    "source be an input, and its values a column of the recording; or export the model by your own tool as "
+    "an FMU, which all commands take."
 )
 
+
+# Functions that are undefined, or have infinite slopes, for some arguments; a number at which none is.
+_GUARDED = ("sqrt", "log", "log10", "exp", "asin", "acos", "sinh", "cosh")
+_SAFE = 0.5
+_STEPPED = ("floor", "ceil", "integer", "div", "mod", "rem")
 
 PathPart = tuple[str, tuple[Value | None, ...]]  # identifier and evaluated subscripts (None: `:`)
 Path = list[PathPart]
@@ -59,6 +64,40 @@ class Scope(Protocol):
 
     def derivative(self, name: str) -> Value | None:
         """der() of a variable; None if there is no variable of that name."""
+
+    def rate(self, symbol: str) -> Scalar | None:
+        """der() of a scalar by the name of its symbol; None where it has none."""
+
+    def declared_shape(self, name: str) -> tuple[int, ...] | None:
+        """The declared size of a variable, () for a scalar; None if there is no variable of that name."""
+
+
+class EventSink(Protocol):
+    """What a model does with operators that need an event or a memory."""
+
+    def relation(self, operator: str, left: Scalar, right: Scalar, key: tuple, shown: str) -> Scalar:
+        """A relation that keeps its value between events."""
+
+    def whole(self, value: Scalar, key: tuple, shown: str) -> Scalar:
+        """The largest whole number below `value`, which keeps its value between events."""
+
+    def pre(self, name: str) -> Value | None:
+        """The value of a variable before the event; None if there is no variable of that name."""
+
+    def pre_scope(self, scope: Scope) -> Scope:
+        """Names stand for their values before the event."""
+
+    def is_discrete(self, name: str) -> bool:
+        """Whether a variable changes at events only."""
+
+    def sample(self, start: Scalar, interval: Scalar, at: Place | None) -> Scalar:
+        """True at the instants start, start + interval, …"""
+
+    def initial(self) -> Scalar:
+        """True while the start is computed."""
+
+    def activation(self, conditions: Sequence[Scalar], before: Sequence[Scalar], at: Place | None) -> ca.SX:
+        """True at events at which one of `conditions` becomes true, and none of `before` does."""
 
 
 class FunctionCaller(Protocol):
@@ -78,6 +117,9 @@ class Evaluator:
     locate: Callable[[s.Span | None], Place | None]
     iterators: dict[str, Value] = field(default_factory=dict)
     at: s.Span | None = None
+    events: EventSink | None = None  # None: relations are what they are at each instant
+    is_live: bool = False  # relations are what they are at each instant, in spite of `events`
+    guard: ca.SX | None = None  # the condition under which what is evaluated is wanted at all
 
     # Entry points -------------------------------------------------------------------------------------------
 
@@ -138,6 +180,25 @@ class Evaluator:
             yield
         finally:
             self.iterators = before
+
+    @contextmanager
+    def at_events(self) -> Iterator[None]:
+        """Relations are what they are at each instant inside the block: they generate no events."""
+        before, self.is_live = self.is_live, True
+        try:
+            yield
+        finally:
+            self.is_live = before
+
+    @contextmanager
+    def guarded(self, condition: ca.SX) -> Iterator[None]:
+        """What is evaluated inside the block is wanted only where `condition` holds."""
+        before = self.guard
+        self.guard = condition if before is None else ca.logic_and(before, condition)
+        try:
+            yield
+        finally:
+            self.guard = before
 
     def error(self, code: str, what: str, node: s.Node | s.Statement | None, remedy: str) -> ModelError:
         span = getattr(node, "span", None) or self.at
@@ -227,12 +288,35 @@ class Evaluator:
         if operator in ("and", "or"):
             return v.combined(_and if operator == "and" else _or, left, right)
         if operator in _RELATIONS:
-            return v.combined(_RELATIONS[operator], left, right)
+            return v.combined(self._relation(operator, node), left, right)
+        if operator in ("/", "./"):
+            right = self._inside(right, 1.0)
         return v.combined(_ELEMENTWISE[operator], left, right)
+
+    def _relation(self, operator: str, node: s.Binary) -> Callable[[Scalar, Scalar], Scalar]:
+        if self.events is None or self.is_live or operator in ("==", "<>"):
+            return _RELATIONS[operator]
+        events, shown = self.events, text(node)
+        key = (shown, tuple((name, str(value)) for name, value in self.iterators.items()))
+        return lambda a, b: events.relation(operator, a, b, key, shown)
+
+    def _inside(self, value: Value, safe: float) -> Value:
+        """`value` where it is wanted, else a number at which functions and their slopes are finite: the slope
+        of a branch that is not taken is multiplied by zero, which does not undo an infinite one."""
+        if self.guard is None:
+            return value
+        guard = self.guard
+
+        def one(x: Scalar) -> Scalar:
+            return ca.if_else(guard, x, safe) if isinstance(x, ca.SX) and not x.is_constant() else x
+
+        return v.mapped(one, value)
 
     def _power(self, base: Value, exponent: Value, operator: str) -> Value:
         if isinstance(base, np.ndarray) and operator == "^":
             return v.matrix_power(base, integer(exponent))
+        if not (isinstance(exponent, int | float) and float(exponent).is_integer() and exponent >= 1):
+            base = self._inside(base, _SAFE)
         return v.combined(v.power, base, exponent)
 
     def _conditional(self, node: s.Conditional) -> Value:
@@ -244,9 +328,10 @@ class Evaluator:
         condition = v.constant(self.scalar(branches[0][0]))
         if not isinstance(condition, ca.SX):
             return self.value(branches[0][1]) if condition else self._branches(branches[1:], otherwise)
-        # CasADi guards the branch that is not taken, in derivatives too: `if x > 0 then sqrt(x) else 0` is
-        # safe.
-        return v.choose(condition, self.value(branches[0][1]), self._branches(branches[1:], otherwise))
+        with self.guarded(condition):
+            taken = self.value(branches[0][1])
+        with self.guarded(ca.logic_not(condition)):
+            return v.choose(condition, taken, self._branches(branches[1:], otherwise))
 
     # Calls --------------------------------------------------------------------------------------------------
 
@@ -255,11 +340,93 @@ class Evaluator:
             return self._function(node)[0]
         if node.function == "der":
             return self._derivative(node)
+        if node.function in EVENTFUL and self.events is not None:
+            return self._eventful(node, self.events)
         if node.function in REFUSED:
             raise refusal(node.function, self.locate(node.span or self.at))
         if node.function == "homotopy":
             return self.value(node.arguments[0])
-        return BUILTINS[node.function]([self.value(argument) for argument in node.arguments])
+        if node.function in ("noEvent", "smooth"):
+            with self.at_events():
+                return self.value(node.arguments[-1])
+        if node.function == "size" and (declared := self._declared_size(node.arguments)) is not None:
+            return declared
+        arguments = [self.value(argument) for argument in node.arguments]
+        if node.function in _GUARDED:
+            arguments = [self._inside(argument, _SAFE) for argument in arguments]
+        if node.function in _STEPPED and self.events is not None and not self.is_live:
+            return self._stepped(node, arguments, self.events)
+        return BUILTINS[node.function](arguments)
+
+    def _declared_size(self, arguments: Sequence[s.Node]) -> Value | None:
+        """`size(x)` or `size(x, i)` of a variable by its declaration: a parameter may ask for the size of a
+        variable that has no value yet."""
+        shape = self.scope.declared_shape(arguments[0].name) if _is_plain(arguments[0]) else None
+        if shape is None:
+            return None
+        at = None if len(arguments) == 1 else integer(self.value(arguments[1]))
+        if at is None:
+            return v.array(list(shape))
+        return shape[at - 1] if 1 <= at <= len(shape) else None
+
+    def _eventful(self, node: s.Call, events: EventSink) -> Value:
+        """Operators that need an event or a memory."""
+        match node.function:
+            case "pre":
+                return self._before(node.arguments[0], events)
+            case "edge":
+                now, before = self.value(node.arguments[0]), self._before(node.arguments[0], events)
+                return v.combined(lambda a, b: _and(a, _not(b)), now, before)
+            case "change":
+                now, before = self.value(node.arguments[0]), self._before(node.arguments[0], events)
+                return v.combined(lambda a, b: a != b, now, before)
+            case "sample" if len(node.arguments) == 2 and not _is_clock(node.arguments[1]):
+                start, interval = (self.scalar(argument) for argument in node.arguments)
+                return events.sample(start, interval, self.locate(node.span or self.at))
+            case "initial":
+                return events.initial()
+            case "terminal":
+                return False
+        raise refusal(node.function, self.locate(node.span or self.at))
+
+    def _before(self, node: s.Node, events: EventSink) -> Value:
+        if not self.is_live and isinstance(node, s.Name) and not events.is_discrete(node.name):
+            raise self.error(
+                "model-unsupported",
+                f"`pre` of the continuous variable `{text(node)}` outside of a when-clause",
+                node,
+                "pre() is for discrete variables, and for what a when-clause restarts.",
+            )
+        scope = events.pre_scope(self.scope)
+        return Evaluator(scope, self.call, self.locate, self.iterators, self.at).value(node)
+
+    def _stepped(self, node: s.Call, arguments: Sequence[Value], events: EventSink) -> Value:
+        """Functions whose values jump: between events they keep what they are."""
+
+        def floor(x: Scalar, part: str) -> Scalar:
+            if not isinstance(x, ca.SX):
+                return BUILTINS["floor"]([x])  # type: ignore[return-value]
+            key = (text(node), part, tuple((name, str(value)) for name, value in self.iterators.items()))
+            return events.whole(x, key, text(node))
+
+        def one(x: Scalar, y: Scalar) -> Scalar:
+            match node.function:
+                case "ceil":
+                    return v.negate(floor(v.negate(x), ""))
+                case "mod":
+                    return v.subtract(x, v.multiply(floor(v.divide(x, y), ""), y))
+                case "div" | "rem":
+                    quotient = v.divide(x, y)
+                    if not isinstance(quotient, ca.SX):
+                        return BUILTINS[node.function]([x, y])  # type: ignore[return-value]
+                    down, up = floor(quotient, "down"), v.negate(floor(v.negate(quotient), "up"))
+                    cut = ca.if_else(quotient >= 0, v.symbolic(down), v.symbolic(up))
+                    return cut if node.function == "div" else v.subtract(x, v.multiply(cut, y))
+            return floor(x, "")
+
+        if len(arguments) == 2:
+            return v.combined(one, arguments[0], arguments[1])
+        return v.mapped(lambda x: one(x, 1.0), arguments[0])
 
     def _function(self, node: s.Call) -> tuple[Value, ...]:
         last = node.function.rpartition(".")[2]
@@ -275,14 +442,24 @@ class Evaluator:
     def _derivative(self, node: s.Call) -> Value:
         argument = node.arguments[0]
         if not isinstance(argument, s.Name | s.Index | s.Field):
-            raise self.error(
-                "model-der-expression",
-                f"der({text(argument)}) differentiates an expression",
-                node,
-                "Introduce a variable for the expression and differentiate that variable.",
-            )
+            return v.mapped(lambda x: self._rate(x, node), self.value(argument))
         scope = _DerivativeScope(self.scope)
         return Evaluator(scope, self.call, self.locate, self.iterators, node.span or self.at).value(argument)
+
+    def _rate(self, value: Scalar, node: s.Call) -> Scalar:
+        """The time derivative of an expression, by the chain rule."""
+        if not isinstance(value, ca.SX):
+            return 0.0
+        made: Scalar = 0.0
+        for symbol in ca.symvar(value):
+            rate = self.scope.rate(symbol.name())
+            if rate is None:
+                what = f"der({text(node.arguments[0])}) differentiates an input or a discrete variable"
+                remedy = "Introduce a variable for it (`Real x = u;`) and differentiate x in its place."
+                raise self.error("model-der-input", what, node, remedy)
+            if not (isinstance(rate, float) and rate == 0.0):
+                made = v.add(made, v.multiply(ca.jacobian(value, symbol), rate))
+        return made
 
     # Arrays -------------------------------------------------------------------------------------------------
 
@@ -353,6 +530,20 @@ class _DerivativeScope:
 
     def derivative(self, name: str) -> Value | None:
         return None
+
+    def rate(self, symbol: str) -> Scalar | None:
+        return None
+
+    def declared_shape(self, name: str) -> tuple[int, ...] | None:
+        return self.scope.declared_shape(name)
+
+
+def _is_plain(node: s.Node) -> TypeGuard[s.Name]:
+    return isinstance(node, s.Name) and not node.subscripts
+
+
+def _is_clock(node: s.Node) -> bool:
+    return isinstance(node, s.Call) and node.function.rpartition(".")[2] == "Clock"
 
 
 def refusal(what: str, where: Place | None) -> ModelError:

@@ -10,6 +10,7 @@ import numpy as np
 
 from daest.errors import ModelError, Place
 from daest.modelica import syntax as s
+from daest.modelica import tables
 from daest.modelica import values as v
 from daest.modelica.expressions import Evaluator, field_of, indexed, refusal
 from daest.modelica.operators import BUILTINS, integer
@@ -44,6 +45,8 @@ class FunctionLibrary:
     ) -> tuple[Value, ...]:
         """The results of function `name`. Raises ModelError naming the call where it cannot be run."""
         last = name.rpartition(".")[2]
+        if tables.is_table(name):
+            return (_table(name, arguments, evaluator),)
         function = self.functions.get(name) or self._by_last_part(last)
         if function is None or function.is_external:
             if last in BUILTINS:
@@ -75,14 +78,20 @@ def run_algorithm(
     shapes: Mapping[str, tuple[int, ...]],
     evaluator: Evaluator,
     library: FunctionLibrary,
+    kept: frozenset[str] = frozenset(),
 ) -> dict[str, Value]:
     """The values that an algorithm section of a model gives to the variables that it assigns; `shapes` are
-    their sizes. Raises ModelError where one is not assigned on every way through."""
+    their sizes; those of `kept` begin with their values before the event. Raises ModelError where one is not
+    assigned on every way through."""
     name = algorithm.origin or "the model"
     run = _Run(library, s.Function(name, (), (), (), algorithm.body, False, False), evaluator)
-    targets = assigned(algorithm.body)
+    run.evaluator.events, run.evaluator.is_live = evaluator.events, evaluator.is_live
+    targets = list(dict.fromkeys(target.partition("[")[0] for target in assigned(algorithm.body)))
     for target in targets:
-        run.declare(target, shapes.get(target, ()))
+        if target in kept and evaluator.events is not None:
+            run.frame[target] = evaluator.events.pre(target)
+        else:
+            run.declare(target, shapes.get(target, ()))
     run.block(algorithm.body)
     return {target: run.result(target) for target in targets}
 
@@ -100,6 +109,8 @@ def assigned(body: Sequence[s.Statement]) -> list[str]:
                 found += assigned(inner)
             case s.If(branches, otherwise):
                 found += [name for _, inner in branches for name in assigned(inner)] + assigned(otherwise)
+            case s.When(branches):
+                found += [name for _, inner in branches for name in assigned(inner)]
     return list(dict.fromkeys(found))
 
 
@@ -122,6 +133,13 @@ def _not_executable(name: str, function: s.Function | None, evaluator: Evaluator
     return evaluator.error("model-function", what, None, remedy)
 
 
+def _table(name: str, arguments: Sequence[Value], evaluator: Evaluator) -> Value:
+    try:
+        return tables.called(name, arguments)
+    except ValueError as problem:
+        raise evaluator.error("model-function", str(problem), None, _TABLE_REMEDY) from None
+
+
 def _record(function: s.Function, arguments: Sequence[Value]) -> Record:
     names = [variable.name for variable in function.inputs]
     return Record(dict(zip(names, arguments, strict=False)))
@@ -134,7 +152,7 @@ class _Run:
         self.library = library
         self.function = function
         self.frame: Frame = {}
-        self.evaluator = Evaluator(self, library, library.locate, {}, caller.at)
+        self.evaluator = Evaluator(self, library, library.locate, {}, caller.at, guard=caller.guard)
         self.jump: str | None = None
 
     # Scope --------------------------------------------------------------------------------------------------
@@ -163,6 +181,12 @@ class _Run:
         return found
 
     def derivative(self, name: str) -> Value | None:
+        return None
+
+    def rate(self, symbol: str) -> v.Scalar | None:
+        return None
+
+    def declared_shape(self, name: str) -> tuple[int, ...] | None:
         return None
 
     # Execution ----------------------------------------------------------------------------------------------
@@ -225,8 +249,32 @@ class _Run:
                 self.jump = kind
             case s.Assert():
                 return
+            case s.When(branches):
+                self._when(branches, statement.span)
+            case s.Reinit():
+                raise refusal("reinit in an algorithm", self.library.locate(statement.span))
             case s.Refused(what):
                 raise refusal(what, self.library.locate(statement.span))
+
+    def _when(
+        self, branches: tuple[tuple[s.Node, tuple[s.Statement, ...]], ...], span: s.Span | None
+    ) -> None:
+        """The branches as choices by whether they are active, a symbol each."""
+        events, place = self.evaluator.events, self.library.locate(span)
+        if events is None:
+            raise refusal("when", place)
+        active: list[ca.SX] = []
+        for condition, _ in branches:
+            conditions = v.elements(self.evaluator.value(condition))
+            active.append(events.activation(conditions, active, place))
+        before = dict(self.frame)
+        after = before
+        for symbol, (_, body) in zip(reversed(active), reversed(branches), strict=True):
+            self.frame = dict(before)
+            with self.evaluator.at_events():
+                self.block(body)
+            after = _merged(symbol, self.frame, after)
+        self.frame = after
 
     def _assign(self, target: s.Name, value: Value) -> None:
         if not target.subscripts and target.name in self.frame:
@@ -285,9 +333,11 @@ class _Run:
                 self._if(rest, otherwise)
             return
         before = dict(self.frame)
-        self.block(body)
+        with self.evaluator.guarded(condition):
+            self.block(body)
         yes, self.frame = self.frame, before
-        self._if(rest, otherwise)
+        with self.evaluator.guarded(ca.logic_not(condition)):
+            self._if(rest, otherwise)
         if self.jump is not None:
             raise self._error(f"`{self.jump}` depends on `{text(condition_node)}`", condition_node)
         self.frame = _merged(condition, yes, self.frame)

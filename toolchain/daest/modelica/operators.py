@@ -26,6 +26,9 @@ from daest.modelica.values import (
     total,
 )
 
+# Operators that a model with events gives a meaning to.
+EVENTFUL = ("pre", "edge", "change", "sample", "initial", "terminal")
+
 # Operators that need a memory or an event: the equation list of a differential-algebraic model has neither.
 REFUSED = (
     "pre",

@@ -18,6 +18,7 @@ import numpy as np
 from daest.errors import ModelError
 from daest.modelica import syntax as s
 from daest.modelica import values as v
+from daest.modelica.dialect import CONSTRUCTOR
 from daest.modelica.elements import Sizes, broadcast
 from daest.modelica.expressions import Evaluator, index_tuples
 from daest.modelica.scope import Element, ModelScope, element_names
@@ -47,10 +48,16 @@ def is_parameter(variable: s.FlatVariable) -> bool:
     return variable.variability in ("parameter", "constant")
 
 
+def declared_shapes(source: s.FlatSource) -> dict[str, tuple[int, ...]]:
+    """The sizes of all variables, () for a scalar."""
+    return {x.name: x.dimensions for x in source.variables}
+
+
 def numeric_scope(source: s.FlatSource, evaluator: EvaluatorFactory) -> ModelScope:
     """A scope in which every parameter has its present value as a number."""
     scope = ModelScope(tuple(x.name for x in source.variables), dict(source.literals))
     scope.constant_names = frozenset(x.name for x in source.variables if is_parameter(x))
+    scope.shapes = declared_shapes(source)
     for variable in source.variables:
         if is_parameter(variable):
             scope.pending[variable.name] = _numeric(variable, scope, evaluator)
@@ -146,7 +153,7 @@ def _fixed_numbers(source: s.FlatSource, numeric: ModelScope) -> frozenset[str]:
     roots = [
         name
         for name, x in variables.items()
-        if x.is_discrete or x.variability == "constant" or name in source.structural
+        if (x.is_discrete and not _is_object(x)) or x.variability == "constant" or name in source.structural
     ]
     found: set[str] = set()
     while roots:
@@ -158,6 +165,11 @@ def _fixed_numbers(source: s.FlatSource, numeric: ModelScope) -> frozenset[str]:
         if binding is not None:
             roots.extend(referenced_names(binding))
     return frozenset(found)
+
+
+def _is_object(variable: s.FlatVariable) -> bool:
+    """Whether the parameter is an external object: a table, which may hold tunable numbers."""
+    return isinstance(variable.binding, s.Call) and variable.binding.function.endswith(CONSTRUCTOR)
 
 
 def referenced_names(node: object) -> list[str]:
@@ -187,6 +199,8 @@ def _symbolic(
         if variable.name in fixed:
             return number
         value = shaped(reader.value(_bound(variable)), variable, reader)
+        if isinstance(value, v.Record):
+            return value
         names = element_names(variable.name, variable.dimensions)
         made = [
             _element(Element(name, i, variable, v.symbolic(x)), table, reader.size)

@@ -7,6 +7,7 @@ import casadi as ca
 from daest.errors import Place
 from daest.modelica import syntax as s
 from daest.modelica.annotations import NONE, Annotation, Role, annotation_of, check_keys
+from daest.modelica.events import Recorder, event_targets, has_events
 from daest.modelica.expressions import Evaluator
 from daest.modelica.functions import FunctionLibrary
 from daest.modelica.parameters import is_parameter, numeric_scope
@@ -22,15 +23,35 @@ class Reading:
         self.source = source
         self.sources = Sources(source.texts)
         self.time = ca.SX.sym("time")
+        self.events: Recorder | None = None
         self.numeric = numeric_scope(source, self.evaluator)
         names = tuple(variable.name for variable in source.variables)
         self.scope = ModelScope(names, {**source.literals, "time": self.time})
         self.scope.constant_names = self.numeric.constant_names
         self.discrete = frozenset(x.name for x in source.variables if x.is_discrete and not is_parameter(x))
+        self.scope.shapes = self.numeric.shapes
+        self.events = self._recorder() if has_events(source) else None
         self.annotations = {x.name: self._annotation(x) for x in source.variables}
 
+    def _recorder(self) -> Recorder:
+        source = self.source
+        discrete = frozenset(x.name for x in source.variables if x.is_discrete and not is_parameter(x))
+        return Recorder(self.scope, event_targets(source), discrete)
+
     def evaluator(self, scope: ModelScope, span: s.Span | None) -> Evaluator:
-        return Evaluator(scope, self.library(scope), self.sources.place, at=span)
+        events = self.events if self.events is not None and scope is self.scope else None
+        return Evaluator(scope, self.library(scope), self.sources.place, at=span, events=events)
+
+    @property
+    def targets(self) -> frozenset[str]:
+        """Names of the variables that events assign."""
+        return frozenset() if self.events is None else self.events.targets
+
+    @property
+    def restarted(self) -> frozenset[str]:
+        """Names of the variables that `reinit` restarts, and of Real variables that events assign."""
+        bodies = [body for when in self.source.whens for _, body in when.branches]
+        return self.targets | {x.target.name for body in bodies for x in body if isinstance(x, s.Reinit)}
 
     def library(self, scope: ModelScope) -> FunctionLibrary:
         return FunctionLibrary(self.source.functions, self.sources.place, scope.lookup)

@@ -23,6 +23,7 @@ class Roots:
 
     folders: tuple[Path, ...]
     origins: Mapping[str, Path]
+    objects: tuple[str, ...] = ()  # external objects, whose constructors are functions beside them
 
     def original(self, file: str) -> str:
         """The user's own file that a file of `folders` was made from."""
@@ -46,22 +47,30 @@ def readable_roots(folders: Sequence[Path], text: bytes, path: Path) -> Roots:
     `text` declares in `uses`, else the highest. A folder with several versions, or with files that begin with
     a byte order mark, is replaced by a copy in the cache, without a file of the name of `path`.
     """
-    uses = {name.decode(): version.decode() for name, version in _USES.findall(text)}
-    seen: set[str] = set()
     made: list[Path] = []
     origins: dict[str, Path] = {}
-    for folder in folders:
-        if (folder / "package.mo").is_file():
-            is_new = _library(folder)[0] not in seen
-            seen.add(_library(folder)[0])
-            chosen, is_whole = ([folder] if is_new else []), is_new
-        else:
-            chosen, is_whole = _chosen(folder, uses, seen, path.resolve())
+    for folder, chosen, is_whole in chosen_libraries(folders, text, path):
         if is_whole and not any(map(_has_mark, _modelica_files(folder))):
             made.append(folder)
         elif chosen := [entry for entry in chosen if entry.name != path.name]:
             made.append(_copied(chosen, origins))
     return Roots(tuple(made), origins)
+
+
+def chosen_libraries(folders: Sequence[Path], text: bytes, path: Path) -> list[tuple[Path, list[Path], bool]]:
+    """Of each folder the libraries that are used, and whether those are all that it holds. See
+    `readable_roots`."""
+    uses = {name.decode(): version.decode() for name, version in _USES.findall(text)}
+    seen: set[str] = set()
+    found: list[tuple[Path, list[Path], bool]] = []
+    for folder in folders:
+        if (folder / "package.mo").is_file():
+            is_new = _library(folder)[0] not in seen
+            seen.add(_library(folder)[0])
+            found.append((folder, [folder] if is_new else [], is_new))
+        else:
+            found.append((folder, *_chosen(folder, uses, seen, path.resolve())))
+    return found
 
 
 def library_entries(folder: Path) -> list[Path]:

@@ -71,9 +71,14 @@ def algorithm_rows(algorithm: s.FlatAlgorithm, reading: Reading) -> list[Row]:
     """One row `variable - value` per scalar that an algorithm section assigns."""
     shapes = {variable.name: variable.dimensions for variable in reading.source.variables}
     evaluator = reading.evaluator(reading.scope, algorithm.span)
-    results = run_algorithm(algorithm, shapes, evaluator, reading.library(reading.scope))
+    library = reading.library(reading.scope)
+    results = run_algorithm(algorithm, shapes, evaluator, library, reading.targets)
     made: list[Row] = []
     for name, value in results.items():
+        if name in reading.targets:
+            assert reading.events is not None
+            reading.events.update(name, value)
+            continue
         names = element_names(name, shapes.get(name, ()))
         residuals = _differences(evaluator.value(s.Name(name)), value, evaluator)
         equation = s.FlatEquation(s.Name(name), None, "component", algorithm.origin, algorithm.span)

@@ -13,7 +13,7 @@ from daest.errors import ModelError
 from daest.modelica import values as v
 from daest.modelica.expressions import PathPart, indexed, split_path
 from daest.modelica.syntax import FlatVariable
-from daest.modelica.values import Record, Value
+from daest.modelica.values import Record, Scalar, Value
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,8 @@ class ModelScope:
     derivatives: dict[str, Value] = field(default_factory=dict)
     pending: dict[str, Callable[[], Value]] = field(default_factory=dict)
     constant_names: frozenset[str] = frozenset()  # parameters and constants: their derivative is zero
+    shapes: dict[str, tuple[int, ...]] = field(default_factory=dict)  # declared sizes of all variables
+    _rates: dict[str, ca.SX | float] = field(default_factory=dict)  # der() by the name of the symbol
     _running: list[str] = field(default_factory=list)
     _tree: Tree | None = None
 
@@ -128,6 +130,26 @@ class ModelScope:
             f"der({name}) differentiates an input or a discrete variable",
             remedy=f"Introduce a variable x = {name} and write der(x).",
         )
+
+    def rate(self, symbol: str) -> Scalar | None:
+        if not self._rates:
+            self._rates = self._all_rates()
+        return self._rates.get(symbol)
+
+    def _all_rates(self) -> dict[str, ca.SX | float]:
+        found: dict[str, ca.SX | float] = {"time": 1.0}
+        for name in self.constant_names:
+            value = self.lookup(name)
+            for element in v.elements(value) if value is not None else ():
+                if isinstance(element, ca.SX):
+                    found.update((symbol.name(), 0.0) for symbol in ca.symvar(element))
+        for name, rates in self.derivatives.items():
+            pairs = zip(v.elements(self.values[name]), v.elements(rates), strict=True)
+            found.update((value.name(), rate) for value, rate in pairs)  # type: ignore[union-attr, misc]
+        return found
+
+    def declared_shape(self, name: str) -> tuple[int, ...] | None:
+        return self.shapes.get(name)
 
 
 def component_tree(names: Iterable[str]) -> Tree:

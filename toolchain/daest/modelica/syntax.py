@@ -199,7 +199,24 @@ class Refused:
     span: Span | None = field(default=None, compare=False)
 
 
-Statement = Assign | AssignCall | For | While | If | Jump | Assert | Refused
+@dataclass(frozen=True, slots=True)
+class Reinit:
+    """`reinit(target, value)` of a when-equation."""
+
+    target: Name
+    value: Node
+    span: Span | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class When:
+    """`when c1 then … elsewhen c2 then …`, of an algorithm or among the equations."""
+
+    branches: tuple[tuple[Node, tuple[Statement, ...]], ...]
+    span: Span | None = field(default=None, compare=False)
+
+
+Statement = Assign | AssignCall | For | While | If | Jump | Assert | Refused | Reinit | When
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,6 +303,7 @@ class FlatSource:
     records: dict[str, tuple[str, ...]]  # component of a record type -> its fields
     literals: dict[str, int]  # enumeration literal -> ordinal
     structural: frozenset[str]  # parameters that sizes, loops or branches were decided on
-    refused: tuple[tuple[str, Span | None], ...]  # constructs of the model without a meaning here
+    initial_algorithms: tuple[FlatAlgorithm, ...]
+    whens: tuple[When, ...] = ()  # the when-equations
     texts: dict[int, tuple[str, bytes]] = field(default_factory=dict)  # source number -> file name, text
     own: tuple[int, ...] = ()  # the number of the file that was asked for

@@ -3,7 +3,7 @@ expression (bound inputs of components; Boolean, Integer and enumeration variabl
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 
@@ -29,6 +29,7 @@ class Declared:
     derivatives: list[ca.SX] = field(default_factory=list)
     defining: list[s.FlatEquation] = field(default_factory=list)
     substitutes: dict[str, s.Node] = field(default_factory=dict)
+    held: list[Element] = field(default_factory=list)  # unknowns that keep their values between events
 
 
 # One way a discrete variable, or one element of it, is defined: the equation (None: the binding), and its
@@ -45,13 +46,23 @@ def declare_variables(reading: Reading) -> Declared:
             continue
         if reading.is_noise(variable):
             declared.noises += _elements(variable, reading)
+        elif variable.name in reading.targets and variable.is_discrete:
+            assert reading.events is not None
+            reading.events.remember(variable)
         elif variable.causality == "input" and variable.is_top_level:
             declared.inputs += _elements(variable, reading)
         elif variable.name in definitions:
             reading.scope.pending[variable.name] = _Maker(reading, variable, definitions[variable.name])
         else:
-            declared.unknowns += _elements(variable, reading)
+            restarted = variable.name in reading.restarted
+            shown = replace(variable, state_select="always") if restarted else variable
+            elements = _elements(shown, reading)
+            declared.unknowns += elements
             declared.derivatives += _derivatives(variable, reading)
+            if variable.name in reading.targets:
+                assert reading.events is not None
+                reading.events.hold(element.name for element in elements)
+                declared.held += elements
     return declared
 
 
@@ -82,14 +93,44 @@ def _definitions(reading: Reading, declared: Declared) -> dict[str, list[Definit
             declared.substitutes[variable.name] = variable.binding
         if is_bound_input or variable.name in reading.discrete:
             found[variable.name] = [(None, variable.binding)]
+    open_ends: list[s.FlatEquation] = []
     for equation in reading.source.equations:
-        left = equation.left
-        if isinstance(left, s.Name) and left.name in reading.discrete and equation.right is not None:
-            found.setdefault(left.name, []).append((equation, equation.right))
-            declared.defining.append(equation)
-    for name in sorted(reading.discrete - set(found)):
+        left, right = equation.left, equation.right
+        if not isinstance(left, s.Name) or left.name not in reading.discrete or right is None:
+            continue
+        if equation.kind == "connection" and isinstance(right, s.Name) and right.name in reading.discrete:
+            open_ends.append(equation)
+        elif left.name not in reading.targets:
+            found.setdefault(left.name, []).append((equation, right))
+        declared.defining.append(equation)
+    _connect(found, open_ends, reading)
+    for name in sorted(reading.discrete - set(found) - reading.targets):
         _check_is_input(reading, name)
     return found
+
+
+def _connect(found: dict[str, list[Definition]], connections: list[s.FlatEquation], reading: Reading) -> None:
+    """Discrete variables that connections equate get their definition from the end that has one."""
+    given = {x.name for x in reading.source.variables if x.causality == "input" and x.is_top_level}
+    known = {*found, *reading.targets, *(given & reading.discrete)}
+    waiting = connections
+    while waiting:
+        later = []
+        for equation in waiting:
+            left, right = equation.left, equation.right
+            assert isinstance(left, s.Name) and isinstance(right, s.Name)
+            for name, other in ((left, right), (right, left)):
+                if other.name in known and name.name not in known:
+                    turned = replace(equation, left=name, right=other)
+                    found[name.name] = [(turned, other)]
+                    known.add(name.name)
+                    break
+            else:
+                if not (left.name in known and right.name in known):
+                    later.append(equation)
+        if len(later) == len(waiting):
+            return
+        waiting = later
 
 
 def _check_is_input(reading: Reading, name: str) -> None:

@@ -16,7 +16,9 @@
  *   daest_out   (x, u, theta, t) -> h (n_y), dh/dx (n_y x n), dh/dtheta_e (n_y x p)
  *   daest_hold  (x, u, theta, t) -> g (n_g), dg/dx (n_g x n, row-major), dg/dtheta_e (n_g x p, row-major):
  *               invariants g = 0 onto which every step is pulled back (NG > 0; with project.c before this text)
- * Compile-time constants: NX, NU, NP, NY, NG and the work sizes RHS_*, SENS_*, OUT_*, HOLD_* of the functions.
+ *   daest_root  (x, u, theta, t) -> g (n_r): functions that end the integration where one of them leaves its side
+ *               of zero (NR > 0)
+ * Compile-time constants: NX, NU, NP, NY, NG, NR and the work sizes RHS_*, SENS_*, OUT_*, HOLD_* of the functions.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -32,8 +34,13 @@ enum {
   NO_MEMORY = 4,
   DEPENDENT_CONSTRAINTS = 5,
   STALLED = 6,
-  STOPPED = 7
+  STOPPED = 7,
+  EVENT = 8
 };
+
+#ifndef NR
+#define NR 0
+#endif
 
 enum {
   NEWTON_STEPS = 10,
@@ -393,11 +400,84 @@ static int project(Work *k, Model *m, const double *u, double t, const double *a
 }
 #endif
 
+#if NR > 0
+enum { MOST_TRIALS = 80 }; /* of the length of a step that ends on a root; bisection alone needs 55 */
+#define ROOT_TIME 1e-14    /* error of an event's time, relative to the larger of the time and the step */
+
+/* The search for the first root inside a step: `lo` is a length at which no function has left its side, `hi` one at
+ * which some have, 0 while no root is in sight. */
+typedef struct {
+  double lo, hi, at_lo[NR], at_hi[NR];
+  int same_side, trials;
+} Bracket;
+
+static int roots_at(Work *k, Model *m, const Interval *s, const double *x, double t, double *g) {
+  input_at(s, t, k->u);
+  return call(daest_root, m, x, k->u, t, g, 0, 0) || !all_finite(g, NR);
+}
+
+static int any_left(const double *g, const double *side) {
+  for (int i = 0; i < NR; ++i)
+    if (side[i] * g[i] < 0.0) return 1;
+  return 0;
+}
+
+/* A part of the step just computed, below 1, at which its polynomial has left a side; 1 if there is none. */
+static double left_inside(Work *k, Model *m, const Interval *s, double t, double step, const double *side) {
+  double g[NR], x[NX];
+  for (int i = 1; i < 8; ++i) {
+    double part = i / 8.0;
+    extrapolate(k->Z, k->c, part, x);
+    for (int q = 0; q < NX; ++q) x[q] += k->x[q];
+    if (roots_at(k, m, s, x, t + part * step, g)) continue;
+    if (any_left(g, side)) return part;
+  }
+  return 1.0;
+}
+
+/* Where the first of the functions that have left their side at `hi` crosses, on straight lines. */
+static double crossing(const Bracket *b, const double *side) {
+  double first = b->hi;
+  for (int i = 0; i < NR; ++i) {
+    double lo = fmax(side[i] * b->at_lo[i], 0.0), hi = side[i] * b->at_hi[i];
+    if (hi < 0.0) first = fmin(first, b->lo + (b->hi - b->lo) * lo / (lo - hi));
+  }
+  return first;
+}
+
+/* Length of the next trial, given the functions `g` at the end of a step of length `step`; 0 where the step ends on
+ * the root: just behind it. */
+static double next_trial(Bracket *b, const double *g, double step, const double *side, double t) {
+  int left = any_left(g, side), keeps_side;
+  double tolerance = ROOT_TIME * fmax(fabs(t), step);
+  if (left) {
+    keeps_side = b->same_side > 0;
+    b->hi = step;
+    memcpy(b->at_hi, g, sizeof b->at_hi);
+  } else {
+    keeps_side = b->same_side < 0;
+    b->lo = step;
+    memcpy(b->at_lo, g, sizeof b->at_lo);
+  }
+  b->same_side = left ? 1 : -1;
+  double at = crossing(b, side);
+  if (left && (b->hi - at <= tolerance || b->hi - b->lo <= tolerance || ++b->trials > MOST_TRIALS)) return 0.0;
+  if (b->hi - b->lo <= tolerance) return b->hi;
+  if (keeps_side) at = 0.5 * (b->lo + b->hi);
+  /* A little behind the root, so that the other end of the bracket comes near as well. */
+  return fmin(b->hi, fmax(at + 0.25 * tolerance, b->lo + 0.25 * tolerance));
+}
+#endif
+
 /* How far the integration has come: `steps` of at most `most`, reached[0] the time and reached[1] the step that comes
  * next, and when the pace was looked at last. */
 typedef struct {
   double *reached, end, looked_at;
   long steps, most;
+#if NR > 0
+  const double *side; /* of zero on which each root function is; null: none is looked at */
+  double *flags;      /* 1 for those that have left it, at an event */
+#endif
 } Progress;
 
 /* The first step: in it the state moves by a hundredth of its size (Hairer, Norsett & Wanner I, section II.4). */
@@ -445,13 +525,28 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
   const double newton_tolerance = fmax(10 * 2.2e-16 / rtol, fmin(0.03, sqrt(rtol)));
   double t = s->t0, *h = p->reached + 1;
   int rejected = 0;
+#if NR > 0
+  double roots[NR];
+  Bracket b = {0};
+  if (p->side && roots_at(k, m, s, k->x, t, b.at_lo)) return NOT_FINITE;
+#endif
   while (t < s->t1) {
     int status = counted(p, t);
     if (status) return status;
+#if NR > 0
+    if (b.hi > 0.0 && *h <= 4 * 2.2e-16 * fabs(t)) { /* the root is where the step starts */
+      for (int i = 0; i < NR; ++i) p->flags[i] = p->side[i] * b.at_hi[i] < 0.0;
+      p->reached[0] = t;
+      return EVENT;
+    }
+#endif
     if (rejected > MOST_REJECTED || *h <= 4 * 2.2e-16 * fabs(t)) return STEP_TOO_SMALL;
     /* A remainder that is hardly longer than the step is taken at once; no sliver is left over. */
     int last = *h >= 0.9 * (s->t1 - t);
     double step = last ? s->t1 - t : *h;
+#if NR > 0
+    if (b.hi > 0.0) last = 0, step = *h;
+#endif
     input_at(s, t, k->u);
     if (!rejected &&
         (call(daest_rhs, m, k->x, k->u, t, k->f0, k->J0, 0) || !all_finite(k->f0, NX) || !all_finite(k->J0, NX * NX)))
@@ -459,6 +554,9 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
     for (int q = 0; q < NX; ++q) k->scale[q] = atol[q] + rtol * fabs(k->x[q]);
     int iterations = solved_stages(k, m, s, t, step, newton_tolerance);
     if (!iterations) {
+#if NR > 0
+      b.hi = 0.0;
+#endif
       *h = (rejected > 2 ? 0.25 : 0.5) * step;
       ++rejected;
       continue;
@@ -467,11 +565,39 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
     /* The more iterations, the more careful, (8.21). */
     double safety = 0.9 * (2.0 * NEWTON_STEPS + 1.0) / (2.0 * NEWTON_STEPS + iterations);
     double factor_h = safety * pow(fmax(size, 1e-10), -0.25);
+#if NR > 0
+    if (b.hi > 0.0) size = fmin(size, 1.0); /* a longer step was good enough */
+#endif
     if (!(size <= 1.0)) {
       *h = step * fmax(0.1, isfinite(size) ? factor_h : 0.1);
       ++rejected;
       continue;
     }
+#if NR > 0
+    int is_event = 0;
+    if (p->side) {
+      double end[NX];
+      for (int q = 0; q < NX; ++q) end[q] = k->x[q] + k->Z[2 * NX + q];
+      if (roots_at(k, m, s, end, t + step, roots)) return NOT_FINITE;
+      int left = any_left(roots, p->side);
+      if (!left && b.hi == 0.0) {
+        double part = left_inside(k, m, s, t, step, p->side);
+        if (part < 1.0) {
+          *h = part * step;
+          continue;
+        }
+      }
+      if (left || b.hi > 0.0) {
+        double trial = next_trial(&b, roots, step, p->side, t);
+        if (trial > 0.0) {
+          *h = trial;
+          continue;
+        }
+        is_event = 1;
+        for (int i = 0; i < NR; ++i) p->flags[i] = p->side[i] * roots[i] < 0.0;
+      }
+    }
+#endif
     if (directions > 0) {
       stage_jacobians(k, m, s, t, step);
       if (!sensitivities(k, step, S, directions)) return STEP_TOO_SMALL;
@@ -483,6 +609,14 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
 #if NG > 0
     input_at(s, t, k->u);
     if ((status = project(k, m, k->u, t, atol, S, directions))) return status;
+#endif
+#if NR > 0
+    if (is_event) {
+      p->reached[0] = t;
+      return EVENT;
+    }
+    if (p->side) memcpy(b.at_lo, roots, sizeof b.at_lo);
+    b.lo = 0.0;
 #endif
     double proposal = step * fmin(rejected ? 1.0 : 8.0, fmax(0.2, factor_h));
     /* A step shortened to end on the sample says nothing against a longer one. */
@@ -525,6 +659,12 @@ static int allocate(Work **k, Model *m, double **S, int directions) {
   w = w > HOLD_W ? w : HOLD_W;
   arg = arg > HOLD_ARG ? arg : HOLD_ARG;
   res = res > HOLD_RES ? res : HOLD_RES;
+#if NR > 0
+  iw = iw > ROOT_IW ? iw : ROOT_IW;
+  w = w > ROOT_W ? w : ROOT_W;
+  arg = arg > ROOT_ARG ? arg : ROOT_ARG;
+  res = res > ROOT_RES ? res : ROOT_RES;
+#endif
   m->iw = malloc(sizeof(casadi_int) * ((iw > OUT_IW ? iw : OUT_IW) + 1));
   m->w = malloc(sizeof(double) * ((w > OUT_W ? w : OUT_W) + 1));
   m->arg = malloc(sizeof(double *) * ((arg > OUT_ARG ? arg : OUT_ARG) + 4));
@@ -552,15 +692,12 @@ static void release(Work *k, Model *m, double *S) {
   free(k);
 }
 
-/* Solution over n samples. u0, u1: (n-1) x NU inputs at the two ends of each interval; u_last: NU, input at the
- * last sample. x0 (NX). S0: NX x directions row-major, or null. y: n x NY (NaN: missing) and gain: NX x NY,
- * advanced by gain_stride per sample, or null. Out: states n x NX before correction; predicted n x NY; sens
- * n x NY x directions of `predicted`, or null; steps; reached: {time, step that was to come next, not zero where
- * another thread wants an end}. Returns a code above. */
-int daest_simulate(long n, const double *time, const double *u0, const double *u1, const double *u_last,
-                   const double *theta, const double *x0, int directions, const double *S0, const double *y,
-                   const double *gain, long gain_stride, double rtol, const double *atol, long max_steps, double *states,
-                   double *predicted, double *sens, long *steps, double *reached) {
+/* What daest_simulate and daest_follow share. */
+static int run(long n, const double *time, const double *u0, const double *u1, const double *u_last,
+               const double *theta, const double *x0, int directions, const double *S0, const double *y,
+               const double *gain, long gain_stride, double rtol, const double *atol, long max_steps, double *states,
+               double *predicted, double *sens, long *steps, double *reached, const double *side, double *flags,
+               long *done, double *x_end, double *S_end) {
   Model m;
   Work *k = 0;
   double *S = 0;
@@ -574,7 +711,13 @@ int daest_simulate(long n, const double *time, const double *u0, const double *u
     memcpy(k->x, x0, sizeof(double) * NX);
     if (directions > 0) memcpy(S, S0, sizeof(double) * NX * directions);
     status = DONE;
-    Progress p = {reached, n > 0 ? time[n - 1] : 0.0, reached[0], 0, max_steps};
+    Progress p = {.reached = reached, .end = n > 0 ? time[n - 1] : 0.0, .looked_at = reached[0], .most = max_steps};
+#if NR > 0
+    p.side = side;
+    p.flags = flags;
+#else
+    (void)side, (void)flags;
+#endif
 #if NG > 0
     if (n > 0) status = project(k, &m, n > 1 ? u0 : u_last, time[0], atol, S, directions);
 #endif
@@ -583,6 +726,7 @@ int daest_simulate(long n, const double *time, const double *u0, const double *u
       measure(k, &m, i + 1 < n ? u0 + i * NU : u_last, time[i], y ? y + i * NY : 0,
               gain ? gain + i * gain_stride : 0, S, directions, predicted + i * NY,
               sens ? sens + i * NY * directions : 0);
+      if (done) *done = i + 1;
 #if NG > 0
       if (gain) status = project(k, &m, i + 1 < n ? u0 + i * NU : u_last, time[i], atol, S, directions);
       if (status) break;
@@ -596,7 +740,33 @@ int daest_simulate(long n, const double *time, const double *u0, const double *u
       status = advance(k, &m, &s, &p, S, directions, rtol, atol);
     }
     *steps = p.steps;
+    if (x_end) memcpy(x_end, k->x, sizeof(double) * NX);
+    if (S_end && directions > 0) memcpy(S_end, S, sizeof(double) * NX * directions);
   }
   release(k, &m, S);
   return status;
+}
+
+/* Solution over n samples. u0, u1: (n-1) x NU inputs at the two ends of each interval; u_last: NU, input at the
+ * last sample. x0 (NX). S0: NX x directions row-major, or null. y: n x NY (NaN: missing) and gain: NX x NY,
+ * advanced by gain_stride per sample, or null. Out: states n x NX before correction; predicted n x NY; sens
+ * n x NY x directions of `predicted`, or null; steps; reached: {time, step that was to come next, not zero where
+ * another thread wants an end}. Returns a code above. */
+int daest_simulate(long n, const double *time, const double *u0, const double *u1, const double *u_last,
+                   const double *theta, const double *x0, int directions, const double *S0, const double *y,
+                   const double *gain, long gain_stride, double rtol, const double *atol, long max_steps, double *states,
+                   double *predicted, double *sens, long *steps, double *reached) {
+  return run(n, time, u0, u1, u_last, theta, x0, directions, S0, y, gain, gain_stride, rtol, atol, max_steps, states,
+             predicted, sens, steps, reached, 0, 0, 0, 0, 0);
+}
+
+/* The same without corrections, up to the first root (of NR > 0 functions): `side` (NR) is the sign that each root function keeps, 0 where
+ * it does not matter. Returns EVENT just behind a root, with reached[0] its time, flags (NR) 1 for what has left its
+ * side, done the samples that were written. x_end (NX), S_end (NX x directions): where it stopped. */
+int daest_follow(long n, const double *time, const double *u0, const double *u1, const double *u_last,
+                 const double *theta, const double *x0, int directions, const double *S0, double rtol,
+                 const double *atol, long max_steps, const double *side, double *states, double *predicted, double *sens,
+                 long *steps, double *reached, double *flags, long *done, double *x_end, double *S_end) {
+  return run(n, time, u0, u1, u_last, theta, x0, directions, S0, 0, 0, 0, rtol, atol, max_steps, states, predicted,
+             sens, steps, reached, side, flags, done, x_end, S_end);
 }

@@ -15,6 +15,8 @@ def has_affine_dynamics(explicit: ExplicitModel) -> bool:
     multiplied by it (a resistance at a fixed temperature), and one that no state and no output reads may be
     any function (the power that is lost in a damper)."""
     flat = explicit.flat
+    if flat.events is not None:
+        return False
     if flat.given is not None:
         return flat.given.has_affine_dynamics(flat)
     if is_affine_model(flat):

@@ -52,7 +52,8 @@ def expressions_of(system: ExpandedSystem, choice: StateChoice, definitions: Def
     ]
     stacked = definitions.insert_into(ca.vertcat(*parts))
     ends = np.cumsum([0, *(part.numel() for part in parts)]).tolist()
-    variables, rhs, outputs, rates = (stacked[a:b] for a, b in pairwise(ends))
+    # An empty slice of a column is a row.
+    variables, rhs, outputs, rates = (ca.reshape(stacked[a:b], b - a, 1) for a, b in pairwise(ends))
     return Expressions(variables, rhs, outputs, rates, with_rate)
 
 

@@ -18,11 +18,14 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
-from daest.errors import FmuError, ModelError, NumericalError
-from daest.model.flat import ExplicitModel
+from daest.errors import FmuError, ModelError
+from daest.model.flat import ExplicitModel, events_refused
 from daest.numerics.compiler import MOST_LINES, build_shared, effort
 from daest.numerics.projection import pull
 from daest.numerics.watched import watched
+from daest.systems.event_functions import EventFunctions
+from daest.systems.hybrid import HybridError, Inputs, follow
+from daest.systems.integration import FAILURES, IntegrationError, pointer
 
 Hold = Literal["zoh", "foh"]
 
@@ -34,36 +37,11 @@ SEARCH_STEPS, SEARCH_STEPS_PER_SAMPLE = 20_000, 50
 ALL_STEPS = 2_000_000_000  # of a simulation, which stops where its end is out of reach
 PROJECTED = 1e-3  # step onto invariants, in absolute tolerances, that ends the projection
 INTERPRETED_STEPS = 4  # per sample interval, without a C compiler
-_FAILURES = {
-    1: "the step size became too small: a singularity, or a discontinuity that is not smoothed",
-    2: "{steps} steps lead no farther, the next would be {next:.2g} s long: the model moves much "
-    "faster than the record, or is not smooth there",
-    3: "the model gives no finite derivative",
-    4: "there is not enough memory",
-    5: "the constraints of the model depend on each other there",
-    6: "after {steps} steps the steps are so short ({next:.2g} s) that the end is out of reach: a "
-    "discontinuity that is not smoothed, or a motion much faster than the record",
-}
 
 
 def search_steps(n_samples: int) -> int:
     """Steps after which a search gives up a trajectory of n samples."""
     return SEARCH_STEPS + SEARCH_STEPS_PER_SAMPLE * n_samples
-
-
-class IntegrationError(NumericalError):
-    """The integration stopped at `time`; a search steps back from such a point instead of giving up."""
-
-    def __init__(self, reason: str, time: float) -> None:
-        super().__init__(
-            "integration-failed",
-            f"The simulation stopped at t = {time:.6g} s: {reason}.",
-            remedy="Look at the parameter values and the state then; smooth discontinuities with a width.",
-        )
-        self.reason, self.time = reason, time
-
-    def __reduce__(self) -> tuple:
-        return type(self), (self.reason, self.time)
 
 
 @dataclass(frozen=True)
@@ -88,6 +66,7 @@ class Integrator:
     out: ca.Function  # (x, ū, theta, t) -> h, ∂h/∂x, ∂h/∂θ_names
     library: ctypes.CDLL | None  # None: interpreted by CasADi
     hold: ca.Function | None = None  # (x, ū, theta, t) -> g, ∂g/∂x, ∂g/∂θ_names by rows: invariants g = 0
+    events: tuple[EventFunctions, np.ndarray] | None = None  # with the owner of each root function
 
     def __reduce__(self) -> tuple:
         # A library belongs to its process; another one loads it anew.
@@ -112,14 +91,18 @@ def integrator(
     has any. Raises ModelError `unknown-parameter` for a name that is no parameter.
     """
     rhs, sens, out, hold = _model_functions(explicit, tuple(names))
-    library = None
+    library, events, root = None, None, None
+    if explicit.flat.events is not None:
+        functions = EventFunctions(explicit)
+        root, owners = functions.roots()
+        events = functions, owners
     if compiled and explicit.flat.given is None:
         try:
-            library = _compile(rhs, sens, out, hold, "-O1" if runs_once else "-O3")
+            library = _compile(rhs, sens, out, hold, root, "-O1" if runs_once else "-O3")
         except FmuError as error:
             if error.code != "no-c-compiler":
                 raise
-    return Integrator(explicit, tuple(names), rhs, sens, out, library, hold)
+    return Integrator(explicit, tuple(names), rhs, sens, out, library, hold, events)
 
 
 def _again(explicit: ExplicitModel, names: tuple[str, ...], compiled: bool) -> Integrator:
@@ -176,19 +159,28 @@ def _slopes_alone(rhs: ca.Function) -> ca.Function:
 
 
 def _compile(
-    rhs: ca.Function, sens: ca.Function, out: ca.Function, hold: ca.Function | None, wanted: str
+    rhs: ca.Function,
+    sens: ca.Function,
+    out: ca.Function,
+    hold: ca.Function | None,
+    root: ca.Function | None,
+    wanted: str,
 ) -> ctypes.CDLL | None:
+    if root is not None and not root.numel_out(0):
+        root = None
     generator = ca.CodeGenerator("model.c")
-    for function in (rhs, sens, out) if hold is None else (rhs, sens, out, hold):
-        generator.add(function)
+    for function in (rhs, sens, out, hold, root):
+        if function is not None:
+            generator.add(function)
     constants = [
         ("NX", rhs.numel_in(0)),
         ("NU", rhs.numel_in(1)),
         ("NP", sens.numel_out(1) // max(rhs.numel_in(0), 1)),
         ("NY", out.numel_out(0)),
         ("NG", 0 if hold is None else hold.numel_out(0)),
+        ("NR", 0 if root is None else root.numel_out(0)),
     ]
-    every: dict[str, ca.Function | None] = {"RHS": rhs, "SENS": sens, "OUT": out, "HOLD": hold}
+    every: dict[str, ca.Function | None] = {"RHS": rhs, "SENS": sens, "OUT": out, "HOLD": hold, "ROOT": root}
     for prefix, part in every.items():
         sizes = [0 if part is None else getattr(part, f"sz_{work}")() for work in _WORK]
         constants += [(f"{prefix}_{w.upper()}", size) for w, size in zip(_WORK, sizes, strict=True)]
@@ -307,7 +299,24 @@ def integrate(
     run = _Run(time, u0, u1, u_last, theta, x0, directions, rtol, atol, correction, most, tell)
     if model.explicit.flat.given is not None:
         return _run_given(model, run, scale)
+    if model.events is not None:
+        return _run_hybrid(model, run)
     return _run_interpreted(model, run) if model.library is None else _run_radau(model, run)
+
+
+def _run_hybrid(model: Integrator, run: _Run) -> Trajectory:
+    """With events."""
+    if run.correction is not None:
+        raise events_refused("a prediction from sample to sample")
+    inputs = Inputs(run.time, run.u0, run.u1, run.u_last)
+    try:
+        made = follow(
+            model, inputs, run.theta, run.x0, None,
+            directions=run.directions, rtol=run.rtol, atol=run.atol, max_steps=run.max_steps,
+        )  # fmt: skip
+    except HybridError as error:
+        raise IntegrationError(error.what, float(run.time[0])) from error
+    return Trajectory(made.states, made.outputs, made.sensitivities, made.n_steps)
 
 
 def _run_given(model: Integrator, run: _Run, scale: np.ndarray) -> Trajectory:
@@ -332,14 +341,14 @@ def _run_radau(model: Integrator, run: _Run) -> Trajectory:
         gain = np.ascontiguousarray(run.correction.gain, dtype=float)
         stride = gain[0].size if gain.ndim == 3 else 0
     arguments = (
-        ctypes.c_long(n), *map(_pointer, (run.time, run.u0, run.u1, run.u_last, run.theta, run.x0)),
-        ctypes.c_int(run.directions), _pointer(start), _pointer(y), _pointer(gain), ctypes.c_long(stride),
-        ctypes.c_double(run.rtol), _pointer(run.atol), ctypes.c_long(run.max_steps),
-        *map(_pointer, (states, outputs, sens)), ctypes.byref(steps), _pointer(reached),
+        ctypes.c_long(n), *map(pointer, (run.time, run.u0, run.u1, run.u_last, run.theta, run.x0)),
+        ctypes.c_int(run.directions), pointer(start), pointer(y), pointer(gain), ctypes.c_long(stride),
+        ctypes.c_double(run.rtol), pointer(run.atol), ctypes.c_long(run.max_steps),
+        *map(pointer, (states, outputs, sens)), ctypes.byref(steps), pointer(reached),
     )  # fmt: skip
     status = _watched(model.library.daest_simulate, arguments, reached, run.tell)
     if status:
-        reason = _FAILURES[status].format(steps=steps.value, next=reached[1])
+        reason = FAILURES[status].format(steps=steps.value, next=reached[1])
         raise IntegrationError(reason, float(reached[0]))
     return Trajectory(states, outputs, sens, steps.value)
 
@@ -357,10 +366,6 @@ def _watched(
         reached[2] = 1.0
 
     return watched(lambda: simulate(*arguments), lambda: tell(float(reached[0])), stop)
-
-
-def _pointer(array: np.ndarray | None) -> ctypes.c_void_p | None:
-    return None if array is None else array.ctypes.data_as(ctypes.c_void_p)
 
 
 def _run_interpreted(model: Integrator, run: _Run) -> Trajectory:
@@ -391,7 +396,7 @@ def _run_interpreted(model: Integrator, run: _Run) -> Trajectory:
         except RuntimeError as error:
             raise IntegrationError("the Newton iteration did not converge", float(run.time[i])) from error
         if not np.all(np.isfinite(x_next)):
-            raise IntegrationError(_FAILURES[3], float(run.time[i]))
+            raise IntegrationError(FAILURES[3], float(run.time[i]))
         x = x_next.ravel()
         S = transition @ S
         if run.directions:

@@ -59,6 +59,11 @@ def linearize(
     there `at` has no effect. For a nonlinear model without `at` the start values are used, and a note in the
     result says so; another note tells the time where the equations contain it.
     """
+    if flat.events is not None:
+        from daest.systems.modes import in_starting_mode
+
+        flat = in_starting_mode(flat, theta=theta)
+        theta = None
     values = flat.checked_theta(theta)
     if flat.given is not None:
         return flat.given.linearize(flat, values, at)
@@ -249,6 +254,13 @@ def _check_finite(flat: FlatModel, matrices: list[sp.csc_array]) -> None:
 
 def _notes(flat: FlatModel, is_affine: bool, point: OperatingPoint) -> tuple[str, ...]:
     notes = []
+    if flat.events is not None:
+        from daest.systems.modes import mode_text
+
+        mode = mode_text(flat)
+        notes.append(
+            f"The model changes at events: these are the matrices of the mode it starts in ({mode})."
+        )
     if not is_affine and not point.is_given:
         notes.append(
             "The model is nonlinear: these are its matrices at the start values "

@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from daest.errors import EstimationError, FmuError, ModelError
-from daest.model.flat import ExplicitModel
+from daest.model.flat import ExplicitModel, events_refused
 from daest.numerics.compiler import build_shared, effort, processor_flags
 from daest.systems.gaussian_average import averaged
 
@@ -77,6 +77,8 @@ def local_model(
     Raises ModelError `unknown-parameter`; EstimationError `output-white-noise` where an output contains white
     noise directly.
     """
+    if explicit.flat.events is not None:
+        raise events_refused("a filter")
     if explicit.flat.given is not None:
         return _given_model(explicit, tangents or inside)
     parts = _Parts.of(explicit, tuple(names))

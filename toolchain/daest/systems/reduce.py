@@ -43,24 +43,29 @@ def reduce_index(flat: FlatModel) -> ExplicitModel:
 def _solve(system: ExpandedSystem, choice: StateChoice, point: SamplePoint) -> Definitions:
     solved, states = choice.solved, choice.states
     z = system.pick(solved)
-    known = ca.vertcat(system.pick(states), *system.u, *system.w, system.flat.time)
+    # What changes at events counts as known, not as a parameter: a coefficient that vanishes in some mode is
+    # no pivot.
+    memory = [i for i, p in enumerate(system.flat.parameters) if p.is_memory]
+    steady = [i for i, p in enumerate(system.flat.parameters) if not p.is_memory]
+    kept, tunable = system.flat.theta[memory], system.flat.theta[steady]
+    known = ca.vertcat(system.pick(states), *system.u, *system.w, system.flat.time, kept)
     n_theta = len(system.flat.parameters)
 
     def values(at: SamplePoint) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         plain, theta, time = np.split(at.others, [at.others.size - n_theta - 1, at.others.size - 1])
         return (
             np.array([at.z[k, j] for j, k in solved]),
-            np.concatenate([[at.z[k, j] for j, k in states], plain, time]),
-            theta,
+            np.concatenate([[at.z[k, j] for j, k in states], plain, time, theta[memory]]),
+            theta[steady],
         )
 
-    equations = equations_at(system.residual, z, known, system.flat.theta, values(point))
+    equations = equations_at(system.residual, z, known, tunable, values(point))
     try:
         return solve_blocks(equations, equations.values)
     except DependentEquations as error:
         if not np.any(equations.varying):
             raise singular_after_reduction(system, [system.rows[r] for r in error.rows]) from error
-        elsewhere = equations_at(system.residual, z, known, system.flat.theta, values(nudged(point)))
+        elsewhere = equations_at(system.residual, z, known, tunable, values(nudged(point)))
         try:
             return solve_blocks(equations, elsewhere.values)
         except DependentEquations as generic:

@@ -12,15 +12,25 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from daest.errors import ModelError, NumericalError
 from daest.model.experiment import Experiment
-from daest.model.flat import ExplicitModel, FlatModel, GivenForm
+from daest.model.flat import ExplicitModel, FlatModel, GivenForm, events_refused
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.model.simulation import Simulation
 from daest.numerics.exponential import covariance_integral, transition_integrals
 from daest.numerics.projection import pull
 from daest.numerics.recursions import linear_recursion
 from daest.systems.affine_dynamics import has_affine_dynamics
+from daest.systems.event_functions import EventFunctions
+from daest.systems.hybrid import HybridRun, Inputs, Mode, follow, settled_start
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import ALL_STEPS, IntegrationError, integrate, integrator
+from daest.systems.integrate import (
+    ALL_STEPS,
+    ATOL_OF_SCALE,
+    IntegrationError,
+    integrate,
+    integrator,
+    interval_inputs,
+)
+from daest.systems.modes import in_starting_mode
 from daest.systems.pantelides import name_equations
 from daest.systems.reduce import reduce_index
 from daest.systems.redundant import good_everywhere, matching_states
@@ -47,6 +57,7 @@ class _Task:
     theta: np.ndarray
     x0: np.ndarray
     hold: Hold
+    mode: Mode | None = None
 
     @property
     def steps(self) -> np.ndarray:
@@ -86,14 +97,20 @@ def simulate(
     `input-derivative-hold`, `noise-intensity-missing` and what `initial_point` raises; NumericalError
     `simulation-failed`.
     """
+    if isinstance(model, FlatModel) and model.events is not None:
+        model = in_starting_mode(model, recording, theta)
     explicit = model if isinstance(model, ExplicitModel) else reduce_index(model)
     task = _prepare(explicit, recording, theta, hold, x0)
-    is_affine = has_affine_dynamics(explicit)
+    is_affine = explicit.flat.events is None and has_affine_dynamics(explicit)
     rng = np.random.default_rng(seed)
     w = np.zeros((task.time.size, len(explicit.flat.noises)))
     intensity = _intensities(explicit.flat, intensities or {}) if noise else np.zeros(0)
-    task = task if is_affine else _good_everywhere(task)
+    task = task if is_affine or explicit.flat.events is not None else _good_everywhere(task)
     with threadpool_limits(1):  # many small matrices: a second thread only waits
+        if explicit.flat.events is not None:
+            if np.any(intensity > 0):
+                raise events_refused("a simulation with noise")
+            return _with_events(task, rtol)
         if np.any(intensity > 0):
             states, w, method = (_affine_noisy if is_affine else _nonlinear_noisy)(task, intensity, rng)
         elif is_affine:
@@ -118,6 +135,10 @@ def _prepare(
     time, u = _inputs(explicit.flat, recording)
     v = _slopes(explicit, time, u, hold)
     values = explicit.flat.checked_theta(theta)
+    if explicit.flat.events is not None and not isinstance(x0, np.ndarray):
+        ubar = np.concatenate([u[0], v[0]])
+        start, mode = settled_start(EventFunctions(explicit), values, ubar, float(time[0]), x0)
+        return _Task(explicit, time, u, v, values, start, hold, mode)
     if isinstance(x0, Mapping) or x0 is None:
         start, _ = initial_point(explicit, values, u[0], v[0], float(time[0]), given=x0)
     else:
@@ -319,6 +340,38 @@ def _nonlinear(task: _Task, rtol: float, tell: Callable[[str], object]) -> tuple
     how = f"adaptive steps, rtol {rtol:g}" if engine.library is not None else "fixed steps"
     held = "" if task.explicit.invariants is None else ", projected on the constraints"
     return run.states, f"Radau IIA order 5, {how}, {task.hold}{held}"
+
+
+def _with_events(task: _Task, rtol: float) -> Simulation:
+    """The simulation of a model with events."""
+    engine = integrator(task.explicit, runs_once=True)
+    u0, u1 = interval_inputs(task.explicit, task.time, task.u, task.hold)
+    last = task.u[-1:] if not len(u1) else np.hstack([task.u[-1:], u1[-1:, task.u.shape[1] :]])
+    atol = rtol * ATOL_OF_SCALE * _state_scale(task.explicit)
+    try:
+        run = follow(
+            engine, Inputs(task.time, u0, u1, last), task.theta, task.x0, task.mode,
+            directions=0, rtol=rtol, atol=atol, max_steps=ALL_STEPS,
+        )  # fmt: skip
+    except IntegrationError as error:
+        raise _failed(error.time, error.reason) from error
+    count = f"{run.n_events} event{'' if run.n_events == 1 else 's'}"
+    method = f"Radau IIA order 5, adaptive steps, rtol {rtol:g}, {count}, {task.hold}"
+    w = np.zeros((task.time.size, len(task.explicit.flat.noises)))
+    return _with_memory(_collect(replace(task, theta=run.theta.T), run.states, w, method), task, run)
+
+
+def _with_memory(result: Simulation, task: _Task, run: HybridRun) -> Simulation:
+    """The simulation with the Boolean and Integer variables that events assign among its variables."""
+    events = task.explicit.flat.events
+    assert events is not None
+    kept = [one for one in events.assignments if one.slot >= 0]
+    return replace(
+        result,
+        variables=np.hstack([result.variables, run.theta[:, [one.slot for one in kept]]]),
+        variable_names=(*result.variable_names, *(one.name for one in kept)),
+        units={**result.units, **{one.name: "" for one in kept}},
+    )
 
 
 def _failed(time: float, reason: str, given: GivenForm | None = None) -> NumericalError:

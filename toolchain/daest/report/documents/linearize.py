@@ -116,6 +116,7 @@ def document(
                 "estimate": p.estimate,
             }
             for p in dae.parameters
+            if not p.is_memory
         ],
         "matrix_format": "triplets" if is_large else "rows",
         "E": _matrix(dae.E, is_large),

@@ -115,7 +115,7 @@ def _model(flat: FlatModel | None) -> Section:
         "inputs": flat.inputs,
         "outputs": flat.outputs,
         "noises": flat.noises,
-        "parameters": flat.parameters,
+        "parameters": [p for p in flat.parameters if not p.is_memory],
         "unknowns": flat.unknowns,
     }
     return Section("model", "The model", "", True, content)

@@ -1,0 +1,243 @@
+"""Models with events: against closed forms, exact discretisation and finite differences."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import daest
+from daest.errors import ModelError, NumericalError
+from daest.modelica.compile import compile_text
+from daest.systems.integrate import integrate, integrator
+from daest.systems.linearize import linearize
+from daest.systems.modes import in_starting_mode
+from daest.systems.reduce import reduce_index
+from daest.systems.simulate import simulate
+
+BALL = """model Ball
+  parameter Real e = 0.97;
+  parameter Real g = 9.81;
+  Real h(start = 1, fixed = true);
+  Real v(start = 0, fixed = true);
+  output Real y = h;
+  Integer n(start = 0, fixed = true);
+equation
+  der(h) = v;
+  der(v) = -g;
+  when h < 0 then
+    reinit(v, -e*pre(v));
+    n = pre(n) + 1;
+  end when;
+end Ball;
+"""
+
+RELAY = """model Relay "A double integrator's rate under a relay with hysteresis"
+  parameter Real width = 0.2;
+  Real x(start = 0, fixed = true);
+  Boolean on(start = true, fixed = true);
+equation
+  on = x < -width or (pre(on) and x < width);
+  der(x) = (if on then 1.0 else 0.0) - x;
+initial equation
+  pre(on) = true;
+end Relay;
+"""
+
+SAMPLED = """model Sampled "A sampled PI controller beside a first-order plant"
+  parameter Real kp = 2;
+  parameter Real ki = 1.5;
+  parameter Real period = 0.1;
+  parameter Real r = 1;
+  Real x(start = 0, fixed = true);
+  output Real y = x;
+  discrete Real u(start = 0, fixed = true);
+  discrete Real sum(start = 0, fixed = true);
+equation
+  der(x) = -x + u;
+  when sample(0, period) then
+    sum = pre(sum) + ki*period*(r - x);
+    u = kp*(r - x) + sum;
+  end when;
+end Sampled;
+"""
+
+SWITCHED = """model Switched "Pulses, counted, and a whole part"
+  Real x(start = 0, fixed = true);
+  Integer n(start = 0, fixed = true);
+  Real next(start = 0.25, fixed = true);
+  Real stairs;
+equation
+  der(x) = if time >= 0.3 and time < 0.6 then 1 else 0;
+  stairs = integer(2*time);
+  when time >= pre(next) then
+    n = pre(n) + 1;
+    next = pre(next) + 0.25;
+  end when;
+end Switched;
+"""
+
+ALGORITHM = """model Counter "A when-clause of an algorithm, with elsewhen, edge and change"
+  Real s;
+  Boolean b;
+  Integer up(start = 0, fixed = true);
+  Integer down(start = 0, fixed = true);
+  Integer any(start = 0, fixed = true);
+algorithm
+  when edge(b) then
+    up := pre(up) + 1;
+  elsewhen not b then
+    down := pre(down) + 1;
+  end when;
+equation
+  s = sin(6.283185307179586*time);
+  b = s > 0;
+  when change(b) then
+    any = pre(any) + 1;
+  end when;
+end Counter;
+"""
+
+
+def model(text: str):
+    return compile_text(text.encode(), Path("M.mo"))
+
+
+@pytest.fixture(scope="module")
+def ball():
+    return model(BALL)
+
+
+@pytest.fixture(scope="module")
+def sampled():
+    return model(SAMPLED)
+
+
+def run(flat, end: float, n: int = 201):
+    time = np.linspace(0, end, n)
+    return simulate(flat, (time, np.zeros((n, len(flat.inputs)))))
+
+
+def bounces(count: int, e: float = 0.97, g: float = 9.81) -> tuple[np.ndarray, np.ndarray]:
+    """Instants of the bounces and speeds after them."""
+    first, speed = np.sqrt(2 / g), np.sqrt(2 * g)
+    after = speed * e ** np.arange(1, count + 1)
+    return first + np.concatenate([[0], np.cumsum(2 * after[:-1] / g)]), after
+
+
+def test_a_hundred_bounces_follow_the_closed_form(ball):
+    at, after = bounces(101)
+    end = 0.5 * (at[99] + at[100])
+    found = run(ball, end, 1001)
+    k = np.searchsorted(at, found.time, side="right") - 1
+    since = found.time - np.where(k >= 0, at[k], 0.0)
+    h = np.where(k >= 0, after[k] * since - 9.81 * since**2 / 2, 1 - 9.81 * since**2 / 2)
+    assert found["h"] == pytest.approx(h, abs=1e-8)
+    assert found["n"] == pytest.approx(k + 1)
+    assert found["n"][-1] == 100
+
+
+def test_a_relay_that_stays_off():
+    found = run(model(RELAY), 10, 2001)
+    at = -np.log(1 - 0.2)  # x = 1 - exp(-t) reaches the width, and decays: below -width it never comes
+    late = found.time > at
+    assert found["x"][late] == pytest.approx(0.2 * np.exp(-(found.time[late] - at)), abs=1e-9)
+
+
+def test_a_thermostat_swings_in_its_exact_limit_cycle():
+    text = RELAY.replace("- x;", "- 0.5;").replace("on then 1.0", "on then 1.5")
+    found = run(model(text), 8, 1601)
+    # Up with the slope 1 and down with 0.5 between -0.2 and 0.2: period 0.4 + 0.8, from x = 0 on.
+    phase = np.mod(found.time - 0.2, 1.2)
+    exact = np.where(phase < 0.8, 0.2 - 0.5 * phase, -0.2 + (phase - 0.8))
+    exact = np.where(found.time < 0.2, found.time, exact)
+    assert found["x"] == pytest.approx(exact, abs=1e-9)
+
+
+def test_a_sampled_loop_is_its_exact_discretisation(sampled):
+    found = run(sampled, 5, 51)  # samples of the record are those of the controller
+    x, total = 0.0, 0.0
+    for k in range(51):
+        assert found["x"][k] == pytest.approx(x, abs=1e-8)
+        total += 1.5 * 0.1 * (1 - x)
+        u = 2 * (1 - x) + total
+        assert found["u"][k] == pytest.approx(u, abs=1e-8)  # the value after the event
+        x = x * np.exp(-0.1) + u * (1 - np.exp(-0.1))
+
+
+def test_time_events_are_met_exactly():
+    found = run(model(SWITCHED), 1, 101)
+    assert found["x"] == pytest.approx(np.clip(found.time - 0.3, 0, 0.3), abs=1e-12)
+    assert found["n"] == pytest.approx(np.floor(found.time / 0.25 + 1e-9))
+    assert found["stairs"] == pytest.approx(np.floor(2 * found.time + 1e-9))
+
+
+def test_edge_change_and_elsewhen():
+    found = run(model(ALGORITHM), 3.25, 14)
+    assert (found["up"][-1], found["down"][-1], found["any"][-1]) == (4, 3, 7)
+
+
+@pytest.mark.parametrize("parameter", ["e", "g"])
+def test_sensitivities_jump_with_the_event(ball, parameter):
+    slopes_agree(ball, parameter, np.linspace(0, 2.9, 30))
+
+
+@pytest.mark.parametrize("parameter", ["kp", "ki", "r", "period"])
+def test_sensitivities_pass_through_samples(sampled, parameter):
+    slopes_agree(sampled, parameter, np.linspace(0, 0.97, 30))
+
+
+def slopes_agree(flat, parameter: str, time: np.ndarray) -> None:
+    explicit = reduce_index(in_starting_mode(flat))
+    engine = integrator(explicit, [parameter])
+    k = [p.name for p in explicit.flat.parameters].index(parameter)
+    theta = explicit.flat.theta_values
+    x0 = np.array([{"h": 1.0}.get(name, 0.0) for name in explicit.state_names])
+
+    def outputs(change: float):
+        moved = theta.copy()
+        moved[k] += change
+        return integrate(engine, time, np.zeros((time.size, 0)), moved, x0, sensitivities=True, rtol=1e-10)
+
+    step = 1e-6
+    differences = (outputs(step).outputs - outputs(-step).outputs) / (2 * step)
+    found = outputs(0.0).sensitivities[:, :, 0]
+    assert found == pytest.approx(differences, abs=2e-5 * max(1.0, np.abs(differences).max()))
+
+
+def test_identified_from_bounces(ball):
+    time = np.linspace(0, 3, 301)
+    rng = np.random.default_rng(3)
+    truth = simulate(ball, (time, np.zeros((301, 0))))
+    record = daest.Experiment(
+        name="ball",
+        time=time,
+        inputs=np.zeros((301, 0)),
+        outputs=truth.outputs + 0.005 * rng.standard_normal(truth.outputs.shape),
+        input_names=(),
+        output_names=("y",),
+    )
+    wrong = daest.with_values(daest.declare(ball, estimate=["e"]), {"e": 0.95})
+    result = daest.identify(wrong, [record])
+    (found,) = [p for p in result.parameters if p.name == "e"]
+    assert abs(found.value - 0.97) < 4 * found.std_error
+    assert found.std_error < 1e-3
+
+
+def test_linear_in_the_mode_of_the_start(sampled):
+    linear = linearize(sampled)
+    assert "mode" in linear.notes[0]
+    assert not any(p.name.startswith("pre(") for p in linear.parameters if not p.is_memory)
+
+
+def test_what_does_not_follow_events_says_so(ball, tmp_path):
+    with pytest.raises(ModelError) as caught:
+        daest.export_fmu(ball, tmp_path / "ball.fmu")
+    assert caught.value.code == "events-not-supported"
+
+
+def test_chattering_names_the_switch():
+    text = "model C Real x(start = 1, fixed = true); Boolean b; Integer n(start = 0, fixed = true);\n"
+    text += "equation b = x > 0; der(x) = if b then -1 else 1; when b then n = pre(n) + 1; end when; end C;"
+    with pytest.raises(NumericalError) as caught:
+        run(model(text), 2)
+    assert caught.value.code == "events-chatter" and "x > 0" in str(caught.value)

@@ -1,0 +1,200 @@
+"""The tables of the Modelica Standard Library (`CombiTable1D`, `CombiTimeTable`) as expressions, where their
+values stand in the model: the library reads them in C.
+
+A table is a matrix whose first column is the abscissa. Between its rows values lie on straight lines, or are
+constant; outside they go on, stay, repeat or are refused, as the library defines (Modelica.Blocks.Types)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from daest.modelica import values as v
+from daest.modelica.dialect import CONSTRUCTOR
+from daest.modelica.operators import integer
+from daest.modelica.values import Record, Scalar, Value
+
+LINEAR, CONSTANT = 1, 3  # ordinals of Modelica.Blocks.Types.Smoothness
+HOLD, LAST, PERIODIC, NONE = 1, 2, 3, 4  # ordinals of Modelica.Blocks.Types.Extrapolation
+NEAR = 1e-9  # share of a period by which an instant may miss the end of one
+NEVER = 1e60  # what the library gives as the next instant where there is none
+
+_FIELDS = {
+    "ExternalCombiTable1D": ("tableName", "fileName", "table", "columns", "smoothness", "extrapolation"),
+    "ExternalCombiTimeTable": (
+        *("tableName", "fileName", "table", "startTime", "columns"),
+        *("smoothness", "extrapolation", "shiftTime", "timeEvents"),
+    ),
+}
+_DEFAULTS = {"extrapolation": LAST, "shiftTime": 0.0, "timeEvents": 1}
+
+
+def is_table(name: str) -> bool:
+    """Whether a function constructs or reads such a table."""
+    return _short(name) in {**_READERS, **dict.fromkeys(one + CONSTRUCTOR for one in _FIELDS)}
+
+
+def called(name: str, arguments: Sequence[Value]) -> Value:
+    """The value of the function. Raises ValueError with what is not supported."""
+    short = _short(name)
+    if short.endswith(CONSTRUCTOR):
+        fields = _FIELDS[short.removesuffix(CONSTRUCTOR)]
+        given = dict(zip(fields, arguments, strict=False))
+        return Record({**{key: _DEFAULTS.get(key, 0.0) for key in fields}, **given})
+    return _READERS[short](*arguments)
+
+
+def _short(name: str) -> str:
+    return name.rpartition(".")[2]
+
+
+def _columns(table: Value, column: Value) -> tuple[np.ndarray, list[Scalar]]:
+    """Abscissae and values of one column of a table."""
+    assert isinstance(table, Record)
+    matrix, columns = table.fields["table"], table.fields["columns"]
+    if not isinstance(matrix, np.ndarray) or matrix.ndim != 2 or matrix.size == 0 or _is_on_file(table):
+        raise ValueError("the table stands in a file; write its rows into the model (tableOnFile = false)")
+    number = integer(v.constant(column))  # type: ignore[arg-type]
+    chosen = integer(columns.flat[number - 1] if isinstance(columns, np.ndarray) else columns)
+    abscissae = [v.constant(x) for x in matrix[:, 0]]
+    if any(isinstance(x, ca.SX) for x in abscissae):
+        raise ValueError("the first column of a table must be numbers")
+    return np.array(abscissae, dtype=float), list(matrix[:, chosen - 1])
+
+
+def _is_on_file(table: Record) -> bool:
+    return table.fields["fileName"] not in ("NoName", "", 0.0)
+
+
+def _kinds(table: Value) -> tuple[int, int]:
+    assert isinstance(table, Record)
+    smoothness, extrapolation = (int(v.constant(table.fields[k])) for k in ("smoothness", "extrapolation"))  # type: ignore[arg-type]
+    if smoothness not in (LINEAR, CONSTANT):
+        raise ValueError(
+            "tables with smooth curves between their rows are not supported: "
+            "write smoothness = Modelica.Blocks.Types.Smoothness.LinearSegments"
+        )
+    return smoothness, extrapolation
+
+
+def _value(table: Value, column: Value, u: Value) -> Value:
+    """The value of a table at u."""
+    x, y = _columns(table, column)
+    smoothness, extrapolation = _kinds(table)
+    if x.size == 1:
+        return y[0]
+    at: Any = u
+    if extrapolation == PERIODIC:
+        period = x[-1] - x[0]
+        at = at - period * ca.floor((at - x[0]) / period)
+    return _piece(x, y, at, lambda i: at >= x[i], smoothness, extrapolation)
+
+
+def _piece(
+    x: np.ndarray,
+    y: Sequence[Scalar],
+    at: Any,
+    is_past: Callable[[int], Any],
+    smoothness: int,
+    extrapolation: int,
+) -> Any:
+    """The curve at `at` on the piece that begins with the last row i for which `is_past(i)` holds."""
+    lines = [_line(x, y, i, at, smoothness) for i in range(x.size - 1) if x[i + 1] > x[i]]
+    starts = [i for i in range(x.size - 1) if x[i + 1] > x[i]]
+    made: Any = lines[0]
+    if extrapolation == HOLD:
+        made = _if(is_past(0), made, y[0])
+    for i, line in zip(starts[1:], lines[1:], strict=True):
+        made = _if(is_past(i), line, made)
+    if extrapolation == HOLD or smoothness == CONSTANT:
+        made = _if(is_past(x.size - 1), y[-1], made)
+    return made
+
+
+def _line(x: np.ndarray, y: Sequence[Scalar], i: int, at: Any, smoothness: int) -> Any:
+    if smoothness == CONSTANT:
+        return y[i]
+    slope = v.divide(v.subtract(y[i + 1], y[i]), float(x[i + 1] - x[i]))
+    return v.add(y[i], v.multiply(slope, at - float(x[i])))
+
+
+def _if(condition: Any, yes: Any, no: Any) -> Any:
+    if isinstance(condition, ca.SX) and not condition.is_constant():
+        return ca.if_else(condition, yes, no)
+    return yes if bool(condition) else no
+
+
+# Tables over time -------------------------------------------------------------------------------------------
+
+
+def _knots(table: Record) -> np.ndarray:
+    """Instants of the rows, in the time of the model."""
+    x, _ = _columns(table, 1)
+    return x + float(v.constant(table.fields["shiftTime"]))  # type: ignore[arg-type]
+
+
+def _next_event(table: Value, time: Value) -> Value:
+    """The next row behind an instant; they are the events of the table."""
+    assert isinstance(table, Record)
+    _, extrapolation = _kinds(table)
+    knots = np.unique(_knots(table))
+    start = float(v.constant(table.fields["startTime"]))  # type: ignore[arg-type]
+    knots = knots[knots >= start] if extrapolation != PERIODIC else knots
+    if knots.size == 0:
+        return NEVER
+    t: Any = time
+    if extrapolation == PERIODIC and knots.size > 1:
+        period = float(knots[-1] - knots[0])
+        turn = ca.floor((t - knots[0]) / period + NEAR)
+        local = t - period * turn
+        made: Any = knots[-1]
+        for knot in knots[-2:0:-1]:
+            made = ca.if_else(local < knot - NEAR * period, knot, made)
+        return made + period * turn
+    reach = float(max(knots[-1] - knots[0], 1.0))
+    made = NEVER
+    for knot in knots[::-1]:
+        made = ca.if_else(t < knot - SAME * reach, knot, made)
+    return ca.if_else(t < start, start, made)
+
+
+SAME = 1e-13  # share of a table's length by which an instant may miss a row
+
+
+def _time_value(table: Value, column: Value, time: Value, following: Value, before: Value) -> Value:
+    """The value at an instant, on the piece that ends with the `following` event: the piece does not change
+    before the event does."""
+    assert isinstance(table, Record)
+    _, y = _columns(table, column)
+    knots = _knots(table)
+    smoothness, extrapolation = _kinds(table)
+    if knots.size == 1:
+        return y[0]
+    t: Any = time
+    end: Any = following
+    if extrapolation == PERIODIC:
+        period = float(knots[-1] - knots[0])
+        turn = ca.ceil((end - knots[0]) / period - NEAR) - 1
+        t, end = t - period * turn, end - period * turn
+    start = float(v.constant(table.fields["startTime"]))  # type: ignore[arg-type]
+    width = float(knots[-1] - knots[0])
+    made = _piece(knots, y, t, lambda i: end > knots[i] + NEAR * width, smoothness, extrapolation)
+    return ca.if_else(t < start, 0.0, made) if start > knots[0] else made
+
+
+_READERS: dict[str, Callable[..., Value]] = {
+    "getTable1DValue": _value,
+    "getTable1DValueNoDer": _value,
+    "getTable1DValueNoDer2": _value,
+    "getTable1DAbscissaUmin": lambda table: float(_columns(table, 1)[0][0]),
+    "getTable1DAbscissaUmax": lambda table: float(_columns(table, 1)[0][-1]),
+    "getTimeTableValue": _time_value,
+    "getTimeTableValueNoDer": _time_value,
+    "getTimeTableValueNoDer2": _time_value,
+    "getTimeTableTmin": lambda table: float(_columns(table, 1)[0][0]),
+    "getTimeTableTmax": lambda table: float(_columns(table, 1)[0][-1]),
+    "getNextTimeEvent": _next_event,
+}

@@ -1,0 +1,212 @@
+"""The events of an explicit model as functions of its states."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from daest.model.events import Events
+from daest.model.flat import ExplicitModel
+
+PARTS = ("values", "wholes", "conditions", "assigned", "sources", "restarted", "samples", "starts")
+
+
+@dataclass(frozen=True)
+class EventPoint:
+    """What `EventFunctions.at` tells of one instant; the names are those of `Events`."""
+
+    values: np.ndarray
+    wholes: np.ndarray
+    conditions: np.ndarray
+    assigned: np.ndarray
+    sources: np.ndarray
+    restarted: np.ndarray
+    samples: np.ndarray
+    starts: np.ndarray
+
+
+@dataclass(frozen=True)
+class EventFunctions:
+    """Functions of the events of `explicit`, in its arguments (x, ū, θ, t); ū are inputs and their
+    derivatives."""
+
+    explicit: ExplicitModel
+
+    @property
+    def events(self) -> Events:
+        assert self.explicit.flat.events is not None
+        return self.explicit.flat.events
+
+    def at(
+        self,
+        x: np.ndarray,
+        ubar: np.ndarray,
+        theta: np.ndarray,
+        t: float,
+        active: np.ndarray,
+        ticks: np.ndarray,
+    ) -> EventPoint:
+        """Everything at one instant."""
+        parts = self._all(x, ubar, theta, t, active, ticks)
+        made = [np.asarray(part.full()) for part in parts]
+        return EventPoint(*[m if name in _TABLES else m.ravel() for name, m in zip(PARTS, made, strict=True)])
+
+    def variables(self, x: np.ndarray, ubar: np.ndarray, theta: np.ndarray, t: float) -> np.ndarray:
+        """ξ (n,)."""
+        return self._variables(x, ubar, theta, t)[0].full().ravel()
+
+    def slopes(self, x: np.ndarray, ubar: np.ndarray, theta: np.ndarray, t: float) -> np.ndarray:
+        """∂ξ/∂x (n, n_states)."""
+        return self._variables(x, ubar, theta, t)[1].full()
+
+    def derivatives(
+        self,
+        x: np.ndarray,
+        ubar: np.ndarray,
+        theta: np.ndarray,
+        t: float,
+        active: np.ndarray,
+        ticks: np.ndarray,
+    ) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+        """Slopes of restarts, assignments, memories, relations, whole parts and samples along x, ū, θ and
+        t."""
+        found = [part.full() for part in self._slopes(x, ubar, theta, t, active, ticks)]
+        names = ("restarted", "assigned", "sources", "values", "wholes", "samples")
+        return {name: tuple(found[4 * i : 4 * i + 4]) for i, name in enumerate(names)}
+
+    # Which switches need to be watched ----------------------------------------------------------------------
+
+    @cached_property
+    def timed(self) -> np.ndarray:
+        """Of each relation, then of each whole part: whether it moves in proportion to time alone."""
+        flat, events = self.explicit.flat, self.events
+        held = {one.unknown for one in events.assignments}
+        moving = [flat.xi[i] for i in range(flat.n) if i not in held]
+        others = ca.vertcat(flat.u, flat.derivatives, *moving)
+        watched = ca.vertcat(events.values, events.wholes)
+        slopes = ca.jacobian(watched, flat.time) if watched.numel() else ca.SX(0, 1)
+        return np.array(
+            [
+                not ca.depends_on(watched[i], others) and not ca.depends_on(slopes[i], flat.time)
+                for i in range(watched.numel())
+            ],
+            dtype=bool,
+        )
+
+    @cached_property
+    def is_pending(self) -> bool:
+        """Whether anything moves in proportion to time, or is sampled."""
+        return bool(np.any(self.timed)) or self.events.ticks.numel() > 0
+
+    def clock(self, x: np.ndarray, ubar: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values at time zero and slopes along time of relations, then of whole parts."""
+        value, slope = self._clock(x, ubar, theta)
+        return value.full().ravel(), slope.full().ravel()
+
+    def roots(self) -> tuple[ca.Function, np.ndarray]:
+        """(x, ū, θ, t) -> functions whose signs tell when a relation or a whole part changes, and which one
+        each belongs to: relations first, then of every whole part the next number and the last one."""
+        kind, symbols, xi, rates = self._point()
+        events, n = self.events, len(self.events.relations)
+        at = [rates, xi, *self._flat_arguments(symbols)]
+        values = self._expression("values", at)
+        wholes = self._expression("wholes", at)
+        rows, owners = [], []
+        for i in range(n):
+            if not self.timed[i]:
+                rows.append(values[i])
+                owners.append(i)
+        for i, one in enumerate(events.whole_parts):
+            if not self.timed[n + i]:
+                rows += [wholes[i] - symbols[2][one.slot] - 1, symbols[2][one.slot] - wholes[i]]
+                owners += [n + i, n + i]
+        g = ca.vertcat(kind(0, 1), *rows)
+        return ca.Function("daest_root", symbols, [ca.densify(g)]), np.array(owners, dtype=int)
+
+    # Building them ------------------------------------------------------------------------------------------
+
+    def _point(self) -> tuple[Any, list[Any], Any, Any]:
+        """Symbols (x, ū, θ, t), ξ and ξ' of them."""
+        explicit = self.explicit
+        kind: Any = ca.SX if explicit.is_symbolic else ca.MX
+        n_u, n_v = explicit.rhs.numel_in(1), explicit.rhs.numel_in(2)
+        x, ubar, t = kind.sym("x", explicit.n_states), kind.sym("u", n_u + n_v), kind.sym("t")
+        theta = kind.sym("theta", len(explicit.flat.parameters))
+        at = (x, ubar[:n_u], ubar[n_u:], kind.zeros(explicit.rhs.numel_in(3)), theta, t)
+        xi, rates = explicit.variables(*at), kind.zeros(explicit.flat.n)
+        if self._needs_rates:
+            rates = explicit.variable_derivatives(*at)
+        return kind, [x, ubar, theta, t], xi, rates
+
+    @cached_property
+    def _needs_rates(self) -> bool:
+        used = ca.vertcat(*[ca.vec(getattr(self.events, name)) for name in PARTS])
+        return bool(ca.depends_on(used, self.explicit.flat.derivatives))
+
+    def _flat_arguments(self, symbols: list[Any]) -> list[Any]:
+        """(u, w, θ, t) of the flat model."""
+        _, ubar, theta, t = symbols
+        n_u = len(self.explicit.flat.inputs)
+        kind = type(t)
+        return [ubar[:n_u], kind.zeros(len(self.explicit.flat.noises)), theta, t]
+
+    def _expression(self, name: str, at: list[Any], switches: list[Any] | None = None) -> Any:
+        flat, events = self.explicit.flat, self.events
+        symbols = [
+            flat.derivatives,
+            flat.xi,
+            flat.u,
+            flat.w,
+            flat.theta,
+            flat.time,
+            events.active,
+            events.ticks,
+        ]
+        function = ca.Function(name, symbols, [getattr(events, name)])
+        kind = type(at[1])
+        chosen = switches or [kind.zeros(events.active.numel()), kind.zeros(events.ticks.numel())]
+        return function(*at, *chosen)
+
+    def _whole(self) -> tuple[list[Any], list[Any], dict[str, Any]]:
+        kind, symbols, xi, rates = self._point()
+        switches = [
+            kind.sym("active", self.events.active.numel()),
+            kind.sym("ticks", self.events.ticks.numel()),
+        ]
+        at = [rates, xi, *self._flat_arguments(symbols)]
+        return symbols, switches, {name: self._expression(name, at, switches) for name in PARTS}
+
+    @cached_property
+    def _all(self) -> ca.Function:
+        symbols, switches, parts = self._whole()
+        return ca.Function("events", [*symbols, *switches], [ca.densify(parts[name]) for name in PARTS])
+
+    @cached_property
+    def _slopes(self) -> ca.Function:
+        symbols, switches, parts = self._whole()
+        parts["restarted"] = parts["restarted"][:, 1]
+        parts["samples"] = ca.vec(parts["samples"].T)
+        names = ("restarted", "assigned", "sources", "values", "wholes", "samples")
+        slopes = [ca.densify(ca.jacobian(parts[name], symbol)) for name in names for symbol in symbols]
+        return ca.Function("event_slopes", [*symbols, *switches], slopes)
+
+    @cached_property
+    def _variables(self) -> ca.Function:
+        _, symbols, xi, _ = self._point()
+        return ca.Function("variables", symbols, [ca.densify(xi), ca.densify(ca.jacobian(xi, symbols[0]))])
+
+    @cached_property
+    def _clock(self) -> ca.Function:
+        kind, symbols, xi, rates = self._point()
+        at = [rates, xi, *self._flat_arguments(symbols)]
+        watched = ca.vertcat(self._expression("values", at), self._expression("wholes", at))
+        slope = ca.jacobian(watched, symbols[3])
+        zero = [ca.substitute(part, symbols[3], kind(0)) for part in (watched, slope)]
+        return ca.Function("clock", symbols[:3], [ca.densify(part) for part in zero])
+
+
+_TABLES = ("restarted", "samples")

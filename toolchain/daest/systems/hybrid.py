@@ -1,0 +1,826 @@
+"""Simulation of a model with events, with sensitivities that jump with them.
+
+Between events the model is smooth and is integrated as any other. An event is an instant at which a relation
+changes its truth, a whole part its number, or a sample is due. Instants that follow from time alone are
+computed; others are found by the integrator (`radau.c`), where a relation leaves its side of zero. At the
+event all that depends on it is updated until nothing changes any more (Language Specification, Appendix B).
+
+Sensitivities follow the event: with the instant t(p) at which g(x, p, t) = 0,
+
+    dt/dp = -(g_x S + g_p) / (g_x f- + g_t),    S+ = d/dp [R(x-, p, t)] along the event - f+ dt/dp,
+
+R being what the event does to the states (saltation; e.g. Leine & Nijmeijer 2004, section 7).
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+
+from daest.errors import ModelError, NumericalError
+from daest.model.flat import ExplicitModel
+from daest.systems.event_functions import EventFunctions, EventPoint
+from daest.systems.initialize import initial_point
+from daest.systems.integration import FAILURES, IntegrationError, pointer
+
+SAME_INSTANT = 1e-12  # events nearer to each other than this, relative to the time (floor 1 s), are one
+MOST_ROUNDS = 200  # updates of all variables at one event
+ALL_AT_ONCE = 20  # of them, those in which all relations change together; then one after another
+DENSE, MOST_DENSE = 1e-9, 2000  # events nearer to each other than this share of the record, and how many
+MOST_EVENTS = 2_000_000
+
+
+@dataclass
+class Mode:
+    """What keeps its value between events: θ with it, and the conditions of when-clauses at the last
+    event."""
+
+    theta: np.ndarray
+    conditions: np.ndarray
+    ticks_done: np.ndarray  # how often each sample has been taken
+    input_rate: np.ndarray | None = None  # of ū, at the event that is worked on
+
+
+@dataclass
+class _Slopes:
+    """Sensitivities of states (n_states, d) and of θ (n_theta, d) while an event is worked on; `time` (d,) is
+    that of the event's instant."""
+
+    states: np.ndarray
+    theta: np.ndarray
+    time: np.ndarray
+
+
+@dataclass(frozen=True)
+class HybridRun:
+    """As `integrate.Trajectory`; `theta` (n_samples, n_theta) holds what keeps its value between events.
+    `n_events` counts events, `instants` holds the first of them [s] and what they were."""
+
+    states: np.ndarray
+    outputs: np.ndarray
+    sensitivities: np.ndarray
+    theta: np.ndarray
+    n_steps: int
+    n_events: int
+    instants: tuple[tuple[float, str], ...]
+
+
+class HybridError(NumericalError):
+    """The simulation stopped at an event."""
+
+
+def settled_start(
+    functions: EventFunctions,
+    theta: np.ndarray,
+    ubar: np.ndarray,
+    t: float,
+    given: Mapping[str, float] | np.ndarray | None = None,
+) -> tuple[np.ndarray, Mode]:
+    """States (n_states,) and mode at the start: initial equations, start values of what is remembered, and
+    when-clauses with `initial()`.
+
+    `given`: start values by name, or all states. Raises what `initial_point` raises, and NumericalError
+    `events-do-not-settle`."""
+    events, explicit = functions.events, functions.explicit
+    n_u = explicit.rhs.numel_in(1)
+    theta = np.array(theta, dtype=float)
+    active, ticks = np.zeros(events.active.numel()), np.zeros(events.ticks.numel())
+    if events.initial_slot >= 0:
+        theta[events.initial_slot] = 1.0
+    fixed = isinstance(given, np.ndarray)
+    x = np.array(given, dtype=float) if fixed else np.zeros(explicit.n_states)
+    before = np.zeros(events.conditions.numel(), dtype=bool)
+    for turn in range(MOST_ROUNDS):
+        if not fixed:
+            x, _ = initial_point(explicit, theta, ubar[:n_u], ubar[n_u:], t, given)  # type: ignore[arg-type]
+        point = functions.at(x, ubar, theta, t, active, ticks)
+        new = theta.copy()
+        new[list(events.start_slots)] = point.starts
+        _switch(functions, new, point, {}, one_by_one=turn > ALL_AT_ONCE)
+        if np.array_equal(new, theta):
+            break
+        theta = new
+    else:
+        raise _unsettled(t, "the start")
+    if events.initial_slot >= 0:
+        asleep = theta.copy()
+        asleep[events.initial_slot] = 0.0
+        before = functions.at(x, ubar, asleep, t, active, ticks).conditions > 0.5
+    else:
+        before = point.conditions > 0.5
+    mode = Mode(theta, before, np.zeros(events.ticks.numel()))
+    x = _update(functions, x, mode, ubar, t, ticks, {}, None)
+    if events.initial_slot >= 0:
+        mode.theta[events.initial_slot] = 0.0
+        x = _update(functions, x, mode, ubar, t, ticks, {}, None)
+    return x, mode
+
+
+def _switch(
+    functions: EventFunctions,
+    theta: np.ndarray,
+    point: EventPoint,
+    forced: Mapping[int, tuple[float, float]],
+    *,
+    one_by_one: bool,
+) -> None:
+    """Relations and whole parts put into θ as they are at the point. `forced`: those that the event itself
+    changes, with their new value, and the value of the function at which it does: rounding does not undo
+    that."""
+    events = functions.events
+    for i, relation in enumerate(events.relations):
+        value = point.values[i]
+        truth = float(value > 0 if relation.is_strict else value >= 0)
+        if i in forced and abs(value) <= 2 * abs(forced[i][1]) + np.finfo(float).tiny:
+            truth = forced[i][0]
+        if theta[relation.slot] != truth:
+            theta[relation.slot] = truth
+            if one_by_one:
+                return
+    n = len(events.relations)
+    for i, part in enumerate(events.whole_parts):
+        number = np.floor(point.wholes[i])
+        if n + i in forced and abs(point.wholes[i] - forced[n + i][0]) <= 0.5:
+            number = forced[n + i][0]
+        theta[part.slot] = number
+
+
+def _active(functions: EventFunctions, conditions: np.ndarray, before: np.ndarray) -> np.ndarray:
+    rising = (conditions > 0.5) & ~before
+    found = np.zeros(len(functions.events.activations))
+    for i, branch in enumerate(functions.events.activations):
+        is_next = not any(found[j] for j in branch.before)
+        found[i] = float(is_next and bool(np.any(rising[branch.first : branch.last])))
+    return found
+
+
+def _update(
+    functions: EventFunctions,
+    x: np.ndarray,
+    mode: Mode,
+    ubar: np.ndarray,
+    t: float,
+    ticks: np.ndarray,
+    forced: Mapping[int, tuple[float, float]],
+    slopes: _Slopes | None,
+) -> np.ndarray:
+    """The event at time t: states after it, with `mode` and `slopes` changed in place."""
+    events = functions.events
+    none = np.zeros(events.active.numel())
+    memory = [one.slot for one in events.memories]
+    left = functions.at(x, ubar, mode.theta, t, none, np.zeros_like(ticks))
+    mode.theta[memory] = left.sources
+    if slopes is not None:
+        _follow(functions, x, mode, ubar, t, none, ticks * 0, slopes, "sources", memory)
+    for _ in range(MOST_ROUNDS):
+        x, point, active = _consistent(functions, x, mode, ubar, t, ticks, forced, slopes)
+        again = not np.array_equal(mode.theta[memory], point.sources)
+        again |= not np.array_equal(mode.conditions, point.conditions > 0.5)
+        restarted, x_new = _restarted(functions, x, mode, ubar, t, point, active, ticks, slopes)
+        mode.theta[memory] = point.sources
+        if slopes is not None:
+            _follow(functions, x, mode, ubar, t, active, ticks, slopes, "sources", memory)
+        mode.conditions = point.conditions > 0.5
+        again |= restarted
+        x, ticks = x_new, np.zeros_like(ticks)
+        if events.initial_slot >= 0:
+            again |= mode.theta[events.initial_slot] != 0
+            mode.theta[events.initial_slot] = 0.0
+        if not again:
+            return x
+    raise _unsettled(t, "an event")
+
+
+def _consistent(
+    functions: EventFunctions,
+    x: np.ndarray,
+    mode: Mode,
+    ubar: np.ndarray,
+    t: float,
+    ticks: np.ndarray,
+    forced: Mapping[int, tuple[float, float]],
+    slopes: _Slopes | None,
+) -> tuple[np.ndarray, EventPoint, np.ndarray]:
+    """Relations, active branches and assigned variables that agree with each other, given the values before
+    the event."""
+    events = functions.events
+    active = np.zeros(events.active.numel())
+    for turn in range(MOST_ROUNDS):
+        point = functions.at(x, ubar, mode.theta, t, active, ticks)
+        theta = mode.theta.copy()
+        _switch(functions, theta, point, forced, one_by_one=turn > ALL_AT_ONCE)
+        now = _active(functions, point.conditions, mode.conditions)
+        for one, value in zip(events.assignments, point.assigned, strict=True):
+            if one.slot >= 0:
+                theta[one.slot] = value
+        held = [(one.unknown, value) for one, value in _reals(events.assignments, point.assigned)]
+        moved = _with_variables(functions, x, ubar, mode.theta, t, held)
+        settled = np.array_equal(theta, mode.theta, equal_nan=True) and np.array_equal(now, active)
+        if settled and np.array_equal(moved, x):
+            if slopes is not None and held:
+                _follow_assigned(functions, x, mode, ubar, t, active, ticks, slopes)
+            return x, point, active
+        x, active = moved, now
+        mode.theta = theta
+    raise _unsettled(t, "an event")
+
+
+def _reals(assignments: tuple, values: np.ndarray) -> list[tuple]:
+    return [(one, value) for one, value in zip(assignments, values, strict=True) if one.unknown >= 0]
+
+
+def _with_variables(
+    functions: EventFunctions,
+    x: np.ndarray,
+    ubar: np.ndarray,
+    theta: np.ndarray,
+    t: float,
+    wanted: list[tuple[int, float]],
+) -> np.ndarray:
+    """States at which the unknowns `wanted` have their values, each being a state or the same as one."""
+    if not wanted:
+        return x
+    made = x.copy()
+    present = functions.variables(x, ubar, theta, t)
+    for unknown, value in wanted:
+        state, share = _state_behind(functions, x, ubar, theta, t, unknown)
+        if present[unknown] != value:
+            made[state] = x[state] + (value - present[unknown]) / share if abs(share) != 1 else share * value
+    return made
+
+
+def _state_behind(
+    functions: EventFunctions, x: np.ndarray, ubar: np.ndarray, theta: np.ndarray, t: float, unknown: int
+) -> tuple[int, float]:
+    """The state that decides an unknown, and its share in it."""
+    explicit = functions.explicit
+    name = explicit.flat.unknowns[unknown].name
+    if name in explicit.state_names:
+        return explicit.state_names.index(name), 1.0
+    row = functions.slopes(x, ubar, theta, t)[unknown]
+    (states,) = np.nonzero(row)
+    if states.size != 1:
+        raise ModelError(
+            "event-state",
+            f"an event gives `{name}` a value, but it is no state of its own: "
+            f"{', '.join(explicit.state_names[i] for i in states) or 'no state'} decide it",
+            where=explicit.flat.unknowns[unknown].place,
+            remedy="Restart the variable that is differentiated, or mark it with stateSelect = "
+            "StateSelect.always.",
+        )
+    return int(states[0]), float(row[states[0]])
+
+
+def _restarted(
+    functions: EventFunctions,
+    x: np.ndarray,
+    mode: Mode,
+    ubar: np.ndarray,
+    t: float,
+    point: EventPoint,
+    active: np.ndarray,
+    ticks: np.ndarray,
+    slopes: _Slopes | None,
+) -> tuple[bool, np.ndarray]:
+    """States after `reinit`."""
+    due = [i for i in range(len(functions.events.restarts)) if point.restarted[i, 0] > 0.5]
+    if not due:
+        return False, x
+    wanted = [(functions.events.restarts[i].unknown, point.restarted[i, 1]) for i in due]
+    if slopes is not None:
+        along = _along(functions, x, mode, ubar, t, active, ticks, slopes, "restarted")
+        for i in due:
+            unknown = functions.events.restarts[i].unknown
+            state, share = _state_behind(functions, x, ubar, mode.theta, t, unknown)
+            slopes.states[state] = along[i] / share
+    return True, _with_variables(functions, x, ubar, mode.theta, t, wanted)
+
+
+# Sensitivities ----------------------------------------------------------------------------------------------
+
+
+def _along(
+    functions: EventFunctions,
+    x: np.ndarray,
+    mode: Mode,
+    ubar: np.ndarray,
+    t: float,
+    active: np.ndarray,
+    ticks: np.ndarray,
+    slopes: _Slopes,
+    name: str,
+) -> np.ndarray:
+    """Total derivatives (rows, d) of what `Events` calls `name`, at the instant of the event."""
+    by_x, by_u, by_theta, by_t = functions.derivatives(x, ubar, mode.theta, t, active, ticks)[name]
+    rates = slopes_of_inputs(mode, by_u)
+    return by_x @ slopes.states + by_theta @ slopes.theta + np.outer(by_t[:, 0] + rates, slopes.time)
+
+
+def slopes_of_inputs(mode: Mode, by_u: np.ndarray) -> np.ndarray:
+    """What the motion of the inputs adds to a rate, (rows,)."""
+    return np.zeros(by_u.shape[0]) if mode.input_rate is None else by_u @ mode.input_rate
+
+
+def _follow(
+    functions: EventFunctions,
+    x: np.ndarray,
+    mode: Mode,
+    ubar: np.ndarray,
+    t: float,
+    active: np.ndarray,
+    ticks: np.ndarray,
+    slopes: _Slopes,
+    name: str,
+    slots: list[int],
+) -> None:
+    slopes.theta[slots] = _along(functions, x, mode, ubar, t, active, ticks, slopes, name)
+
+
+def _follow_assigned(
+    functions: EventFunctions,
+    x: np.ndarray,
+    mode: Mode,
+    ubar: np.ndarray,
+    t: float,
+    active: np.ndarray,
+    ticks: np.ndarray,
+    slopes: _Slopes,
+) -> None:
+    """Real variables that the event assigns; one may follow from another."""
+    assignments = functions.events.assignments
+    rows = [i for i, one in enumerate(assignments) if one.unknown >= 0]
+    behind = [_state_behind(functions, x, ubar, mode.theta, t, assignments[i].unknown) for i in rows]
+    for _ in rows:
+        along = _along(functions, x, mode, ubar, t, active, ticks, slopes, "assigned")
+        for i, (state, share) in zip(rows, behind, strict=True):
+            slopes.states[state] = along[i] / share
+
+
+def _unsettled(t: float, what: str) -> NumericalError:
+    return HybridError(
+        "events-do-not-settle",
+        f"the switches of the model find no common state at t = {t:g} s: {what} goes on for ever",
+        remedy="Look for two switches that undo each other at the same instant; give one of them a "
+        "hysteresis, or use pre() of it.",
+    )
+
+
+# Time -------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Schedule:
+    """The instants that follow from time alone."""
+
+    functions: EventFunctions
+    due: list[tuple[float, int, float]] = field(default_factory=list)
+
+    def next(self, x: np.ndarray, ubar: np.ndarray, mode: Mode, t: float) -> float:
+        """The next instant after t, infinite if there is none; `due` then tells what is due: the number of a
+        relation or whole part with its new value, or that of a sample (negative)."""
+        functions, events = self.functions, self.functions.events
+        found: list[tuple[float, int, float]] = []
+        n = len(events.relations)
+        if np.any(functions.timed):
+            zero, slope = functions.clock(x, ubar, mode.theta)
+            for i in np.flatnonzero(functions.timed):
+                if i < n:
+                    truth = mode.theta[events.relations[i].slot]
+                    if slope[i] != 0 and (slope[i] > 0) != (truth > 0.5):
+                        due = max(float(-zero[i] / slope[i]), t)
+                        found.append((due, int(i), float(slope[i] > 0)))
+                elif slope[i] != 0:
+                    number = mode.theta[events.whole_parts[i - n].slot]
+                    edge = number + 1 if slope[i] > 0 else number
+                    after = edge if slope[i] > 0 else number - 1
+                    found.append((max(float((edge - zero[i]) / slope[i]), t), int(i), float(after)))
+        for k, (start, interval) in enumerate(self.samples(x, ubar, mode, t)):
+            found.append((float(start + mode.ticks_done[k] * interval), -1 - k, 1.0))
+        if not found:
+            return np.inf
+        first = min(when for when, _, _ in found)
+        near = SAME_INSTANT * max(1.0, abs(first))
+        self.due = [one for one in found if one[0] <= first + near]
+        return first
+
+    def samples(self, x: np.ndarray, ubar: np.ndarray, mode: Mode, t: float) -> np.ndarray:
+        events = self.functions.events
+        if not events.ticks.numel():
+            return np.zeros((0, 2))
+        none = np.zeros(events.active.numel()), np.zeros(events.ticks.numel())
+        return self.functions.at(x, ubar, mode.theta, t, *none).samples
+
+
+# Integration ------------------------------------------------------------------------------------------------
+
+
+class Engine(Protocol):
+    """What an `Integrator` has that is used here."""
+
+    @property
+    def explicit(self) -> ExplicitModel: ...
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+
+    @property
+    def rhs(self) -> ca.Function: ...
+
+    @property
+    def out(self) -> ca.Function: ...
+
+    @property
+    def library(self) -> ctypes.CDLL | None: ...
+
+    @property
+    def events(self) -> tuple[EventFunctions, np.ndarray] | None: ...
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Inputs along the record: values at both ends of each interval (n_samples - 1, n_ū), and at the end."""
+
+    time: np.ndarray
+    u0: np.ndarray
+    u1: np.ndarray
+    last: np.ndarray
+
+    def interval(self, t: float) -> int:
+        """The interval that begins at or before t."""
+        at = int(np.searchsorted(self.time, t, side="right")) - 1
+        return min(max(at, 0), max(len(self.u0) - 1, 0))
+
+    def at(self, t: float, interval: int) -> np.ndarray:
+        if not len(self.u0):
+            return self.last.ravel()
+        a, b = self.time[interval], self.time[interval + 1]
+        share = (t - a) / (b - a)
+        return self.u0[interval] + share * (self.u1[interval] - self.u0[interval])
+
+    def rate(self, interval: int) -> np.ndarray:
+        if not len(self.u0):
+            return np.zeros(self.last.size)
+        length = self.time[interval + 1] - self.time[interval]
+        return (self.u1[interval] - self.u0[interval]) / length
+
+
+def follow(
+    model: Engine,
+    inputs: Inputs,
+    theta: np.ndarray,
+    x0: np.ndarray,
+    mode: Mode | None,
+    *,
+    directions: int,
+    rtol: float,
+    atol: np.ndarray,
+    max_steps: int,
+) -> HybridRun:
+    """The trajectory at `inputs.time`. `mode` None: the start is settled at x0. Sensitivities have the
+    directions of `Integrator`."""
+    runner = _Runner(model, inputs, rtol, atol, max_steps, directions)
+    return runner.run(theta, x0, mode)
+
+
+class _Runner:
+    """One run: where it is, and what is written."""
+
+    def __init__(
+        self,
+        model: Engine,
+        inputs: Inputs,
+        rtol: float,
+        atol: np.ndarray,
+        max_steps: int,
+        directions: int,
+    ) -> None:
+        if model.library is None or model.events is None:
+            raise HybridError(
+                "events-need-compiler",
+                "a model with events is simulated by compiled code, and there is no C compiler here, or the "
+                "model is too large for one",
+                remedy="pip install 'daest[compiler]' brings a compiler.",
+            )
+        self.model, self.inputs, self.rtol, self.atol = model, inputs, rtol, atol
+        self.functions, self.owners = model.events
+        self.schedule = Schedule(self.functions)
+        self.max_steps, self.directions = max_steps, directions
+        n, n_states, n_y = inputs.time.size, model.explicit.n_states, model.out.numel_out(0)
+        self.states, self.outputs = np.full((n, n_states), np.nan), np.full((n, n_y), np.nan)
+        self.sens = np.empty((n, n_y, directions))
+        self.n_steps = self.n_events = self.dense = 0
+        self.last_event = -np.inf
+        self.instants: list[tuple[float, str]] = []
+
+    def run(self, theta: np.ndarray, x0: np.ndarray, mode: Mode | None) -> HybridRun:
+        time = self.inputs.time
+        t, i = float(time[0]), 0
+        x = x0.copy()
+        if mode is None:
+            x, mode = settled_start(self.functions, theta, self.inputs.at(t, 0), t, x0)
+        self.mode = mode
+        self._first_ticks(x, t)
+        self.theta = np.empty((time.size, mode.theta.size))
+        n_states = x.size
+        S = np.zeros((n_states, self.directions))
+        if self.directions:
+            S[:, self.directions - n_states :] = np.eye(n_states)
+        while True:
+            due = self.schedule.next(x, self.inputs.at(t, self.inputs.interval(t)), mode, t)
+            if due <= t + SAME_INSTANT * max(1.0, abs(t)):
+                x, S = self._timed_event(x, S, t, self.inputs.interval(t))
+                continue
+            stop = min(due, float(time[-1]))
+            i, t, x, S, left = self._segment(i, t, stop, x, S)
+            if left is not None:
+                x, S = self._state_event(x, S, t, left)
+            elif t >= due:
+                x, S = self._timed_event(x, S, t, max(self.inputs.interval(t), 0))
+            if t >= time[-1]:
+                self._write_last(i, t, x, S)
+                break
+        return HybridRun(
+            self.states,
+            self.outputs,
+            self.sens,
+            self.theta,
+            self.n_steps,
+            self.n_events,
+            tuple(self.instants),
+        )
+
+    def _first_ticks(self, x: np.ndarray, t: float) -> None:
+        """Samples before the record begins are past."""
+        for k, (start, interval) in enumerate(self.schedule.samples(x, self.inputs.at(t, 0), self.mode, t)):
+            if not interval > 0:
+                raise HybridError(
+                    "events-sample-interval",
+                    f"sample(start, interval) with the interval {interval:g} s",
+                    remedy="Give a positive interval.",
+                )
+            passed = np.ceil((t - start) / interval - SAME_INSTANT * max(1.0, abs(t)) / interval)
+            self.mode.ticks_done[k] = max(passed, 0.0)
+
+    # One smooth piece ---------------------------------------------------------------------------------------
+
+    def _segment(
+        self, i: int, t: float, stop: float, x: np.ndarray, S: np.ndarray
+    ) -> tuple[int, float, np.ndarray, np.ndarray, np.ndarray | None]:
+        """From t to `stop`, or to the first root before: the next sample, time, states, sensitivities, and
+        which roots were met."""
+        time, inputs = self.inputs.time, self.inputs
+        if stop <= t:
+            return i, t, x, S, None
+        first = int(np.searchsorted(time, t, side="right"))
+        beyond = int(np.searchsorted(time, stop, side="left"))
+        knots = np.concatenate([[t], time[first:beyond], [stop]])
+        at = [inputs.interval(knot) for knot in knots[:-1]]
+        u0 = np.array([inputs.at(a, k) for a, k in zip(knots[:-1], at, strict=True)])
+        u1 = np.array([inputs.at(b, k) for b, k in zip(knots[1:], at, strict=True)])
+        width = inputs.last.size
+        u0, u1 = u0.reshape(len(at), width), u1.reshape(len(at), width)
+        piece = self._call(knots, u0, u1, x, S)
+        # Row 0 is a sample where t is one; the stop itself belongs to what follows it.
+        for row in range(min(piece.done, knots.size - 1)):
+            if row == 0 and not (i < time.size and time[i] == t):
+                continue
+            self._write(i, piece.states[row], piece.outputs[row], piece.sens[row])
+            i += 1
+        self.n_steps += piece.steps
+        return i, piece.t, piece.x, piece.S, piece.left
+
+    def _write(self, i: int, x: np.ndarray, y: np.ndarray, sens: np.ndarray) -> None:
+        self.states[i], self.outputs[i], self.theta[i] = x, y, self.mode.theta
+        if self.directions:
+            self.sens[i] = sens
+
+    def _write_last(self, i: int, t: float, x: np.ndarray, S: np.ndarray) -> None:
+        if i >= self.inputs.time.size:
+            return
+        piece = self._call(np.array([t]), np.zeros((0, self.inputs.last.size)), np.zeros((0, 0)), x, S)
+        self._write(i, x, piece.outputs[0], piece.sens[0])
+
+    def _call(
+        self, knots: np.ndarray, u0: np.ndarray, u1: np.ndarray, x: np.ndarray, S: np.ndarray
+    ) -> _Piece:
+        library = self.model.library
+        if x.size == 0:
+            return self._without_states(knots, u0, u1)
+        assert library is not None
+        n, n_y, d = knots.size, self.outputs.shape[1], self.directions
+        states, outputs = np.empty((n, x.size)), np.empty((n, n_y))
+        sens = np.empty((n, n_y, d))
+        steps, done, reached = ctypes.c_long(0), ctypes.c_long(0), np.zeros(3)
+        flags, x_end, S_end = np.zeros(max(self.owners.size, 1)), np.empty(x.size), np.empty((x.size, d))
+        arrays = [
+            np.ascontiguousarray(a, dtype=float)
+            for a in (knots, u0, u1, self.inputs.last, self.mode.theta, x)
+        ]
+        start = np.ascontiguousarray(S)
+        common = (
+            ctypes.c_long(n), *map(pointer, arrays), ctypes.c_int(d), pointer(start),
+        )  # fmt: skip
+        side = np.ascontiguousarray(np.append(self._sides(), 0.0))
+        status = library.daest_follow(
+            *common, ctypes.c_double(self.rtol), pointer(self.atol), ctypes.c_long(self.max_steps),
+            *map(pointer, (side, states, outputs, sens)), ctypes.byref(steps), pointer(reached),
+            pointer(flags), ctypes.byref(done), pointer(x_end), pointer(S_end),
+        )  # fmt: skip
+        if status not in (0, _EVENT):
+            raise IntegrationError(FAILURES[status].format(steps=steps.value, next=reached[1]), reached[0])
+        left = flags[: self.owners.size] > 0.5 if status == _EVENT else None
+        t = float(reached[0]) if status == _EVENT else float(knots[-1])
+        return _Piece(states, outputs, sens, steps.value, done.value, t, x_end, S_end, left)
+
+    def _without_states(self, knots: np.ndarray, u0: np.ndarray, u1: np.ndarray) -> _Piece:
+        """A model that has only time and inputs: roots are looked for at `SCANNED` instants of each interval,
+        and bisected."""
+        roots, side = self.functions.roots()[0], self._sides()
+        empty = np.zeros(0)
+        outputs = np.full((knots.size, self.outputs.shape[1]), np.nan)
+
+        def left_at(i: int, t: float) -> np.ndarray:
+            share = (t - knots[i]) / (knots[i + 1] - knots[i])
+            g = roots(empty, u0[i] + share * (u1[i] - u0[i]), self.mode.theta, t).full().ravel()
+            return side * g < 0
+
+        def piece(t: float, done: int, left: np.ndarray | None) -> _Piece:
+            shape = (knots.size, outputs.shape[1], self.directions)
+            states, sens = np.zeros((knots.size, 0)), np.zeros(shape)
+            return _Piece(states, outputs, sens, 0, done, t, empty, np.zeros((0, self.directions)), left)
+
+        for i, knot in enumerate(knots):
+            u = u0[i] if i < len(u0) else self.inputs.last.ravel()
+            outputs[i] = self.model.out(empty, u, self.mode.theta, knot)[0].full().ravel()
+            if i + 1 == knots.size or not side.size:
+                continue
+            low = knot
+            for high in np.linspace(knot, knots[i + 1], SCANNED + 1)[1:]:
+                if not np.any(left_at(i, high)):
+                    low = high
+                    continue
+                while high - low > SAME_INSTANT * max(1.0, abs(high)):
+                    middle = 0.5 * (low + high)
+                    low, high = (low, middle) if np.any(left_at(i, middle)) else (middle, high)
+                return piece(float(high), i + 1, left_at(i, high))
+        return piece(float(knots[-1]), knots.size, None)
+
+    def _sides(self) -> np.ndarray:
+        """The sign that each root function keeps: what it tells is so, or is not yet."""
+        events, n = self.functions.events, len(self.functions.events.relations)
+        found = np.empty(self.owners.size)
+        for k, owner in enumerate(self.owners):
+            if owner < n:
+                found[k] = 1.0 if self.mode.theta[events.relations[owner].slot] > 0.5 else -1.0
+            else:
+                found[k] = -1.0
+        return found
+
+    # Events -------------------------------------------------------------------------------------------------
+
+    def _state_event(
+        self, x: np.ndarray, S: np.ndarray, t: float, left: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        events, n = self.functions.events, len(self.functions.events.relations)
+        interval = self._interval_before(t)
+        ubar = self.inputs.at(t, interval)
+        none = np.zeros(events.active.numel()), np.zeros(events.ticks.numel())
+        point = self.functions.at(x, ubar, self.mode.theta, t, *none)
+        forced: dict[int, tuple[float, float]] = {}
+        up: dict[int, bool] = {}
+        for k in np.flatnonzero(left):
+            owner = int(self.owners[k])
+            up[owner] = bool(k + 1 < self.owners.size and self.owners[k + 1] == owner)
+            if owner < n:
+                new = 1.0 - self.mode.theta[events.relations[owner].slot]
+                forced[owner] = (new, point.values[owner])
+            else:
+                number = self.mode.theta[events.whole_parts[owner - n].slot]
+                forced[owner] = (number + 1 if up[owner] else number - 1, 0.0)
+        first = min(forced)
+        self._count(t, self._name(first))
+        slopes = self._slopes_before(x, S, t, ubar, interval, first)
+        return self._after(x, t, ubar, interval, none[1], forced, slopes)
+
+    def _timed_event(
+        self, x: np.ndarray, S: np.ndarray, t: float, interval: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        events = self.functions.events
+        interval = self._interval_before(t) if t > self.inputs.time[0] else interval
+        ubar = self.inputs.at(t, interval)
+        ticks = np.zeros(events.ticks.numel())
+        forced: dict[int, tuple[float, float]] = {}
+        point = self.functions.at(x, ubar, self.mode.theta, t, np.zeros(events.active.numel()), ticks)
+        for _, number, value in self.schedule.due:
+            if number < 0:
+                ticks[-1 - number] = 1.0
+                self.mode.ticks_done[-1 - number] += 1
+            else:
+                at = point.values[number] if number < len(events.relations) else 0.0
+                forced[number] = (value, at)
+        owner = self.schedule.due[0][1]
+        self._count(t, self._name(owner))
+        slopes = self._slopes_before(x, S, t, ubar, interval, owner)
+        return self._after(x, t, self.inputs.at(t, self.inputs.interval(t)), interval, ticks, forced, slopes)
+
+    def _interval_before(self, t: float) -> int:
+        """The interval that ends at or behind t."""
+        at = int(np.searchsorted(self.inputs.time, t, side="left")) - 1
+        return int(min(max(at, 0), max(len(self.inputs.u0) - 1, 0)))
+
+    def _name(self, owner: int) -> str:
+        events = self.functions.events
+        if owner < 0:
+            return "sample"
+        n = len(events.relations)
+        return events.relations[owner].text if owner < n else events.whole_parts[owner - n].text
+
+    def _count(self, t: float, what: str) -> None:
+        self.n_events += 1
+        if len(self.instants) < MOST_SHOWN:
+            self.instants.append((t, what))
+        span = float(self.inputs.time[-1] - self.inputs.time[0])
+        self.dense = self.dense + 1 if t - self.last_event < DENSE * span else 0
+        self.last_event = t
+        if self.dense > MOST_DENSE or self.n_events > MOST_EVENTS:
+            raise HybridError(
+                "events-chatter",
+                f"at t = {t:g} s the switch `{what}` goes to and fro without end",
+                remedy="Give it a hysteresis (on above one value, off below a smaller one), or let the "
+                "motion come to rest: a mode that holds it, as friction that sticks.",
+            )
+
+    def _slopes_before(
+        self, x: np.ndarray, S: np.ndarray, t: float, ubar: np.ndarray, interval: int, owner: int
+    ) -> _Slopes | None:
+        """Sensitivities at the instant of the event, which moves with the parameters."""
+        if not self.directions:
+            return None
+        functions, n = self.functions, len(self.functions.events.relations)
+        n_p = len(self.model.names)
+        known = [p.name for p in self.model.explicit.flat.parameters]
+        theta = np.zeros((len(known), self.directions))
+        for k, name in enumerate(self.model.names):
+            theta[known.index(name), k] = 1.0
+        none = np.zeros(functions.events.active.numel()), np.zeros(functions.events.ticks.numel())
+        rate = self.inputs.rate(interval)
+        f = self._rate(x, ubar, t)
+        slopes = _Slopes(S, theta, np.zeros(self.directions))
+        found = functions.derivatives(x, ubar, self.mode.theta, t, *none)
+        if owner >= 0:
+            name, row = ("values", owner) if owner < n else ("wholes", owner - n)
+            by_x, by_u, by_theta, by_t = (part[row] for part in found[name])
+            moved = by_x @ S + by_theta @ theta
+            speed = float(by_x @ f + by_u @ rate + by_t[0])
+            slopes.time = -moved / speed if speed != 0 else slopes.time
+        else:
+            k = -1 - owner
+            by_x, _, by_theta, _ = found["samples"]
+            count = self.mode.ticks_done[k] - 1
+            change = by_x @ S + by_theta @ theta
+            slopes.time = change[2 * k] + count * change[2 * k + 1]
+        assert slopes.time.size == self.directions and n_p <= self.directions
+        slopes.states = S + np.outer(f, slopes.time)
+        self.mode.input_rate = rate
+        return slopes
+
+    def _rate(self, x: np.ndarray, ubar: np.ndarray, t: float) -> np.ndarray:
+        return self.model.rhs(x, ubar, self.mode.theta, t)[0].full().ravel()
+
+    def _after(
+        self,
+        x: np.ndarray,
+        t: float,
+        ubar: np.ndarray,
+        interval: int,
+        ticks: np.ndarray,
+        forced: Mapping[int, tuple[float, float]],
+        slopes: _Slopes | None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        x = _update(self.functions, x, self.mode, ubar, t, ticks, forced, slopes)
+        if slopes is None:
+            return x, np.zeros((x.size, 0))
+        return x, slopes.states - np.outer(self._rate(x, ubar, t), slopes.time)
+
+
+@dataclass(frozen=True)
+class _Piece:
+    states: np.ndarray
+    outputs: np.ndarray
+    sens: np.ndarray
+    steps: int
+    done: int
+    t: float
+    x: np.ndarray
+    S: np.ndarray
+    left: np.ndarray | None
+
+
+_EVENT = 8  # the status of radau.c
+MOST_SHOWN = 20  # events that a run names
+SCANNED = 16  # instants of each sample interval at which a model without states is looked at for switches

@@ -1,0 +1,89 @@
+"""The mode in which a model with events starts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from daest.errors import ModelError
+from daest.model.experiment import Experiment
+from daest.model.flat import FlatModel
+from daest.systems.event_functions import EventFunctions
+from daest.systems.hybrid import settled_start
+from daest.systems.reduce import reduce_index
+
+MOST_TURNS = 5  # reductions, each at the mode that the one before has found
+
+
+def in_starting_mode(flat: FlatModel, recording: Any = None, theta: np.ndarray | None = None) -> FlatModel:
+    """The model with what keeps its value between events (`Parameter.is_memory`) as it is at the start.
+
+    The reduced form of a model takes its pivots at the values of its parameters, so that the mode comes
+    before the reduction; where it turns out otherwise the reduction is done again. A model without events is
+    returned as it is. `recording` gives the first time and inputs (default: 0 and their start values)."""
+    if flat.events is None:
+        return flat
+    if flat.n == 0:
+        raise ModelError(
+            "model-unsupported",
+            f"{flat.name} has discrete variables only; nothing in it is continuous",
+            where=flat.source or None,
+            remedy="Add the plant: a Real variable that an equation determines.",
+        )
+    values = flat.theta_values if theta is None else np.asarray(theta, dtype=float)
+    t, u = _beginning(flat, recording)
+    for _ in range(MOST_TURNS):
+        explicit = reduce_index(_with_memory(flat, values))
+        functions = EventFunctions(explicit)
+        ubar = np.concatenate([u, np.zeros(explicit.rhs.numel_in(2))])
+        start = values.copy()
+        _, mode = settled_start(functions, _as_declared(flat, start), ubar, t, None)
+        if np.array_equal(mode.theta, values, equal_nan=True):
+            break
+        values = mode.theta
+    return _with_memory(flat, values) if theta is None else _with_memory(_with_theta(flat, values), values)
+
+
+def _with_theta(flat: FlatModel, values: np.ndarray) -> FlatModel:
+    pairs = zip(flat.parameters, values, strict=True)
+    return replace(flat, parameters=tuple(replace(p, value=float(value)) for p, value in pairs))
+
+
+def mode_text(flat: FlatModel) -> str:
+    """The values of the discrete variables, as `heat = 0, gear = 2`."""
+    events = flat.events
+    if events is None:
+        return ""
+    values = flat.theta_values
+    shown = [f"{one.name} = {values[one.slot]:g}" for one in events.assignments if one.slot >= 0]
+    shown += [f"{one.text}: {'true' if values[one.slot] > 0.5 else 'false'}" for one in events.relations]
+    left = len(shown) - MOST_SHOWN
+    return ", ".join([*shown[:MOST_SHOWN], *([f"and {left} more"] if left > 0 else [])])
+
+
+MOST_SHOWN = 8  # discrete variables and relations of a mode that are named
+
+
+def _as_declared(flat: FlatModel, values: np.ndarray) -> np.ndarray:
+    """The values with those start values that the source declares."""
+    return np.array(
+        [p.value if p.is_memory else value for p, value in zip(flat.parameters, values, strict=True)]
+    )
+
+
+def _with_memory(flat: FlatModel, values: np.ndarray) -> FlatModel:
+    pairs = zip(flat.parameters, values, strict=True)
+    return replace(flat, parameters=tuple(replace(p, value=v) if p.is_memory else p for p, v in pairs))
+
+
+def _beginning(flat: FlatModel, recording: Any) -> tuple[float, np.ndarray]:
+    names = [v.name for v in flat.inputs]
+    if isinstance(recording, Experiment) and all(name in recording.input_names for name in names):
+        columns = [recording.input_names.index(name) for name in names]
+        return float(recording.time[0]), recording.inputs[0, columns]
+    if isinstance(recording, tuple):
+        time, u = (np.asarray(part, dtype=float) for part in recording)
+        return float(time[0]), u.reshape(time.size, -1)[0]
+    return 0.0, np.array([0.0 if v.start is None else v.start for v in flat.inputs])
