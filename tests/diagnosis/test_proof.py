@@ -2,10 +2,11 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hidden_plants import model, rotor_record, rubbing, some_effects
+from hidden_plants import model, quiet, rotor_record, rubbing, some_effects
 
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.diagnose import begin, reference_of
@@ -16,6 +17,7 @@ from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.proof import (
     Trial,
     _inside,
+    _too_short,
     _unexplained,
     _weak,
     _without_evidence,
@@ -355,3 +357,14 @@ def test_as_much_as_chance_finds_is_no_proof(monkeypatch):
         n_screened=10**80,
     )  # fmt: skip
     assert proof.p_value == 1.0 and proof.verdict == "rejected" and "by chance" in proof.reason
+
+
+@pytest.mark.parametrize("T, is_short", [(0.1, True), (1.0, False)])
+def test_lag_shorter_than_anything_in_the_model_is_no_finding(T, is_short):
+    _, run = quiet()  # a rotor of 0.5 / 0.3 s
+    lag = next(c for c in pairs(some_effects("Lag"), sites(model())) if c.site.name == "u")
+    fit = SimpleNamespace(theta={f"{lag.name}.T": T})
+    assert bool(_too_short(run, lag, fit)) == is_short
+    assert not is_short or "0.1 s is short beside" in _too_short(run, lag, fit)
+    friction = pairs(some_effects("CoulombFriction"), sites(model()))[0]
+    assert _too_short(run, friction, SimpleNamespace(theta={f"{friction.name}.tau_c": 0.1})) == ""

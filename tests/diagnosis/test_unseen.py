@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from daest.diagnosis.unseen import (
-    Confirmed,
     Foreseen,
     Innovations,
     compared,
     confirmed,
     is_better,
+    is_silent,
     is_worse,
     judged,
 )
-from daest.model.diagnosis import Ahead
+from daest.model.diagnosis import Ahead, Confirmed
 from daest.model.fit import Agreement
 
 
@@ -100,7 +100,7 @@ def test_right_law_gains_the_likelihood_that_is_expected_of_it(size):
     expected = 0.5 * size**2 * noise.size
     assert found.expected == pytest.approx(expected)
     assert found.gain == pytest.approx(expected, abs=3.0 * np.sqrt(2.0 * expected))
-    assert found.is_silent == (size == 0.05) and (size == 0.05 or found.certainty > 5.0)
+    assert is_silent(found) == (size == 0.05) and (size == 0.05 or found.certainty > 5.0)
     wrong = confirmed(Innovations(noise, 0.0), Innovations(noise + law, 0.0))
     assert wrong.gain == pytest.approx(-found.gain) and wrong.certainty < 0.0
     # A wider band of the innovations costs what the density says.

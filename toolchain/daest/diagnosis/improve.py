@@ -17,7 +17,7 @@ from daest.diagnosis.diagnose import (
 )
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import best_accepted
-from daest.diagnosis.unseen import is_better
+from daest.diagnosis.unseen import is_better, is_likelier
 from daest.errors import EstimationError
 from daest.model.diagnosis import Improvement, Proof, Step
 from daest.model.effects import Effect
@@ -77,13 +77,13 @@ def improve(
 
 
 def _helps(before: FitResult, best: Proof) -> bool:
-    """Whether unseen data are foreseen better at some horizon, or the simulation error on validation data
-    falls for some output and rises for none by as much."""
+    """Whether unseen data are foreseen better at some horizon or likelier, or the simulation error on
+    validation data falls for some output and rises for none by as much."""
     if "validation" not in before.simulated or "validation" not in best.told.simulated:
         return True
     ratios = error_ratios(before.simulated, best.told.simulated)
     falls = bool(ratios) and min(ratios) < LEAST_PROGRESS and max(ratios) < 1.0 / LEAST_PROGRESS
-    return falls or any(is_better(one) for one in best.ahead)
+    return falls or any(is_better(one) for one in best.ahead) or is_likelier(best.confirmed)
 
 
 def _remark(steps: Sequence[Step], best: Proof) -> str:

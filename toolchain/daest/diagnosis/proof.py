@@ -23,7 +23,7 @@ from daest.diagnosis.unseen import (
     judged,
 )
 from daest.errors import DaestError
-from daest.model.diagnosis import Ahead, Candidate, FreeForm, Load, Proof, Screen
+from daest.model.diagnosis import Ahead, Candidate, Confirmed, FreeForm, Load, Proof, Screen
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, FittedParameter, error_ratios
 from daest.model.flat import ExplicitModel, FlatModel
@@ -56,6 +56,9 @@ LEFT_SHARE = 0.1  # of the effect's own gain in log-likelihood: less is how a la
 # errors.
 DYNAMICS_LEVEL = 1e-2  # corrected p-value of what such a law leaves, below which it is another one
 LEFT_OF_DYNAMICS = 0.05  # of its gain in log-likelihood: less is the small wrongness of any model
+# Of the model's fastest time constant: a shorter lag or delay stands for whatever a model leaves out at high
+# frequencies. A flexible part at five times the bandwidth, half damped, acts like a delay of a fifth.
+SHORT = 1.0 / 3.0
 SIGNIFICANT_DYNAMICS = 6.0  # standard errors that its time constant must stand off zero
 COVERED = 0.75  # share of a law's score that a free form explains, from which the law is a part of the form
 SIMPLER = 0.97  # of the gain in log-likelihood that a law with fewer parameters must reach to be preferred
@@ -242,10 +245,13 @@ def prove(
     reason = _without_evidence(gain, delta_bic, p_value, n_screened)
     final: FitResult | None = None
     ahead: tuple[Ahead, ...] = ()
+    told = Confirmed()
     is_open = is_curve = is_told = False
     if not reason:
         after = after or run_null(with_effect)
-        final, ahead, against, is_told = _on_unseen(fed, fit, prepared, after, validation, reference)
+        if reference is not None and validation:
+            told = confirmed(reference.innovations, innovations(after, validation))
+        final, ahead, against, is_told = _on_unseen(fed, fit, prepared, told, validation, reference)
         ratios = error_ratios((reference.fit if reference else null_fit).simulated, (final or fit).simulated)
         # A law that says all that the load has to do with any variable need not explain more of the load.
         says_all = form is not None and form.p_value < LEFT_LEVEL and gain >= form.log_likelihood_gain
@@ -257,7 +263,7 @@ def prove(
     left = None if reason else _left(null, with_effect, after or run_null(with_effect))
     if left is not None:
         if prepared.trial.candidate.effect.is_dynamic:
-            reason = _other_dynamics(left, gain)
+            reason = _other_dynamics(left, gain) or _too_short(run, prepared.trial.candidate, fit)
         if is_curve and left.p_value < LEFT_LEVEL and not is_told:
             reason = _unexplained(explained, ratios)
         if not reason and not _is_most_of_it(explained, ratios, is_told, gain, left):
@@ -278,6 +284,7 @@ def prove(
         final=final,
         ahead=ahead,
         is_open=bool(reason) and is_open,
+        confirmed=told,
     )
 
 
@@ -315,7 +322,7 @@ def _on_unseen(
     null: Null,
     fit: FitResult,
     prepared: Prepared,
-    after: NullObserver,
+    told: Confirmed,
     validation: Sequence[Experiment],
     reference: Reference | None,
 ) -> tuple[FitResult | None, tuple[Ahead, ...], str, bool]:
@@ -324,7 +331,6 @@ def _on_unseen(
     if reference is None or not validation:
         return None, (), "", False
     found = settled(null, fit, prepared.flat, null.experiments, validation)
-    told = confirmed(reference.innovations, innovations(after, validation))
     if found is None:
         against, _, is_told = judged((), reference.fit, fit, reference.adds_up, told)
         return None, (), against, is_told
@@ -388,6 +394,21 @@ def _other_dynamics(left: FreeForm, gain: float) -> str:
     return (
         "something dynamic is missing that it only comes near to: what it leaves still follows "
         f"{left.label} (p = {left.p_value:.1g})"
+    )
+
+
+def _too_short(run: NullObserver, candidate: Candidate, fit: FitResult) -> str:
+    """Why a lag or a delay is no finding of its own beside the model that `run` observes; empty where it is
+    long enough to be one."""
+    loads = {load.name for load in run.null.loads}
+    own = [i for i, name in enumerate(run.state_names) if name not in loads]
+    times = [fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes if p.unit == "s"]
+    fastest = max(np.abs(np.linalg.eigvals(run.average.A[np.ix_(own, own)])), default=0.0)
+    if not times or max(times) * fastest >= SHORT:
+        return ""
+    return (
+        f"{max(times):.3g} s is short beside the fastest time constant of the model ({1.0 / fastest:.3g} s): "
+        "a lag, a delay or a flexible part would do as well"
     )
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from daest.diagnosis.null import Null
 from daest.diagnosis.screen import RTOL, NullObserver
-from daest.model.diagnosis import Ahead
+from daest.model.diagnosis import Ahead, Confirmed
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
 from daest.systems.initialize import initial_point
@@ -74,19 +74,13 @@ class Innovations:
     log_scale: float
 
 
-@dataclass(frozen=True)
-class Confirmed:
-    """What the likelihood of unseen data says of a law: its gain, how many standard errors that is over the
-    stretches, and the gain that is to be expected if the law is right."""
+def is_silent(told: Confirmed) -> bool:
+    """Whether a law makes too little of a difference in unseen data to be told from its absence."""
+    return told.expected < SILENT and told.certainty > -LIKELIER
 
-    gain: float = 0.0
-    certainty: float = 0.0
-    expected: float = np.inf
 
-    @property
-    def is_silent(self) -> bool:
-        """Whether the law makes too little of a difference there to be told from its absence."""
-        return self.expected < SILENT and self.certainty > -LIKELIER
+def is_likelier(told: Confirmed) -> bool:
+    return told.certainty > LIKELIER
 
 
 def innovations(run: NullObserver, experiments: Sequence[Experiment]) -> Innovations | None:
@@ -189,12 +183,12 @@ def judged(
     # An effect that changes no error matters to nobody, however likely it makes the data.
     shows = min([*(one.ratio for one in ahead), whole], default=1.0) < 1.0 - SAME
     told = told or Confirmed()
-    is_likelier = told.is_silent or (told.certainty > LIKELIER and shows)
-    is_clear = bool(better) or whole < CLEAR or is_likelier
+    speaks = is_silent(told) or (is_likelier(told) and shows)
+    is_clear = bool(better) or whole < CLEAR or speaks
     if worse:
         one = max(worse, key=lambda a: a.ratio)
         return f"unseen data are foreseen {one.ratio:.3g} times worse over {one.seconds:.3g} s", False, False
-    most = 1.0 + (TOLERATED if is_likelier else SAME)
+    most = 1.0 + (TOLERATED if speaks else SAME)
     if ratios and whole > most and not (adds_up and is_clear):
         return f"the simulation of unseen data gets {whole:.3g} times worse", False, False
     if not is_clear:

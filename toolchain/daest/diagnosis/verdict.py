@@ -11,6 +11,7 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
 from daest.diagnosis.proof import is_significant
 from daest.diagnosis.screen import NullObserver
+from daest.diagnosis.unseen import is_likelier, is_silent
 from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Unproved, VerdictName
 from daest.model.fit import Agreement, FitResult, FittedParameter, error_ratios
 from daest.model.flat import FlatModel
@@ -190,6 +191,10 @@ def _certainty(evidence: Evidence, proof: Proof) -> str:
     if proof.ahead:
         surest = max(proof.ahead, key=lambda one: one.certainty)
         text += f", unseen data foreseen better by {surest.certainty:.2g} standard errors"
+    if is_silent(proof.confirmed):
+        text += ", though unseen data hardly show it"
+    elif is_likelier(proof.confirmed):
+        text += f", and likelier by {proof.confirmed.certainty:.2g}"
     return text + "."
 
 

@@ -168,6 +168,16 @@ class Ahead:
 
 
 @dataclass(frozen=True)
+class Confirmed:
+    """What the likelihood of unseen data says of a law: its gain, how many standard errors that is over the
+    stretches of the data, and the gain that is to be expected if the law is right."""
+
+    gain: float = 0.0
+    certainty: float = 0.0
+    expected: float = np.inf
+
+
+@dataclass(frozen=True)
 class Proof:
     """A candidate built into the model and refitted. `fit` is beside the unknown loads, which is what the
     tests rest on; `final` without coloured ones, which is what is told. `explained` is the share of the
@@ -189,6 +199,7 @@ class Proof:
     final: FitResult | None = None  # None: not searched for, since the tests of `fit` have failed
     ahead: tuple[Ahead, ...] = ()
     is_open: bool = False  # rejected, though nothing speaks against it: the data may still mean it
+    confirmed: Confirmed = Confirmed()
 
     @property
     def told(self) -> FitResult:
