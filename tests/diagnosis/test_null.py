@@ -8,7 +8,8 @@ from hidden_plants import model, quiet, rotor_null, rotor_record, rubbing, some_
 
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.diagnose import begin, better_hold, examine, without_noises
-from daest.diagnosis.null import CLEAR_HOLD, fit_null, refit
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.null import fit_null, refit
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.trial import Candidate
 from daest.errors import EstimationError, ModelError
@@ -77,7 +78,7 @@ def test_hold_of_the_inputs_is_told_by_the_likelihood_with_loads():
     )
     assert given.hold == "foh" and given.other_hold is None
     margin = null.fit.log_likelihood - given.fit.log_likelihood
-    assert margin > 0.0 and null.other_hold == ("foh" if margin < CLEAR_HOLD else None)
+    assert margin > 0.0 and null.other_hold == ("foh" if margin < GATES.clear_hold_gain else None)
 
 
 def test_other_hold_is_taken_once_the_effect_shows_it():

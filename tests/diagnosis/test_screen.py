@@ -22,8 +22,9 @@ from hidden_plants import (
 from scipy.stats import kstest
 
 from daest.diagnosis.candidates import attachable, pairs, with_shapes
+from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import loads_of
-from daest.diagnosis.screen import RUNAWAY, _followed, _responses, nuisance, projected, run_null, screen
+from daest.diagnosis.screen import _followed, _responses, nuisance, projected, run_null, screen
 from daest.errors import EstimationError
 from daest.modelica.sites import sites
 from daest.systems.integrate import Correction, integrate, integrator
@@ -189,5 +190,5 @@ def test_gain_that_runs_away_is_shortened():
     shares = gain / run.gain
     assert np.allclose(shares, shares[0, 0])
     assert 0.0 < shares[0, 0] < 40.0
-    assert np.all(np.abs(errors[0]) < RUNAWAY * null.experiments[0].outputs.std(axis=0))
+    assert np.all(np.abs(errors[0]) < GATES.observer_runaway * null.experiments[0].outputs.std(axis=0))
     assert _followed(null, follower, starts, run.gain)[0] is run.gain

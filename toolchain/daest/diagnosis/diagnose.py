@@ -64,10 +64,7 @@ from daest.numerics.parallel import Outcome, Workers, workers
 from daest.systems.reduce import reduce_index
 from daest.systems.sample import Hold
 
-SCREEN_LEVEL = 0.05  # corrected p-value of a score below which a candidate goes to the proof
 MORE_TRIALS = 4  # where none of those is accepted, or the best leaves a curve over some variable
-MUCH = 0.5  # of the gain of the form that says most
-HOLD_GAIN = 10.0  # log-likelihood that the other hold must gain with the effect in the model
 AGAIN: dict[Hold, str] = {
     "zoh": "with the effect, the inputs are held between the samples after all: once more",
     "foh": "with the effect, the inputs run straight between the samples after all: once more",
@@ -76,14 +73,10 @@ IN_VAIN: dict[Hold, str] = {
     "zoh": "nothing was accepted: once more with inputs that are held between the samples",
     "foh": "nothing was accepted: once more with inputs that run straight between the samples",
 }
-RICHER_LEVEL = 0.1  # corrected p-value of what the best candidate leaves, below which richer laws are tried
 FIRST_TRIALS = 2  # are refitted in any case
 MOST_PLACES = 5  # that the sensors see alike, where a refit is tried again
 ITERATIONS = 15  # of the simulation's fit from which one is tried again
-FEWEST_SAMPLES = 200
 REFIT_SECONDS = 3.0  # times that of the model as it is: a refit has more parameters, and is judged besides
-# Share of a column's variance that inputs, outputs and rates of outputs leave, below which it is one of them.
-SAME_SIGNAL = 0.05
 
 
 def diagnose(
@@ -132,7 +125,7 @@ def better_hold(stand: Stand, found: Diagnosis) -> Hold | None:
         fit = refit(best.flat, reduce_index(best.flat), names, other, hopeless=hopeless)
     except DaestError:
         return None
-    return null.other_hold if fit.log_likelihood > best.fit.log_likelihood + HOLD_GAIN else None
+    return null.other_hold if fit.log_likelihood > best.fit.log_likelihood + GATES.min_hold_gain else None
 
 
 def unsettled_hold(stand: Stand, found: Diagnosis) -> Hold | None:
@@ -146,7 +139,7 @@ def unsettled_hold(stand: Stand, found: Diagnosis) -> Hold | None:
 def says_more(proofs: Sequence[Proof], stand: Stand) -> bool:
     """Whether a candidate was accepted that fits better than the model as it is with the hold of `stand`."""
     best = best_accepted(proofs)
-    return best is not None and best.fit.log_likelihood > stand.baseline.log_likelihood + HOLD_GAIN
+    return best is not None and best.fit.log_likelihood > stand.baseline.log_likelihood + GATES.min_hold_gain
 
 
 @dataclass(frozen=True)
@@ -304,7 +297,7 @@ def _learned(stand: Stand, run: NullObserver, form: FreeForm) -> LearnedLoad | N
     other = learned_load(again, run, stand.baseline, form, stand.validation, stand.reference)
     if other is None or other.fit is None:
         return learned
-    return other if other.fit.log_likelihood > learned.fit.log_likelihood + HOLD_GAIN else learned
+    return other if other.fit.log_likelihood > learned.fit.log_likelihood + GATES.min_hold_gain else learned
 
 
 def _told_by_rest(forms: Sequence[FreeForm], proofs: Sequence[Proof]) -> FreeForm | None:
@@ -318,7 +311,10 @@ def _told_by_rest(forms: Sequence[FreeForm], proofs: Sequence[Proof]) -> FreeFor
         return next(iter(forms), None)
     key = (nearest.left.load, nearest.left.variable, nearest.left.sign_of)
     same = [f for f in forms if (f.load, f.variable, f.sign_of) == key]
-    return next((f for f in same if f.log_likelihood_gain > MUCH * forms[0].log_likelihood_gain), forms[0])
+    return next(
+        (f for f in same if f.log_likelihood_gain > GATES.min_same_form * forms[0].log_likelihood_gain),
+        forms[0],
+    )
 
 
 def accept(stand: Stand, proof: Proof) -> Stand:
@@ -360,12 +356,12 @@ def _divided(
 ) -> tuple[tuple[Experiment, ...], tuple[Experiment, ...]]:
     experiments, validation = halved(experiments, validation)
     n_samples = sum(e.n_samples for e in experiments)
-    if n_samples < FEWEST_SAMPLES:
+    if n_samples < GATES.min_samples:
         raise EstimationError(
             "diagnose-too-short",
             f"{n_samples} samples to diagnose from cannot tell a missing effect from noise",
-            remedy=f"record at least {2 * FEWEST_SAMPLES} samples (half are kept for validation) that move "
-            "the machine through its whole range, in both directions and through rest",
+            remedy=f"record at least {2 * GATES.min_samples} samples (half are kept for validation) that "
+            "move the machine through its whole range, in both directions and through rest",
         )
     return experiments, validation
 
@@ -397,7 +393,7 @@ def _is_new_signal(name: str, experiments: Sequence[Experiment]) -> bool:
     known = np.concatenate([_known_signals(e) for e in experiments])
     table = np.column_stack([np.ones(column.size), known])
     rest = column - table @ np.linalg.lstsq(table, column, rcond=None)[0]
-    return bool(np.sum(rest**2) > SAME_SIGNAL * np.sum((column - column.mean()) ** 2))
+    return bool(np.sum(rest**2) > GATES.max_known_variance * np.sum((column - column.mean()) ** 2))
 
 
 def _known_signals(experiment: Experiment) -> np.ndarray:
@@ -581,7 +577,7 @@ def _proofs(
     """The best candidates refitted: the first few, and of the others those that could compete with them; and
     the leaders of the screen that were not, each with the reason."""
     null = stand.null
-    wanted = trials(found, SCREEN_LEVEL, options.most_trials + MORE_TRIALS)
+    wanted = trials(found, GATES.screen_level, options.most_trials + MORE_TRIALS)
     given = clipping_trials(null, candidates, options.clipped)
     with workers(options.jobs, options.cluster) as pool:
         stages = _Stages(_Search(stand, run, load, form, found.n_screened), pool, options, progress)
@@ -669,4 +665,4 @@ def best_start(proofs: Sequence[Proof]) -> Proof | None:
 
 def _leaves_something(proof: Proof) -> bool:
     """Whether the rest of the load follows a variable a little more than by chance: a richer law may do."""
-    return proof.left is None or proof.left.p_value < RICHER_LEVEL
+    return proof.left is None or proof.left.p_value < GATES.richer_level

@@ -16,7 +16,6 @@ import numpy as np
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
 from daest.diagnosis.screen import (
-    ABSORBED,
     NullObserver,
     innovation_responses,
     nuisance,
@@ -199,7 +198,7 @@ def _tested(
     rest, _ = projected(frame @ responses, directions)
     # In directions of unit response, what is left of one is its sine against the parameters' directions.
     values, vectors = np.linalg.eigh(rest @ rest.T)
-    kept = values > ABSORBED**2
+    kept = values > GATES.absorbed_share**2
     unit, _ = projected((vectors[:, kept] / np.sqrt(values[kept])).T @ frame @ responses, directions)
     z = unit @ white / spread(unit) if np.any(kept) else np.zeros(0)
     statistic, degrees = float(z @ z), max(int(kept.sum()), 1)

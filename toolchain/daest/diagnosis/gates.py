@@ -24,6 +24,60 @@ def gate(value: float, unit: str, meaning: str, study: str) -> Any:
 class Gates:
     """The thresholds. `rows` tells of each what stands beside its value."""
 
+    screen_level: float = gate(
+        0.05,
+        "p-value",
+        "score of the screen, corrected for the search, below which a candidate is refitted",
+        "distribution: largest of jointly normal scores",
+    )
+    richer_level: float = gate(
+        0.1,
+        "p-value",
+        "what the best candidate leaves, below which laws with more parameters are tried",
+        JUDGEMENT,
+    )
+    min_same_form: float = gate(
+        0.5,
+        "share",
+        "of the largest gain of a form, from which the form of what a law leaves is told instead",
+        JUDGEMENT,
+    )
+    min_hold_gain: float = gate(
+        10.0,
+        "log-likelihood",
+        "by which the other hold of the inputs must fit better with an effect to be taken",
+        JUDGEMENT,
+    )
+    max_known_variance: float = gate(
+        0.05,
+        "share",
+        "of the variance of a column that known signals leave, below which it is one of them",
+        JUDGEMENT,
+    )
+    min_samples: int = gate(
+        200,
+        "samples",
+        "of all recordings, below which nothing is diagnosed",
+        JUDGEMENT,
+    )
+    absorbed_share: float = gate(
+        0.02,
+        "share",
+        "of a response that no refitted parameter explains, below which the parameters do all of it",
+        JUDGEMENT,
+    )
+    stated_power: float = gate(
+        0.9,
+        "probability",
+        "with which the smallest detectable size is seen",
+        "definition",
+    )
+    observer_runaway: float = gate(
+        100.0,
+        "standard deviations",
+        "of an output: an observer with a larger error has run away",
+        JUDGEMENT,
+    )
     clear_hold_gain: float = gate(
         100.0,
         "log-likelihood",
@@ -50,7 +104,7 @@ class Gates:
     )
     same_course: float = gate(
         1e-6,
-        "1 - |correlation|",
+        "1 - abs(correlation)",
         "below which two variables are one up to offset and factor",
         ROUNDING,
     )
@@ -70,6 +124,12 @@ class Gates:
         0.5,
         "log-likelihood",
         "within which two places are the same to the sensors",
+        JUDGEMENT,
+    )
+    error_of_choice: float = gate(
+        0.5,
+        "share",
+        "of the distance between two estimates on different terms that counts as an error of the size",
         JUDGEMENT,
     )
     max_to_noise: float = gate(

@@ -21,6 +21,7 @@ from scipy.special import ndtri_exp
 
 from daest.diagnosis.candidates import attachable, attached, with_shapes
 from daest.diagnosis.error_dynamics import ErrorDynamics, dynamics_along
+from daest.diagnosis.gates import GATES
 from daest.diagnosis.grown_states import grown_states
 from daest.diagnosis.null import Null
 from daest.errors import EstimationError
@@ -41,12 +42,9 @@ from daest.systems.integrate import (
 )
 from daest.systems.reduce import reduce_index
 
-ABSORBED = 0.02  # part of a response that no refitted parameter explains, below which parameters do it all
 RANK = 1e-7  # singular values of the scaled nuisance directions below this are no direction
 DRAWS = 20_000  # of the largest score under the null
-POWER = 0.9  # at which the smallest detectable size is stated
 RTOL = 1e-5
-RUNAWAY = 100.0  # times the standard deviation of an output: an error of the observer beyond has run away
 HALVINGS = 8  # of a gain with which the observer runs away
 # Samples at a time: the pattern of a function mapped over all of them takes longer than its values.
 PIECE = 500
@@ -122,7 +120,7 @@ def _followed(
     with its trajectories and errors. A law that sticks damps on average far more than in motion, and the gain
     for so much damping may be unstable there."""
     spread = np.concatenate([e.outputs for e in null.experiments])
-    spread = RUNAWAY * np.nanstd(spread, axis=0)
+    spread = GATES.observer_runaway * np.nanstd(spread, axis=0)
     for share in (*(0.5**i for i in range(HALVINGS)), 0.0):
         tried = gain if share == 1.0 else share * gain
         try:
@@ -382,8 +380,8 @@ def _scored(
 ) -> Screen:
     rest, share = projected(responses, directions)
     norms = np.linalg.norm(rest, axis=1)
-    only_rescales = projected(responses, rescaling)[1] < ABSORBED
-    seen = (share >= ABSORBED) & ~only_rescales & (norms > 0.0)
+    only_rescales = projected(responses, rescaling)[1] < GATES.absorbed_share
+    seen = (share >= GATES.absorbed_share) & ~only_rescales & (norms > 0.0)
     unit = np.where(seen[:, None], rest / np.where(norms > 0.0, norms, 1.0)[:, None], 0.0)
     spread = spread_under(white)(unit)
     z = np.where(seen, unit @ white / spread, 0.0)
@@ -397,7 +395,9 @@ def _scored(
         own = norms[test.rows]
         size = test.estimate(z) * spread[test.rows] / np.where(own > 0.0, own, 1.0)
         null_values = np.array(list(test.candidate.effect.null_values.values()))
-        detectable = (level + norm.ppf(POWER)) * np.min(spread[test.rows] / np.where(own > 0.0, own, np.inf))
+        detectable = (level + norm.ppf(GATES.stated_power)) * np.min(
+            spread[test.rows] / np.where(own > 0.0, own, np.inf)
+        )
         entries.append(
             Screened(
                 candidate=test.candidate,

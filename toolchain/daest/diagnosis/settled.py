@@ -16,6 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown, shortest_load
 from daest.diagnosis.screen import NullObserver, nuisance, run_null
 from daest.errors import DaestError
@@ -32,7 +33,6 @@ ITERATIONS = 40
 SECOND_CHANCES = 2  # searches that go on where one has come to its limit
 BATCHES = 30  # of the record, whose scores count as independent: colour of the innovations shows in them
 FEWEST_BATCHES = 8
-CHOICE = 0.5  # of the distance between two estimates on different terms: which is right is open
 SIMULATED_ITERATIONS = 12
 FAR = 100.0  # times its start value, or that part of it, at which a parameter may be lost
 
@@ -120,7 +120,7 @@ def _lost(null: Null, white: FitResult) -> dict[str, float]:
 
 
 def _with_choice(std_error: float | None, apart: float) -> float | None:
-    return None if std_error is None else float(np.hypot(std_error, CHOICE * apart))
+    return None if std_error is None else float(np.hypot(std_error, GATES.error_of_choice * apart))
 
 
 def _fit(
