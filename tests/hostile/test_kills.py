@@ -130,7 +130,15 @@ def test_soak(tmp_path, monkeypatch, capsys):
 
     monkeypatch.chdir(tmp_path)
     lag_project(tmp_path)
-    lines = ("check run1.csv", "identify", "linearize Lag.mo", "filter run2.csv", "report")
+    assert run(["export", "Lag.mo", "-o", "lag.fmu"]) == 0
+    lines = (
+        "check run1.csv",
+        "identify",
+        "linearize Lag.mo",
+        "linearize lag.fmu",
+        "filter run2.csv",
+        "report",
+    )
     seen = []
     for number in range(N_COMMANDS):
         assert run(lines[number % len(lines)].split()) in (0, 1)
