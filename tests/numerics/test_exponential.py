@@ -93,3 +93,10 @@ def test_rates_that_overflow_have_no_transition(value, capfd, recwarn):
         assert all(np.isnan(cov).all() for cov in covs)
     assert capfd.readouterr() == ("", "")
     assert not recwarn
+
+
+def test_rates_and_periods_whose_product_overflows():
+    """A decay that is over at once: the noise has come to rest."""
+    A, Q = np.array([[-1e300]]), np.array([[1.0]])
+    for period in (1e-3, 1e10):
+        np.testing.assert_allclose(covariance_integral(A, Q, period), 0.5e-300)

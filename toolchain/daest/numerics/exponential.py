@@ -7,6 +7,8 @@ long periods. Derivatives use L(M, dM), the upper right block of exp([[M, dM], [
 
 from __future__ import annotations
 
+import math
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -220,9 +222,13 @@ def _van_loan(A: np.ndarray, Q: np.ndarray, step: float) -> np.ndarray:
 
 def _doublings(A: np.ndarray, period: float) -> tuple[int, float]:
     """Number of doublings, and the short step [s] that they start from."""
-    norm = float(np.linalg.norm(A, 1)) * period if A.size else 0.0
-    doublings = max(0, int(np.ceil(np.log2(norm / SHORT_STEP_NORM)))) if norm > SHORT_STEP_NORM else 0
-    return doublings, period / 2**doublings
+    size = float(np.linalg.norm(A, 1)) if A.size else 0.0
+    if size == 0.0:
+        return 0, period
+    # Logarithms: the product of an absurd rate and a long period is beyond the largest double.
+    power = math.log2(min(size, sys.float_info.max)) + math.log2(period / SHORT_STEP_NORM)
+    doublings = max(0, math.ceil(power))
+    return doublings, math.ldexp(period, -doublings)
 
 
 def _frechet(M: np.ndarray, dM: np.ndarray) -> np.ndarray:
