@@ -147,3 +147,24 @@ def test_a_recording_that_there_is_counts():
     alone, together = aim(), ParameterAim(driven("Cart"), (0, 1, 2), "D", known)
     assert together.value(together.merit(force)) == pytest.approx(1e-4, rel=0.02)
     assert alone.value(alone.merit(force)) > 1e-3
+
+
+def test_d_optimal_levels_of_a_saturating_law():
+    """Half of the samples at the largest input, half at K / (2 K + 1): known in closed form. No gradient is
+    known for a nonlinear model; pieces are exchanged."""
+    subject = Subject(flat("Saturating"), ("V", "K"))
+    allowed = Limits((Range("u", "", 0.0, 1.0),), 3.0, 0.05, hold="zoh")
+    one = ParameterAim(explainer(subject, 0.05, "zoh"), (0, 1), "D", np.zeros((2, 2)))
+    levels = np.where(np.arange(allowed.time.size) % 2, 1.0, 0.3 / 1.6)[:, None]
+    best = one.value(one.merit(levels))
+    families, free = searched(one, allowed)
+    assert families[0].value > 1.1 * best
+    assert free.value < 1.05 * best
+
+
+def test_exchanged_pieces_keep_the_limits():
+    allowed = limits(rate=20.0)
+    rest = np.zeros((allowed.time.size, 1))
+    changed = signals.with_piece(allowed, rest, 0, slice(100, 140), 1.0)
+    assert changed.max() == 4.0 and changed[0] == 0.0
+    assert np.max(np.abs(np.diff(changed[:, 0]))) <= 20.0 * allowed.period + 1e-12

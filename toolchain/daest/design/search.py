@@ -12,7 +12,7 @@ from scipy.sparse import csr_matrix, diags, vstack
 
 from daest.design.aims import Aim
 from daest.design.safety import Guard
-from daest.design.signals import FAMILIES, KEEPS_LOWEST, SMALLER, Shape, within
+from daest.design.signals import FAMILIES, KEEPS_LOWEST, SMALLER, Shape, with_piece, within
 from daest.model.design import Limits, Played
 
 FREE = "free"
@@ -20,6 +20,8 @@ MOST_ROUNDS = 40  # of the gradient search
 LEAST_GAIN = 1e-3  # of the merit, relative, in a round: less ends it
 KNOTS = 24  # of a free input where the gradient is not known
 PROBED = 0.02  # of the range of an input, by which a knot is moved to find its slope
+LONGEST_PIECE = 8  # pieces of that part of the length are exchanged, and shorter ones
+MOST_FAILED = 200  # exchanges in turn that help nothing: the last ones
 SHORTEST = 1e-3  # share of a step that is still tried
 SHARE_OF_FAMILIES = 0.6  # of the time budget
 FAMILY_OF_FORM = ("multisine", "chirp")
@@ -34,6 +36,11 @@ class Budget:
     @property
     def is_over(self) -> bool:
         return time.perf_counter() >= self.ends
+
+    def half(self) -> Budget:
+        """Of the time that is left."""
+        now = time.perf_counter()
+        return Budget(now + 0.5 * (self.ends - now))
 
 
 def best_of_families(aim: Aim, limits: Limits, guard: Guard, seed: int, budget: Budget) -> list[Played]:
@@ -85,13 +92,16 @@ def free_input(aim: Aim, limits: Limits, guard: Guard, start: Played, budget: Bu
     """The input that conditional gradient steps (Frank and Wolfe 1956) make of `start`.
 
     A step goes towards the input that a linear program finds best along the gradient within amplitude and
-    rate; it is shortened until the merit grows and the safe ranges hold.
+    rate; it is shortened until the merit grows and the safe ranges hold. Where the gradient is known by
+    differences alone, pieces are exchanged besides.
     """
     assert start.inputs is not None
     if limits.band[0] > 0.0:
         return Played(FREE, "", float("nan"), None, {}, "does not keep a band that begins above 0 Hz")
     inputs, merit = start.inputs, aim.merit(start.inputs)
     coarse = _hats(limits)
+    if np.isinf(limits.band[1]) and aim.gradient(inputs) is None:
+        inputs, merit = _exchanged(aim, limits, guard, inputs, merit, budget.half())
     for _ in range(MOST_ROUNDS):
         slopes = aim.gradient(inputs)
         basis = None if slopes is not None and np.isinf(limits.band[1]) else coarse
@@ -109,6 +119,33 @@ def free_input(aim: Aim, limits: Limits, guard: Guard, start: Played, budget: Bu
         if gained < LEAST_GAIN * max(1.0, abs(merit)) or budget.is_over:
             break
     return _played(aim, limits, FREE, merit, f"from {start.family}: {start.shape}", inputs)
+
+
+def _exchanged(
+    aim: Aim, limits: Limits, guard: Guard, inputs: np.ndarray, merit: float, budget: Budget
+) -> tuple[np.ndarray, float]:
+    """The input with random pieces set to random levels wherever that is better (the exchange of Fedorov
+    1972), until the time is over or nothing helps any more."""
+    rng = np.random.default_rng(0)
+    n, n_u = inputs.shape
+    failed = 0
+    while failed < MOST_FAILED and not budget.is_over:
+        column = int(rng.integers(n_u))
+        first = int(rng.integers(n))
+        size = int(np.exp(rng.uniform(0.0, np.log(max(n / LONGEST_PIECE, 2.0)))))
+        piece = slice(first, first + size)
+        tried = with_piece(limits, inputs, column, piece, _level(rng))
+        value = aim.merit(tried) if guard.is_safe(tried) else -np.inf
+        if value > merit:
+            inputs, merit, failed = tried, value, 0
+        else:
+            failed += 1
+    return inputs, merit
+
+
+def _level(rng: np.random.Generator) -> float:
+    """Between the lowest (0) and the highest (1) value, and often one of them."""
+    return float(np.clip(rng.uniform(-0.5, 1.5), 0.0, 1.0))
 
 
 def _along(

@@ -112,9 +112,14 @@ def within(limits: Limits, signal: np.ndarray, amplitude: float = 1.0, *, keeps_
     return np.column_stack(columns)
 
 
-def at_rest(limits: Limits) -> np.ndarray:
-    """Inputs that stay in the middle of their ranges."""
-    return np.tile([one.middle for one in limits.inputs], (limits.time.size, 1))
+def with_piece(limits: Limits, inputs: np.ndarray, column: int, piece: slice, level: float) -> np.ndarray:
+    """The inputs with the samples `piece` of one of them at a level between its lowest (0) and highest (1)
+    value, reached on ramps where the rate is limited."""
+    one, changed = limits.inputs[column], inputs.copy()
+    changed[piece, column] = one.low + level * (one.high - one.low)
+    if np.isfinite(one.rate):
+        changed[:, column] = _slewed(changed[:, column], one.rate * limits.period)
+    return changed
 
 
 def _slewed(wanted: np.ndarray, largest: float) -> np.ndarray:
