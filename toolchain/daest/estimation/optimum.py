@@ -32,6 +32,7 @@ MOST_PROBED = 6  # unknowns, the weakest
 REVIVING = (1.0, 0.3, 0.1, 0.03)  # shares of the step that gives a lost parameter its size again
 NO_INFORMATION = 1e-12  # relative eigenvalue of the scaled information: nothing is known along this direction
 HILL, HILL_STDS = np.log(2.0), 3.0  # how far a parameter is moved to look over a hill: in z, in stds
+FORETOLD = 3.0  # within this factor of its parabola the likelihood tells of no hill
 SAME_VALLEY = 0.2  # of the difference in log-likelihood, which a parabola about the best point must foretell
 SUSPICIOUS_LEVEL = 0.05  # p-value below which residuals let a search try its next natural start
 NEAR_ITERATIONS = 5  # of a search, after which it is asked whether it leads to where another one ended
@@ -93,31 +94,47 @@ def _over_the_hill(search: Search, found: Found) -> np.ndarray | None:
     """A more likely point beyond a hill, or None.
 
     Time constants that trade places make valleys that look alike. The parameter that the data know least is
-    moved both ways and held while the others follow. If it is pulled on from there, not back, the search
-    goes on.
+    moved both ways; where the likelihood is another one than its parabola foretells, it is held there while
+    the others follow. If it is pulled on from there, not back, the search goes on.
     """
     directions = profile_directions(search, found)
     own = [(d, std) for d, std in directions if _unknown(search, d).kind == "parameter"]
     if not own:
         return None
     direction, std = max(own, key=lambda pair: pair[1])
-    i = int(np.argmax(direction == 1.0))
-    for sign in (-1.0, 1.0):
-        size = min(max(HILL, HILL_STDS * std), LONGEST_PROBE)
-        z = found.z + sign * size * direction
-        lower, upper = search.lower.copy(), search.upper.copy()
-        lower[i] = upper[i] = np.clip(z[i], search.lower[i], search.upper[i])
-        there = minimise(search.objective, z, lower, upper, NEAR_ITERATIONS, WORTHWHILE_GAIN)
-        if there is None:
+    size = min(max(HILL, HILL_STDS * std), LONGEST_PROBE)
+    for move in (-size, size):
+        z = np.clip(found.z + move * direction, search.lower, search.upper)
+        if _is_foretold(search, found, z, (move / std) ** 2 / 2):
             continue
-        if there.evaluation.value < found.evaluation.value - WORTHWHILE_GAIN:
-            return there.z
-        if sign * there.evaluation.gradient[i] >= 0.0:
+        followed = _followed(search, found, z, int(np.argmax(direction == 1.0)), move)
+        if followed is None:
             continue
-        freed = search.minimum(there.z)
+        near = search.minimum(followed.z, NEAR_ITERATIONS)
+        freed = near if near is None or _is_in_valley(near, found) else search.minimum(near.z)
         if freed is not None and freed.evaluation.value < found.evaluation.value - WORTHWHILE_GAIN:
             return freed.z
     return None
+
+
+def _is_foretold(search: Search, found: Found, z: np.ndarray, rise: float) -> bool:
+    """Whether the objective rises to z about as much as the parabola at the end of the search has it."""
+    there = search.objective(z, False)
+    if there is None:
+        return True
+    return rise / FORETOLD < there.value - found.evaluation.value < rise * FORETOLD
+
+
+def _followed(search: Search, found: Found, z: np.ndarray, i: int, move: float) -> Found | None:
+    """Where the others follow unknown i, held at z; None where that is no better and pulled back against
+    `move`."""
+    lower, upper = search.lower.copy(), search.upper.copy()
+    lower[i] = upper[i] = z[i]
+    there = minimise(search.objective, z, lower, upper, NEAR_ITERATIONS, WORTHWHILE_GAIN)
+    if there is None:
+        return None
+    is_better = there.evaluation.value < found.evaluation.value - WORTHWHILE_GAIN
+    return there if is_better or move * there.evaluation.gradient[i] < 0.0 else None
 
 
 def _unknown(search: Search, direction: np.ndarray) -> Coordinate:
