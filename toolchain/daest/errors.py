@@ -510,6 +510,15 @@ EXPLANATIONS: dict[str, str] = {
         "The effect library has no class of that name. daest effects lists all of them; -L DIR adds a "
         "folder with classes of one's own."
     ),
+    "estimator-nonlinear": (
+        "daest export --estimator writes linear Kalman filters, time-varying or stationary, for linear "
+        "models. The extended and the unscented filter of nonlinear models run beside a machine with "
+        "daest filter --follow."
+    ),
+    "estimator-option": (
+        "An option belongs to the export of an estimator and was given without --estimator, or the other "
+        "way round; or nothing tells the expected time between two samples: give it with --step."
+    ),
     "event-state": (
         "An event (reinit, or an assignment in a when-clause) gives a variable a value that several states "
         "decide together. Restart the variable that is differentiated, or mark it with stateSelect = "

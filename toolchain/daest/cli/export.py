@@ -7,6 +7,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from daest.cli.export_estimator import (
+    EstimatorOptions,
+    estimator_options,
+    export_estimator,
+    needs_estimator,
+)
 from daest.cli.given import Files, files
 from daest.cli.options import ModelOptions, example, format_option, model_options, output_option, set_option
 from daest.cli.output import emit, keep_inputs, note, whole_file
@@ -15,7 +21,13 @@ if TYPE_CHECKING:
     from daest.data.project import Project
 
 
-@click.command("export", epilog=example("daest export Servo.mo -o servo.fmu --platform linux64,win64"))
+@click.command(
+    "export",
+    epilog=example(
+        "daest export Servo.mo -o servo.fmu --platform linux64,win64",
+        "daest export Servo.mo --estimator --only disc.w --c estimator/",
+    ),
+)
 @files("[MODEL]", "model", None)
 @click.option(
     "--platform", "platforms", metavar="LIST", help="linux64, win64, darwin64 (default: this machine's)."
@@ -26,6 +38,7 @@ if TYPE_CHECKING:
     default="rumoca",
     help="omc: let OpenModelica make the FMU, or with -o NAME.bmo Base Modelica.",
 )
+@estimator_options
 @set_option
 @model_options
 @format_option
@@ -34,6 +47,7 @@ def command(
     files: Files,
     platforms: str | None,
     compiler: str,
+    estimator: EstimatorOptions,
     settings: dict[str, float],
     model_options: ModelOptions,
     form: str,
@@ -42,7 +56,8 @@ def command(
     """Write MODEL as an FMI 3.0 Model Exchange FMU: tunable parameters, its DAE, its equations as
     expressions.
 
-    The file is MODEL.fmu here, or the one named with -o.
+    The file is MODEL.fmu here, or the one named with -o. With --estimator it is a Co-Simulation FMU that
+    takes inputs and measured outputs and gives estimates (MODEL_estimator.fmu), or C99 in the folder of --c.
     """
     from daest.cli.models import model_source
     from daest.errors import ConfigError
@@ -53,6 +68,12 @@ def command(
     project = model_options.project()
     model = files.model
     source = model_source(project, model)
+    chosen = [name.strip() for name in platforms.split(",") if name.strip()] if platforms else None
+    if estimator.wanted:
+        flat = model_options.load(project, source, settings)
+        export_estimator(project, source, flat, estimator, chosen, form, output)
+        return
+    needs_estimator(estimator)
     target = output or Path(source.with_suffix(".fmu").name)
     if str(target) == "-":
         raise ConfigError("export-to-stdout", "an FMU is a file, not a text", remedy="name it: -o model.fmu")
@@ -65,7 +86,6 @@ def command(
             "export-suffix", f"an FMU is not called '{target.name}'", remedy="give a name that ends in .fmu"
         )
     flat = model_options.load(project, source, settings)
-    chosen = [name.strip() for name in platforms.split(",") if name.strip()] if platforms else None
     result = export_fmu(flat, target, chosen)
     emit(documents.document(result), "export", form, None, texts.text)
 

@@ -54,7 +54,7 @@ def export_fmu(
     made = layout(explicit)
     state_start, _ = initial_point(explicit)
     archive = _archive(made, state_start, targets)
-    validation = _write(Path(path), archive)
+    validation = write_archive(Path(path), archive)
     return ExportResult(
         path=Path(path),
         model_name=flat.name,
@@ -120,8 +120,9 @@ def _token(*texts: str) -> str:
     return f"{{{digest.hexdigest()[:32]}}}"
 
 
-def _write(path: Path, content: Mapping[str, bytes]) -> tuple[str, ...]:
-    """Write the archive; what the validator says of it."""
+def write_archive(path: Path, content: Mapping[str, bytes]) -> tuple[str, ...]:
+    """Write the archive, whole or not at all; what the validator says of it. Raises FmuError
+    `fmu-not-written`."""
     try:
         with whole_file(path) as temporary:
             _archived(temporary, content)

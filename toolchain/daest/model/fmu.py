@@ -111,3 +111,20 @@ class ExportResult:
     parameters: tuple[str, ...]
     validation: tuple[str, ...]
     seconds: float
+
+
+@dataclass(frozen=True)
+class EstimatorExport:
+    """What an export of an estimator wrote: `form` "fmu" or "c"; `values` are the variables that it
+    estimates, `validation` the messages of fmpy's validator (empty: none)."""
+
+    path: Path
+    model_name: str
+    form: str
+    fmi_version: str | None
+    platforms: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    values: tuple[str, ...]
+    validation: tuple[str, ...]
+    seconds: float

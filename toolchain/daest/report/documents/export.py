@@ -4,28 +4,29 @@ from __future__ import annotations
 
 from typing import Annotated, NotRequired, TypedDict
 
-from daest.model.fmu import ExportResult
+from daest.model.fmu import EstimatorExport, ExportResult
 
 
 class ExportDocument(TypedDict):
-    """An exported FMU."""
+    """An exported FMU, or estimator."""
 
     path: str
     model: str
-    fmi_version: str
+    fmi_version: str | None
     platforms: list[str]
-    n_states: int
-    n_equations: int
-    index: int
+    n_states: NotRequired[int]
+    n_equations: NotRequired[int]
+    index: NotRequired[int]
     n_differentiations: NotRequired[int]
-    states: list[str]
+    states: NotRequired[list[str]]
     inputs: list[str]
     input_derivatives: NotRequired[list[str]]
-    noises: list[str]
+    noises: NotRequired[list[str]]
     outputs: list[str]
-    parameters: list[str]
+    parameters: NotRequired[list[str]]
     validation: Annotated[list[str], "messages of the validator; none is good"]
     seconds: float
+    estimates: NotRequired[Annotated[list[str], "variables that an exported estimator tells"]]
 
 
 def document(result: ExportResult) -> ExportDocument:
@@ -46,6 +47,21 @@ def document(result: ExportResult) -> ExportDocument:
         "noises": list(result.noises),
         "outputs": list(result.outputs),
         "parameters": list(result.parameters),
+        "validation": list(result.validation),
+        "seconds": result.seconds,
+    }
+
+
+def estimator_document(result: EstimatorExport) -> ExportDocument:
+    """JSON-ready summary of an exported estimator."""
+    return {
+        "path": str(result.path),
+        "model": result.model_name,
+        "fmi_version": result.fmi_version,
+        "platforms": list(result.platforms),
+        "inputs": list(result.inputs),
+        "outputs": list(result.outputs),
+        "estimates": list(result.values),
         "validation": list(result.validation),
         "seconds": result.seconds,
     }

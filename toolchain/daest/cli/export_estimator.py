@@ -1,0 +1,166 @@
+"""`daest export --estimator`: the estimator of a fitted model as an FMU, or as C."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import click
+
+from daest.cli.options import gathered
+from daest.cli.output import emit, keep_inputs, note, whole_file
+from daest.errors import ConfigError
+
+if TYPE_CHECKING:
+    from daest.data.project import Project
+    from daest.fmu.estimator_code import EstimatorModel
+    from daest.model.flat import FlatModel
+    from daest.model.fmu import EstimatorExport
+
+
+@dataclass(frozen=True)
+class EstimatorOptions:
+    """What the command line says of an estimator; `wanted` without which the others make no sense."""
+
+    wanted: bool = False
+    kind: Any = None
+    only: tuple[str, ...] = ()
+    folder: Path | None = None
+    is_float: bool = False
+    version: Literal["2.0", "3.0"] = "3.0"
+    step: float | None = None
+    hold: Literal["zoh", "foh"] | None = None
+
+
+estimator_options = gathered(
+    "estimator",
+    EstimatorOptions,
+    click.option("--estimator", "wanted", is_flag=True, help="Export a state estimator of the fitted model."),
+    click.option(
+        "--kind",
+        type=click.Choice(["stationary", "kalman", "ekf", "ukf"]),
+        help="Kind of the estimator (default: kalman).",
+    ),
+    click.option("--only", metavar="NAME", multiple=True, help="Estimate this variable alone."),
+    click.option(
+        "--c", "folder", metavar="FOLDER", type=click.Path(path_type=Path), help="Write C99 there, no FMU."
+    ),
+    click.option("--float", "is_float", is_flag=True, help="With --c: single precision."),
+    click.option(
+        "--fmi",
+        "version",
+        type=click.Choice(["2.0", "3.0"]),
+        default="3.0",
+        help="Version of FMI.",
+    ),
+    click.option(
+        "--step",
+        type=click.FloatRange(min=0.0, min_open=True),
+        metavar="SECONDS",
+        help="Expected time between two samples (default: that of the fit).",
+    ),
+    click.option(
+        "--hold",
+        type=click.Choice(["zoh", "foh"]),
+        help="Inputs between samples: held, or on straight lines (default: as in the fit).",
+    ),
+)
+
+
+def needs_estimator(options: EstimatorOptions) -> None:
+    """Refuse options of an estimator where none is asked for. Raises ConfigError `estimator-option`."""
+    given = {
+        "--kind": options.kind, "--only": options.only, "--c": options.folder, "--float": options.is_float,
+        "--step": options.step, "--hold": options.hold, "--fmi 2.0": options.version == "2.0",
+    }  # fmt: skip
+    wrong = [name for name, value in given.items() if value]
+    if wrong:
+        raise ConfigError(
+            "estimator-option",
+            f"{', '.join(wrong)} belongs to an estimator",
+            remedy="add --estimator, or leave it out",
+        )
+
+
+def export_estimator(
+    project: Project,
+    source: Path,
+    flat: FlatModel,
+    options: EstimatorOptions,
+    platforms: list[str] | None,
+    form: str,
+    output: Path | None,
+) -> None:
+    """Write the estimator of `flat` with its fit, if there is one, and tell what was written."""
+    from daest.estimation.estimator import estimator_model
+    from daest.report.documents import export as documents
+    from daest.report.texts import export as texts
+
+    flat, fit = _fitted(project, source, flat)
+    hold = options.hold or project.hold or fit.get("hold") or "foh"
+    period = options.step or fit.get("period")
+    if not isinstance(period, int | float):
+        raise ConfigError(
+            "estimator-option",
+            "nothing tells how often the estimator is called",
+            remedy="give the expected time between two samples with --step, or run daest identify first",
+        )
+    model = estimator_model(flat, float(period), options.kind, hold, options.only)
+    if options.folder is not None:
+        written = _write_c(model, options.folder, options.is_float)
+    else:
+        written = _write_fmu(model, source, output, options, platforms)
+    emit(documents.estimator_document(written), "export", form, None, texts.text)
+
+
+def _fitted(project: Project, source: Path, flat: FlatModel) -> tuple[FlatModel, dict[str, Any]]:
+    from daest.cli.results import find_fit, fitted
+
+    fit = find_fit(project, source, flat)
+    if fit is None:
+        note("no fit found: the parameters and the noise of the model are used")
+        return flat, {}
+    note(f"parameters and noise of {fit.path}")
+    for remark in fit.remarks:
+        note(remark)
+    return fitted(flat, fit.document), dict(fit.document)
+
+
+def _write_fmu(
+    model: EstimatorModel,
+    source: Path,
+    output: Path | None,
+    options: EstimatorOptions,
+    platforms: list[str] | None,
+) -> EstimatorExport:
+    from daest.fmu.estimator_fmu import export_estimator_fmu
+
+    if options.is_float:
+        raise ConfigError(
+            "estimator-option", "an FMU computes in double precision", remedy="use --float with --c FOLDER"
+        )
+    target = output or Path(f"{source.stem}_estimator.fmu")
+    if target.suffix.lower() != ".fmu":
+        raise ConfigError(
+            "export-suffix", f"an FMU is not called '{target.name}'", remedy="give a name that ends in .fmu"
+        )
+    keep_inputs(target, [source])
+    return export_estimator_fmu(model, target, platforms, options.version)
+
+
+def _write_c(model: EstimatorModel, folder: Path, is_float: bool) -> EstimatorExport:
+    from daest.fmu.estimator_code import estimator_files
+    from daest.fmu.estimator_readme import readme
+    from daest.model.fmu import EstimatorExport
+
+    began = time.perf_counter()
+    texts = {**estimator_files(model, is_float=is_float), "README.md": readme(model, is_float=is_float)}
+    for name, text in texts.items():
+        with whole_file(folder / name, "name another folder with --c") as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    return EstimatorExport(
+        folder, model.name, "c", None, (), model.inputs, model.outputs, model.values, (),
+        time.perf_counter() - began,
+    )  # fmt: skip

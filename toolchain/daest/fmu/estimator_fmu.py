@@ -1,0 +1,257 @@
+"""A linear estimator as a Co-Simulation FMU, FMI 3.0 or 2.0: the C code of `estimator_code` behind the
+standard's interface.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Literal
+
+import daest
+from daest.fmu.description import model_identifier
+from daest.fmu.estimator_code import EstimatorModel, estimator_files
+from daest.fmu.export import FLAGS, write_archive
+from daest.model.fmu import EstimatorExport
+from daest.numerics.compiler import Platform, build_shared, native_platform, platform_named
+
+Version = Literal["2.0", "3.0"]
+Causality = Literal["independent", "input", "output", "parameter"]
+_INCLUDED = ("estimator.h", "estimator.c", "estimator_model.c", "estimator_sizes.h")
+# FMI 2 has no independent variable without a start, and counts variables from 1.
+_VARIABILITY = {"independent": "continuous", "input": "discrete", "output": "discrete"}
+
+
+@dataclass(frozen=True)
+class FmuVariable:
+    """A scalar of the FMU. `start` None: calculated. `is_flag`: a Boolean. `is_tunable`: a parameter that may
+    change between steps."""
+
+    name: str
+    reference: int
+    causality: Causality
+    description: str
+    start: float | None = None
+    is_flag: bool = False
+    is_tunable: bool = False
+
+
+def export_estimator_fmu(
+    model: EstimatorModel,
+    path: Path,
+    platforms: Sequence[str] | None = None,
+    version: Version = "3.0",
+) -> EstimatorExport:
+    """Write the FMU to `path`, whole or not at all, and validate it.
+
+    `platforms` as in `export_fmu`. Errors: FmuError `no-c-compiler`, `compilation-failed`,
+    `fmu-platform-unknown`, `fmu-not-written`, and those of `estimator_files`.
+    """
+    began = time.perf_counter()
+    targets = [platform_named(p) for p in platforms] if platforms else [native_platform()]
+    variables = fmu_variables(model)
+    texts = _sources(model, variables, version)
+    token = f"{{{hashlib.sha256(repr(sorted(texts.items())).encode()).hexdigest()[:32]}}}"
+    texts["estimator_fmu.h"] = _header(model, variables, token)
+    identifier = f"{model_identifier(model.name)}_estimator"
+    describe = _description_3 if version == "3.0" else _description_2
+    archive = {"modelDescription.xml": describe(model, variables, identifier, token).encode()}
+    main = "fmi3.c" if version == "3.0" else "fmi2.c"
+    archive |= {f"sources/{name}": text.encode() for name, text in texts.items()}
+    if version == "3.0":
+        archive["sources/buildDescription.xml"] = _build_description(identifier, main)
+    for target in targets:
+        included = {name: text for name, text in texts.items() if name != main}
+        library = build_shared(texts[main], identifier, FLAGS, files=included, target=target)
+        archive[f"binaries/{_folder(target, version)}/{identifier}{target.suffix}"] = library.read_bytes()
+    validation = write_archive(path, archive)
+    return EstimatorExport(
+        path, model.name, "fmu", version, tuple(_folder(t, version) for t in targets), model.inputs,
+        model.outputs, model.values, validation, time.perf_counter() - began,
+    )  # fmt: skip
+
+
+def fmu_variables(model: EstimatorModel) -> list[FmuVariable]:
+    """All variables with their value references, which count from 0 in this order: time, inputs, measured
+    outputs, flags, parameters, start, estimates."""
+    return [
+        FmuVariable(name, reference, causality, text, start, is_flag, is_tunable)
+        for reference, (name, causality, text, start, is_flag, is_tunable) in enumerate(_listed(model))
+    ]
+
+
+_Row = tuple[str, Causality, str, float | None, bool, bool]
+
+
+def _listed(model: EstimatorModel) -> Iterator[_Row]:
+    taken = {*model.inputs, *model.outputs}
+    family = model.family
+    yield "time", "independent", "time [s]", None, False, False
+    for variable in family.inputs:
+        yield variable.name, "input", f"input [{variable.unit}]", variable.start or 0.0, False, False
+    for output in family.outputs:
+        yield output.name, "input", f"measured output [{output.unit}]", 0.0, False, False
+    for name in model.outputs:
+        yield f"valid_{name}", "input", f"whether {name} was measured at this time", 1.0, True, False
+    if model.is_tunable:
+        for parameter, value in zip(family.parameters, model.theta, strict=True):
+            name = parameter.name if parameter.name not in taken else f"parameter.{parameter.name}"
+            yield name, "parameter", f"parameter [{parameter.unit}]", float(value), False, True
+    for name, value in zip(model.noises, model.intensity, strict=True):
+        yield f"intensity.{name}", "parameter", "two-sided spectral density", float(value), False, True
+    for name, value in zip(model.outputs, model.std, strict=True):
+        yield f"noise_std.{name}", "parameter", "standard deviation of one sample", float(value), False, True
+    yield "start_known", "parameter", "whether the start below holds; else it is unknown", 0.0, True, False
+    for name, unit in zip(family.state_names, family.state_units, strict=True):
+        yield f"start.{name}", "parameter", f"state before the first sample [{unit}]", 0.0, False, False
+    for name, scale in zip(family.state_names, model.start.scale, strict=True):
+        yield f"start.{name}.std", "parameter", "its standard deviation", float(scale), False, False
+    names = [name if name not in taken else f"estimate.{name}" for name in model.values]
+    for name in names:
+        yield name, "output", "estimate", None, False, False
+    for name in model.values:
+        yield f"{name}.std", "output", "standard deviation of the estimate", None, False, False
+    for name in model.outputs:
+        yield f"innovation.{name}", "output", "measured minus predicted", None, False, False
+    yield "nis", "output", "normalised innovations squared", None, False, False
+    yield "log_likelihood", "output", "of all samples so far", None, False, False
+    yield "sample_time", "output", "time of the sample that the estimates belong to [s]", None, False, False
+
+
+def _bases(model: EstimatorModel) -> dict[str, int]:
+    """First value reference of each group, in the order of `_listed`."""
+    n_x, n_u, n_w, n_y, n_v, n_theta = (
+        model.sizes[f"EST_{key}"] for key in ("NX", "NU", "NW", "NY", "NV", "NTHETA")
+    )
+    groups = (
+        ("TIME", 1), ("U", n_u), ("Y", n_y), ("VALID", n_y), ("THETA", n_theta), ("INTENSITY", n_w),
+        ("NOISE_STD", n_y), ("START_KNOWN", 1), ("START", n_x), ("START_STD", n_x), ("VALUE", n_v),
+        ("STD", n_v), ("INNOVATION", n_y), ("NIS", 1), ("LOG_LIKELIHOOD", 1), ("SAMPLE_TIME", 1),
+    )  # fmt: skip
+    found, next_one = {}, 0
+    for name, count in groups:
+        found[f"VR_{name}"] = next_one
+        next_one += count
+    return found
+
+
+def _sources(model: EstimatorModel, variables: Sequence[FmuVariable], version: Version) -> dict[str, str]:
+    room = files("daest.fmu").joinpath("estimator")
+    code = estimator_files(model)
+    main = "fmi3.c" if version == "3.0" else "fmi2.c"
+    own = {name: room.joinpath(name).read_text(encoding="utf-8") for name in (main, "instance.h")}
+    return {
+        **{name: code[name] for name in _INCLUDED},
+        **own,
+        "estimator_fmu.h": _header(model, variables, ""),
+    }
+
+
+def _header(model: EstimatorModel, variables: Sequence[FmuVariable], token: str) -> str:
+    bases = _bases(model)
+    assert bases["VR_SAMPLE_TIME"] == variables[-1].reference
+    lines = [f"#define {name} {value}u" for name, value in bases.items()]
+    lines += [
+        f'#define INSTANTIATION_TOKEN "{token}"',
+        f'#define MODEL_NAME "{model_identifier(model.name)}"',
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _folder(target: Platform, version: Version) -> str:
+    """Name of the folder of a platform in the archive."""
+    return target.tuple_name if version == "3.0" else target.short_name
+
+
+def _description_3(
+    model: EstimatorModel, variables: Sequence[FmuVariable], identifier: str, token: str
+) -> str:
+    root = ET.Element(
+        "fmiModelDescription", fmiVersion="3.0", modelName=f"{model.name}.Estimator",
+        instantiationToken=token, description=f"State estimator of {model.name}",
+        generationTool=f"daest {daest.__version__}",
+    )  # fmt: skip
+    ET.SubElement(
+        root, "CoSimulation", modelIdentifier=identifier, canHandleVariableCommunicationStepSize="true",
+        canGetAndSetFMUState="true", canSerializeFMUState="true",
+    )  # fmt: skip
+    ET.SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(float(model.period)))
+    parent = ET.SubElement(root, "ModelVariables")
+    for v in variables:
+        attributes = {"name": v.name, "valueReference": str(v.reference), "causality": v.causality}
+        attributes["variability"] = _variability(v)
+        if v.causality == "independent":
+            attributes["variability"] = "continuous"
+        if v.start is not None:
+            attributes["start"] = _start(v)
+        elif v.causality == "output":
+            attributes["initial"] = "calculated"
+        ET.SubElement(
+            parent, "Boolean" if v.is_flag else "Float64", {**attributes, "description": v.description}
+        )
+    structure = ET.SubElement(root, "ModelStructure")
+    outputs = [v for v in variables if v.causality == "output"]
+    for kind in ("Output", "InitialUnknown"):
+        for v in outputs:
+            ET.SubElement(structure, kind, valueReference=str(v.reference), dependencies="")
+    return _text(root)
+
+
+def _description_2(
+    model: EstimatorModel, variables: Sequence[FmuVariable], identifier: str, token: str
+) -> str:
+    root = ET.Element(
+        "fmiModelDescription", fmiVersion="2.0", modelName=f"{model.name}.Estimator", guid=token,
+        description=f"State estimator of {model.name}", generationTool=f"daest {daest.__version__}",
+        variableNamingConvention="flat", numberOfEventIndicators="0",
+    )  # fmt: skip
+    ET.SubElement(
+        root, "CoSimulation", modelIdentifier=identifier, canHandleVariableCommunicationStepSize="true",
+        canGetAndSetFMUstate="true", canSerializeFMUstate="true", canNotUseMemoryManagementFunctions="true",
+    )  # fmt: skip
+    ET.SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(float(model.period)))
+    parent = ET.SubElement(root, "ModelVariables")
+    for v in variables:
+        attributes = {"name": v.name, "valueReference": str(v.reference), "causality": v.causality}
+        attributes["variability"] = _variability(v)
+        if v.causality == "output":
+            attributes["initial"] = "calculated"
+        element = ET.SubElement(parent, "ScalarVariable", {**attributes, "description": v.description})
+        start = {} if v.start is None else {"start": _start(v)}
+        ET.SubElement(element, "Boolean" if v.is_flag else "Real", start)
+    structure = ET.SubElement(root, "ModelStructure")
+    indices = [str(i) for i, v in enumerate(variables, 1) if v.causality == "output"]
+    for kind in ("Outputs", "InitialUnknowns"):
+        listed = ET.SubElement(structure, kind)
+        for index in indices:
+            ET.SubElement(listed, "Unknown", index=index, dependencies="")
+    return _text(root)
+
+
+def _variability(variable: FmuVariable) -> str:
+    if variable.causality == "parameter":
+        return "tunable" if variable.is_tunable else "fixed"
+    return _VARIABILITY[variable.causality]
+
+
+def _start(variable: FmuVariable) -> str:
+    assert variable.start is not None
+    return ("true" if variable.start else "false") if variable.is_flag else repr(float(variable.start))
+
+
+def _build_description(identifier: str, main: str) -> bytes:
+    root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
+    configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=identifier)
+    sources = ET.SubElement(configuration, "SourceFileSet", language="C99")
+    ET.SubElement(sources, "SourceFile", name=main)
+    return _text(root).encode()
+
+
+def _text(root: ET.Element) -> str:
+    ET.indent(root)
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
