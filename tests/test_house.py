@@ -28,6 +28,7 @@ FLOORS = (
     ("report",),
     ("app",),
     ("cli",),
+    ("front",),
     ("__main__",),
 )
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}

@@ -228,12 +228,45 @@ def test_lag_and_polarity_between_columns():
     assert not pairs(x=("m", position), v=("m/s", speed + noise))
     (found,) = pairs(x=("m", position), v=("m/s", -speed + noise))
     assert found[:2] == ("check-polarity", "v") and "rate of x with the opposite sign" in found[2]
-    (found,) = pairs(a=("rad", position), b=("deg", np.rad2deg(np.roll(position, 7)) + noise))
+    (found,) = pairs(a=("rad", position), b=("deg", np.rad2deg(np.roll(position, 7)) + 100 * noise))
     assert found[:2] == ("check-lag", "b") and "follows a by 0.07 s" in found[2]
-    assert not pairs(x=("m", position), u=("V", position))
+    (found,) = pairs(x=("m", position), u=("V", position))
+    assert found[:2] == ("check-computed", "u") and "is a copy of x: it holds nothing new" in found[2]
 
 
 GOOD_RECORDS = ("servo_lab/*/*.csv", "zone_lab/*.csv", "emps/*.csv", "bam_xl330/*.csv")
+
+
+def codes(**columns):
+    """Codes of the findings by column, of columns without gaps over a regular time."""
+    made = [Column(name, unit, values) for name, (unit, values) in columns.items()]
+    time = PERIOD * np.arange(made[0].values.size)
+    table = Table("made.csv", (Column("time", "s", time), *made), None)
+    return {(finding.code, finding.column) for finding in check_table(table).findings}
+
+
+def test_columns_that_are_computed_from_others():
+    rng = np.random.default_rng(5)
+    position, speed = response(excitation("noise", rng), rng)
+    position = np.round(position + rng.normal(size=N) * 1e-3, 6)
+    quotient = np.round(np.diff(position, prepend=position[0]) / PERIOD, 6)
+    late = np.round(2.5 * np.roll(position, 7), 6)
+    late[:7] = late[7]
+    found = codes(x=("m", position), v=("m/s", quotient), c=(None, late))
+    assert ("check-computed", "v") in found and ("check-computed", "c") in found
+    measured = speed + rng.normal(size=N) * 1e-3 * np.std(speed) * 5
+    again = position + rng.normal(size=N) * 1e-3
+    assert not {code for code, _ in codes(x=("m", position), v=("m/s", measured), c=("m", again))} & {
+        "check-computed"
+    }
+
+
+def test_few_samples_and_many_turns():
+    time = PERIOD * np.arange(N)
+    assert ("check-turns", "a") in codes(a=("deg", 360 * 574 * time / time[-1]), b=("m", time))
+    assert ("check-turns", "a") not in codes(a=("deg", 360 * 20 * time / time[-1]), b=("m", 1000 * time))
+    assert ("check-few-samples", None) in codes(a=("m", np.arange(15.0)))
+    assert ("check-few-samples", None) not in codes(a=("m", np.arange(60.0)))
 
 
 def test_measured_recordings_give_no_warning(shared_data):

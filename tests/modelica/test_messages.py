@@ -50,6 +50,13 @@ CASES = {
         "`Daest.Electrical.Analog.Basic.Resistr`",
         "Did you mean `Daest.Electrical.Analog.Basic.Resistor`?",
     ),
+    "class of the Modelica Standard Library": (
+        "model M\n parameter Modelica.Units.SI.Resistance R = 1;\nend M;",
+        "model-unknown-class",
+        (2, 12),
+        "`Modelica.Units.SI.Resistance`",
+        "Write `Daest.Units.SI.Resistance`, which daest brings, or give the folder",
+    ),
     "package of the library": (
         "model M\n Daest.Electrical.Analog.Basik.Ground g;\nend M;",
         "model-unknown-class",

@@ -1,6 +1,17 @@
 """daest: from a Modelica model and a recording to parameters, states and the physics that the model lacks.
 
-Every step of the command line is a function here, from one value to the next:
+The functions are called as the commands are, take files or what is in memory, and return values that print
+as the command does:
+
+    fit = daest.identify("Servo.mo", "servo.csv", split=0.5)  # or a DataFrame, or {"time": t, "u": u, ...}
+    print(fit)
+    print(daest.compare("Servo.mo", "run2.csv", fit))
+    estimate = daest.filter("Servo.mo", "run2.csv", fit, measure=["phi"])
+    print(daest.diagnose("Servo.mo", "servo.csv"))
+
+identify, compare, filter, diagnose, improve, simulate, linearize, noise and check take `source`, a
+daest.Source, for columns, units and classes that are called otherwise. Behind them are the steps, from
+one value to the next:
 
     flat = daest.compile_model("Servo.mo")
     dae = daest.linearize(flat)
@@ -8,6 +19,8 @@ Every step of the command line is a function here, from one value to the next:
     report = daest.noise_report(dae, form)
     data = daest.read_experiments(["servo.csv"], [daest.Signal("u", "V")], [daest.Signal("phi", "rad")])
     fit = daest.identify(flat, data, daest.IdentifyOptions(split=0.5))
+
+`help(daest.identify)` tells what a function takes, and `daest explain CODE` what an error means.
 
 Names are imported when they are first used, so that `import daest` loads nothing numerical.
 """
@@ -29,10 +42,11 @@ _PUBLIC = {
     "load_fmu": "daest.fmu.load",
     "symbolic_model": "daest.fmu.load",
     # the linear DAE and its standard form
-    "linearize": "daest.systems.linearize",
+    "linearize": "daest.front",
     "linearize_fmu": "daest.fmu.linearize",
     "linear_dae_function": "daest.systems.linearize",
     "split": "daest.systems.split",
+    "noise": "daest.front",
     "noise_report": "daest.systems.noise",
     "poles": "daest.systems.transfer",
     "transfer_functions": "daest.systems.transfer",
@@ -42,31 +56,35 @@ _PUBLIC = {
     "state_space_family": "daest.systems.state_space",
     "state_space": "daest.systems.state_space",
     "sample": "daest.systems.sample",
-    "simulate": "daest.systems.simulate",
+    "simulate": "daest.front",
     # recordings
     "Experiment": "daest.model.experiment",
     "Signal": "daest.data.read",
     "read_experiments": "daest.data.read",
     "load_project": "daest.data.project",
+    "Source": "daest.front",
+    "check": "daest.front",
     "check_experiment": "daest.data.check",
     "resample": "daest.data.prepare",
     # estimates
     "IdentifyOptions": "daest.model.fit",
     "Prior": "daest.model.prior",
-    "identify": "daest.estimation.identify",
+    "identify": "daest.front",
     "fitted_model": "daest.estimation.fitted",
     "InitialState": "daest.model.estimates",
     "FilterOptions": "daest.model.estimates",
+    "filter": "daest.front",
     "run_filter": "daest.estimation.filter",
     # models side by side, and what they lack
     "Candidate": "daest.diagnosis.trial",
+    "compare": "daest.front",
     "compare_models": "daest.diagnosis.compare",
     "effect_library": "daest.modelica.effects",
     "find_effect": "daest.modelica.effects",
     "attach": "daest.modelica.attach",
     "extend_model": "daest.modelica.extend",
-    "diagnose": "daest.diagnosis.diagnose",
-    "improve": "daest.diagnosis.improve",
+    "diagnose": "daest.front",
+    "improve": "daest.front",
     # what goes wrong
     "DaestError": "daest.errors",
 }
@@ -83,4 +101,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_PUBLIC})
+    return sorted([*_PUBLIC, "__version__"])

@@ -173,6 +173,12 @@ EXPLANATIONS: dict[str, str] = {
         "The two halves of a recording have different sampling periods: the recorder was set anew, or "
         "the time is not in seconds throughout."
     ),
+    "check-computed": (
+        "A column is computed from another one: a copy of it, scaled or late, or its difference quotients. "
+        "It holds no measurement of its own, and its errors are those of the other. Leave one of the two out "
+        "of the outputs: identification would take one measurement for two, and its standard errors would be "
+        "too small."
+    ),
     "check-constant": (
         "A column never changes. An output that does not move tells nothing about any parameter: the sensor "
         "may be off."
@@ -181,6 +187,10 @@ EXPLANATIONS: dict[str, str] = {
         "A signal jumps to one and the same value for a few samples and comes back: a loose contact, or a "
         "value that the recorder writes where it has none. Leave those cells empty, which means that the "
         "sample is missing."
+    ),
+    "check-few-samples": (
+        "The recording has so few samples that faults cannot be told from the signal, and hardly more than "
+        "one or two parameters be estimated. Record longer, or at a shorter period."
     ),
     "check-lag": (
         "One column is another one, later by a fixed time. That may be the machine; if both are sensors of "
@@ -219,6 +229,11 @@ EXPLANATIONS: dict[str, str] = {
         "dates. It is read as seconds. Where it counts milliseconds or samples, every time constant of the "
         "model would come out wrong by that factor: write the unit into the header (`t [ms]`) or into "
         "[data.units] of daest.toml."
+    ),
+    "check-turns": (
+        "An angle goes round many times. A simulation adds up the errors of its speed, so that model and "
+        "measurement drift apart in the angle although the speed agrees. Take the speed as the output, or "
+        "estimate from one-step predictions (--method pem), which are corrected by every measured angle."
     ),
     "check-unit-unknown": (
         "A column has a unit, and the input or output of the model that it belongs to has none. The values "

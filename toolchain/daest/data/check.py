@@ -18,6 +18,12 @@ from daest.data.table import Table, column_unit
 from daest.model.experiment import Experiment
 from daest.model.quality import ColumnSummary, DataCheck, Finding, Role
 
+# Samples below which no fault can be told from the signal, and hardly two parameters be estimated.
+FEW_SAMPLES = 20
+# Turns from which on the errors of a speed that add up in an angle are larger than what else it tells.
+MANY_TURNS = 100.0
+ANGLES = {"rad": 2.0 * np.pi, "deg": 360.0, "°": 360.0, "rev": 1.0}  # units of one turn
+
 
 @dataclass(frozen=True)
 class _Column:
@@ -56,14 +62,14 @@ def check_experiment(experiment: Experiment) -> DataCheck:
 
 
 def _checked(name: str, time: np.ndarray, columns: Sequence[_Column], found: list[Finding]) -> DataCheck:
-    findings = [*clock_findings(time), *found]
+    findings = [*clock_findings(time), *found, *_few(time)]
     summaries = []
     for column in columns:
         known = np.isfinite(column.values) & np.isfinite(time)
         samples = Samples(column.name, column.role, time[known], column.values[known])
         summaries.append(_summary(column, samples))
         if samples.values.size:
-            findings += column_findings(samples, int((~known).sum()))
+            findings += [*column_findings(samples, int((~known).sum())), *_turned(column)]
         else:
             findings.append(Finding("check-missing", "warning", column.name, "holds no value"))
     findings += _pairs(time, columns)
@@ -71,6 +77,31 @@ def _checked(name: str, time: np.ndarray, columns: Sequence[_Column], found: lis
     start, stop = (float(known_time[0]), float(known_time[-1])) if known_time.size else (0.0, 0.0)
     ordered = tuple(sorted(findings, key=lambda finding: finding.level != "warning"))
     return DataCheck(name, time.size, start, stop, _period(time), tuple(summaries), ordered)
+
+
+def _few(time: np.ndarray) -> list[Finding]:
+    if time.size >= FEW_SAMPLES:
+        return []
+    text = (
+        f"has {time.size} samples: too few to tell faults from the signal, or to estimate more than one or "
+        "two parameters"
+    )
+    return [Finding("check-few-samples", "warning", None, text, subject="the recording")]
+
+
+def _turned(column: _Column) -> list[Finding]:
+    """A remark on an angle that has gone round many times."""
+    if column.unit not in ANGLES:
+        return []
+    known = column.values[np.isfinite(column.values) & ~absurd(column.values)]
+    turns = float(np.ptp(known)) / ANGLES[column.unit] if known.size else 0.0
+    if turns < MANY_TURNS:
+        return []
+    text = (
+        f"has turned {turns:.0f} times: errors of the speed add up in it, and a simulation drifts away; "
+        "measure the speed, or estimate from one-step predictions (--method pem)"
+    )
+    return [Finding("check-turns", "note", column.name, text)]
 
 
 def _summary(column: _Column, samples: Samples) -> ColumnSummary:
@@ -103,8 +134,8 @@ def _pairs(time: np.ndarray, columns: Sequence[_Column]) -> list[Finding]:
     n = int(length) + 1
     grid = time[0] + period * np.arange(n)
     series = [
-        Series(c.name, c.unit, np.interp(grid, time, c.values))
+        Series(c.name, c.unit or "", np.interp(grid, time, c.values))
         for c in columns
-        if c.unit and np.all(np.isfinite(c.values)) and not np.any(absurd(c.values))
+        if np.all(np.isfinite(c.values)) and not np.any(absurd(c.values))
     ]
     return pair_findings(series, period)

@@ -1,7 +1,8 @@
-"""Recordings that are in memory already: a pandas DataFrame, or an xarray Dataset."""
+"""Recordings that are in memory already: a pandas DataFrame, an xarray Dataset, or a mapping of arrays."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,22 +14,42 @@ DATES = "mM"  # numpy kinds of dates and durations
 
 
 def is_frame(data: object) -> bool:
-    """Whether `data` is a DataFrame or a Dataset, told without importing pandas or xarray."""
+    """Whether `data` is a DataFrame, a Dataset or a dictionary, told without importing pandas or xarray."""
+    if isinstance(data, dict):
+        return True
     package = type(data).__module__.partition(".")[0]
     return (package, type(data).__name__) in {("pandas", "DataFrame"), ("xarray", "Dataset")}
 
 
 def frame_table(data: Any, name: str) -> Table:
-    """The table of a DataFrame, or of a Dataset whose variables have one dimension in common.
+    """The table of a DataFrame, of a Dataset whose variables have one dimension in common, or of a mapping of
+    arrays {"time": t, "u [V]": u}.
 
     An index (a coordinate) that is called time, or holds dates, is the column `time`; dates become seconds
     from the first row. Units stand in the column names as in a file, `omega [rad/s]`, or in the attribute
-    `units` of a variable of a Dataset. Raises DataError `data-frame` for a Dataset of several dimensions.
+    `units` of a variable of a Dataset. Raises DataError `data-frame` for a Dataset of several dimensions, and
+    for arrays of several lengths.
     """
+    if isinstance(data, dict):
+        return _of_arrays(data, name)
     if type(data).__name__ == "Dataset":
         return _of_dataset(data, name)
     columns = [_column(str(header), data[header], None) for header in data.columns]
     return Table(name, (*_index(data.index, columns), *columns), None)
+
+
+def _of_arrays(data: Mapping[Any, Any], name: str) -> Table:
+    arrays = {str(header): np.atleast_1d(np.asarray(values)) for header, values in data.items()}
+    sizes = {header: "x".join(map(str, values.shape)) for header, values in arrays.items()}
+    if len(set(sizes.values())) != 1 or any(values.ndim != 1 for values in arrays.values()):
+        told = ", ".join(f"{header} {size}" for header, size in sizes.items()) or "none"
+        raise DataError(
+            "data-frame",
+            f"the arrays have the sizes: {told}",
+            where=name,
+            remedy="give one-dimensional arrays of one length, with the time among them",
+        )
+    return Table(name, tuple(_column(header, values, None) for header, values in arrays.items()), None)
 
 
 def _of_dataset(data: Any, name: str) -> Table:

@@ -6,7 +6,7 @@ Machines lag and turn things round, too, so that what is found here are notes, n
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -21,6 +21,11 @@ SAME = 0.98
 BETTER = 0.25
 LONGEST_LAG = 0.1  # share of the recording
 MOST_COLUMNS = 16
+# A column is computed from another one where this share of its standard deviation is left: two sensors of one
+# quantity leave their noise, files leave the rounding of their digits.
+COMPUTED = 1e-4
+FEWEST = 50  # samples
+ENOUGH = 20_000  # samples that tell whether a column is computed
 LONGEST = 200_000  # samples
 
 
@@ -34,10 +39,11 @@ class Series:
 
 
 def pair_findings(series: Sequence[Series], period: float) -> list[Finding]:
-    """Lags and opposite signs between the columns, sampled every `period` s."""
-    shown = [s for s in series if s.unit and s.values.size <= LONGEST and np.ptp(s.values) > 0]
-    found = []
-    for a, b in combinations(shown[:MOST_COLUMNS], 2):
+    """Lags and opposite signs between the columns, sampled every `period` s, and columns that are computed
+    from others."""
+    shown = [s for s in series if s.values.size <= LONGEST and np.ptp(s.values) > 0][:MOST_COLUMNS]
+    found = [finding for a, b in combinations(shown, 2) for finding in _computed(a, b, period)]
+    for a, b in combinations([s for s in shown if s.unit], 2):
         if _converts(a.unit, b.unit):
             found += _compared(a, b, _centred(a.values), _centred(b.values), "", period)
         elif _converts(f"({a.unit})/s", b.unit):
@@ -45,6 +51,48 @@ def pair_findings(series: Sequence[Series], period: float) -> list[Finding]:
         elif _converts(f"({b.unit})/s", a.unit):
             found += _compared(b, a, *_with_integral(b, a), "the rate of ", period)
     return found
+
+
+def _computed(a: Series, b: Series, period: float) -> list[Finding]:
+    """A column that holds nothing new beside another one: the same values, scaled or late, or the difference
+    quotients of them."""
+    a, b = replace(a, values=a.values[:ENOUGH]), replace(b, values=b.values[:ENOUGH])
+    if min(np.unique(a.values).size, np.unique(b.values).size) < FEWEST:
+        return []  # a switch or a constant
+    for early, late in ((a, b), (b, a)):
+        if _is_difference(early.values, late.values):
+            return [_nothing_new(late, f"is the difference quotient of {early.name}, computed")]
+    x, y = _centred(a.values), _centred(b.values)
+    lags, correlation = _correlation(x, y)
+    lag = int(lags[np.argmax(np.abs(correlation))])
+    n = x.size - abs(lag)
+    if n < FEWEST or _left(x[max(-lag, 0) :][:n], y[max(lag, 0) :][:n]) > COMPUTED:
+        return []
+    late, early = (b, a) if lag >= 0 else (a, b)
+    after = f", {abs(lag) * period:.4g} s late" if lag else ""
+    return [_nothing_new(late, f"is a copy of {early.name}{after}")]
+
+
+def _nothing_new(column: Series, what: str) -> Finding:
+    text = f"{what}: it holds nothing new; as two outputs they would be counted twice"
+    return Finding("check-computed", "note", column.name, text)
+
+
+def _is_difference(motion: np.ndarray, rate: np.ndarray) -> bool:
+    """Whether the rate is the difference of the motion: forward, backward, or over two steps."""
+    steps = np.diff(motion)
+    pairs = ((steps, rate[:-1]), (steps, rate[1:]), (motion[2:] - motion[:-2], rate[1:-1]))
+    return steps.size > FEWEST and any(_left(x, y) < COMPUTED for x, y in pairs)
+
+
+def _left(x: np.ndarray, y: np.ndarray) -> float:
+    """Share of the standard deviation of y that a straight line of x leaves; 1 where one of them is
+    constant."""
+    x, y = _centred(x), _centred(y)
+    sizes = np.linalg.norm(x), np.linalg.norm(y)
+    if not min(sizes) > 0.0:
+        return 1.0
+    return float(np.linalg.norm(y / sizes[1] - x / sizes[0] * np.sign(x @ y)))
 
 
 def _with_integral(motion: Series, rate: Series) -> tuple[np.ndarray, np.ndarray]:

@@ -59,8 +59,9 @@ def read_experiments(
 ) -> list[Experiment]:
     """One experiment per file, with every signal of `inputs` and `outputs` in that order and in its unit.
 
-    It is named after its file, by the whole path where two files have the same name. A pandas DataFrame or
-    an xarray Dataset may stand in place of a path; those are called `data 1`, `data 2` by their position.
+    It is named after its file, by the whole path where two files have the same name. A pandas DataFrame, an
+    xarray Dataset or a mapping of arrays may stand in place of a path; those are called `data 1`, `data 2` by
+    their position.
     `time` names the column of the time where it is not called so, `units` the units of columns whose header
     has none. Not `others`: columns that are no signal need not be read, and then are not in `extra`.
 
@@ -81,7 +82,7 @@ def read_experiments(
             outputs_required,
             time,
         )
-        for table in (_table(source, position, part) for position, source in enumerate(paths, 1))
+        for table in (read_source(source, position, part) for position, source in enumerate(paths, 1))
     ]
     stems = [experiment.name for experiment in experiments]
     return [
@@ -142,7 +143,8 @@ def _neighbours(path: Path) -> list[str]:
     return [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
 
 
-def _table(source: Any, position: int, part: Part) -> Table:
+def read_source(source: Any, position: int = 1, part: Part = ALL) -> Table:
+    """The table of a file, or of data in memory, which are called by their position. Raises DataError."""
     return frame_table(source, f"data {position}") if is_frame(source) else read_table(Path(source), part)
 
 

@@ -7,7 +7,7 @@ says in `trajectories` what it has over time.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -43,8 +43,16 @@ class Trajectories:
     units: Mapping[str, str]
 
 
+# What prints a value of a type; `daest.report.printed` fills it, which knows the texts of the commands.
+TEXTS: dict[type, Callable[[Any], str]] = {}
+
+
 class Shown:
-    """A value that notebooks show as a table."""
+    """A value that notebooks show as a table, and that prints as the text of its command."""
+
+    def __str__(self) -> str:
+        text = TEXTS.get(type(self))
+        return self._repr_markdown_().rstrip("\n") if text is None else text(self)
 
     def tables(self) -> tuple[Listing, ...]:
         """The tables of the value, the chief one first."""

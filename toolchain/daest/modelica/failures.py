@@ -14,6 +14,7 @@ from daest.modelica.library import library_root
 from daest.modelica.outline import class_heads
 from daest.modelica.tokens import Token, place_of, tokens
 
+STANDARD = "Modelica."  # how names of the Modelica Standard Library begin
 MOST_EXPECTED = 8  # words of the parser that are passed on
 
 _BALANCE = re.compile(r"unbalanced model: (\d+) equations, (\d+) unknowns")
@@ -124,8 +125,14 @@ def _unknown(message: str, path: Path, text: bytes, class_name: str) -> ModelErr
     for phrase in ("unresolved type", "base class not found"):
         if phrase in message:
             name = _name_after(phrase, message)
-            remedy = "Check its spelling, or give its library's folder by -L or MODELICAPATH."
-            near = _library_neighbours(name) or _near(name, _class_names(text))
+            remedy = (
+                _own_name(name) or "Check its spelling, or give its library's folder by -L or MODELICAPATH."
+            )
+            near = (
+                []
+                if name.startswith(STANDARD)
+                else _library_neighbours(name) or _near(name, _class_names(text))
+            )
             return _not_known("model-unknown-class", "class", name, near, remedy, path, text)
     for phrase in ("unresolved component", "unresolved function"):
         if phrase in message:
@@ -134,6 +141,32 @@ def _unknown(message: str, path: Path, text: bytes, class_name: str) -> ModelErr
             remedy = "Declare it, or check its spelling."
             return _not_known("model-unknown-name", "name", name, near, remedy, path, text)
     return None
+
+
+def _own_name(name: str) -> str:
+    """The remedy for a name of the Modelica Standard Library, which daest does not bring: the class of its
+    own library in that place, where there is one. Empty for any other name."""
+    if not name.startswith(STANDARD):
+        return ""
+    elsewhere = "give the folder of the Modelica Standard Library by -L or MODELICAPATH"
+    own = "Daest." + name.removeprefix(STANDARD).replace("SIunits.", "Units.SI.")
+    near = [own] if _is_in_library(own) else _library_neighbours(own)
+    if not near:
+        return f"It is of the Modelica Standard Library: {elsewhere}."
+    return f"Write {' or '.join(f'`{one}`' for one in near)}, which daest brings, or {elsewhere}."
+
+
+def _is_in_library(name: str) -> bool:
+    """Whether the bundled library has the class, in a file of its own or inside a package."""
+    try:
+        path = library_root().joinpath(*name.split("."))
+    except ModelError:
+        return False
+    if path.is_dir() or path.with_suffix(".mo").is_file():
+        return True
+    package = path.parent / "package.mo"
+    declared = rf"\b(?:type|connector|model|function|constant [\w.]+)\s+{re.escape(path.name)}\b"
+    return package.is_file() and re.search(declared, package.read_text(encoding="utf-8")) is not None
 
 
 def _name_after(phrase: str, message: str) -> str:
