@@ -45,6 +45,7 @@ def test_exit_code_follows_the_verdict(models, daest):
     assert document(daest, "Lag.mo", "Slow.mo", "--fail-if-falsified", "--fail-below", "10")[0] == 1
 
 
+@pytest.mark.slow
 def test_bootstrap_needs_enough_records_and_repeats(models, daest):
     status, _, err = daest("compare", "Lag.mo", "--data", "run2.csv", "--bootstrap", "20")
     assert status == 2 and "99" in err

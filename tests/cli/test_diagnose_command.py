@@ -107,6 +107,7 @@ def test_coarser_period_is_told_in_the_result(cart, daest, monkeypatch):
     assert diagnosis(daest, "clean.csv", *COULOMB, "--resample", "0.02")[0]["notes"] == []
 
 
+@pytest.mark.slow
 def test_fit_of_other_data_is_contradicted(cart, daest):
     write_recording(cart / "light.csv", recording(1000, 2))
     write_recording(cart / "heavy.csv", recording(1000, 3, mass=1.3))
@@ -118,6 +119,7 @@ def test_fit_of_other_data_is_contradicted(cart, daest):
     assert "held against" not in err and found["verdict"] == "nothing missing"
 
 
+@pytest.mark.slow
 def test_interrupted_run_goes_on(cart, daest, monkeypatch):
     arguments = ("rub.csv", *COULOMB, "--effect", "StribeckFriction", "--jobs", "1")
     prove, calls = engine.prove, []
@@ -178,6 +180,7 @@ def test_ctrl_c_ends_at_once(cart):
     assert not (cart / "results" / "diagnosis.json").exists()
 
 
+@pytest.mark.slow
 def test_kept_refits_belong_to_their_data_and_damage_is_mended(cart, daest):
     diagnosis(daest, "rub.csv", *COULOMB)
     (kept,) = (cart / "results" / "diagnosis").iterdir()
@@ -203,6 +206,7 @@ def test_component_of_the_same_name(cart, daest):
     assert compile_model(cart / "New.mo", "Cart_CoulombFriction2").name == "Cart_CoulombFriction2"
 
 
+@pytest.mark.slow
 def test_model_that_cannot_be_written_says_why(cart, daest):
     text = CART.replace("connect(F, motor.f);", "motor.f = F;")
     (cart / "Cart.mo").write_text(text)
@@ -264,6 +268,7 @@ def test_refused_models(cart, daest):
     assert "error[model-missing]" in refusal(daest, "rub.csv", model="Card.mo")
 
 
+@pytest.mark.slow
 def test_place_that_no_output_sees(cart, daest):
     """A second cart that nothing ties to the first one, and whose motion is not measured."""
     second = """\

@@ -81,6 +81,7 @@ def test_written_models_have_the_errors_of_the_ledger(cart, daest):
         assert step["model_rms"]["s"] == pytest.approx(expected, rel=0.03)
 
 
+@pytest.mark.slow
 def test_folder_of_an_earlier_run_is_used_again(cart, daest):
     arguments = ("rough.csv", "--model", "Cart.mo", *BOTH)
     folder = cart / "results" / "improve"
@@ -175,6 +176,7 @@ def servo(tmp_path, monkeypatch):
     return json.loads((folder / "truth.json").read_text())
 
 
+@pytest.mark.slow
 def test_servo_short(servo, daest):
     """A quarter of the record: of the two hidden effects the spring's shows best."""
     code, out, _ = daest("diagnose", "--to", "20", *BOTH, "--format", "json")

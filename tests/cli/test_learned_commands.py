@@ -61,6 +61,7 @@ def test_curve_is_written_into_the_model(tmp_path, daest, monkeypatch):
     assert json.loads(out)["models"][0]["rms"]["s"] < 2 * after
 
 
+@pytest.mark.slow
 def test_text_shows_the_refitted_curve(tmp_path, daest, monkeypatch):
     cart(tmp_path, monkeypatch)
     code, out, _ = daest("diagnose", "bumpy.csv", "--model", "Cart.mo", *FEW)
@@ -70,6 +71,7 @@ def test_text_shows_the_refitted_curve(tmp_path, daest, monkeypatch):
     assert "`disturbance.model` of the json result" in out
 
 
+@pytest.mark.slow
 def test_improve_offers_the_curve_on_top_of_the_last_step(tmp_path, daest, monkeypatch):
     folder = cart(tmp_path, monkeypatch, CUBIC) / "results" / "improve"
     arguments = ("improve", "bumpy.csv", "--model", "Cart.mo", *FEW, "--format", "json")

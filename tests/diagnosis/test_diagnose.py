@@ -147,6 +147,7 @@ def test_friction_is_found_in_closed_loop():
     assert "CoulombFriction" in accepted(found)
 
 
+@pytest.mark.slow
 def test_two_effects_are_found_in_two_rounds():
     record, _ = rotor_record(
         1600, seed=18, coulomb=lambda phi: 0.15, torque=lambda w, phi: -0.3 * np.sin(phi)
@@ -225,6 +226,7 @@ def test_measured_column_that_pushes_is_found():
     assert size.value == pytest.approx(0.2, rel=0.1)
 
 
+@pytest.mark.slow
 def test_law_of_a_measured_column_that_leaves_a_curve_is_refused():
     record, truth = rotor_record(1200, seed=5, coulomb=lambda phi: 0.15)
     found = diagnosed(replace(record, extra={"column": truth["w"] * abs(truth["w"])}), "MeasuredTorque")

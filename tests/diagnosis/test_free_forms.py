@@ -28,6 +28,7 @@ def test_external_load_and_quiet_record_follow_nothing():
         assert free_forms(null, run)[0].p_value > 1e-3
 
 
+@pytest.mark.slow
 def test_p_values_are_uniform_or_larger_when_nothing_is_related():
     """Of one form over many records, so that they are independent."""
     found = []

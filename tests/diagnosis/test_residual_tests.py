@@ -161,6 +161,7 @@ def _study(tmp_path, n_records, n_samples, bootstrap=0):
     return found, falsified, placed
 
 
+@pytest.mark.slow
 def test_records_without_fault_are_seldom_falsified(tmp_path):
     found, falsified, placed = _study(tmp_path, 20, 400)
     # At 1 % and 2 %, three of 20 have probabilities of 0.1 % and 0.7 %.
@@ -188,6 +189,7 @@ def recorded(tmp_path):
     return flat, record(flat, 300, 1)
 
 
+@pytest.mark.slow
 def test_bootstrap_agrees_with_the_tables_where_they_hold(recorded):
     flat, experiment = recorded
     candidate = Candidate("o", flat, 0, "zoh")
@@ -200,6 +202,7 @@ def test_bootstrap_agrees_with_the_tables_where_they_hold(recorded):
             assert abs(drawn.tests[kind][output].p_value - test.p_value) < 0.16
 
 
+@pytest.mark.slow
 def test_bootstrap_falsifies_a_wrong_model(recorded):
     flat, _ = recorded
     experiment = record(flat, 100, 1)

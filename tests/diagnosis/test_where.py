@@ -62,6 +62,7 @@ def test_narrow_band_is_named_only_for_one_step_errors():
     assert not [f for f in where([series(error, "simulation")]) if f.kind == "frequency"]
 
 
+@pytest.mark.slow
 def test_slow_bands_are_told_by_their_periods():
     hours = 600.0 * np.arange(N)
     error = noise(4) + 0.5 * np.sin(2 * np.pi * hours / 86400.0)

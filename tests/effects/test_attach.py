@@ -30,8 +30,16 @@ def placed(class_name: str, place: str, **values: float):
     return attach(rig(), effect, find_site(rig(), place, effect), name="x", values=values)
 
 
+PLACES = [p for p in first_places() if p[0].name != "DriftingParameter"]
+# One of every way to put an effect in; all the others run as slow tests.
+EXAMPLES = {(effect.domain, effect.attach, site.kind): (effect, site) for effect, site in PLACES}.values()
+OTHERS = [p for p in PLACES if p not in EXAMPLES]
+
+
 @pytest.mark.parametrize(
-    ("effect", "site"), [p for p in first_places() if p[0].name != "DriftingParameter"], ids=label
+    ("effect", "site"),
+    [*EXAMPLES, *(pytest.param(*p, marks=pytest.mark.slow) for p in OTHERS)],
+    ids=label,
 )
 def test_null_is_the_nominal_model(effect, site) -> None:
     """Every nominal pole is one of the attached model; others belong to the effect's own states, or to a

@@ -47,6 +47,7 @@ def turned(n=150, seed=1, intensity=1e-3, noise=True):
     return time, u, found, np.column_stack([x, y])
 
 
+@pytest.mark.slow
 def test_noisy_simulation_turns_over_on_its_constraint():
     _, _, found, places = turned(500)
     assert found.with_noise and "constraints" in found.method
@@ -56,6 +57,7 @@ def test_noisy_simulation_turns_over_on_its_constraint():
     assert np.max(np.abs(np.sum(places * v, axis=1))) < 1e-8  # the velocity is tangential, too
 
 
+@pytest.mark.slow
 def test_noise_of_a_simulation_has_the_spread_of_polar_coordinates():
     """From rest at the bottom the velocity after a short time t has the variance q t / m²."""
     n, q, period = 5, 1e-3, 0.01

@@ -70,6 +70,7 @@ def servo_record():
     return explicit, recorded(explicit, SERVO_NOISE, SERVO_STD, 0.01, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", [{}, {"std": SERVO_STD}, {"intensity": [1e-4, 1e-4]}], ids=str)
 def test_filter_of_a_linear_model_predicts_as_the_fit(given):
     """The same but for the first samples, where the filter settles a little later than the fit."""

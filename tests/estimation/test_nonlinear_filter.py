@@ -73,6 +73,7 @@ def test_agrees_with_the_filter_of_linear_models(smooth):
         assert np.allclose(found.process_noise.std, known.process_noise.std, rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_standard_deviations_are_those_of_the_errors(kind):
     """Normalised errors of a friction servo from an unknown start: their mean square is 1 within the band
