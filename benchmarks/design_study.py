@@ -154,7 +154,7 @@ def of_power(shape, allowed, rms):
 def rivals(runs: int, seed: int) -> dict:
     """Laws that a recording in one direction leaves open; then a short designed one, with small torques."""
     flat, rows = rotor(), []
-    allowed = Limits((Range("tau", "N.m", -0.25, 0.25),), 4.0, PERIOD, hold="zoh")
+    allowed = Limits((Range("tau", "N.m", -0.12, 0.12),), 3.0, PERIOD, hold="zoh")
     for run in range(runs):
         rng = np.random.default_rng([seed, run])
         law = ("CoulombFriction", "ConstantLoad")[run % 2]
@@ -264,7 +264,7 @@ def by_pydex(aim, allowed, K):
     designer.model_parameters = [1.0, K]
     designer.ti_controls_candidates = np.linspace(0.0, 1.0, 201)[:, None]
     designer.initialize(verbose=0)
-    designer.design_experiment(designer.d_opt_criterion, write=False, package="cvxpy")
+    designer.design_experiment(designer.d_opt_criterion, write=False, package="scipy", optimizer="SLSQP")
     efforts = np.asarray(designer.efforts).ravel()
     counts = np.round(efforts / efforts.sum() * allowed.time.size).astype(int)
     levels = np.repeat(np.linspace(0.0, 1.0, 201), counts)

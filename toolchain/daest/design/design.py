@@ -15,7 +15,7 @@ from daest.design.linear_explainer import LinearExplainer
 from daest.design.prepared import Subject
 from daest.design.rivals import DetectAim, RivalAim
 from daest.design.safety import DRAWS, TOLERATED, Guard
-from daest.design.search import SHARE_OF_FAMILIES, Budget, best_of_families, free_input
+from daest.design.search import FREE, SHARE_OF_FAMILIES, Budget, best_of_families, free_input
 from daest.design.sensors import sensor_gains
 from daest.design.signals import FAMILIES, KEEPS_LOWEST, within
 from daest.errors import DaestError, EstimationError
@@ -273,7 +273,7 @@ def told(found: Design, aim: Aim) -> str:
 
 
 def _how(best: Played, families: Sequence[Played]) -> str:
-    if best.family != "free":
+    if best.family != FREE:
         return f"{best.family} ({best.shape})"
     return "the free input that the gradient found"
 
