@@ -212,3 +212,43 @@ def test_division_by_zero_names_the_equation():
         linearize(m.flat(), at={"x": 0.0})
     assert caught.value.code == "linearization-not-finite"
     assert "sqrt(x)" in caught.value.what and "Root.mo:1" in str(caught.value)
+
+
+def compiled_text(text: str):
+    from pathlib import Path
+
+    from daest.modelica.compile import compile_text
+
+    return compile_text(text.encode(), Path("M.mo"))
+
+
+def test_what_nobody_reads_may_have_no_slope():
+    linear = linearize(
+        compiled_text(
+            "model M\n  Real x(start = 0), z(start = 0);\n  Real size;\nequation\n  der(x) = -2*x;\n"
+            "  der(z) = -z;\n  size = sqrt(x^2 + z^2);\nend M;\n"
+        )
+    )
+    assert np.all(np.isfinite(linear.J))
+    assert any("size" in note for note in linear.notes)
+
+
+def test_what_somebody_reads_must_have_a_slope():
+    with pytest.raises(NumericalError) as caught:
+        linearize(
+            compiled_text(
+                "model M\n  Real x(start = 0), z(start = 0);\n  Real size;\nequation\n"
+                "  der(x) = -2*x + size;\n  der(z) = -z;\n  size = sqrt(x^2 + z^2);\nend M;\n"
+            )
+        )
+    assert caught.value.code == "linearization-not-finite"
+
+
+def test_small_constants_are_no_zeros_at_the_operating_point():
+    linear = linearize(
+        compiled_text(
+            "model M\n  Real x(start = 0);\n  Real least = 2e-14;\n  Real y;\nequation\n"
+            "  der(x) = -x*abs(x) + y;\n  y = x/least;\nend M;\n"
+        )
+    )
+    assert np.abs(linear.J).max() == pytest.approx(1 / 2e-14)

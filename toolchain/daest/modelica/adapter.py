@@ -378,6 +378,8 @@ _EXPRESSIONS: dict[str, Callable[[dict[str, Any], s.Span | None], s.Node]] = {
     "ArrayComprehension": _comprehension,
     "Index": _index,
     "FieldAccess": _field,
+    # String(x) stands in messages of assertions, which are not looked at.
+    "StringConversion": lambda _value, at: s.Constant("", at),
 }
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import casadi as ca
 
-from daest.errors import Place
+from daest.errors import ModelError, Place
 from daest.model.events import Events
 from daest.model.flat import FlatModel
 from daest.model.parts import Equation, Variable
@@ -50,6 +50,7 @@ def assemble(source: s.FlatSource, file: str) -> FlatModel:
     """The FlatModel of a flat source. Raises ModelError with place and remedy."""
     source = with_settled_parameters(source)
     reading = Reading(source)
+    _refuse_clocks(reading)
     for what, span in _refused_statements(source):
         raise refusal(what, reading.sources.place(span))
     parameters = sort_parameters(source, reading.numeric, reading.scope, reading.evaluator)
@@ -70,6 +71,20 @@ def assemble(source: s.FlatSource, file: str) -> FlatModel:
         derivatives=_column(declared.derivatives),
     )
     return _flat_model(parts, file)
+
+
+def _refuse_clocks(reading: Reading) -> None:
+    """Raises ModelError for the first variable of type Clock."""
+    for variable in reading.source.variables:
+        if variable.type_name == "Clock":
+            raise ModelError(
+                "model-unsupported",
+                f"the model has a clock, `{variable.name}`: clocked equations are not supported",
+                where=reading.declared_at(variable),
+                remedy="Write the sampled part with `when sample(start, interval) then` and pre(), or with "
+                "Modelica.Blocks.Discrete; or export the model by your own tool as an FMU, which all "
+                "commands take.",
+            )
 
 
 def _refused_statements(source: s.FlatSource) -> Iterable[tuple[str, s.Span | None]]:

@@ -1,9 +1,8 @@
 """Modelica text in the words that the compiler takes, line by line the same.
 
-Three constructs are written otherwise, everywhere in a library and in the user's file:
+Two constructs are written otherwise, everywhere in a library and in the user's file:
 
 - der(expression) becomes a call of a function of the same length, which the equations then differentiate;
-- a parameter whose value is read from a table becomes a variable: the compiler counts it wrongly;
 - an external object (a table that C code reads) becomes an Integer, and its constructor a function beside it.
 """
 
@@ -36,15 +35,8 @@ _OBJECT = re.compile(
 _PART = rb"\bfunction\s+%s\b.*?\bend\s+%s\s*;"
 
 
-_READ_PARAMETER = re.compile(
-    rb"\b((?:final\s+)?parameter)(\s+[A-Za-z_][\w.]*\s+[A-Za-z_]\w*\s*=[^;\"]*?\bget(?:Time)?Table\w*\s*\()"
-)
-
-
 def adapted(text: bytes) -> bytes:
     """The text as the compiler takes it. Lines keep their numbers."""
-    if b"Table" in text:
-        text = _READ_PARAMETER.sub(lambda found: b" " * len(found[1]) + found[2], text)
     if b"ExternalObject" in text:
         text = _without_objects(text)
     return _with_marked_rates(text) if b"der" in text else text

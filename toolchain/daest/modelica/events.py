@@ -157,7 +157,7 @@ class Recorder:
             if isinstance(value, ca.SX) and not self._keeps(value):
                 raise ModelError(
                     "model-unsupported",
-                    f"sample(start, interval) depends on {sorted(x.name() for x in ca.symvar(value))}",
+                    "sample(start, interval) depends on variables that change between events",
                     where=at,
                     remedy="Let start and interval depend on parameters only.",
                 )

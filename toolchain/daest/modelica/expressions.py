@@ -279,8 +279,11 @@ class Evaluator:
         return made if node.operator == "+" else v.mapped(v.negate, made)
 
     def _binary(self, node: s.Binary) -> Value:
-        left, right = self.value(node.left), self.value(node.right)
         operator = node.operator
+        left = self.value(node.left)
+        if isinstance(left, bool) and operator in ("and", "or") and left is (operator == "or"):
+            return left  # decided: what is on the right may have no value
+        right = self.value(node.right)
         if operator == "*":
             return v.product(left, right)
         if operator in ("^", ".^"):

@@ -66,6 +66,17 @@ def translated(message: str, path: Path, text: bytes, class_name: str) -> ModelE
         made = translate(message, path, text, class_name)
         if made is not None:
             return made
+    if "failed in ToDae" in message:
+        return ModelError(
+            "model-compile",
+            f"`{class_name}` is read and understood, but is beyond the compiler that is built in: "
+            f"{_limit(_plain(message))}. The model may well be right",
+            where=str(path),
+            remedy="Replace the component that has it (friction and clutches with tables by "
+            "Daest.Effects.Rotational.CoulombFriction or StribeckFriction); or export the model by your own "
+            "tool as an FMU, which all commands take; or, with OpenModelica installed, by "
+            "`daest export MODEL --compiler omc -o NAME.bmo`.",
+        )
     return ModelError(
         "model-compile",
         f"`{class_name}` does not compile: {_plain(message)}",
@@ -74,6 +85,18 @@ def translated(message: str, path: Path, text: bytes, class_name: str) -> ModelE
         "`daest export MODEL --compiler omc -o NAME.bmo` Base Modelica, or with NAME.fmu an FMU, which all "
         "other commands take.",
     )
+
+
+_LIMITS = (
+    ("expression shape mismatch", "a parameter that is computed by a function of arrays or tables"),
+    ("function value type", "a function of an external object (code in C)"),
+    ("function shape proof", "a function whose arrays have sizes that follow from its inputs"),
+)
+
+
+def _limit(said: str) -> str:
+    """What of the model is beyond the compiler, in words of the language; its own where none are known."""
+    return next((words for phrase, words in _LIMITS if phrase in said), said)
 
 
 def _plain(message: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import re
@@ -50,7 +51,7 @@ def readable_roots(folders: Sequence[Path], text: bytes, path: Path) -> Roots:
     made: list[Path] = []
     origins: dict[str, Path] = {}
     for folder, chosen, is_whole in chosen_libraries(folders, text, path):
-        if is_whole and not any(map(_has_mark, _modelica_files(folder))):
+        if is_whole and not any(map(_has_mark, _modelica_files(folder))) and not _stray_folders(chosen):
             made.append(folder)
         elif chosen := [entry for entry in chosen if entry.name != path.name]:
             made.append(_copied(chosen, origins))
@@ -60,7 +61,7 @@ def readable_roots(folders: Sequence[Path], text: bytes, path: Path) -> Roots:
 def chosen_libraries(folders: Sequence[Path], text: bytes, path: Path) -> list[tuple[Path, list[Path], bool]]:
     """Of each folder the libraries that are used, and whether those are all that it holds. See
     `readable_roots`."""
-    uses = {name.decode(): version.decode() for name, version in _USES.findall(text)}
+    uses = _all_uses(folders, text)
     seen: set[str] = set()
     found: list[tuple[Path, list[Path], bool]] = []
     for folder in folders:
@@ -71,6 +72,22 @@ def chosen_libraries(folders: Sequence[Path], text: bytes, path: Path) -> list[t
         else:
             found.append((folder, *_chosen(folder, uses, seen, path.resolve())))
     return found
+
+
+def _all_uses(folders: Sequence[Path], text: bytes) -> dict[str, str]:
+    """Versions by library: those that the text declares, then those of the libraries that it names."""
+    uses = {name.decode(): version.decode() for name, version in _USES.findall(text)}
+    words = set(re.findall(rb"[A-Za-z_]\w*", text))
+    entries = [entry for folder in folders for entry in library_entries(folder)]
+    for entry in entries:
+        name = _library(entry)[0]
+        file = entry / "package.mo" if entry.is_dir() else entry
+        if name.encode() not in words or name in uses:
+            continue
+        with contextlib.suppress(OSError):
+            for used, version in _USES.findall(file.read_bytes()):
+                uses.setdefault(used.decode(), version.decode())
+    return uses
 
 
 def library_entries(folder: Path) -> list[Path]:
@@ -104,16 +121,25 @@ def _chosen(folder: Path, uses: Mapping[str, str], seen: set[str], path: Path) -
 
 
 def _version(entries: Sequence[Path], wanted: str | None, path: Path) -> Path:
-    """The version that holds `path`, or that is wanted, else the highest; none counts as the highest."""
+    """The version that holds `path`, or that is wanted, or one that differs from it in the last number only,
+    else the highest; none counts as the highest."""
     numbers = tuple(int(part) for part in re.findall(r"\d+", wanted or ""))
     own = [entry for entry in entries if path.is_relative_to(entry.resolve())]
     exact = [entry for entry in entries if numbers and _library(entry)[1] == numbers]
-    return (own or exact or sorted(entries, key=lambda e: (not _library(e)[1], _library(e)[1])))[-1]
+    near = [entry for entry in entries if numbers and _library(entry)[1][:2] == numbers[:2]]
+    near.sort(key=lambda entry: _library(entry)[1])
+    return (own or exact or near or sorted(entries, key=lambda e: (not _library(e)[1], _library(e)[1])))[-1]
 
 
 def _modelica_files(folder: Path) -> Iterable[Path]:
     """All .mo files of a library folder or a single file, in order."""
     return [folder] if folder.is_file() else sorted(folder.rglob("*.mo"))
+
+
+def _stray_folders(entries: Iterable[Path]) -> list[Path]:
+    """Folders inside of libraries that hold .mo files but no package.mo: they are no packages."""
+    folders = {file.parent for entry in entries if entry.is_dir() for file in entry.rglob("*.mo")}
+    return [folder for folder in folders if not (folder / "package.mo").is_file()]
 
 
 def _has_mark(file: Path) -> bool:
@@ -156,7 +182,10 @@ def _copy_library(source: Path, target: Path) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         target.with_suffix(".mo").write_bytes(source.read_bytes().removeprefix(BYTE_ORDER_MARK))
         return
+    strays = _stray_folders([source])
     for file in [*_modelica_files(source), *source.rglob("package.order")]:
+        if any(file.is_relative_to(stray) for stray in strays):
+            continue
         place = target / file.relative_to(source)
         place.parent.mkdir(parents=True, exist_ok=True)
         place.write_bytes(file.read_bytes().removeprefix(BYTE_ORDER_MARK))

@@ -36,6 +36,7 @@ def with_settled_parameters(source: s.FlatSource) -> s.FlatSource:
         variables=tuple(_settled(x, bindings) if x.name in loose else x for x in source.variables),
         equations=(*source.equations, *(_kept(x) for x in loose.values() if x.name not in bindings)),
         initial_equations=tuple(e for e in source.initial_equations if id(e) not in used),
+        settled=frozenset(loose) - set(bindings),
     )
 
 

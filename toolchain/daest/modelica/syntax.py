@@ -305,5 +305,6 @@ class FlatSource:
     structural: frozenset[str]  # parameters that sizes, loops or branches were decided on
     initial_algorithms: tuple[FlatAlgorithm, ...]
     whens: tuple[When, ...] = ()  # the when-equations
+    settled: frozenset[str] = frozenset()  # variables that keep the value that the start gives them
     texts: dict[int, tuple[str, bytes]] = field(default_factory=dict)  # source number -> file name, text
     own: tuple[int, ...] = ()  # the number of the file that was asked for

@@ -130,35 +130,31 @@ def _if(condition: Any, yes: Any, no: Any) -> Any:
 # Tables over time -------------------------------------------------------------------------------------------
 
 
-def _knots(table: Record) -> np.ndarray:
-    """Instants of the rows, in the time of the model."""
-    x, _ = _columns(table, 1)
-    return x + float(v.constant(table.fields["shiftTime"]))  # type: ignore[arg-type]
+def _clock(table: Value, time: Value) -> tuple[np.ndarray, Any, Any, Any]:
+    """Instants of the rows; the time of the table; how much that is behind, and when the table begins."""
+    assert isinstance(table, Record)
+    knots, _ = _columns(table, 1)
+    shift, start = (v.constant(table.fields[key]) for key in ("shiftTime", "startTime"))  # type: ignore[arg-type]
+    return knots, v.subtract(time, shift), shift, start  # type: ignore[arg-type]
 
 
 def _next_event(table: Value, time: Value) -> Value:
     """The next row behind an instant; they are the events of the table."""
-    assert isinstance(table, Record)
-    _, extrapolation = _kinds(table)
-    knots = np.unique(_knots(table))
-    start = float(v.constant(table.fields["startTime"]))  # type: ignore[arg-type]
-    knots = knots[knots >= start] if extrapolation != PERIODIC else knots
-    if knots.size == 0:
-        return NEVER
-    t: Any = time
-    if extrapolation == PERIODIC and knots.size > 1:
-        period = float(knots[-1] - knots[0])
-        turn = ca.floor((t - knots[0]) / period + NEAR)
-        local = t - period * turn
-        made: Any = knots[-1]
+    knots, t, shift, start = _clock(table, time)
+    knots = np.unique(knots)
+    width = float(knots[-1] - knots[0])
+    made: Any = NEVER
+    if _kinds(table)[1] == PERIODIC and width > 0:
+        turn = ca.floor((t - knots[0]) / width + NEAR)
+        local = t - width * turn
+        made = knots[-1]
         for knot in knots[-2:0:-1]:
-            made = ca.if_else(local < knot - NEAR * period, knot, made)
-        return made + period * turn
-    reach = float(max(knots[-1] - knots[0], 1.0))
-    made = NEVER
-    for knot in knots[::-1]:
-        made = ca.if_else(t < knot - SAME * reach, knot, made)
-    return ca.if_else(t < start, start, made)
+            made = ca.if_else(local < knot - NEAR * width, knot, made)
+        made = made + width * turn + shift
+    else:
+        for knot in knots[::-1]:
+            made = ca.if_else(t < knot - SAME * max(width, 1.0), knot + shift, made)
+    return ca.if_else(time < start, start, made)
 
 
 SAME = 1e-13  # share of a table's length by which an instant may miss a row
@@ -166,23 +162,20 @@ SAME = 1e-13  # share of a table's length by which an instant may miss a row
 
 def _time_value(table: Value, column: Value, time: Value, following: Value, before: Value) -> Value:
     """The value at an instant, on the piece that ends with the `following` event: the piece does not change
-    before the event does."""
-    assert isinstance(table, Record)
+    before the event does. Zero before the table begins."""
+    knots, t, shift, start = _clock(table, time)
     _, y = _columns(table, column)
-    knots = _knots(table)
     smoothness, extrapolation = _kinds(table)
     if knots.size == 1:
         return y[0]
-    t: Any = time
-    end: Any = following
-    if extrapolation == PERIODIC:
-        period = float(knots[-1] - knots[0])
-        turn = ca.ceil((end - knots[0]) / period - NEAR) - 1
-        t, end = t - period * turn, end - period * turn
-    start = float(v.constant(table.fields["startTime"]))  # type: ignore[arg-type]
+    end: Any = following - shift
     width = float(knots[-1] - knots[0])
+    if extrapolation == PERIODIC:
+        turn = ca.ceil((end - knots[0]) / width - NEAR) - 1
+        t, end = t - width * turn, end - width * turn
     made = _piece(knots, y, t, lambda i: end > knots[i] + NEAR * width, smoothness, extrapolation)
-    return ca.if_else(t < start, 0.0, made) if start > knots[0] else made
+    # The event at the beginning ends the time before it.
+    return ca.if_else(following <= start, 0.0, made)
 
 
 _READERS: dict[str, Callable[..., Value]] = {

@@ -59,6 +59,8 @@ def declare_variables(reading: Reading) -> Declared:
             elements = _elements(shown, reading)
             declared.unknowns += elements
             declared.derivatives += _derivatives(variable, reading)
+            if variable.name in reading.source.settled and reading.events is not None:
+                reading.events.hold(element.name for element in elements)
             if variable.name in reading.targets:
                 assert reading.events is not None
                 reading.events.hold(element.name for element in elements)

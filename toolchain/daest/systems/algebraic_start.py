@@ -21,8 +21,8 @@ def agreed_start(flat: FlatModel, xi: np.ndarray, u: np.ndarray, time: float, he
     the model.
 
     Unknowns that occur differentiated, and those that are `held` (bool, (n,)), are known; an equation without
-    derivatives that has one unknown left is solved for it, again and again. What is left (loops of unknowns)
-    keeps its value.
+    derivatives that has one unknown left is solved for it, again and again. Where loops of unknowns are left,
+    those with a start value of their own are taken to have that, and what follows from them is computed.
     """
     rates = ca.jacobian_sparsity(flat.residual, flat.derivatives)
     is_open = np.ones(flat.n, dtype=bool)
@@ -34,10 +34,14 @@ def agreed_start(flat: FlatModel, xi: np.ndarray, u: np.ndarray, time: float, he
     evaluate = ca.Function("agreed", arguments, [flat.residual, slopes])
     pattern = sp.csr_array(sp.csc_array(ca.DM(slopes.sparsity(), 1).sparse()))
     point = xi.copy()
+    declared = np.array([v.start is not None for v in flat.unknowns], dtype=bool)
     for _ in range(MAX_SWEEPS):
         rows, columns = _single(pattern, is_open, is_known)
         if rows.size == 0:
-            break
+            if not np.any(declared & ~is_known):
+                break
+            is_known |= declared  # in loops of unknowns those with a start value of their own have that
+            continue
         is_open[rows] = False
         solved = _solved(lambda x: evaluate(0, x, u, 0, flat.theta_values, time), point, rows, columns)
         is_known[columns[solved]] = True
@@ -66,11 +70,13 @@ def _solved(
 ) -> np.ndarray:
     """Newton steps for row i in unknown columns[i], all at once, in place; which of them succeeded."""
     before = point[columns].copy()
-    for _ in range(MAX_STEPS):
+    for count in range(MAX_STEPS):
         residual, slopes = evaluate(point)
         value = residual.full()[rows, 0]
         slope = np.asarray(sp.csr_array(sp.csc_array(slopes.sparse()))[rows, columns]).ravel()
         is_done = np.abs(value) <= TOLERANCE * np.maximum(1.0, np.abs(slope * point[columns]))
+        if count == 0:
+            is_done = value == 0.0  # a small value, as 1e-14, is a value: at least one step is taken
         if np.all(is_done):
             break
         with np.errstate(all="ignore"):

@@ -71,6 +71,12 @@ def linearize(
     point = operating_point(flat, at)
     family = linear_dae_function(flat, at)
     matrices = [_array(m) for m in family(values)]
+    unread = _unread_rows(flat, matrices, point)
+    if unread:
+        found = linearize(_with_values(flat, unread, point), theta, at)
+        names = ", ".join(flat.unknowns[column].name for column in unread.values())
+        note = f"No slope at the operating point, and read by nothing else, so at its value: {names}."
+        return replace(found, equations=flat.equations, notes=(*found.notes, note))
     _check_finite(flat, matrices)
     E, J, K, B, C, D, H, offset, output_offset = matrices
     return LinearDAE(
@@ -233,6 +239,32 @@ def _compact(matrix: sp.csc_array) -> Matrix:
     rows = sp.csr_array(matrix)
     rows.eliminate_zeros()
     return rows
+
+
+def _unread_rows(flat: FlatModel, matrices: list[sp.csc_array], point: OperatingPoint) -> dict[int, int]:
+    """Rows without finite slopes, each with the unknown that it computes for nobody: no other equation and no
+    output reads it. Empty where another row is not finite, or an unknown is read."""
+    E, J, K, B = matrices[:4]
+    bad: set[int] = set()
+    for matrix in (E, J, K, B, matrices[7]):
+        entries = sp.coo_array(matrix)
+        bad |= set(entries.coords[0][~np.isfinite(entries.data)].tolist())
+    if not bad or not np.all(np.isfinite(point.xi)):
+        return {}
+    readers = sp.csc_array(ca.DM(ca.jacobian_sparsity(flat.residual, flat.xi), 1).sparse())
+    seen = set(ca.jacobian_sparsity(flat.output_expressions, flat.xi).get_triplet()[1])
+    seen |= set(ca.jacobian_sparsity(flat.residual, flat.derivatives).get_triplet()[1])
+    own = np.flatnonzero(np.diff(readers.indptr) == 1)
+    unread = {int(readers.indices[readers.indptr[j]]): int(j) for j in own if j not in seen}
+    return {row: unread[row] for row in sorted(bad)} if bad <= set(unread) else {}
+
+
+def _with_values(flat: FlatModel, rows: Mapping[int, int], point: OperatingPoint) -> FlatModel:
+    """The model with `unknown = value` in place of some rows."""
+    residual = ca.SX(flat.residual)
+    for row, column in rows.items():
+        residual[row] = flat.xi[column] - point.xi[column]
+    return replace(flat, residual=residual)
 
 
 def _check_finite(flat: FlatModel, matrices: list[sp.csc_array]) -> None:

@@ -47,7 +47,9 @@ def _solve(system: ExpandedSystem, choice: StateChoice, point: SamplePoint) -> D
     # no pivot.
     memory = [i for i, p in enumerate(system.flat.parameters) if p.is_memory]
     steady = [i for i, p in enumerate(system.flat.parameters) if not p.is_memory]
-    kept, tunable = system.flat.theta[memory], system.flat.theta[steady]
+    kept, tunable = (
+        ca.vertcat(ca.SX(0, 1), *(system.flat.theta[i] for i in part)) for part in (memory, steady)
+    )
     known = ca.vertcat(system.pick(states), *system.u, *system.w, system.flat.time, kept)
     n_theta = len(system.flat.parameters)
 

@@ -1,0 +1,85 @@
+"""Tables whose rows stand in the model, against numpy.interp."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from daest.modelica import tables
+from daest.modelica.values import from_flat
+
+ROWS = [(0.0, 1.0), (1.0, 3.0), (1.0, 0.0), (2.5, 2.0)]
+
+
+def table(name: str, smoothness: int = tables.LINEAR, extrapolation: int = tables.LAST, **more: float):
+    rows = from_flat([x for row in ROWS for x in row], (4, 2))
+    columns = from_flat([2], (1,))
+    if name == "ExternalCombiTable1D":
+        given = ["NoName", "NoName", rows, columns, smoothness, extrapolation]
+    else:
+        given = ["NoName", "NoName", rows, more.get("start", 0.0), columns, smoothness, extrapolation]
+        given.append(more.get("shift", 0.0))
+    return tables.called(f"Modelica.Blocks.Types.{name}_constructor", given)
+
+
+def at(function: str, made, points: np.ndarray) -> np.ndarray:
+    u = ca.SX.sym("u")
+    value = tables.called(function, [made, 1, u])
+    return ca.Function("value", [u], [value])(points[None, :]).full().ravel()
+
+
+def exact(u: np.ndarray) -> np.ndarray:
+    first, second = 1 + 2 * u, (u - 1) * 2 / 1.5
+    return np.where(u < 1, first, second)
+
+
+def test_straight_lines_that_go_on():
+    u = np.array([-1.0, 0.0, 0.4, 0.999, 1.001, 2.5, 4.0])
+    assert at("getTable1DValue", table("ExternalCombiTable1D"), u) == pytest.approx(exact(u))
+
+
+def test_values_that_stay():
+    made = table("ExternalCombiTable1D", extrapolation=tables.HOLD)
+    assert at("getTable1DValue", made, np.array([-3.0, 0.5, 9.0])) == pytest.approx([1, 2, 2])
+
+
+def test_steps():
+    made = table("ExternalCombiTable1D", smoothness=tables.CONSTANT)
+    assert at("getTable1DValue", made, np.array([0.5, 1.5, 2.5, 3])) == pytest.approx([1, 0, 2, 2])
+
+
+def test_smooth_curves_are_refused():
+    with pytest.raises(ValueError, match="LinearSegments"):
+        at("getTable1DValue", table("ExternalCombiTable1D", smoothness=2), np.zeros(1))
+
+
+def walked(made, until: float) -> list[tuple[float, float]]:
+    """Instants and values of a table over time, from event to event: at its end, then just behind it."""
+    t, following, value = ca.SX.sym("t"), ca.SX.sym("next"), []
+    after = ca.Function("next", [t], [tables.called("getNextTimeEvent", [made, t])])
+    reading = tables.called("getTimeTableValue", [made, 1, t, following, following])
+    read = ca.Function("read", [t, following], [reading])
+    now = 0.0
+    while now < until:
+        end = float(after(now))
+        for instant in (now, min(end, until)):
+            value.append((instant, float(read(instant, end))))
+        now = end
+    return value
+
+
+def test_rows_over_time_are_events():
+    found = walked(table("ExternalCombiTimeTable"), 2.5)
+    assert np.array(found) == pytest.approx(np.array([(0, 1), (1, 3), (1, 0), (2.5, 2)]))
+
+
+def test_a_table_repeats():
+    made = table("ExternalCombiTimeTable", extrapolation=tables.PERIODIC)
+    once = [(0, 1), (1, 3), (1, 0), (2.5, 2)]
+    twice = [*once, *((t + 2.5, y) for t, y in once)]
+    assert np.array(walked(made, 5.0)) == pytest.approx(np.array(twice))
+
+
+def test_a_table_begins_later():
+    made = table("ExternalCombiTimeTable", start=0.5, shift=0.5)
+    exact = np.array([(0, 0), (0.5, 0), (0.5, 1), (1.5, 3)])
+    assert np.array(walked(made, 1.5)) == pytest.approx(exact)
