@@ -14,9 +14,9 @@ LONG = 300_000  # ms that a search may take on a busy machine
 PROJECT = '[model]\nsource = "Cart.mo"\n[data]\nestimate = ["rub.csv"]\nsplit = 0.6\nhold = "zoh"\n'
 
 
-def settled(page) -> None:
-    """Wait until no command works any more."""
-    page.wait_for_selector("#work .job:not(.running)", timeout=LONG)
+def settled(page, number: int) -> None:
+    """Wait until the job of this number has ended."""
+    page.wait_for_selector(f"#work .job[data-number='{number}']:not(.running)", timeout=LONG)
 
 
 @pytest.fixture(scope="module")
@@ -70,13 +70,13 @@ def test_the_whole_story(cart, window):
         opened(window, server)
         window.get_by_role("button", name="Set up").click()
         window.wait_for_selector("h3:has-text('The recordings')")
-        settled(window)
+        settled(window, 1)
         assert "no fault found" in window.inner_text("#start") or "warning" in window.inner_text("#start")
         (cart / "daest.toml").write_text(PROJECT)  # the user completes what was written
 
         window.wait_for_selector("text=60 %")
         window.get_by_role("button", name="Fit and compare").click()
-        settled(window)
+        settled(window, 2)
         window.click("text=Compare")
         window.wait_for_selector("#compare .pictures[data-drawn]:not([data-drawn='0'])")
         first = errors(cart, 0)
@@ -102,7 +102,7 @@ def test_the_whole_story(cart, window):
         window.click("text=What is missing")
         window.get_by_role("button", name="Search for what is missing").click()
         window.wait_for_selector("text=Stop the search")
-        settled(window)
+        settled(window, 3)
         window.wait_for_selector(".candidate")
         found = window.locator(".candidate", has=window.locator("summary .badge.good")).first
         added = found.locator("strong").inner_text().split()[0]
@@ -112,7 +112,7 @@ def test_the_whole_story(cart, window):
         assert "f = -f_c*" in found.inner_text()  # its law
         assert "extends Cart" in found.inner_text() and "daest extend" in found.inner_text()
         found.get_by_role("button", name="Add it").click()
-        settled(window)
+        settled(window, 4)
         window.wait_for_selector(f"text=Take {added} back")
         second = errors(cart, 1)
         assert second["s"] < 0.2 * first["s"]
@@ -126,7 +126,7 @@ def test_the_whole_story(cart, window):
         window.click("text=Doubt")
         window.click("#parts >> text=Report")
         window.get_by_role("button", name="Write the report").click()
-        settled(window)
+        settled(window, 5)
         window.wait_for_selector("text=Open the report")
         script = server.ask("GET", "session.sh")[2].decode().splitlines()
     assert window.complaints == []

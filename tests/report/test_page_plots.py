@@ -13,6 +13,7 @@ from daest.report.page.plots import (
     frequency_plots,
     model_labels,
     residual_plots,
+    telling_window,
 )
 
 N = 200_000
@@ -104,3 +105,17 @@ def test_errors_of_predictions_and_of_the_simulation_are_in_range(first, scale):
     assert attributes["y_scale"]["name"] == scale
     limits = attributes["y_range"]["attributes"]
     assert limits["end"] > 0.3 and limits.get("start", 0.0) < first
+
+
+def test_the_window_that_is_shown_by_itself_is_the_one_with_the_largest_errors():
+    time, small = np.arange(5000) * 0.01, np.full(5000, 0.1)
+    large = small.copy()
+    large[3100:3200] = 5.0
+    found = telling_window(time, [small, large])
+    assert found.start <= 3100 and found.stop >= 3200 and found.stop - found.start == 400
+    assert telling_window(time, [1e-9 * small, 1e-9 * large]) == found
+    gap = large.copy()
+    gap[:1000] = np.nan
+    assert telling_window(time, [gap]).start > 2700
+    assert telling_window(time[:100], [large[:100]]) is None
+    assert telling_window(time, [np.zeros(5000)]) == slice(0, 400)

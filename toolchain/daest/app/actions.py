@@ -13,6 +13,7 @@ from daest.app.story import Story, comparison_file, diagnosis_file
 from daest.errors import ConfigError
 
 CHECK = "check.json"
+DIGITS = 6  # of the size of an effect, which the fit that follows starts from
 Lines = list[list[str]]
 Asked = Mapping[str, Any]
 
@@ -92,7 +93,7 @@ def _add(asked: Asked, standing: Standing) -> Lines:
     sizes: list[str] = []
     for name, entry in found["parameters"].items():
         if isinstance(entry["value"], int | float) and math.isfinite(entry["value"]):
-            sizes += ["--set", f"{name}={entry['value']!r}"]
+            sizes += ["--set", f"{name}={entry['value']:.{DIGITS}g}"]
     extend = ["extend", *([] if parent.number == 0 else [parent.model])]
     extend += ["--effect", str(found.get("class", found["effect"])), "--at", str(found["at"])]
     return [

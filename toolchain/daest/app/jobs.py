@@ -119,8 +119,8 @@ def _job(home: Path, number: int) -> Job | None:
         action=str(about["action"]),
         lines=tuple(tuple(line) for line in lines),
         began=float(about["began"]),
-        status=_status(folder, float(about["began"]), codes),
-        ended=None if ended is None else float(ended["time"]),
+        status=_status(folder, float(about["began"]), codes if (ended or {}).get("time") else ()),
+        ended=(ended or {}).get("time"),
         codes=codes,
         said=_tail(folder / STDERR),
         result=_tail(folder / STDOUT),
@@ -128,13 +128,14 @@ def _job(home: Path, number: int) -> Job | None:
 
 
 def _status(folder: Path, began: float, codes: Sequence[int]) -> Status:
+    """`codes` are those of a job that has ended."""
     if codes:
         if codes[-1] in DONE:
             return "done"
         return "stopped" if codes[-1] == INTERRUPTED else "failed"
     if is_held(folder / ALIVE):
         return "running"
-    if (folder / ENDED).exists():
+    if (_read(folder / ENDED) or {}).get("time"):
         return "running"  # it has just ended: the next look reads how
     is_new = not (folder / ALIVE).exists() and time.time() - began < START_SECONDS
     return "running" if is_new else "lost"

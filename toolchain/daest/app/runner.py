@@ -3,7 +3,8 @@
     python -m daest.app.runner FOLDER JOB
 
 `JOB/lines.json` holds the arguments of every line. Their output goes to `JOB/stdout` and `JOB/stderr`, and
-`JOB/ended.json` says how each one ended. The lock on `JOB/alive` tells that the job goes on.
+`JOB/ended.json` says how each one ended, and when the last one did. The lock on `JOB/alive` tells that the
+job goes on.
 """
 
 from __future__ import annotations
@@ -38,14 +39,16 @@ def main(folder: Path, job: Path) -> int:
     lines = json.loads((job / LINES).read_text(encoding="utf-8"))
     ends: list[dict[str, Any]] = []
     stop = _Stop()
-    for line in lines:
+    for number, line in enumerate(lines):
         began = time.time()
         code = INTERRUPTED if stop.is_asked else _ended(line, folder, job, stop)
         ends.append({"code": code, "seconds": time.time() - began})
-        if code not in DONE:
+        is_last = code not in DONE or number == len(lines) - 1
+        with whole_file(job / ENDED) as temporary:
+            told = {"lines": ends, "time": time.time() if is_last else None}
+            temporary.write_text(json.dumps(told), encoding="utf-8")
+        if is_last:
             break
-    with whole_file(job / ENDED) as temporary:
-        temporary.write_text(json.dumps({"lines": ends, "time": time.time()}), encoding="utf-8")
     os.close(held)
     return ends[-1]["code"] if ends else 0
 

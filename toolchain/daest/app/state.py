@@ -165,7 +165,9 @@ def state(desk: Desk) -> dict[str, Any]:
     found["story"] = _story(desk, story)
     found["fit"] = desk.fit(story)
     found["comparison"] = _comparison(desk, story)
-    found["diagnosis"] = _diagnosis(desk, story)
+    found["diagnosis"] = _diagnosis(desk, story.step)
+    earlier = [_diagnosis(desk, step) for step in story.path()[-2::-1]]
+    found["earlier"] = next((one for one in earlier if one), None)
     found["arrived"] = _arrived(desk)
     found["commands"] = _commands(desk)
     found["ledger"] = _ledger(read_json(desk.folder / "results" / "improve" / "ledger.json"))
@@ -249,12 +251,12 @@ def _comparison(desk: Desk, story: Story) -> dict[str, Any] | None:
     return {**document, "current": own is not None and names == [model["name"] for model in own["models"]]}
 
 
-def _diagnosis(desk: Desk, story: Story) -> dict[str, Any] | None:
-    """The diagnosis of the current model, with the lines that each candidate adds to it."""
-    document = desk.read(diagnosis_file(story.current))
+def _diagnosis(desk: Desk, step: Step) -> dict[str, Any] | None:
+    """The diagnosis of the model of a step, with the lines that each candidate adds to it."""
+    document = desk.read(diagnosis_file(step.number))
     if document is None:
         return None
-    base = _text(desk.folder / story.step.model)
+    base = _text(desk.folder / step.model)
     candidates = []
     for found in document["candidates"]:
         text = found.pop("model", None)

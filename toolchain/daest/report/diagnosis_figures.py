@@ -73,7 +73,8 @@ def _draw_errors(diagnosis: Diagnosis, units: Mapping[str, str], part: Any) -> N
         known = [h for h in heights if h > 0.0]
         if known and max(known) > DECADE * min(known):
             ax.set_xscale("log")
-        ax.set_xlabel(f"validation rms {name} [{unit or '1'}]")
+        scale = ", logarithmic" if ax.get_xscale() == "log" else ""
+        ax.set_xlabel(f"validation rms {name} [{unit or '1'}]{scale}")
         ax.set_ylim(len(labels) - 0.4, -0.6)
     axes[0].set_yticks(range(len(labels)), labels, fontsize=SMALL)
     part.suptitle("the best, refitted (dashed: the model as it is)", fontsize=9)

@@ -20,7 +20,11 @@ export const page = {
   async run(asked) {
     const answer = await fetch("api/run", {method: "POST", body: JSON.stringify(asked)}).catch(() => null);
     const told = await answer?.json().catch(() => null);
-    if (answer?.ok) { trouble(null); return told; }
+    if (answer?.ok) {
+      trouble(null);
+      if (told?.job) document.documentElement.dataset.asked = told.job;
+      return told;
+    }
     if (!asked.dry) trouble(told?.what ? `${told.what}. ${told.remedy}.` : "The server does not answer: start daest app again.");
     return null;
   },
@@ -86,7 +90,7 @@ function work() {
     const progress = said.at(-1)?.match(/\((\d+) of (\d+)\)/);
     const words = {running: "works", done: "done", failed: "failed", stopped: "stopped; what is done is kept", lost: "was ended by force; what is done is kept"};
     return [
-      h("div", {className: `job ${last.status}`},
+      h("div", {className: `job ${last.status}`, "data-number": last.number},
         h("span", {className: "state", role: "status"}, words[last.status]),
         h("code", {className: "typed"}, last.lines.map((line, i) => (last.status === "running" && i === last.codes.length ? "▸ " : "") + line).join("\n")),
         last.status === "running" ? h("button", {"data-key": "stop", onclick: () => page.run({action: "stop", job: last.number})}, "Stop") : null,

@@ -11,11 +11,13 @@ const MEANS = {
 };
 
 export function view(place, state, page) {
-  put(place, [state.diagnosis, state.comparison, state.commands, Boolean(page.running())], () => {
-    const found = state.diagnosis;
-    if (!found) return [h("p", {className: "missing"}, "Nothing has been searched for yet in this model."), state.project ? page.button("Search for what is missing", {action: "diagnose"}, {strong: true}) : null];
+  put(place, [state.diagnosis, state.earlier, state.comparison, state.commands, Boolean(page.running())], () => {
+    const found = state.diagnosis ?? state.earlier;
+    const search = state.diagnosis || !state.project ? [] : [h("p", {className: "missing"}, "Nothing has been searched for yet in this model."), page.button("Search for what is missing", {action: "diagnose"}, {strong: true})];
+    if (!found) return search;
     const held = found.candidates.filter(one => one.verdict !== "rejected"), refitted = found.candidates.filter(one => one.refitted !== false);
     return [
+      search, state.diagnosis ? null : h("h3", {}, `The search before, in ${found.model?.name ?? "the model before"}`),
       h("p", {className: "verdict-line"}, h("span", {className: `badge ${["supported", "nothing missing"].includes(found.verdict) ? "good" : "verdict"}`}, found.verdict), " ", MEANS[found.verdict] ?? ""),
       h("p", {}, found.message),
       h("h3", {}, "What the search cost"),

@@ -20,9 +20,30 @@ export async function draw(place, plots) {
     const parts = [...manager].flatMap(figures);
     own.push({id: plot.id, manager, parts});
     if (matchMedia("(pointer: coarse)").matches) for (const part of parts) part.model.toolbar.active_drag = null;
+    for (const part of parts) {
+      if (part.model.name !== "compare") continue;
+      part.model.x_range.properties.start.change.connect(() => requestAnimationFrame(() => fitted(part)));
+    }
     target.addEventListener("keydown", event => moved(event, parts));
   }
   paint();
+}
+
+// Values follow the stretch of time that is shown, so that the curves stay in view.
+function fitted(view) {
+  const {x_range, y_range} = view.model;
+  let low = Infinity, high = -Infinity;
+  for (const {data_source, glyph, visible} of view.model.renderers) {
+    const x = data_source?.data?.[glyph?.x?.field], y = data_source?.data?.[glyph?.y?.field];
+    if (!visible || !x || !y || typeof x[0] !== "number") continue;
+    for (let i = 0; i < x.length; i++) {
+      if (x[i] < x_range.start || x[i] > x_range.end || !Number.isFinite(y[i])) continue;
+      low = Math.min(low, y[i]);
+      high = Math.max(high, y[i]);
+    }
+  }
+  const margin = 0.06 * (high - low) || Math.abs(high) || 1;
+  if (low <= high) y_range.setv({start: low - margin, end: high + margin});
 }
 
 export function clear(place) {

@@ -14,6 +14,29 @@
     return view.model.type === "Figure" || view.model.type === "Plot" ? [view] : inner.flatMap(figures);
   }
 
+  // Values follow the stretch of time that is shown, so that the curves stay in view.
+  const fitted = view => {
+    const {x_range, y_range} = view.model;
+    let low = Infinity, high = -Infinity;
+    for (const {data_source, glyph, visible} of view.model.renderers) {
+      const x = data_source?.data?.[glyph?.x?.field], y = data_source?.data?.[glyph?.y?.field];
+      if (!visible || !x || !y || typeof x[0] !== "number") continue;
+      for (let i = 0; i < x.length; i++) {
+        if (x[i] < x_range.start || x[i] > x_range.end || !Number.isFinite(y[i])) continue;
+        low = Math.min(low, y[i]);
+        high = Math.max(high, y[i]);
+      }
+    }
+    const margin = 0.06 * (high - low) || Math.abs(high) || 1;
+    if (low <= high) y_range.setv({start: low - margin, end: high + margin});
+  };
+  for (const views of plots.values()) {
+    for (const view of views) {
+      if (view.model.name !== "compare") continue;
+      view.model.x_range.properties.start.change.connect(() => requestAnimationFrame(() => fitted(view)));
+    }
+  }
+
   // A finger that drags over a plot scrolls the page; the tools of the plot's own bar zoom.
   if (coarse) for (const views of plots.values()) for (const view of views) view.model.toolbar.active_drag = null;
 

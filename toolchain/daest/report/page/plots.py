@@ -14,6 +14,7 @@ from bokeh.layouts import gridplot
 from bokeh.models import (
     BoxAnnotation,
     ColumnDataSource,
+    CrosshairTool,
     FixedTicker,
     HoverTool,
     LabelSet,
@@ -47,6 +48,7 @@ BAND = 1.96  # standard deviations to either side of a 95 % band
 MOST_POINTS = 4000  # of a series
 MOST_IN_ALL = 120_000  # points of all series of a kind of plot
 DECADE = 10.0  # ratio of errors from which their axis is logarithmic
+DETAIL, LEAST_DETAIL = 0.08, 60  # share of a recording, and samples, of the window that is shown by itself
 NARROW, MIDDLE, TALL = 190, 240, 300  # px
 
 
@@ -81,6 +83,7 @@ def comparison_plots(document: Document, series: Series) -> Iterator[Plot]:
             values.name = "compare"
             _dots(values, time, measured[:, i], "measured", most)
             errors = _figure("", _titled("error", unit), NARROW, values.x_range)
+            errors.name = "compare"
             for m, model in enumerate(models):
                 _line(values, time, simulated[m][:, i], model, m, most)
                 _line(errors, time, measured[:, i] - simulated[m][:, i], model, m, most, legend=False)
@@ -88,6 +91,18 @@ def comparison_plots(document: Document, series: Series) -> Iterator[Plot]:
             _mark_windows(errors, document, name, recording)
             _legend(values)
             figures += [values, errors]
+            window = telling_window(time, [measured[:, i] - one[:, i] for one in simulated])
+            if window is not None:
+                figures.append(
+                    _detail(
+                        window,
+                        time,
+                        measured[:, i],
+                        [one[:, i] for one in simulated],
+                        models,
+                        _titled(name, unit),
+                    )
+                )
         figures[-1].xaxis.axis_label = "time [s]"
         yield Plot(
             f"plot-compare-{r}",
@@ -95,6 +110,40 @@ def comparison_plots(document: Document, series: Series) -> Iterator[Plot]:
             _item(_stacked(figures)),
             _thinning_note(time.size, most),
         )
+
+
+def telling_window(time: np.ndarray, errors: Sequence[np.ndarray]) -> slice | None:
+    """The part of a recording where the errors of the models are largest together; None where the recording
+    is so short that all of it can be read. Models count alike: each error is relative to its own size."""
+    n = max(LEAST_DETAIL, int(DETAIL * time.size))
+    if time.size < 2 * n:
+        return None
+    squares = [np.nan_to_num(error, nan=0.0) ** 2 for error in errors]
+    size = sum(square / (square.mean() or 1.0) for square in squares)
+    sums = np.concatenate([[0.0], np.cumsum(size)])
+    start = int(np.argmax(sums[n:] - sums[:-n]))
+    return slice(start, start + n)
+
+
+def _detail(
+    window: slice,
+    time: np.ndarray,
+    measured: np.ndarray,
+    simulated: Sequence[np.ndarray],
+    models: Sequence[str],
+    label: str,
+) -> Any:
+    """Measured and simulated in a window, sample by sample."""
+    plot = _figure("", label, MIDDLE)
+    t = time[window]
+    plot.title.text = f"from {t[0]:.4g} s to {t[-1]:.4g} s, where the error is largest"
+    plot.title.text_font_style, plot.title.text_font_size = "normal", "12px"
+    plot.title.text_color = MEASURED
+    _dots(plot, t, measured[window], "measured", MOST_POINTS, size=5)
+    for m, model in enumerate(models):
+        _line(plot, t, simulated[m][window], model, m, MOST_POINTS)
+    _legend(plot)
+    return plot
 
 
 def followed_figures(told: Mapping[str, Any]) -> list[Any]:
@@ -422,9 +471,9 @@ def _figure(
         y_axis_label=y_label,
         x_axis_type=x_axis,
         y_axis_type=y_axis,
-        tools="box_zoom,pan,wheel_zoom,zoom_in,zoom_out,reset,save",
+        tools="xbox_zoom,xpan,xwheel_zoom,xzoom_in,xzoom_out,reset,save",
         toolbar_location="above",
-        active_drag="box_zoom",
+        active_drag="xbox_zoom",
         active_scroll=None,
         output_backend="canvas",
         **options,
@@ -447,9 +496,12 @@ def _shade(color: str, alpha: float, **sides: float) -> Any:
     return BoxAnnotation(line_color=None, fill_color=color, fill_alpha=alpha, **sides)
 
 
-def _dots(plot: Any, x: np.ndarray, y: np.ndarray, name: str, most: int) -> None:
+def _dots(plot: Any, x: np.ndarray, y: np.ndarray, name: str, most: int, size: int = 3) -> None:
     at = thinned(y, most)
-    plot.scatter(x[at], y[at].astype(np.float32), size=3, color=MEASURED, legend_label=name, line_color=None)
+    dots = plot.scatter(
+        x[at], y[at].astype(np.float32), size=size, color=MEASURED, legend_label=name, line_color=None
+    )
+    _hover(plot, dots, name)
 
 
 def _line(
@@ -465,7 +517,19 @@ def _plain_line(plot: Any, x: np.ndarray, y: np.ndarray, name: str, number: int,
     line = plot.line(x, y, color=color, line_dash=dash, line_width=1.6, **named)
     if dots:
         plot.scatter(x, y, color=color, size=4)
-    plot.add_tools(HoverTool(renderers=[line], tooltips=[("at", "$x"), ("value", "$y")]))
+    _hover(plot, line, name)
+
+
+def _hover(plot: Any, drawn: Any, name: str) -> None:
+    """What a curve is, and its value with its unit, where the pointer is; texts as the axes have them."""
+    x, y = (_safe(axis.axis_label or "") for axis in (plot.xaxis[0], plot.yaxis[0]))
+    tips = [("", _safe(name) or "error"), (x or "time [s]", "@x{%.6g}"), (y, "@y{%.5g}")]
+    plot.add_tools(HoverTool(renderers=[drawn], tooltips=tips, formatters={"@x": "printf", "@y": "printf"}))
+
+
+def _safe(text: str) -> str:
+    """A text in a tooltip, where $ and @ would stand for values."""
+    return text.replace("@", "").replace("$", "")
 
 
 def _legend(plot: Any) -> None:
@@ -480,7 +544,10 @@ def _legend(plot: Any) -> None:
 
 
 def _stacked(figures: Sequence[Any]) -> Any:
-    """Figures below each other with one bar of tools."""
+    """Figures below each other with one bar of tools and one cursor."""
+    cursor = Span(dimension="height", line_color=MEASURED, line_width=1)
+    for plot in figures:
+        plot.add_tools(CrosshairTool(overlay=cursor))
     return gridplot(
         [[plot] for plot in figures],
         sizing_mode="stretch_width",

@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 from daest.report.console import number, percent
 from daest.report.page.material import Material
 from daest.report.page.plots import BORDERS, COLORS
-from daest.report.page.sections import Section, headline, places
+from daest.report.page.sections import TONES, Section, headline, places
 
 ROOM = "daest.report.page"
 JOINT = re.compile("([_.])")
@@ -32,7 +32,7 @@ def page(material: Material, parts: Sequence[Section]) -> str:
     environment.filters["quoted"] = _quoted
     environment.filters["breakable"] = _breakable
     environment.globals["line_colors"], environment.globals["line_dashes"] = COLORS, BORDERS
-    environment.globals["places"] = places
+    environment.globals["places"], environment.globals["tones"] = places, TONES
     template = environment.get_template("page.html.jinja")
     try:
         return template.render(

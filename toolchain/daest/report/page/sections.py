@@ -47,37 +47,65 @@ class Section:
 
 
 def sections(material: Material) -> list[Section]:
-    """All parts in the order of the story. Raises KeyError, TypeError or ValueError for a document that no
-    command wrote."""
+    """All parts, the answer before what it rests on. Raises KeyError, TypeError or ValueError for a document
+    that no command wrote."""
     return [
-        _model(material.flat),
-        _noise(material.noise),
-        _estimation(material.fit),
         _comparison(material),
-        _residuals(material),
         _failures(material.comparison),
-        _filter(material),
         _diagnosis(material.diagnosis, material.ledger),
         _improvement(material),
         _modelica(material),
+        _estimation(material.fit),
+        _residuals(material),
+        _filter(material),
+        _noise(material.noise),
+        _model(material.flat),
         _origin(material),
     ]
 
 
-def headline(material: Material) -> list[tuple[str, str]]:
-    """The answer at a glance: pairs of a short label and a sentence."""
-    found: list[tuple[str, str]] = []
-    if material.fit is not None:
-        found.append(("fit", _fit_sentence(material.fit)))
-    if material.comparison is not None:
-        verdicts = [f"{m['name']}: {m['verdict'] or 'not tested'}" for m in material.comparison["models"]]
-        found.append(("data against model", "; ".join(verdicts)))
+@dataclass(frozen=True)
+class Answer:
+    """A sentence of the headline. `badges` stand before it, with their tones "good", "bad" or "verdict"."""
+
+    label: str
+    sentence: str
+    badges: tuple[tuple[str, str], ...] = ()
+
+
+TONES = {"supported": "good", "nothing missing": "good", "not falsified": "good", "falsified": "bad"}
+
+
+def headline(material: Material) -> list[Answer]:
+    """The answer at a glance: what is missing, what it brought, whether the data contradict the models."""
+    found: list[Answer] = []
     if material.diagnosis is not None:
-        message = material.diagnosis["message"].replace(" -> ", " → ")
-        found.append(("diagnosis", f"{material.diagnosis['verdict'].capitalize()}. {message}"))
+        message, verdict = material.diagnosis["message"].replace(" -> ", " → "), material.diagnosis["verdict"]
+        found.append(Answer("what is missing", message, ((verdict, TONES.get(verdict, "verdict")),)))
     if material.ledger is not None:
-        found.append(("improvement", _ledger_sentence(material.ledger)))
+        found.append(Answer("improvement", _ledger_sentence(material.ledger)))
+    if material.comparison is not None:
+        models = material.comparison["models"]
+        verdicts = {m["verdict"] or "not tested" for m in models}
+        badges = tuple((v, TONES.get(v, "verdict")) for v in sorted(verdicts)) if len(models) == 1 else ()
+        found.append(Answer("data against model", _compared_sentence(material.comparison), badges))
+    if material.fit is not None:
+        found.append(Answer("fit", _fit_sentence(material.fit)))
     return found
+
+
+def _compared_sentence(comparison: Document) -> str:
+    """Errors of the first and the last model, and the verdicts."""
+    models = comparison["models"]
+    first, last = models[0], models[-1]
+    errors = [
+        f"{name}: error {number(first['rms'][name], 3)}"
+        + (f" → {number(last['rms'][name], 3)}" if len(models) > 1 else "")
+        + f" {unit}".rstrip()
+        for name, unit in comparison["outputs"].items()
+    ]
+    verdicts = [f"{m['name']}: {m['verdict'] or 'not tested'}" for m in models]
+    return f"{', '.join(errors)}. {'; '.join(verdicts)}"
 
 
 def _fit_sentence(fit: Document) -> str:
