@@ -118,7 +118,7 @@ function stairs(path, name, unit, color) {
   let line = "";
   const parts = values.map((value, i) => { line += `${i ? "L" : "M"}${i * width * 4} ${top(value)} L${(i + 1) * width * 4} ${top(value)} `; return value; });
   const label = `Error of ${name} from step to step: ${values.map(value => withUnit(value, unit)).join(", ")}`;
-  return h("figure", {className: "plot-frame"}, svg("svg", {viewBox: "0 0 400 150", role: "img", "aria-label": label, class: "stairs"},
+  return h("figure", {className: "plot-frame"}, svg("svg", {viewBox: "0 -8 400 158", role: "img", "aria-label": label, class: "stairs"},
     svg("path", {d: `${line} L${parts.length * width * 4} 120 L0 120 Z`, fill: color, "fill-opacity": 0.18}), svg("path", {d: line, fill: "none", stroke: color, "stroke-width": 2.5}),
     ...values.map((value, i) => svg("text", {x: (i + 0.5) * width * 4, y: top(value) - 4, "text-anchor": "middle"}, number(value, 3))),
     ...path.map((step, i) => svg("text", {x: (i + 0.5) * width * 4, y: 138, "text-anchor": "middle", class: "soft"}, step.added ? `+ ${step.added}` : "as it is"))),

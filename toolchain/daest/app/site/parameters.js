@@ -44,7 +44,7 @@ function header(words) {
 
 function changed() { return Object.fromEntries(Object.entries(values).filter(([name, value]) => value !== parameter(name).value)); }
 const parameter = name => told.parameters.find(one => one.name === name);
-const quoted = text => /^[\w.=+-]+$/.test(text) ? text : `'${text}'`;
+const quoted = text => /^[\w./=+-]+$/.test(text) ? text : `'${text}'`;
 function simulateLine() {
   const model = state.story.current ? ` ${quoted(state.story.steps[state.story.current].model)}` : "";
   return `daest simulate${model}${Object.entries(changed()).map(([name, value]) => ` --set ${quoted(`${name}=${value}`)}`).join("")}`;
@@ -127,7 +127,7 @@ function sliders() {
 
 function slider(one) {
   const shown = h("output", {}, withUnit(values[one.name], one.unit, 5));
-  const moved = value => { values = {...values, [one.name]: value}; shown.textContent = withUnit(value, one.unit, 5); need.now = true; pump(); };
+  const moved = wanted => { const value = wanted === one.value ? wanted : Number(wanted.toPrecision(6)); values = {...values, [one.name]: value}; shown.textContent = withUnit(value, one.unit, 5); need.now = true; pump(); };
   const input = h("input", {type: "range", min: 0, max: STEPS, step: 1, "aria-label": one.name, "data-parameter": one.name, title: one.description,
     oninput: event => { const position = Number(event.target.value); moved(position === where(one, one.value) ? one.value : at(one, position)); input.setAttribute("aria-valuetext", shown.textContent); }});
   input.value = where(one, values[one.name]);
