@@ -38,6 +38,7 @@ export function number(value, digits = 4) {
   const text = Number(value).toPrecision(digits);
   const size = Math.abs(value);
   if (size !== 0 && (size < 1e-3 || size >= 1e6)) return Number(value).toExponential(digits - 1).replace(/\.?0+e/, "e").replace("-", "−");
+  if (text.includes("e")) return String(Number(text)).replace(/^-/, "−"); // 1.0e+2
   return (text.includes(".") ? text.replace(/\.?0+$/, "") : String(Number(text))).replace(/^-/, "−");
 }
 
