@@ -25,7 +25,7 @@ from daest.design.design import Task, design
 from daest.design.effects import Rival, detect_aim, leaving, rival_aim, with_effect
 from daest.design.prepared import Subject, estimated_names, explainer
 from daest.design.signals import multisine, random_binary, within
-from daest.diagnosis.proof import BIC_GAIN, CHANCE, SAME_BIC
+from daest.diagnosis.gates import GATES
 from daest.errors import DaestError
 from daest.estimation.identify import identify
 from daest.model.design import Limits, Range
@@ -142,7 +142,7 @@ def decided(found):
     """The law that is ahead of all others by the margin, None where none is."""
     order = sorted(found, key=lambda law: -found[law].log_likelihood)
     ahead = found[order[0]].log_likelihood - found[order[1]].log_likelihood
-    return order[0] if ahead > 0.5 * SAME_BIC else None
+    return order[0] if ahead > 0.5 * GATES.same_bic else None
 
 
 def of_power(shape, allowed, rms):
@@ -174,9 +174,9 @@ def rivals(runs: int, seed: int) -> dict:
                 names_of(name),
             )
             for name, fit in before.items()
-            if fit.log_likelihood > best - 0.5 * SAME_BIC
+            if fit.log_likelihood > best - 0.5 * GATES.same_bic
         ]
-        aim, subjects = rival_aim(left, allowed, [first], 0.5 * SAME_BIC, 0)
+        aim, subjects = rival_aim(left, allowed, [first], 0.5 * GATES.same_bic, 0)
         found = design(Task(aim, subjects, allowed, (first,)))
         rms = float(np.std(found.inputs))
         played = {
@@ -213,7 +213,15 @@ def power(runs: int, seed: int) -> dict:
     model = grown(flat, "CoulombFriction", 0.01)
     for size in (0.006, 0.009, 0.012, 0.015):
         aim, _ = detect_aim(
-            flat, effect, site, allowed, (), size=size, evidence=BIC_GAIN, n_candidates=50, chance=CHANCE
+            flat,
+            effect,
+            site,
+            allowed,
+            (),
+            size=size,
+            evidence=GATES.min_bic_gain,
+            n_candidates=50,
+            chance=GATES.max_chance,
         )
         seen = 0
         for run in range(runs):

@@ -25,7 +25,7 @@ from daest.estimation.nonlinear_smoother import smooth_ekf
 from daest.estimation.smoother import smooth
 from daest.model.estimates import InitialState
 from daest.modelica.compile import compile_model
-from daest.systems.integrate import IntegrationError
+from daest.systems.integration import IntegrationError
 from daest.systems.local_linear import local_model
 from daest.systems.reduce import reduce_index
 from daest.systems.sample import sample

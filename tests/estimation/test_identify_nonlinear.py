@@ -15,7 +15,7 @@ from daest.estimation.identify_nonlinear import WarmStart, identify_nonlinear
 from daest.estimation.records import part_of
 from daest.model.fit import IdentifyOptions
 from daest.model.parts import Equation
-from daest.systems.integrate import IntegrationError
+from daest.systems.integration import IntegrationError
 from daest.systems.reduce import reduce_index
 from daest.systems.simulate import simulate
 

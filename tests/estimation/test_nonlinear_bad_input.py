@@ -16,7 +16,8 @@ from daest.estimation.search import minimise
 from daest.estimation.trajectories import TrajectoryProblem, objective
 from daest.model.estimates import FilterOptions
 from daest.model.fit import IdentifyOptions
-from daest.systems.integrate import IntegrationError, integrator
+from daest.systems.integrate import integrator
+from daest.systems.integration import IntegrationError
 from daest.systems.simulate import simulate
 
 TIME = 0.02 * np.arange(250)

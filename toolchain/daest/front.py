@@ -24,7 +24,7 @@ from daest.data.read import Signal, measured_names, read_experiments, read_sourc
 from daest.diagnosis import compare as comparing
 from daest.diagnosis import diagnose as diagnosing
 from daest.diagnosis import improve as improving
-from daest.diagnosis.diagnose import DiagnoseOptions
+from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.trial import Candidate
 from daest.errors import ConfigError
 from daest.estimation import identify as identifying

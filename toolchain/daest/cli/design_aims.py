@@ -79,10 +79,10 @@ def rivals_of(
     """The aim of telling apart what results/diagnosis.json leaves. Raises EstimationError
     `design-no-rivals`."""
     from daest.design.effects import rival_aim
-    from daest.diagnosis.proof import SAME_BIC
+    from daest.diagnosis.gates import GATES
 
     found = [_rival(flat, entry, folders) for entry in survivors(project)]
-    return rival_aim([r for r in found if r is not None], limits, recorded, 0.5 * SAME_BIC, seed)
+    return rival_aim([r for r in found if r is not None], limits, recorded, 0.5 * GATES.same_bic, seed)
 
 
 def _rival(flat: FlatModel, entry: Mapping[str, Any], folders: Sequence[Path]) -> Rival | None:
@@ -119,7 +119,7 @@ def effect_aim(
 ) -> tuple[DetectAim, tuple[Subject, ...]]:
     """The aim of seeing an effect. Raises ModelError `effect-unknown`, `effect-place`, `effect-fit`."""
     from daest.design.effects import detect_aim
-    from daest.diagnosis.proof import BIC_GAIN, CHANCE
+    from daest.diagnosis.gates import GATES
 
     effect, site = _placed(flat, name, place, folders)
     path = project.results / DIAGNOSIS
@@ -131,9 +131,9 @@ def effect_aim(
         limits,
         recorded,
         size=size,
-        evidence=BIC_GAIN,
+        evidence=GATES.min_bic_gain,
         n_candidates=screen.get("n_screened") or SCREENED,
-        chance=CHANCE,
+        chance=GATES.max_chance,
     )
 
 

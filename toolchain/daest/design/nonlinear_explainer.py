@@ -13,14 +13,8 @@ from daest.estimation.coordinates import Coordinate, Unknowns
 from daest.estimation.observer import Observer, average_model, observer
 from daest.model.design import Hold
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import (
-    Correction,
-    IntegrationError,
-    Integrator,
-    Trajectory,
-    integrate,
-    interval_inputs,
-)
+from daest.systems.integrate import Correction, Integrator, Trajectory, integrate, interval_inputs
+from daest.systems.integration import IntegrationError
 
 RTOL = 1e-5  # of the integration: far below the noise of a measurement
 

@@ -42,7 +42,8 @@ from daest.model.flat import FlatModel
 from daest.numerics.distributions import chi2, norm
 from daest.numerics.parallel import workers
 from daest.systems.affine_dynamics import has_affine_dynamics
-from daest.systems.integrate import Hold, IntegrationError, interval_inputs
+from daest.systems.integrate import Hold, interval_inputs
+from daest.systems.integration import IntegrationError
 from daest.systems.reduce import reduce_index
 
 REFITTED = 3  # candidates by their score, and as many by the share of the residual that they would explain

@@ -30,8 +30,6 @@ from daest.diagnosis.next_experiment import Asked, computed
 from daest.diagnosis.null import Null, fit_null, grown, refit, shortest_load
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import (
-    BIC_GAIN,
-    CLEARLY_WORSE,
     GENTLE,
     Prepared,
     Reference,
@@ -121,7 +119,7 @@ def better_hold(stand: Stand, found: Diagnosis) -> Hold | None:
     other = replace(null, hold=null.other_hold, experiments=fed(null.experiments, best.candidate))
     names = tuple(p.name for p in best.fit.parameters)
     try:
-        hopeless = best.fit.log_likelihood - CLEARLY_WORSE
+        hopeless = best.fit.log_likelihood - GATES.hopeless_log_likelihood
         fit = refit(best.flat, reduce_index(best.flat), names, other, hopeless=hopeless)
     except DaestError:
         return None
@@ -541,7 +539,9 @@ class _Stages:
         """Proofs of the candidates that can be refitted, and the results of the tasks `beside` them. What
         cannot be refitted is put down in `failed`."""
         supported = [p.fit.log_likelihood for p in before if p.verdict == "supported"]
-        search = replace(self.search, hopeless=max(supported, default=-np.inf) - CLEARLY_WORSE)
+        search = replace(
+            self.search, hopeless=max(supported, default=-np.inf) - GATES.hopeless_log_likelihood
+        )
         keeper = self.options.keeper
         known = {i: p for i, one in enumerate(stage) if keeper and (p := keeper.found(one))}
         missing = [i for i in range(len(stage)) if i not in known]
@@ -654,7 +654,9 @@ def _is_settled(proofs: Sequence[Proof]) -> bool:
 
 
 def most_likely(proofs: Sequence[Proof]) -> Proof | None:
-    return max((p for p in proofs if p.delta_bic > BIC_GAIN), key=lambda p: p.delta_bic, default=None)
+    return max(
+        (p for p in proofs if p.delta_bic > GATES.min_bic_gain), key=lambda p: p.delta_bic, default=None
+    )
 
 
 def best_start(proofs: Sequence[Proof]) -> Proof | None:

@@ -14,7 +14,8 @@ from daest.estimation.observer import observer, sampled_average
 from daest.estimation.stationary import try_stationary_filter
 from daest.model.diagnosis import PlaceGain
 from daest.numerics.recursions import linear_recursion
-from daest.systems.integrate import Correction, IntegrationError, Integrator, integrate, integrator
+from daest.systems.integrate import Correction, Integrator, integrate, integrator
+from daest.systems.integration import IntegrationError
 
 HARDLY_ANY = 1e-8  # of a load's intensity stands for none: a model with integrators has no gain without noise
 

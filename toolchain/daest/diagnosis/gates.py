@@ -12,6 +12,14 @@ from typing import Any
 
 SIMULATED = "the machines of benchmarks/diagnosis_study.py, with other seeds than those of the rates"
 BOXES = "the FMUs of benchmarks/black_box_study.py, with other seeds than those of the rates"
+WRONG = (
+    "benchmarks/wrong_models_study.py: a lag in place of a flexible part left 0.09 to 0.2 of its gain, or "
+    "had a time constant of 2.7 to 4.7 standard errors"
+)
+FLEXIBLE = (
+    "analysis: a flexible part at five times the bandwidth, half damped, acts like a delay of a fifth of the "
+    "time constant"
+)
 JUDGEMENT = "judgement; no study has varied it"
 ROUNDING = "rounding of double precision"
 
@@ -108,6 +116,114 @@ class Gates:
         "below which two variables are one up to offset and factor",
         ROUNDING,
     )
+    same_place_correlation: float = gate(
+        0.98,
+        "correlation",
+        "of two scores, above which the sensors do not tell two places apart",
+        JUDGEMENT,
+    )
+    same_score: float = gate(
+        0.999,
+        "ratio",
+        "of two scores, above which they are equal",
+        JUDGEMENT,
+    )
+    hopeless_log_likelihood: float = gate(
+        100.0,
+        "log-likelihood",
+        "below the best accepted candidate, at which a refit is not pursued",
+        JUDGEMENT,
+    )
+    same_bic: float = gate(
+        6.0,
+        "BIC",
+        "difference up to which two candidates are one answer",
+        "Kass and Raftery (1995): positive evidence begins at 2, strong at 6",
+    )
+    min_bic_gain: float = gate(
+        10.0,
+        "BIC",
+        "that an accepted effect must gain",
+        "Kass and Raftery (1995): very strong evidence",
+    )
+    max_chance: float = gate(
+        1e-3,
+        "p-value",
+        "of the likelihood ratio, corrected for the search, above which nothing is proven",
+        "distribution: chi-squared",
+    )
+    min_significance: float = gate(
+        3.0,
+        "standard errors",
+        "that the size of an accepted effect stands off its null",
+        "distribution: normal",
+    )
+    min_explained: float = gate(
+        0.5,
+        "share",
+        "of the size of the load that an accepted effect takes away",
+        SIMULATED,
+    )
+    min_partly_explained: float = gate(
+        0.35,
+        "share",
+        "of it that is enough where unseen data are simulated much better besides",
+        SIMULATED,
+    )
+    max_simulated_ratio: float = gate(
+        0.7,
+        "ratio",
+        "of errors of the simulated unseen data, with to without the effect, that is much better",
+        SIMULATED,
+    )
+    min_curve_explained: float = gate(
+        0.2,
+        "share",
+        "of the load that is enough where the law says all that it has to do with any variable",
+        SIMULATED,
+    )
+    rest_level: float = gate(
+        1e-3,
+        "p-value",
+        "below which the rest of the load certainly follows a variable",
+        "distribution: chi-squared",
+    )
+    max_rest: float = gate(
+        0.3,
+        "share",
+        "of the law's gain that the rest may gain where the law does away with most of the error",
+        SIMULATED,
+    )
+    max_rounding_rest: float = gate(
+        0.1,
+        "share",
+        "of the law's gain below which the rest is how the law is rounded",
+        SIMULATED,
+    )
+    min_covered: float = gate(
+        0.75,
+        "share",
+        "of a law's score that a free form explains, from which the law is a part of the form",
+        SIMULATED,
+    )
+    min_simpler_gain: float = gate(
+        0.97,
+        "ratio",
+        "of gains that a law with fewer parameters must reach to be preferred",
+        JUDGEMENT,
+    )
+    same_equation: float = gate(
+        1e-3,
+        "log-likelihood, standard errors",
+        "within which two laws are one",
+        ROUNDING,
+    )
+    min_refused_gain: float = gate(
+        0.7,
+        "ratio",
+        "to the gain of a refused candidate, below which no other is accepted",
+        SIMULATED,
+    )
     min_richer_gain: float = gate(
         10.0,
         "log-likelihood",
@@ -130,6 +246,84 @@ class Gates:
         0.5,
         "share",
         "of the distance between two estimates on different terms that counts as an error of the size",
+        JUDGEMENT,
+    )
+    unseen_significance: float = gate(
+        2.5,
+        "standard errors",
+        "of the mean over stretches, that tell better from worse on unseen data",
+        "distribution: normal",
+    )
+    acting_share: float = gate(
+        0.95,
+        "share",
+        "of the squared difference between two models: where that is, the effect acts",
+        JUDGEMENT,
+    )
+    same_unseen_error: float = gate(
+        0.01,
+        "share",
+        "by which errors on unseen data may differ and are the same",
+        JUDGEMENT,
+    )
+    max_clear_ratio: float = gate(
+        0.9,
+        "ratio",
+        "of errors from which a simulation of unseen data has become clearly better",
+        JUDGEMENT,
+    )
+    max_most_ratio: float = gate(
+        0.7,
+        "ratio",
+        "of errors from which most of the squared error on unseen data is gone",
+        JUDGEMENT,
+    )
+    steady_duration: float = gate(
+        3.0,
+        "durations of the record",
+        "beyond which the time constant of a mode adds up errors without bound",
+        JUDGEMENT,
+    )
+    dynamics_level: float = gate(
+        1e-2,
+        "p-value",
+        "of what a lag or delay leaves, below which it is another law",
+        WRONG,
+    )
+    max_rest_of_dynamics: float = gate(
+        0.05,
+        "share",
+        "of the gain of a lag or delay that it may leave",
+        WRONG,
+    )
+    min_dynamic_significance: float = gate(
+        6.0,
+        "standard errors",
+        "that the time constant of a lag or delay stands off zero",
+        WRONG,
+    )
+    min_lag: float = gate(
+        1.0 / 3.0,
+        "ratio",
+        "to the model's fastest time constant, below which a lag or delay stands for any unmodelled dynamics",
+        FLEXIBLE,
+    )
+    likelier_significance: float = gate(
+        1.64,
+        "standard errors",
+        "of the gain in log-likelihood of unseen data that confirm a law",
+        "distribution: normal, 5 %",
+    )
+    min_expected_gain: float = gate(
+        10.0,
+        "log-likelihood",
+        "that unseen data would gain if a law were right, below which they cannot tell",
+        JUDGEMENT,
+    )
+    max_simulated_loss: float = gate(
+        0.05,
+        "share",
+        "by which a whole simulation may be worse where unseen data are likelier",
         JUDGEMENT,
     )
     max_to_noise: float = gate(
@@ -190,6 +384,18 @@ class Gates:
         3.0,
         "standard errors",
         "that a refitted parameter must move to be off",
+        "distribution: normal",
+    )
+    max_round_ratio: float = gate(
+        0.98,
+        "ratio",
+        "of the worst validation error to the best so far that a round must reach",
+        JUDGEMENT,
+    )
+    still_needed: float = gate(
+        3.0,
+        "standard errors",
+        "that the size of an accepted effect must keep",
         "distribution: normal",
     )
     residual_level: float = gate(

@@ -15,6 +15,7 @@ from daest.diagnosis.diagnose import (
     says_more,
     unsettled_hold,
 )
+from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import best_accepted
 from daest.diagnosis.unseen import is_better, is_likelier
@@ -24,9 +25,6 @@ from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
 from daest.model.flat import FlatModel
-
-LEAST_PROGRESS = 0.98  # a round must bring the worst validation error below this part of the best so far
-STILL_NEEDED = 3.0  # standard errors that the size of an accepted effect must keep
 
 
 def improve(
@@ -82,7 +80,7 @@ def _helps(before: FitResult, best: Proof) -> bool:
     if "validation" not in before.simulated or "validation" not in best.told.simulated:
         return True
     ratios = error_ratios(before.simulated, best.told.simulated)
-    falls = bool(ratios) and min(ratios) < LEAST_PROGRESS and max(ratios) < 1.0 / LEAST_PROGRESS
+    falls = bool(ratios) and min(ratios) < GATES.max_round_ratio and max(ratios) < 1.0 / GATES.max_round_ratio
     return falls or any(is_better(one) for one in best.ahead) or is_likelier(best.confirmed)
 
 
@@ -100,7 +98,7 @@ def _remark(steps: Sequence[Step], best: Proof) -> str:
             if (
                 now
                 and now.std_error
-                and abs(now.value - (parameter.null or 0.0)) < STILL_NEEDED * now.std_error
+                and abs(now.value - (parameter.null or 0.0)) < GATES.still_needed * now.std_error
             ):
                 said.append(f"{step.proof.candidate.label} is no longer needed")
     return "; ".join(said) or "supported"

@@ -10,7 +10,7 @@ import numpy as np
 
 from daest.design.design import Task, at_period, design
 from daest.design.effects import Rival, leaving, rival_aim
-from daest.diagnosis.proof import SAME_BIC
+from daest.diagnosis.gates import GATES
 from daest.errors import DaestError
 from daest.model.design import Design, Limits, Range
 from daest.model.diagnosis import Proof
@@ -20,7 +20,7 @@ from daest.systems.sample import Hold
 
 SECONDS = 4.0  # that the search for the experiment may take
 LONGEST = 4000  # samples of a designed experiment, so that the search comes to something
-MARGIN = 0.5 * SAME_BIC  # log-likelihood by which candidates are told apart
+MARGIN = 0.5 * GATES.same_bic  # log-likelihood by which candidates are told apart
 MOST = 4  # candidates that are looked at, best first
 COMMAND = "daest design --rivals -o input.csv writes the input, and looks longer for a better one."
 

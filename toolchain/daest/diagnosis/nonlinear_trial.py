@@ -28,13 +28,8 @@ from daest.model.comparison import Horizon
 from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import (
-    IntegrationError,
-    Integrator,
-    Trajectory,
-    integrate,
-    integrator,
-)
+from daest.systems.integrate import Integrator, Trajectory, integrate, integrator
+from daest.systems.integration import IntegrationError
 
 FIRST_SAMPLES = 50  # fitted first, so that a wrong start does not lead the whole simulation astray
 ITERATIONS = 15  # of the search for initial states

@@ -9,6 +9,7 @@ import numpy as np
 
 from daest.diagnosis.disturbance import SmoothedLoad, smoothed_at
 from daest.diagnosis.free_forms import covers, free_forms
+from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown, loads_of, period_of, refit
 from daest.diagnosis.screen import NullObserver, law_response, run_null
 from daest.diagnosis.settled import settled, simulated
@@ -32,13 +33,6 @@ from daest.modelica.place_units import units_at
 from daest.numerics.distributions import chi2
 from daest.systems.reduce import reduce_index
 
-ALIKE = 0.98  # correlation of two scores above which the sensors do not tell two places apart
-SAME_SCORE = 0.999  # scores this close, relative, are equal
-CLEARLY_WORSE = 100.0  # log-likelihood below the best accepted candidate at which a rival is not pursued
-SAME_BIC = 6.0  # a candidate that is worse by less is not clearly worse (3 units of log-likelihood)
-LEAST_EXPLAINED = 0.5  # of the load's size that an accepted effect must do away with
-PARTLY_EXPLAINED = 0.35  # enough where the simulation of unseen data becomes much better besides
-BETTER = 0.7  # simulation error relative to the one without the effect
 LONGER = 2  # searches that go on where one has come to its limit
 LOST = (
     5.0  # log-likelihood below that of the null, which a law contains, from which a search has lost its way
@@ -47,26 +41,6 @@ SATURATION = "Daest.Effects.Signals.Saturation"
 CUT = 0.99  # share of what is beyond the limit that a clipping sensor is taken to cut, at first
 CLIPPED_WITHIN = 0.01  # of the limit, over which its edge is rounded in the screen
 GENTLE = 0.1  # of the size by the screen, from which a search is tried again
-CURVE_EXPLAINED = 0.2  # enough where the law says all that the load has to do with any variable
-LEFT_LEVEL = 1e-3  # corrected p-value below which the rest of the load certainly follows a variable
-MOST_LEFT = 0.3  # likewise, up to which a law that does away with most of the error is not doubted
-LEFT_SHARE = 0.1  # of the effect's own gain in log-likelihood: less is how a law is rounded, not another law
-# Laws that change the order of the model come near to each other. In benchmarks/wrong_models_study.py a lag
-# in place of a flexible part left 0.09 to 0.2 of its gain, or had a time constant of 2.7 to 4.7 standard
-# errors.
-DYNAMICS_LEVEL = 1e-2  # corrected p-value of what such a law leaves, below which it is another one
-LEFT_OF_DYNAMICS = 0.05  # of its gain in log-likelihood: less is the small wrongness of any model
-# Of the model's fastest time constant: a shorter lag or delay stands for whatever a model leaves out at high
-# frequencies. A flexible part at five times the bandwidth, half damped, acts like a delay of a fifth.
-SHORT = 1.0 / 3.0
-SIGNIFICANT_DYNAMICS = 6.0  # standard errors that its time constant must stand off zero
-COVERED = 0.75  # share of a law's score that a free form explains, from which the law is a part of the form
-SIMPLER = 0.97  # of the gain in log-likelihood that a law with fewer parameters must reach to be preferred
-LEAST_SIGNIFICANCE = 3.0  # standard errors that the size must stand off its null
-SAME_EQUATION = 1e-3  # log-likelihood, and standard errors of all parameters, within which two laws are one
-FAR_LESS = 0.7  # of the gain in log-likelihood of a refused candidate, below which none other is accepted
-CHANCE = 1e-3  # corrected p-value of the likelihood ratio, above which nothing is proven
-BIC_GAIN = 10.0  # "very strong" evidence (Kass & Raftery 1995)
 SHARPER = 0.3  # the proof rounds kinks over this part of what the screen rounds them over
 
 
@@ -92,14 +66,14 @@ def trials(screen: Screen, level: float, most: int) -> tuple[Trial, ...]:
             continue
         effect = entry.candidate.effect.class_name
         same = [j for j in range(len(entries)) if entries[j].candidate.effect.class_name == effect]
-        near = [j for j in same if abs(screen.correlation[i, j]) > ALIKE]
+        near = [j for j in same if abs(screen.correlation[i, j]) > GATES.same_place_correlation]
         own_site = [j for j in same if entries[j].candidate.site == entry.candidate.site]
         places = {entries[j].candidate.site.name: entries[j].candidate for j in near if j not in own_site}
         # Other shapes at a place that is taken are found by the refit.
         taken.update(near, own_site)
         taken.update(j for j in same if entries[j].candidate.site.name in places)
         # Among places that the sensors see alike, the first of the model speaks for all.
-        group = [entries[j] for j in (i, *near) if entries[j].score >= SAME_SCORE * entry.score]
+        group = [entries[j] for j in (i, *near) if entries[j].score >= GATES.same_score * entry.score]
         first = min(group, key=lambda e: _position(e.candidate))
         places.setdefault(entry.candidate.site.name, entry.candidate)
         places.pop(first.candidate.site.name, None)
@@ -147,7 +121,7 @@ def could_compete(trial: Trial, best: Proof | None, screen: Screen) -> bool:
     if best.candidate.name not in names:
         return True
     correlation = screen.correlation[names.index(best.candidate.name), names.index(trial.candidate.name)]
-    return bool((1.0 - correlation**2) * best.delta_log_likelihood < CLEARLY_WORSE)
+    return bool((1.0 - correlation**2) * best.delta_log_likelihood < GATES.hopeless_log_likelihood)
 
 
 def _position(candidate: Candidate) -> tuple[int, ...]:
@@ -254,8 +228,8 @@ def prove(
         final, ahead, against, is_told = _on_unseen(fed, fit, prepared, told, validation, reference)
         ratios = error_ratios((reference.fit if reference else null_fit).simulated, (final or fit).simulated)
         # A law that says all that the load has to do with any variable need not explain more of the load.
-        says_all = form is not None and form.p_value < LEFT_LEVEL and gain >= form.log_likelihood_gain
-        is_curve = says_all and explained >= CURVE_EXPLAINED
+        says_all = form is not None and form.p_value < GATES.rest_level and gain >= form.log_likelihood_gain
+        is_curve = says_all and explained >= GATES.min_curve_explained
         is_open = not against
         reason = against or _weak(prepared, fit)
         if not reason and not is_curve and not is_told:
@@ -264,7 +238,7 @@ def prove(
     if left is not None:
         if prepared.trial.candidate.effect.is_dynamic:
             reason = _other_dynamics(left, gain) or _too_short(run, prepared.trial.candidate, fit)
-        if is_curve and left.p_value < LEFT_LEVEL and not is_told:
+        if is_curve and left.p_value < GATES.rest_level and not is_told:
             reason = _unexplained(explained, ratios)
         if not reason and not _is_most_of_it(explained, ratios, is_told, gain, left):
             reason = _wrong_law(null, run, prepared, fit, gain, left)
@@ -358,9 +332,9 @@ def _is_most_of_it(
     """Whether the effect does away with most of the load and of the simulation error, or of the error on
     unseen data at some horizon and with more than it leaves. No law is exact on a real machine: what it
     leaves is then a finding of its own, and no reason to doubt it."""
-    if is_told and left.log_likelihood_gain < MOST_LEFT * gain:
+    if is_told and left.log_likelihood_gain < GATES.max_rest * gain:
         return True
-    return explained >= LEAST_EXPLAINED and bool(ratios) and max(ratios) <= BETTER
+    return explained >= GATES.min_explained and bool(ratios) and max(ratios) <= GATES.max_simulated_ratio
 
 
 def _wrong_law(
@@ -379,7 +353,7 @@ def _wrong_law(
         # the sign of the speed in the main.
         is_covered = prepared.similar is not None and bool(left.sign_of)
     else:
-        is_covered = covers(null, run, left, response) >= COVERED
+        is_covered = covers(null, run, left, response) >= GATES.min_covered
     if not is_covered:
         return ""
     return f"another law acts there: what it leaves still follows {left.label} (p = {left.p_value:.1g})"
@@ -389,7 +363,7 @@ def _other_dynamics(left: FreeForm, gain: float) -> str:
     """Why a law that changes the order of the model only stands for another one; empty where it is right. A
     slow motion takes a lag, a delay or a flexible part for each other, and only the right one leaves
     nothing."""
-    if left.p_value >= DYNAMICS_LEVEL or left.log_likelihood_gain <= LEFT_OF_DYNAMICS * gain:
+    if left.p_value >= GATES.dynamics_level or left.log_likelihood_gain <= GATES.max_rest_of_dynamics * gain:
         return ""
     return (
         "something dynamic is missing that it only comes near to: what it leaves still follows "
@@ -404,7 +378,7 @@ def _too_short(run: NullObserver, candidate: Candidate, fit: FitResult) -> str:
     own = [i for i, name in enumerate(run.state_names) if name not in loads]
     times = [fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes if p.unit == "s"]
     fastest = max(np.abs(np.linalg.eigvals(run.average.A[np.ix_(own, own)])), default=0.0)
-    if not times or max(times) * fastest >= SHORT:
+    if not times or max(times) * fastest >= GATES.min_lag:
         return ""
     return (
         f"{max(times):.3g} s is short beside the fastest time constant of the model ({1.0 / fastest:.3g} s): "
@@ -414,7 +388,7 @@ def _too_short(run: NullObserver, candidate: Candidate, fit: FitResult) -> str:
 
 def is_significant(left: FreeForm, gain: float) -> bool:
     """Whether what is left beside an effect that gained `gain` in log-likelihood is worth a further look."""
-    return left.p_value < LEFT_LEVEL and left.log_likelihood_gain > LEFT_SHARE * gain
+    return left.p_value < GATES.rest_level and left.log_likelihood_gain > GATES.max_rounding_rest * gain
 
 
 def _explained(
@@ -452,9 +426,9 @@ def _without_evidence(gain: float, delta_bic: float, p_value: float, n_screened:
     """Why the likelihood says too little; empty where it says enough."""
     if gain < -LOST:
         return f"the search lost its way: it ends {-gain:.0f} below the likelihood of the model as it is"
-    if delta_bic < BIC_GAIN:
+    if delta_bic < GATES.min_bic_gain:
         return f"the likelihood gains too little for its parameters (BIC gain {delta_bic:.1f})"
-    if p_value > CHANCE:
+    if p_value > GATES.max_chance:
         return f"a search over {n_screened} candidates finds as much by chance (p = {p_value:.1g})"
     return ""
 
@@ -474,7 +448,7 @@ def _weak(prepared: Prepared, fit: FitResult) -> str:
             continue
         # Beside estimated shapes a size alone tells little: there the likelihood ratio has spoken.
         shares = sum(p.estimate for p in candidate.effect.parameters) > len(candidate.effect.sizes)
-        least = SIGNIFICANT_DYNAMICS if candidate.effect.is_dynamic else LEAST_SIGNIFICANCE
+        least = GATES.min_dynamic_significance if candidate.effect.is_dynamic else GATES.min_significance
         reason = _weak_size(size, parameter.null or 0.0, 0.0 if shares else least)
         if not reason:
             return ""
@@ -484,7 +458,11 @@ def _weak(prepared: Prepared, fit: FitResult) -> str:
 
 def _unexplained(explained: float, ratios: Sequence[float]) -> str:
     """Why the effect does away with too little of the load; empty where it does with enough."""
-    if explained >= (PARTLY_EXPLAINED if ratios and max(ratios) <= BETTER else LEAST_EXPLAINED):
+    if explained >= (
+        GATES.min_partly_explained
+        if ratios and max(ratios) <= GATES.max_simulated_ratio
+        else GATES.min_explained
+    ):
         return ""
     return f"it explains only {100 * explained:.0f} % of the unexplained load"
 
@@ -502,7 +480,7 @@ def _weak_size(size: FittedParameter, null: float, least: float) -> str:
 
 
 def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
-    """Best first. Accepted candidates whose BIC is within SAME_BIC of the best are not separable from it: of
+    """Best first. Accepted candidates with the BIC of the best (`same_bic`) are not separable from it: of
     them, the one comes first that has the fewest parameters, and leaves those of the model most as they were.
     Where a refused one is far more likely, none is the explanation."""
     order = sorted(proofs, key=lambda p: (p.verdict == "rejected", -p.delta_bic))
@@ -518,7 +496,7 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
         return tuple(
             p if p.verdict == "rejected" else replace(p, verdict="rejected", reason=reason) for p in order
         )
-    close = [p for p in accepted if abs(best.delta_bic - p.delta_bic) <= SAME_BIC]
+    close = [p for p in accepted if abs(best.delta_bic - p.delta_bic) <= GATES.same_bic]
     close = [p for p in close if p is best or not _is_same_equation(p, best)]
     result = []
     for proof in order:
@@ -545,11 +523,11 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
 def _is_same_equation(one: Proof, other: Proof) -> bool:
     """Whether two laws do the same under two names, as a heat flow into a node and a gain in proportion to
     it."""
-    if abs(one.delta_log_likelihood - other.delta_log_likelihood) > SAME_EQUATION:
+    if abs(one.delta_log_likelihood - other.delta_log_likelihood) > GATES.same_equation:
         return False
     values, others = (_values_in_order(p) for p in (one, other))
     return len(values) == len(others) and all(
-        abs(a.value - b.value) <= SAME_EQUATION * (a.std_error or 0.0)
+        abs(a.value - b.value) <= GATES.same_equation * (a.std_error or 0.0)
         for a, b in zip(values, others, strict=True)
     )
 
@@ -570,7 +548,10 @@ def _far_more_likely(order: Sequence[Proof], best: Proof) -> Proof | None:
     """A refused candidate beside which the best accepted one explains little."""
     refused = [p for p in order if p.verdict == "rejected" and p.is_open]
     strongest = max(refused, key=lambda p: p.delta_log_likelihood, default=None)
-    if strongest is None or FAR_LESS * strongest.delta_log_likelihood < best.delta_log_likelihood:
+    if (
+        strongest is None
+        or GATES.min_refused_gain * strongest.delta_log_likelihood < best.delta_log_likelihood
+    ):
         return None
     return strongest
 
@@ -584,6 +565,6 @@ def _simplest(accepted: Sequence[Proof]) -> Proof:
         for p in accepted
         if p.candidate.site == best.candidate.site
         and len(p.fit.parameters) < len(best.fit.parameters)
-        and p.delta_log_likelihood > SIMPLER * best.delta_log_likelihood
+        and p.delta_log_likelihood > GATES.min_simpler_gain * best.delta_log_likelihood
     ]
     return min(simpler, key=lambda p: len(p.fit.parameters), default=best)

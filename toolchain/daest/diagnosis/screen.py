@@ -31,15 +31,8 @@ from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel
 from daest.numerics.distributions import chi2, norm
 from daest.numerics.statistics import autoregression
-from daest.systems.integrate import (
-    Correction,
-    IntegrationError,
-    Integrator,
-    Trajectory,
-    integrate,
-    integrator,
-    interval_inputs,
-)
+from daest.systems.integrate import Correction, Integrator, Trajectory, integrate, integrator, interval_inputs
+from daest.systems.integration import IntegrationError
 from daest.systems.reduce import reduce_index
 
 RANK = 1e-7  # singular values of the scaled nuisance directions below this are no direction

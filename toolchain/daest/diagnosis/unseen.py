@@ -14,13 +14,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
 from daest.diagnosis.screen import RTOL, NullObserver
 from daest.model.diagnosis import Ahead, Confirmed
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import Correction, IntegrationError, Integrator, integrate, integrator
+from daest.systems.integrate import Correction, Integrator, integrate, integrator
+from daest.systems.integration import IntegrationError
 
 HORIZONS = (1, 3, 10, 30, 100)  # samples, as far as LONGEST allows
 LONGEST = 0.1  # of the shortest recording
@@ -29,15 +31,6 @@ START_SAMPLES = 300  # that the initial state is fitted to
 START_ITERATIONS = 15
 START_PROGRESS = 1e-3  # of the mean squared error, below which the search for the start ends
 FEWEST_STRETCHES = 5
-CERTAIN = 2.5  # standard errors of the mean over stretches that tell better from worse
-DIFFERENCE = 0.95  # of the squared difference between two models: where that is, the effect acts
-SAME = 0.01  # relative difference of errors that is none
-LIKELIER = 1.64  # standard errors of the gain in log-likelihood of unseen data that confirm a law (5 %)
-SILENT = 10.0  # log-likelihood that unseen data would gain if a law were right, below which they cannot tell
-TOLERATED = 0.05  # by which a whole simulation may be worse by chance where unseen data are likelier
-CLEAR = 0.9  # error relative to the one before, from which a simulation has become clearly better
-MOST = 0.7  # likewise, from which most of the squared error is gone
-STEADY = 3.0  # durations of the record: a mode that is slower than that adds up errors without bound
 
 
 @dataclass(frozen=True)
@@ -76,11 +69,11 @@ class Innovations:
 
 def is_silent(told: Confirmed) -> bool:
     """Whether a law makes too little of a difference in unseen data to be told from its absence."""
-    return told.expected < SILENT and told.certainty > -LIKELIER
+    return told.expected < GATES.min_expected_gain and told.certainty > -GATES.likelier_significance
 
 
 def is_likelier(told: Confirmed) -> bool:
-    return told.certainty > LIKELIER
+    return told.certainty > GATES.likelier_significance
 
 
 def innovations(run: NullObserver, experiments: Sequence[Experiment]) -> Innovations | None:
@@ -140,7 +133,7 @@ def compared(before: Foreseen | None, after: Foreseen | None, period: float) -> 
 
 
 def _where_they_differ(old: np.ndarray, new: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean squared errors (n,) of two models over the stretches that hold DIFFERENCE of the squared
+    """Mean squared errors (n,) of two models over the stretches that hold GATES.acting_share of the squared
     difference between them, which knows nothing of who is right. Every output counts alike."""
     with np.errstate(invalid="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a stretch without a measured value
@@ -153,17 +146,17 @@ def _where_they_differ(old: np.ndarray, new: np.ndarray) -> tuple[np.ndarray, np
     a, b, apart = a[known], b[known], apart[known]
     order = np.argsort(-apart)
     share = np.cumsum(apart[order])
-    n = int(np.searchsorted(share, DIFFERENCE * share[-1])) + 1 if share.size else 0
+    n = int(np.searchsorted(share, GATES.acting_share * share[-1])) + 1 if share.size else 0
     chosen = order[: max(n, FEWEST_STRETCHES)]
     return a[chosen], b[chosen]
 
 
 def is_worse(one: Ahead) -> bool:
-    return one.ratio > 1.0 + SAME and one.certainty < -CERTAIN
+    return one.ratio > 1.0 + GATES.same_unseen_error and one.certainty < -GATES.unseen_significance
 
 
 def is_better(one: Ahead) -> bool:
-    return one.ratio < 1.0 - SAME and one.certainty > CERTAIN
+    return one.ratio < 1.0 - GATES.same_unseen_error and one.certainty > GATES.unseen_significance
 
 
 def judged(
@@ -181,19 +174,19 @@ def judged(
     worse = [one for one in ahead if is_worse(one)]
     best = min([one.ratio for one in better], default=1.0)
     # An effect that changes no error matters to nobody, however likely it makes the data.
-    shows = min([*(one.ratio for one in ahead), whole], default=1.0) < 1.0 - SAME
+    shows = min([*(one.ratio for one in ahead), whole], default=1.0) < 1.0 - GATES.same_unseen_error
     told = told or Confirmed()
     speaks = is_silent(told) or (is_likelier(told) and shows)
-    is_clear = bool(better) or whole < CLEAR or speaks
+    is_clear = bool(better) or whole < GATES.max_clear_ratio or speaks
     if worse:
         one = max(worse, key=lambda a: a.ratio)
         return f"unseen data are foreseen {one.ratio:.3g} times worse over {one.seconds:.3g} s", False, False
-    most = 1.0 + (TOLERATED if speaks else SAME)
+    most = 1.0 + (GATES.max_simulated_loss if speaks else GATES.same_unseen_error)
     if ratios and whole > most and not (adds_up and is_clear):
         return f"the simulation of unseen data gets {whole:.3g} times worse", False, False
     if not is_clear:
         return "unseen data are foreseen no better", False, False
-    return "", True, min(best, whole if whole == whole else 1.0) < MOST
+    return "", True, min(best, whole if whole == whole else 1.0) < GATES.max_most_ratio
 
 
 def adds_up(run: NullObserver) -> bool:
@@ -205,7 +198,7 @@ def adds_up(run: NullObserver) -> bool:
     if not own:
         return False
     rates = np.linalg.eigvals(run.average.A[np.ix_(own, own)]).real
-    return bool(np.max(rates) > -1.0 / (STEADY * duration))
+    return bool(np.max(rates) > -1.0 / (GATES.steady_duration * duration))
 
 
 def _initial_state(null: Null, model: Integrator, experiment: Experiment, gain: np.ndarray) -> np.ndarray:

@@ -50,7 +50,8 @@ from daest.model.fit import (
 )
 from daest.model.flat import ExplicitModel
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import IntegrationError, integrator
+from daest.systems.integrate import integrator
+from daest.systems.integration import IntegrationError
 from daest.systems.local_linear import LocalModel, local_model
 
 STATE_RANGE = 1e3  # initial states are searched within this many times their scale

@@ -21,7 +21,7 @@ from daest.estimation.coordinates import Unknowns, lost_ones
 from daest.estimation.ekf import run_ekf
 from daest.estimation.filter_task import Noise, Record, Start
 from daest.estimation.search import Evaluation
-from daest.systems.integrate import IntegrationError
+from daest.systems.integration import IntegrationError
 from daest.systems.local_linear import LocalModel
 
 PROCESS_LOGS = tuple(np.log([1.0, 1e-2, 1e2, 1e4]))  # of common factors of all searched intensities

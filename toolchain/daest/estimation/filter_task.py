@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from daest.errors import DataError, EstimationError
-from daest.systems.integrate import Hold, IntegrationError, interval_inputs
+from daest.systems.integrate import Hold, interval_inputs
+from daest.systems.integration import IntegrationError
 from daest.systems.local_linear import LocalModel
 
 NOT_FINITE, NO_MEMORY, SINGULAR_INNOVATION = 3, 4, 5  # as in local_linear.c

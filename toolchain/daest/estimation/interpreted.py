@@ -14,7 +14,7 @@ import numpy as np
 
 from daest.estimation.filter_task import NOT_FINITE, SINGULAR_INNOVATION, Directions, Task, raise_failure
 from daest.numerics.projection import MOST_STEPS, pull
-from daest.systems.integrate import IntegrationError
+from daest.systems.integration import IntegrationError
 from daest.systems.local_linear import LocalModel
 
 ORDER, RADIUS, MOST_DOUBLINGS = 10, 0.25, 60  # of the Taylor series, as in local_linear.c

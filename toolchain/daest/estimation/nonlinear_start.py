@@ -13,7 +13,8 @@ from daest.estimation.trajectories import TrajectoryProblem, integrated, predict
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import Hold, IntegrationError
+from daest.systems.integrate import Hold
+from daest.systems.integration import IntegrationError
 
 FIRST_LENGTH = 500  # samples of the fit that finds the initial state before the whole record is used
 SHORT_LENGTH = 100  # samples that also must show a direction as flat before it is called unidentifiable

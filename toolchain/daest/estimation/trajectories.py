@@ -18,16 +18,8 @@ from daest.estimation.priors import with_priors
 from daest.estimation.search import Evaluation
 from daest.estimation.ties import Beginning, with_ties
 from daest.model.experiment import Experiment
-from daest.systems.integrate import (
-    RTOL,
-    Correction,
-    Hold,
-    IntegrationError,
-    Integrator,
-    Trajectory,
-    integrate,
-    interval_inputs,
-)
+from daest.systems.integrate import RTOL, Correction, Hold, Integrator, Trajectory, integrate, interval_inputs
+from daest.systems.integration import IntegrationError
 
 WORST_CONDITION = 1e14  # of the errors' covariance: beyond, the trajectory has run away
 SMALLEST_STD = 1e-9  # of an error, relative to the rms of its output: keeps noise-free data finite

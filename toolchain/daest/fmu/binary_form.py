@@ -34,7 +34,8 @@ from daest.model.flat import ExplicitModel, FlatModel, InputDerivative
 from daest.model.fmu import FmuModel
 from daest.model.linear import LinearDAE, StateSpaceFamily
 from daest.model.parts import Equation, NoiseInput
-from daest.systems.integrate import ATOL_OF_SCALE, RTOL, IntegrationError, search_steps
+from daest.systems.integrate import ATOL_OF_SCALE, RTOL, search_steps
+from daest.systems.integration import IntegrationError
 from daest.systems.state_space import family_of
 
 # Relative step of the differences of simulations: far above the error of the integrator (RTOL), far below

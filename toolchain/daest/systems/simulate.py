@@ -22,14 +22,8 @@ from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.event_functions import EventFunctions
 from daest.systems.hybrid import HybridRun, Inputs, Mode, follow, settled_start
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import (
-    ALL_STEPS,
-    ATOL_OF_SCALE,
-    IntegrationError,
-    integrate,
-    integrator,
-    interval_inputs,
-)
+from daest.systems.integrate import ALL_STEPS, ATOL_OF_SCALE, integrate, integrator, interval_inputs
+from daest.systems.integration import IntegrationError
 from daest.systems.modes import in_starting_mode
 from daest.systems.pantelides import name_equations
 from daest.systems.reduce import reduce_index

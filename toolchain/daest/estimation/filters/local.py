@@ -21,7 +21,8 @@ from daest.estimation.nonlinear_smoother import smooth_ekf
 from daest.model.estimates import InitialState
 from daest.model.flat import ExplicitModel
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import Hold, IntegrationError, integrate, integrator
+from daest.systems.integrate import Hold, integrate, integrator
+from daest.systems.integration import IntegrationError
 from daest.systems.local_linear import local_model
 from daest.systems.redundant import good_everywhere, matching_states
 
