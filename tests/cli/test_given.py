@@ -9,14 +9,14 @@ from daest.cli.diagnose import Search, opened
 from daest.cli.given import DATA_SUFFIXES, Files, ParameterOptions, kind_of
 from daest.cli.options import DataOptions
 from daest.data.project import load_project
-from daest.data.read import _READERS
+from daest.data.read import READERS
 from daest.errors import ConfigError, EstimationError, ModelError
 from daest.model.prior import Prior
 from daest.modelica.compile import compile_model
 
 
 def test_kinds_of_recordings_are_those_that_are_read():
-    assert set(DATA_SUFFIXES) == set(_READERS)
+    assert set(DATA_SUFFIXES) == set(READERS)
     assert kind_of(Path("A.MO"), "data") == "model" and kind_of(Path("a.CSV"), "model") == "data"
     assert kind_of(Path("folder"), "model") == "model"
 

@@ -106,7 +106,11 @@ def test_it_works_where_the_program_is_now(is_copy, tmp_path, monkeypatch):
 def test_it_is_replaced_after_it_was_killed(is_copy):
     first = apart.run_apart(os.getpid)
     os.kill(first, signal.SIGKILL)
-    time.sleep(0.2)
+    while (
+        Path(f"/proc/{first}/status").exists()
+        and "Z (zombie)" not in Path(f"/proc/{first}/status").read_text()
+    ):
+        time.sleep(0.01)
     assert apart.run_apart(os.getpid) != first
 
 
