@@ -13,6 +13,8 @@ from pathlib import Path
 
 from daest.cache import cache_folder
 
+_COPIES = 2  # version of the copies of libraries in the cache: older ones hold folders without package.mo
+
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 _USES = re.compile(rb'\b([A-Za-z_]\w*)\s*\(\s*version\s*=\s*"([^"]*)"')
@@ -165,7 +167,7 @@ def stamp(folders: Iterable[Path]) -> str:
 
 def _copied(entries: Sequence[Path], origins: dict[str, Path]) -> Path:
     """A folder of the cache with copies of the libraries, without byte order marks."""
-    root = cache_folder() / "libraries" / stamp(entries)[:32]
+    root = cache_folder() / "libraries" / f"{stamp(entries)[:32]}-{_COPIES}"
     for entry in entries:
         target = root / (_library(entry)[0] + entry.suffix if entry.is_file() else _library(entry)[0])
         origins[str(target)] = entry
