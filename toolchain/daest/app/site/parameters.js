@@ -96,11 +96,15 @@ function drawn(message) {
   const pictures = place.querySelector(".pictures"), kind = busy;
   busy = false;
   errors = {...errors, [kind]: message.rms};
+  const cells = place.querySelectorAll("td[data-error]"), kept = cells.length === told.outputs.length ? cells : null;
   message.curves.forEach((curve, i) => fill(pictures, `${kind}-${i}`, curve));
   message.measured?.forEach((curve, i) => fill(pictures, `measured-${i}`, curve));
   if (kind === "now") { frames.push(performance.now()); if (frames.length > 1000) frames.shift(); pictures.dataset.frames = String(frames.length); }
-  header(place.children[0]);
+  if (kind === "now" && kept) told.outputs.forEach((output, i) => { kept[i].textContent = withUnit(errors.now[output.name], output.unit); });
   pump();
+  // Buttons and lines change when the slider rests; while it moves, every frame counts.
+  clearTimeout(drawn.timer);
+  drawn.timer = setTimeout(() => header(place.children[0]), 150);
 }
 function banded(message) {
   if (message.id !== asked) return;
