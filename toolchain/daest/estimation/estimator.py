@@ -12,7 +12,7 @@ from daest.estimation.filters.case import FilterModel
 from daest.estimation.online_kalman import online_kalman
 from daest.fmu.estimator_code import EstimatorModel, EstimatorStart, chosen_values, refuse_given
 from daest.model.estimates import FilterKind, FilterOptions, InitialState
-from daest.model.flat import FlatModel
+from daest.model.flat import FlatModel, events_refused
 from daest.systems.linearize import is_affine_model
 from daest.systems.state_space import state_space_family
 
@@ -34,6 +34,8 @@ def estimator_model(
     `estimator-nonlinear`, `filter-unknown-variable`, `filter-noise-unknown` and those of `online_kalman`.
     """
     refuse_given(flat)
+    if flat.events is not None:
+        raise events_refused("an exported estimator")
     chosen = kind or "kalman"
     if chosen not in FILTER_OF or not is_affine_model(flat):
         raise EstimationError(

@@ -11,6 +11,7 @@ from daest.estimation.online import OnlineFilter
 from daest.estimation.online_gaussian import online_gaussian
 from daest.estimation.online_kalman import online_kalman
 from daest.model.estimates import FilterOptions
+from daest.model.flat import events_refused
 
 OnlineKind = Literal["time-varying", "stationary", "ekf", "ukf"]
 
@@ -21,11 +22,13 @@ def online_filter(
     """The filter of `model`, with all its outputs, for steps of about `period` [s].
 
     `kind` None: time-varying for an affine model, ekf for another. Of `options` the numbers, the start, the
-    hold and the longest substep are used. Raises what `FilterModel.of`, `online_kalman` and
-    `online_gaussian` raise.
+    hold and the longest substep are used. Raises ModelError `events-not-supported` and what
+    `FilterModel.of`, `online_kalman` and `online_gaussian` raise.
     """
     options = options or FilterOptions()
     ready = FilterModel.of(model, options)
+    if ready.flat is not None and ready.flat.events is not None:
+        raise events_refused("a filter")
     if ready.flat is not None and ready.flat.given is not None and ready.flat.given.hides_states:
         ready.flat.given.local_functions(ready.flat)  # says why there is no filter
     chosen = kind or ("time-varying" if ready.is_affine else "ekf")

@@ -15,7 +15,7 @@ from daest.estimation.change import (
 )
 from daest.model.stream import Estimate
 
-QUIET = 500  # samples without a crossing after which the model is taken to hold again
+QUIET = 500  # samples after an alarm in which crossings belong to it
 
 
 @dataclass(frozen=True)
@@ -32,16 +32,16 @@ class Alarm:
 
 @dataclass(frozen=True)
 class WatchState:
-    """The charts, and how many samples ago they last crossed the threshold (None: the model holds)."""
+    """The charts, and how many samples ago the last alarm was (None: there was none)."""
 
     charts: ChartState
-    quiet: int | None = None
+    age: int | None = None
 
 
 @dataclass(frozen=True)
 class Watch:
-    """Charts with a threshold. One change gives one alarm: later crossings belong to it until QUIET samples
-    have passed without any."""
+    """Charts with a threshold. Crossings within QUIET samples after an alarm belong to it; a change that
+    lasts longer is told again, so that no false alarm hides a true one."""
 
     output_names: tuple[str, ...]
     usual: Usual
@@ -56,11 +56,12 @@ class Watch:
             return state, None
         charts = update_charts(state.charts, estimate.whitened, estimate.time, self.usual)
         found = crossing(charts, self.threshold)
+        age = None if state.age is None else state.age + 1
         if found is None:
-            quiet = None if state.quiet is None or state.quiet >= QUIET else state.quiet + 1
-            return WatchState(charts, quiet), None
-        after = WatchState(restarted(charts, estimate.time), 0)
-        if state.quiet is not None:
-            return after, None
+            return WatchState(charts, age), None
+        charts = restarted(charts, estimate.time)
+        if age is not None and age < QUIET:
+            return WatchState(charts, age), None
+        after = WatchState(charts, 0)
         output, chart = self.output_names[found.output], CHARTS[found.chart]
         return after, Alarm(estimate.time, output, chart, found.statistic, found.since)

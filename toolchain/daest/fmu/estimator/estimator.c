@@ -17,6 +17,7 @@
 #define LOG logf
 static const est_real RANK = 1e-5f; /* of the regression on delta, relative to its largest singular value */
 static const est_real FREE = 1e-4f;
+static const est_real SAME_STEP = 1e-6f; /* steps that differ by less than this part share a sampled model */
 #else
 #define R_(x) x
 #define SQRT sqrt
@@ -24,6 +25,7 @@ static const est_real FREE = 1e-4f;
 #define LOG log
 static const est_real RANK = 1e-9;
 static const est_real FREE = 1e-8; /* part of its scale by which an open quantity moves */
+static const est_real SAME_STEP = 5e-9;
 #endif
 
 enum { NX = EST_NX, NU = EST_NU, NUB = EST_NUB, NW = EST_NW, NY = EST_NY, NV = EST_NV, NQ = EST_NQ, NP = EST_NP };
@@ -31,7 +33,6 @@ enum { NZ = NX + NW, ORDER = 12, MOST_DOUBLINGS = 60, SWEEPS = 40 };
 static const est_real RADIUS = R_(0.25);
 static const est_real WELL_CONDITIONED = R_(1e3);
 static const est_real LOG_2PI = R_(1.8378770664093454836);
-static const est_real SAME_STEP = R_(5e-9); /* steps that differ by less than this part share a sampled model */
 
 /* c (n x p) = a (n x m) b (m x p) */
 static void times(const est_real *a, const est_real *b, int n, int m, int p, est_real *c) {
@@ -513,9 +514,9 @@ static void tell(Estimator *e) {
     innovations(e);
 }
 
-int estimator_step(Estimator *e, est_real time, const est_real *u, const est_real *y, const int *valid) {
+int estimator_step(Estimator *e, double time, const est_real *u, const est_real *y, const int *valid) {
     static const int sources[EST_ARRAY(EST_NUB - EST_NU)] = EST_SLOPES;
-    const est_real step = e->has_sample ? time - e->time : e->period;
+    const est_real step = e->has_sample ? (est_real)(time - e->time) : e->period;
     if (!(step > 0 && step < (est_real)HUGE_VAL)) return EST_BAD_TIME;
     if (sampled(e, step)) return EST_NOT_FINITE;
     if (e->has_sample) {

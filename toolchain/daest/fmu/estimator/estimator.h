@@ -50,7 +50,7 @@ typedef struct {
 
 typedef struct {
     /* Results of the last sample. */
-    est_real time;
+    double time; /* in double precision always: a float loses the steps of a long run */
     est_real value[EST_ARRAY(EST_NV)], std[EST_ARRAY(EST_NV)], innovation[EST_ARRAY(EST_NY)];
     est_real nis, log_likelihood;
     int nis_dof;
@@ -78,8 +78,8 @@ void estimator_init(Estimator *e);
 void estimator_set_state(Estimator *e, const est_real *mean, const est_real *cov);
 /* Take over changed parameters and noise levels. Returns EST_OK or EST_NOT_FINITE. */
 int estimator_tuned(Estimator *e);
-/* One sample; `time` must be later than that of the sample before. After an error the memory is as it was. */
-int estimator_step(Estimator *e, est_real time, const est_real *u, const est_real *y, const int *valid);
+/* One sample; `time` must be later than that of the sample before. After an error begin anew with estimator_init. */
+int estimator_step(Estimator *e, double time, const est_real *u, const est_real *y, const int *valid);
 
 /* In estimator_model.c, generated. */
 int estimator_matrices(const est_real *theta, EstMatrices *m);

@@ -103,7 +103,7 @@ int main(int argc, char **argv) {
             valid[j] = output[j] >= 0 && number_of(cells[output[j]], &value) == 1;
             y[j] = valid[j] ? (est_real)value : 0;
         }
-        status = estimator_step(&e, (est_real)now, u, y, valid);
+        status = estimator_step(&e, now, u, y, valid);
         if (status) {
             fprintf(stderr, "line %ld: the estimator stops with status %d\n", row, status);
             return 1;
