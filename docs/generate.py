@@ -32,6 +32,9 @@ from daest.errors import EXPLANATIONS
 from daest.model.effects import Effect
 from daest.modelica.effects import effect_library
 
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+# Pictures of the start page, which the examples keep.
+PICTURES = {"speed": "servo/speed.png", "staircase": "servo_hidden/staircase.png"}
 RATES = Path(__file__).with_name("rates.json")
 BLACK_BOX_RATES = Path(__file__).with_name("black_box_rates.json")
 TEMPLATES = ("theory.md", "trust.md")
@@ -51,6 +54,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     }
     for name, text in pages.items():
         files.append(File.generated(config, f"reference/{name}.md", content=text))
+    for name, path in PICTURES.items():
+        files.append(File.generated(config, f"pictures/{name}.png", abs_src_path=str(EXAMPLES / path)))
     for name in schema_names():
         content = json.dumps(schema_of(name), indent=2, ensure_ascii=False)
         files.append(File.generated(config, f"reference/schemas/{name}.json", content=content))

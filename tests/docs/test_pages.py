@@ -39,19 +39,44 @@ def prepare_effect(folder: Path) -> None:
     shutil.copy(DOCS / "how-to" / "WindLoad.mo", folder / "effects")
 
 
+def prepare_motor(folder: Path) -> None:
+    folder.mkdir()
+    for name in ("Motor.mo", "motor.csv"):
+        shutil.copy(DOCS / "motor" / name, folder)
+
+
 CONSOLE = {
+    "motor.md": (prepare_motor, ["init", "check", "identify", "compare", "diagnose"]),
     "tutorial.md": (prepare_report_servo, ["linearize", "noise", "identify", "filter", "compare"]),
     "how-to/model.md": (prepare_model, ["init", "check", "noise", "identify", "compare"]),
     "how-to/effect.md": (prepare_effect, ["effects", "diagnose", "extend"]),
 }
 
 
-@pytest.mark.parametrize("name", CONSOLE)
+SLOW = {"motor.md"}  # searches the whole library
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in CONSOLE]
+)
 def test_commands_print_what_the_page_says(name, tmp_path, monkeypatch, capsys):
     prepare, commands = CONSOLE[name]
     prepare(tmp_path / "copy")
     monkeypatch.chdir(tmp_path / "copy")
     assert checked_commands(page(name), run, lambda: capsys.readouterr().out) == commands
+
+
+def test_the_motor_cannot_be_identified_from_its_speed_alone(tmp_path, monkeypatch, capsys):
+    """The error that the tutorial shows, to the letter, and the fit that follows."""
+    prepare_motor(tmp_path / "motor")
+    monkeypatch.chdir(tmp_path / "motor")
+    assert run(["init", "Motor.mo", "motor.csv"]) == 0
+    capsys.readouterr()
+    assert run(["identify"]) == 2
+    (shown,) = fenced(page("motor.md"), "text")
+    assert shown in capsys.readouterr().err
+    assert run(["identify", "--fix", "J=1.15e-4"]) == 0
+    assert "0.04613" in capsys.readouterr().out
 
 
 def test_every_page_with_commands_is_run():
