@@ -151,7 +151,7 @@ def effects() -> str:
         "# Effects",
         "",
         "Physics that a model may lack. `daest effects NAME --model MODEL` says where one can sit,"
-        " [one of one's own](../how-to/effect.md) is a Modelica class.",
+        " [your own](../how-to/effect.md) is a Modelica class.",
         "",
     ]
     for domain, members in groupby(effect_library(), key=lambda effect: effect.domain):
