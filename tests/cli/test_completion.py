@@ -58,6 +58,38 @@ def test_words(words, offered, monkeypatch):
     assert completion.complete() == f"plain,{offered}"
 
 
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        (("identify", "--fix", "spring."), ["spring.c="]),
+        (("diagnose", "--estimate", ""), ["spring.c", "R"]),
+        (("filter", "--measure", "o"), ["omega"]),
+        (("diagnose", "--effect", "Coulomb"), ["CoulombFriction"]),
+        (("extend", "--at", "ro"), ["rotor.flange_a"]),
+    ],
+    ids=lambda words: " ".join(words),
+)
+def test_values(words, offered, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "daest.toml").write_text(
+        '[data.outputs]\nomega = "w"\n[parameters]\n"spring.c" = { value = 1 }\nR = { value = 2 }\n'
+    )
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "diagnosis.json").write_text('{"candidates": [{"at": "rotor.flange_a"}, 3]}')
+    for name, value in asked(*words).items():
+        monkeypatch.setenv(name, value)
+    completion = BashComplete(cli, {}, "daest", "_DAEST_COMPLETE")
+    assert completion.complete().splitlines() == [f"plain,{value}" for value in offered]
+
+
+def test_damaged_files_offer_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "daest.toml").write_text("[parameters")
+    for name, value in asked("identify", "--fix", "").items():
+        monkeypatch.setenv(name, value)
+    assert BashComplete(cli, {}, "daest", "_DAEST_COMPLETE").complete() == ""
+
+
 def test_nothing_numerical_is_loaded_for_a_completion():
     """The options of a command are known before numpy is: a Tab takes no longer than the interpreter."""
     program = (

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from daest.cli import offered
 from daest.cli.given import Files, ParameterOptions, files, parameter_options
 from daest.cli.options import (
     DataOptions,
@@ -61,9 +62,21 @@ search_options = gathered(
     "search",
     Search,
     click.option(
-        "--effect", "effects", metavar="NAME", multiple=True, help="Try this effect (default: all)."
+        "--effect",
+        "effects",
+        metavar="NAME",
+        multiple=True,
+        shell_complete=offered.effects,
+        help="Try this effect (default: all).",
     ),
-    click.option("--at", "places", metavar="PLACE", multiple=True, help="Try this place (default: all)."),
+    click.option(
+        "--at",
+        "places",
+        metavar="PLACE",
+        multiple=True,
+        shell_complete=offered.places,
+        help="Try this place (default: all).",
+    ),
     jobs_option,
     cluster_option,
     seed_option,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from daest.cli import offered
 from daest.cli.given import Files, files
 from daest.cli.options import ModelOptions, example, format_option, model_options, output_option, set_option
 from daest.cli.output import emit, keep_inputs, note, write_text
@@ -27,9 +28,21 @@ if TYPE_CHECKING:
 )
 @files("[MODEL]", "model", None)
 @click.option(
-    "--effect", "effect_name", metavar="NAME", required=True, help="Effect; daest effects lists them."
+    "--effect",
+    "effect_name",
+    metavar="NAME",
+    required=True,
+    shell_complete=offered.effects,
+    help="Effect; daest effects lists them.",
 )
-@click.option("--at", "place", metavar="PLACE", required=True, help="Connector, component, input or output.")
+@click.option(
+    "--at",
+    "place",
+    metavar="PLACE",
+    required=True,
+    shell_complete=offered.places,
+    help="Connector, component, input or output.",
+)
 @set_option
 @click.option("--name", "component", metavar="NAME", help="Name of the effect's component.")
 @click.option("--new-class", metavar="NAME", help="Name of the extended model (default: MODEL_EFFECT).")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from daest.cli import offered
 from daest.cli.follow import (
     StreamOptions,
     needs_stream,
@@ -62,6 +63,7 @@ LONG = 10.0  # seconds from which on progress is shown
 @click.option(
     "--measure",
     metavar="OUTPUT",
+    shell_complete=offered.outputs,
     multiple=True,
     help="Use this output alone; the other measured ones are compared with their estimates.",
 )

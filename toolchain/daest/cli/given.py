@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
+from daest.cli import offered
 from daest.cli.options import Command, assignments, gathered, priors, set_option
 from daest.errors import ConfigError
 from daest.model.prior import Prior
@@ -158,6 +159,7 @@ parameter_options = gathered(
     click.option(
         "--fix",
         metavar="NAME=VALUE",
+        shell_complete=offered.assigned_parameters,
         multiple=True,
         callback=lambda _ctx, _param, given: assignments(given, "--fix"),
         help="Hold a parameter at a value.",
@@ -165,12 +167,14 @@ parameter_options = gathered(
     click.option(
         "--estimate",
         metavar="NAME",
+        shell_complete=offered.parameters,
         multiple=True,
         help="Estimate this parameter (default: those that the model or daest.toml marks).",
     ),
     click.option(
         "--prior",
         metavar="NAME=MEAN,STD",
+        shell_complete=offered.assigned_parameters,
         multiple=True,
         callback=lambda _ctx, _param, given: priors(given),
         help="What is known of a parameter beforehand (lognormal where it is searched on a log scale).",

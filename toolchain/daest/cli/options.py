@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import click
 
+from daest.cli import offered
 from daest.cli.pictures import checked
 from daest.errors import ConfigError
 from daest.model.prior import Prior
@@ -178,6 +179,7 @@ set_option = click.option(
     "--set",
     "settings",
     metavar="NAME=VALUE",
+    shell_complete=offered.assigned_parameters,
     multiple=True,
     callback=lambda _ctx, _param, given: assignments(given, "--set"),
     help="Value of a parameter; where it is estimated, the start.",
