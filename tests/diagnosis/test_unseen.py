@@ -1,22 +1,28 @@
 """What two models foresee of unseen data, compared where they differ."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cart_data import recording
 
 from daest.diagnosis.unseen import (
     Foreseen,
     Innovations,
     compared,
     confirmed,
+    foreseen,
     is_better,
     is_silent,
     is_worse,
     judged,
 )
 from daest.model.diagnosis import Ahead, Confirmed
+from daest.model.experiment import Experiment
 from daest.model.fit import Agreement
+from daest.modelica.compile import compile_text
+from daest.systems.reduce import reduce_index
 
 
 def errors(rng, sizes):
@@ -107,3 +113,29 @@ def test_right_law_gains_the_likelihood_that_is_expected_of_it(size):
     wider = confirmed(Innovations(noise, 0.0), Innovations(0.5 * noise, -np.log(2.0)))
     assert wider.gain < -500.0
     assert confirmed(None, Innovations(noise, 0.0)).certainty == 0.0
+
+
+RUB = """
+model Rub
+  input Real F;
+  Real s(start = 0, fixed = true);
+  Real v(start = 0, fixed = true);
+  output Real y = s;
+equation
+  der(s) = v;
+  der(v) = F - 10*s - 0.8*v - 0.5*tanh(v/0.006);
+end Rub;
+"""
+
+
+def test_a_law_that_sticks_is_followed_from_the_middle_of_a_motion():
+    """Its observer does not correct it where nothing but noise is left, and from rest it has no slopes."""
+    model = reduce_index(compile_text(RUB.encode(), Path("Rub.mo")))
+    time, force, position = recording(800, 1, friction=0.5)[400:].T
+    unseen = Experiment("unseen", time, force[:, None], position[:, None], ("F",), ("y",))
+    null = SimpleNamespace(
+        explicit=model, theta=model.flat.theta_values, hold="zoh", loads=(), measurement_std=np.array([0.002])
+    )
+    found = foreseen(SimpleNamespace(null=null, gain=np.zeros((2, 1))), [unseen])
+    assert found is not None
+    assert np.sqrt(np.mean(found.errors[1] ** 2)) == pytest.approx(0.002, rel=0.15)

@@ -28,6 +28,8 @@ HORIZONS = (1, 3, 10, 30, 100)  # samples, as far as LONGEST allows
 LONGEST = 0.1  # of the shortest recording
 TAKES_UP = 20  # samples for which the observer follows the data before it is left alone again
 START_SAMPLES = 300  # that the initial state is fitted to
+START_PARTS = (0.02, 0.07, 0.25, 1.0)  # of these: windows over which the search for it grows
+FEWEST_AT_START = 4  # samples of such a window
 START_ITERATIONS = 15
 START_PROGRESS = 1e-3  # of the mean squared error, below which the search for the start ends
 FEWEST_STRETCHES = 5
@@ -202,13 +204,30 @@ def adds_up(run: NullObserver) -> bool:
 
 
 def _initial_state(null: Null, model: Integrator, experiment: Experiment, gain: np.ndarray) -> np.ndarray:
-    """The state at the first sample that the observer follows the data from best, loads at rest."""
-    rows = slice(0, START_SAMPLES)
-    time, inputs, y = experiment.time[rows], experiment.inputs[rows], experiment.outputs[rows]
+    """The state at the first sample that the observer follows the data from best, loads at rest.
+
+    It is looked for from the model's start at once, and over windows that grow: over a short one a law that
+    bends or sticks hardly matters, so that what it finds is near."""
+    begin = initial_point(null.explicit, null.theta, experiment.inputs[0])[0]
+    loads = {load.name for load in null.loads}
+    begin = np.where([name not in loads for name in null.explicit.state_names], begin, 0.0)
+    n = min(START_SAMPLES, experiment.n_samples)
+    at_once = _searched_start(null, model, experiment, gain, begin, n)
+    grown = (begin, np.inf)
+    for part in START_PARTS:
+        grown = _searched_start(null, model, experiment, gain, grown[0], max(int(part * n), FEWEST_AT_START))
+    return min(at_once, grown, key=lambda found: found[1])[0]
+
+
+def _searched_start(
+    null: Null, model: Integrator, experiment: Experiment, gain: np.ndarray, begin: np.ndarray, n: int
+) -> tuple[np.ndarray, float]:
+    """The state found from `begin` by Gauss-Newton over the first n samples, and its mean squared error there
+    in squares of the measurement noise."""
+    time, inputs, y = experiment.time[:n], experiment.inputs[:n], experiment.outputs[:n]
     loads = {load.name for load in null.loads}
     free = np.array([name not in loads for name in null.explicit.state_names])
-    best = np.where(free, initial_point(null.explicit, null.theta, experiment.inputs[0])[0], 0.0)
-    least, step = np.inf, np.zeros(best.size)
+    best, least, step = begin, np.inf, np.zeros(begin.size)
     for _ in range(START_ITERATIONS):
         try:
             run = integrate(
@@ -224,14 +243,14 @@ def _initial_state(null: Null, model: Integrator, experiment: Experiment, gain: 
         if value >= least:  # a law that bends lets whole steps miss
             step = 0.5 * step
             continue
-        best, is_there = best + step, value > (1.0 - START_PROGRESS) * least
+        is_there = value > (1.0 - START_PROGRESS) * least
+        best, least = best + step, value
         if is_there:
             break
-        least = value
         slopes = (run.sensitivities / null.measurement_std[:, None])[seen][:, free]
         step = np.zeros(best.size)
         step[free] = np.linalg.lstsq(slopes, error[seen], rcond=1e-8)[0]
-    return best
+    return best, least
 
 
 def _stretches(
