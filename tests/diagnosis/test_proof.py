@@ -232,7 +232,8 @@ def test_size_that_was_not_estimated_is_no_claim():
 def test_ranking():
     _, proof = proved()
     likelihood, bic = proof.delta_log_likelihood, proof.delta_bic
-    close = replace(proof, delta_log_likelihood=likelihood - 2.5, delta_bic=bic - 5.0)
+    elsewhere = replace(proof.candidate, site=replace(proof.candidate.site, name="bearing"))
+    close = replace(proof, candidate=elsewhere, delta_log_likelihood=likelihood - 2.5, delta_bic=bic - 5.0)
     far = replace(proof, delta_log_likelihood=likelihood - 3.5, delta_bic=bic - 7.0)
     failed = replace(proof, delta_bic=proof.delta_bic + 100.0, verdict="rejected", reason="no")
     assert [p.verdict for p in ranked([far, failed, proof])] == ["supported", "rejected", "rejected"]
@@ -345,6 +346,27 @@ def test_law_with_fewer_parameters_is_preferred_when_it_says_as_much():
     assert second.verdict == "rejected" and "nearly as much with fewer parameters" in second.reason
     better = replace(rich, delta_log_likelihood=1.2 * simple.delta_log_likelihood)
     assert len(ranked([simple, better])[0].fit.parameters) == len(more)
+
+
+@pytest.mark.parametrize(("std_error", "verdict"), [(4.6, "not separable"), (0.1, "rejected")])
+def test_law_whose_other_parameters_nobody_knows_does_not_win_over_the_simple_one(std_error, verdict):
+    _, simple = proved()
+    shape = replace(
+        simple.fit.parameters[0], name=f"{simple.candidate.name}.b", value=1.3, std_error=std_error
+    )
+    rich = replace(
+        simple,
+        candidate=replace(simple.candidate, effect=replace(simple.candidate.effect, name="Richer")),
+        fit=replace(simple.fit, parameters=(*simple.fit.parameters, shape)),
+        delta_log_likelihood=1.05 * simple.delta_log_likelihood,
+        delta_bic=simple.delta_bic + 12.0,
+    )
+    proofs = {p.candidate.effect.name: p for p in ranked([rich, simple])}
+    assert proofs[simple.candidate.effect.name].verdict == verdict
+    assert proofs["Richer"].verdict == ("supported" if verdict == "rejected" else verdict)
+    # Where one law was refitted twice, it is named once.
+    names = [p.not_separable_from for p in ranked([rich, simple, rich]) if p.verdict == "not separable"]
+    assert all(len(set(others)) == len(others) for others in names)
 
 
 def test_as_much_as_chance_finds_is_no_proof(monkeypatch):

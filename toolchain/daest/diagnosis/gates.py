@@ -212,6 +212,12 @@ class Gates:
         "of gains that a law with fewer parameters must reach to be preferred",
         JUDGEMENT,
     )
+    min_vague_gain: float = gate(
+        0.9,
+        "ratio",
+        "of gains that a law with fewer parameters must reach to be a rival of one whose others are vague",
+        JUDGEMENT,
+    )
     same_equation: float = gate(
         1e-3,
         "log-likelihood, standard errors",

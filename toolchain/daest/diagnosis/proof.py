@@ -496,8 +496,12 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
         return tuple(
             p if p.verdict == "rejected" else replace(p, verdict="rejected", reason=reason) for p in order
         )
-    close = [p for p in accepted if abs(best.delta_bic - p.delta_bic) <= GATES.same_bic]
+    close = [p for p in accepted if abs(best.delta_bic - p.delta_bic) <= GATES.same_bic or _is_vague(p, best)]
     close = [p for p in close if p is best or not _is_same_equation(p, best)]
+    # A law may have been refitted twice, by its score and as the richer one of another.
+    close = [
+        p for k, p in enumerate(close) if p.candidate.label not in [q.candidate.label for q in close[:k]]
+    ]
     result = []
     for proof in order:
         if proof.verdict == "rejected":
@@ -556,6 +560,23 @@ def _far_more_likely(order: Sequence[Proof], best: Proof) -> Proof | None:
     return strongest
 
 
+def _is_vague(richer: Proof, simple: Proof) -> bool:
+    """Whether a law at the place of a simple one goes beyond it by parameters that the data do not
+    determine: they may stand for the way in which the simple law is rounded."""
+    known = {p.name.rpartition(".")[2] for p in _own_sizes(simple)}
+    more = [p for p in _own_sizes(richer) if p.name.rpartition(".")[2] not in known]
+    return (
+        richer.candidate.site == simple.candidate.site
+        and len(_own_sizes(richer)) > len(known)
+        and simple.delta_log_likelihood > GATES.min_vague_gain * richer.delta_log_likelihood
+        and all(abs(p.value) < GATES.min_significance * (p.std_error or np.inf) for p in more)
+    )
+
+
+def _own_sizes(proof: Proof) -> list[FittedParameter]:
+    return [p for p in proof.fit.parameters if p.name.startswith(f"{proof.candidate.name}.")]
+
+
 def _simplest(accepted: Sequence[Proof]) -> Proof:
     """The best by BIC, or one at the same place with fewer parameters that gains nearly as much: with much
     data, the way in which a law is rounded is significant, too."""
@@ -565,6 +586,8 @@ def _simplest(accepted: Sequence[Proof]) -> Proof:
         for p in accepted
         if p.candidate.site == best.candidate.site
         and len(p.fit.parameters) < len(best.fit.parameters)
-        and p.delta_log_likelihood > GATES.min_simpler_gain * best.delta_log_likelihood
+        and (
+            p.delta_log_likelihood > GATES.min_simpler_gain * best.delta_log_likelihood or _is_vague(best, p)
+        )
     ]
     return min(simpler, key=lambda p: len(p.fit.parameters), default=best)
