@@ -307,10 +307,12 @@ def behind(numerator, denominator, seed):
 
 
 def test_lag_is_named_and_what_only_looks_like_one_is_not():
-    lag = diagnosed(behind([1.0], [0.5, 1.0], 4), "Lag")
+    lag = diagnosed(behind([1.0], [0.8, 1.0], 4), "Lag")
     assert accepted(lag) == {"Lag"}
     size = next(p for p in lag.proofs[0].told.parameters if p.name.endswith(".T"))
-    assert size.value == pytest.approx(0.5, rel=0.1)
+    assert size.value == pytest.approx(0.8, rel=0.1)
+    short = diagnosed(behind([1.0], [0.2, 1.0], 4), "Lag")
+    assert not accepted(short) and "short beside the fastest time constant" in short.proofs[0].reason
     flexible = diagnosed(behind([9.0], [1.0, 3.0, 9.0], 4), "Lag")
     assert not accepted(flexible) and flexible.verdict not in ("nothing missing", "parameters off")
     reason = flexible.proofs[0].reason

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.signal import fftconvolve
 
 from daest.design.explainer import Explained, Point
 from daest.estimation.coordinates import Coordinate, Unknowns
@@ -198,6 +197,8 @@ class LinearExplainer:
 
 def _correlated(weights: np.ndarray, pulse: np.ndarray) -> np.ndarray:
     """Sum over (i, y) of Σ_t weights[i, t, y] pulse[i, t - k + PULSE, y], for every sample k."""
+    from scipy.signal import fftconvolve  # half a second that no other command waits for
+
     n = weights.shape[1]
     turned = fftconvolve(weights, pulse[:, ::-1], axes=1).sum(axis=(0, 2))
     return turned[n - 1 - PULSE : 2 * n - 1 - PULSE]

@@ -237,7 +237,7 @@ def prove(
     left = None if reason else _left(null, with_effect, after or run_null(with_effect))
     if left is not None:
         if prepared.trial.candidate.effect.is_dynamic:
-            reason = _other_dynamics(left, gain) or _too_short(run, prepared.trial.candidate, fit)
+            reason = _other_dynamics(left, gain) or _too_short(null, prepared.trial.candidate, fit)
         if is_curve and left.p_value < GATES.rest_level and not is_told:
             reason = _unexplained(explained, ratios)
         if not reason and not _is_most_of_it(explained, ratios, is_told, gain, left):
@@ -371,14 +371,17 @@ def _other_dynamics(left: FreeForm, gain: float) -> str:
     )
 
 
-def _too_short(run: NullObserver, candidate: Candidate, fit: FitResult) -> str:
-    """Why a lag or a delay is no finding of its own beside the model that `run` observes; empty where it is
-    long enough to be one."""
-    loads = {load.name for load in run.null.loads}
-    own = [i for i, name in enumerate(run.state_names) if name not in loads]
+def _too_short(null: Null, candidate: Candidate, fit: FitResult) -> str:
+    """Why a lag or a delay is no finding of its own beside the model as `fit` has it; empty where it is long
+    enough to be one."""
     times = [fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes if p.unit == "s"]
+    if not times:
+        return ""
+    run = run_null(replace(null, flat=null.flat.with_theta(fit.theta)))
+    loads = {load.name for load in null.loads}
+    own = [i for i, name in enumerate(run.state_names) if name not in loads]
     fastest = max(np.abs(np.linalg.eigvals(run.average.A[np.ix_(own, own)])), default=0.0)
-    if not times or max(times) * fastest >= GATES.min_lag:
+    if max(times) * fastest >= GATES.min_lag:
         return ""
     return (
         f"{max(times):.3g} s is short beside the fastest time constant of the model ({1.0 / fastest:.3g} s): "

@@ -15,7 +15,7 @@ from rich.style import Style
 from rich.text import Text
 
 NARROWEST_TEXT = 8  # characters that a text keeps in a narrow terminal
-LONGEST_NAME = 24  # characters of a word that are always kept together
+LONGEST_NAME = 32  # characters of a word that are always kept together
 JOINT = re.compile(r"(?<=[._/:,])(?=\w)|(?<=[a-z])(?=[A-Z])")  # where a longer name may be divided
 GAPS = (3, 2)  # columns between two columns, of which the first is taken that fits
 
