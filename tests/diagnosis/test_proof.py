@@ -386,7 +386,7 @@ def test_lag_shorter_than_anything_in_the_model_is_no_finding(T, is_short):
     _, run = quiet()  # a rotor of 0.5 / 0.3 s
     lag = next(c for c in pairs(some_effects("Lag"), sites(model())) if c.site.name == "u")
     fit = SimpleNamespace(theta={f"{lag.name}.T": T})
-    assert bool(_too_short(run, lag, fit)) == is_short
-    assert not is_short or "0.1 s is short beside" in _too_short(run, lag, fit)
+    assert bool(_too_short(run.null, lag, fit)) == is_short
+    assert not is_short or "0.1 s is short beside" in _too_short(run.null, lag, fit)
     friction = pairs(some_effects("CoulombFriction"), sites(model()))[0]
-    assert _too_short(run, friction, SimpleNamespace(theta={f"{friction.name}.tau_c": 0.1})) == ""
+    assert _too_short(run.null, friction, SimpleNamespace(theta={f"{friction.name}.tau_c": 0.1})) == ""
