@@ -250,6 +250,7 @@ def test_names_and_units_are_mapped(folder, daest):
     assert document["parameters"]["T"]["value"] == pytest.approx(TRUE["T"], rel=0.02)
 
 
+@pytest.mark.slow
 def test_bootstrap_in_text_and_json(fitted, daest):
     code, out, err = daest("identify", "--hold", "zoh", "--bootstrap", "39", "--jobs", "1")
     assert code == 0 and "Bootstrap: 39 refits of simulated recordings" in out

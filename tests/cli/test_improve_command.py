@@ -133,6 +133,7 @@ end Room;
 """
 
 
+@pytest.mark.slow
 def test_unused_column_becomes_an_input(tmp_path, daest, monkeypatch):
     """The sun heats the room; its column has no Modelica name, and T is taken by the model."""
     monkeypatch.chdir(tmp_path)

@@ -27,6 +27,7 @@ def true_friction(s):
     return -FRICTION * (1.0 + BUMPS * np.sin(WAVES * s))
 
 
+@pytest.mark.slow
 def test_curve_is_written_into_the_model(tmp_path, daest, monkeypatch):
     folder = cart(tmp_path, monkeypatch)
     code, out, err = daest("diagnose", "bumpy.csv", "--model", "Cart.mo", *FEW, "--format", "json")

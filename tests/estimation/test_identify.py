@@ -147,7 +147,8 @@ def test_standard_errors_are_honest_with_measurement_noise():
     assert abs(np.mean(values) - 5.0) < 3 * 0.71
 
 
-@pytest.mark.parametrize("intensity", [pytest.param(0.0, marks=pytest.mark.slow), 1e-4])
+@pytest.mark.slow
+@pytest.mark.parametrize("intensity", [0.0, 1e-4])
 def test_standard_errors_are_honest_with_process_noise(intensity):
     options = IdentifyOptions(method="pem", hold="foh")
     values = [
