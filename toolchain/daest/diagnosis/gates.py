@@ -218,6 +218,12 @@ class Gates:
         "of gains that a law with fewer parameters must reach to be a rival of one whose others are vague",
         JUDGEMENT,
     )
+    max_rival_error: float = gate(
+        0.9,
+        "ratio",
+        "of errors in simulating unseen data, below which an accepted law is a rival of a likelier one",
+        JUDGEMENT,
+    )
     same_equation: float = gate(
         1e-3,
         "log-likelihood, standard errors",

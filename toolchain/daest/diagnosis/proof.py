@@ -483,7 +483,7 @@ def _weak_size(size: FittedParameter, null: float, least: float) -> str:
 
 
 def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
-    """Best first. Accepted candidates with the BIC of the best (`same_bic`) are not separable from it: of
+    """Best first. Accepted candidates that are rivals of the best (`_is_rival`) are not separable from it: of
     them, the one comes first that has the fewest parameters, and leaves those of the model most as they were.
     Where a refused one is far more likely, none is the explanation."""
     order = sorted(proofs, key=lambda p: (p.verdict == "rejected", -p.delta_bic))
@@ -499,7 +499,7 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
         return tuple(
             p if p.verdict == "rejected" else replace(p, verdict="rejected", reason=reason) for p in order
         )
-    close = [p for p in accepted if abs(best.delta_bic - p.delta_bic) <= GATES.same_bic or _is_vague(p, best)]
+    close = [p for p in accepted if _is_rival(p, best)]
     close = [p for p in close if p is best or not _is_same_equation(p, best)]
     # A law may have been refitted twice, by its score and as the richer one of another.
     close = [
@@ -561,6 +561,18 @@ def _far_more_likely(order: Sequence[Proof], best: Proof) -> Proof | None:
     ):
         return None
     return strongest
+
+
+def _is_rival(one: Proof, best: Proof) -> bool:
+    """Whether an accepted law is not put aside by the best one: it is as likely; it is likelier by parameters
+    that nobody knows; or it foresees unseen data clearly better, which counts where the rest of the model
+    is not right either."""
+    if abs(best.delta_bic - one.delta_bic) <= GATES.same_bic:
+        return True
+    if one.delta_bic > best.delta_bic and _is_vague(one, best):
+        return True
+    ratios = error_ratios(best.fit.simulated, one.fit.simulated)
+    return bool(ratios) and float(np.sqrt(np.mean(np.square(ratios)))) < GATES.max_rival_error
 
 
 def _is_vague(richer: Proof, simple: Proof) -> bool:
