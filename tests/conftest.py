@@ -14,9 +14,12 @@ import pytest
 # As the commands do: small matrices, and two test processes beside each other.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
-# A shell that starts the tests in the background lets them ignore Ctrl-C, and all that they start with them.
+# A shell that starts the tests in the background lets them ignore Ctrl-C, `nohup` the end of the terminal,
+# and all that they start with them.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 # Tests of processes ask for them; in the others they would only have to start.
 os.environ["DAEST_JOBS"] = "1"
 
