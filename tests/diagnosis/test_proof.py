@@ -374,12 +374,12 @@ def test_law_that_foresees_unseen_data_better_is_a_rival_of_a_likelier_one():
     elsewhere = replace(likely.candidate, site=replace(likely.candidate.site, name="bearing"))
     likelihood, bic = likely.delta_log_likelihood - 20.0, likely.delta_bic - 40.0
     less = replace(likely, candidate=elsewhere, delta_log_likelihood=likelihood, delta_bic=bic)
-    agreement = likely.fit.simulated["validation"]
+    agreement = likely.told.simulated["validation"]
 
     def with_errors(factor):
         errors = {name: factor * value for name, value in agreement.rms.items()}
-        simulated = {**likely.fit.simulated, "validation": replace(agreement, rms=errors)}
-        return replace(less, fit=replace(less.fit, simulated=simulated))
+        simulated = {**likely.told.simulated, "validation": replace(agreement, rms=errors)}
+        return replace(less, final=replace(less.told, simulated=simulated))
 
     assert [p.verdict for p in ranked([likely, with_errors(0.97)])] == ["supported", "rejected"]
     assert [p.verdict for p in ranked([likely, with_errors(0.8)])] == ["not separable", "not separable"]

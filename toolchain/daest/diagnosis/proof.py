@@ -571,7 +571,7 @@ def _is_rival(one: Proof, best: Proof) -> bool:
         return True
     if one.delta_bic > best.delta_bic and _is_vague(one, best):
         return True
-    ratios = error_ratios(best.fit.simulated, one.fit.simulated)
+    ratios = error_ratios(best.told.simulated, one.told.simulated)
     return bool(ratios) and float(np.sqrt(np.mean(np.square(ratios)))) < GATES.max_rival_error
 
 
