@@ -39,6 +39,7 @@ LOOK_SECONDS = 0.25  # between two looks at the folder
 LARGEST_BODY = 256 << 20  # bytes of a file that is dropped onto the page
 LOCK = "server"  # in the home of the page: locked by the server, with its address
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
+SHARED = {"report.css": "style.css", "figures.js": "figures.js"}  # files of the report by their names here
 PICTURES = "daest.app.pictures"  # its import takes a second, which the first page need not wait for
 EFFECT = re.compile(r"[A-Za-z_][\w.]{0,199}")  # name of a class
 NAME_LENGTH = 120  # characters of the name of a file that is dropped
@@ -81,10 +82,8 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and value - value != 0.0 else value
 
 
-class Guarded(tornado.web.RequestHandler):
-    """A handler that answers its own page alone. The first part of every path is the token."""
-
-    policy = POLICY
+class Own(tornado.web.RequestHandler):
+    """What answers its own page alone. The first part of every path is the token."""
 
     def initialize(self, guard: Guard, desk: Desk, pages: Pages) -> None:
         self.guard, self.desk, self.pages = guard, desk, pages
@@ -93,6 +92,12 @@ class Guarded(tornado.web.RequestHandler):
         why = self.guard.why_not(self.request, str(self.path_kwargs.pop("token", "")))
         if why is not None:
             raise tornado.web.HTTPError(403, reason=why)
+
+
+class Guarded(Own):
+    """A handler of requests, with the headers that keep the page to itself."""
+
+    policy = POLICY
 
     def set_default_headers(self) -> None:
         for name, value in headers(self.policy).items():
@@ -128,12 +133,13 @@ class File(Guarded):
 
 
 class Drawing(Guarded):
-    """The drawing library, and the style of the report, which the page shares."""
+    """The drawing library, and what the page shares with the report."""
 
     def get(self, name: str) -> None:
-        if name == "report.css":
-            self.set_header("Content-Type", "text/css; charset=utf-8")
-            self.finish(resources.files("daest.report.page").joinpath("style.css").read_bytes())
+        if name in SHARED:
+            shared = SHARED[name]
+            self.set_header("Content-Type", f"{KINDS[Path(shared).suffix]}; charset=utf-8")
+            self.finish(resources.files("daest.report.page").joinpath(shared).read_bytes())
             return
         import bokeh
 
@@ -306,16 +312,8 @@ class Script(Guarded):
         self.finish(path.read_bytes() if path.is_file() else b"")
 
 
-class Live(tornado.websocket.WebSocketHandler):
+class Live(Own, tornado.websocket.WebSocketHandler):
     """What one page is told while it is open."""
-
-    def initialize(self, guard: Guard, desk: Desk, pages: Pages) -> None:
-        self.guard, self.desk, self.pages = guard, desk, pages
-
-    def prepare(self) -> None:
-        why = self.guard.why_not(self.request, str(self.path_kwargs.pop("token", "")))
-        if why is not None:
-            raise tornado.web.HTTPError(403, reason=why)
 
     def check_origin(self, origin: str) -> bool:
         return self.guard.is_own(origin)
@@ -347,7 +345,7 @@ def application(guard: Guard, desk: Desk, pages: Pages) -> tornado.web.Applicati
     routes: tuple[tuple[str, type[tornado.web.RequestHandler]], ...] = (
         ("", File),
         (r"(?P<name>[a-z]+\.(?:js|css))", File),
-        (r"drawing/(?P<name>bokeh\.js|report\.css)", Drawing),
+        (r"drawing/(?P<name>bokeh\.js|figures\.js|report\.css)", Drawing),
         ("api/state", State),
         ("api/pictures", Pictures),
         ("api/sliders", Sliders),

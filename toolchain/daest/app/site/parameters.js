@@ -100,9 +100,12 @@ function drawn(message) {
   message.curves.forEach((curve, i) => fill(pictures, `${kind}-${i}`, curve));
   message.measured?.forEach((curve, i) => fill(pictures, `measured-${i}`, curve));
   if (kind === "now") { frames.push(performance.now()); if (frames.length > 1000) frames.shift(); pictures.dataset.frames = String(frames.length); }
-  if (kind === "now" && kept) told.outputs.forEach((output, i) => { kept[i].textContent = withUnit(errors.now[output.name], output.unit); });
+  if (kind === "now" && kept) {
+    told.outputs.forEach((output, i) => { kept[i].textContent = withUnit(errors.now[output.name], output.unit); });
+    place.querySelector("#simulate-line").textContent = simulateLine();  // the line that gives these errors
+  }
   pump();
-  // Buttons and lines change when the slider rests; while it moves, every frame counts.
+  // Buttons change when the slider rests; while it moves, every frame counts.
   clearTimeout(drawn.timer);
   drawn.timer = setTimeout(() => header(place.children[0]), 150);
 }

@@ -40,7 +40,7 @@ def page(material: Material, parts: Sequence[Section]) -> str:
             headline=headline(material),
             sections=parts,
             style=_text("style.css"),
-            script=_text("page.js"),
+            script=_text("figures.js") + _text("page.js"),
             library=_library(),
         )
     except UndefinedError as error:
