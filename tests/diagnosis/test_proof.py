@@ -9,7 +9,7 @@ import pytest
 from hidden_plants import model, quiet, rotor_record, rubbing, some_effects
 
 from daest.diagnosis.candidates import pairs
-from daest.diagnosis.diagnose import begin, reference_of
+from daest.diagnosis.diagnose import _with_second_tries, begin, reference_of
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.free_forms import covers, free_forms
 from daest.diagnosis.null import grown
@@ -356,7 +356,9 @@ def test_law_whose_other_parameters_nobody_knows_does_not_win_over_the_simple_on
     )
     rich = replace(
         simple,
-        candidate=replace(simple.candidate, effect=replace(simple.candidate.effect, name="Richer")),
+        candidate=replace(
+            simple.candidate, effect=replace(simple.candidate.effect, name="Richer", class_name="Richer")
+        ),
         fit=replace(simple.fit, parameters=(*simple.fit.parameters, shape)),
         delta_log_likelihood=1.05 * simple.delta_log_likelihood,
         delta_bic=simple.delta_bic + 12.0,
@@ -365,8 +367,12 @@ def test_law_whose_other_parameters_nobody_knows_does_not_win_over_the_simple_on
     assert proofs[simple.candidate.effect.name].verdict == verdict
     assert proofs["Richer"].verdict == ("supported" if verdict == "rejected" else verdict)
     # Where one law was refitted twice, it is named once.
-    names = [p.not_separable_from for p in ranked([rich, simple, rich]) if p.verdict == "not separable"]
-    assert all(len(set(others)) == len(others) for others in names)
+    worse = replace(rich, fit=replace(rich.fit, log_likelihood=rich.fit.log_likelihood - 3.0))
+    for first, second in ((worse, rich), (rich, worse)):
+        kept = _with_second_tries([first, simple], [second])
+        assert [p for p in kept if p.candidate.effect.name == "Richer"] == [rich] and simple in kept
+        names = [p.not_separable_from for p in ranked(kept) if p.verdict == "not separable"]
+        assert all(len(set(others)) == len(others) for others in names)
 
 
 def test_law_that_foresees_unseen_data_better_is_a_rival_of_a_likelier_one():

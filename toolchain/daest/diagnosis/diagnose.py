@@ -596,9 +596,25 @@ def _proofs(
         best = best_start(ranked(proofs))
         if best is not None and _leaves_something(best):
             # They start from the best: a first pass that is worse has only not come back to it yet.
-            proofs += stages.proved(richer_laws(null, run, best, library, proofs), ())[0]
+            again = stages.proved(richer_laws(null, run, best, library, proofs), ())[0]
+            proofs = _with_second_tries(proofs, again)
     order = ranked(proofs)
     return order, _unproved(found, wanted, order, stages.failed)
+
+
+def _with_second_tries(proofs: Sequence[Proof], again: Sequence[Proof]) -> list[Proof]:
+    """All laws, each once: of two refits of one law at one place, from different starts, the likelier."""
+
+    def law(proof: Proof) -> tuple[str, str]:
+        return proof.candidate.effect.class_name, proof.candidate.site.name
+
+    tried = {law(proof) for proof in again}
+    likeliest = {
+        law(proof): proof
+        for proof in sorted((*proofs, *again), key=lambda p: p.fit.log_likelihood)
+        if law(proof) in tried
+    }
+    return [*(p for p in proofs if law(p) not in tried), *likeliest.values()]
 
 
 def _unproved(

@@ -501,10 +501,6 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
         )
     close = [p for p in accepted if _is_rival(p, best)]
     close = [p for p in close if p is best or not _is_same_equation(p, best)]
-    # A law may have been refitted twice, by its score and as the richer one of another.
-    close = [
-        p for k, p in enumerate(close) if p.candidate.label not in [q.candidate.label for q in close[:k]]
-    ]
     result = []
     for proof in order:
         if proof.verdict == "rejected":

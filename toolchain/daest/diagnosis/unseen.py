@@ -210,23 +210,29 @@ def _initial_state(null: Null, model: Integrator, experiment: Experiment, gain: 
     bends or sticks hardly matters, so that what it finds is near."""
     begin = initial_point(null.explicit, null.theta, experiment.inputs[0])[0]
     loads = {load.name for load in null.loads}
-    begin = np.where([name not in loads for name in null.explicit.state_names], begin, 0.0)
+    free = np.array([name not in loads for name in null.explicit.state_names])
+    begin = np.where(free, begin, 0.0)
     n = min(START_SAMPLES, experiment.n_samples)
-    at_once = _searched_start(null, model, experiment, gain, begin, n)
+    at_once = _searched_start(null, model, experiment, gain, begin, free, n)
     grown = (begin, np.inf)
     for part in START_PARTS:
-        grown = _searched_start(null, model, experiment, gain, grown[0], max(int(part * n), FEWEST_AT_START))
+        rows = max(int(part * n), FEWEST_AT_START)
+        grown = _searched_start(null, model, experiment, gain, grown[0], free, rows)
     return min(at_once, grown, key=lambda found: found[1])[0]
 
 
 def _searched_start(
-    null: Null, model: Integrator, experiment: Experiment, gain: np.ndarray, begin: np.ndarray, n: int
+    null: Null,
+    model: Integrator,
+    experiment: Experiment,
+    gain: np.ndarray,
+    begin: np.ndarray,
+    free: np.ndarray,
+    n: int,
 ) -> tuple[np.ndarray, float]:
-    """The state found from `begin` by Gauss-Newton over the first n samples, and its mean squared error there
-    in squares of the measurement noise."""
+    """The state found from `begin` by Gauss-Newton in the states that are `free` over the first n samples,
+    and its mean squared error there in squares of the measurement noise."""
     time, inputs, y = experiment.time[:n], experiment.inputs[:n], experiment.outputs[:n]
-    loads = {load.name for load in null.loads}
-    free = np.array([name not in loads for name in null.explicit.state_names])
     best, least, step = begin, np.inf, np.zeros(begin.size)
     for _ in range(START_ITERATIONS):
         try:

@@ -20,7 +20,7 @@ from daest.model.events import (
 from daest.model.parts import Parameter
 from daest.modelica import syntax as s
 from daest.modelica import values as v
-from daest.modelica.expressions import Evaluator, PathPart, Scope, indexed, join_path, refusal
+from daest.modelica.expressions import Evaluator, Redirected, Scope, refusal
 from daest.modelica.functions import assigned
 from daest.modelica.operators import EVENTFUL
 from daest.modelica.scope import ModelScope, element_names, symbols
@@ -146,7 +146,7 @@ class Recorder:
         return self.before[name]
 
     def pre_scope(self, scope: Scope) -> Scope:
-        return _Before(self, scope)
+        return Redirected(scope, self.pre)
 
     def is_discrete(self, name: str) -> bool:
         return name in self.discrete or name in self.targets or name in self.scope.constant_names
@@ -280,31 +280,6 @@ class Recorder:
             otherwise = self.updates.get(one, before[one])
             new = v.symbolic(values[i if len(values) > 1 else 0])
             self.updates[one] = ca.if_else(active, new, v.symbolic(otherwise))
-
-
-@dataclass(frozen=True)
-class _Before:
-    """Names stand for their values before the event."""
-
-    recorder: Recorder
-    scope: Scope
-
-    def lookup(self, name: str) -> Value | None:
-        return self.recorder.pre(name)
-
-    def path(self, parts: Sequence[PathPart]) -> Value | None:
-        head = join_path(parts[:-1], parts[-1][0])
-        found = None if head is None else self.recorder.pre(head)
-        return None if found is None else indexed(found, parts[-1][1])
-
-    def derivative(self, name: str) -> Value | None:
-        return None
-
-    def rate(self, symbol: str) -> Scalar | None:
-        return None
-
-    def declared_shape(self, name: str) -> tuple[int, ...] | None:
-        return self.scope.declared_shape(name)
 
 
 # The finished value -----------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from daest.cache import cache_folder, keep_content, kept_content
 from daest.modelica.dialect import DER, DER_FILE, adapted, external_objects, with_constructors
-from daest.modelica.roots import BYTE_ORDER_MARK, Roots, library_name, stamp
+from daest.modelica.roots import BYTE_ORDER_MARK, Roots, library_name, put_in_place, stamp
 
 _VERSION = "4"  # of what is kept; another one throws away what is there
 _STRIP = re.compile(rb'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
@@ -262,7 +262,7 @@ def _written(
                 with_constructors(adapted(source.read_bytes().removeprefix(BYTE_ORDER_MARK)), objects),
             )
         _write(draft / f"{DER}.mo", DER_FILE.encode())
-        _finish(draft, root)
+        put_in_place(draft, root)
         _forget_old(root.parent)
     return root, origins, tuple(objects)
 
@@ -270,16 +270,6 @@ def _written(
 def _write(file: Path, content: bytes) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_bytes(content)
-
-
-def _finish(draft: Path, root: Path) -> None:
-    """Put the finished folder in place; another process may have been faster."""
-    try:
-        draft.rename(root)
-    except OSError:
-        shutil.rmtree(draft, ignore_errors=True)
-        if not root.is_dir():
-            raise
 
 
 def _forget_old(folder: Path) -> None:

@@ -446,7 +446,7 @@ class Evaluator:
         argument = node.arguments[0]
         if not isinstance(argument, s.Name | s.Index | s.Field):
             return v.mapped(lambda x: self._rate(x, node), self.value(argument))
-        scope = _DerivativeScope(self.scope)
+        scope = Redirected(self.scope, self.scope.derivative)
         return Evaluator(scope, self.call, self.locate, self.iterators, node.span or self.at).value(argument)
 
     def _rate(self, value: Scalar, node: s.Call) -> Scalar:
@@ -518,17 +518,19 @@ _HANDLERS: dict[type, Callable[[Evaluator, s.Node], Value]] = {
 
 
 @dataclass(frozen=True)
-class _DerivativeScope:
-    """Names stand for their time derivatives; subscripts are read by the evaluator as usual."""
+class Redirected:
+    """A scope in which names stand for something else, as for their derivatives or for their values before
+    an event; subscripts are read by the evaluator as usual."""
 
     scope: Scope
+    meant: Callable[[str], Value | None]
 
     def lookup(self, name: str) -> Value | None:
-        return self.scope.derivative(name)
+        return self.meant(name)
 
     def path(self, parts: Sequence[PathPart]) -> Value | None:
         head = join_path(parts[:-1], parts[-1][0])
-        found = None if head is None else self.scope.derivative(head)
+        found = None if head is None else self.meant(head)
         return None if found is None else indexed(found, parts[-1][1])
 
     def derivative(self, name: str) -> Value | None:

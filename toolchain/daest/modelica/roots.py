@@ -175,7 +175,7 @@ def _copied(entries: Sequence[Path], origins: dict[str, Path]) -> Path:
         draft = root.with_name(f"{root.name}.{os.getpid()}")
         for entry in entries:
             _copy_library(entry, draft / _library(entry)[0])
-        _finish(draft, root)
+        put_in_place(draft, root)
     return root
 
 
@@ -193,7 +193,7 @@ def _copy_library(source: Path, target: Path) -> None:
         place.write_bytes(file.read_bytes().removeprefix(BYTE_ORDER_MARK))
 
 
-def _finish(draft: Path, root: Path) -> None:
+def put_in_place(draft: Path, root: Path) -> None:
     """Put the finished folder in place; another process may have been faster."""
     try:
         draft.rename(root)

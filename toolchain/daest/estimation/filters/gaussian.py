@@ -8,13 +8,13 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import block_diag
 
-from daest.estimation.ekf import run_ekf
+from daest.estimation.ekf import EkfRun, run_ekf
 from daest.estimation.filter_task import Task
 from daest.estimation.filters.case import Case, Estimates
 from daest.estimation.filters.local import prepared
 from daest.estimation.interpreted import project
 from daest.estimation.nonlinear_smoother import Joint, filtered_joint, smooth_ekf, smooth_ukf
-from daest.estimation.ukf import run_ukf
+from daest.estimation.ukf import UkfRun, run_ukf
 from daest.systems.local_linear import internal_function, internal_names
 
 CHUNK = 1000  # samples whose internal variables are evaluated at once
@@ -46,23 +46,19 @@ def estimate(case: Case, name: str) -> Estimates:
 def _extended(task: Task, smooth: bool) -> tuple[np.ndarray, np.ndarray, float, Joint]:
     """Innovations, their squares per sample, log p(y), and the estimates."""
     run = run_ekf(task.model, task.data, task.theta, task.noise, task.start, task.longest)
-    joint = (
-        smooth_ekf(run, task.data, task.noise)
-        if smooth
-        else filtered_joint(task.data, task.noise, run.filtered, run.filtered_cov)
-    )
+    joint = smooth_ekf(run, task.data, task.noise) if smooth else _filtered(task, run)
     white = run.innovations / np.sqrt(run.variances)
     return run.innovations, np.nansum(white**2, axis=1), run.log_likelihood, joint
 
 
 def _unscented(task: Task, smooth: bool) -> tuple[np.ndarray, np.ndarray, float, Joint]:
     run = run_ukf(task.model, task.data, task.theta, task.noise, task.start, task.longest)
-    joint = (
-        smooth_ukf(run, task.data, task.noise)
-        if smooth
-        else filtered_joint(task.data, task.noise, run.filtered, run.filtered_cov)
-    )
+    joint = smooth_ukf(run, task.data, task.noise) if smooth else _filtered(task, run)
     return run.innovations, run.nis, run.log_likelihood, joint
+
+
+def _filtered(task: Task, run: EkfRun | UkfRun) -> Joint:
+    return filtered_joint(task.data, task.noise, run.filtered, run.filtered_cov)
 
 
 def _held(task: Task, joint: Joint) -> Joint:
