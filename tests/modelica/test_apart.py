@@ -104,14 +104,25 @@ def test_it_works_where_the_program_is_now(is_copy, tmp_path, monkeypatch):
 
 @POSIX
 def test_it_is_replaced_after_it_was_killed(is_copy):
+    """At once, too, before the system says that it has ended."""
     first = apart.run_apart(os.getpid)
     os.kill(first, signal.SIGKILL)
-    while (
-        Path(f"/proc/{first}/status").exists()
-        and "Z (zombie)" not in Path(f"/proc/{first}/status").read_text()
-    ):
-        time.sleep(0.01)
     assert apart.run_apart(os.getpid) != first
+
+
+@POSIX
+def test_what_kills_it_is_not_asked_again(is_copy, tmp_path):
+    file = tmp_path / "asked"
+    file.touch()
+    with pytest.raises(apart.Crash, match="SIGKILL"):
+        apart.run_apart(_marked_and_killed, str(file))
+    assert file.read_text() == "x"
+
+
+def _marked_and_killed(file: str) -> None:
+    with Path(file).open("a") as stream:
+        stream.write("x")
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 @POSIX

@@ -37,6 +37,7 @@ T = TypeVar("T")
 STACK_BYTES = 128 * 1024 * 1024
 FOLDER_VARIABLE = "XDG_CACHE_HOME"  # where the compiler looks for the place of its cache
 _LENGTH = struct.Struct("<Q")  # of a message, in front of it
+_BEGUN = b""  # what is sent when a question has been read
 _ANSWERS = 200  # after so many the process is replaced: native code may keep memory
 
 
@@ -80,15 +81,21 @@ class _Other:
             self.pid, self._questions, self._answers = process.pid, process.stdin, process.stdout
         self._status: int | None = None
 
-    def ask(self, question: bytes) -> bytes | None:
-        """Its answer; None where it ended before."""
+    def has_begun(self, question: bytes) -> bool:
+        """Whether it has read the question, and works."""
+        self.n_answers += 1
         try:
             _send(self._questions, question)
-            answer = _received(self._answers)
+            return _received(self._answers) == _BEGUN
         except OSError:
-            answer = None
-        self.n_answers += 1
-        return answer
+            return False
+
+    def answer(self) -> bytes | None:
+        """Its answer; None where it ended before."""
+        try:
+            return _received(self._answers)
+        except OSError:
+            return None
 
     def is_lost(self) -> bool:
         if self.is_stopped:
@@ -153,16 +160,24 @@ class _Asker:
 
     def _answered(self, question: bytes) -> Any:
         other = self._ready()
-        content = other.ask(question)
+        if not other.has_begun(question) and not other.is_stopped:
+            # It was killed while nobody asked, and the system had not said so yet.
+            self._give_up(other)
+            other = self._ready()
+            other.has_begun(question)
+        content = other.answer()
         if content is None:
-            self._other = None
-            other.kill()
-            status = other.ending()
+            status = self._give_up(other)
             raise Stopped if other.is_stopped else Crash(_ending(status))
         is_well, value = pickle.loads(content)
         if is_well:
             return value
         raise value
+
+    def _give_up(self, other: _Other) -> int:
+        self._other = None
+        other.kill()
+        return other.ending()
 
     def _ready(self) -> _Other:
         """The other process: as it is, or another one where it has ended, has worked for long, or was started
@@ -172,10 +187,8 @@ class _Asker:
         if other is not None and (
             other.is_lost() or other.n_answers >= _ANSWERS or other.environment != environment
         ):
-            other.kill()
-            other.ending()
-            other = None
-        self._other = _Other(environment) if other is None else other
+            self._give_up(other)
+        self._other = self._other or _Other(environment)
         return self._other
 
 
@@ -276,6 +289,7 @@ def _answer_all(questions: IO[bytes], answers: IO[bytes], parent: int) -> None:
         _without_core()
         gc.disable()  # see `compiler.with_room`; the process is replaced after some answers
         while (question := _received(questions)) is not None:
+            _send(answers, _BEGUN)
             folder, limit, work, arguments = pickle.loads(question)
             with contextlib.suppress(OSError):
                 os.chdir(folder)
