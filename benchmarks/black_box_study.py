@@ -31,7 +31,7 @@ from daest.diagnosis.black_box import diagnose_black_box
 from daest.diagnosis.options import DiagnoseOptions
 from daest.errors import DaestError
 from daest.estimation.records import part_of
-from daest.fmu.binary_form import BinaryForm
+from daest.fmu.binary_model import binary_model
 from daest.fmu.export import export_fmu
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
@@ -107,7 +107,7 @@ def box() -> FlatModel:
         for entry in full.infolist():
             if not entry.filename.startswith("extra/"):
                 bare.writestr(entry, full.read(entry))
-    return BinaryForm(folder / "servo.fmu").flat()
+    return binary_model(folder / "servo.fmu")
 
 
 def record(case: Case, kind: str, size: float, samples: int, seed: int) -> Experiment:

@@ -17,10 +17,10 @@ from fmu_archives import changed
 from daest.cli.main import run
 from daest.diagnosis.black_box import diagnose_black_box
 from daest.errors import EstimationError
-from daest.fmu.binary_form import BinaryForm
+from daest.fmu.binary_model import binary_model
 from daest.model.experiment import Experiment
 from daest.systems.local_linear import local_model
-from daest.systems.reduce import reduce_index
+from daest.systems.reduce import dynamics
 
 TIME = np.linspace(0.0, 2.0, 41)
 FORCE = 9.81 + 3.0 * np.sin(3.0 * TIME)
@@ -110,7 +110,7 @@ def test_effects_that_cannot_be_tried_from_outside(folder, capsys):
 
 
 def test_gaps_are_refused(tmp_path):
-    flat = BinaryForm(ball(tmp_path)).flat()
+    flat = binary_model(ball(tmp_path))
     whole = Experiment("run", TIME, FORCE[:, None], np.ones((41, 1)), ("u",), ("y",))
     gaps = replace(whole, outputs=np.where(TIME[:, None] > 1, np.nan, 1.0))
     with pytest.raises(EstimationError) as caught:
@@ -119,9 +119,9 @@ def test_gaps_are_refused(tmp_path):
 
 
 def test_derivatives_that_a_binary_does_not_have(tmp_path):
-    flat = BinaryForm(ball(tmp_path)).flat()
+    flat = binary_model(ball(tmp_path))
     with pytest.raises(EstimationError) as caught:
-        local_model(reduce_index(flat), tangents=True)
+        local_model(dynamics(flat), tangents=True)
     assert caught.value.code == "given-form-without-tangents"
 
 

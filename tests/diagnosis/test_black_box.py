@@ -16,7 +16,7 @@ from daest.diagnosis import black_box
 from daest.diagnosis.black_box import Scored
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
-from daest.fmu.binary_form import BinaryForm
+from daest.fmu.binary_model import binary_model
 from daest.model.diagnosis import Screened
 from daest.model.experiment import Experiment
 from daest.modelica.change import declare
@@ -52,7 +52,7 @@ def recording(name, seed, friction=0.0, rough=0.0, gust=0.0, offset=0.0):
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
-    flat = BinaryForm(ball(tmp_path_factory.mktemp("ball"))).flat()
+    flat = binary_model(ball(tmp_path_factory.mktemp("ball")))
     return declare(flat, estimate=["d"])
 
 

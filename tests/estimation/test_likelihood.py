@@ -15,7 +15,7 @@ from daest.estimation import likelihood, output_error
 from daest.estimation.coordinates import Coordinate, Unknowns, parameter_coordinate
 from daest.estimation.kalman import log_likelihood
 from daest.estimation.output_error import Problem
-from daest.estimation.predictor import NoiseLevels, _interpolation, dynamics
+from daest.estimation.predictor import NoiseLevels, _interpolation, recursion
 from daest.estimation.records import make_record
 from daest.model.estimates import InitialState
 from daest.model.experiment import Experiment
@@ -249,7 +249,7 @@ def test_noise_levels_enter_the_sampled_model():
     record = make_record(experiment, family)
     ss = state_space(family, theta_of(family, TRUE))
     levels = NoiseLevels(np.diag([2.0]), np.zeros((0, 1, 1)), np.diag(STD**2), np.zeros((0, 2, 2)), "white")
-    dyn = dynamics(ss, record, "foh", levels)
+    dyn = recursion(ss, record, "foh", levels)
     expected = sample(ss, record.period, "foh", np.array([2.0]), STD**2)
     assert np.array_equal(dyn.Q, expected.process_cov)
     assert np.array_equal(dyn.R, expected.measurement_cov)

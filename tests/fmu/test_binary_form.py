@@ -12,17 +12,22 @@ from daest.diagnosis.trial import Candidate
 from daest.errors import FmuError, ModelError
 from daest.estimation.filter import run_filter
 from daest.estimation.identify import identify
-from daest.fmu.binary_form import BinaryForm
+from daest.fmu.binary_model import BinaryDynamics, BinaryModel, binary_model
 from daest.fmu.export import export_fmu
 from daest.model.estimates import FilterOptions
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
-from daest.modelica.change import declare
+from daest.model.flat import ExplicitModel, FlatModel
+from daest.modelica.change import declare, with_noises
 from daest.modelica.compile import compile_model
 from daest.systems.affine_dynamics import has_affine_dynamics
+from daest.systems.initialize import initial_point
+from daest.systems.integrate import integrator
 from daest.systems.linearize import is_affine_model, linearize
-from daest.systems.reduce import reduce_index
-from daest.systems.simulate import simulate
+from daest.systems.local_linear import local_model
+from daest.systems.reduce import dynamics
+from daest.systems.simulate import simulate, values_along
+from daest.systems.state_space import family_along
 
 TIME = np.linspace(0.0, 2.0, 81)
 FORCE = 9.81 + 3.0 * np.sin(3.0 * TIME) + 2.0 * np.cos(7.0 * TIME)
@@ -30,7 +35,7 @@ FORCE = 9.81 + 3.0 * np.sin(3.0 * TIME) + 2.0 * np.cos(7.0 * TIME)
 
 @pytest.fixture(scope="module")
 def foreign(tmp_path_factory):
-    return BinaryForm(ball(tmp_path_factory.mktemp("ball"))).flat()
+    return binary_model(ball(tmp_path_factory.mktemp("ball")))
 
 
 def recording(noise=0.0, seed=1, d=0.25):
@@ -65,7 +70,7 @@ def test_start_values_and_parameters_reach_the_fmu(foreign):
 
 
 def test_state_event_and_time_event(tmp_path):
-    bounce = BinaryForm(ball(tmp_path, BOUNCE=1)).flat()
+    bounce = binary_model(ball(tmp_path, BOUNCE=1))
     grid = np.linspace(0.0, 1.0, 41)
     theta = np.array([0.0, 0.5, 10.0])
     found = simulate(bounce, (grid, np.zeros((41, 1))), theta=theta)
@@ -76,7 +81,7 @@ def test_state_event_and_time_event(tmp_path):
     seen = grid < first + 2 * speed / 10.0
     assert np.allclose(found["y"][seen], expected[seen], atol=1e-5)
     (tmp_path / "t").mkdir()
-    switch = BinaryForm(ball(tmp_path / "t", SWITCH=1)).flat()
+    switch = binary_model(ball(tmp_path / "t", SWITCH=1))
     grid = np.linspace(0.0, 2.0, 9)  # t = 1 is a sample; 1.1 would not be
     found = simulate(switch, (grid + 0.1, np.zeros((9, 1))), theta=np.array([0.0, 0.7, 2.0]))
     late = np.maximum(grid + 0.1 - 1.0, 0.0)
@@ -85,7 +90,7 @@ def test_state_event_and_time_event(tmp_path):
 
 
 def test_nominals_of_zero_count_as_one(tmp_path):
-    found = simulate(BinaryForm(ball(tmp_path, TRAP="ZERO_NOMINALS")).flat(), (TIME, FORCE[:, None]))
+    found = simulate(binary_model(ball(tmp_path, TRAP="ZERO_NOMINALS")), (TIME, FORCE[:, None]))
     assert np.allclose(found["y"], fall(TIME, FORCE)[0], atol=1e-5)
 
 
@@ -110,7 +115,7 @@ def test_filter_of_a_nonlinear_fmu(foreign, kind):
     model = declare(foreign, noises={"der(v)": 1e-4})
     data = recording(0.01, d=0.1)
     found = run_filter(
-        reduce_index(model),
+        dynamics(model),
         data,
         kind,
         FilterOptions(process_intensity=np.array([1e-4]), longest=np.inf, measurement_cov=np.array([1e-4])),
@@ -122,7 +127,7 @@ def test_filter_of_a_nonlinear_fmu(foreign, kind):
 
 
 def test_comparison_tells_the_wrong_model_from_the_right_one(foreign):
-    right = foreign.given.with_noises(foreign, {})
+    right = with_noises(foreign, {})
     data = [recording(0.005, d=0.1)]
     wrong = type(right)(**{**right.__dict__, "parameters": tuple(
         type(p)(**{**p.__dict__, "value": 0.6}) if p.name == "d" else p for p in right.parameters
@@ -140,7 +145,7 @@ def test_noise_has_its_places(foreign):
 
 
 def test_co_simulation_simulates_and_identifies_and_refuses_the_rest(tmp_path):
-    model = BinaryForm(ball(tmp_path, "CoSimulation")).flat()
+    model = binary_model(ball(tmp_path, "CoSimulation"))
     assert [v.name for v in model.unknowns] == ["h", "v", "y", "w"]
     found = simulate(model, (TIME, FORCE[:, None]))
     assert np.allclose(found["y"], fall(TIME, FORCE)[0], atol=3e-3)
@@ -161,7 +166,7 @@ def test_linear_model_through_its_binary_equals_its_equations(drive_fmu, tmp_pat
 
     source = models.geared_drive()
     path = changed(drive_fmu, tmp_path / "alone.fmu", drop=["extra/"])
-    alone = BinaryForm(path).flat()
+    alone = binary_model(path)
     assert is_affine_model(alone)
     grid = np.linspace(0.0, 2.0, 101)
     torque = np.sin(5.0 * grid)[:, None]
@@ -181,7 +186,7 @@ def test_exported_nonlinear_model_alone_equals_its_equations(tmp_path):
 
     source = models.tank()
     export_fmu(source, tmp_path / "full.fmu")
-    alone = BinaryForm(changed(tmp_path / "full.fmu", tmp_path / "alone.fmu", drop=["extra/"])).flat()
+    alone = binary_model(changed(tmp_path / "full.fmu", tmp_path / "alone.fmu", drop=["extra/"]))
     grid = np.linspace(0.0, 10.0, 101)
     flow = 0.3 + 0.2 * np.cos(grid)[:, None]
     expected, found = simulate(source, (grid, flow)), simulate(alone, (grid, flow))
@@ -194,13 +199,28 @@ def test_nonlinear_variable_that_no_state_reads_leaves_the_exact_way(tmp_path):
     path = Path(__file__).parents[1] / "systems" / "models" / "HeatedServo.mo"
     source = compile_model(path, "HeatedServo.Circuit")
     export_fmu(source, tmp_path / "full.fmu")
-    alone = BinaryForm(changed(tmp_path / "full.fmu", tmp_path / "alone.fmu", drop=["extra/"])).flat()
-    assert not is_affine_model(alone) and has_affine_dynamics(reduce_index(alone))
+    alone = binary_model(changed(tmp_path / "full.fmu", tmp_path / "alone.fmu", drop=["extra/"]))
+    assert not is_affine_model(alone) and has_affine_dynamics(dynamics(alone))
     seen = declare(alone, outputs=["hot.LossPower"])
-    assert not has_affine_dynamics(reduce_index(seen))
+    assert not has_affine_dynamics(dynamics(seen))
     grid = np.linspace(0.0, 2.0, 101)
     voltage = np.sin(5.0 * grid)[:, None]
     expected, found = simulate(source, (grid, voltage)), simulate(alone, (grid, voltage))
     assert found.method == expected.method and found.method.startswith("matrix exponential")
     for name in ("winding.w", "hot.LossPower"):
         assert np.allclose(found[name], expected[name], atol=1e-9 * np.abs(expected[name]).max())
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        linearize, is_affine_model, dynamics, with_noises, initial_point, integrator, values_along,
+        family_along, local_model, has_affine_dynamics,
+    ],
+)  # fmt: skip
+def test_both_kinds_of_models_answer(question):
+    """What `model/flat.py` names: each is answered by the classes themselves, not by what refuses."""
+    ours, refused = {FlatModel, ExplicitModel}, question.dispatch(object)
+    foreign = {BinaryModel, BinaryDynamics}
+    for kinds in (ours, foreign):
+        assert len({question.dispatch(kind) for kind in kinds} - {refused}) == 1

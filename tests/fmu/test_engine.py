@@ -10,12 +10,12 @@ from tank_fmu import levels, tank
 
 from daest.errors import FmuError
 from daest.fmu import binary_form
-from daest.fmu.binary_form import BinaryForm
+from daest.fmu.binary_model import binary_model
 from daest.fmu.engine import engine_library
 from daest.fmu.runner import Runner
 from daest.systems.integrate import Correction, integrate, integrator
 from daest.systems.integration import IntegrationError
-from daest.systems.reduce import reduce_index
+from daest.systems.reduce import dynamics
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="built for Linux")
 
@@ -25,9 +25,9 @@ STEP = 1e-5  # of the differences of exact trajectories
 
 
 def along_tank(path, k=0.5, h0=1.0, **options):
-    flat = BinaryForm(path).flat()
-    model = integrator(reduce_index(flat), ("k",))
-    return flat.given, integrate(model, TIME, INFLOW, np.array([k]), np.array([h0]), hold="zoh", **options)
+    flat = binary_model(path)
+    model = integrator(dynamics(flat), ("k",))
+    return flat.form, integrate(model, TIME, INFLOW, np.array([k]), np.array([h0]), hold="zoh", **options)
 
 
 def ball_with_slopes(force, d=0.1, g=9.81):
@@ -56,24 +56,24 @@ def test_sensitivities_are_those_of_the_solution(tmp_path, only_once):
 
 
 def test_fmu_that_hears_of_steps(tmp_path):
-    flat = BinaryForm(ball(tmp_path)).flat()
-    assert flat.given.model.reports_steps
+    flat = binary_model(ball(tmp_path))
+    assert flat.form.model.reports_steps
     force = 9.81 + 3.0 * np.sin(3.0 * TIME)[:, None]
     x0, theta = np.array([1.0, 0.0]), np.array([0.1, 0.7, 9.81])
-    model = integrator(reduce_index(flat), ("d",))
+    model = integrator(dynamics(flat), ("d",))
     found = integrate(model, TIME, force, theta, x0, hold="zoh", sensitivities=True)
     expected = ball_with_slopes(force[:, 0])
-    assert flat.given.method.startswith("Radau IIA")
+    assert flat.form.method.startswith("Radau IIA")
     np.testing.assert_allclose(found.outputs[:, 0], expected[:, 0], atol=1e-6)
     np.testing.assert_allclose(found.sensitivities[:, 0, 0], expected[:, 2], rtol=1e-5, atol=1e-6)
 
 
 def test_fmu_that_remembers_its_steps_is_simulated_one_by_one(tmp_path):
-    flat = BinaryForm(ball(tmp_path, REMEMBERS=1)).flat()
+    flat = binary_model(ball(tmp_path, REMEMBERS=1))
     x0, theta = np.array([1.0, 0.0]), np.array([0.1, 0.7, 9.81])
-    model = integrator(reduce_index(flat), ("d",))
+    model = integrator(dynamics(flat), ("d",))
     integrate(model, TIME, np.zeros((21, 1)), theta, x0, hold="zoh", sensitivities=True)
-    assert flat.given.method.startswith("CVODE")
+    assert flat.form.method.startswith("CVODE")
 
 
 def test_observer_and_missing_samples_as_by_cvode(tmp_path, monkeypatch):
@@ -131,10 +131,10 @@ def test_no_compiler_is_no_obstacle(monkeypatch):
 )
 def test_what_an_fmu_does_in_the_compiled_loop_ends_in_one_message(tmp_path, monkeypatch, trap, code):
     monkeypatch.setenv("DAEST_FMU_SECONDS", "2")
-    flat = BinaryForm(ball(tmp_path, TRAP=trap)).flat()
+    flat = binary_model(ball(tmp_path, TRAP=trap))
     with pytest.raises(FmuError) as caught:
         integrate(
-            integrator(reduce_index(flat)), TIME, np.zeros((21, 1)), np.array([0.1, 0.7, 9.81]),
+            integrator(dynamics(flat)), TIME, np.zeros((21, 1)), np.array([0.1, 0.7, 9.81]),
             np.array([1.0, 0.0]), hold="zoh",
         )  # fmt: skip
     assert caught.value.code == code

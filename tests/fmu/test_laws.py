@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from daest.errors import ModelError
 from daest.fmu import binary_form
-from daest.fmu.binary_form import BinaryForm
+from daest.fmu.binary_model import binary_model
 from daest.fmu.laws import STEPS, Law
 from daest.fmu.outside import input_law, program_of, sensor_fault
 from daest.modelica.effects import effect_library, find_effect
@@ -52,18 +52,18 @@ def along(name, size, reads):
 
 
 def followed(path, name, size, by_size):
-    flat, law = BinaryForm(path).flat(), of_name(name)
+    flat, law = binary_model(path), of_name(name)
     u = np.column_stack([FORCE, COLUMN])
     column = 1 if law.reads in ("recorded", "signal") else None
     reads = 1 if law.reads == "state" else None
     laws = (Law(program_of(law.function(LARGEST)), 0, reads, column, size),)
-    drive = flat.given.drive(TIME, u[:-1], u[1:], u[-1], (5,))
+    drive = flat.form.drive(TIME, u[:-1], u[1:], u[-1], (5,))
     drive = type(drive)(**{**drive.__dict__, "laws": laws})
-    found = flat.given.integrate_with_laws(
+    found = flat.form.integrate_with_laws(
         flat, ("d",), drive, np.array([0.1, 0.7, 9.81]), np.array([1.0, 0.0]), np.ones(2),
         np.array([STEP * size]) if by_size else None,
     )  # fmt: skip
-    return flat.given.method, found
+    return flat.form.method, found
 
 
 @pytest.mark.parametrize("name", FORMULAS)

@@ -11,7 +11,7 @@ from fmu_archives import changed, member
 
 from daest.errors import ConfigError, FmuError
 from daest.fmu import semi_explicit, serialization
-from daest.fmu.binary_form import BinaryForm
+from daest.fmu.binary_model import binary_model
 from daest.fmu.description import DAE_FOLDER, MANIFEST
 from daest.fmu.linearize import available_sources, cross_check_fmu, linearize_fmu, matrices_apart
 from daest.fmu.load import load_fmu
@@ -203,7 +203,7 @@ def test_directional_derivatives_are_taken_without_those_of_internal_variables(t
     assert any("internal variables" in note for note in dae.notes)
     assert np.array_equal(dae.J[:3], EXACT_A[:3])  # the FMU's own have no rounding
     assert np.allclose(dae.J[3], EXACT_A[3], atol=1e-8)
-    assert not BinaryForm(path).trusts_directional
+    assert not binary_model(path).form.trusts_directional
 
 
 def test_parameters_reach_the_fmu_of_another_tool(tmp_path):

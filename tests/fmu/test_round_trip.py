@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from fmu_archives import changed
 
-from daest.fmu.binary_form import BinaryForm
+from daest.fmu.binary_model import binary_model
 from daest.fmu.export import export_fmu
 from daest.modelica.compile import compile_model
 from daest.systems.linearize import is_affine_model, linearize
@@ -22,7 +22,7 @@ MODELS = sorted(path for folder in EXAMPLES.iterdir() for path in folder.glob("*
 def test_an_example_through_its_binary_alone(path, tmp_path):
     source = compile_model(path, None, ())
     export_fmu(source, tmp_path / "full.fmu")
-    alone = BinaryForm(changed(tmp_path / "full.fmu", tmp_path / "alone.fmu", drop=["extra/"])).flat()
+    alone = binary_model(changed(tmp_path / "full.fmu", tmp_path / "alone.fmu", drop=["extra/"]))
     assert is_affine_model(alone) == is_affine_model(source)
     expected, found = (np.sort_complex(np.linalg.eigvals(split(linearize(m)).A)) for m in (source, alone))
     assert np.allclose(found, expected, rtol=1e-9, atol=1e-9 * np.max(np.abs(expected), initial=0.0))

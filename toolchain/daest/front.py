@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import daest.report.printed  # noqa: F401  results print as the commands do
-from daest.cli.models import load_model, with_outputs
+from daest.cli.models import load_model
 from daest.data.check import check_experiment, check_table
 from daest.data.prepare import Preparation, split_all
 from daest.data.project import Project
@@ -37,12 +37,12 @@ from daest.model.effects import Effect
 from daest.model.estimates import FilterOptions, FilterResult
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
-from daest.model.flat import FlatModel
+from daest.model.flat import Model, with_equations
 from daest.model.linear import LinearDAE, StateSpaceFamily
 from daest.model.noise import NoiseReport
 from daest.model.quality import DataCheck
 from daest.model.simulation import Simulation
-from daest.modelica.change import with_values
+from daest.modelica.change import with_outputs, with_values
 from daest.modelica.effects import effect_library
 from daest.systems import linearize as linearizing
 from daest.systems import simulate as simulating
@@ -50,7 +50,7 @@ from daest.systems.noise import noise_report
 
 HALF = 0.5
 Hold: TypeAlias = Literal["zoh", "foh"]
-AnyModel: TypeAlias = str | Path | FlatModel
+AnyModel: TypeAlias = str | Path | Model
 AnyData: TypeAlias = Any  # a path, DataFrame, Dataset, mapping of arrays, Experiment, or a sequence of those
 
 
@@ -76,16 +76,18 @@ class Source:
     period: float | None = None
     detrend: Literal["none", "mean", "linear"] = "none"
 
-    def model(self, model: AnyModel) -> FlatModel:
+    def model(self, model: AnyModel) -> Model:
         """The model with `values`, from a file where it is a path. Raises ConfigError and ModelError."""
         if isinstance(model, str | Path):
             project = Project(Path(), outputs=self.outputs)
-            model = load_model(project, Path(model), self.class_name, [Path(p) for p in self.libraries])
-        return with_values(model, self.values) if self.values else model
+            loaded = load_model(project, Path(model), self.class_name, [Path(p) for p in self.libraries])
+        else:
+            loaded = model
+        return with_values(loaded, self.values) if self.values else loaded
 
     def recordings(
-        self, flat: FlatModel, data: AnyData, *, is_driven: bool = False
-    ) -> tuple[FlatModel, list[Experiment]]:
+        self, flat: Model, data: AnyData, *, is_driven: bool = False
+    ) -> tuple[Model, list[Experiment]]:
         """The model with its measured outputs alone, and the recordings; where the model `is_driven`, all of
         its outputs. Raises DataError."""
         sources = _each(data)
@@ -151,7 +153,7 @@ def simulate(
 
     `choices` are those of the engine: `theta`, `hold`, `noise`, `seed`, ... Raises DaestError.
     """
-    if not isinstance(model, str | Path | FlatModel) or isinstance(data, Experiment):
+    if not isinstance(model, str | Path | Model) or isinstance(data, Experiment):
         flat = model if not isinstance(model, str | Path) else (source or Source()).model(model)
         return simulating.simulate(flat, data, **choices)
     source = source or Source()
@@ -300,14 +302,15 @@ def improve(
     given[: len(rest)] = rest
     validation, options, most_effects, progress = given
     case = _case(source, model, data, validation, _chosen(options or DiagnoseOptions(), choices, "improve"))
-    return improving.improve(case.flat, library, *case.searched, most_effects, progress)
+    flat = with_equations(case.flat, "an extended model")
+    return improving.improve(flat, library, *case.searched, most_effects, progress)
 
 
 @dataclass(frozen=True)
 class _Case:
     """A model, and what the search for an effect takes: estimation and validation records, and options."""
 
-    flat: FlatModel
+    flat: Model
     searched: tuple[list[Experiment], list[Experiment], DiagnoseOptions]
 
 
@@ -338,7 +341,7 @@ def _is_library(values: Sequence[Any]) -> bool:
     return bool(values) and all(hasattr(value, "class_name") for value in values)
 
 
-def _candidate(flat: FlatModel, fit: FitResult | None, names: Sequence[str], hold: Hold | None) -> Candidate:
+def _candidate(flat: Model, fit: FitResult | None, names: Sequence[str], hold: Hold | None) -> Candidate:
     present = {output.name for output in flat.outputs}
     missing = [name for name in names if name not in present]
     if missing:
@@ -355,7 +358,7 @@ def _candidate(flat: FlatModel, fit: FitResult | None, names: Sequence[str], hol
     )
 
 
-def _same_outputs(source: Source, flat: FlatModel, data: AnyData) -> list[Experiment]:
+def _same_outputs(source: Source, flat: Model, data: AnyData) -> list[Experiment]:
     """Recordings with the outputs that the model has."""
     return source.recordings(flat, data)[1] if len(_each(data)) else []
 

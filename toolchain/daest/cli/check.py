@@ -25,7 +25,7 @@ from daest.errors import ConfigError, DaestError
 if TYPE_CHECKING:
     from daest.data.prepare import Preparation
     from daest.data.project import Project
-    from daest.model.flat import FlatModel
+    from daest.model.flat import Model
     from daest.model.quality import DataCheck, Finding, Role
 
 
@@ -63,7 +63,7 @@ def command(
     model = files.model
     is_given = model is not None or project.source is not None
     flat = model_options.load(project, model) if is_given else None
-    if flat is not None and flat.given is not None:
+    if flat is not None and not flat.has_equations:
         _tell_walls()
     window = data_options.preparation(project)
     checks = [checked(path, project, flat, window) for path in paths]
@@ -80,9 +80,7 @@ def _tell_walls() -> None:
     note(walls.sentence() + (f" ({VARIABLE} is off)" if is_off else ""))
 
 
-def checked(
-    path: Path, project: Project, flat: FlatModel | None, window: Preparation | None = None
-) -> DataCheck:
+def checked(path: Path, project: Project, flat: Model | None, window: Preparation | None = None) -> DataCheck:
     """The check of one file, or of its part in the `window`, against the model if there is one. Raises
     DataError where it cannot be read."""
     from daest.data.check import check_table
@@ -102,7 +100,7 @@ def checked(
     return replace(check, findings=findings)
 
 
-def _against(path: Path, project: Project, flat: FlatModel, window: Preparation) -> Sequence[Finding]:
+def _against(path: Path, project: Project, flat: Model, window: Preparation) -> Sequence[Finding]:
     """What the model says about a recording; what makes it unreadable is one of the findings."""
     from daest.cli.recordings import measured_recordings
     from daest.data.polarity import polarity_findings

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from daest.diagnosis.trial import Candidate
     from daest.model.comparison import Comparison
     from daest.model.experiment import Experiment
-    from daest.model.flat import FlatModel
+    from daest.model.flat import Model
     from daest.report.documents.compare import CompareDocument
 
 
@@ -194,13 +194,13 @@ def opened(
     return [_on(each, names, source) for each, source in zip(candidates, sources, strict=True)], experiments
 
 
-def _own(held: Mapping[str, float], flat: FlatModel) -> dict[str, float]:
+def _own(held: Mapping[str, float], flat: Model) -> dict[str, float]:
     """Those of the values whose parameters the model has."""
     known = {p.name for p in flat.parameters}
     return {name: value for name, value in held.items() if name in known}
 
 
-def _candidate(project: Project, source: Path, flat: FlatModel, options: DataOptions) -> Candidate:
+def _candidate(project: Project, source: Path, flat: Model, options: DataOptions) -> Candidate:
     from daest.cli.results import find_fit
     from daest.diagnosis.trial import Candidate
 
@@ -215,7 +215,7 @@ def _candidate(project: Project, source: Path, flat: FlatModel, options: DataOpt
 def _refitted(
     project: Project,
     source: Path,
-    flat: FlatModel,
+    flat: Model,
     options: DataOptions,
     seed: int,
     parameters: ParameterOptions | None,
@@ -234,7 +234,7 @@ def _refitted(
     return _with_fit(flat, fit.document, fit.result.hold, ())
 
 
-def _with_fit(flat: FlatModel, document: Mapping[str, Any], hold: Hold, notes: tuple[str, ...]) -> Candidate:
+def _with_fit(flat: Model, document: Mapping[str, Any], hold: Hold, notes: tuple[str, ...]) -> Candidate:
     import numpy as np
 
     from daest.cli.results import fitted
@@ -276,7 +276,7 @@ def parameter_covariance(document: Mapping[str, Any]) -> tuple[tuple[str, ...], 
 
 
 def _on(candidate: Candidate, names: Sequence[str], source: Path) -> Candidate:
-    from daest.cli.models import with_outputs
+    from daest.modelica.change import with_outputs
 
     missing = [name for name in names if name not in {output.name for output in candidate.flat.outputs}]
     if missing:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from daest.design.design import Task
     from daest.model.design import Criterion, Limits
     from daest.model.experiment import Experiment
-    from daest.model.flat import FlatModel
+    from daest.model.flat import Model
 
 RESULT = "design.json"
 STEPS_OF_PERIOD = 4  # digits of a period that is read off a recording
@@ -191,8 +191,8 @@ def _task(
 
 
 def _recordings(
-    flat: FlatModel, project: Project, data: Sequence[Path], options: DataOptions
-) -> tuple[FlatModel, list[Experiment]]:
+    flat: Model, project: Project, data: Sequence[Path], options: DataOptions
+) -> tuple[Model, list[Experiment]]:
     """The model with the outputs that are measured, and the recordings; without recordings all outputs count
     as measured."""
     from daest.cli.recordings import training_data
@@ -203,7 +203,7 @@ def _recordings(
     return flat, [*estimation, *validation]
 
 
-def _limits(flat: FlatModel, recordings: Sequence[Experiment], wish: Wish, hold: str) -> Limits:
+def _limits(flat: Model, recordings: Sequence[Experiment], wish: Wish, hold: str) -> Limits:
     """Limits of the command line, and of the recordings where it gives none. Raises ConfigError
     `design-limits-unknown` or `option-assignment`."""
     from daest.model.design import Limits, Range
@@ -250,7 +250,7 @@ def _period(recordings: Sequence[Experiment]) -> float | None:
     return float(f"{min(steps):.{STEPS_OF_PERIOD}g}") if steps else None
 
 
-def _require_known(names: Sequence[str], units: Mapping[str, str], flat: FlatModel) -> None:
+def _require_known(names: Sequence[str], units: Mapping[str, str], flat: Model) -> None:
     from daest.data.table import nearest
 
     known = [*units, *(v.name for v in flat.inputs)]
@@ -263,9 +263,7 @@ def _require_known(names: Sequence[str], units: Mapping[str, str], flat: FlatMod
             )
 
 
-def _recorded_inputs(
-    flat: FlatModel, recordings: Sequence[Experiment], limits: Limits
-) -> tuple[np.ndarray, ...]:
+def _recorded_inputs(flat: Model, recordings: Sequence[Experiment], limits: Limits) -> tuple[np.ndarray, ...]:
     from daest.design.design import at_period
 
     names = [v.name for v in flat.inputs]
@@ -274,8 +272,8 @@ def _recorded_inputs(
 
 def _aim(
     project: Project,
-    loaded: FlatModel,
-    flat: FlatModel,
+    loaded: Model,
+    flat: Model,
     limits: Limits,
     recorded: tuple[np.ndarray, ...],
     wish: Wish,

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from daest.design.rivals import DetectAim, RivalAim
     from daest.model.design import Criterion, Limits
     from daest.model.effects import Effect, Site
-    from daest.model.flat import FlatModel
+    from daest.model.flat import Model
 
 DIAGNOSIS = "diagnosis.json"
 OPEN = "not separable"  # verdict of a candidate that has rivals
@@ -28,7 +28,7 @@ SCREENED = 100  # candidates that a search is taken to have, where no diagnosis 
 
 
 def parameter_aim(
-    flat: FlatModel,
+    flat: Model,
     limits: Limits,
     recorded: Sequence[np.ndarray],
     names: Sequence[str],
@@ -70,7 +70,7 @@ def survivors(project: Project) -> list[Mapping[str, Any]]:
 
 def rivals_of(
     project: Project,
-    flat: FlatModel,
+    flat: Model,
     limits: Limits,
     recorded: Sequence[np.ndarray],
     folders: Sequence[Path],
@@ -85,11 +85,12 @@ def rivals_of(
     return rival_aim([r for r in found if r is not None], limits, recorded, 0.5 * GATES.same_bic, seed)
 
 
-def _rival(flat: FlatModel, entry: Mapping[str, Any], folders: Sequence[Path]) -> Rival | None:
+def _rival(flat: Model, entry: Mapping[str, Any], folders: Sequence[Path]) -> Rival | None:
     """The candidate as a model, with the values and the noise of its fit; None where it cannot be built."""
     from daest.cli.results import parameter_values
     from daest.design.effects import Rival, leaving, with_effect
     from daest.design.sensors import COMPONENT
+    from daest.model.flat import with_equations
 
     label = f"{entry['effect']} at {entry['at']}"
     if entry.get("inputs"):
@@ -98,7 +99,7 @@ def _rival(flat: FlatModel, entry: Mapping[str, Any], folders: Sequence[Path]) -
     try:
         effect, site = _placed(flat, entry.get("class") or entry["effect"], entry["at"], folders)
         values = parameter_values({"parameters": entry["parameters"]}) | dict(entry.get("settings", {}))
-        grown = with_effect(flat, effect, site, values, {})
+        grown = with_effect(with_equations(flat, "an effect"), effect, site, values, {})
     except ModelError as problem:
         note(f"{label} cannot be built: {problem.what}")
         return None
@@ -109,7 +110,7 @@ def _rival(flat: FlatModel, entry: Mapping[str, Any], folders: Sequence[Path]) -
 
 def effect_aim(
     project: Project,
-    flat: FlatModel,
+    flat: Model,
     limits: Limits,
     recorded: Sequence[np.ndarray],
     name: str,
@@ -120,12 +121,13 @@ def effect_aim(
     """The aim of seeing an effect. Raises ModelError `effect-unknown`, `effect-place`, `effect-fit`."""
     from daest.design.effects import detect_aim
     from daest.diagnosis.gates import GATES
+    from daest.model.flat import with_equations
 
     effect, site = _placed(flat, name, place, folders)
     path = project.results / DIAGNOSIS
     screen = read_document(path).get("screen", {}) if path.is_file() else {}
     return detect_aim(
-        flat,
+        with_equations(flat, "an effect"),
         effect,
         site,
         limits,
@@ -137,7 +139,7 @@ def effect_aim(
     )
 
 
-def _placed(flat: FlatModel, name: str, place: str | None, folders: Sequence[Path]) -> tuple[Effect, Site]:
+def _placed(flat: Model, name: str, place: str | None, folders: Sequence[Path]) -> tuple[Effect, Site]:
     """The effect of that name that fits at the place, or at the first place where one fits."""
     from daest.modelica.effects import find_effects
     from daest.modelica.sites import find_site, fits, sites

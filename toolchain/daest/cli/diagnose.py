@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from daest.model.diagnosis import Diagnosis
     from daest.model.effects import Effect
     from daest.model.experiment import Experiment
-    from daest.model.flat import FlatModel
+    from daest.model.flat import Model
 
 RESULT = "diagnosis.json"
 KEPT = "diagnosis"  # folder of the refits that are done
@@ -91,7 +91,7 @@ class Case:
     source: Path
     class_name: str | None
     folders: tuple[Path, ...]
-    flat: FlatModel
+    flat: Model
     estimation: list[Experiment]
     validation: list[Experiment]
     library: tuple[Effect, ...]
@@ -175,7 +175,7 @@ def opened(
     require_cluster(search.cluster)
     source = model_source(project, model)
     loaded = load_model(project, source, class_name, libraries)
-    if loaded.given is not None and is_extended:
+    if not loaded.has_equations and is_extended:
         raise FmuError(
             "fmu-no-equations",
             "an FMU without equations cannot be extended",
@@ -191,7 +191,7 @@ def opened(
         estimation, validation = split_all(estimation, halves)
     folders = (*libraries, *project.libraries)
     library = effect_library(folders)
-    if loaded.given is None:
+    if loaded.has_equations:
         clipped = _clipped(estimation)
         estimation, validation, hold, notes = _sufficient(flat, estimation, validation, project, data_choice)
         fit = _earlier_fit(project, source, loaded, estimation)
@@ -219,14 +219,14 @@ def opened(
     )
 
 
-def _straight(flat: FlatModel, hold: Hold | None) -> tuple[str, ...]:
+def _straight(flat: Model, hold: Hold | None) -> tuple[str, ...]:
     """A remark where the model leaves no choice of the hold."""
-    from daest.systems.reduce import reduce_index
+    from daest.systems.reduce import dynamics
     from daest.systems.sample import slope_note
 
     if hold is not None:
         return ()
-    derivatives = reduce_index(flat).input_derivatives
+    derivatives = dynamics(flat).input_derivatives
     remarks = slope_note([v.name for v in flat.inputs], [d.index for d in derivatives])
     for remark in remarks:
         note(remark)
@@ -234,7 +234,7 @@ def _straight(flat: FlatModel, hold: Hold | None) -> tuple[str, ...]:
 
 
 def _sufficient(
-    flat: FlatModel,
+    flat: Model,
     estimation: list[Experiment],
     validation: list[Experiment],
     project: Project,
@@ -279,7 +279,7 @@ def _clipped(experiments: Sequence[Experiment]) -> dict[str, float]:
     return found
 
 
-def _natural_frequencies(flat: FlatModel) -> list[float]:
+def _natural_frequencies(flat: Model) -> list[float]:
     """Of the modes of the model at its start [Hz]; none where it cannot be linearised there."""
     import numpy as np
 
@@ -295,7 +295,7 @@ def _natural_frequencies(flat: FlatModel) -> list[float]:
 
 
 def _options(
-    flat: FlatModel, folders: Sequence[Path], search: Search, hold: Hold | None, fit: KeptFit | None
+    flat: Model, folders: Sequence[Path], search: Search, hold: Hold | None, fit: KeptFit | None
 ) -> DiagnoseOptions:
     """Options of the search, and the values of an earlier fit."""
     from daest.cli.results import parameter_values
@@ -329,9 +329,7 @@ def _named_effects(search: Search, folders: Sequence[Path]) -> list[str]:
     return [own for name in search.effects for own in _names(name, find_effects(name, folders))]
 
 
-def _known(
-    flat: FlatModel, search: Search, folders: Sequence[Path]
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _known(flat: Model, search: Search, folders: Sequence[Path]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names of the effects and of the places as the search has them."""
     from daest.modelica.effects import find_effects
     from daest.modelica.sites import find_site
@@ -354,7 +352,7 @@ def _names(name: str, group: Sequence[Effect]) -> list[str]:
     return [name] if name == group[0].name else [effect.class_name for effect in group]
 
 
-def _place_for(flat: FlatModel, group: Sequence[Effect], place: str) -> str:
+def _place_for(flat: Model, group: Sequence[Effect], place: str) -> str:
     """The name of the place where one of the effects of a name fits."""
     from daest.modelica.sites import find_site, fits, sites
 
@@ -369,7 +367,7 @@ def _place_for(flat: FlatModel, group: Sequence[Effect], place: str) -> str:
     raise problems[0]
 
 
-def _require_a_place(flat: FlatModel, group: Sequence[Effect]) -> None:
+def _require_a_place(flat: Model, group: Sequence[Effect]) -> None:
     from daest.modelica.sites import fits, sites
 
     if any(fits(effect, site) for effect in group for site in sites(flat)):
@@ -383,7 +381,7 @@ def _require_a_place(flat: FlatModel, group: Sequence[Effect]) -> None:
 
 
 def _earlier_fit(
-    project: Project, source: Path, flat: FlatModel, estimation: Sequence[Experiment]
+    project: Project, source: Path, flat: Model, estimation: Sequence[Experiment]
 ) -> KeptFit | None:
     """A fit of this model to other recordings, whose values these data may contradict."""
     from daest.cli.results import find_fit
@@ -456,7 +454,7 @@ def models_of(case: Case, diagnosis: Diagnosis) -> dict[str, Written]:
     from daest.diagnosis.black_box import NO_TEXT
     from daest.diagnosis.written import Written, written_proof
 
-    if case.flat.given is not None:
+    if not case.flat.has_equations:
         return {proof.candidate.name: Written(None, NO_TEXT) for proof in diagnosis.proofs}
     return {
         proof.candidate.name: written_proof(case.source, case.class_name, proof, case.folders)

@@ -12,7 +12,7 @@ from daest.cli.output import emit
 
 if TYPE_CHECKING:
     from daest.model.effects import Effect, Site
-    from daest.model.flat import FlatModel
+    from daest.model.flat import Model
 
 
 @click.command("effects", epilog=example("daest effects", "daest effects CoulombFriction --model Servo.mo"))
@@ -54,7 +54,7 @@ def _chosen(name: str | None, folders: tuple[Path, ...]) -> list[Effect]:
     return list(effect_library(folders) if name is None else find_effects(name, folders))
 
 
-def _places(flat: FlatModel, chosen: list[Effect]) -> dict[str, list[Site]]:
+def _places(flat: Model, chosen: list[Effect]) -> dict[str, list[Site]]:
     from daest.modelica.sites import fits, sites
 
     known = sites(flat)

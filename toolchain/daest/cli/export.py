@@ -62,6 +62,7 @@ def command(
     from daest.cli.models import model_source
     from daest.errors import ConfigError
     from daest.fmu.export import export_fmu
+    from daest.model.flat import with_equations
     from daest.report.documents import export as documents
     from daest.report.texts import export as texts
 
@@ -70,7 +71,7 @@ def command(
     source = model_source(project, model)
     chosen = [name.strip() for name in platforms.split(",") if name.strip()] if platforms else None
     if estimator.wanted:
-        flat = model_options.load(project, source, settings)
+        flat = with_equations(model_options.load(project, source, settings), "an export")
         export_estimator(project, source, flat, estimator, chosen, form, output)
         return
     needs_estimator(estimator)
@@ -85,7 +86,7 @@ def command(
         raise ConfigError(
             "export-suffix", f"an FMU is not called '{target.name}'", remedy="give a name that ends in .fmu"
         )
-    flat = model_options.load(project, source, settings)
+    flat = with_equations(model_options.load(project, source, settings), "an export")
     result = export_fmu(flat, target, chosen)
     emit(documents.document(result), "export", form, None, texts.text)
 

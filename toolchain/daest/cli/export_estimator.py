@@ -16,7 +16,7 @@ from daest.errors import ConfigError
 if TYPE_CHECKING:
     from daest.data.project import Project
     from daest.fmu.estimator_code import EstimatorModel
-    from daest.model.flat import FlatModel
+    from daest.model.flat import Model
     from daest.model.fmu import EstimatorExport
 
 
@@ -87,7 +87,7 @@ def needs_estimator(options: EstimatorOptions) -> None:
 def export_estimator(
     project: Project,
     source: Path,
-    flat: FlatModel,
+    flat: Model,
     options: EstimatorOptions,
     platforms: list[str] | None,
     form: str,
@@ -115,7 +115,7 @@ def export_estimator(
     emit(documents.estimator_document(written), "export", form, None, texts.text)
 
 
-def _fitted(project: Project, source: Path, flat: FlatModel) -> tuple[FlatModel, dict[str, Any]]:
+def _fitted(project: Project, source: Path, flat: Model) -> tuple[Model, dict[str, Any]]:
     from daest.cli.results import find_fit, fitted
 
     fit = find_fit(project, source, flat)

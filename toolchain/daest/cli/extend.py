@@ -19,7 +19,7 @@ DIAGNOSIS = "diagnosis.json"  # among the results
 if TYPE_CHECKING:
     from daest.data.project import Project
     from daest.model.effects import Effect, Site
-    from daest.model.flat import FlatModel
+    from daest.model.flat import Model
 
 
 @click.command(
@@ -124,7 +124,7 @@ def command(
     emit(document, "extend", form, None, texts.text)
 
 
-def _placed(name: str, place: str, flat: FlatModel, folders: Sequence[Path]) -> tuple[Effect, Site]:
+def _placed(name: str, place: str, flat: Model, folders: Sequence[Path]) -> tuple[Effect, Site]:
     """The effect and its site; a name that several domains have is decided by the place."""
     from daest.modelica.effects import find_effects
     from daest.modelica.sites import find_site
@@ -138,7 +138,7 @@ def _placed(name: str, place: str, flat: FlatModel, folders: Sequence[Path]) -> 
     raise problems[0]
 
 
-def _diagnosed(project: Project, flat: FlatModel, effect: Effect, site: Site) -> dict[str, float]:
+def _diagnosed(project: Project, flat: Model, effect: Effect, site: Site) -> dict[str, float]:
     """The effect's parameters as the diagnosis of this model has found them there; none where it has not."""
     path = project.results / DIAGNOSIS
     if not path.is_file():
@@ -161,7 +161,7 @@ def _diagnosed(project: Project, flat: FlatModel, effect: Effect, site: Site) ->
 
 
 def _values(
-    settings: dict[str, float], effect: Effect, flat: FlatModel
+    settings: dict[str, float], effect: Effect, flat: Model
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Values of the effect's parameters, and those of the model's."""
     own = {p.name for p in effect.parameters}

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from daest.estimation.filter_cost import FilterCost, Way
     from daest.model.estimates import FilterOptions, FilterResult
     from daest.model.experiment import Experiment
-    from daest.model.flat import FlatModel
+    from daest.model.flat import Model
 
 ESTIMATES = "estimates.csv"
 LONG = 10.0  # seconds from which on progress is shown
@@ -163,7 +163,7 @@ def command(
         keep(project, "filter", "filter", described, origin, documents.series(result, experiment, names))
 
 
-def _estimated(flat: FlatModel, experiment: Experiment, kind: str, options: FilterOptions) -> FilterResult:
+def _estimated(flat: Model, experiment: Experiment, kind: str, options: FilterOptions) -> FilterResult:
     from daest.estimation.filter import run_filter
     from daest.estimation.filter_cost import LARGE, way_of_filter
     from daest.estimation.profile import silent
@@ -201,7 +201,7 @@ class _Prepared:
     """The fitted model with its measured outputs, the recording, the hold, and what is to be said of the
     fit."""
 
-    flat: FlatModel
+    flat: Model
     experiment: Experiment
     hold: Hold
     remarks: tuple[str, ...]

@@ -8,26 +8,25 @@ from pathlib import Path
 from typing import Any
 
 from daest.cli.kept import fingerprint
-from daest.model.flat import FlatModel
+from daest.model.flat import FlatModel, Model
 
 MOST_NAMED = 4  # parameters
 
 
-def model_fingerprint(flat: FlatModel, source: Path) -> dict[str, Any]:
+def model_fingerprint(flat: Model, source: Path) -> dict[str, Any]:
     """Values of all parameters before the fit, and digests of the equations and of every output.
 
     Comments, bounds, marks and noises do not count: a fit stays right when they change. Of an FMU without
     equations the file counts.
     """
+    values = {p.name: p.value for p in flat.parameters}
+    if not isinstance(flat, FlatModel):
+        return {"values": values, "equations": fingerprint(source), "outputs": {}}
     texts = [e.text for e in (*flat.equations, *flat.initial_equations)]
     texts += [f"{d.name} = {d.expression}" for d in flat.derived_parameters]
     expressions = [str(flat.output_expressions[i]) for i in range(len(flat.outputs))]
     digests = {y.name: _digest([text]) for y, text in zip(flat.outputs, expressions, strict=True)}
-    return {
-        "values": {p.name: p.value for p in flat.parameters},
-        "equations": _digest(texts) if flat.given is None else fingerprint(source),
-        "outputs": digests if flat.given is None else {},
-    }
+    return {"values": values, "equations": _digest(texts), "outputs": digests}
 
 
 def differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:

@@ -31,7 +31,7 @@ from daest.errors import ConfigError, DaestError, DataError, Place
 if TYPE_CHECKING:
     from daest.data.project import Project
     from daest.diagnosis.fleet import FleetOptions, Recorded
-    from daest.model.flat import FlatModel
+    from daest.model.flat import Model
     from daest.model.fleet import Machine
 
 KEPT = "fleet.jsonl"  # in the folder of the results
@@ -94,7 +94,7 @@ def command(
         find_effects(name, folders)
     options = FleetOptions(
         hold=data_options.known_hold(project),
-        diagnoses=not no_diagnose and flat.given is None,
+        diagnoses=not no_diagnose and flat.has_equations,
         effects=effects,
         seed=seed,
         jobs=jobs or os.cpu_count() or 1,
@@ -151,7 +151,7 @@ class Task:
     """What is done with every file."""
 
     project: Project
-    flat: FlatModel
+    flat: Model
     data_options: DataOptions
     options: FleetOptions
 
@@ -208,10 +208,10 @@ def _key(path: Path, digest: str) -> str:
 
 def _recorded(task: Task, files: Iterable[tuple[str, Path]]) -> Iterator[Recorded]:
     """The recordings as they are read, one after the other."""
-    from daest.cli.models import with_outputs
     from daest.cli.recordings import signals
     from daest.data.read import measured_names, read_experiments, select_outputs
     from daest.diagnosis.fleet import Recorded
+    from daest.modelica.change import with_outputs
 
     project = task.project
     words: dict[str, Any] = {"time": project.time, "units": project.units, "others": True}

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from daest.data.stream import LineFormat
     from daest.estimation.online import Memory, OnlineFilter
     from daest.model.experiment import Experiment
-    from daest.model.flat import FlatModel
+    from daest.model.flat import Model
     from daest.model.stream import Estimate, Sample
 
 TOLD = 10  # bad lines that are told one by one; the rest is counted
@@ -112,7 +112,7 @@ class Stream:
     """A stream that has begun: the fitted model with the outputs of the stream, its filter and its format.
     `first` are the lines that were read to know them."""
 
-    flat: FlatModel
+    flat: Model
     online: OnlineFilter
     format: LineFormat
     first: tuple[tuple[int, str], ...]
@@ -238,11 +238,12 @@ def open_stream(
 
     Raises ConfigError `stream-option`, DataError of the header, `stream-empty`, and what `online_filter`
     raises."""
-    from daest.cli.models import with_outputs, with_settings
+    from daest.cli.models import with_settings
     from daest.cli.recordings import signals
     from daest.data.stream import line_format
     from daest.estimation.online_filter import online_filter
     from daest.model.estimates import FilterOptions
+    from daest.modelica.change import with_outputs
 
     _refuse(data_options, kind)
     flat, hold = fitted_model(project, model, model_options, data_options)
@@ -284,7 +285,7 @@ def open_stream(
 
 def fitted_model(
     project: Project, model: Path | None, model_options: ModelOptions, data_options: DataOptions
-) -> tuple[FlatModel, Any]:
+) -> tuple[Model, Any]:
     """The model with its fit, if there is one, and the hold of its inputs."""
     from daest.cli.models import model_source
     from daest.cli.results import find_fit, fitted

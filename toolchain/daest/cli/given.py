@@ -16,7 +16,7 @@ from daest.model.prior import Prior
 
 if TYPE_CHECKING:
     from daest.model.fit import IdentifyOptions
-    from daest.model.flat import FlatModel
+    from daest.model.flat import Model
 
 MODEL_SUFFIXES = (".mo", ".bmo", ".fmu")
 # The kinds of recordings that `daest.data.read` knows; a test holds the two lists against each other.
@@ -142,7 +142,7 @@ class ParameterOptions:
             prior=dict(self.prior or {}),
         )
 
-    def applied(self, flat: FlatModel) -> FlatModel:
+    def applied(self, flat: Model) -> Model:
         """The model with these values, and with these parameters alone to be estimated. Raises ModelError
         for a name that is no tunable parameter, and EstimationError `prior-unused`."""
         from daest.modelica.change import with_choice, with_values

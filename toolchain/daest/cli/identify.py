@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from daest.data.project import Project
     from daest.model.experiment import Experiment
     from daest.model.fit import FitResult, IdentifyOptions
-    from daest.model.flat import FlatModel
+    from daest.model.flat import Model
     from daest.report.documents.fit import FitDocument
 
 
@@ -46,8 +46,8 @@ class Identified:
 
     result: FitResult
     document: FitDocument
-    flat: FlatModel
-    loaded: FlatModel
+    flat: Model
+    loaded: Model
     source: Path
     recordings: list[Path]
     estimation: list[Experiment]
@@ -177,7 +177,7 @@ def identified(
     options: IdentifyOptions | None = None,
     class_name: str | None = None,
     libraries: Sequence[Path] = (),
-    flat: FlatModel | None = None,
+    flat: Model | None = None,
     *,
     bootstrap: int = 0,
     others: bool = True,

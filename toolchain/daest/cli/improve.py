@@ -119,11 +119,19 @@ def improved(case: Case, folder: Path, most_effects: int) -> tuple[dict[str, Any
     from daest.cli.diagnose import context
     from daest.diagnosis.improve import improve
     from daest.diagnosis.written import LOAD_FILE, offered_load, with_names, written_steps
+    from daest.model.flat import with_equations
     from daest.report.documents.diagnose import improvement_document
 
+    flat = with_equations(case.flat, "an extended model")
     with progress() as show:
         found = improve(
-            case.flat, case.library, case.estimation, case.validation, case.options, most_effects, show
+            flat,
+            case.library,
+            case.estimation,
+            case.validation,
+            case.options,
+            most_effects,
+            show,
         )
         show("writing the models")
         with passing_folder("daest-") as passing:

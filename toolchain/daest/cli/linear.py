@@ -14,7 +14,7 @@ from daest.cli.results import parameter_values, read_document
 from daest.data.project import Project
 from daest.data.table import nearest
 from daest.errors import ConfigError, Place
-from daest.model.flat import FlatModel
+from daest.model.flat import FlatModel, with_equations
 from daest.model.linear import LinearDAE
 
 
@@ -69,7 +69,7 @@ def load_linear(
     values = {**values, **settings}
     if source.suffix == ".fmu":
         return _of_fmu(source, values, point, route)
-    flat = options.load(project, source, values)
+    flat = with_equations(options.load(project, source, values), "the linear DAE")
     from daest.systems.linearize import linearize
 
     return Linear(linearize(flat, at=point), flat, point, {})

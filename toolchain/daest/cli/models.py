@@ -12,7 +12,7 @@ from daest.data.project import NoiseSetting, ParameterSetting, Project
 from daest.data.table import nearest
 from daest.errors import ConfigError, DaestError, ModelError, Place
 from daest.files import FOLDER, why_no_file
-from daest.model.flat import FlatModel
+from daest.model.flat import Model
 from daest.model.parts import Parameter
 
 _MODELICA = (".mo", ".bmo")
@@ -53,10 +53,10 @@ def load_model(
     class_name: str | None = None,
     libraries: Sequence[Path] = (),
     settings: Mapping[str, float] | None = None,
-) -> FlatModel:
-    """The equations of the model with daest.toml and then `settings` (parameter values) applied.
+) -> Model:
+    """The model with daest.toml and then `settings` (parameter values) applied.
 
-    An FMU must carry its symbolic model. For a model that is not the one of daest.toml, its [parameters] and
+    For a model that is not the one of daest.toml, its [parameters] and
     [noise] apply where the names exist.
     """
     source = model_source(project, given)
@@ -67,7 +67,7 @@ def load_model(
     return with_settings(flat, settings or {})
 
 
-def with_settings(flat: FlatModel, settings: Mapping[str, float]) -> FlatModel:
+def with_settings(flat: Model, settings: Mapping[str, float]) -> Model:
     """The model with the values of --set. Raises ModelError for a name that is no tunable parameter."""
     from daest.modelica.change import with_values
 
@@ -83,16 +83,17 @@ def _is_own(project: Project, source: Path) -> bool:
     return project.source is not None and source.resolve() == project.source.resolve()
 
 
-def _warn_of_units(flat: FlatModel) -> None:
+def _warn_of_units(flat: Model) -> None:
     from daest.cli.output import warn
+    from daest.model.flat import FlatModel
     from daest.modelica.connected_units import contradictions, sentence
 
-    found = contradictions(flat)
+    found = contradictions(flat) if isinstance(flat, FlatModel) else ()
     if found:
         warn("unit-contradiction", sentence(found))
 
 
-def configured(flat: FlatModel, project: Project, *, strict: bool) -> FlatModel:
+def configured(flat: Model, project: Project, *, strict: bool) -> Model:
     """The model with [data] outputs, [parameters] and [noise] of daest.toml.
 
     If `strict`, all unknown names are reported in one ConfigError; otherwise they are ignored.
@@ -106,17 +107,7 @@ def configured(flat: FlatModel, project: Project, *, strict: bool) -> FlatModel:
     return flat
 
 
-def with_outputs(flat: FlatModel, names: Sequence[str]) -> FlatModel:
-    """The model with the outputs `names` alone, in that order."""
-    index = [[output.name for output in flat.outputs].index(name) for name in names]
-    return replace(
-        flat,
-        outputs=tuple(flat.outputs[i] for i in index),
-        output_expressions=flat.output_expressions[index] if index else flat.output_expressions[:0],
-    )
-
-
-def _load(source: Path, class_name: str | None, libraries: Sequence[Path]) -> FlatModel:
+def _load(source: Path, class_name: str | None, libraries: Sequence[Path]) -> Model:
     if source.suffix in _MODELICA:
         from daest.modelica.compile import compile_model
 
@@ -126,18 +117,18 @@ def _load(source: Path, class_name: str | None, libraries: Sequence[Path]) -> Fl
     flat = symbolic_model(source)
     if flat is None:
         from daest.cli.output import note
-        from daest.fmu.binary_form import BinaryForm
+        from daest.fmu.binary_model import binary_model
         from daest.fmu.runner import listeners
 
         listeners.tell = note
-        form = BinaryForm(source)
-        for remark in form.model.notes:
+        model = binary_model(source)
+        for remark in model.form.model.notes:
             note(remark)
-        return form.flat()
+        return model
     return flat
 
 
-def _with_declared(flat: FlatModel, project: Project, problems: list[DaestError]) -> FlatModel:
+def _with_declared(flat: Model, project: Project, problems: list[DaestError]) -> Model:
     """[data] outputs, which then are the only ones, and [noise], with the problems of the names added to
     `problems`."""
     from daest.modelica.change import declare
@@ -174,8 +165,8 @@ def _estimated(name: str, setting: NoiseSetting) -> list[dict[str, Any]]:
 
 
 def _with_parameters(
-    flat: FlatModel, settings: Mapping[str, ParameterSetting], file: str, problems: list[DaestError]
-) -> FlatModel:
+    flat: Model, settings: Mapping[str, ParameterSetting], file: str, problems: list[DaestError]
+) -> Model:
     names = [parameter.name for parameter in flat.parameters]
     for name in settings:
         if name not in names:

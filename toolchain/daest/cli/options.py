@@ -19,7 +19,7 @@ from daest.model.prior import Prior
 if TYPE_CHECKING:
     from daest.data.prepare import Preparation
     from daest.data.project import Hold, Project
-    from daest.model.flat import FlatModel
+    from daest.model.flat import Model
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -79,7 +79,7 @@ class ModelOptions:
 
     def load(
         self, project: Project, given: Path | None, settings: Mapping[str, float] | None = None
-    ) -> FlatModel:
+    ) -> Model:
         """The model of the command line, else that of the project. See `load_model`."""
         from daest.cli.models import load_model
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from daest.cli.models import with_outputs
 from daest.cli.options import DataOptions
 from daest.cli.output import note, warn
 from daest.data.check import check_experiment
@@ -16,12 +15,13 @@ from daest.data.project import Project
 from daest.data.read import Signal, measured_names, read_experiments, select_outputs
 from daest.errors import ConfigError
 from daest.model.experiment import Experiment
-from daest.model.flat import FlatModel
+from daest.model.flat import Model
+from daest.modelica.change import with_outputs
 
 
 def training_data(
-    flat: FlatModel, project: Project, paths: Sequence[Path], options: DataOptions, *, others: bool = True
-) -> tuple[FlatModel, list[Experiment], list[Experiment]]:
+    flat: Model, project: Project, paths: Sequence[Path], options: DataOptions, *, others: bool = True
+) -> tuple[Model, list[Experiment], list[Experiment]]:
     """The model with its measured outputs alone, the recordings for estimation and those for validation; not
     `others`: without the columns that are no signal of the model.
 
@@ -39,13 +39,13 @@ def training_data(
 
 
 def unseen_data(
-    flat: FlatModel,
+    flat: Model,
     project: Project,
     paths: Sequence[Path],
     options: DataOptions,
     *,
     splits_windows: bool = True,
-) -> tuple[FlatModel, list[Experiment]]:
+) -> tuple[Model, list[Experiment]]:
     """The model with its measured outputs alone, and the recordings that it is tried on: `paths`, else
     [data] validate, else the later part of the split, else [data] estimate. Not `splits_windows`: what
     --from and --to cut out is taken as a whole."""
@@ -63,7 +63,7 @@ def unseen_data(
 
 
 def driving_data(
-    flat: FlatModel, project: Project, paths: Sequence[Path], options: DataOptions
+    flat: Model, project: Project, paths: Sequence[Path], options: DataOptions
 ) -> list[Experiment]:
     """Recordings that drive a simulation: outputs may be missing."""
     preparation = replace(options.preparation(project), split=None)
@@ -84,7 +84,7 @@ def _require(paths: Sequence[Path]) -> None:
 
 
 def _read(
-    flat: FlatModel, project: Project, paths: Sequence[Path], preparation: Preparation, others: bool = True
+    flat: Model, project: Project, paths: Sequence[Path], preparation: Preparation, others: bool = True
 ) -> list[Experiment]:
     """The recordings, looked at as they are, then prepared; remarks and warnings go to stderr."""
     raw = replace(preparation, period=None, detrend="none")
@@ -101,8 +101,8 @@ def _read(
 
 
 def measured_recordings(
-    flat: FlatModel, project: Project, paths: Sequence[Path], window: Preparation
-) -> tuple[FlatModel, list[Experiment]]:
+    flat: Model, project: Project, paths: Sequence[Path], window: Preparation
+) -> tuple[Model, list[Experiment]]:
     """The recordings as they are in the `window`, and the model with its measured outputs alone. Says
     nothing."""
     only = Preparation(start=window.start, stop=window.stop)
@@ -116,14 +116,14 @@ def _words(project: Project) -> dict[str, Any]:
     return {"time": project.time, "units": project.units}
 
 
-def signals(flat: FlatModel, project: Project) -> tuple[list[Signal], list[Signal]]:
+def signals(flat: Model, project: Project) -> tuple[list[Signal], list[Signal]]:
     """The inputs and the outputs that are looked for in data."""
     inputs = [Signal(v.name, v.unit, project.inputs.get(v.name)) for v in flat.inputs]
     outputs = [Signal(y.name, y.unit, project.outputs.get(y.name)) for y in flat.outputs]
     return inputs, outputs
 
 
-def _measured(flat: FlatModel, experiments: list[Experiment]) -> tuple[FlatModel, list[Experiment]]:
+def _measured(flat: Model, experiments: list[Experiment]) -> tuple[Model, list[Experiment]]:
     names = measured_names(experiments)
     unseen = [output.name for output in flat.outputs if output.name not in names]
     if unseen:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from daest.data.project import Project
-    from daest.model.flat import FlatModel
+    from daest.model.flat import Model
     from daest.report.documents.project import ReportDocument
     from daest.report.page.material import Traced
     from daest.report.page.sections import Section
@@ -127,7 +127,7 @@ def _documents(project: Project) -> dict[str, dict[str, Any]]:
     return {part: read_document(path) for part, path in paths.items() if path.is_file()}
 
 
-def _model(project: Project, options: ModelOptions) -> tuple[FlatModel | None, tuple[str, ...]]:
+def _model(project: Project, options: ModelOptions) -> tuple[Model | None, tuple[str, ...]]:
     """The model with the values of its fit, or why there is none."""
     from daest.cli.results import find_fit, fitted
 

@@ -14,7 +14,7 @@ from daest.cli.output import LATEST, Document, to_json, whole_file, with_schema
 from daest.data.project import Project
 from daest.errors import ConfigError, Place
 from daest.files import why_no_file
-from daest.model.flat import FlatModel
+from daest.model.flat import Model
 
 KEPT_ELSEWHERE = "work in a copy of the project, in a folder that can be written"
 BY_MODEL = "fits"  # one fit per model, so that compare finds each one's
@@ -30,7 +30,7 @@ class KeptFit:
 
 
 def save_fit(
-    project: Project, source: Path, flat: FlatModel, document: Mapping[str, Any], origin: Mapping[str, Any]
+    project: Project, source: Path, flat: Model, document: Mapping[str, Any], origin: Mapping[str, Any]
 ) -> Path:
     """Write the fit as results/fit.json and as the fit of this model; returns the first. `flat` is the model
     before the fit, and `origin` says what the fit was made from."""
@@ -42,7 +42,7 @@ def save_fit(
     return project.results / LATEST
 
 
-def find_fit(project: Project, source: Path, flat: FlatModel) -> KeptFit | None:
+def find_fit(project: Project, source: Path, flat: Model) -> KeptFit | None:
     """The fit of this very model, beside daest.toml or beside the model; None if there is none. `flat` is the
     model before the fit.
 
@@ -63,7 +63,7 @@ def _fit_files(results: Path, name: str) -> tuple[Path, Path]:
     return results / LATEST, results / BY_MODEL / f"{name}.json"
 
 
-def _remarks(document: Document, source: Path, flat: FlatModel, files: Sequence[Path]) -> tuple[str, ...]:
+def _remarks(document: Document, source: Path, flat: Model, files: Sequence[Path]) -> tuple[str, ...]:
     """What has changed since the fit in the first of `files`, with the remedy; none where nothing has."""
     changes = differences(document["model"].get("fingerprint", {}), model_fingerprint(flat, source))
     if not changes:
@@ -97,7 +97,7 @@ def read_document(path: Path) -> Document:
     )
 
 
-def fitted(flat: FlatModel, document: Mapping[str, Any]) -> FlatModel:
+def fitted(flat: Model, document: Mapping[str, Any]) -> Model:
     """The model with all parameters of a fit, held ones too, and its noises, where the names exist.
 
     An output-error fit has no process noise, and then the model has none.

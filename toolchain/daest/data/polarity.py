@@ -9,7 +9,7 @@ import numpy as np
 
 from daest.errors import DaestError
 from daest.model.experiment import Experiment
-from daest.model.flat import FlatModel
+from daest.model.flat import Model
 from daest.model.quality import Finding
 
 # Every unknown parameter is moved by this factor, up and down, because beyond a resonance that stands
@@ -20,7 +20,7 @@ MOST_PARAMETERS = 8
 LONGEST = 20_000  # samples of the recording that are simulated
 
 
-def polarity_findings(flat: FlatModel, experiment: Experiment) -> list[Finding]:
+def polarity_findings(flat: Model, experiment: Experiment) -> list[Finding]:
     """One finding per output that moves against the model; on the only input if all outputs do.
 
     Nothing is said where the model cannot be simulated, or where the sign depends on the parameters.
@@ -54,7 +54,7 @@ def _shortened(experiment: Experiment) -> Experiment:
     )
 
 
-def _variants(flat: FlatModel) -> Iterator[np.ndarray]:
+def _variants(flat: Model) -> Iterator[np.ndarray]:
     """The parameter values of the model, then with each unknown one larger and smaller."""
     theta = flat.theta_values
     yield theta
@@ -66,7 +66,7 @@ def _variants(flat: FlatModel) -> Iterator[np.ndarray]:
             yield changed
 
 
-def _correlations(flat: FlatModel, experiment: Experiment, theta: np.ndarray) -> list[float]:
+def _correlations(flat: Model, experiment: Experiment, theta: np.ndarray) -> list[float]:
     """Correlation of every measured output with the simulated one, NaN where one of them stands still."""
     from daest.systems.simulate import simulate
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from daest.data.match import Match
-from daest.model.flat import FlatModel
+from daest.model.flat import Model
 from daest.model.parts import Parameter
 
 _HEAD = """\
@@ -20,7 +20,7 @@ class Draft:
     """What a new daest.toml is written from. `source` and `data` are paths relative to the file; `columns`
     are all columns of the recording."""
 
-    flat: FlatModel
+    flat: Model
     source: str
     class_name: str | None
     libraries: tuple[str, ...]
@@ -80,7 +80,7 @@ def _mapping(kind: str, matches: Sequence[Match]) -> Iterator[str]:
             yield f"{_key(match.signal.name)} = {_text(match.column)}{f'  # {remark}' if remark else ''}"
 
 
-def _parameters(flat: FlatModel) -> Iterator[str]:
+def _parameters(flat: Model) -> Iterator[str]:
     yield "\n[parameters]  # value; or estimate = true with start, min, max, scale (linear, log, auto)"
     for parameter in flat.parameters:
         marked = "" if parameter.estimate else "# "
@@ -100,7 +100,7 @@ def _setting(parameter: Parameter) -> str:
     return f"{{ {', '.join(parts)} }}"
 
 
-def _noise(flat: FlatModel) -> Iterator[str]:
+def _noise(flat: Model) -> Iterator[str]:
     yield "\n[noise.process]  # white noise: intensity = two-sided density, unit^2 s"
     for noise in flat.noises:
         if noise.intensity is None:

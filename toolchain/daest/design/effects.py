@@ -15,7 +15,7 @@ from daest.design.sensors import COMPONENT
 from daest.errors import EstimationError
 from daest.model.design import Limits
 from daest.model.effects import Effect, Placement, Site
-from daest.model.flat import FlatModel
+from daest.model.flat import FlatModel, Model
 from daest.modelica.attach import attach_all
 
 DRAWS = 4  # likely parameters of each rival beside the fitted ones, for the expectation
@@ -26,7 +26,7 @@ class Rival:
     """A model that the data do not refuse: `flat` with the values of its fit and the noise that it leaves."""
 
     label: str
-    flat: FlatModel
+    flat: Model
     names: tuple[str, ...]  # of the parameters that were estimated
 
 
@@ -43,7 +43,7 @@ def with_effect(
     return attach_all(flat, [Placement(effect, site, name, values, inputs)], allow_repeated=True)
 
 
-def leaving(flat: FlatModel, rms: Mapping[str, float | None]) -> FlatModel:
+def leaving(flat: Model, rms: Mapping[str, float | None]) -> Model:
     """The model without process noise, whose outputs have the noise that a simulation left: what counts where
     models are told apart by what they simulate."""
     outputs = tuple(replace(y, noise_std=rms.get(y.name) or y.noise_std) for y in flat.outputs)
@@ -74,14 +74,14 @@ def rival_aim(
     return RivalAim(tuple(r.label for r in rivals), driven, truths, margin), subjects
 
 
-def _alike(flats: Sequence[FlatModel]) -> list[FlatModel]:
+def _alike(flats: Sequence[Model]) -> list[Model]:
     """The models with the smallest noise that one of them leaves, by output."""
     every = np.array([[y.noise_std or np.nan for y in flat.outputs] for flat in flats])
     least = np.nanmin(every, axis=0) if np.any(np.isfinite(every)) else every[0]
     return [_with_stds(flat, least) for flat in flats]
 
 
-def _with_stds(flat: FlatModel, stds: np.ndarray) -> FlatModel:
+def _with_stds(flat: Model, stds: np.ndarray) -> Model:
     pairs = zip(flat.outputs, stds.tolist(), strict=True)
     return replace(flat, outputs=tuple(replace(y, noise_std=std) for y, std in pairs))
 

@@ -15,7 +15,7 @@ from daest.design.explainer import Explained, Point
 from daest.estimation.coordinates import Coordinate, Unknowns
 from daest.estimation.likelihood import matrix_slopes, noise_levels
 from daest.estimation.output_error import Problem
-from daest.estimation.predictor import Dynamics, dynamics, innovation_slopes, innovations, kalman_gains
+from daest.estimation.predictor import Recursion, innovation_slopes, innovations, kalman_gains, recursion
 from daest.estimation.records import Record
 from daest.model.design import Hold
 from daest.model.flat import ExplicitModel
@@ -154,7 +154,7 @@ class LinearExplainer:
             **{name: getattr(ss, name)[rows] for name in OUTPUT_FIELDS},
         )
 
-    def _sampled(self, z: np.ndarray) -> tuple[Dynamics, tuple[Gains, Gains | None] | None]:
+    def _sampled(self, z: np.ndarray) -> tuple[Recursion, tuple[Gains, Gains | None] | None]:
         """The recursion at z, and the Kalman gains where the process has noise and a filter settles."""
         key = z.tobytes()
         if key not in self._kept:
@@ -163,7 +163,7 @@ class LinearExplainer:
             self._kept[key] = self._made(z)
         return self._kept[key]
 
-    def _made(self, z: np.ndarray) -> tuple[Dynamics, tuple[Gains, Gains | None] | None]:
+    def _made(self, z: np.ndarray) -> tuple[Recursion, tuple[Gains, Gains | None] | None]:
         theta, intensity, std = self.unknowns.values(z)
         rows, every = self.chosen, matrix_slopes(self.problem, theta)
         chosen = {name: m[:, rows] if name in OUTPUT_FIELDS else m for name, m in every.items()}
@@ -174,7 +174,7 @@ class LinearExplainer:
             measurement_slope=levels.measurement_slope[:, rows][:, :, rows],
         )
         record = self._record(np.zeros((3, len(self.family.inputs))), np.zeros((3, len(rows))))
-        dyn = dynamics(self._space(z), record, self.hold, levels, chosen)
+        dyn = recursion(self._space(z), record, self.hold, levels, chosen)
         return dyn, kalman_gains(dyn, record) if self.has_noise else None
 
     def _stacked(self, inputs: np.ndarray) -> np.ndarray:
@@ -204,11 +204,13 @@ def _correlated(weights: np.ndarray, pulse: np.ndarray) -> np.ndarray:
     return turned[n - 1 - PULSE : 2 * n - 1 - PULSE]
 
 
-def _covariance(dyn: Dynamics, gains: tuple[Gains, Gains | None] | None) -> np.ndarray:
+def _covariance(dyn: Recursion, gains: tuple[Gains, Gains | None] | None) -> np.ndarray:
     return dyn.R if gains is None else gains[0].S
 
 
-def _noise_information(dyn: Dynamics, gains: tuple[Gains, Gains | None] | None, n_samples: int) -> np.ndarray:
+def _noise_information(
+    dyn: Recursion, gains: tuple[Gains, Gains | None] | None, n_samples: int
+) -> np.ndarray:
     """Information (p, p) of n samples without input, over the values of the unknowns.
 
     The innovations e drive the predicted state, x̂[k+1] = Φ x̂ + K e, and its slopes,

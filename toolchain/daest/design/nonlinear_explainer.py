@@ -15,6 +15,7 @@ from daest.model.design import Hold
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import Correction, Integrator, Trajectory, integrate, interval_inputs
 from daest.systems.integration import IntegrationError
+from daest.systems.simulate import values_along
 
 RTOL = 1e-5  # of the integration: far below the noise of a measurement
 
@@ -65,16 +66,8 @@ class NonlinearExplainer:
         if found is None:
             return np.full((inputs.shape[0], n_v), np.nan)
         theta, _, _ = self.unknowns.values(at.z)
-        time, n = self._time(inputs), inputs.shape[0]
-        ubar = self._ubar(time, inputs)
-        if explicit.flat.given is not None:
-            given = explicit.flat.given
-            return given.variables_along(explicit.flat, time, ubar, theta, found.states, self.hold)
-        u, v = ubar[:, : inputs.shape[1]], ubar[:, inputs.shape[1] :]
-        w = np.zeros((explicit.rhs.numel_in(3), n))
-        repeated = np.tile(theta[:, None], (1, n))
-        along = explicit.variables.map(n)(found.states.T, u.T, v.T, w, repeated, time)
-        return np.array(along).T
+        time = self._time(inputs)
+        return values_along(explicit, time, self._ubar(time, inputs), theta, found.states, self.hold)[1]
 
     @np.errstate(all="ignore")  # where numbers overflow, nothing is explained
     def explain(self, inputs: np.ndarray, outputs: np.ndarray, at: Point) -> Explained | None:

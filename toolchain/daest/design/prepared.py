@@ -14,10 +14,10 @@ from daest.errors import EstimationError
 from daest.estimation.checks import known_name
 from daest.estimation.coordinates import Coordinate, Unknowns, parameter_coordinate
 from daest.model.design import Hold
-from daest.model.flat import ExplicitModel, FlatModel
+from daest.model.flat import Dynamics, ExplicitModel, Model
 from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.integrate import integrator
-from daest.systems.reduce import reduce_index
+from daest.systems.reduce import dynamics
 from daest.systems.redundant import good_everywhere
 from daest.systems.state_space import state_space_family
 
@@ -29,12 +29,12 @@ class Subject:
     """A model to be driven: `flat` with the values of its fit and sizes of its noises, the names of its
     unknown parameters, and whether the sizes of the noises are unknown too."""
 
-    flat: FlatModel
+    flat: Model
     names: tuple[str, ...]
     unknown_noise: bool = False
 
 
-def estimated_names(flat: FlatModel) -> tuple[str, ...]:
+def estimated_names(flat: Model) -> tuple[str, ...]:
     """The parameters that the model marks as unknown."""
     return tuple(p.name for p in flat.parameters if p.estimate)
 
@@ -43,15 +43,15 @@ def explainer(subject: Subject, period: float, hold: Hold) -> Explainer:
     """The model ready to be driven at a period. Raises EstimationError `design-no-noise` where an output has
     no noise, `unknown-parameter`, and ModelError of the reduction."""
     flat = _with_noise(subject.flat)
-    explicit = reduce_index(flat)
-    if has_affine_dynamics(explicit) and flat.given is None:
+    explicit = dynamics(flat)
+    if isinstance(explicit, ExplicitModel) and has_affine_dynamics(explicit):
         unknowns = _unknowns(subject, flat, with_noises=subject.unknown_noise)
         return LinearExplainer(explicit, state_space_family(explicit), unknowns, period, hold)
     return _nonlinear(subject, flat, explicit, period, hold)
 
 
 def _nonlinear(
-    subject: Subject, flat: FlatModel, explicit: ExplicitModel, period: float, hold: Hold
+    subject: Subject, flat: Model, explicit: Dynamics, period: float, hold: Hold
 ) -> NonlinearExplainer:
     unknowns = _unknowns(subject, flat, with_noises=False)
     model = integrator(good_everywhere(explicit), subject.names)
@@ -64,7 +64,7 @@ def with_rows(prepared: Explainer, rows: Sequence[int]) -> Explainer:
     return replace(prepared, rows=tuple(rows), _kept={})
 
 
-def _with_noise(flat: FlatModel) -> FlatModel:
+def _with_noise(flat: Model) -> Model:
     """The model; noises of the process that have no size are none."""
     for output in flat.outputs:
         if not output.noise_std:
@@ -82,7 +82,7 @@ def _with_noise(flat: FlatModel) -> FlatModel:
     return replace(flat, noises=tuple(replace(w, intensity=w.intensity or 0.0) for w in flat.noises))
 
 
-def _unknowns(subject: Subject, flat: FlatModel, *, with_noises: bool) -> Unknowns:
+def _unknowns(subject: Subject, flat: Model, *, with_noises: bool) -> Unknowns:
     known = [p.name for p in flat.parameters]
     chosen = [flat.parameters[known_name(name, known, "parameter")] for name in subject.names]
     coordinates = [parameter_coordinate(flat, p.name, p.value, (p.min, p.max)) for p in chosen]

@@ -12,11 +12,11 @@ from daest.estimation import likelihood, output_error
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
 from daest.estimation.likelihood import Predicted
 from daest.estimation.output_error import Problem, Simulated
-from daest.estimation.predictor import Dynamics, Innovations, innovation_slopes
+from daest.estimation.predictor import Innovations, Recursion, innovation_slopes
 from daest.estimation.records import Record, make_record
 from daest.model.comparison import Horizon
 from daest.model.experiment import Experiment
-from daest.model.flat import ExplicitModel
+from daest.model.flat import Dynamics
 from daest.model.linear import StateSpaceFamily
 from daest.systems.linearize import is_affine_model
 from daest.systems.state_space import state_space, state_space_family
@@ -26,12 +26,12 @@ from daest.systems.state_space import state_space, state_space_family
 class AffineModel:
     """A model whose states and outputs follow affine laws; `is_whole` tells whether all its variables do."""
 
-    explicit: ExplicitModel
+    explicit: Dynamics
     family: StateSpaceFamily
     is_whole: bool
 
 
-def affine_model(explicit: ExplicitModel) -> AffineModel:
+def affine_model(explicit: Dynamics) -> AffineModel:
     return AffineModel(explicit, state_space_family(explicit), is_affine_model(explicit.flat))
 
 
@@ -194,7 +194,7 @@ def _growth(
 
 
 def _errors_ahead(
-    record: Record, dyn: Dynamics, states: np.ndarray, steps: Sequence[int]
+    record: Record, dyn: Recursion, states: np.ndarray, steps: Sequence[int]
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Errors (n, n_y) of all predictions that use samples up to k - 1 for sample k - 1 + h, for every h in
     `steps` in turn, and which of them were measured."""

@@ -29,7 +29,7 @@ from daest.diagnosis.trial import Candidate as Compared
 from daest.errors import ConfigError, EstimationError, ModelError, NumericalError
 from daest.estimation.fitted import fitted_model
 from daest.estimation.identify import identify
-from daest.fmu.binary_form import BinaryForm
+from daest.fmu.binary_model import BinaryModel
 from daest.fmu.drive import Drive
 from daest.fmu.laws import Law
 from daest.fmu.laws import Step as LawStep
@@ -38,13 +38,13 @@ from daest.model.diagnosis import Candidate, Diagnosis, Proof, Screen, Screened,
 from daest.model.effects import Effect, Site
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult, FittedParameter, IdentifyOptions
-from daest.model.flat import FlatModel
+from daest.model.flat import Model
 from daest.numerics.distributions import chi2, norm
 from daest.numerics.parallel import workers
 from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.integrate import Hold, interval_inputs
 from daest.systems.integration import IntegrationError
-from daest.systems.reduce import reduce_index
+from daest.systems.reduce import dynamics
 
 REFITTED = 3  # candidates by their score, and as many by the share of the residual that they would explain
 MOST_ORDER = 8  # of the autoregression that whitens the residual
@@ -86,8 +86,7 @@ class Case:
     """The FMU at fitted values with its recordings: `columns` are recorded signals that are no inputs,
     `sizes` (n_x,) the largest values of the states."""
 
-    flat: FlatModel
-    form: BinaryForm
+    flat: BinaryModel
     hold: Hold
     experiments: tuple[Experiment, ...]
     names: tuple[str, ...]
@@ -108,7 +107,7 @@ class Scored:
 
 
 def diagnose_black_box(
-    flat: FlatModel,
+    flat: BinaryModel,
     library: Sequence[Effect],
     estimation: Sequence[Experiment],
     validation: Sequence[Experiment],
@@ -124,24 +123,22 @@ def diagnose_black_box(
     """
     options = options or DiagnoseOptions()
     began = clock.perf_counter()
-    form = flat.given
-    assert isinstance(form, BinaryForm)
     _refuse_gaps([*estimation, *validation])
     _require_places(flat, options.places)
     effects = chosen(library, flat, options)
-    quiet = replace(flat, noises=(), w=type(flat.w)(0, 1))
+    quiet = replace(flat, noises=())
     progress("fitting the FMU as it is")
     fitting = IdentifyOptions(
         method="oe", hold=options.hold, seed=options.seed, jobs=options.jobs, cluster=options.cluster
     )
     baseline = options.step("fmu null", (), flat, lambda: identify(quiet, estimation, fitting, validation))
-    case = _case(quiet, form, baseline, tuple(estimation))
+    case = _case(quiet, baseline, tuple(estimation))
     residuals = _residuals(case)
     trials = candidates(case, effects, options.places)
     progress(f"screening {len(trials)} effects at inputs and outputs")
     labels = [trial.label for trial in trials]
     scored, screen = options.step("fmu screen", labels, flat, lambda: _screened(case, trials, residuals))
-    tried = _case(quiet, form, baseline, tuple(validation))
+    tried = _case(quiet, baseline, tuple(validation))
     refit = _Refit(case, tried, baseline, tuple(residuals), screen.n_screened)
     found = _proofs(refit, _worth_a_refit(scored), options, progress)
     verdict, message, experiment, proofs = _verdict(
@@ -162,7 +159,7 @@ def diagnose_black_box(
     )
 
 
-def _require_places(flat: FlatModel, places: Sequence[str]) -> None:
+def _require_places(flat: Model, places: Sequence[str]) -> None:
     known = [*(v.name for v in flat.inputs), *(y.name for y in flat.outputs)]
     for place in places:
         if place not in known:
@@ -173,7 +170,7 @@ def _require_places(flat: FlatModel, places: Sequence[str]) -> None:
             )
 
 
-def chosen(library: Sequence[Effect], flat: FlatModel, options: DiagnoseOptions) -> list[Effect]:
+def chosen(library: Sequence[Effect], flat: Model, options: DiagnoseOptions) -> list[Effect]:
     """The effects that are marked `outside`, one of each name, in the domain that the units of the FMU tell;
     those that `options` name. Raises ConfigError `diagnose-fmu-search`."""
     units = {v.unit for v in (*flat.inputs, *flat.unknowns)}
@@ -205,10 +202,10 @@ def _worth_a_refit(scored: Sequence[Scored]) -> list[Scored]:
     return [*by_score, *(s for s in by_share if not any(s is other for other in by_score))]
 
 
-def _is_noise_of(flat: FlatModel, baseline: FitResult, estimation: Sequence[Experiment]) -> bool:
+def _is_noise_of(flat: Model, baseline: FitResult, estimation: Sequence[Experiment]) -> bool:
     """Whether white noise where the model declares it, fitted by maximum likelihood, leaves nothing that the
     tests of a comparison find in the same data. Asked of linear models, where it is exact."""
-    if not flat.noises or not has_affine_dynamics(reduce_index(flat)):
+    if not flat.noises or not has_affine_dynamics(dynamics(flat)):
         return False
     try:
         fit = identify(flat, estimation, IdentifyOptions(method="pem", hold=baseline.hold))
@@ -217,7 +214,7 @@ def _is_noise_of(flat: FlatModel, baseline: FitResult, estimation: Sequence[Expe
         return False
 
 
-def _with_its_fit(flat: FlatModel, fit: FitResult) -> Compared:
+def _with_its_fit(flat: Model, fit: FitResult) -> Compared:
     """The fitted model, with what its tests must know of the parameters."""
     known = {p.name: p.std_error for p in fit.parameters if p.std_error and p.name in fit.correlation_names}
     rows = [fit.correlation_names.index(name) for name in known]
@@ -240,20 +237,17 @@ def _refuse_gaps(experiments: Sequence[Experiment]) -> None:
             )
 
 
-def _case(
-    flat: FlatModel, form: BinaryForm, baseline: FitResult, experiments: tuple[Experiment, ...]
-) -> Case:
+def _case(flat: BinaryModel, baseline: FitResult, experiments: tuple[Experiment, ...]) -> Case:
     theta = np.array([baseline.theta[p.name] for p in flat.parameters])
     fitted = {s.experiment: s.values for s in baseline.initial_states}
     starts = []
     for e in experiments:
-        u = np.zeros(len(form.form.drivers))
+        u = np.zeros(len(flat.form.form.drivers))
         u[: e.inputs.shape[1]] = e.inputs[0]
         known = fitted.get(e.name)
-        starts.append(form.start(flat, theta, u, float(e.time[0]), {}) if known is None else known)
+        starts.append(flat.form.start(flat, theta, u, float(e.time[0]), {}) if known is None else known)
     case = Case(
         flat,
-        form,
         baseline.hold,
         experiments,
         tuple(p.name for p in baseline.parameters),
@@ -264,7 +258,7 @@ def _case(
             for c in experiments[0].extra
             if all(np.all(np.isfinite(e.extra.get(c, np.nan))) for e in experiments)
         ),
-        np.ones(len(form.form.states)),
+        np.ones(len(flat.form.form.states)),
     )
     runs = [_course(case, i).states for i in range(len(experiments))]
     case = replace(case, sizes=np.max([np.max(np.abs(x), axis=0) for x in runs], axis=0))
@@ -294,7 +288,7 @@ def _at_input(case: Case, law: InputLaw, number: int) -> Iterable[Trial]:
     """The law at one input, of everything that it may read."""
     u, effect = case.flat.inputs[number], law.effect
     if law.reads == "state":
-        states = case.flat.unknowns[: len(case.form.form.states)][:MOST_STATES]
+        states = case.flat.unknowns[: len(case.flat.form.form.states)][:MOST_STATES]
         for state, size in zip(states, case.sizes, strict=False):
             if size > 0.0 and np.isfinite(size) and (state.unit == "rad" or not law.needs_angle):
                 told = _told(effect, f"{u.name} ({state.name})", "")
@@ -338,7 +332,7 @@ def _course(
     case: Case, i: int, trial: Trial | None = None, size: float = 0.0, slopes: bool = False
 ) -> _Course:
     """Recording i with `size` of the trial. Raises IntegrationError."""
-    form, n_x = case.form, case.starts[i].size
+    form, n_x = case.flat.form, case.starts[i].size
     laws = () if trial is None or trial.fault is not None else (_law(case, trial, size),)
     read = tuple((*form.form.states, *form.form.variables)[row] for row in form.output_rows(case.flat))
     request = replace(_request(case, case.experiments[i]), read=read, laws=laws)
@@ -363,11 +357,11 @@ def _course(
 
 def _request(case: Case, e: Experiment) -> Drive:
     """What drives a recording: inputs, and the recorded columns that are none behind them."""
-    u0, u1 = interval_inputs(case.form.explicit(case.flat), e.time, e.inputs, case.hold)
+    u0, u1 = interval_inputs(dynamics(case.flat), e.time, e.inputs, case.hold)
     last = np.hstack([e.inputs[-1], u1[-1, e.inputs.shape[1] :]])
     columns = np.column_stack([e.extra[name] for name in case.columns] or [np.zeros((e.time.size, 0))])
     ends = columns[:-1] if case.hold == "zoh" else columns[1:]
-    return case.form.drive(
+    return case.flat.form.drive(
         e.time, np.hstack([u0, columns[:-1]]), np.hstack([u1, ends]), np.hstack([last, columns[-1]]), ()
     )
 
@@ -383,11 +377,11 @@ def _fault(y: np.ndarray, time: np.ndarray, trial: Trial) -> np.ndarray:
 def _law(case: Case, trial: Trial, size: float) -> Law:
     reads = column = None
     if trial.column:
-        column = len(case.form.form.inputs) + case.columns.index(trial.column)
+        column = len(case.flat.form.form.inputs) + case.columns.index(trial.column)
     elif trial.reads == "signal":
         column = trial.number
     elif trial.variable:
-        reads = case.form.form.states[[v.name for v in case.flat.unknowns].index(trial.variable)]
+        reads = case.flat.form.form.states[[v.name for v in case.flat.unknowns].index(trial.variable)]
     return Law(trial.program, trial.number, reads, column, size)
 
 

@@ -33,11 +33,11 @@ from daest.errors import EstimationError
 from daest.estimation.records import in_model_order
 from daest.model.comparison import Comparison, ModelTrial
 from daest.model.experiment import Experiment
-from daest.model.flat import FlatModel, events_refused
+from daest.model.flat import Model, events_refused
 from daest.model.linear import StateSpaceFamily
 from daest.numerics.parallel import Workers, workers
 from daest.systems.affine_dynamics import has_affine_dynamics
-from daest.systems.reduce import reduce_index
+from daest.systems.reduce import dynamics
 from daest.systems.simulate import simulate
 
 __all__ = ["Candidate", "compare_models", "follower"]
@@ -57,7 +57,7 @@ class _Ready:
 
 
 def _ready(candidate: Candidate) -> _Ready:
-    explicit = reduce_index(candidate.flat)
+    explicit = dynamics(candidate.flat)
     if has_affine_dynamics(explicit):
         return _Ready(candidate, affine_model(explicit))
     return _Ready(candidate, nonlinear_model(explicit, candidate.parameter_names))
@@ -183,13 +183,13 @@ def _tests(
     return residual_tests(sequences, names)
 
 
-def _inputs(flat: FlatModel, experiment: Experiment) -> np.ndarray:
+def _inputs(flat: Model, experiment: Experiment) -> np.ndarray:
     columns = [experiment.inputs[:, experiment.input_names.index(v.name)] for v in flat.inputs]
     return np.column_stack(columns) if columns else np.zeros((experiment.n_samples, 0))
 
 
 def _signals(
-    flat: FlatModel, experiments: Sequence[Experiment], trial: Trial, variables: Sequence[np.ndarray]
+    flat: Model, experiments: Sequence[Experiment], trial: Trial, variables: Sequence[np.ndarray]
 ) -> tuple[Signal, ...]:
     """Distinct signals over all recordings: outputs of the model first, then its inputs, then short names.
 
@@ -210,9 +210,7 @@ def _signals(
     return distinct(signals)
 
 
-def _error_series(
-    flat: FlatModel, experiments: Sequence[Experiment], trial: Trial
-) -> tuple[ErrorSeries, ...]:
+def _error_series(flat: Model, experiments: Sequence[Experiment], trial: Trial) -> tuple[ErrorSeries, ...]:
     """One-step errors in units of their predicted spread, so that a filter that settles is no fault, and
     errors of the simulation."""
     simulated = [e.outputs - y for e, y in zip(experiments, trial.simulated, strict=True)]
@@ -223,7 +221,7 @@ def _error_series(
 
 
 def _series_of(
-    flat: FlatModel,
+    flat: Model,
     experiments: Sequence[Experiment],
     trial: Trial,
     kind: Literal["one-step", "simulation"],
@@ -310,7 +308,7 @@ def _resampled(
     return result
 
 
-def _varied(candidate: Candidate, rng: np.random.Generator) -> FlatModel:
+def _varied(candidate: Candidate, rng: np.random.Generator) -> Model:
     if candidate.parameter_cov is None:
         return candidate.flat
     shifts = rng.multivariate_normal(np.zeros(len(candidate.parameter_names)), candidate.parameter_cov)

@@ -52,11 +52,12 @@ from daest.diagnosis.unseen import adds_up, foreseen, innovations
 from daest.errors import DaestError, EstimationError
 from daest.estimation.identify import identify
 from daest.estimation.records import part_of
+from daest.fmu.binary_model import BinaryModel
 from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen, Unproved
 from daest.model.effects import Effect, Site
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions, error_ratios
-from daest.model.flat import FlatModel, events_refused
+from daest.model.flat import FlatModel, Model, events_refused, with_equations
 from daest.modelica.sites import sites
 from daest.numerics.parallel import Outcome, Workers, workers
 from daest.systems.reduce import reduce_index
@@ -78,7 +79,7 @@ REFIT_SECONDS = 3.0  # times that of the model as it is: a refit has more parame
 
 
 def diagnose(
-    flat: FlatModel,
+    flat: Model,
     library: Sequence[Effect],
     experiments: Sequence[Experiment],
     validation: Sequence[Experiment] = (),
@@ -92,8 +93,9 @@ def diagnose(
     `diagnose-too-short`, `diagnose-no-place`, `diagnose-no-candidate`, and what identification raises.
     """
     options = options or DiagnoseOptions()
-    if flat.given is not None:
+    if isinstance(flat, BinaryModel):
         return diagnose_black_box(flat, library, *halved(experiments, validation), options, progress)
+    flat = with_equations(flat, "a diagnosis from inside")
     if flat.events is not None:
         raise events_refused("a diagnosis")
     stand = begin(flat, experiments, validation, options, progress)
@@ -120,7 +122,8 @@ def better_hold(stand: Stand, found: Diagnosis) -> Hold | None:
     names = tuple(p.name for p in best.fit.parameters)
     try:
         hopeless = best.fit.log_likelihood - GATES.hopeless_log_likelihood
-        fit = refit(best.flat, reduce_index(best.flat), names, other, hopeless=hopeless)
+        flat = with_equations(best.flat, "a refit")
+        fit = refit(flat, reduce_index(flat), names, other, hopeless=hopeless)
     except DaestError:
         return None
     return null.other_hold if fit.log_likelihood > best.fit.log_likelihood + GATES.min_hold_gain else None
@@ -319,7 +322,8 @@ def accept(stand: Stand, proof: Proof) -> Stand:
     """The stand with the effect of `proof` in the model."""
     null = stand.null
     experiments = fed(null.experiments, proof.candidate)
-    model = grown(null, proof.flat, reduce_index(proof.flat), proof.fit, experiments)
+    flat = with_equations(proof.flat, "a further round")
+    model = grown(null, flat, reduce_index(flat), proof.fit, experiments)
     validation = fed(stand.validation, proof.candidate)
     reference = reference_of(model, proof.fit, validation)
     if reference is not None and proof.final is not None:

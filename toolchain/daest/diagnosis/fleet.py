@@ -21,7 +21,7 @@ from daest.model.diagnosis import Diagnosis, Proof
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
-from daest.model.flat import FlatModel
+from daest.model.flat import Model
 from daest.model.fleet import Fleet, Group, Machine, Odd, Spread
 from daest.numerics.parallel import Outcome, workers
 
@@ -53,7 +53,7 @@ class Recorded:
     """The recording of a machine with the model of its measured outputs, or the error of reading it."""
 
     name: str
-    flat: FlatModel | None = None
+    flat: Model | None = None
     experiment: Experiment | None = None
     error: DaestError | None = None
 
@@ -134,7 +134,7 @@ def _timed(machine: Machine, seconds: float) -> Machine:
 
 def _diagnosed(
     machine: Machine,
-    flat: FlatModel,
+    flat: Model,
     estimation: Sequence[Experiment],
     validation: Sequence[Experiment],
     fit: FitResult,

@@ -23,7 +23,7 @@ from daest.diagnosis.proof import Prepared
 from daest.errors import ConfigError, DaestError
 from daest.model.diagnosis import Proof
 from daest.model.experiment import Experiment
-from daest.model.flat import FlatModel
+from daest.model.flat import FlatModel, Model
 from daest.numerics.parallel import packed, program, unpacked
 
 Step = TypeVar("Step")
@@ -76,7 +76,7 @@ class KeptProofs:
             "reason": proof.reason,
         }
 
-    def step(self, name: str, parts: Sequence[Any], flat: FlatModel, make: Callable[[], Step]) -> Step:
+    def step(self, name: str, parts: Sequence[Any], flat: Model, make: Callable[[], Step]) -> Step:
         """What `make` returns, or what it returned for the same run, `parts` and model in an earlier one. It
         is kept with the compiled libraries: what is read there is executed, which results of others must
         not be."""
@@ -101,7 +101,7 @@ class KeptProofs:
 
 
 def run_digest(
-    flat: FlatModel,
+    flat: Model,
     experiments: Iterable[Experiment],
     validation: Iterable[Experiment],
     options: Sequence[Any],
@@ -126,7 +126,9 @@ def _model_parts(prepared: Prepared) -> list[Any]:
     return [prepared.names, labels, values, *_equations(flat)]
 
 
-def _equations(flat: FlatModel) -> list[Any]:
+def _equations(flat: Model) -> list[Any]:
+    if not isinstance(flat, FlatModel):
+        return [e.text for e in flat.equations]
     symbols = [flat.derivatives, flat.xi, flat.u, flat.w, flat.theta, flat.time]
     return [ca.Function("model", symbols, [flat.residual, flat.output_expressions]).serialize()]
 

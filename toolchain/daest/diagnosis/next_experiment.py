@@ -15,7 +15,7 @@ from daest.errors import DaestError
 from daest.model.design import Design, Limits, Range
 from daest.model.diagnosis import Proof
 from daest.model.experiment import Experiment
-from daest.model.flat import FlatModel
+from daest.model.flat import Model
 from daest.systems.sample import Hold
 
 SECONDS = 4.0  # that the search for the experiment may take
@@ -83,7 +83,7 @@ def _rival(proof: Proof) -> Rival:
     return Rival(proof.candidate.label, flat, tuple(p.name for p in told.parameters))
 
 
-def _limits(asked: Asked, flat: FlatModel) -> Limits:
+def _limits(asked: Asked, flat: Model) -> Limits:
     """What was recorded: the ranges and rates of the inputs, and the length of the longest recording."""
     experiments = asked.experiments
     period = min(float(np.median(np.diff(e.time))) for e in experiments)

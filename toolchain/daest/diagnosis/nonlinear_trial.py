@@ -26,7 +26,7 @@ from daest.estimation.search import minimise
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
 from daest.model.comparison import Horizon
 from daest.model.experiment import Experiment
-from daest.model.flat import ExplicitModel
+from daest.model.flat import Dynamics
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import Integrator, Trajectory, integrate, integrator
 from daest.systems.integration import IntegrationError
@@ -45,7 +45,7 @@ class NonlinearModel:
     sensitive: Integrator
 
 
-def nonlinear_model(explicit: ExplicitModel, names: Sequence[str]) -> NonlinearModel:
+def nonlinear_model(explicit: Dynamics, names: Sequence[str]) -> NonlinearModel:
     """`names` are the estimated parameters."""
     plain = integrator(explicit)
     return NonlinearModel(plain, integrator(explicit, names) if names else plain)

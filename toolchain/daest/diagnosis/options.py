@@ -8,7 +8,7 @@ from typing import Any, Protocol, TypeVar
 
 from daest.diagnosis.proof import Prepared
 from daest.model.diagnosis import Proof
-from daest.model.flat import FlatModel
+from daest.model.flat import Model
 from daest.systems.sample import Hold
 
 MOST_TRIALS = 5
@@ -26,7 +26,7 @@ class Keeper(Protocol):
 
     def keep(self, prepared: Prepared, proof: Proof) -> None: ...
 
-    def step(self, name: str, parts: Sequence[Any], flat: FlatModel, make: Callable[[], Step]) -> Step: ...
+    def step(self, name: str, parts: Sequence[Any], flat: Model, make: Callable[[], Step]) -> Step: ...
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,6 @@ class DiagnoseOptions:
     keeper: Keeper | None = None
     clipped: Mapping[str, float] = field(default_factory=dict)
 
-    def step(self, name: str, parts: Sequence[Any], flat: FlatModel, make: Callable[[], Step]) -> Step:
+    def step(self, name: str, parts: Sequence[Any], flat: Model, make: Callable[[], Step]) -> Step:
         """What `make` returns, now or in an earlier run that was interrupted."""
         return make() if self.keeper is None else self.keeper.step(name, parts, flat, make)

@@ -11,8 +11,9 @@ import numpy as np
 from daest.model.comparison import Horizon
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement
-from daest.model.flat import ExplicitModel, FlatModel
+from daest.model.flat import Dynamics, Model
 from daest.systems.integrate import Hold, interval_inputs
+from daest.systems.simulate import values_along
 
 HORIZONS = (1, 3, 10, 30, 100, 300)  # samples, as far as LONGEST_HORIZON allows
 LONGEST_HORIZON = 0.1  # of the longest recording
@@ -28,7 +29,7 @@ class Candidate:
     """
 
     name: str
-    flat: FlatModel
+    flat: Model
     n_parameters: int
     hold: Literal["zoh", "foh"] = "foh"
     sampled: Literal["white", "held"] = "white"
@@ -67,7 +68,7 @@ class Trial:
     notes: tuple[str, ...] = ()
 
 
-def agreement(flat: FlatModel, experiments: Sequence[Experiment], outputs: Sequence[np.ndarray]) -> Agreement:
+def agreement(flat: Model, experiments: Sequence[Experiment], outputs: Sequence[np.ndarray]) -> Agreement:
     """100 (1 - |y - ŷ| / |y - mean y|) and rms per output; the mean is that of each recording."""
     fits: dict[str, float | None] = {}
     rms: dict[str, float | None] = {}
@@ -86,7 +87,7 @@ def agreement(flat: FlatModel, experiments: Sequence[Experiment], outputs: Seque
     return Agreement(fits, rms)
 
 
-def inputs_and_slopes(explicit: ExplicitModel, experiment: Experiment, hold: Hold) -> np.ndarray:
+def inputs_and_slopes(explicit: Dynamics, experiment: Experiment, hold: Hold) -> np.ndarray:
     """Inputs and their slopes at every sample, (n_samples, n_ū)."""
     u0, _ = interval_inputs(explicit, experiment.time, experiment.inputs, hold)
     last = np.hstack([experiment.inputs[-1:], u0[-1:, experiment.inputs.shape[1] :]])
@@ -94,16 +95,11 @@ def inputs_and_slopes(explicit: ExplicitModel, experiment: Experiment, hold: Hol
 
 
 def variables_along(
-    explicit: ExplicitModel, theta: np.ndarray, experiment: Experiment, hold: Hold, states: np.ndarray
+    explicit: Dynamics, theta: np.ndarray, experiment: Experiment, hold: Hold, states: np.ndarray
 ) -> np.ndarray:
     """All internal variables (n_samples, n_v) without noise, along states (n_samples, n)."""
-    flat, ubar = explicit.flat, inputs_and_slopes(explicit, experiment, hold)
-    if flat.given is not None:
-        return flat.given.variables_along(flat, experiment.time, ubar, theta, states, hold)
-    n_u = len(flat.inputs)
-    w = np.zeros((len(flat.noises), experiment.n_samples))
-    columns = (states.T, ubar[:, :n_u].T, ubar[:, n_u:].T, w, theta, experiment.time[None, :])
-    return explicit.variables(*columns).full().T
+    ubar = inputs_and_slopes(explicit, experiment, hold)
+    return values_along(explicit, experiment.time, ubar, theta, states, hold)[1]
 
 
 def horizons(experiments: Sequence[Experiment]) -> tuple[int, ...]:
@@ -113,7 +109,7 @@ def horizons(experiments: Sequence[Experiment]) -> tuple[int, ...]:
 
 
 def growth_of(
-    flat: FlatModel, steps: Sequence[int], period: float, squares: np.ndarray, counts: np.ndarray
+    flat: Model, steps: Sequence[int], period: float, squares: np.ndarray, counts: np.ndarray
 ) -> tuple[Horizon, ...]:
     """rms errors from sums of squares and counts (n_horizons, n_y); `period` [s] is that of one step."""
     names = [output.name for output in flat.outputs]

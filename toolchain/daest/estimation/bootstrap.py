@@ -23,10 +23,10 @@ from daest.estimation.profile import Tell, silent
 from daest.estimation.records import in_model_order
 from daest.model.experiment import Experiment
 from daest.model.fit import Bootstrap, FitResult, IdentifyOptions
-from daest.model.flat import ExplicitModel, FlatModel
+from daest.model.flat import Dynamics, Model
 from daest.model.linear import StateSpaceFamily
 from daest.numerics.parallel import workers
-from daest.systems.reduce import reduce_index
+from daest.systems.reduce import dynamics
 from daest.systems.redundant import good_everywhere
 from daest.systems.simulate import simulate
 
@@ -38,8 +38,8 @@ LEAST_DONE = 0.5  # share of the refits that must come to an end
 class _Model:
     """What every replicate needs: the model to identify, and the one that makes recordings."""
 
-    flat: FlatModel
-    explicit: ExplicitModel
+    flat: Model
+    explicit: Dynamics
     experiments: tuple[Experiment, ...]
     fit: FitResult
     options: IdentifyOptions
@@ -47,7 +47,7 @@ class _Model:
 
 def with_bootstrap(
     fit: FitResult,
-    flat: FlatModel,
+    flat: Model,
     experiments: Sequence[Experiment],
     options: IdentifyOptions,
     n: int,
@@ -129,8 +129,8 @@ def _like(fit: FitResult, options: IdentifyOptions) -> IdentifyOptions:
     )
 
 
-def _simulated_model(flat: FlatModel, fit: FitResult) -> ExplicitModel:
+def _simulated_model(flat: Model, fit: FitResult) -> Dynamics:
     """The fitted model with the states that the fit has initial values of."""
-    explicit = reduce_index(fitted_model(flat, fit))
+    explicit = dynamics(fitted_model(flat, fit))
     has_own = all(state.names == explicit.state_names for state in fit.initial_states)
     return explicit if has_own else good_everywhere(explicit)

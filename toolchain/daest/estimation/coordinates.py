@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from daest.model.flat import FlatModel
+from daest.model.flat import Model
 from daest.model.linear import StateSpaceFamily
 from daest.model.prior import Prior
 
@@ -96,7 +96,7 @@ def parameter_scale(value: float, nominal: float | None) -> float:
 
 
 def parameter_coordinate(
-    family: StateSpaceFamily | FlatModel,
+    family: StateSpaceFamily | Model,
     name: str,
     value: float,
     bounds: tuple[float | None, float | None],

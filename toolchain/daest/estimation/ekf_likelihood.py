@@ -48,7 +48,7 @@ from daest.model.fit import (
     IdentifyOptions,
     Method,
 )
-from daest.model.flat import ExplicitModel
+from daest.model.flat import Dynamics
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import integrator
 from daest.systems.integration import IntegrationError
@@ -161,7 +161,7 @@ def _assembled(
 
 
 def identify_by_ekf(
-    explicit: ExplicitModel,
+    explicit: Dynamics,
     unknowns: Unknowns,
     experiments: Sequence[Experiment],
     method: Method,
@@ -213,7 +213,7 @@ def _limits(problem: EkfProblem) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _problem(
-    explicit: ExplicitModel,
+    explicit: Dynamics,
     unknowns: Unknowns,
     experiments: Sequence[Experiment],
     estimate_intensity: np.ndarray,
@@ -250,7 +250,7 @@ def _problem(
 
 
 def _wide_ends(
-    explicit: ExplicitModel,
+    explicit: Dynamics,
     unknowns: Unknowns,
     experiments: Sequence[Experiment],
     given_std: np.ndarray,

@@ -10,9 +10,9 @@ import numpy as np
 from daest.errors import EstimationError
 from daest.estimation.filters.case import FilterModel
 from daest.estimation.online_kalman import online_kalman
-from daest.fmu.estimator_code import EstimatorModel, EstimatorStart, chosen_values, refuse_given
+from daest.fmu.estimator_code import EstimatorModel, EstimatorStart, chosen_values
 from daest.model.estimates import FilterKind, FilterOptions, InitialState
-from daest.model.flat import FlatModel, events_refused
+from daest.model.flat import Model, events_refused, with_equations
 from daest.systems.linearize import is_affine_model
 from daest.systems.state_space import state_space_family
 
@@ -21,7 +21,7 @@ FILTER_OF: dict[str, FilterKind] = {"kalman": "time-varying", "stationary": "sta
 
 
 def estimator_model(
-    flat: FlatModel,
+    flat: Model,
     period: float,
     kind: EstimatorKind | None = None,
     hold: Literal["zoh", "foh"] = "foh",
@@ -33,7 +33,7 @@ def estimator_model(
     `only` names the variables that it tells. Raises FmuError `fmu-no-equations`, EstimationError
     `estimator-nonlinear`, `filter-unknown-variable`, `filter-noise-unknown` and those of `online_kalman`.
     """
-    refuse_given(flat)
+    with_equations(flat, "the export of an estimator")
     if flat.events is not None:
         raise events_refused("an exported estimator")
     chosen = kind or "kalman"

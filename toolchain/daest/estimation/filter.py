@@ -66,8 +66,8 @@ def run_filter(
     """
     options = options or FilterOptions()
     ready = FilterModel.of(model, options)
-    if ready.flat is not None and ready.flat.given is not None and ready.flat.given.hides_states:
-        ready.flat.given.local_functions(ready.flat)  # says why there is no filter
+    if ready.flat is not None:
+        ready.flat.refuse_hidden_states("filter")
     name = kind or ("time-varying" if ready.is_affine else "ekf")
     if name not in FILTERS:
         raise EstimationError(

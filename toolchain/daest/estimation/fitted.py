@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from daest.model.fit import FitResult
-from daest.model.flat import FlatModel
+from daest.model.flat import Model
 
 
-def fitted_model(flat: FlatModel, fit: FitResult) -> FlatModel:
+def fitted_model(flat: Model, fit: FitResult) -> Model:
     """The model with all parameters of the fit, process intensities and measurement standard deviations.
 
     An output-error fit has no process noise, and then the model has none. Names present in

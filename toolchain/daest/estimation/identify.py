@@ -31,12 +31,12 @@ from daest.estimation.result import SAME_OPTIMUM, end_scores, fit_result
 from daest.estimation.search import Evaluation, Found, minimise
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions, Method, NoiseChoice
-from daest.model.flat import FlatModel, events_refused
+from daest.model.flat import FlatModel, Model, events_refused
 from daest.model.linear import StateSpaceFamily
 from daest.model.prior import prior_unused
 from daest.numerics.parallel import workers
 from daest.systems.modes import in_starting_mode
-from daest.systems.reduce import reduce_index
+from daest.systems.reduce import dynamics
 from daest.systems.redundant import good_everywhere
 from daest.systems.sample import Hold, slope_note
 from daest.systems.state_space import state_space, state_space_family
@@ -65,7 +65,7 @@ class Setup:
 
 
 def identify(
-    model: FlatModel | StateSpaceFamily,
+    model: Model | StateSpaceFamily,
     experiments: Sequence[Experiment],
     options: IdentifyOptions | None = None,
     validation: Sequence[Experiment] = (),
@@ -88,9 +88,9 @@ def identify(
     estimation, held_back = _divided(tuple(experiments), tuple(validation), options.split)
     setup = _setup(family, tuple(make_record(e, family) for e in estimation), options)
     check_profile_names(options.profile, setup.problem.unknowns)
-    if isinstance(model, FlatModel) and model.events is not None and setup.method == "pem":
+    if isinstance(model, Model) and model.events is not None and setup.method == "pem":
         raise events_refused("a prediction from sample to sample")
-    if isinstance(model, FlatModel) and (model.events is not None or not family.is_affine):
+    if isinstance(model, Model) and (model.events is not None or not family.is_affine):
         return _identified_nonlinear(model, family, setup, estimation, held_back, options, tell)
     setup = replace(setup, problem=replace(setup.problem, hold=_chosen_hold(setup, options)))
     _check_start(setup)
@@ -119,7 +119,7 @@ def identify(
 
 
 def _identified_nonlinear(
-    flat: FlatModel,
+    flat: Model,
     family: StateSpaceFamily,
     setup: Setup,
     estimation: tuple[Experiment, ...],
@@ -130,7 +130,7 @@ def _identified_nonlinear(
     n_w, n_y = len(family.noises), len(family.outputs)
     estimated = np.array([setup.process[i] for i in range(n_w)], dtype=bool)
     searched = np.array([setup.measurement[j] for j in range(n_y)], dtype=bool)
-    explicit = reduce_index(flat)
+    explicit = dynamics(flat)
     explicit = explicit if flat.events is not None else good_everywhere(explicit)
     # States that constraints tie have no observer with a constant gain.
     by_ekf = setup.method == "pem" and (options.likelihood == "ekf" or explicit.invariants is not None)

@@ -43,7 +43,7 @@ from daest.estimation.search import minimise
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions, Method
-from daest.model.flat import ExplicitModel
+from daest.model.flat import Dynamics
 from daest.systems.integrate import integrator
 
 WARM_RTOL = 1e-4  # of the integration in a search that starts warm: far below the noise of a measurement
@@ -75,7 +75,7 @@ class WarmStart:
 
 
 def identify_nonlinear(
-    explicit: ExplicitModel,
+    explicit: Dynamics,
     unknowns: Unknowns,
     experiments: Sequence[Experiment],
     method: Method,

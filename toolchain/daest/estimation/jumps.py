@@ -24,8 +24,6 @@ def check_jumps(flat: FlatModel) -> None:
     Comparisons, sign, floor and ceil whose arguments contain unknowns are tried; those that only bend the
     equation (an absolute value, a limit) are left alone, and so are jumps in time or with an input.
     """
-    if flat.given is not None:
-        return
     unknowns = ca.vertcat(flat.derivatives, flat.xi)
     others = ca.vertcat(flat.u, flat.w, flat.time)
     expressions = ca.vertcat(flat.residual, flat.output_expressions)

@@ -14,9 +14,9 @@ import numpy as np
 
 from daest.estimation.output_error import Problem, shared_dynamics
 from daest.estimation.predictor import (
-    Dynamics,
     Innovations,
     NoiseLevels,
+    Recursion,
     innovation_slopes,
     innovations,
     kalman_gains,
@@ -34,7 +34,7 @@ class Predicted:
     """One-step predictions of all records at one point: innovations, gains and the initial means."""
 
     found: tuple[Innovations, ...]
-    dynamics: tuple[Dynamics, ...]
+    dynamics: tuple[Recursion, ...]
     gains: tuple[Gains, ...]
     initial_states: tuple[np.ndarray, ...]
     negative_log_likelihood: float

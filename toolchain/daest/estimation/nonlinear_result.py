@@ -27,7 +27,7 @@ from daest.estimation.stationary import unseen_directions
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult, FittedNoise
-from daest.model.flat import ExplicitModel
+from daest.model.flat import Dynamics
 
 AGREEMENT_ITERATIONS = 10  # of the search for the initial states that an agreement is judged from
 
@@ -117,7 +117,7 @@ def nonlinear_result(
     return assembled(judged, [e.found for e in ends], explicit.flat.parameters, problem.experiments, told)
 
 
-def _unseen(explicit: ExplicitModel, average: AverageModel) -> tuple[str, ...]:
+def _unseen(explicit: Dynamics, average: AverageModel) -> tuple[str, ...]:
     return unseen_directions(average.A, average.C, average.period, explicit.state_names)
 
 

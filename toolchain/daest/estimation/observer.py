@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from daest.estimation.stationary import try_stationary_filter
-from daest.model.flat import ExplicitModel
+from daest.model.flat import Dynamics
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.numerics.hidden import forgetting
 from daest.systems.sample import sample
@@ -40,7 +40,7 @@ class Observer:
 
 
 def average_model(
-    explicit: ExplicitModel,
+    explicit: Dynamics,
     theta: np.ndarray,
     time: np.ndarray,
     states: np.ndarray,
@@ -59,7 +59,7 @@ def average_model(
     return AverageModel(A, G, C, float(np.median(np.diff(time))))
 
 
-def jacobians(explicit: ExplicitModel) -> ca.Function:
+def jacobians(explicit: Dynamics) -> ca.Function:
     """(x, ū, θ, t) -> ∂f/∂x (n, n), ∂f/∂w (n, n_w), ∂h/∂x (n_y, n) without noise."""
     kind: Any = ca.SX if explicit.is_symbolic else ca.MX
     n_u, n_v, n_w, n_theta = (explicit.rhs.numel_in(i) for i in (1, 2, 3, 4))

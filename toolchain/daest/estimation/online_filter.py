@@ -29,8 +29,8 @@ def online_filter(
     ready = FilterModel.of(model, options)
     if ready.flat is not None and ready.flat.events is not None:
         raise events_refused("a filter")
-    if ready.flat is not None and ready.flat.given is not None and ready.flat.given.hides_states:
-        ready.flat.given.local_functions(ready.flat)  # says why there is no filter
+    if ready.flat is not None:
+        ready.flat.refuse_hidden_states("filter")
     chosen = kind or ("time-varying" if ready.is_affine else "ekf")
     if chosen == "time-varying" or chosen == "stationary":
         return online_kalman(

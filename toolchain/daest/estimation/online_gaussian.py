@@ -21,7 +21,7 @@ from daest.estimation.interpreted import project
 from daest.estimation.online import checked_arrays
 from daest.estimation.ukf import run_ukf
 from daest.model.estimates import InitialState
-from daest.model.flat import ExplicitModel
+from daest.model.flat import Dynamics
 from daest.model.stream import Estimate, Sample
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import Hold, interval_inputs
@@ -129,9 +129,7 @@ class OnlineGaussian:
         value, slopes = self.inside(
             memory.mean, ubar[:n_u], ubar[n_u:], np.zeros(n_w), self.theta, memory.time
         )
-        given = self.model.explicit.flat.given
-        if given is not None:
-            given.raise_failure()
+        self.model.explicit.raise_failure()
         rows = np.array(slopes)
         cov = np.zeros((n + n_w, n + n_w))
         cov[:n, :n] = memory.cov
@@ -154,7 +152,7 @@ class OnlineGaussian:
 
 
 def online_gaussian(
-    explicit: ExplicitModel,
+    explicit: Dynamics,
     theta: np.ndarray,
     intensity: np.ndarray,
     std: np.ndarray,
@@ -186,7 +184,7 @@ def online_gaussian(
         names), first, inside_function(explicit), notes, )  # fmt: skip
 
 
-def inside_function(explicit: ExplicitModel) -> ca.Function:
+def inside_function(explicit: Dynamics) -> ca.Function:
     """(x, u, v, w, theta, t) -> internal variables (n_v,) and their slopes (n_v, n + n_w) by x and w."""
     kind: Any = ca.SX if explicit.is_symbolic else ca.MX
     arguments = [kind.sym(f"a{i}", explicit.rhs.numel_in(i)) for i in range(6)]
@@ -196,7 +194,7 @@ def inside_function(explicit: ExplicitModel) -> ca.Function:
 
 
 def _start(
-    explicit: ExplicitModel, theta: np.ndarray, initial: InitialState | None
+    explicit: Dynamics, theta: np.ndarray, initial: InitialState | None
 ) -> tuple[Start, tuple[str, ...]]:
     n = explicit.n_states
     if initial is not None and (initial.mean.shape != (n,) or initial.cov.shape != (n, n)):

@@ -13,12 +13,12 @@ import numpy as np
 
 from daest.estimation.coordinates import Unknowns
 from daest.estimation.predictor import (
-    Dynamics,
     Innovations,
     NoiseLevels,
-    dynamics,
+    Recursion,
     innovation_slopes,
     innovations,
+    recursion,
 )
 from daest.estimation.priors import with_priors
 from daest.estimation.records import Record, observed_counts
@@ -54,7 +54,7 @@ class Simulated:
     """
 
     found: tuple[Innovations, ...]
-    dynamics: tuple[Dynamics, ...]
+    dynamics: tuple[Recursion, ...]
     initial_states: tuple[np.ndarray, ...]
     measurement_std: np.ndarray
 
@@ -110,13 +110,13 @@ def shared_dynamics(
     problem: Problem,
     noise: NoiseLevels | None,
     derivatives: dict[str, np.ndarray] | None,
-) -> tuple[Dynamics, ...] | None:
-    """Dynamics of every record, sampled once per period; None when the sampled matrices are not finite."""
-    by_period: dict[float, Dynamics] = {}
+) -> tuple[Recursion, ...] | None:
+    """Recursion of every record, sampled once per period; None when the sampled matrices are not finite."""
+    by_period: dict[float, Recursion] = {}
     result = []
     for record in problem.records:
         if record.period is None or record.period not in by_period:
-            dyn = dynamics(ss, record, problem.hold, noise, derivatives)
+            dyn = recursion(ss, record, problem.hold, noise, derivatives)
             if record.period is not None:
                 by_period[record.period] = dyn
         else:

@@ -41,7 +41,7 @@ class NoiseLevels:
 
 
 @dataclass(frozen=True)
-class Dynamics:
+class Recursion:
     """Matrices of the recursion over the steps of a record: constant, or with an axis of n_samples - 1 steps.
 
     `slope` holds their derivatives, with a leading axis of p directions.
@@ -80,13 +80,13 @@ class Innovations:
     K_slope: np.ndarray | None
 
 
-def dynamics(
+def recursion(
     ss: StateSpace,
     record: Record,
     hold: Hold,
     noise: NoiseLevels | None = None,
     derivatives: dict[str, np.ndarray] | None = None,
-) -> Dynamics:
+) -> Recursion:
     """Sample `ss` for the steps of a record; with `derivatives` (p directions) also the slopes."""
     if record.period is not None or record.n_samples < 2:
         return _one_step(ss, record.period or 1.0, hold, noise, derivatives)
@@ -101,7 +101,7 @@ def dynamics(
     return _combined([_one_step(ss, float(h), hold, noise, derivatives) for h in nodes], weights)
 
 
-def kalman_gains(dyn: Dynamics, record: Record) -> tuple[Gains, Gains | None] | None:
+def kalman_gains(dyn: Recursion, record: Record) -> tuple[Gains, Gains | None] | None:
     """Gains and their derivatives for a record; None when the covariance does not settle.
 
     The filter starts with the stationary covariance P, around a mean that is estimated. For complete
@@ -127,7 +127,7 @@ def kalman_gains(dyn: Dynamics, record: Record) -> tuple[Gains, Gains | None] | 
     return varying_gains(noise, change, record.observed, start.P, start_slope.P)
 
 
-def innovations(dyn: Dynamics, record: Record, gains: tuple[Gains, Gains | None] | None) -> Innovations:
+def innovations(dyn: Recursion, record: Record, gains: tuple[Gains, Gains | None] | None) -> Innovations:
     """Residuals for x0 = 0 and their response to every initial state."""
     K = None if gains is None else gains[0].K
     u, n = record.inputs, dyn.Phi.shape[-1]
@@ -153,7 +153,7 @@ def innovations(dyn: Dynamics, record: Record, gains: tuple[Gains, Gains | None]
     )
 
 
-def innovation_slopes(dyn: Dynamics, record: Record, found: Innovations, x0: np.ndarray) -> np.ndarray:
+def innovation_slopes(dyn: Recursion, record: Record, found: Innovations, x0: np.ndarray) -> np.ndarray:
     """∂ε/∂direction (p, n_samples, n_y) for the initial state x0 (n,), zero where an output is missing."""
     slope, u, seen = dyn.slope, record.inputs, record.observed
     assert slope is not None
@@ -177,7 +177,7 @@ def _one_step(
     hold: Hold,
     noise: NoiseLevels | None,
     derivatives: dict[str, np.ndarray] | None,
-) -> Dynamics:
+) -> Recursion:
     slope = None
     if noise is None:
         model = sample(ss, period, hold)
@@ -190,7 +190,7 @@ def _one_step(
                 ss, derivatives, period, hold, noise.intensity, noise.intensity_slope, noise.sampled
             )
             slope = _with(slope, measurement_cov=slope.measurement_cov + noise.measurement_slope)
-    return Dynamics(
+    return Recursion(
         Phi=model.transition,
         now=model.input_now,
         following=model.input_next,
@@ -214,7 +214,7 @@ DYNAMIC_FIELDS = ("Phi", "now", "following", "drift", "Q", "S12")
 DYNAMIC_SLOPES = ("transition", "input_now", "input_next", "drift", "process_cov", "cross_cov")
 
 
-def _combined(parts: list[Dynamics], weights: np.ndarray) -> Dynamics:
+def _combined(parts: list[Recursion], weights: np.ndarray) -> Recursion:
     """Matrices of every step as sums over nodes: weights (n_steps, n_nodes)."""
     first = parts[0]
     values = {f.name: getattr(first, f.name) for f in fields(first)}
@@ -226,7 +226,7 @@ def _combined(parts: list[Dynamics], weights: np.ndarray) -> Dynamics:
             stacked = np.array([getattr(part.slope, name) for part in parts])
             changes[name] = np.swapaxes(np.tensordot(weights, stacked, 1), 0, 1)
         values["slope"] = _with(first.slope, **changes)
-    return Dynamics(**{**values, "is_constant": False})
+    return Recursion(**{**values, "is_constant": False})
 
 
 def _interpolation(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -254,11 +254,11 @@ def _interpolation(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(nodes), blocks
 
 
-def _noise_model(dyn: Dynamics) -> NoiseModel:
+def _noise_model(dyn: Recursion) -> NoiseModel:
     return NoiseModel(dyn.Phi, dyn.C, dyn.Q, dyn.R, dyn.S12)
 
 
-def _noise_slope(dyn: Dynamics) -> NoiseModel | None:
+def _noise_slope(dyn: Recursion) -> NoiseModel | None:
     s = dyn.slope
     return (
         None
@@ -278,7 +278,7 @@ def _typical(noise: NoiseModel) -> NoiseModel:
     )
 
 
-def _closed(dyn: Dynamics, K: np.ndarray | None) -> np.ndarray:
+def _closed(dyn: Recursion, K: np.ndarray | None) -> np.ndarray:
     """Φ - K C, with an axis of steps where anything varies."""
     if K is None:
         return dyn.Phi

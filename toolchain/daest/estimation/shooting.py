@@ -24,7 +24,7 @@ from daest.estimation.scores import Scores, scores
 from daest.estimation.search import Evaluation, Found, Objective, minimise
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
-from daest.model.flat import ExplicitModel
+from daest.model.flat import Dynamics
 from daest.systems.integrate import integrator
 
 FIRST_WEIGHT = 10.0  # of squared gaps in units of the state scales: loose
@@ -86,9 +86,7 @@ def shooting_of(problem: TrajectoryProblem, n_segments: int) -> Shooting:
     small = UNMEASURED * np.exp(np.mean(np.log(np.nanstd(sizes, axis=0) + np.finfo(float).tiny)))
     cut = replace(
         problem,
-        model=integrator(
-            _with_states(explicit), problem.model.names, compiled=problem.model.library is not None
-        ),
+        model=integrator(_with_states(explicit), problem.model.names, compiled=problem.model.is_compiled),
         experiments=tuple(segments),
         given_std=np.concatenate([problem.given_std, np.full(n, small)]),
     )
@@ -113,7 +111,7 @@ def _segment(
     )
 
 
-def _with_states(explicit: ExplicitModel) -> ExplicitModel:
+def _with_states(explicit: Dynamics) -> Dynamics:
     kind: Any = ca.SX if explicit.is_symbolic else ca.MX
     arguments = [kind.sym(f"a{i}", explicit.outputs.numel_in(i)) for i in range(6)]
     y = explicit.outputs(*arguments)

@@ -16,7 +16,7 @@ import numpy as np
 
 from daest.estimation.coordinates import Unknowns
 from daest.estimation.search import Evaluation
-from daest.model.flat import ExplicitModel
+from daest.model.flat import Dynamics
 
 WEIGHT = 10.0  # of a distance by one state scale, as a whitened residual
 
@@ -34,7 +34,7 @@ class Beginning:
 
 def with_ties(
     likelihood: Evaluate,
-    explicit: ExplicitModel,
+    explicit: Dynamics,
     unknowns: Unknowns,
     state_scale: np.ndarray,
     beginnings: Sequence[Beginning],
@@ -76,7 +76,7 @@ def with_ties(
     return evaluate
 
 
-def _invariants(explicit: ExplicitModel) -> ca.Function:
+def _invariants(explicit: Dynamics) -> ca.Function:
     """(x, u, v, theta, t) -> g, ∂g/∂x, ∂g/∂θ, without noise."""
     assert explicit.invariants is not None
     x, u, v, w, theta, t = explicit.invariants.sx_in()

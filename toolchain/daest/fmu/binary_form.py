@@ -8,12 +8,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-import casadi as ca
 import numpy as np
 
 from daest.errors import FmuError, ModelError
 from daest.fmu import words
-from daest.fmu.binary_functions import PointFunction, model_function, parameter_function, raise_failure
+from daest.fmu.binary_functions import PointFunction, parameter_function, raise_failure
 from daest.fmu.description import base_and_order
 from daest.fmu.drive import Drive
 from daest.fmu.engine import Followed, Plan, engine_library
@@ -26,15 +25,13 @@ from daest.fmu.semi_explicit import (
     SemiExplicitForm,
     is_affine_there,
     jacobians,
-    linearize_semi_explicit,
     refuse_hidden,
     semi_explicit_form,
 )
-from daest.model.flat import ExplicitModel, FlatModel, InputDerivative
+from daest.model.flat import Dynamics, InputDerivative, Model
 from daest.model.fmu import FmuModel
-from daest.model.linear import LinearDAE, StateSpaceFamily
-from daest.model.parts import Equation, NoiseInput
-from daest.systems.integrate import ATOL_OF_SCALE, RTOL, search_steps
+from daest.model.linear import StateSpaceFamily
+from daest.systems.integrate import ATOL_OF_SCALE, RTOL, Run, search_steps
 from daest.systems.integration import IntegrationError
 from daest.systems.state_space import family_of
 
@@ -73,7 +70,7 @@ class _Task:
     wanted for, `size_steps` (n_laws,) small changes of the sizes of laws, `scale` (n_states,) the sizes of
     the states."""
 
-    flat: FlatModel
+    flat: Model
     columns: tuple[int, ...]
     theta: np.ndarray
     x0: np.ndarray
@@ -86,7 +83,7 @@ class _Task:
 
 
 class BinaryForm:
-    """The `GivenForm` of an FMU. The process of the FMU starts when something is asked, and stays."""
+    """The functions of an FMU, asked of its binary. Its process starts with the first question, and stays."""
 
     def __init__(self, path: str | Path) -> None:
         self.model: FmuModel = load_fmu(path)
@@ -112,38 +109,7 @@ class BinaryForm:
             self._runner = Runner(self.model)
         return self._runner
 
-    # ------------------------------------------------------------------------------------- the model
-
-    def flat(self) -> FlatModel:
-        """Names, units, start values and parameter values; no equation can be evaluated."""
-        inner = [self.model.variables[vr] for vr in (*self.form.states, *self.form.variables)]
-        inputs, _, noises = words.inputs_and_noises(self.model)
-        n_x = len(self.form.states)
-        parameters = words.parameters_of(self.model, self._parameter_starts().tolist())
-        equations = [words.rate_equation(v) for v in inner[:n_x]]
-        equations += [Equation(f"{v.name} = g", "binding", v.name) for v in inner[n_x:]]
-        outputs = tuple(words.output_of(self.model.variables[vr]) for vr in self.form.outputs)
-        return FlatModel(
-            name=self.model.model_name or self.model.path.stem,
-            unknowns=tuple(words.variable_of(v) for v in inner),
-            inputs=tuple(words.variable_of(self.model.variables[vr]) for vr in inputs),
-            noises=tuple(words.noise_of(self.model.variables[vr]) for vr in noises),
-            parameters=parameters,
-            outputs=outputs,
-            equations=tuple(equations),
-            derivatives=ca.SX.sym("derivatives", len(inner)),
-            xi=ca.SX.sym("xi", len(inner)),
-            u=ca.SX.sym("u", len(inputs)),
-            w=ca.SX.sym("w", len(noises)),
-            theta=ca.SX.sym("theta", len(parameters)),
-            time=ca.SX.sym("time"),
-            residual=ca.SX(np.full(len(inner), np.nan)),
-            output_expressions=ca.SX(np.full(len(outputs), np.nan)),
-            source=str(self.model.path),
-            given=self,
-        )
-
-    def _parameter_starts(self) -> np.ndarray:
+    def parameter_starts(self) -> np.ndarray:
         """Start values; what the description leaves out is asked of the FMU itself."""
         starts = np.array(
             [np.nan if (s := self.model.variables[vr].start) is None else s for vr in self.model.parameters]
@@ -166,7 +132,7 @@ class BinaryForm:
             return False
         return is_affine_there(self.runner, self.form, ((), np.zeros((1, 0)))) and not self._remembers_steps
 
-    def has_affine_dynamics(self, flat: FlatModel) -> bool:
+    def has_affine_dynamics(self, flat: Model) -> bool:
         """ẋ and the outputs are affine, whatever the other variables are."""
         if self.is_affine or self.hides_states or self.model.n_event_indicators:
             return self.is_affine
@@ -207,93 +173,17 @@ class BinaryForm:
         differences at its start."""
         if not self.model.provides_directional_derivatives or self.hides_states:
             return False
-        x = self._start_states(self._parameter_starts(), np.zeros(len(self.form.drivers)), 0.0)
+        x = self._start_states(self.parameter_starts(), np.zeros(len(self.form.drivers)), 0.0)
         none = ((), np.zeros((1, 0)))
         found, _ = jacobians(self.runner, self.form, x, np.zeros(len(self.form.drivers)), True, none)
         if found.directional is None or not found.is_complete:
             return False
         return difference([found.directional], [found.differences], DIFFERENCE_FLOOR) <= TRUST
 
-    # ------------------------------------------------------------------------------------ given form
-
-    def with_noises(self, flat: FlatModel, noises: Mapping[str, float | None]) -> FlatModel:
-        """White noise enters at inputs and at state derivatives, called by the name of the state. ModelError
-        `noise-place-unknown`."""
-        units = {v.name: v.unit for v in flat.inputs}
-        present = {w.name: w for w in flat.noises}
-        for name, intensity in noises.items():
-            known = present.get(name) or NoiseInput(
-                name, unit=units.get(name, ""), estimate=intensity is None
-            )
-            present[name] = replace(known, intensity=intensity)
-        made = tuple(present.values())
-        changed = replace(flat, noises=made, w=ca.SX.sym("w", len(made)))
-        self._noise_places(changed)
-        return changed
-
-    def linearize(self, flat: FlatModel, theta: np.ndarray, at: Mapping[str, float] | None) -> LinearDAE:
-        dae = linearize_semi_explicit(self.model, theta, at, allow_directional=True)
-        return replace(dae, parameters=flat.parameters)
-
-    def explicit(self, flat: FlatModel) -> ExplicitModel:
-        """The FMU as ẋ = f with CasADi functions that ask the binary; derivatives with respect to θ are not
-        among them."""
-        sizes = self._sizes(flat)
-        n_x, rows = len(self.form.states), self.output_rows(flat)
-        outputs = np.array(rows, dtype=int)
-
-        def values(*arguments: np.ndarray) -> np.ndarray:
-            return self._with_noise(flat, *arguments)
-
-        def slopes(*arguments: np.ndarray) -> tuple[np.ndarray, ...]:
-            return self._blocks(flat, *arguments)
-
-        def function(name: str, chosen: np.ndarray) -> ca.Function:
-            return model_function(
-                name,
-                sizes,
-                chosen.size,
-                lambda *a: values(*a)[chosen],
-                lambda *a: [b[chosen] for b in slopes(*a)],
-            )
-
-        everything = np.arange(n_x + len(self.form.variables))
-        n_inner = len(flat.unknowns)
-        # The rates stand first, then the variables; unknowns are the states themselves, then the variables.
-        variables = model_function(
-            "variables", sizes, n_inner,
-            lambda *a: np.concatenate([a[0], values(*a)[n_x:]]),
-            lambda *a: [_with_identity(b[n_x:], i, n_x) for i, b in enumerate(slopes(*a))],
-        )  # fmt: skip
-        outputs_function = model_function(
-            "outputs", sizes, outputs.size,
-            lambda *a: np.concatenate([a[0], values(*a)[n_x:]])[outputs],
-            lambda *a: [_with_identity(b[n_x:], i, n_x)[outputs] for i, b in enumerate(slopes(*a))],
-        )  # fmt: skip
-        names = tuple(v.name for v in flat.unknowns[:n_x])
-        nothing = np.full(n_inner, np.nan)
-        return ExplicitModel(
-            flat=flat,
-            state_names=names,
-            state_units=tuple(v.unit for v in flat.unknowns[:n_x]),
-            input_derivatives=self._input_derivatives(flat),
-            rhs=function("rhs", everything[:n_x]),
-            variables=variables,
-            variable_derivatives=model_function(
-                "variable_derivatives", sizes, n_inner,
-                lambda *a: np.concatenate([values(*a)[:n_x], nothing[n_x:]]), None,
-            ),
-            outputs=outputs_function,
-            is_symbolic=False,
-            n_differentiations=0,
-            structural_index=1 if len(flat.unknowns) > n_x else 0,
-            largest_loop=0,
-        )  # fmt: skip
-
-    def family(self, flat: FlatModel, at: Mapping[str, float] | None) -> StateSpaceFamily:
+    def family(self, explicit: Dynamics, at: Mapping[str, float] | None) -> StateSpaceFamily:
         """Matrices by differences of the binary, and their derivatives by differences in θ. All NaN, without
         states, for Co-Simulation: names and noises are known, and no filter can be made of it."""
-        explicit = self.explicit(flat)
+        flat = explicit.flat
         x, u = self._point(flat, at)
 
         def matrices(theta: np.ndarray) -> list[np.ndarray]:
@@ -314,7 +204,7 @@ class BinaryForm:
         return family_of(explicit, function, self.has_affine_dynamics(flat), derivatives)
 
     def start(
-        self, flat: FlatModel, theta: np.ndarray, u: np.ndarray, time: float, given: Mapping[str, float]
+        self, flat: Model, theta: np.ndarray, u: np.ndarray, time: float, given: Mapping[str, float]
     ) -> np.ndarray:
         names = [v.name for v in flat.unknowns[: len(self.form.states)]]
         unknown = [name for name in given if name not in names]
@@ -329,28 +219,25 @@ class BinaryForm:
         x = self._start_states(theta, drivers, time)
         return np.array([given.get(name, value) for name, value in zip(names, x, strict=True)])
 
-    def integrate(
-        self, flat: FlatModel, names: tuple[str, ...], drive: Any, options: Mapping[str, Any]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def integrate(self, flat: Model, names: tuple[str, ...], drive: Run, with_states: bool) -> Integrated:
         """By the compiled integrator where the FMU has no events, else (or where that gives up) by CVODE.
-        Options: `sensitivities`; `state_scale` (n_states,); `with_states` puts the states behind the
-        outputs."""
+        `with_states` puts the states behind the outputs."""
         known = [p.name for p in flat.parameters]
-        columns = tuple(known.index(name) for name in names) if options["sensitivities"] else ()
+        columns = tuple(known.index(name) for name in names) if drive.directions else ()
         task = _Task(
-            flat, columns, drive.theta, drive.x0, drive.rtol, drive.atol, options["state_scale"],
-            options["sensitivities"], np.zeros(0), True,
+            flat, columns, drive.theta, drive.x0, drive.rtol, drive.atol, drive.scale,
+            drive.directions > 0, np.zeros(0), True,
         )  # fmt: skip
         references = (*self.form.states, *self.form.variables)
         read = [references[row] for row in self.output_rows(flat)]
-        read += self.form.states if options["with_states"] else ()
+        read += self.form.states if with_states else ()
         request = self.drive(drive.time, drive.u0, drive.u1, drive.u_last, read)
         if drive.correction is not None:
             request = replace(request, measurements=drive.correction.measurements, gain=drive.correction.gain)
         return self._integrated(task, request)
 
     def integrate_with_laws(
-        self, flat: FlatModel, names: Sequence[str], request: Drive, theta: np.ndarray, x0: np.ndarray,
+        self, flat: Model, names: Sequence[str], request: Drive, theta: np.ndarray, x0: np.ndarray,
         state_scale: np.ndarray, size_steps: np.ndarray | None, rtol: float = RTOL,
     ) -> Integrated:  # fmt: skip
         """States, what `request` reads, and its slopes by the parameters `names`, by the sizes of the laws
@@ -430,7 +317,7 @@ class BinaryForm:
 
     def variables_along(
         self,
-        flat: FlatModel,
+        flat: Model,
         time: np.ndarray,
         ubar: np.ndarray,
         theta: np.ndarray,
@@ -455,10 +342,7 @@ class BinaryForm:
         )  # fmt: skip
         return np.hstack([states, found.values[0]])
 
-    def raise_failure(self) -> None:
-        raise_failure()
-
-    def local_functions(self, flat: FlatModel) -> tuple[PointFunction, PointFunction]:
+    def local_functions(self, flat: Model) -> tuple[Any, Any]:
         refuse_hidden(self.model, "filter")
         n_x = len(self.form.states)
         rows = np.array(self.output_rows(flat), dtype=int)
@@ -488,11 +372,11 @@ class BinaryForm:
 
     # ---------------------------------------------------------------------------------------- pieces
 
-    def _sizes(self, flat: FlatModel) -> tuple[int, ...]:
-        n_v = len(self._input_derivatives(flat))
+    def sizes(self, flat: Model) -> tuple[int, ...]:
+        n_v = len(self.input_derivatives(flat))
         return (len(self.form.states), len(flat.inputs), n_v, len(flat.noises), len(flat.parameters), 1)
 
-    def _input_derivatives(self, flat: FlatModel) -> tuple[InputDerivative, ...]:
+    def input_derivatives(self, flat: Model) -> tuple[InputDerivative, ...]:
         """Inputs of the FMU that are derivatives of others, in the order of its references."""
         names = [v.name for v in flat.inputs]
         _, rates, _ = words.inputs_and_noises(self.model)
@@ -502,7 +386,7 @@ class BinaryForm:
             found.append(InputDerivative(names.index(base), order))
         return tuple(found)
 
-    def output_rows(self, flat: FlatModel) -> list[int]:
+    def output_rows(self, flat: Model) -> list[int]:
         """Positions of the outputs among states and variables. ModelError `output-unknown`."""
         missing = [o.name for o in flat.outputs if o.name not in self._columns]
         if missing:
@@ -556,7 +440,7 @@ class BinaryForm:
             raise IntegrationError(found.stopped.reason, found.stopped.time)
         return found
 
-    def _point(self, flat: FlatModel, at: Mapping[str, float] | None) -> tuple[np.ndarray, np.ndarray]:
+    def _point(self, flat: Model, at: Mapping[str, float] | None) -> tuple[np.ndarray, np.ndarray]:
         """States and drivers that matrices are computed at: zero for an affine model."""
         drivers = np.zeros(len(self.form.drivers))
         if self.is_affine:
@@ -569,7 +453,7 @@ class BinaryForm:
         return np.array([at.get(n, value) for n, value in zip(names, x, strict=True)]), drivers
 
     def _moved_parameters(
-        self, flat: FlatModel, theta: np.ndarray, columns: Sequence[int], share: float
+        self, flat: Model, theta: np.ndarray, columns: Sequence[int], share: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Parameter values moved up and down, one after the other, (2 n_columns, p), and the steps."""
         sets, steps = [], []
@@ -584,7 +468,7 @@ class BinaryForm:
         return np.array(sets).reshape(len(sets), theta.size), np.array(steps)
 
     def _matrices(
-        self, flat: FlatModel, sets: np.ndarray, x: np.ndarray, drivers: np.ndarray
+        self, flat: Model, sets: np.ndarray, x: np.ndarray, drivers: np.ndarray
     ) -> list[list[np.ndarray]]:
         """A, B, G, b, C, D, H, d, X, U, W, x0 for every set of parameters."""
         n_x, rows = x.size, np.array(self.output_rows(flat), dtype=int)
@@ -667,7 +551,7 @@ class BinaryForm:
         )[0, 0]  # fmt: skip
         return Slopes(values[0], jacobian[:, :n_x], jacobian[:, n_x:], by_time)
 
-    def _noise_places(self, flat: FlatModel) -> list[tuple[bool, int]]:
+    def noise_places(self, flat: Model) -> list[tuple[bool, int]]:
         """For every noise, whether it adds to a driver, and to which; else to which rate. ModelError
         `noise-place-unknown`."""
         drivers = {self.model.variables[vr].name: i for i, vr in enumerate(self.form.drivers)}
@@ -683,31 +567,31 @@ class BinaryForm:
                 raise _no_noise_place(noise.name, [*drivers, *(f"der({s})" for s in states)], self.model)
         return places
 
-    def _by_noise(self, flat: FlatModel, by_drivers: np.ndarray) -> np.ndarray:
+    def _by_noise(self, flat: Model, by_drivers: np.ndarray) -> np.ndarray:
         """∂(ẋ, z)/∂w (n, n_w)."""
         columns = np.zeros((by_drivers.shape[0], len(flat.noises)))
-        for k, (is_driver, i) in enumerate(self._noise_places(flat)):
+        for k, (is_driver, i) in enumerate(self.noise_places(flat)):
             if is_driver:
                 columns[:, k] = by_drivers[:, i]
             else:
                 columns[i, k] = 1.0
         return columns
 
-    def _with_noise(
-        self, flat: FlatModel, x: np.ndarray, u: np.ndarray, v: np.ndarray, w: np.ndarray,
+    def with_noise(
+        self, flat: Model, x: np.ndarray, u: np.ndarray, v: np.ndarray, w: np.ndarray,
         theta: np.ndarray, time: np.ndarray,
     ) -> np.ndarray:  # fmt: skip
         drivers = np.zeros(len(self.form.drivers))
         drivers[: u.size + v.size] = np.concatenate([u, v])
         added = np.zeros(len(self.form.states))
-        for (is_driver, i), value in zip(self._noise_places(flat), w, strict=True):
+        for (is_driver, i), value in zip(self.noise_places(flat), w, strict=True):
             (drivers if is_driver else added)[i] += value
         row = self._rows(theta[None], x[None], drivers[None], np.ravel(time))[0, 0]
         row[: x.size] += added
         return row
 
-    def _blocks(
-        self, flat: FlatModel, x: np.ndarray, u: np.ndarray, v: np.ndarray, w: np.ndarray,
+    def blocks(
+        self, flat: Model, x: np.ndarray, u: np.ndarray, v: np.ndarray, w: np.ndarray,
         theta: np.ndarray, time: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
         """∂(ẋ, z)/∂(x, u, v, w, θ, t); that with respect to θ is not given, and zero."""
@@ -718,7 +602,7 @@ class BinaryForm:
         return found.by_x, by_u, by_v, by_w, np.zeros((n, theta.size)), found.by_time[:, None]
 
 
-def _unknown_matrices(flat: FlatModel, n_u: int) -> list[np.ndarray]:
+def _unknown_matrices(flat: Model, n_u: int) -> list[np.ndarray]:
     """A, B, G, b, C, D, H, d, X, U, W, x0 without states: NaN but for the noises, which enter nowhere."""
     n_w, n_y, n = len(flat.noises), len(flat.outputs), len(flat.unknowns)
     shapes = [(0, 0), (0, n_u), (0, n_w), (0, 1), (n_y, 0), (n_y, n_u), (n_y, n_w), (n_y, 1)]

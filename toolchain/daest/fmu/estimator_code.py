@@ -13,8 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from daest.errors import EstimationError, FmuError
-from daest.model.flat import FlatModel
+from daest.errors import EstimationError
 from daest.model.linear import StateSpaceFamily
 
 FIXED = ("estimator.h", "estimator.c", "main.c")
@@ -90,17 +89,6 @@ class EstimatorModel:
             "EST_FOH": int(self.hold == "foh"),
             "EST_HELD": int(self.held),
         }
-
-
-def refuse_given(flat: FlatModel) -> None:
-    """Raises FmuError `fmu-no-equations` for a model without equations."""
-    if flat.given is not None:
-        raise FmuError(
-            "fmu-no-equations",
-            "an estimator can be exported from a model with equations alone",
-            where=flat.name,
-            remedy="use the Modelica source, or an FMU of daest export",
-        )
 
 
 def all_values(family: StateSpaceFamily) -> tuple[str, ...]:

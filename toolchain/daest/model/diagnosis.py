@@ -10,7 +10,7 @@ import numpy as np
 
 from daest.model.effects import Effect, Site
 from daest.model.fit import Agreement, FitResult
-from daest.model.flat import FlatModel
+from daest.model.flat import Model
 from daest.model.shown import Framed, Listing
 
 VerdictName = Literal[
@@ -185,7 +185,7 @@ class Proof:
     to the prediction of unseen data."""
 
     candidate: Candidate
-    flat: FlatModel
+    flat: Model
     fit: FitResult
     delta_log_likelihood: float
     delta_bic: float

@@ -1,35 +1,34 @@
-"""FlatModel: the equation list of a Modelica model, F(ξ', ξ, u, w, θ, t) = 0 and y = h(ξ, u, w, θ, t); and
-ExplicitModel, its index-reduced form.
+"""A model of a machine: `Model` has its names, units and values, a `FlatModel` its equations too, and
+`Dynamics` is the form ẋ = f in which a model is driven and filtered.
 
-Gerdin & Schön (1). One scalar equation per row, each with its text, its origin and its source line.
+What models are asked are generic functions (`functools.singledispatch`) of `systems`. Of a `Model`:
+`dynamics`, `linearize`, `is_affine_model` and, in `modelica`, `with_noises`. Of its `Dynamics`:
+`initial_point`, `integrator`, `values_along`, `family_along`, `local_model`, `has_affine_dynamics`. A new
+kind of model is a subclass of both that answers these ten, as `fmu/binary_model.py` does for FMUs that carry
+no equations.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, Protocol
+from typing import Self
 
 import casadi as ca
 import numpy as np
 
-from daest.errors import ModelError
+from daest.errors import FmuError, ModelError
 from daest.model.events import Events
-from daest.model.linear import LinearDAE, StateSpaceFamily
 from daest.model.parts import DerivedParameter, Equation, NoiseInput, Output, Parameter, Variable
 
 
-@dataclass(frozen=True)
-class FlatModel:
-    """The DAE of a model, scalar by scalar, with CasADi SX expressions.
+@dataclass(frozen=True, kw_only=True)
+class Model:
+    """Names, units and values of a model: unknowns ξ, inputs u, white noises w, parameters θ, outputs y.
 
-    `residual` (n×1) holds one row per entry of `equations`, in the symbols `derivatives` (ξ', n×1), `xi`
-    (n×1), `u`, `w`, `theta` and `time`. Row signs are those of `lhs - rhs` of the source. n equations, n
-    unknowns: a top-level output that only names an expression, y = h(ξ), is no unknown; it stands in
-    `output_expressions` as in (1b) of the report. `initial_residual` are the initial equations, in the same
-    symbols; fixed start values are told by `Variable.fixed`. `given` takes the place of equations that
-    nobody has. `events`: what happens when; None for a model that is smooth, or whose switches need no
-    memory.
+    `equations` name what holds, one for each unknown, in the words of the source; whether they can be
+    evaluated is a matter of the subclass. `events`: what happens when, as far as daest has to follow it; None
+    for a model that is smooth, whose switches need no memory, or that follows its events itself.
     """
 
     name: str
@@ -39,44 +38,19 @@ class FlatModel:
     parameters: tuple[Parameter, ...]
     outputs: tuple[Output, ...]
     equations: tuple[Equation, ...]
-    derivatives: ca.SX
-    xi: ca.SX
-    u: ca.SX
-    w: ca.SX
-    theta: ca.SX
-    time: ca.SX
-    residual: ca.SX
-    output_expressions: ca.SX
-    initial_equations: tuple[Equation, ...] = ()
-    initial_residual: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     derived_parameters: tuple[DerivedParameter, ...] = ()
-    derived_values: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     source: str = ""
     description: str = ""
-    given: GivenForm | None = None
     events: Events | None = None
 
-    def __post_init__(self) -> None:
-        sizes = {
-            "derivatives": (self.derivatives, len(self.unknowns)),
-            "xi": (self.xi, len(self.unknowns)),
-            "u": (self.u, len(self.inputs)),
-            "w": (self.w, len(self.noises)),
-            "theta": (self.theta, len(self.parameters)),
-            "residual": (self.residual, len(self.equations)),
-            "output_expressions": (self.output_expressions, len(self.outputs)),
-            "initial_residual": (self.initial_residual, len(self.initial_equations)),
-            "derived_values": (self.derived_values, len(self.derived_parameters)),
-        }
-        for name, (expression, size) in sizes.items():
-            if expression.numel() != size:
-                raise ValueError(f"FlatModel.{name} has {expression.numel()} rows, expected {size}")
-        if len(self.equations) != len(self.unknowns):
-            raise ValueError(f"{len(self.equations)} equations for {len(self.unknowns)} unknowns")
+    @property
+    def has_equations(self) -> bool:
+        """Whether the equations can be evaluated: a `FlatModel`."""
+        return isinstance(self, FlatModel)
 
     @property
     def n(self) -> int:
-        """Number of equations and unknowns."""
+        """Number of unknowns."""
         return len(self.unknowns)
 
     @property
@@ -84,7 +58,7 @@ class FlatModel:
         """Values of all parameters, shape (n_parameters,)."""
         return np.array([p.value for p in self.parameters])
 
-    def with_theta(self, theta: Mapping[str, float]) -> FlatModel:
+    def with_theta(self, theta: Mapping[str, float]) -> Self:
         """The model with these parameter values; names present in only one of both are ignored."""
         parameters = tuple(replace(p, value=theta.get(p.name, p.value)) for p in self.parameters)
         return replace(self, parameters=parameters)
@@ -105,6 +79,64 @@ class FlatModel:
                 )
         return values
 
+    def refuse_hidden_states(self, what: str) -> None:
+        """Raise the error for a `what` of a model that can only be simulated, if this is one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlatModel(Model):
+    """A model with equations: the DAE F(ξ', ξ, u, w, θ, t) = 0, y = h(ξ, u, w, θ, t), scalar by scalar, with
+    CasADi SX expressions. Gerdin & Schön (1).
+
+    `residual` (n×1) holds one row per entry of `equations`, in the symbols `derivatives` (ξ', n×1), `xi`
+    (n×1), `u`, `w`, `theta` and `time`. Row signs are those of `lhs - rhs` of the source. n equations, n
+    unknowns: a top-level output that only names an expression, y = h(ξ), is no unknown; it stands in
+    `output_expressions` as in (1b) of the report. `initial_residual` are the initial equations, in the same
+    symbols; fixed start values are told by `Variable.fixed`.
+    """
+
+    derivatives: ca.SX
+    xi: ca.SX
+    u: ca.SX
+    w: ca.SX
+    theta: ca.SX
+    time: ca.SX
+    residual: ca.SX
+    output_expressions: ca.SX
+    initial_equations: tuple[Equation, ...] = ()
+    initial_residual: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    derived_values: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+
+    def __post_init__(self) -> None:
+        sizes = {
+            "derivatives": (self.derivatives, len(self.unknowns)),
+            "xi": (self.xi, len(self.unknowns)),
+            "u": (self.u, len(self.inputs)),
+            "w": (self.w, len(self.noises)),
+            "theta": (self.theta, len(self.parameters)),
+            "residual": (self.residual, len(self.equations)),
+            "output_expressions": (self.output_expressions, len(self.outputs)),
+            "initial_residual": (self.initial_residual, len(self.initial_equations)),
+            "derived_values": (self.derived_values, len(self.derived_parameters)),
+        }
+        for name, (expression, size) in sizes.items():
+            if expression.numel() != size:
+                raise ValueError(f"FlatModel.{name} has {expression.numel()} rows, expected {size}")
+        if len(self.equations) != len(self.unknowns):
+            raise ValueError(f"{len(self.equations)} equations for {len(self.unknowns)} unknowns")
+
+
+def with_equations(model: Model, what: str) -> FlatModel:
+    """The model, if it has equations; FmuError `fmu-no-equations` tells that `what`, a noun, needs them."""
+    if isinstance(model, FlatModel):
+        return model
+    raise FmuError(
+        "fmu-no-equations",
+        f"{what} needs a model with equations, and this FMU carries none",
+        where=model.source or model.name,
+        remedy="use the Modelica source, or an FMU of daest export",
+    )
+
 
 @dataclass(frozen=True)
 class InputDerivative:
@@ -114,14 +146,12 @@ class InputDerivative:
     order: int
 
 
-@dataclass(frozen=True)
-class ExplicitModel:
-    """The form ẋ = f(x, u, u̇, …, w, θ, t) of a `FlatModel`: states chosen by index reduction, and functions
-    of them.
+@dataclass(frozen=True, kw_only=True)
+class Dynamics:
+    """The form ẋ = f(x, u, u̇, …, w, θ, t) of a model, and functions of its states.
 
     The argument vector of all functions is `(x, u, v, w, theta, t)`: x (n_states,), inputs u, input
     derivatives v (`input_derivatives`, may be empty), white noises w, all parameters theta, scalar time t.
-    Every function is a CasADi function with exact derivatives.
 
     `rhs` returns ẋ (n_states,); `variables` returns ξ (n,); `variable_derivatives` returns ξ' (n,) where the
     model determines it without differentiating the inputs further (NaN otherwise); `outputs` returns y.
@@ -130,7 +160,7 @@ class ExplicitModel:
     of freedom (`systems.redundant`); None where the states are free.
     """
 
-    flat: FlatModel
+    flat: Model
     state_names: tuple[str, ...]  # names of unknowns, or `der(name)` for a derivative chosen as a state
     state_units: tuple[str, ...]
     input_derivatives: tuple[InputDerivative, ...]
@@ -139,75 +169,43 @@ class ExplicitModel:
     variable_derivatives: ca.Function
     outputs: ca.Function
     is_symbolic: bool
-    n_differentiations: int  # how many equations were differentiated, counted with multiplicity
-    structural_index: int
-    largest_loop: int  # unknowns in the largest algebraic loop after tearing, 0 when there is none
     invariants: ca.Function | None = None
 
     @property
     def n_states(self) -> int:
         return len(self.state_names)
 
-
-class GivenForm(Protocol):
-    """The form in which a model is given from outside, such as the binary of an FMU.
-
-    Its `FlatModel` has names, units and values, and NaN for every residual: each step that would take its
-    functions from the equations asks here. `hides_states`: only simulations can be had.
-    """
-
-    hides_states: bool
-
     @property
     def may_jump(self) -> bool:
-        """True if the results may depend on more than time, states and inputs: on discrete variables that
-        events have changed, or on integrator steps that were reported to the model."""
+        """True if the functions may depend on more than their arguments: on discrete variables that events
+        have changed, or on integrator steps that were reported to the model."""
+        return False
 
     @property
-    def method(self) -> str:
-        """How simulations are computed."""
-
-    @property
-    def is_affine(self) -> bool: ...
-
-    def has_affine_dynamics(self, flat: FlatModel) -> bool:
-        """True if the rates and the outputs are affine in states and inputs; other variables need not be."""
-
-    def with_noises(self, flat: FlatModel, noises: Mapping[str, float | None]) -> FlatModel:
-        """The model with white noise of the given intensities at its places, by name."""
-
-    def explicit(self, flat: FlatModel) -> ExplicitModel: ...
-
-    def linearize(self, flat: FlatModel, theta: np.ndarray, at: Mapping[str, float] | None) -> LinearDAE: ...
-
-    def family(self, flat: FlatModel, at: Mapping[str, float] | None) -> StateSpaceFamily: ...
-
-    def start(
-        self, flat: FlatModel, theta: np.ndarray, u: np.ndarray, time: float, given: Mapping[str, float]
-    ) -> np.ndarray:
-        """Initial states (n_states,)."""
-
-    def integrate(
-        self, flat: FlatModel, names: tuple[str, ...], drive: Any, options: Mapping[str, Any]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """States, outputs and sensitivities as in `systems.integrate.Trajectory`."""
-
-    def variables_along(
-        self,
-        flat: FlatModel,
-        time: np.ndarray,
-        ubar: np.ndarray,
-        theta: np.ndarray,
-        states: np.ndarray,
-        hold: Literal["zoh", "foh"],
-    ) -> np.ndarray:
-        """All internal variables (n_samples, n) along states (n_samples, n_states)."""
+    def check_if_stopped(self) -> str:
+        """What else to look at where a simulation stopped, behind the parameters and the inputs at that time;
+        from a comma on, or nothing."""
+        return ""
 
     def raise_failure(self) -> None:
-        """Raise the error that a CasADi function of `explicit` met; its value was NaN."""
+        """Raise the error that a function met since the last call; its value was NaN then."""
 
-    def local_functions(self, flat: FlatModel) -> tuple[Any, Any]:
-        """`flow` and `see` of `systems.local_linear.LocalModel`."""
+
+@dataclass(frozen=True, kw_only=True)
+class ExplicitModel(Dynamics):
+    """The dynamics of a `FlatModel` by index reduction, with exact derivatives of every function."""
+
+    flat: FlatModel
+    n_differentiations: int  # how many equations were differentiated, counted with multiplicity
+    structural_index: int
+    largest_loop: int  # unknowns in the largest algebraic loop after tearing, 0 when there is none
+
+    @property
+    def check_if_stopped(self) -> str:
+        return (
+            ", and whether a mass or another coefficient of a derivative becomes zero; round a discontinuity "
+            "over a width, as tanh(w/width) for sign(w)"
+        )
 
 
 def events_refused(what: str) -> ModelError:

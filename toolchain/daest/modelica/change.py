@@ -1,4 +1,4 @@
-"""Changes of a FlatModel that need no compiler: parameter values, declared outputs, estimated parameters,
+"""Changes of a model that need no compiler: parameter values, declared outputs, estimated parameters,
 noises."""
 
 from __future__ import annotations
@@ -7,17 +7,21 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
+from functools import singledispatch
+from typing import Any, TypeVar
 
 import casadi as ca
 
 from daest.errors import ModelError
-from daest.model.flat import FlatModel
+from daest.model.flat import FlatModel, Model
 from daest.model.parts import NoiseInput, Output, Parameter
 from daest.model.prior import Prior, prior_unused
 from daest.modelica.places import resolve_place
 
+AnyModel = TypeVar("AnyModel", bound=Model)
 
-def with_values(flat: FlatModel, values: Mapping[str, float]) -> FlatModel:
+
+def with_values(flat: AnyModel, values: Mapping[str, float]) -> AnyModel:
     """`flat` with new parameter values. Raises ModelError for a name that is no tunable parameter, and for a
     value outside of its min and max."""
     for name in values:
@@ -38,7 +42,7 @@ def with_values(flat: FlatModel, values: Mapping[str, float]) -> FlatModel:
     return replace(flat, parameters=parameters, noises=noises, outputs=outputs)
 
 
-def _tunable(flat: FlatModel, name: str) -> Parameter:
+def _tunable(flat: Model, name: str) -> Parameter:
     for parameter in flat.parameters:
         if parameter.name == name and not parameter.is_memory:
             return parameter
@@ -84,11 +88,11 @@ def _outside(parameter: Parameter, what: str) -> ModelError:
 
 
 def with_choice(
-    flat: FlatModel,
+    flat: AnyModel,
     estimate: Iterable[str] | None = None,
     fix: Iterable[str] = (),
     prior: Mapping[str, Prior] | None = None,
-) -> FlatModel:
+) -> AnyModel:
     """`flat` with another choice of the estimated parameters: `estimate` alone (None: those that are marked),
     without those of `fix`; `prior` takes the place of the model's.
 
@@ -111,13 +115,13 @@ def with_choice(
 
 
 def declare(
-    flat: FlatModel,
+    flat: AnyModel,
     outputs: Sequence[str] | Mapping[str, str] | None = None,
     estimate: Iterable[str] | Mapping[str, bool] | None = None,
     noises: Mapping[str, float | None] | None = None,
     noise_std: Mapping[str, float | None] | None = None,
     estimate_noise: Mapping[str, bool] | None = None,
-) -> FlatModel:
+) -> AnyModel:
     """`flat` with what a project file says about it, in place of annotations.
 
     `outputs` are names of unknowns or of present outputs that are to be the outputs, in this order (a mapping
@@ -128,39 +132,54 @@ def declare(
     Raises ModelError.
     """
     if outputs is not None:
-        flat = _with_outputs(flat, outputs)
+        flat = with_outputs(flat, outputs)
     if estimate is not None:
         flat = _with_estimated(flat, estimate)
     if noises is not None:
-        flat = flat.given.with_noises(flat, noises) if flat.given else _with_noises(flat, noises)
+        flat = with_noises(flat, noises)
     if noise_std is not None:
         flat = _with_noise_std(flat, noise_std)
     return flat if estimate_noise is None else _with_estimated_noise(flat, estimate_noise)
 
 
-def _with_outputs(flat: FlatModel, outputs: Sequence[str] | Mapping[str, str]) -> FlatModel:
-    pairs = list(outputs.items()) if isinstance(outputs, Mapping) else [(name, name) for name in outputs]
-    made = [_output(flat, name, source) for name, source in pairs]
-    expressions = [expression for _, expression in made]
+@singledispatch
+def with_outputs(model: Model, outputs: Sequence[str] | Mapping[str, str]) -> Any:
+    """The model with these outputs, in this order: present ones, or unknowns; {name: unknown} names them
+    anew."""
+    return replace(model, outputs=tuple(output for output, _ in found_outputs(model, outputs)))
+
+
+@with_outputs.register
+def _with_expressions(flat: FlatModel, outputs: Sequence[str] | Mapping[str, str]) -> FlatModel:
+    found = found_outputs(flat, outputs)
+    every = ca.vertcat(flat.output_expressions, flat.xi)
+    rows = [row for _, row in found]
     return replace(
         flat,
-        outputs=tuple(output for output, _ in made),
-        output_expressions=ca.vertcat(*expressions) if expressions else ca.SX(0, 1),
+        outputs=tuple(output for output, _ in found),
+        output_expressions=every[rows] if rows else ca.SX(0, 1),
     )
 
 
-def _output(flat: FlatModel, name: str, source: str) -> tuple[Output, ca.SX]:
+def found_outputs(model: Model, outputs: Sequence[str] | Mapping[str, str]) -> list[tuple[Output, int]]:
+    """The outputs, each with its row among the present outputs and then the unknowns. ModelError
+    `output-unknown`."""
+    pairs = outputs.items() if isinstance(outputs, Mapping) else [(name, name) for name in outputs]
+    return [_output(model, name, source) for name, source in pairs]
+
+
+def _output(flat: Model, name: str, source: str) -> tuple[Output, int]:
     for i, output in enumerate(flat.outputs):
         if output.name == source:
-            return replace(output, name=name), flat.output_expressions[i]
+            return replace(output, name=name), i
     for i, unknown in enumerate(flat.unknowns):
         if unknown.name == source:
-            return Output(name, unknown.unit, unknown.description, place=unknown.place), flat.xi[i]
+            return Output(name, unknown.unit, unknown.description, place=unknown.place), len(flat.outputs) + i
     known = [y.name for y in flat.outputs] + [x.name for x in flat.unknowns]
     raise _no_such("output-unknown", "output", source, known, flat, "An output is a variable of the model.")
 
 
-def _with_estimated(flat: FlatModel, estimate: Iterable[str] | Mapping[str, bool]) -> FlatModel:
+def _with_estimated(flat: AnyModel, estimate: Iterable[str] | Mapping[str, bool]) -> AnyModel:
     marks = dict(estimate) if isinstance(estimate, Mapping) else dict.fromkeys(estimate, True)
     for name in marks:
         _tunable(flat, name)
@@ -168,7 +187,14 @@ def _with_estimated(flat: FlatModel, estimate: Iterable[str] | Mapping[str, bool
     return replace(flat, parameters=parameters)
 
 
-def _with_noises(flat: FlatModel, noises: Mapping[str, float | None]) -> FlatModel:
+@singledispatch
+def with_noises(model: Model, noises: Mapping[str, float | None]) -> Any:
+    """The model with white noise of these intensities at its places, by name; None: of unknown size."""
+    raise NotImplementedError(type(model).__name__)
+
+
+@with_noises.register
+def _in_equations(flat: FlatModel, noises: Mapping[str, float | None]) -> FlatModel:
     for place, intensity in noises.items():
         at = _noise_index(flat, place)
         if at is None:
@@ -179,7 +205,7 @@ def _with_noises(flat: FlatModel, noises: Mapping[str, float | None]) -> FlatMod
     return flat
 
 
-def _noise_index(flat: FlatModel, name: str) -> int | None:
+def _noise_index(flat: Model, name: str) -> int | None:
     return next((i for i, noise in enumerate(flat.noises) if noise.name in (name, noise_name(name))), None)
 
 
@@ -220,7 +246,7 @@ def _unit(flat: FlatModel, place: str) -> str:
     return ""
 
 
-def _with_noise_std(flat: FlatModel, noise_std: Mapping[str, float | None]) -> FlatModel:
+def _with_noise_std(flat: AnyModel, noise_std: Mapping[str, float | None]) -> AnyModel:
     known = [output.name for output in flat.outputs]
     for name, std in noise_std.items():
         if name not in known:
@@ -243,7 +269,7 @@ def _with_noise_std(flat: FlatModel, noise_std: Mapping[str, float | None]) -> F
     return replace(flat, outputs=outputs)
 
 
-def _with_estimated_noise(flat: FlatModel, marks: Mapping[str, bool]) -> FlatModel:
+def _with_estimated_noise(flat: AnyModel, marks: Mapping[str, bool]) -> AnyModel:
     known = [output.name for output in flat.outputs] + [noise.name for noise in flat.noises]
     for name in marks:
         if name not in known and _noise_index(flat, name) is None:
@@ -254,7 +280,7 @@ def _with_estimated_noise(flat: FlatModel, marks: Mapping[str, bool]) -> FlatMod
     return replace(flat, outputs=outputs, noises=noises)
 
 
-def _no_such(code: str, kind: str, name: str, known: Sequence[str], flat: FlatModel, hint: str) -> ModelError:
+def _no_such(code: str, kind: str, name: str, known: Sequence[str], flat: Model, hint: str) -> ModelError:
     near = get_close_matches(name, known, 3)
     did = f"Did you mean {' or '.join(f'`{one}`' for one in near)}? " if near else ""
     return ModelError(

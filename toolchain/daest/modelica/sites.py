@@ -12,7 +12,7 @@ import numpy as np
 
 from daest.errors import ModelError
 from daest.model.effects import Domain, Effect, Site
-from daest.model.flat import FlatModel
+from daest.model.flat import FlatModel, Model
 from daest.modelica.balances import balances
 from daest.modelica.connectors import Connector, connectors_of
 
@@ -39,10 +39,16 @@ class ConnectionSet:
         return any(other != outer and (not outer or other.startswith(f"{outer}.")) for other in others)
 
 
-def sites(flat: FlatModel) -> tuple[Site, ...]:
+def sites(flat: Model) -> tuple[Site, ...]:
     """All places of the model: nodes, two-terminal components, pairs of thermal and hydraulic nodes,
     connectors where something can be put in series, balances of bare equations, inputs, outputs and tunable
-    parameters."""
+    parameters. A model without equations has inputs and outputs alone."""
+    signals = (
+        *(Site(x.name, "input", "signal") for x in flat.inputs),
+        *(Site(y.name, "output", "signal") for y in flat.outputs),
+    )
+    if not isinstance(flat, FlatModel):
+        return signals
     net = Network(flat)
     nodes = net.nodes()
     return (
@@ -51,8 +57,7 @@ def sites(flat: FlatModel) -> tuple[Site, ...]:
         *_pairs(net),
         *net.cuts(),
         *_equations(flat),
-        *(Site(x.name, "input", "signal") for x in flat.inputs),
-        *(Site(y.name, "output", "signal") for y in flat.outputs),
+        *signals,
         *(Site(name, "parameter", "signal") for name in _used_parameters(flat)),
     )
 
@@ -94,7 +99,7 @@ def fits(effect: Effect, site: Site) -> bool:
     )
 
 
-def find_site(flat: FlatModel, name: str, effect: Effect | None = None) -> Site:
+def find_site(flat: Model, name: str, effect: Effect | None = None) -> Site:
     """The place called `name` (a site, one of its aliases, or two connectors `a, b`), where `effect` fits if
     it is given: a component means its first connector to an effect in series.
 
@@ -104,8 +109,9 @@ def find_site(flat: FlatModel, name: str, effect: Effect | None = None) -> Site:
     known = sites(flat)
     wanted = ", ".join(part.strip() for part in name.split(","))
     found = [site for site in known if wanted in (site.name, *site.aliases)]
-    found += _pair_named(flat, wanted)
-    if effect is not None:
+    if isinstance(flat, FlatModel):
+        found += _pair_named(flat, wanted)
+    if effect is not None and isinstance(flat, FlatModel):
         found += [site for site in _equations(flat, effect.domain) if wanted == site.name]
     if effect is not None and effect.attach == "series":
         found += _first_connector(found, known)

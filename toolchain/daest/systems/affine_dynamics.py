@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+from functools import singledispatch
+
 import casadi as ca
 
-from daest.model.flat import ExplicitModel
+from daest.model.flat import Dynamics, ExplicitModel
 from daest.systems.linearize import is_affine, is_affine_model
 
 
-def has_affine_dynamics(explicit: ExplicitModel) -> bool:
+@singledispatch
+def has_affine_dynamics(explicit: Dynamics) -> bool:
     """True when ẋ = f and y are affine in (x, u, v, w) with coefficients that do not depend on time. Exact.
 
     Less than `is_affine_model` asks: an unknown that parameters settle is no signal, though others are
     multiplied by it (a resistance at a fixed temperature), and one that no state and no output reads may be
     any function (the power that is lost in a damper)."""
+    raise NotImplementedError(type(explicit).__name__)
+
+
+@has_affine_dynamics.register
+def _of_equations(explicit: ExplicitModel) -> bool:
     flat = explicit.flat
     if flat.events is not None:
         return False
-    if flat.given is not None:
-        return flat.given.has_affine_dynamics(flat)
     if is_affine_model(flat):
         return True
     if not explicit.is_symbolic:

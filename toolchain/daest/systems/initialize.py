@@ -5,12 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import singledispatch
 
 import casadi as ca
 import numpy as np
 
 from daest.errors import ModelError, Place
-from daest.model.flat import ExplicitModel
+from daest.model.flat import Dynamics, ExplicitModel
 
 MAX_STEPS = 50
 MAX_HALVINGS = 12
@@ -29,8 +30,9 @@ class Conditions:
     places: tuple[Place | None, ...]
 
 
+@singledispatch
 def initial_point(
-    explicit: ExplicitModel,
+    explicit: Dynamics,
     theta: np.ndarray | None = None,
     u0: np.ndarray | None = None,
     v0: np.ndarray | None = None,
@@ -47,15 +49,19 @@ def initial_point(
 
     Defaults: parameter values, start values of the inputs, 0. Raises ModelError `initial-overdetermined` or
     `initial-not-solved`, with the conditions that cannot be met."""
-    arguments = _arguments(explicit, theta, u0, v0, t0)
-    if explicit.flat.given is not None:
-        u, v, _, values, _ = arguments
-        x = explicit.flat.given.start(explicit.flat, values, np.concatenate([u, v]), t0, given or {})
-        ubar = np.concatenate([u, v])[None]
-        along = explicit.flat.given.variables_along(
-            explicit.flat, np.array([t0]), ubar, values, x[None], "zoh"
-        )
-        return x, along[0]
+    raise NotImplementedError(type(explicit).__name__)
+
+
+@initial_point.register
+def _of_equations(
+    explicit: ExplicitModel,
+    theta: np.ndarray | None = None,
+    u0: np.ndarray | None = None,
+    v0: np.ndarray | None = None,
+    t0: float = 0.0,
+    given: Mapping[str, float] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    arguments = start_arguments(explicit, theta, u0, v0, t0)
     conditions = _conditions(explicit, dict(given or {}), arguments)
     start, wish = _start_values(explicit, arguments)
     x = _solve(conditions, start, wish)
@@ -70,8 +76,8 @@ def initial_point(
         ) from error
 
 
-def _arguments(
-    explicit: ExplicitModel,
+def start_arguments(
+    explicit: Dynamics,
     theta: np.ndarray | None,
     u0: np.ndarray | None,
     v0: np.ndarray | None,

@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import ctypes
 import functools
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import singledispatch
 from importlib import resources
 from typing import Any, Literal
 
@@ -19,7 +21,7 @@ import casadi as ca
 import numpy as np
 
 from daest.errors import FmuError, ModelError
-from daest.model.flat import ExplicitModel, events_refused
+from daest.model.flat import Dynamics, ExplicitModel, events_refused
 from daest.numerics.compiler import MOST_LINES, build_shared, effort
 from daest.numerics.projection import pull
 from daest.numerics.watched import watched
@@ -56,8 +58,69 @@ class Trajectory:
 
 
 @dataclass(frozen=True)
-class Integrator:
+class Correction:
+    """Measurements (n_samples, n_y), NaN where missing, and the gain (n_states, n_y), or one per sample
+    (n_samples, n_states, n_y), that corrects the state at each sample: x += gain (y - h(x))."""
+
+    measurements: np.ndarray
+    gain: np.ndarray
+
+
+@dataclass(frozen=True)
+class Run:
+    """What every engine needs, checked and contiguous. `directions`: number of sensitivities, 0 for none;
+    `scale` (n_states,): sizes of the states."""
+
+    time: np.ndarray
+    u0: np.ndarray
+    u1: np.ndarray
+    u_last: np.ndarray
+    theta: np.ndarray
+    x0: np.ndarray
+    directions: int
+    rtol: float
+    atol: np.ndarray
+    scale: np.ndarray
+    correction: Correction | None
+    max_steps: int
+    tell: Callable[[float], object] | None
+
+    @property
+    def start_sensitivities(self) -> np.ndarray:
+        """∂x0/∂directions (n_states, n_directions): zero for parameters, then the identity."""
+        n_states = self.x0.size
+        start = np.zeros((n_states, self.directions))
+        if self.directions:
+            start[:, self.directions - n_states :] = np.eye(n_states)
+        return start
+
+
+class Integrator(ABC):
     """A model ready to be integrated: `names` are the parameters that sensitivities are computed for."""
+
+    explicit: Dynamics
+    names: tuple[str, ...]
+
+    @property
+    def is_compiled(self) -> bool:
+        return True
+
+    @property
+    def n_directions(self) -> int:
+        return len(self.names) + self.explicit.n_states
+
+    @abstractmethod
+    def trajectory(self, run: Run) -> Trajectory:
+        """States, outputs and sensitivities of a prepared run."""
+
+    @abstractmethod
+    def method(self, rtol: float, hold: Hold) -> str:
+        """How trajectories are computed at this tolerance, for the reader."""
+
+
+@dataclass(frozen=True)
+class EquationIntegrator(Integrator):
+    """Functions of a model with equations; one that has events is followed from event to event."""
 
     explicit: ExplicitModel
     names: tuple[str, ...]
@@ -70,15 +133,26 @@ class Integrator:
 
     def __reduce__(self) -> tuple:
         # A library belongs to its process; another one loads it anew.
-        return _again, (self.explicit, self.names, self.library is not None)
+        return _again, (self.explicit, self.names, self.is_compiled)
 
     @property
-    def n_directions(self) -> int:
-        return len(self.names) + self.explicit.n_states
+    def is_compiled(self) -> bool:
+        return self.library is not None
+
+    def trajectory(self, run: Run) -> Trajectory:
+        if self.events is not None:
+            return _run_hybrid(self, run)
+        return _run_interpreted(self, run) if self.library is None else _run_radau(self, run)
+
+    def method(self, rtol: float, hold: Hold) -> str:
+        how = f"adaptive steps, rtol {rtol:g}" if self.is_compiled else "fixed steps"
+        held = "" if self.explicit.invariants is None else ", projected on the constraints"
+        return f"Radau IIA order 5, {how}, {hold}{held}"
 
 
+@singledispatch
 def integrator(
-    explicit: ExplicitModel,
+    explicit: Dynamics,
     names: Sequence[str] = (),
     *,
     compiled: bool = True,
@@ -90,19 +164,30 @@ def integrator(
     The start, every sample and every corrected state are projected onto the invariants of the model, if it
     has any. Raises ModelError `unknown-parameter` for a name that is no parameter.
     """
+    raise NotImplementedError(type(explicit).__name__)
+
+
+@integrator.register
+def _of_equations(
+    explicit: ExplicitModel,
+    names: Sequence[str] = (),
+    *,
+    compiled: bool = True,
+    runs_once: bool = False,
+) -> Integrator:
     rhs, sens, out, hold = _model_functions(explicit, tuple(names))
     library, events, root = None, None, None
     if explicit.flat.events is not None:
         functions = EventFunctions(explicit)
         root, owners = functions.roots()
         events = functions, owners
-    if compiled and explicit.flat.given is None:
+    if compiled:
         try:
             library = _compile(rhs, sens, out, hold, root, "-O1" if runs_once else "-O3")
         except FmuError as error:
             if error.code != "no-c-compiler":
                 raise
-    return Integrator(explicit, tuple(names), rhs, sens, out, library, hold, events)
+    return EquationIntegrator(explicit, tuple(names), rhs, sens, out, library, hold, events)
 
 
 def _again(explicit: ExplicitModel, names: tuple[str, ...], compiled: bool) -> Integrator:
@@ -201,7 +286,7 @@ def _load(source: str, wanted: str) -> ctypes.CDLL | None:
 
 
 def interval_inputs(
-    explicit: ExplicitModel, time: np.ndarray, inputs: np.ndarray, hold: Hold
+    explicit: Dynamics, time: np.ndarray, inputs: np.ndarray, hold: Hold
 ) -> tuple[np.ndarray, np.ndarray]:
     """ū = (u, v) at the two ends of each sample interval, each (n_samples - 1, n_ū).
 
@@ -225,42 +310,6 @@ def interval_inputs(
         columns.append(slopes[:, derivative.index])
     v = np.column_stack(columns) if columns else np.empty((start.shape[0], 0))
     return np.hstack([start, v]), np.hstack([end, v])
-
-
-@dataclass(frozen=True)
-class Correction:
-    """Measurements (n_samples, n_y), NaN where missing, and the gain (n_states, n_y), or one per sample
-    (n_samples, n_states, n_y), that corrects the state at each sample: x += gain (y - h(x))."""
-
-    measurements: np.ndarray
-    gain: np.ndarray
-
-
-@dataclass(frozen=True)
-class _Run:
-    """What both engines need, checked and contiguous."""
-
-    time: np.ndarray
-    u0: np.ndarray
-    u1: np.ndarray
-    u_last: np.ndarray
-    theta: np.ndarray
-    x0: np.ndarray
-    directions: int
-    rtol: float
-    atol: np.ndarray
-    correction: Correction | None
-    max_steps: int
-    tell: Callable[[float], object] | None
-
-    @property
-    def start_sensitivities(self) -> np.ndarray:
-        """∂x0/∂directions (n_states, n_directions): zero for parameters, then the identity."""
-        n_states = self.x0.size
-        start = np.zeros((n_states, self.directions))
-        if self.directions:
-            start[:, self.directions - n_states :] = np.eye(n_states)
-        return start
 
 
 def integrate(
@@ -296,15 +345,11 @@ def integrate(
     directions = model.n_directions if sensitivities else 0
     atol = rtol * ATOL_OF_SCALE * scale
     most = search_steps(time.size) if max_steps is None else max_steps
-    run = _Run(time, u0, u1, u_last, theta, x0, directions, rtol, atol, correction, most, tell)
-    if model.explicit.flat.given is not None:
-        return _run_given(model, run, scale)
-    if model.events is not None:
-        return _run_hybrid(model, run)
-    return _run_interpreted(model, run) if model.library is None else _run_radau(model, run)
+    run = Run(time, u0, u1, u_last, theta, x0, directions, rtol, atol, scale, correction, most, tell)
+    return model.trajectory(run)
 
 
-def _run_hybrid(model: Integrator, run: _Run) -> Trajectory:
+def _run_hybrid(model: EquationIntegrator, run: Run) -> Trajectory:
     """With events."""
     if run.correction is not None:
         raise events_refused("a prediction from sample to sample")
@@ -319,16 +364,7 @@ def _run_hybrid(model: Integrator, run: _Run) -> Trajectory:
     return Trajectory(made.states, made.outputs, made.sensitivities, made.n_steps)
 
 
-def _run_given(model: Integrator, run: _Run, scale: np.ndarray) -> Trajectory:
-    """By the integrator of a model without equations."""
-    flat = model.explicit.flat
-    assert flat.given is not None
-    with_states = model.explicit.outputs.numel_out(0) > len(flat.outputs)
-    options = {"sensitivities": run.directions > 0, "state_scale": scale, "with_states": with_states}
-    return Trajectory(*flat.given.integrate(flat, model.names, run, options), n_steps=0)
-
-
-def _run_radau(model: Integrator, run: _Run) -> Trajectory:
+def _run_radau(model: EquationIntegrator, run: Run) -> Trajectory:
     assert model.library is not None
     n, n_states, n_y = run.time.size, run.x0.size, model.out.numel_out(0)
     states, outputs = np.empty((n, n_states)), np.empty((n, n_y))
@@ -368,7 +404,7 @@ def _watched(
     return watched(lambda: simulate(*arguments), lambda: tell(float(reached[0])), stop)
 
 
-def _run_interpreted(model: Integrator, run: _Run) -> Trajectory:
+def _run_interpreted(model: EquationIntegrator, run: Run) -> Trajectory:
     """Interval by interval, so that corrections can be applied between them."""
     step = _collocation(model)
     n, n_states, n_y = run.time.size, run.x0.size, model.out.numel_out(0)
@@ -406,7 +442,7 @@ def _run_interpreted(model: Integrator, run: _Run) -> Trajectory:
 
 
 def _projected(
-    model: Integrator, run: _Run, u: np.ndarray, time: float, x: np.ndarray, S: np.ndarray
+    model: EquationIntegrator, run: Run, u: np.ndarray, time: float, x: np.ndarray, S: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """State and sensitivities on the invariants of the model, by shortest steps in sizes of the states."""
     if model.hold is None:
@@ -425,7 +461,7 @@ def _projected(
 
 
 def _correct(
-    run: _Run, i: int, x: np.ndarray, S: np.ndarray, predicted: np.ndarray, predicted_sens: np.ndarray
+    run: Run, i: int, x: np.ndarray, S: np.ndarray, predicted: np.ndarray, predicted_sens: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     assert run.correction is not None
     gain = run.correction.gain[i] if run.correction.gain.ndim == 3 else run.correction.gain
@@ -435,7 +471,7 @@ def _correct(
     return x + gain @ (measured - predicted)[there], S - gain @ predicted_sens[there]
 
 
-def _collocation(model: Integrator) -> ca.Function:
+def _collocation(model: EquationIntegrator) -> ca.Function:
     """(x, theta, ends) -> x after the interval, ∂x/∂x0, ∂x/∂θ_names; ends = (t0, t1, ū at t0, ū at t1)."""
     n_states, n_u, n_theta = (model.rhs.numel_in(i) for i in range(3))
     x, ends, theta = ca.MX.sym("x", n_states), ca.MX.sym("ends", 2 + 2 * n_u), ca.MX.sym("theta", n_theta)

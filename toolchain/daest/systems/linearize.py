@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import singledispatch
 
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
 from daest.errors import ConfigError, NumericalError
-from daest.model.flat import FlatModel
+from daest.model.flat import FlatModel, Model
 from daest.model.linear import LinearDAE, Matrix
 from daest.systems.algebraic_start import agreed_start
 
@@ -48,10 +49,11 @@ class OperatingPoint:
     is_given: bool  # False: start values, because the caller gave none
 
 
+@singledispatch
 def linearize(
-    flat: FlatModel, theta: np.ndarray | None = None, at: Mapping[str, float] | None = None
+    model: Model, theta: np.ndarray | None = None, at: Mapping[str, float] | None = None
 ) -> LinearDAE:
-    """The linear DAE of `flat` at the parameters `theta` (None: the values of the model).
+    """The linear DAE of `model` at the parameters `theta` (None: the values of the model).
 
     `at` maps unknowns, inputs, `der(name)` and `time` to the operating point; what it leaves out is at its
     start value, or zero (algebraic unknowns: at values that agree with these), and derivatives and the time
@@ -59,14 +61,19 @@ def linearize(
     there `at` has no effect. For a nonlinear model without `at` the start values are used, and a note in the
     result says so; another note tells the time where the equations contain it.
     """
+    raise NotImplementedError(type(model).__name__)
+
+
+@linearize.register
+def _of_equations(
+    flat: FlatModel, theta: np.ndarray | None = None, at: Mapping[str, float] | None = None
+) -> LinearDAE:
     if flat.events is not None:
         from daest.systems.modes import in_starting_mode
 
         flat = in_starting_mode(flat, theta=theta)
         theta = None
     values = flat.checked_theta(theta)
-    if flat.given is not None:
-        return flat.given.linearize(flat, values, at)
     is_affine = is_affine_model(flat)
     point = operating_point(flat, at)
     family = linear_dae_function(flat, at)
@@ -109,10 +116,14 @@ def linear_dae_function(flat: FlatModel, at: Mapping[str, float] | None = None) 
     return ca.Function("linear_dae", [flat.theta], _matrices(flat, at), ["theta"], list(MATRIX_NAMES))
 
 
-def is_affine_model(flat: FlatModel) -> bool:
+@singledispatch
+def is_affine_model(model: Model) -> bool:
     """True when F and h are affine in (ξ', ξ, u, w) with coefficients that do not depend on time. Exact."""
-    if flat.given is not None:
-        return flat.given.is_affine
+    raise NotImplementedError(type(model).__name__)
+
+
+@is_affine_model.register
+def _has_affine_equations(flat: FlatModel) -> bool:
     signals = ca.vertcat(flat.derivatives, flat.xi, flat.u, flat.w)
     return is_affine(ca.vertcat(flat.residual, flat.output_expressions), signals, flat.time)
 
@@ -166,7 +177,7 @@ def operating_point(flat: FlatModel, at: Mapping[str, float] | None = None) -> O
             remedy="Use names of unknowns and inputs as `daest linearize` lists them, `der(name)` or `time`.",
         )
     values, inputs = np.array(xi, dtype=float), np.array(u, dtype=float)
-    if flat.given is None and not is_affine_model(flat):
+    if not is_affine_model(flat):
         values = agreed_start(flat, values, inputs, time, held)
     return OperatingPoint(np.array(derivatives), values, inputs, time, is_given)
 

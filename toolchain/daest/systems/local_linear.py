@@ -10,6 +10,7 @@ import ctypes
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import singledispatch
 from importlib import resources
 from itertools import pairwise
 from typing import Any
@@ -18,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 from daest.errors import EstimationError, FmuError, ModelError
-from daest.model.flat import ExplicitModel, events_refused
+from daest.model.flat import Dynamics, ExplicitModel, events_refused
 from daest.numerics.compiler import build_shared, effort, processor_flags
 from daest.systems.gaussian_average import averaged
 
@@ -32,7 +33,7 @@ class LocalModel:
     ū = (u, v). Matrices come out row by row, as one column. `library` None: interpreted.
     """
 
-    explicit: ExplicitModel
+    explicit: Dynamics
     names: tuple[str, ...]
     flow: ca.Function  # (x, ū, dū/dt, theta, t, P) -> E f, its ∂/∂x, ramp, ∂f/∂w; P (n, n): covariance of x
     see: ca.Function  # (x, ū, theta, t) -> h, ∂h/∂x
@@ -60,8 +61,9 @@ class LocalModel:
         return 0 if self.inside is None else self.inside.numel_out(0)
 
 
+@singledispatch
 def local_model(
-    explicit: ExplicitModel,
+    explicit: Dynamics,
     names: Sequence[str] = (),
     *,
     tangents: bool = False,
@@ -77,10 +79,20 @@ def local_model(
     Raises ModelError `unknown-parameter`; EstimationError `output-white-noise` where an output contains white
     noise directly.
     """
+    raise NotImplementedError(type(explicit).__name__)
+
+
+@local_model.register
+def _of_equations(
+    explicit: ExplicitModel,
+    names: Sequence[str] = (),
+    *,
+    tangents: bool = False,
+    inside: bool = False,
+    compiled: bool = True,
+) -> LocalModel:
     if explicit.flat.events is not None:
         raise events_refused("a filter")
-    if explicit.flat.given is not None:
-        return _given_model(explicit, tangents or inside)
     parts = _Parts.of(explicit, tuple(names))
     _refuse_direct_noise(explicit)
     flow, see = parts.flow(), parts.see()
@@ -105,28 +117,13 @@ def local_model(
     return replace(model, library=_library(model)) if compiled else model
 
 
-def _given_model(explicit: ExplicitModel, needs_more: bool) -> LocalModel:
-    """A model without equations has slopes at points, and no more."""
-    given = explicit.flat.given
-    assert given is not None
-    if needs_more:
-        raise EstimationError(
-            "given-form-without-tangents",
-            f"{explicit.flat.name} has no equations, and a particle filter or a likelihood by the extended "
-            "Kalman filter needs them",
-            remedy="use --kind ekf or ukf; identify with --method oe, or --method pem and its observer",
-        )
-    flow, see = given.local_functions(explicit.flat)
-    return LocalModel(explicit, (), flow, see, None, None, None, None, None, library=None)
-
-
-def internal_names(explicit: ExplicitModel) -> tuple[str, ...]:
+def internal_names(explicit: Dynamics) -> tuple[str, ...]:
     """Names of the internal variables: all unknowns, then the outputs that are no unknowns."""
     unknowns = tuple(v.name for v in explicit.flat.unknowns)
     return unknowns + tuple(o.name for o in explicit.flat.outputs if o.name not in unknowns)
 
 
-def internal_function(explicit: ExplicitModel) -> ca.Function:
+def internal_function(explicit: Dynamics) -> ca.Function:
     """(x, u, v, w, theta, t) -> values of `internal_names`."""
     arguments = _arguments(explicit)
     unknowns = {v.name for v in explicit.flat.unknowns}
@@ -136,7 +133,7 @@ def internal_function(explicit: ExplicitModel) -> ca.Function:
     return ca.Function("internal", arguments, [ca.densify(values)])
 
 
-def _arguments(explicit: ExplicitModel) -> list[Any]:
+def _arguments(explicit: Dynamics) -> list[Any]:
     return explicit.rhs.sx_in() if explicit.is_symbolic else explicit.rhs.mx_in()
 
 

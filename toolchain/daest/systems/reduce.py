@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import singledispatch
+
 import casadi as ca
 import numpy as np
 
-from daest.model.flat import ExplicitModel, FlatModel
+from daest.model.flat import Dynamics, ExplicitModel, FlatModel, Model
 from daest.systems.dummy_derivatives import DependentEquations
 from daest.systems.expand import ExpandedSystem
 from daest.systems.explicit_functions import assemble, expressions_of, refuse_differentiated_noise
@@ -14,6 +16,12 @@ from daest.systems.pantelides import check_structure, differentiations, flat_sig
 from daest.systems.regular import regular_system
 from daest.systems.sample_point import SamplePoint, nudged, sample_point
 from daest.systems.state_choice import StateChoice, choose_states, singular_after_reduction
+
+
+@singledispatch
+def dynamics(model: Model) -> Dynamics:
+    """The form ẋ = f of a model, by which it is driven and filtered."""
+    raise NotImplementedError(type(model).__name__)
 
 
 def reduce_index(flat: FlatModel) -> ExplicitModel:
@@ -26,8 +34,6 @@ def reduce_index(flat: FlatModel) -> ExplicitModel:
     Newton iterations.
 
     Raises ModelError: `structurally-singular`, `singular-after-reduction`, `noise-differentiated`."""
-    if flat.given is not None:
-        return flat.given.explicit(flat)
     sigma = flat_signature(flat)
     check_structure(sigma, flat.equations, flat.unknowns, flat.name)
     in_source = differentiations(sigma)
@@ -38,6 +44,9 @@ def reduce_index(flat: FlatModel) -> ExplicitModel:
     parts = expressions_of(system, choice, definitions)
     refuse_differentiated_noise(system, parts, definitions)
     return assemble(system, choice, definitions, parts, in_source)
+
+
+dynamics.register(FlatModel, reduce_index)
 
 
 def _solve(system: ExpandedSystem, choice: StateChoice, point: SamplePoint) -> Definitions:

@@ -17,7 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from daest.model.flat import ExplicitModel, FlatModel
+from daest.model.flat import Dynamics, ExplicitModel, FlatModel
 from daest.systems.dummy_derivatives import DependentEquations
 from daest.systems.expand import ExpandedSystem
 from daest.systems.explicit_functions import ARGUMENTS, assemble, expressions_of, refuse_differentiated_noise
@@ -31,18 +31,16 @@ from daest.systems.state_choice import StateChoice, choose_states, depends_on_pl
 
 def needs_redundant_states(flat: FlatModel) -> bool:
     """Whether states have to be chosen among variables whose constraint depends on where the model is."""
-    if flat.given is not None:
-        return False
     system = regular_system(flat)
     return depends_on_place(system, choose_states(system, sample_point(system)))
 
 
-def good_everywhere(explicit: ExplicitModel) -> ExplicitModel:
+def good_everywhere(explicit: Dynamics) -> Dynamics:
     """The model itself, or on all differentiated variables where its choice of states could become singular
-    on the way."""
-    if explicit.invariants is not None or not needs_redundant_states(explicit.flat):
+    on the way. States that no equations of ours have chosen stay."""
+    if not isinstance(explicit, ExplicitModel) or explicit.invariants is not None:
         return explicit
-    return redundant_model(explicit.flat)
+    return redundant_model(explicit.flat) if needs_redundant_states(explicit.flat) else explicit
 
 
 def redundant_model(flat: FlatModel) -> ExplicitModel:
@@ -124,8 +122,8 @@ def _without_copies(explicit: ExplicitModel, invariants: ca.Function, orders: li
 
 
 def redundant_start(
-    chosen: ExplicitModel,
-    redundant: ExplicitModel,
+    chosen: Dynamics,
+    redundant: Dynamics,
     theta: np.ndarray,
     u0: np.ndarray,
     v0: np.ndarray,
@@ -138,7 +136,7 @@ def redundant_start(
 
 
 def matching_states(
-    chosen: ExplicitModel, redundant: ExplicitModel, x: np.ndarray, xi: np.ndarray, arguments: tuple
+    chosen: Dynamics, redundant: Dynamics, x: np.ndarray, xi: np.ndarray, arguments: tuple
 ) -> np.ndarray:
     """The states of the redundant model where the other one has states x and internal variables xi."""
     names = [v.name for v in chosen.flat.unknowns]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import singledispatch
 from typing import Any, Literal
 
 import casadi as ca
@@ -12,7 +13,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from daest.errors import ModelError, NumericalError
 from daest.model.experiment import Experiment
-from daest.model.flat import ExplicitModel, FlatModel, GivenForm, events_refused
+from daest.model.flat import Dynamics, ExplicitModel, FlatModel, Model, events_refused
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.model.simulation import Simulation
 from daest.numerics.exponential import covariance_integral, transition_integrals
@@ -22,11 +23,18 @@ from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.event_functions import EventFunctions
 from daest.systems.hybrid import HybridRun, Inputs, Mode, follow, settled_start
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import ALL_STEPS, ATOL_OF_SCALE, integrate, integrator, interval_inputs
+from daest.systems.integrate import (
+    ALL_STEPS,
+    ATOL_OF_SCALE,
+    EquationIntegrator,
+    integrate,
+    integrator,
+    interval_inputs,
+)
 from daest.systems.integration import IntegrationError
 from daest.systems.modes import in_starting_mode
 from daest.systems.pantelides import name_equations
-from daest.systems.reduce import reduce_index
+from daest.systems.reduce import dynamics
 from daest.systems.redundant import good_everywhere, matching_states
 from daest.systems.sample import sample
 from daest.systems.state_space import state_space, state_space_family
@@ -44,7 +52,7 @@ EQUAL_STEPS = 1e-9  # sample intervals that differ by less than this share are t
 class _Task:
     """What a simulation needs, checked: v (n_samples, n_v) are the slopes of the interval that follows."""
 
-    explicit: ExplicitModel
+    explicit: Dynamics
     time: np.ndarray
     u: np.ndarray
     v: np.ndarray
@@ -59,7 +67,7 @@ class _Task:
 
 
 def simulate(
-    model: FlatModel | ExplicitModel,
+    model: Model | Dynamics,
     recording: Recording,
     *,
     theta: np.ndarray | None = None,
@@ -93,7 +101,7 @@ def simulate(
     """
     if isinstance(model, FlatModel) and model.events is not None:
         model = in_starting_mode(model, recording, theta)
-    explicit = model if isinstance(model, ExplicitModel) else reduce_index(model)
+    explicit = model if isinstance(model, Dynamics) else dynamics(model)
     task = _prepare(explicit, recording, theta, hold, x0)
     is_affine = explicit.flat.events is None and has_affine_dynamics(explicit)
     rng = np.random.default_rng(seed)
@@ -120,7 +128,7 @@ def simulate(
 
 
 def _prepare(
-    explicit: ExplicitModel,
+    explicit: Dynamics,
     recording: Recording,
     theta: np.ndarray | None,
     hold: Hold,
@@ -131,6 +139,7 @@ def _prepare(
     values = explicit.flat.checked_theta(theta)
     if explicit.flat.events is not None and not isinstance(x0, np.ndarray):
         ubar = np.concatenate([u[0], v[0]])
+        assert isinstance(explicit, ExplicitModel)
         start, mode = settled_start(EventFunctions(explicit), values, ubar, float(time[0]), x0)
         return _Task(explicit, time, u, v, values, start, hold, mode)
     if isinstance(x0, Mapping) or x0 is None:
@@ -144,7 +153,7 @@ def _prepare(
     return _Task(explicit, time, u, v, values, start, hold)
 
 
-def _inputs(flat: FlatModel, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
+def _inputs(flat: Model, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
     """time (n_samples,) and inputs (n_samples, n_u) in the model's order."""
     names = [v.name for v in flat.inputs]
     if isinstance(recording, Experiment):
@@ -169,7 +178,7 @@ def _inputs(flat: FlatModel, recording: Recording) -> tuple[np.ndarray, np.ndarr
     return time, u
 
 
-def _slopes(explicit: ExplicitModel, time: np.ndarray, u: np.ndarray, hold: Hold) -> np.ndarray:
+def _slopes(explicit: Dynamics, time: np.ndarray, u: np.ndarray, hold: Hold) -> np.ndarray:
     """Input derivatives v (n_samples, n_v): the slope of the interval that follows, at the end the last."""
     for derivative in explicit.input_derivatives:
         if derivative.order > 1 or hold == "zoh":
@@ -181,9 +190,11 @@ def _slopes(explicit: ExplicitModel, time: np.ndarray, u: np.ndarray, hold: Hold
     return np.vstack([rates, rates[-1:]])
 
 
-def _no_input_derivative(flat: FlatModel, source: int, order: int, hold: Hold) -> ModelError:
+def _no_input_derivative(flat: Model, source: int, order: int, hold: Hold) -> ModelError:
     name = flat.inputs[source].name
-    rows = tuple(sorted(set(ca.jacobian_sparsity(flat.residual, flat.u[source]).get_triplet()[0])))
+    rows: tuple[int, ...] = ()
+    if isinstance(flat, FlatModel):
+        rows = tuple(sorted(set(ca.jacobian_sparsity(flat.residual, flat.u[source]).get_triplet()[0])))
     reason = (
         f"the model needs the time derivative of order {order} of input {name}, because it differentiates"
         if order > 1
@@ -202,7 +213,7 @@ def _no_input_derivative(flat: FlatModel, source: int, order: int, hold: Hold) -
     )
 
 
-def _intensities(flat: FlatModel, given: Mapping[str, float]) -> np.ndarray:
+def _intensities(flat: Model, given: Mapping[str, float]) -> np.ndarray:
     values = [given.get(n.name, n.intensity) for n in flat.noises]
     for noise, value in zip(flat.noises, values, strict=True):
         if value is None:
@@ -328,17 +339,14 @@ def _nonlinear(task: _Task, rtol: float, tell: Callable[[str], object]) -> tuple
             hold=task.hold, rtol=rtol, state_scale=scale, max_steps=ALL_STEPS, tell=told,
         )  # fmt: skip
     except IntegrationError as error:
-        raise _failed(error.time, error.reason, task.explicit.flat.given) from error
-    if task.explicit.flat.given is not None:
-        return run.states, f"{task.explicit.flat.given.method}, {task.hold}"
-    how = f"adaptive steps, rtol {rtol:g}" if engine.library is not None else "fixed steps"
-    held = "" if task.explicit.invariants is None else ", projected on the constraints"
-    return run.states, f"Radau IIA order 5, {how}, {task.hold}{held}"
+        raise _failed(task.explicit, error.time, error.reason) from error
+    return run.states, f"{engine.method(rtol, task.hold)}"
 
 
 def _with_events(task: _Task, rtol: float) -> Simulation:
     """The simulation of a model with events."""
     engine = integrator(task.explicit, runs_once=True)
+    assert isinstance(engine, EquationIntegrator)
     u0, u1 = interval_inputs(task.explicit, task.time, task.u, task.hold)
     last = task.u[-1:] if not len(u1) else np.hstack([task.u[-1:], u1[-1:, task.u.shape[1] :]])
     atol = rtol * ATOL_OF_SCALE * _state_scale(task.explicit)
@@ -348,7 +356,7 @@ def _with_events(task: _Task, rtol: float) -> Simulation:
             directions=0, rtol=rtol, atol=atol, max_steps=ALL_STEPS,
         )  # fmt: skip
     except IntegrationError as error:
-        raise _failed(error.time, error.reason) from error
+        raise _failed(task.explicit, error.time, error.reason) from error
     count = f"{run.n_events} event{'' if run.n_events == 1 else 's'}"
     method = f"Radau IIA order 5, adaptive steps, rtol {rtol:g}, {count}, {task.hold}"
     w = np.zeros((task.time.size, len(task.explicit.flat.noises)))
@@ -368,17 +376,11 @@ def _with_memory(result: Simulation, task: _Task, run: HybridRun) -> Simulation:
     )
 
 
-def _failed(time: float, reason: str, given: GivenForm | None = None) -> NumericalError:
-    remedy = "check the parameters and the inputs at that time"
-    if given is None:
-        remedy += (
-            ", and whether a mass or another coefficient of a derivative becomes zero; round a discontinuity "
-            "over a width, as tanh(w/width) for sign(w)"
-        )
-    elif given.hides_states:
-        remedy += "; an FMU that steps by itself may want samples at multiples of its own step: --resample"
+def _failed(explicit: Dynamics, time: float, reason: str) -> NumericalError:
     return NumericalError(
-        "simulation-failed", f"the simulation stopped at t = {time:g} s: {reason}", remedy=remedy
+        "simulation-failed",
+        f"the simulation stopped at t = {time:g} s: {reason}",
+        remedy=f"check the parameters and the inputs at that time{explicit.check_if_stopped}",
     )
 
 
@@ -399,11 +401,10 @@ def _nonlinear_noisy(
         )
         w[k] = w[k] if held else mean
         if not np.all(np.isfinite(states[k + 1])):
-            raise _failed(float(task.time[k]), "the model gives no finite derivative")
+            raise _failed(task.explicit, float(task.time[k]), "the model gives no finite derivative")
     kind = "held over a sample" if held else "white"
     pulled = "" if hold is None else ", projected on the constraints"
-    given = task.explicit.flat.given
-    passed = ", states that jump are not followed" if given is not None and given.may_jump else ""
+    passed = ", states that jump are not followed" if task.explicit.may_jump else ""
     return states, w, f"local linearisation, {SUBSTEPS} substeps, {task.hold}, noise {kind}{pulled}{passed}"
 
 
@@ -429,7 +430,7 @@ def _noisy_interval(
         middle = (number + 0.5) / SUBSTEPS
         at = (task.u[k] + middle * rise, task.v[k], w, task.theta, task.time[k] + middle * step)
         white = intensity if held is None else None
-        x, increment = _local_step(slopes, x, at, step / SUBSTEPS, white, rng)
+        x, increment = _local_step(task.explicit, slopes, x, at, step / SUBSTEPS, white, rng)
         total += increment
         end = (number + 1.0) / SUBSTEPS
         then = (task.u[k] + end * rise, task.v[k], w, task.theta, task.time[k] + end * step)
@@ -437,7 +438,7 @@ def _noisy_interval(
     return x, total / step
 
 
-def _slope_function(explicit: ExplicitModel) -> ca.Function:
+def _slope_function(explicit: Dynamics) -> ca.Function:
     """(x, u, v, w, theta, t) -> f, ∂f/∂x, ∂f/∂w."""
     arguments: Any = explicit.rhs.sx_in() if explicit.is_symbolic else explicit.rhs.mx_in()
     f: Any = explicit.rhs(*arguments)
@@ -445,7 +446,7 @@ def _slope_function(explicit: ExplicitModel) -> ca.Function:
     return ca.Function("slopes", arguments, [ca.densify(part) for part in parts])
 
 
-def _hold_function(explicit: ExplicitModel) -> ca.Function | None:
+def _hold_function(explicit: Dynamics) -> ca.Function | None:
     """(x, u, v, w, theta, t) -> g, ∂g/∂x; None where the states are free."""
     if explicit.invariants is None:
         return None
@@ -454,9 +455,7 @@ def _hold_function(explicit: ExplicitModel) -> ca.Function | None:
     return ca.Function("hold", arguments, [ca.densify(g), ca.densify(ca.jacobian(g, arguments[0]))])
 
 
-def _on_constraints(
-    hold: ca.Function | None, explicit: ExplicitModel, x: np.ndarray, at: tuple
-) -> np.ndarray:
+def _on_constraints(hold: ca.Function | None, explicit: Dynamics, x: np.ndarray, at: tuple) -> np.ndarray:
     """The state with (u, v, w, theta, t) = `at` on the constraints that tie its components."""
     if hold is None or not np.all(np.isfinite(x)):
         return x
@@ -468,16 +467,17 @@ def _on_constraints(
     try:
         return pull(invariants, x, _state_scale(explicit), PROJECTED).x
     except np.linalg.LinAlgError as error:
-        raise _failed(float(at[-1]), "the constraints of the model depend on each other") from error
+        raise _failed(explicit, float(at[-1]), "the constraints of the model depend on each other") from error
 
 
-def _state_scale(explicit: ExplicitModel) -> np.ndarray:
+def _state_scale(explicit: Dynamics) -> np.ndarray:
     """Nominal sizes (n_states,), 1 where none is given."""
     nominal = {v.name: v.nominal for v in explicit.flat.unknowns}
     return np.array([abs(nominal.get(name) or 1.0) for name in explicit.state_names])
 
 
 def _local_step(
+    explicit: Dynamics,
     slopes: ca.Function,
     x: np.ndarray,
     at: tuple,
@@ -489,7 +489,9 @@ def _local_step(
     try:
         f, A, G = (part.full() for part in slopes(x, *at))
     except RuntimeError as error:
-        raise _failed(float(at[-1]), "a nonlinear equation inside the model has no solution") from error
+        raise _failed(
+            explicit, float(at[-1]), "a nonlinear equation inside the model has no solution"
+        ) from error
     if not (np.all(np.isfinite(f)) and np.all(np.isfinite(A))):
         return np.full(x.size, np.nan), np.zeros(G.shape[1])
     first = transition_integrals(A, h).first
@@ -503,31 +505,46 @@ def _local_step(
     return moved + draw[intensity.size :], draw[: intensity.size]
 
 
-def _values(task: _Task, states: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs (n_samples, n_y) and internal variables (n_samples, n)."""
-    explicit = task.explicit
-    columns = (states.T, task.u.T, task.v.T, w.T, task.theta, task.time[None, :])
+@singledispatch
+def values_along(
+    explicit: Dynamics,
+    time: np.ndarray,
+    ubar: np.ndarray,
+    theta: np.ndarray,
+    states: np.ndarray,
+    hold: Hold,
+    w: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs (n_samples, n_y) and internal variables (n_samples, n) along states (n_samples, n_states),
+    inputs with their slopes ū (n_samples, n_ū) and noises w (n_samples, n_w), zero for None."""
+    raise NotImplementedError(type(explicit).__name__)
+
+
+@values_along.register
+def _of_equations(
+    explicit: ExplicitModel,
+    time: np.ndarray,
+    ubar: np.ndarray,
+    theta: np.ndarray,
+    states: np.ndarray,
+    hold: Hold,
+    w: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    n_u = len(explicit.flat.inputs)
+    w = np.zeros((time.size, len(explicit.flat.noises))) if w is None else w
+    columns = (states.T, ubar[:, :n_u].T, ubar[:, n_u:].T, w.T, theta, time[None, :])
     try:
         # Adding zero turns the -0.0 of negated aliases into 0.0.
         outputs, variables = (f(*columns).full().T + 0.0 for f in (explicit.outputs, explicit.variables))
     except RuntimeError as error:
-        raise _failed(float(task.time[-1]), "an internal variable has no solution") from error
+        raise _failed(explicit, float(time[-1]), "an internal variable has no solution") from error
     return outputs, variables
-
-
-def _given_values(task: _Task, states: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same of a model without equations: its outputs are variables."""
-    flat = task.explicit.flat
-    assert flat.given is not None
-    ubar = np.hstack([task.u, task.v])
-    variables = flat.given.variables_along(flat, task.time, ubar, task.theta, states, task.hold)
-    names = [v.name for v in flat.unknowns]
-    return variables[:, [names.index(o.name) for o in flat.outputs]], variables
 
 
 def _collect(task: _Task, states: np.ndarray, w: np.ndarray, method: str) -> Simulation:
     explicit, flat = task.explicit, task.explicit.flat
-    outputs, variables = (_given_values if flat.given else _values)(task, states, w)
+    ubar = np.hstack([task.u, task.v])
+    outputs, variables = values_along(explicit, task.time, ubar, task.theta, states, task.hold, w)
     signals: list[Any] = [*flat.inputs, *flat.unknowns, *flat.noises, *flat.outputs]
     units = {signal.name: signal.unit for signal in signals}
     return Simulation(

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
-from functools import lru_cache
+from functools import lru_cache, singledispatch
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from daest.errors import ModelError
-from daest.model.flat import ExplicitModel, FlatModel
+from daest.model.flat import Dynamics, ExplicitModel, Model
 from daest.model.linear import StateSpace, StateSpaceFamily
 from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.initialize import initial_point
 from daest.systems.linearize import is_affine_model, operating_point
-from daest.systems.reduce import reduce_index
+from daest.systems.reduce import dynamics
 
 MATRICES = ("A", "B", "G", "b", "C", "D", "H", "d", "X", "U", "W", "x0")
 VECTORS = frozenset({"b", "d", "x0"})
@@ -24,9 +24,7 @@ DENSE = 100_000  # entries up to which a matrix is computed with its zeros, whic
 CACHED_DERIVATIVES = 32  # (family, names) pairs whose compiled derivative functions are kept
 
 
-def state_space_family(
-    model: FlatModel | ExplicitModel, at: Mapping[str, float] | None = None
-) -> StateSpaceFamily:
+def state_space_family(model: Model | Dynamics, at: Mapping[str, float] | None = None) -> StateSpaceFamily:
     """θ -> matrices of ẋ = A x + B ū + G w + b, y = C x + D ū + H w + d, ξ = X x + U ū + W w + x0, ū = (u,
     v).
 
@@ -34,10 +32,17 @@ def state_space_family(
     inputs by name; those not named come from the consistent initial point at the inputs' start values), with
     w = 0, v = 0 and t = 0; the offsets make the linear model exact at that point, for every θ. Where ẋ and y
     are affine (`is_affine` of the result), only ξ depends on that point."""
-    given = model.flat if isinstance(model, ExplicitModel) else model
-    if given.given is not None:
-        return given.given.family(given, at)
-    explicit = model if isinstance(model, ExplicitModel) else reduce_index(model)
+    return family_along(model if isinstance(model, Dynamics) else dynamics(model), at)
+
+
+@singledispatch
+def family_along(explicit: Dynamics, at: Mapping[str, float] | None = None) -> StateSpaceFamily:
+    """`state_space_family` of the dynamics of a model."""
+    raise NotImplementedError(type(explicit).__name__)
+
+
+@family_along.register
+def _of_equations(explicit: ExplicitModel, at: Mapping[str, float] | None = None) -> StateSpaceFamily:
     flat = explicit.flat
     if is_affine_model(flat):
         x, u, time = np.zeros(explicit.n_states), np.zeros(len(flat.inputs)), 0.0
@@ -47,7 +52,7 @@ def state_space_family(
 
 
 def family_of(
-    explicit: ExplicitModel,
+    explicit: Dynamics,
     matrices: ca.Function,
     is_affine: bool,
     derivatives: Callable[[np.ndarray, tuple[int, ...]], list[np.ndarray]] | None = None,

@@ -12,13 +12,13 @@ import numpy as np
 from daest.errors import EstimationError
 from daest.model.estimates import FilterOptions
 from daest.model.experiment import Experiment
-from daest.model.flat import ExplicitModel, FlatModel
+from daest.model.flat import Dynamics, Model
 from daest.model.linear import StateSpace, StateSpaceFamily
 from daest.systems.linearize import is_affine_model
-from daest.systems.reduce import reduce_index
+from daest.systems.reduce import dynamics
 from daest.systems.state_space import state_space, state_space_family
 
-AnyModel = FlatModel | ExplicitModel | StateSpaceFamily | StateSpace
+AnyModel = Model | Dynamics | StateSpaceFamily | StateSpace
 
 
 @dataclass(frozen=True)
@@ -61,10 +61,10 @@ class FilterModel:
         )
 
     @property
-    def flat(self) -> FlatModel | None:
-        """The equations, where the model has any."""
+    def flat(self) -> Model | None:
+        """The model, unless it was given as matrices."""
         parts = _parts(self.model)
-        return parts if isinstance(parts, FlatModel) else None
+        return parts if isinstance(parts, Model) else None
 
     @property
     def output_names(self) -> tuple[str, ...]:
@@ -109,10 +109,10 @@ class FilterModel:
         return state_space(family, self.theta)
 
     @cached_property
-    def explicit(self) -> ExplicitModel:
+    def explicit(self) -> Dynamics:
         """ẋ = f(x, u, w, θ, t). Raises EstimationError `filter-linear-model` for a model that is given as
         matrices."""
-        if isinstance(self.model, ExplicitModel):
+        if isinstance(self.model, Dynamics):
             return self.model
         if self.flat is None:
             raise EstimationError(
@@ -120,7 +120,7 @@ class FilterModel:
                 "this filter needs the equations of the model, and it was given as matrices",
                 remedy="give the model of compile_model, or use the time-varying filter",
             )
-        return reduce_index(self.flat)
+        return dynamics(self.flat)
 
     def independent_noise(self) -> tuple[np.ndarray, np.ndarray]:
         """Intensities (n_w,) and measurement variances (n_y,). Raises EstimationError
@@ -173,8 +173,8 @@ class Estimates:
     messages: tuple[str, ...] = ()
 
 
-def _parts(model: AnyModel) -> FlatModel | StateSpaceFamily | StateSpace:
-    return model.flat if isinstance(model, ExplicitModel) else model
+def _parts(model: AnyModel) -> Model | StateSpaceFamily | StateSpace:
+    return model.flat if isinstance(model, Dynamics) else model
 
 
 def _known(sizes: Sequence[tuple[str, float | None]], what: str, section: str) -> np.ndarray:

@@ -91,8 +91,7 @@ def _inside(task: Task, joint: Joint) -> tuple[np.ndarray, np.ndarray]:
             *columns, ca.repmat(ca.DM(task.theta), 1, count), task.data.time[rows][None]
         )
         values[rows] = np.array(found[0]).T
-        if explicit.flat.given is not None:
-            explicit.flat.given.raise_failure()
+        explicit.raise_failure()
         J = np.array(found[1]).reshape(n_v, count, -1).transpose(1, 0, 2)
         std[rows] = np.sqrt(
             np.maximum(np.einsum("kvi,kij,kvj->kv", J, joint.cov[rows], J, optimize=True), 0.0)

@@ -19,7 +19,7 @@ from daest.estimation.filters.case import Case
 from daest.estimation.interpreted import project
 from daest.estimation.nonlinear_smoother import smooth_ekf
 from daest.model.estimates import InitialState
-from daest.model.flat import ExplicitModel
+from daest.model.flat import Dynamics
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import Hold, integrate, integrator
 from daest.systems.integration import IntegrationError
@@ -88,10 +88,9 @@ def _outputs(case: Case) -> np.ndarray:
     return table
 
 
-def _doubts(explicit: ExplicitModel) -> tuple[str, ...]:
+def _doubts(explicit: Dynamics) -> tuple[str, ...]:
     """What a filter of a model without equations may pass over."""
-    given = explicit.flat.given
-    if given is None or not given.may_jump:
+    if not explicit.may_jump:
         return ()
     return (
         "The FMU may have events: discrete variables fit the estimate at each point, but states that jump, "
@@ -99,15 +98,13 @@ def _doubts(explicit: ExplicitModel) -> tuple[str, ...]:
     )
 
 
-def _first_slopes(explicit: ExplicitModel, time: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+def _first_slopes(explicit: Dynamics, time: np.ndarray, inputs: np.ndarray) -> np.ndarray:
     """v at the first sample."""
     sources = [d.index for d in explicit.input_derivatives]
     return (inputs[1, sources] - inputs[0, sources]) / (time[1] - time[0])
 
 
-def _given_start(
-    explicit: ExplicitModel, initial: InitialState, x0: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _given_start(explicit: Dynamics, initial: InitialState, x0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     n = explicit.n_states
     if initial.mean.shape != (n,) or initial.cov.shape != (n, n):
         raise EstimationError(
@@ -119,8 +116,8 @@ def _given_start(
 
 
 def _in_states_of(
-    redundant: ExplicitModel,
-    explicit: ExplicitModel,
+    redundant: Dynamics,
+    explicit: Dynamics,
     mean: np.ndarray,
     cov: np.ndarray | None,
     theta: np.ndarray,
@@ -152,7 +149,7 @@ def _in_states_of(
 
 
 def _sizes(
-    explicit: ExplicitModel,
+    explicit: Dynamics,
     x0: np.ndarray,
     theta: np.ndarray,
     time: np.ndarray,

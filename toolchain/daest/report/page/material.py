@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from daest.model.flat import FlatModel
+from daest.model.flat import Model
 
 Document = Mapping[str, Any]
 Series = Mapping[str, np.ndarray]
@@ -37,7 +37,7 @@ class Material:
 
     title: str
     version: str
-    flat: FlatModel | None = None
+    flat: Model | None = None
     noise: Document | None = None
     fit: Document | None = None
     comparison: Document | None = None

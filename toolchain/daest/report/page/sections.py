@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from daest.model.flat import FlatModel
+from daest.model.flat import Model
 from daest.report.console import number
 from daest.report.groups import component, owner
 from daest.report.page import plots
@@ -126,7 +126,7 @@ def _ledger_sentence(ledger: Document) -> str:
     return f"Added {', then '.join(added)}. Error on validation data: {'; '.join(falls)}"
 
 
-def _model(flat: FlatModel | None) -> Section:
+def _model(flat: Model | None) -> Section:
     if flat is None:
         made_by = 'it takes a daest.toml with `[model] source = "..."`'
         return Section("model", "The model", made_by, False)
