@@ -14,7 +14,7 @@ from daest.estimation.observer import AverageModel, observer
 from daest.estimation.output_error import Problem
 from daest.estimation.records import make_record
 from daest.model.parts import Parameter
-from daest.numerics.hidden import hidden_basis
+from daest.numerics.innovations import hidden_basis
 from daest.systems.sample import sample
 from daest.systems.state_space import state_space
 

@@ -11,10 +11,9 @@ from nonlinear_models import experiment_of, explicit_from, oscillator
 
 from daest.errors import EXPLANATIONS, EstimationError
 from daest.estimation import output_error
-from daest.estimation.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.coordinates import Unknowns, coordinate_with_prior, parameter_coordinate, with_priors
 from daest.estimation.identify import identify
 from daest.estimation.identify_nonlinear import identify_nonlinear
-from daest.estimation.priors import coordinate_with_prior, with_priors
 from daest.estimation.records import make_record
 from daest.model.fit import IdentifyOptions, NoiseChoice
 from daest.model.prior import Prior

@@ -20,10 +20,9 @@ from daest.model.fit import IdentifyOptions
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.modelica.change import declare, with_noises
 from daest.modelica.compile import compile_model
-from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import integrator
-from daest.systems.linearize import is_affine_model, linearize
+from daest.systems.linearize import has_affine_dynamics, is_affine_model, linearize
 from daest.systems.local_linear import local_model
 from daest.systems.reduce import dynamics
 from daest.systems.simulate import simulate, values_along

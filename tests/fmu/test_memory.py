@@ -10,8 +10,7 @@ from daest.fmu.binary_model import binary_model
 from daest.model.estimates import FilterOptions
 from daest.model.experiment import Experiment
 from daest.modelica.change import declare
-from daest.systems.affine_dynamics import has_affine_dynamics
-from daest.systems.linearize import is_affine_model
+from daest.systems.linearize import has_affine_dynamics, is_affine_model
 from daest.systems.reduce import dynamics
 from daest.systems.simulate import simulate
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from daest.numerics import distributions
+from daest.numerics import statistics as distributions
 
 DEGREES = np.array([1, 2, 3, 20, 400])[:, None]
 X = np.concatenate([[-1.0, 0.0], np.geomspace(1e-3, 2000.0, 60), [np.inf, np.nan]])

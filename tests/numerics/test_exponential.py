@@ -5,9 +5,9 @@ import pytest
 from scipy.linalg import expm
 
 from daest.numerics import exponential
-from daest.numerics.balancing import balanced
 from daest.numerics.exponential import (
     LARGE,
+    balanced,
     covariance_integral,
     covariance_integral_derivatives,
     transition_integral_derivatives,

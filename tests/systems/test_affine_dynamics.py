@@ -12,8 +12,7 @@ from daest.estimation.identify import identify
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
 from daest.modelica.compile import compile_model
-from daest.systems.affine_dynamics import has_affine_dynamics
-from daest.systems.linearize import is_affine_model, linearize
+from daest.systems.linearize import has_affine_dynamics, is_affine_model, linearize
 from daest.systems.noise import noise_report
 from daest.systems.reduce import reduce_index
 from daest.systems.simulate import simulate

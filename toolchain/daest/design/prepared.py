@@ -15,8 +15,8 @@ from daest.estimation.checks import known_name
 from daest.estimation.coordinates import Coordinate, Unknowns, parameter_coordinate
 from daest.model.design import Hold
 from daest.model.flat import Dynamics, ExplicitModel, Model
-from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.integrate import integrator
+from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import dynamics
 from daest.systems.redundant import good_everywhere
 from daest.systems.state_space import state_space_family

@@ -39,11 +39,11 @@ from daest.model.effects import Effect, Site
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult, FittedParameter, IdentifyOptions
 from daest.model.flat import Model
-from daest.numerics.distributions import chi2, norm
 from daest.numerics.parallel import workers
-from daest.systems.affine_dynamics import has_affine_dynamics
+from daest.numerics.statistics import chi2, norm
 from daest.systems.integrate import Hold, interval_inputs
 from daest.systems.integration import IntegrationError
+from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import dynamics
 
 REFITTED = 3  # candidates by their score, and as many by the share of the residual that they would explain

@@ -36,7 +36,7 @@ from daest.model.experiment import Experiment
 from daest.model.flat import Model, events_refused
 from daest.model.linear import StateSpaceFamily
 from daest.numerics.parallel import Workers, workers
-from daest.systems.affine_dynamics import has_affine_dynamics
+from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import dynamics
 from daest.systems.simulate import simulate
 

@@ -19,8 +19,8 @@ from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel
 from daest.numerics.exponential import transition_integrals
 from daest.numerics.recursions import linear_recursion
-from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.integrate import Correction, Hold, Integrator, integrate, integrator
+from daest.systems.linearize import has_affine_dynamics
 
 MOST_STATES = 20  # beyond, the sensitivities along a recording take more memory than they are worth
 PIECE = 2000  # samples whose sensitivities are held at a time

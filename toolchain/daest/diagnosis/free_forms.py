@@ -25,7 +25,7 @@ from daest.diagnosis.screen import (
 from daest.diagnosis.trial import variables_along
 from daest.model.diagnosis import FreeForm
 from daest.model.experiment import Experiment
-from daest.numerics.distributions import chi2
+from daest.numerics.statistics import chi2
 
 KNOTS = 8  # of a curve, with equally many samples between each two
 HARMONICS = 3  # of an angle that turns round

@@ -30,7 +30,7 @@ from daest.model.fit import FitResult, FittedParameter, error_ratios
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.modelica.attach import attach
 from daest.modelica.place_units import units_at
-from daest.numerics.distributions import chi2
+from daest.numerics.statistics import chi2
 from daest.systems.reduce import reduce_index
 
 LONGER = 2  # searches that go on where one has come to its limit

@@ -15,8 +15,7 @@ import numpy as np
 
 from daest.diagnosis.gates import GATES
 from daest.model.comparison import ResidualTest
-from daest.numerics.distributions import chi2, norm
-from daest.numerics.statistics import autoregression, ljung_box, weighted_past
+from daest.numerics.statistics import autoregression, chi2, ljung_box, norm, weighted_past
 
 WHITENESS_LAGS = 30  # at most; fewer where the record is short
 SAMPLES_PER_LAG = 10

@@ -27,8 +27,8 @@ from daest.model.effects import Effect
 from daest.model.fit import IdentifyOptions
 from daest.model.flat import FlatModel
 from daest.modelica.attach import attach
-from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.integrate import integrator
+from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import reduce_index
 from daest.systems.state_space import state_space_family
 

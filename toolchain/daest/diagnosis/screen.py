@@ -29,8 +29,7 @@ from daest.estimation.observer import AverageModel, average_model, observer
 from daest.model.diagnosis import Candidate, Screen, Screened
 from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel
-from daest.numerics.distributions import chi2, norm
-from daest.numerics.statistics import autoregression
+from daest.numerics.statistics import autoregression, chi2, norm
 from daest.systems.integrate import Correction, Integrator, Trajectory, integrate, integrator, interval_inputs
 from daest.systems.integration import IntegrationError
 from daest.systems.reduce import reduce_index

@@ -17,7 +17,7 @@ import numpy as np
 
 from daest.diagnosis.gates import GATES
 from daest.model.comparison import Finding
-from daest.numerics.distributions import beta
+from daest.numerics.statistics import beta
 
 MOST_FINDINGS = 4
 MOST_PER_OUTPUT = 2  # of one output and error

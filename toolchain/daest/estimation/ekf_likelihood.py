@@ -16,8 +16,7 @@ import numpy as np
 
 from daest.errors import EstimationError
 from daest.estimation import trajectories
-from daest.estimation.agreement import agreement_of
-from daest.estimation.coordinates import Coordinate, Unknowns
+from daest.estimation.coordinates import Coordinate, Unknowns, log_likelihood, with_priors
 from daest.estimation.ekf import EkfLikelihood, ekf_likelihood, run_ekf
 from daest.estimation.ekf_start import best_start, felt_intensity, with_lost_ones
 from daest.estimation.filter_task import Directions, Noise, Record, Start, record
@@ -29,12 +28,10 @@ from daest.estimation.identifiability import (
     without_influence,
 )
 from daest.estimation.identify_nonlinear import identify_nonlinear
-from daest.estimation.interval_check import NOT_QUADRATIC, with_interval_check
 from daest.estimation.nonlinear_start import fit_initial_states
 from daest.estimation.optimum import Search, best_point, coloured
-from daest.estimation.priors import log_likelihood, with_priors
-from daest.estimation.profile import Searched, Tell, silent, with_profiles
-from daest.estimation.result import bound_of, message_of
+from daest.estimation.profile import NOT_QUADRATIC, Searched, Tell, silent, with_interval_check, with_profiles
+from daest.estimation.result import agreement_of, bound_of, message_of
 from daest.estimation.search import Evaluation, Found, minimise
 from daest.estimation.ties import Beginning, with_ties
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors

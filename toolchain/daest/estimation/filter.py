@@ -19,7 +19,7 @@ from daest.model.estimates import (
     ProcessNoiseEstimate,
 )
 from daest.model.experiment import Experiment
-from daest.numerics.distributions import chi2
+from daest.numerics.statistics import chi2
 
 COVERAGE = 0.95  # of the band for the normalised innovations
 

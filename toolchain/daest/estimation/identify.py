@@ -13,21 +13,30 @@ import numpy as np
 
 from daest.errors import EstimationError
 from daest.estimation import likelihood, output_error
-from daest.estimation.agreement import predicted_agreement, simulated_agreement
 from daest.estimation.arx import matched_start
-from daest.estimation.checks import check_bounds, check_records, check_start, known_name
-from daest.estimation.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.checks import check_bounds, check_jumps, check_records, check_start, known_name
+from daest.estimation.coordinates import Unknowns, coordinate_with_prior, parameter_coordinate
 from daest.estimation.ekf_likelihood import identify_by_ekf
 from daest.estimation.identify_nonlinear import identify_nonlinear
-from daest.estimation.interval_check import with_interval_check
-from daest.estimation.jumps import check_jumps
 from daest.estimation.noise_start import with_common_bounds, with_noise
 from daest.estimation.optimum import SUSPICIOUS_LEVEL, Search, best_point, coloured, rank
 from daest.estimation.output_error import Problem
-from daest.estimation.priors import coordinate_with_prior
-from daest.estimation.profile import Searched, Tell, check_profile_names, silent, with_profiles
+from daest.estimation.profile import (
+    Searched,
+    Tell,
+    check_profile_names,
+    silent,
+    with_interval_check,
+    with_profiles,
+)
 from daest.estimation.records import Record, in_model_order, make_record, observed_counts, part_of
-from daest.estimation.result import SAME_OPTIMUM, end_scores, fit_result
+from daest.estimation.result import (
+    SAME_OPTIMUM,
+    end_scores,
+    fit_result,
+    predicted_agreement,
+    simulated_agreement,
+)
 from daest.estimation.search import Evaluation, Found, minimise
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions, Method, NoiseChoice

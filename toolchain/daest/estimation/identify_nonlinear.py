@@ -16,8 +16,7 @@ import numpy as np
 
 from daest.estimation import trajectories
 from daest.estimation.checks import no_start
-from daest.estimation.coordinates import Unknowns
-from daest.estimation.interval_check import with_interval_check
+from daest.estimation.coordinates import Unknowns, prior_penalty
 from daest.estimation.noise_levels import (
     Ending,
     Levels,
@@ -37,8 +36,7 @@ from daest.estimation.nonlinear_start import (
 )
 from daest.estimation.observer import AverageModel, observer
 from daest.estimation.optimum import best_point
-from daest.estimation.priors import prior_penalty
-from daest.estimation.profile import Searched, Tell, silent, with_profiles
+from daest.estimation.profile import Searched, Tell, silent, with_interval_check, with_profiles
 from daest.estimation.search import minimise
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from daest.estimation.coordinates import with_priors
+from daest.estimation.identifiability import Scores, initial_state, scores
 from daest.estimation.output_error import Problem, shared_dynamics
 from daest.estimation.predictor import (
     Innovations,
@@ -21,9 +23,7 @@ from daest.estimation.predictor import (
     innovations,
     kalman_gains,
 )
-from daest.estimation.priors import with_priors
 from daest.estimation.records import Record
-from daest.estimation.scores import Scores, initial_state, scores
 from daest.estimation.search import Evaluation
 from daest.numerics.innovations import Gains
 from daest.systems.state_space import state_space, state_space_derivatives

@@ -8,19 +8,27 @@ from dataclasses import replace
 import numpy as np
 
 from daest.estimation import trajectories
-from daest.estimation.agreement import agreement_of
+from daest.estimation.coordinates import prior_precisions
 from daest.estimation.identifiability import (
+    Scores,
     covariance,
     output_error_covariance,
+    scores,
     std_errors,
     without_influence,
 )
 from daest.estimation.noise_levels import Ending, Levels, NonlinearSetup, average_along
 from daest.estimation.nonlinear_start import consistent_states, fit_initial_states, limits
 from daest.estimation.observer import AverageModel
-from daest.estimation.priors import prior_precisions
-from daest.estimation.result import COLOURED, End, Told, assembled, bound_of, fitted_initial_state
-from daest.estimation.scores import Scores, scores
+from daest.estimation.result import (
+    COLOURED,
+    End,
+    Told,
+    agreement_of,
+    assembled,
+    bound_of,
+    fitted_initial_state,
+)
 from daest.estimation.search import minimise
 from daest.estimation.shooting import whole_errors
 from daest.estimation.stationary import unseen_directions

@@ -15,7 +15,7 @@ import numpy as np
 from daest.estimation.stationary import try_stationary_filter
 from daest.model.flat import Dynamics
 from daest.model.linear import DiscreteModel, StateSpace
-from daest.numerics.hidden import forgetting
+from daest.numerics.innovations import forgetting
 from daest.systems.sample import sample
 
 MOST_POINTS = 2000  # of a trajectory that the average is taken over

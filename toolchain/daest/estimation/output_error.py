@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daest.estimation.coordinates import Unknowns
+from daest.estimation.coordinates import Unknowns, with_priors
+from daest.estimation.identifiability import Scores, initial_state, scores
 from daest.estimation.predictor import (
     Innovations,
     NoiseLevels,
@@ -20,9 +21,7 @@ from daest.estimation.predictor import (
     innovations,
     recursion,
 )
-from daest.estimation.priors import with_priors
 from daest.estimation.records import Record, observed_counts
-from daest.estimation.scores import Scores, initial_state, scores
 from daest.estimation.search import Evaluation
 from daest.model.linear import StateSpace, StateSpaceFamily
 from daest.systems.sample import Hold, Noise

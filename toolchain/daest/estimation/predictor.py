@@ -12,10 +12,10 @@ import numpy as np
 
 from daest.estimation.records import Record
 from daest.model.linear import StateSpace
-from daest.numerics.hidden import forgetting_model
 from daest.numerics.innovations import (
     Gains,
     NoiseModel,
+    forgetting_model,
     stationary_gain_derivatives,
     stationary_gains,
     varying_gains,

@@ -18,9 +18,9 @@ import casadi as ca
 import numpy as np
 
 from daest.estimation import trajectories
+from daest.estimation.coordinates import with_priors
+from daest.estimation.identifiability import Scores, scores
 from daest.estimation.nonlinear_start import STATE_RANGE, head
-from daest.estimation.priors import with_priors
-from daest.estimation.scores import Scores, scores
 from daest.estimation.search import Evaluation, Found, Objective, minimise
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment

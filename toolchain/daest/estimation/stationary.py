@@ -9,10 +9,9 @@ from scipy.linalg import qr
 
 from daest.errors import EstimationError
 from daest.model.linear import DiscreteModel
-from daest.numerics.balancing import balanced
-from daest.numerics.exponential import transition_integrals
+from daest.numerics.exponential import balanced, transition_integrals
 from daest.numerics.gaussian import FREE_TOLERANCE
-from daest.numerics.hidden import UNDAMPED_MARGIN, forgetting, hidden_basis
+from daest.numerics.innovations import UNDAMPED_MARGIN, forgetting, hidden_basis
 from daest.numerics.riccati import filter_riccati, predictor_gain, undamped_modes, unobservable_subspace
 
 NAMED_SHARE = 0.05  # a state is named when it takes this part of the largest share of a combination

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daest.estimation.coordinates import Unknowns
-from daest.estimation.priors import with_priors
+from daest.estimation.coordinates import Unknowns, with_priors
 from daest.estimation.search import Evaluation
 from daest.estimation.ties import Beginning, with_ties
 from daest.model.experiment import Experiment

@@ -17,10 +17,9 @@ from daest.model.flat import Dynamics, Model
 from daest.model.linear import LinearDAE, StateSpaceFamily
 from daest.model.parts import Equation, NoiseInput
 from daest.modelica.change import with_noises
-from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.initialize import initial_point, start_arguments
 from daest.systems.integrate import Hold, Integrator, Run, Trajectory, integrator
-from daest.systems.linearize import is_affine_model, linearize
+from daest.systems.linearize import has_affine_dynamics, is_affine_model, linearize
 from daest.systems.local_linear import LocalModel, local_model
 from daest.systems.reduce import dynamics
 from daest.systems.simulate import values_along

@@ -13,10 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import expm
+from scipy.linalg import expm, lapack
 from scipy.linalg.lapack import dpstrf
-
-from daest.numerics.balancing import balanced
 
 SHORT_STEP_NORM = 0.5  # ‖A h‖₁ up to which Van Loan's block is evaluated directly, before doubling
 LARGE = 100  # states from which on series and doublings of the parts replace exponentials of block matrices
@@ -250,3 +248,17 @@ def _frechet(M: np.ndarray, dM: np.ndarray) -> np.ndarray:
 
 def _transposed(matrix: np.ndarray) -> np.ndarray:
     return np.swapaxes(matrix, -1, -2)
+
+
+def balanced(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """T⁻¹ A T and the diagonal (n,) of T, powers of 2; x = T · balanced x.
+
+    Nothing is permuted: LAPACK would set the rows of single eigenvalues aside, and then scale them by what
+    suits the others, which may blow them up. `scipy.linalg.matrix_balance` reads the scales as permutations
+    too, and warns of an invalid cast where units differ by more than 2^63. What is not finite stays as
+    it is.
+    """
+    if not A.size or not np.all(np.isfinite(A)):
+        return A, np.ones(A.shape[0])
+    scaled, _, _, size, _ = lapack.dgebal(A, scale=1, permute=0)
+    return scaled, size

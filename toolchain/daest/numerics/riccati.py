@@ -3,17 +3,52 @@
 from __future__ import annotations
 
 import warnings
+from collections import OrderedDict
+from collections.abc import Callable
+from functools import wraps
+from hashlib import blake2b
+from typing import TypeVar
 
 import numpy as np
 import scipy.linalg
 
-from daest.numerics.balancing import balanced
-from daest.numerics.remembered import remembered
+from daest.numerics.exponential import balanced
 
 RESIDUAL_TOLERANCE = 1e-8  # of a Riccati solution, relative to the size of its terms
 STABILITY_MARGIN = 1e-12  # a closed loop with a pole beyond 1 - this does not forget its start
 DOUBLINGS = 60  # rounds; 2^60 steps of the recursion
 REFINEMENTS = 3  # Newton steps after the Schur solution
+Result = TypeVar("Result")
+REMEMBERED_ROWS = (
+    100  # of the first argument from which on results are kept: below, computing costs as little
+)
+REMEMBERED_RESULTS = 4  # of each function
+
+
+def remembered(function: Callable[..., Result]) -> Callable[..., Result]:
+    """The function of arrays, with its latest results for large ones; callers do not write into them."""
+    known: OrderedDict[bytes, Result] = OrderedDict()
+
+    @wraps(function)
+    def asked(*arrays: np.ndarray) -> Result:
+        if arrays[0].shape[0] < REMEMBERED_ROWS:
+            return function(*arrays)
+        key = _digest(arrays)
+        if key not in known:
+            known[key] = function(*arrays)
+            while len(known) > REMEMBERED_RESULTS:
+                known.popitem(last=False)
+        return known[key]
+
+    return asked
+
+
+def _digest(arrays: tuple[np.ndarray, ...]) -> bytes:
+    code = blake2b(digest_size=16)
+    for array in arrays:
+        code.update(str(array.shape).encode())
+        code.update(np.ascontiguousarray(array).data)
+    return code.digest()
 
 
 @remembered

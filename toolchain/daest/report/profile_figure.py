@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from daest.model.fit import FitResult, FittedParameter, Profile
-from daest.numerics.distributions import chi2
+from daest.numerics.statistics import chi2
 from daest.report.figures import LINES
 
 if TYPE_CHECKING:

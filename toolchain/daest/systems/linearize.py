@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from daest.errors import ConfigError, NumericalError
-from daest.model.flat import FlatModel, Model
+from daest.model.flat import Dynamics, ExplicitModel, FlatModel, Model
 from daest.model.linear import LinearDAE, Matrix
 from daest.systems.algebraic_start import agreed_start
 
@@ -315,3 +315,28 @@ def _notes(flat: FlatModel, is_affine: bool, point: OperatingPoint) -> tuple[str
             "(`time` of the operating point, --at)."
         )
     return tuple(notes)
+
+
+@singledispatch
+def has_affine_dynamics(explicit: Dynamics) -> bool:
+    """True when ẋ = f and y are affine in (x, u, v, w) with coefficients that do not depend on time. Exact.
+
+    Less than `is_affine_model` asks: an unknown that parameters settle is no signal, though others are
+    multiplied by it (a resistance at a fixed temperature), and one that no state and no output reads may be
+    any function (the power that is lost in a damper)."""
+    raise NotImplementedError(type(explicit).__name__)
+
+
+@has_affine_dynamics.register
+def _has_affine_laws(explicit: ExplicitModel) -> bool:
+    flat = explicit.flat
+    if flat.events is not None:
+        return False
+    if is_affine_model(flat):
+        return True
+    if not explicit.is_symbolic:
+        return False
+    arguments = explicit.rhs.sx_in()
+    *signals, _, time = arguments
+    laws = ca.vertcat(explicit.rhs(*arguments), explicit.outputs(*arguments))
+    return is_affine(laws, ca.vertcat(*signals), time)

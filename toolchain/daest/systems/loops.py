@@ -11,8 +11,8 @@ import scipy.sparse as sp
 from scipy.linalg import solve_triangular
 
 from daest.numerics.matching import Tearing, block_triangular, maximum_matching, tear
-from daest.systems.dummy_derivatives import DependentEquations, dependent_rows
-from daest.systems.sparse_jacobian import sparse_jacobian
+from daest.systems.expand import sparse_jacobian
+from daest.systems.state_choice import DependentEquations, dependent_rows
 from daest.systems.symbolic_elimination import eliminate
 
 CRAMER_LIMIT = 3  # unknowns; adjugate over determinant is valid at every regular point and short up to here

@@ -1,21 +1,37 @@
-"""Index reduction: FlatModel -> ExplicitModel ẋ = f(x, u, v, w, θ, t) with all internal variables."""
+"""Index reduction: FlatModel -> ExplicitModel ẋ = f(x, u, v, w, θ, t) with all internal variables.
+
+The functions of an explicit model, from the solved definitions of its variables.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import singledispatch
+from itertools import pairwise
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from daest.model.flat import Dynamics, ExplicitModel, FlatModel, Model
-from daest.systems.dummy_derivatives import DependentEquations
-from daest.systems.expand import ExpandedSystem
-from daest.systems.explicit_functions import assemble, expressions_of, refuse_differentiated_noise
-from daest.systems.loops import Definitions, equations_at, solve_blocks
-from daest.systems.pantelides import check_structure, differentiations, flat_signature
+from daest.errors import ModelError
+from daest.model.flat import Dynamics, ExplicitModel, FlatModel, InputDerivative, Model
+from daest.systems.expand import ExpandedSystem, SamplePoint, derivative_name, nudged, sample_point
+from daest.systems.loops import Definitions, ImplicitLoop, equations_at, solve_blocks
+from daest.systems.pantelides import (
+    Differentiations,
+    check_structure,
+    differentiations,
+    flat_signature,
+    name_equations,
+)
 from daest.systems.regular import regular_system
-from daest.systems.sample_point import SamplePoint, nudged, sample_point
-from daest.systems.state_choice import StateChoice, choose_states, singular_after_reduction
+from daest.systems.state_choice import (
+    DependentEquations,
+    StateChoice,
+    choose_states,
+    singular_after_reduction,
+)
 
 
 @singledispatch
@@ -81,3 +97,289 @@ def _solve(system: ExpandedSystem, choice: StateChoice, point: SamplePoint) -> D
             return solve_blocks(equations, elsewhere.values)
         except DependentEquations as generic:
             raise singular_after_reduction(system, [system.rows[r] for r in generic.rows]) from generic
+
+
+NEWTON_STEPS = 50
+NEWTON_TOLERANCE = 1e-11  # of a loop's residual and step, both scaled to the sample point
+NEWTON_MISSED, NEWTON_LOST = 1e-8, 1e-6  # residual above which a loop is tried anew, and is called unsolved
+DAMPED_DOUBLINGS, DAMPED_HALVINGS = 5, 10
+# A function whose result is a start only: it is not differentiated, and its code is not written twice.
+UNTOUCHED: Any = {"never_inline": True, "is_diff_in": [False, False], "is_diff_out": [False]}
+ARGUMENTS = ["x", "u", "v", "w", "theta", "t"]
+RESULTS = ["rhs", "variables", "outputs", "rates"]
+
+
+@dataclass(frozen=True)
+class Expressions:
+    """ξ, ẋ and y in known symbols and loop tears; `rates` are those ξ' that the system contains, rows
+    `rate_rows`."""
+
+    variables: ca.SX
+    rhs: ca.SX
+    outputs: ca.SX
+    rates: ca.SX
+    rate_rows: np.ndarray
+
+
+def expressions_of(system: ExpandedSystem, choice: StateChoice, definitions: Definitions) -> Expressions:
+    """What the explicit model computes, with all definitions written out."""
+    aliases, flat = system.aliases, system.flat
+    sign, slot = ca.DM(aliases.sign), aliases.slot
+    with_rate = np.flatnonzero(choice.highest[slot] >= 1)
+    parts = [
+        sign * system.z[0][slot.tolist(), 0],
+        system.pick([(j, k + 1) for j, k in choice.states]),
+        system.in_unknowns(flat.output_expressions),
+        sign[with_rate.tolist(), 0] * system.z[1][slot[with_rate].tolist(), 0],
+    ]
+    stacked = definitions.insert_into(ca.vertcat(*parts))
+    ends = np.cumsum([0, *(part.numel() for part in parts)]).tolist()
+    # An empty slice of a column is a row.
+    variables, rhs, outputs, rates = (ca.reshape(stacked[a:b], b - a, 1) for a, b in pairwise(ends))
+    return Expressions(variables, rhs, outputs, rates, with_rate)
+
+
+def refuse_differentiated_noise(system: ExpandedSystem, parts: Expressions, definitions: Definitions) -> None:
+    """Theorem 3.1 in structural form: no variable may contain a derivative of white noise.
+
+    Raises ModelError `noise-differentiated` with the noise and the equations that would be differentiated."""
+    if len(system.w) < 2 or not system.flat.noises:
+        return
+    used = _everything(parts, definitions)
+    columns = ca.jacobian_sparsity(used, ca.vertcat(*system.w[1:])).get_triplet()[1]
+    if not columns:
+        return
+    noise = int(columns[0]) % len(system.flat.noises)
+    carriers = ca.jacobian_sparsity(system.flat.residual, system.flat.w[noise]).get_triplet()[0]
+    kept = {int(row): i for i, row in enumerate(system.aliases.kept_equations)}
+    guilty = tuple(row for row in carriers if system.counts.equations[kept[row]] > 0)
+    name = system.flat.noises[noise].name
+    raise ModelError(
+        "noise-differentiated",
+        "\n".join(
+            [
+                f"the white noise {name} would be differentiated: the model's constraints need the time "
+                "derivative of",
+                *name_equations(system.flat.equations, guilty),
+            ]
+        ),
+        where=system.flat.noises[noise].place or next((system.flat.equations[r].place for r in guilty), None),
+        remedy="let the noise enter where a force, torque, voltage or flow balances, not where positions, "
+        "angles or other constrained variables are equated, or replace it by coloured noise; `daest noise` "
+        "shows where it may enter",
+    )
+
+
+def assemble(
+    system: ExpandedSystem,
+    choice: StateChoice,
+    definitions: Definitions,
+    parts: Expressions,
+    in_source: Differentiations,
+) -> ExplicitModel:
+    """The explicit model; `in_source` are the differentiation counts of the flat equations."""
+    flat, states = system.flat, choice.states
+    derivatives = _needed_derivatives(system, parts, definitions)
+    v = ca.vertcat(ca.SX(0, 1), *(system.u[d.order][d.index] for d in derivatives))
+    symbols = [system.pick(states), flat.u, v, flat.w, flat.theta, flat.time]
+    tears = [loop.tears for loop in definitions.loops]
+    rates = _only_known(parts.rates, [*symbols, *tears])
+    rhs, variables, outputs, rate = _functions(
+        symbols, [parts.rhs, parts.variables, parts.outputs, rates], definitions
+    )
+    chosen = [(system.aliases.variables[j], k) for j, k in states]
+    return ExplicitModel(
+        flat=flat,
+        state_names=tuple(derivative_name(variable.name, k) for variable, k in chosen),
+        state_units=tuple(_rate_unit(variable.unit, k) for variable, k in chosen),
+        input_derivatives=derivatives,
+        rhs=rhs,
+        variables=variables,
+        variable_derivatives=_derivative_function(derivatives, rhs, variables, rate, parts.rate_rows),
+        outputs=outputs,
+        is_symbolic=not definitions.loops,
+        n_differentiations=int(in_source.equations.sum()),
+        structural_index=in_source.structural_index,
+        largest_loop=definitions.largest_loop,
+    )
+
+
+def _rate_unit(unit: str, order: int) -> str:
+    return (unit or "1") + "/s" * order if order else unit
+
+
+def _needed_derivatives(
+    system: ExpandedSystem, parts: Expressions, definitions: Definitions
+) -> tuple[InputDerivative, ...]:
+    """The input derivatives on which any result depends, by order, then input."""
+    n_inputs = len(system.flat.inputs)
+    if len(system.u) < 2 or not n_inputs:
+        return ()
+    used = _everything(parts, definitions)
+    columns = sorted(set(ca.jacobian_sparsity(used, ca.vertcat(*system.u[1:])).get_triplet()[1]))
+    return tuple(InputDerivative(column % n_inputs, 1 + column // n_inputs) for column in columns)
+
+
+def _everything(parts: Expressions, definitions: Definitions) -> ca.SX:
+    """All that the functions of the explicit model compute."""
+    loops = [definitions.insert_into(loop.residual) for loop in definitions.loops]
+    return ca.vertcat(parts.variables, parts.rhs, parts.outputs, *loops)
+
+
+def _only_known(expression: ca.SX, known: list[ca.SX]) -> ca.SX:
+    """The expression with NaN in the rows that contain other symbols than the known ones."""
+    names = {symbol.element_hash() for symbol in ca.symvar(ca.vertcat(*known))}
+    strangers = [symbol for symbol in ca.symvar(expression) if symbol.element_hash() not in names]
+    if not strangers:
+        return expression
+    rows = sorted(set(ca.jacobian_sparsity(expression, ca.vertcat(*strangers)).get_triplet()[0]))
+    cleaned = ca.SX(expression)
+    cleaned[rows] = np.nan
+    return cleaned
+
+
+def _functions(symbols: list[ca.SX], results: list[ca.SX], definitions: Definitions) -> list[ca.Function]:
+    """Functions of (x, u, v, w, theta, t) for `RESULTS`; MX functions with Newton iterations where loops
+    remain."""
+    dense = [ca.densify(expression) for expression in results]
+    if not definitions.loops:
+        return [
+            ca.Function(name, symbols, [expression], ARGUMENTS, ["value"])
+            for name, expression in zip(RESULTS, dense, strict=True)
+        ]
+    arguments = [ca.MX.sym(n, s.numel()) for n, s in zip(ARGUMENTS, symbols, strict=True)]
+    tears, known = ca.MX(0, 1), ca.SX(0, 1)
+    for number, loop in enumerate(definitions.loops):
+        found = (_linear if loop.is_linear else _newton)(
+            f"loop{number}", loop, definitions, [*symbols, known]
+        )
+        tears = ca.vertcat(tears, found(*arguments, tears))
+        known = ca.vertcat(known, loop.tears)
+    functions = []
+    for name, expression in zip(RESULTS, dense, strict=True):
+        inner = ca.Function(f"{name}_of_tears", [*symbols, known], [expression])
+        functions.append(ca.Function(name, arguments, [inner(*arguments, tears)], ARGUMENTS, ["value"]))
+    return functions
+
+
+def _linear(
+    name: str, loop: ImplicitLoop, definitions: Definitions, known: list[ca.SX]
+) -> Callable[..., ca.MX]:
+    """The tears by a sparse QR factorisation, of rows that are divided by the size of their terms."""
+    residual = definitions.insert_into(loop.residual) / loop.row_size
+    right = -ca.substitute(residual, loop.tears, ca.SX.zeros(loop.tears.numel()))
+    system = ca.Function(f"{name}_system", known, [ca.jacobian(residual, loop.tears), ca.densify(right)])
+
+    def solved(*at: ca.MX) -> ca.MX:
+        matrix, value = system(*at)
+        return ca.solve(matrix, value, "qr")
+
+    return solved
+
+
+def _newton(
+    name: str, loop: ImplicitLoop, definitions: Definitions, known: list[ca.SX]
+) -> Callable[..., ca.MX]:
+    """The tears by a Newton iteration in tears / scale; rows of the residual are divided by the size of their
+    terms at the guess."""
+    scale = np.maximum(np.abs(loop.guess), 1.0)
+    scaled = ca.SX.sym("scaled", loop.guess.size)
+    residual = definitions.insert_into(loop.residual) / loop.row_size
+    everything = ca.vertcat(*known)
+    # Only what the loop contains: CasADi takes the solution to depend on all that it is given.
+    inside = sorted(set(ca.jacobian_sparsity(residual, everything).get_triplet()[1]))
+    problem = {
+        "x": scaled,
+        "p": everything[inside],
+        "g": ca.substitute(residual, loop.tears, ca.DM(scale) * scaled),
+    }
+    options = {
+        "abstol": NEWTON_TOLERANCE,
+        "abstolStep": NEWTON_TOLERANCE,
+        "max_iter": NEWTON_STEPS,
+    }
+    solved = _guarded(name, problem, options, loop.guess / scale, scale)
+    return lambda *at: solved(ca.vertcat(*at)[inside])
+
+
+def _guarded(
+    name: str, problem: dict[str, ca.SX], options: dict[str, Any], guess: np.ndarray, scale: np.ndarray
+) -> ca.Function:
+    """Full Newton steps from the guess; where they do not arrive, damped ones. Where these do not either it
+    raises an error, and gives NaN as C code.
+
+    The plugin that can be written out as C code does not tell there whether it arrived, so that the residual
+    is looked at. The damped iteration is evaluated only where it is needed."""
+    inner = ca.Function(f"{name}_residual", [problem["x"], problem["p"]], [problem["g"]])
+    z, p = ca.MX.sym("z", guess.size), ca.MX.sym("p", problem["p"].numel())
+
+    def missed(at: ca.MX, tolerance: float) -> ca.MX:
+        return ca.logic_not(ca.norm_inf(inner(at, p)) <= tolerance)
+
+    attempt = ca.rootfinder(f"{name}_attempt", "fast_newton", problem, {**options, "error_on_fail": False})
+    arrive = ca.rootfinder(name, "fast_newton", problem, options)
+    near = _damped_newton(name, inner, guess)(guess, p)
+    end = arrive(near, p)
+    lost = ca.if_else(missed(end, NEWTON_LOST), np.nan, 0.0)
+    damped = ca.Function(f"{name}_damped", [z, p], [end + lost])
+    kept = ca.Function(f"{name}_kept", [z, p], [z])
+    either = ca.Function.if_else(f"{name}_either", damped, kept)
+    first = attempt(guess, p)
+    return ca.Function(
+        f"{name}_guarded",
+        [p],
+        [scale * either(missed(first, NEWTON_MISSED), first, p)],
+        {"never_inline": True},
+    )
+
+
+def _damped_newton(name: str, residual: ca.Function, guess: np.ndarray) -> ca.Function:
+    """(z, p) -> z after 2 ** `DAMPED_DOUBLINGS` Newton steps, each shortened to the half, the quarter, …
+    that leaves the smallest residual."""
+    n = guess.size
+    z, p = ca.MX.sym("z", n), ca.MX.sym("p", residual.numel_in(1))
+    value = residual(z, p)
+    matrix = ca.densify(ca.jacobian(value, z)) if n == 1 else ca.jacobian(value, z)
+    step = value / matrix if n == 1 else ca.solve(matrix, value, "qr")
+    best, size = z, ca.norm_2(value)
+    for halvings in range(DAMPED_HALVINGS):
+        there = z - step / 2**halvings
+        found = ca.norm_2(residual(there, p))
+        is_better = found < size  # never where it is no number
+        best, size = ca.if_else(is_better, there, best), ca.if_else(is_better, found, size)
+    walk = ca.Function(f"{name}_step", [z, p], [best], UNTOUCHED)
+    for level in range(DAMPED_DOUBLINGS):
+        walk = ca.Function(f"{name}_walk{level}", [z, p], [walk(walk(z, p), p)], UNTOUCHED)
+    return walk
+
+
+def _derivative_function(
+    derivatives: tuple[InputDerivative, ...],
+    rhs: ca.Function,
+    variables: ca.Function,
+    rates: ca.Function,
+    rate_rows: np.ndarray,
+) -> ca.Function:
+    """ξ': from the system where it contains the derivative, else by the chain rule; NaN where that needs the
+    derivative of a noise or one more derivative of an input than the model has."""
+    kind: Any = ca.SX if rhs.is_a("SXFunction") else ca.MX
+    arguments = [kind.sym(n, rhs.size1_in(i)) for i, n in enumerate(ARGUMENTS)]
+    x, u, v, w, _, t = arguments
+    position = {(d.index, d.order): i for i, d in enumerate(derivatives)}
+    levels = [(i, 0) for i in range(u.numel())] + [(d.index, d.order) for d in derivatives]
+    missing = kind.sym("missing", len(levels) + w.numel())
+    rate = [
+        v[position[i, k + 1]] if (i, k + 1) in position else missing[m] for m, (i, k) in enumerate(levels)
+    ]
+    rate += [missing[len(levels) + i] for i in range(w.numel())]
+    along = ca.vertcat(rhs(*arguments), *rate, 1)
+    chained = ca.jtimes(variables(*arguments), ca.vertcat(x, u, v, w, t), along)
+    known = kind(ca.DM.nan(chained.numel(), 1))
+    reachable = np.setdiff1d(
+        np.arange(chained.numel()), ca.jacobian_sparsity(chained, missing).get_triplet()[0]
+    )
+    known[reachable.tolist()] = ca.substitute(chained, missing, kind.zeros(missing.numel()))[
+        reachable.tolist()
+    ]
+    known[rate_rows.tolist()] = rates(*arguments)
+    return ca.Function("variable_derivatives", arguments, [known], ARGUMENTS, ["value"])

@@ -18,15 +18,19 @@ import casadi as ca
 import numpy as np
 
 from daest.model.flat import Dynamics, ExplicitModel, FlatModel
-from daest.systems.dummy_derivatives import DependentEquations
-from daest.systems.expand import ExpandedSystem
-from daest.systems.explicit_functions import ARGUMENTS, assemble, expressions_of, refuse_differentiated_noise
+from daest.systems.expand import ExpandedSystem, SamplePoint, nudged, sample_point
 from daest.systems.initialize import initial_point
 from daest.systems.loops import Definitions, equations_at, solve_blocks
 from daest.systems.pantelides import check_structure, differentiations, flat_signature
+from daest.systems.reduce import ARGUMENTS, assemble, expressions_of, refuse_differentiated_noise
 from daest.systems.regular import regular_system
-from daest.systems.sample_point import SamplePoint, nudged, sample_point
-from daest.systems.state_choice import StateChoice, choose_states, depends_on_place, singular_after_reduction
+from daest.systems.state_choice import (
+    DependentEquations,
+    StateChoice,
+    choose_states,
+    depends_on_place,
+    singular_after_reduction,
+)
 
 
 def needs_redundant_states(flat: FlatModel) -> bool:

@@ -21,11 +21,8 @@ from scipy.sparse.csgraph import connected_components
 from daest.errors import ModelError
 from daest.model.flat import FlatModel
 from daest.numerics.matching import block_triangular, maximum_matching
-from daest.systems.aliases import find_aliases
-from daest.systems.dummy_derivatives import dependent_rows
-from daest.systems.expand import ExpandedSystem, expand
-from daest.systems.sample_point import SamplePoint
-from daest.systems.state_choice import LeadingJacobian, leading_jacobian
+from daest.systems.expand import ExpandedSystem, SamplePoint, expand, find_aliases
+from daest.systems.state_choice import LeadingJacobian, dependent_rows, leading_jacobian
 from daest.systems.symbolic_elimination import eliminate
 
 POINTS = 2

@@ -19,7 +19,6 @@ from daest.model.simulation import Simulation
 from daest.numerics.exponential import covariance_integral, transition_integrals
 from daest.numerics.projection import pull
 from daest.numerics.recursions import linear_recursion
-from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.event_functions import EventFunctions
 from daest.systems.hybrid import HybridRun, Inputs, Mode, follow, settled_start
 from daest.systems.initialize import initial_point
@@ -32,6 +31,7 @@ from daest.systems.integrate import (
     interval_inputs,
 )
 from daest.systems.integration import IntegrationError
+from daest.systems.linearize import has_affine_dynamics
 from daest.systems.modes import in_starting_mode
 from daest.systems.pantelides import name_equations
 from daest.systems.reduce import dynamics

@@ -13,9 +13,8 @@ import numpy as np
 from daest.errors import ModelError
 from daest.model.flat import Dynamics, ExplicitModel, Model
 from daest.model.linear import StateSpace, StateSpaceFamily
-from daest.systems.affine_dynamics import has_affine_dynamics
 from daest.systems.initialize import initial_point
-from daest.systems.linearize import is_affine_model, operating_point
+from daest.systems.linearize import has_affine_dynamics, is_affine_model, operating_point
 from daest.systems.reduce import dynamics
 
 MATRICES = ("A", "B", "G", "b", "C", "D", "H", "d", "X", "U", "W", "x0")

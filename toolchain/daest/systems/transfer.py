@@ -9,7 +9,7 @@ import scipy.linalg as sla
 
 from daest.errors import ModelError
 from daest.model.linear import LinearDAE, Matrix, SparseForm, StandardForm, StateSpace
-from daest.numerics.balancing import balanced
+from daest.numerics.exponential import balanced
 from daest.numerics.pencils import split_pencil
 from daest.systems.noise import NoiseGains, in_outputs, noise_gains, noise_report, verdict
 
