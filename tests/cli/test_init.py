@@ -2,6 +2,8 @@
 
 import json
 
+import pytest
+
 from daest.data.project import load_project
 
 
@@ -29,16 +31,16 @@ def test_existing_file_is_kept(folder, daest):
 
 
 def test_columns_are_proposed_and_doubts_are_said(folder, daest):
-    text = (folder / "run1.csv").read_text().replace("time,u,y", "time,U_V,response [mV]")
+    text = (folder / "run1.csv").read_text().replace("time,u,y", "time,U_V,ch2 [mV]")
     (folder / "odd.csv").write_text(text)
     code, out, _ = daest("init", "Lag.mo", "odd.csv", "--format", "json")
     document = json.loads(out)
     assert code == 0 and document["schema"] == "daest/init/1"
-    assert document["inputs"] == {"u": "U_V"} and document["outputs"] == {"y": "response"}
+    assert document["inputs"] == {"u": "U_V"} and document["outputs"] == {"y": "ch2"}
     assert document["estimate"] == ["T", "k"]
     assert document["doubtful"] == ["u", "y"]
     assert "matched by unit: please check" in (folder / "daest.toml").read_text()
-    assert load_project().outputs == {"y": "response"}
+    assert load_project().outputs == {"y": "ch2"}
 
 
 def test_what_fits_nothing_is_left_to_the_user(folder, daest):
@@ -87,6 +89,60 @@ def test_what_is_to_be_checked_or_completed_is_told(folder, daest):
     (folder / "Lag.mo").write_text(model)
     _, out, _ = daest("init", "Lag.mo", "odd.csv")
     assert "input u: u_drive, please check" in out and "output y: y\n" in out
-    assert "estimated parameters: NONE MARKED, see [parameters] of daest.toml" in out
-    code, _, err = daest("identify")
+    assert "estimated parameters: T (the model marks none), please check" in out
+    (folder / "Lag.mo").write_text(model.replace('unit = "s", ', ""))
+    _, out, _ = daest("init", "Lag.mo", "odd.csv", "-p", "none/daest.toml")
+    assert "estimated parameters: NONE MARKED, see [parameters] of none/daest.toml" in out
+    code, _, err = daest("identify", "-p", "none/daest.toml")
     assert code == 2 and "[parameters] NAME = { estimate = true }" in err
+
+
+UNMARKED = """model Box "A room"
+  parameter Real C(unit = "J/K") = 4e5;
+  parameter Real G(unit = "W/K") = 30;
+  parameter Real Tref(unit = "K") = 0;
+  parameter Real share = 0.5;
+  input Real Ta(unit = "degC") "Outdoor temperature";
+  input Real P(unit = "W");
+  Real Troom(unit = "degC", start = 18) "Office";
+  output Real y(unit = "degC");
+equation
+  C*der(Troom) = share*P - G*(Troom - Ta - Tref);
+  y = Troom;
+end Box;
+"""
+
+
+@pytest.fixture
+def box(folder):
+    (folder / "Box.mo").write_text(UNMARKED)
+    (folder / "box.csv").write_text(
+        "timestamp,T_hall_degC,T_office_degC,Toutdoor_degC,heater_kW\n"
+        + "".join(f"2026-03-02T00:{k:02d}:00,{17 + k % 3},{18 + k % 5},{2 + k % 2},1.5\n" for k in range(40))
+    )
+    return folder
+
+
+def test_descriptions_name_columns_and_parameters_are_proposed(box, daest):
+    document = json.loads(daest("init", "Box.mo", "box.csv", "--format", "json")[1])
+    assert document["inputs"] == {"Ta": "Toutdoor_degC", "P": "heater_kW"}
+    assert document["outputs"] == {"y": "T_office_degC"}
+    assert {"Ta", "y"} <= set(document["doubtful"])
+    # Neither what is zero nor a ratio.
+    assert document["estimate"] == document["proposed"] == ["C", "G"]
+    assert "The model marks none as unknown" in (box / "daest.toml").read_text()
+    assert load_project().parameters["C"].estimate
+
+
+def test_parameters_chosen_on_the_command_line_are_written(box, daest):
+    options = ["--fix", "C=5e5", "--set", "G=20", "--estimate", "G", "--estimate", "share"]
+    code, out, err = daest("init", "Box.mo", "box.csv", *options, "--prior", "share=0.5,0.1")
+    assert code == 0, err
+    assert "estimated parameters: G, share\n" in out
+    written = load_project().parameters
+    assert (written["C"].value, written["C"].estimate) == (5e5, False)
+    assert (written["G"].value, written["G"].estimate) == (20, True)
+    assert written["share"].prior.std == 0.1 and "Tref" not in written
+    (box / "daest.toml").unlink()
+    assert "estimated parameters: T\n" in daest("init", "Lag.mo", "--fix", "k=3")[1]
+    assert load_project().parameters["k"].estimate is False

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from daest.cli.given import Files, files
+from daest.cli.given import Files, ParameterOptions, files, parameter_options
 from daest.cli.options import ModelOptions, example, format_option, model_options
 from daest.cli.output import emit, whole_file
 
 if TYPE_CHECKING:
+    from daest.model.flat import FlatModel
     from daest.model.quality import DataCheck
     from daest.report.documents.project import InitDocument
 
@@ -21,15 +22,19 @@ if TYPE_CHECKING:
 @click.command("init", epilog=example("daest init Servo.mo run1.csv", "daest identify"))
 @files("MODEL [DATA]...")
 @model_options
+@parameter_options
 @format_option
 def command(
     files: Files,
     model_options: ModelOptions,
+    parameters: ParameterOptions,
     form: str,
 ) -> None:
     """Write a commented daest.toml for MODEL and the recordings DATA.
 
-    Columns are matched with inputs and outputs by name, or proposed by unit. An existing file is not touched.
+    Columns are matched with inputs and outputs by name, or proposed by description and unit. Where the model
+    marks no parameter as unknown, those that it declares itself with a unit are proposed. An existing file is
+    not touched.
     """
     from daest.cli.check import checked
     from daest.cli.models import model_source
@@ -41,11 +46,12 @@ def command(
     file = model_options.project_file or Path(FILE_NAME)
     _refuse_existing(file)
     model, data = model_source(Project(Path()), files.model), files.data
-    flat = model_options.load(Project(Path()), model)
+    source = model_options.load(Project(Path()), model)
+    flat, proposed = _chosen(source, parameters)
     tables = [read_table(path) for path in data]
     inputs = [Signal(v.name, v.unit) for v in flat.inputs]
     outputs = [Signal(y.name, y.unit) for y in flat.outputs]
-    matches = match_columns([*inputs, *outputs], tables[0]) if tables else []
+    matches = match_columns([*inputs, *outputs], tables[0], _described(flat)) if tables else []
     draft = Draft(
         flat,
         _relative(model, file),
@@ -57,6 +63,8 @@ def command(
         tuple(column.header for column in tables[0].columns) if tables else (),
         propose_time(tables[0]) if tables else None,
         {**named_units(matches, tables[0]), **named_time_unit(tables[0])} if tables else {},
+        frozenset({*parameters.held, *(parameters.prior or {}), *_other_choice(source, flat)}),
+        proposed,
     )
     with whole_file(file) as temporary:
         temporary.write_text(project_text(draft), encoding="utf-8")
@@ -77,6 +85,51 @@ def _refuse_existing(file: Path) -> None:
         )
 
 
+def _chosen(source: FlatModel, parameters: ParameterOptions) -> tuple[FlatModel, tuple[str, ...]]:
+    """The model with the parameters that the command line chooses, and which of the estimated ones are a
+    proposal."""
+    from daest.modelica.change import declare
+
+    proposed = () if parameters.estimate else _proposed(source)
+    flat = parameters.applied(declare(source, estimate=proposed) if proposed else source)
+    return flat, tuple(p.name for p in flat.parameters if p.estimate and p.name in proposed)
+
+
+def _proposed(flat: FlatModel) -> tuple[str, ...]:
+    """What to estimate where the model marks nothing: the parameters that it declares itself (no part of a
+    component) with a unit and a value other than zero. What is zero is the place of something, and a number
+    without a unit is a ratio that somebody chose."""
+    if any(parameter.estimate for parameter in flat.parameters):
+        return ()
+    return tuple(
+        p.name
+        for p in flat.parameters
+        if "." not in p.name and p.unit not in ("", "1") and p.value != 0.0 and not p.is_memory
+    )
+
+
+def _other_choice(source: FlatModel, flat: FlatModel) -> set[str]:
+    """Parameters that the model marks as unknown and that are not to be estimated."""
+    return {
+        before.name
+        for before, after in zip(source.parameters, flat.parameters, strict=True)
+        if before.estimate and not after.estimate
+    }
+
+
+def _described(flat: FlatModel) -> dict[str, str]:
+    """What the model says in words of its inputs and outputs, by name; of an output that names an unknown
+    (`y1 = T1`) what it says of that, too."""
+    of_unknowns = {v.name: f"{v.name} {v.description}" for v in flat.unknowns}
+    inputs = {v.name: v.description for v in flat.inputs}
+    equal = [str(flat.output_expressions[i]) for i in range(len(flat.outputs))]
+    outputs = {
+        y.name: f"{y.description} {of_unknowns.get(other, '')}"
+        for y, other in zip(flat.outputs, equal, strict=True)
+    }
+    return {**inputs, **outputs}
+
+
 def _relative(path: Path, file: Path) -> str:
     return Path(os.path.relpath(path.resolve(), file.resolve().parent)).as_posix()
 
@@ -92,6 +145,7 @@ def _document(file: Path, draft: Any, checks: Sequence[DataCheck]) -> InitDocume
         "outputs": {match.signal.name: match.column for match in draft.outputs},
         "doubtful": [m.signal.name for m in (*draft.inputs, *draft.outputs) if m.how not in (None, "name")],
         "estimate": [p.name for p in draft.flat.parameters if p.estimate],
+        "proposed": list(draft.proposed),
         "noises": [noise.name for noise in draft.flat.noises],
         "time": draft.time,
         "units": dict(draft.units),
@@ -131,6 +185,7 @@ def _text(document: Mapping[str, Any], width: int, color: bool) -> str:
     for recording in document["recordings"]:
         lines.append(f"  {recording['name']}: {clock_words(recording)}")
     marked = ", ".join(document["estimate"]) or f"NONE MARKED, see [parameters] of {document['file']}"
-    lines.append(f"  estimated parameters: {marked}")
+    doubt = " (the model marks none), please check" if document["proposed"] else ""
+    lines.append(f"  estimated parameters: {marked}{doubt}")
     lines += [f"  {f['level']}[{f['code']}]: {f['recording']}: {f['text']}" for f in document["findings"]]
     return "\n".join(lines) + "\n"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,7 +16,11 @@ from daest.errors import DataError
 from daest.model.quality import Finding
 from daest.quantities import conversion
 
-How = Literal["name", "similar name", "part of its name", "unit", "being the only one left"]
+How = Literal["name", "similar name", "part of its name", "description", "unit", "being the only one left"]
+
+TELLING_LETTERS = (
+    4  # a shorter word of a description (`of`, `the`) tells nothing; judgement, no study varied it
+)
 
 
 @dataclass(frozen=True)
@@ -65,12 +69,15 @@ def named_time_unit(table: Table) -> dict[str, str]:
     return {column.name: unit} if unit is not None else {}
 
 
-def match_columns(signals: Sequence[Signal], table: Table) -> list[Match]:
+def match_columns(
+    signals: Sequence[Signal], table: Table, described: Mapping[str, str] | None = None
+) -> list[Match]:
     """One proposal per signal: the column of the same name, else of the same name but for case or a trailing
     unit (`position_m`), else the only free one whose name has the signal's in it (`goal_position` for `goal`)
-    and whose unit fits, else the only free column of a fitting unit where no other signal has that unit.
+    and whose unit fits, else the one whose name has a word of what the model says of the signal (`T_office`
+    for "Office"), else the only free column of a fitting unit where no other signal has that unit.
     Where one signal and one column are left in the end, they belong together unless their units differ in
-    kind."""
+    kind. `described` holds the descriptions by signal."""
     proposed = propose_time(table)
     free = [
         column
@@ -78,8 +85,13 @@ def match_columns(signals: Sequence[Signal], table: Table) -> list[Match]:
         if column.name and time_unit(column) is None and column.name != proposed and not column.texts
     ]
     found: dict[str, Match] = {}
-    for how in ("name", "similar name", "part of its name", "unit"):
+    for how in ("name", "similar name", "part of its name", "description", "unit"):
         open_signals = [signal for signal in signals if signal.name not in found]
+        if how == "description":
+            pairs = _described_pairs(open_signals, free, described or {})
+            found |= {signal.name: Match(signal, column.name, how) for signal, column in pairs}
+            free = [column for column in free if all(column is not taken for _, taken in pairs)]
+            continue
         for signal in open_signals:
             fits = [column for column in free if _fits(signal, column, how, open_signals)]
             if len(fits) == 1:
@@ -89,6 +101,29 @@ def match_columns(signals: Sequence[Signal], table: Table) -> list[Match]:
     if len(left) == len(free) == 1 and _may_be(left[0], free[0]):
         found[left[0].name] = Match(left[0], free[0].name, "being the only one left")
     return [found.get(signal.name, Match(signal, None, None)) for signal in signals]
+
+
+def _described_pairs(
+    signals: Sequence[Signal], columns: Sequence[Column], described: Mapping[str, str]
+) -> list[tuple[Signal, Column]]:
+    """Signals and columns that name each other alone: a word of the description stands in the name of the
+    column, in no other column that the signal may be, and no other signal fits that column so."""
+    fits = [
+        (signal, column)
+        for signal in signals
+        for column in columns
+        if _may_be(signal, column) and _is_described(column, described.get(signal.name, ""))
+    ]
+    return [
+        (signal, column)
+        for signal, column in fits
+        if sum(other is signal for other, _ in fits) == sum(other is column for _, other in fits) == 1
+    ]
+
+
+def _is_described(column: Column, description: str) -> bool:
+    telling = [word for word in _words(description) if len(word) >= TELLING_LETTERS]
+    return any(word in part for word in telling for part in _words(stem(column)))
 
 
 def _fits(signal: Signal, column: Column, how: How, others: Sequence[Signal]) -> bool:

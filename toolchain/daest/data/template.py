@@ -30,11 +30,13 @@ class Draft:
     columns: tuple[str, ...]
     time: str | None = None  # column of the time, where none is called so
     units: Mapping[str, str] = field(default_factory=dict)  # of columns, from their names
+    chosen: frozenset[str] = frozenset()  # parameters of which the file says more than the model
+    proposed: tuple[str, ...] = ()  # parameters that are estimated because the model marks none
 
 
 def project_text(draft: Draft) -> str:
     """A complete daest.toml. What could not be matched stands there as a comment to be completed."""
-    sections = [_HEAD, *_model(draft), *_data(draft), *_parameters(draft.flat), *_noise(draft.flat)]
+    sections = [_HEAD, *_model(draft), *_data(draft), *_parameters(draft), *_noise(draft.flat)]
     return "\n".join(sections) + "\n"
 
 
@@ -80,23 +82,28 @@ def _mapping(kind: str, matches: Sequence[Match]) -> Iterator[str]:
             yield f"{_key(match.signal.name)} = {_text(match.column)}{f'  # {remark}' if remark else ''}"
 
 
-def _parameters(flat: Model) -> Iterator[str]:
+def _parameters(draft: Draft) -> Iterator[str]:
     yield "\n[parameters]  # value; or estimate = true with start, min, max, scale (linear, log, auto)"
-    for parameter in flat.parameters:
-        marked = "" if parameter.estimate else "# "
+    if draft.proposed:
+        yield "# The model marks none as unknown. Those with a unit of their own are proposed: please check."
+    for parameter in draft.flat.parameters:
+        shown = "" if parameter.estimate or parameter.name in draft.chosen else "# "
         remark = _remark(parameter.unit, parameter.description)
-        yield f"{marked}{_key(parameter.name)} = {_setting(parameter)}{remark}"
+        yield f"{shown}{_key(parameter.name)} = {_setting(parameter, parameter.name in draft.chosen)}{remark}"
 
 
-def _setting(parameter: Parameter) -> str:
+def _setting(parameter: Parameter, is_chosen: bool) -> str:
     if not parameter.estimate:
-        return f"{{ value = {parameter.value:.12g} }}"
+        held = ", estimate = false" if is_chosen else ""
+        return f"{{ value = {parameter.value:.12g}{held} }}"
     parts = ["estimate = true", f"start = {parameter.value:.12g}"]
     if parameter.min is not None:
         parts.append(f"min = {parameter.min:.12g}")
     if parameter.max is not None:
         parts.append(f"max = {parameter.max:.12g}")
     parts.append(f'scale = "{parameter.scale}"')
+    if parameter.prior is not None:
+        parts.append(f"prior = {{ mean = {parameter.prior.mean:.12g}, std = {parameter.prior.std:.12g} }}")
     return f"{{ {', '.join(parts)} }}"
 
 

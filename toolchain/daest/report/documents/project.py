@@ -31,6 +31,7 @@ class InitDocument(TypedDict):
     outputs: dict[str, str | None]
     doubtful: Annotated[list[str], "names in the model whose column was matched by less than its name"]
     estimate: list[str]
+    proposed: Annotated[list[str], "of them those that are proposed because the model marks none"]
     noises: list[str]
     time: Annotated[str | None, "column of the time where it is not called so"]
     units: Annotated[dict[str, str], "of columns, from their names"]
