@@ -14,7 +14,7 @@ from daest.cli.options import ModelOptions, example, format_option, model_option
 from daest.cli.output import emit, whole_file
 
 if TYPE_CHECKING:
-    from daest.model.flat import FlatModel
+    from daest.model.flat import Model
     from daest.model.quality import DataCheck
     from daest.report.documents.project import InitDocument
 
@@ -85,7 +85,7 @@ def _refuse_existing(file: Path) -> None:
         )
 
 
-def _chosen(source: FlatModel, parameters: ParameterOptions) -> tuple[FlatModel, tuple[str, ...]]:
+def _chosen(source: Model, parameters: ParameterOptions) -> tuple[Model, tuple[str, ...]]:
     """The model with the parameters that the command line chooses, and which of the estimated ones are a
     proposal."""
     from daest.modelica.change import declare
@@ -95,7 +95,7 @@ def _chosen(source: FlatModel, parameters: ParameterOptions) -> tuple[FlatModel,
     return flat, tuple(p.name for p in flat.parameters if p.estimate and p.name in proposed)
 
 
-def _proposed(flat: FlatModel) -> tuple[str, ...]:
+def _proposed(flat: Model) -> tuple[str, ...]:
     """What to estimate where the model marks nothing: the parameters that it declares itself (no part of a
     component) with a unit and a value other than zero. What is zero is the place of something, and a number
     without a unit is a ratio that somebody chose."""
@@ -108,7 +108,7 @@ def _proposed(flat: FlatModel) -> tuple[str, ...]:
     )
 
 
-def _other_choice(source: FlatModel, flat: FlatModel) -> set[str]:
+def _other_choice(source: Model, flat: Model) -> set[str]:
     """Parameters that the model marks as unknown and that are not to be estimated."""
     return {
         before.name
@@ -117,16 +117,17 @@ def _other_choice(source: FlatModel, flat: FlatModel) -> set[str]:
     }
 
 
-def _described(flat: FlatModel) -> dict[str, str]:
+def _described(flat: Model) -> dict[str, str]:
     """What the model says in words of its inputs and outputs, by name; of an output that names an unknown
     (`y1 = T1`) what it says of that, too."""
+    from daest.model.flat import FlatModel
+
     of_unknowns = {v.name: f"{v.name} {v.description}" for v in flat.unknowns}
     inputs = {v.name: v.description for v in flat.inputs}
-    equal = [str(flat.output_expressions[i]) for i in range(len(flat.outputs))]
-    outputs = {
-        y.name: f"{y.description} {of_unknowns.get(other, '')}"
-        for y, other in zip(flat.outputs, equal, strict=True)
-    }
+    equal = {}
+    if isinstance(flat, FlatModel):
+        equal = {y.name: str(flat.output_expressions[i]) for i, y in enumerate(flat.outputs)}
+    outputs = {y.name: f"{y.description} {of_unknowns.get(equal.get(y.name, ''), '')}" for y in flat.outputs}
     return {**inputs, **outputs}
 
 
