@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeGuard
 
 from daest.errors import ModelError
 from daest.modelica import syntax as s
-from daest.modelica.dialect import DER
+from daest.modelica.dialect import CONSTRUCTOR, DER
 
 _BINARY = {
     "Add": "+",
@@ -313,7 +313,10 @@ def _name(value: dict[str, Any], at: s.Span | None) -> s.Node:
 
 
 def _binary(value: dict[str, Any], at: s.Span | None) -> s.Node:
-    return s.Binary(_BINARY[value["op"]], expression(value["lhs"]), expression(value["rhs"]), at)
+    left, right = expression(value["lhs"]), expression(value["rhs"])
+    if isinstance(right, s.Call) and right.function.endswith(CONSTRUCTOR):
+        return right  # of an object, which the text for the compiler multiplies by one
+    return s.Binary(_BINARY[value["op"]], left, right, at)
 
 
 def _unary(value: dict[str, Any], at: s.Span | None) -> s.Node:
@@ -338,8 +341,14 @@ def _conditional(value: dict[str, Any], at: s.Span | None) -> s.Node:
 
 
 def _array(value: dict[str, Any], at: s.Span | None) -> s.Node:
-    is_matrix = value.get("kind", "Array") != "Array" or bool(value.get("is_matrix"))
-    return s.Array(_expressions(value["elements"]), is_matrix, at)
+    """`{a, b}`, or a matrix: of several rows, `[a; b]`, or of one, `[a, b]`."""
+    parts = _expressions(value["elements"])
+    if value.get("kind") == "Horizontal":
+        return s.Array((s.Array(parts, span=at),), True, at)
+    if value.get("kind") == "Vertical":
+        rows = [part.elements[0] if isinstance(part, s.Array) and part.is_matrix else part for part in parts]
+        return s.Array(tuple(rows), True, at)
+    return s.Array(parts, bool(value.get("is_matrix")), at)
 
 
 def _tuple(value: dict[str, Any], at: s.Span | None) -> s.Node:

@@ -3,7 +3,9 @@
 Two constructs are written otherwise, everywhere in a library and in the user's file:
 
 - der(expression) becomes a call of a function of the same length, which the equations then differentiate;
-- an external object (a table that C code reads) becomes an Integer, and its constructor a function beside it.
+- an external object (a table that C code reads) becomes an Integer, and its constructor a function beside it
+  whose result is multiplied by one: the compiler mistakes the size of what a function of a matrix gives where
+  it is used alone.
 """
 
 from __future__ import annotations
@@ -25,6 +27,8 @@ end {DER};
 CONSTRUCTOR = "_constructor"
 """What follows the name of an external object in that of its constructor."""
 
+_C_TABLES = b"ModelicaStandardTables_"
+
 _SKIPPED = re.compile(rb'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
 _DER = re.compile(rb"\bder(\s*\()")
 _WORD = rb"[A-Za-z_]\w*(?:\s*\[[^\]()]*\])?"
@@ -32,6 +36,8 @@ _PLAIN = re.compile(rb"\s*\.?\s*" + _WORD + rb"(?:\s*\.\s*" + _WORD + rb")*\s*\)
 _OBJECT = re.compile(
     rb"\bclass(\s+)([A-Za-z_]\w*)((?:\s+\"(?:[^\"\\]|\\.)*\")?\s*)extends\s+ExternalObject\s*;"
 )
+_HEAD = re.compile(rb"(?:\bencapsulated\s+)?(?:\bpartial\s+)?\b(model|block|class|package)\s+([A-Za-z_]\w*)")
+_BASE = re.compile(rb"\bextends\s+([A-Za-z_]\w*)\s*[;(]")
 _PART = rb"\bfunction\s+%s\b.*?\bend\s+%s\s*;"
 
 
@@ -39,6 +45,7 @@ def adapted(text: bytes) -> bytes:
     """The text as the compiler takes it. Lines keep their numbers."""
     if b"ExternalObject" in text:
         text = _without_objects(text)
+    text = _without_inner_bases(text.replace(_C_TABLES, _C_TABLES.upper()))
     return _with_marked_rates(text) if b"der" in text else text
 
 
@@ -49,7 +56,7 @@ def with_constructors(text: bytes, objects: Iterable[str]) -> bytes:
         if short not in text:
             continue
         call = re.compile(rb"(=\s*)(?:[A-Za-z_]\w*\.)*" + short + rb"(\s*\()")
-        text = call.sub(rb"\g<1>" + name.encode() + CONSTRUCTOR.encode() + rb"\g<2>", text)
+        text = call.sub(rb"\g<1>1*" + name.encode() + CONSTRUCTOR.encode() + rb"\g<2>", text)
     return text
 
 
@@ -73,6 +80,33 @@ def _with_marked_rates(text: bytes) -> bytes:
         if not _PLAIN.match(text, match.end()):
             made[match.start() : match.start() + 3] = DER.encode()
     return bytes(made)
+
+
+def _without_inner_bases(text: bytes) -> bytes:
+    """The text with each base class that its heir contains behind the heir."""
+    bases = set(_BASE.findall(text))
+    if not bases:
+        return text
+    heads = list(_HEAD.finditer(text))
+    for head in [head for head in heads if head[2] in bases]:
+        end = _end_of(head[2], text, head.end())
+        around = [one for one in heads if one.start() < head.start() and _end_of(one[2], text, head.end()) > end]
+        if end < 0 or not around or around[-1][1] == b"package":
+            continue
+        outer_end = _end_of(around[-1][2], text, end)
+        own = text[around[-1].start() : head.start()] + text[end:outer_end]
+        if head[2] not in _BASE.findall(own):
+            continue
+        inner = text[head.start() : end]
+        moved = text[: head.start()] + b"\n" * inner.count(b"\n") + text[end:outer_end]
+        return _without_inner_bases(moved + b" " + inner + text[outer_end:])
+    return text
+
+
+def _end_of(name: bytes, text: bytes, start: int) -> int:
+    """Where the class `name`, open at `start`, ends; -1 if nowhere."""
+    found = re.compile(rb"\bend\s+" + name + rb"\s*;").search(text, start)
+    return found.end() if found else -1
 
 
 def _without_objects(text: bytes) -> bytes:

@@ -38,8 +38,10 @@ class Derived:
 
 @dataclass
 class ParameterTable:
-    """The result of sorting: tunable elements with their values, and derived ones."""
+    """The result of sorting: tunable elements with their values, and derived ones. `grids` are matrices whose
+    first column is the abscissa of a table, which is a number."""
 
+    grids: frozenset[str] = frozenset()
     tunable: list[tuple[Element, float]] = field(default_factory=list)
     derived: list[Derived] = field(default_factory=list)
 
@@ -133,7 +135,7 @@ def sort_parameters(
 ) -> ParameterTable:
     """Put every parameter and constant into `scope`, and tell the tunable and the derived ones."""
     fixed = _fixed_numbers(source, numeric)
-    table = ParameterTable()
+    table = ParameterTable(grids=_grids(source))
     for variable in source.variables:
         if is_parameter(variable):
             scope.pending[variable.name] = _symbolic(variable, fixed, numeric, scope, evaluator, table)
@@ -170,6 +172,20 @@ def _fixed_numbers(source: s.FlatSource, numeric: ModelScope) -> frozenset[str]:
 def _is_object(variable: s.FlatVariable) -> bool:
     """Whether the parameter is an external object: a table, which may hold tunable numbers."""
     return isinstance(variable.binding, s.Call) and variable.binding.function.endswith(CONSTRUCTOR)
+
+
+def _grids(source: s.FlatSource) -> frozenset[str]:
+    """Names of the matrices that tables are made of."""
+    variables = {variable.name: variable for variable in source.variables if is_parameter(variable)}
+    waiting = [name for x in variables.values() if _is_object(x) for name in referenced_names(x.binding)]
+    found: set[str] = set()
+    while waiting:
+        name = waiting.pop()
+        if name in found or name not in variables or len(variables[name].dimensions) != 2:
+            continue
+        found.add(name)
+        waiting += referenced_names(variables[name].binding)
+    return frozenset(found)
 
 
 def referenced_names(node: object) -> list[str]:
@@ -225,7 +241,8 @@ def _element(element: Element, table: ParameterTable, size: Sizes) -> Scalar:
     if isinstance(value, ca.SX):
         table.derived.append(Derived(element, _expression_text(element, size)))
         return value
-    if variable.is_final:
+    is_abscissa = variable.name in table.grids and element.position % variable.dimensions[1] == 0
+    if variable.is_final or is_abscissa:
         return value
     symbol = ca.SX.sym(element.name)
     table.tunable.append((replace(element, symbol=symbol), float(value)))
