@@ -90,7 +90,9 @@ def _without_inner_bases(text: bytes) -> bytes:
     heads = list(_HEAD.finditer(text))
     for head in [head for head in heads if head[2] in bases]:
         end = _end_of(head[2], text, head.end())
-        around = [one for one in heads if one.start() < head.start() and _end_of(one[2], text, head.end()) > end]
+        around = [
+            one for one in heads if one.start() < head.start() and _end_of(one[2], text, head.end()) > end
+        ]
         if end < 0 or not around or around[-1][1] == b"package":
             continue
         outer_end = _end_of(around[-1][2], text, end)

@@ -15,45 +15,20 @@ R being what the event does to the states (saltation; e.g. Leine & Nijmeijer 200
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
 import casadi as ca
 import numpy as np
 
-from daest.errors import ModelError, NumericalError
 from daest.model.flat import ExplicitModel
-from daest.systems.event_functions import EventFunctions, EventPoint
-from daest.systems.initialize import initial_point
+from daest.systems.event_functions import EventFunctions
+from daest.systems.event_update import EventUpdate, Forced, HybridError, Mode, Slopes, settled_start
 from daest.systems.integration import FAILURES, IntegrationError, pointer
 
 SAME_INSTANT = 1e-12  # events nearer to each other than this, relative to the time (floor 1 s), are one
-MOST_ROUNDS = 200  # updates of all variables at one event
-ALL_AT_ONCE = 20  # of them, those in which all relations change together; then one after another
 DENSE, MOST_DENSE = 1e-9, 2000  # events nearer to each other than this share of the record, and how many
 MOST_EVENTS = 2_000_000
-
-
-@dataclass
-class Mode:
-    """What keeps its value between events: θ with it, and the conditions of when-clauses at the last
-    event."""
-
-    theta: np.ndarray
-    conditions: np.ndarray
-    ticks_done: np.ndarray  # how often each sample has been taken
-    input_rate: np.ndarray | None = None  # of ū, at the event that is worked on
-
-
-@dataclass
-class _Slopes:
-    """Sensitivities of states (n_states, d) and of θ (n_theta, d) while an event is worked on; `time` (d,) is
-    that of the event's instant."""
-
-    states: np.ndarray
-    theta: np.ndarray
-    time: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -68,306 +43,6 @@ class HybridRun:
     n_steps: int
     n_events: int
     instants: tuple[tuple[float, str], ...]
-
-
-class HybridError(NumericalError):
-    """The simulation stopped at an event."""
-
-
-def settled_start(
-    functions: EventFunctions,
-    theta: np.ndarray,
-    ubar: np.ndarray,
-    t: float,
-    given: Mapping[str, float] | np.ndarray | None = None,
-) -> tuple[np.ndarray, Mode]:
-    """States (n_states,) and mode at the start: initial equations, start values of what is remembered, and
-    when-clauses with `initial()`.
-
-    `given`: start values by name, or all states. Raises what `initial_point` raises, and NumericalError
-    `events-do-not-settle`."""
-    events, explicit = functions.events, functions.explicit
-    n_u = explicit.rhs.numel_in(1)
-    theta = np.array(theta, dtype=float)
-    active, ticks = np.zeros(events.active.numel()), np.zeros(events.ticks.numel())
-    if events.initial_slot >= 0:
-        theta[events.initial_slot] = 1.0
-    fixed = isinstance(given, np.ndarray)
-    x = np.array(given, dtype=float) if fixed else np.zeros(explicit.n_states)
-    before = np.zeros(events.conditions.numel(), dtype=bool)
-    for turn in range(MOST_ROUNDS):
-        if not fixed:
-            x, _ = initial_point(explicit, theta, ubar[:n_u], ubar[n_u:], t, given)  # type: ignore[arg-type]
-        point = functions.at(x, ubar, theta, t, active, ticks)
-        new = theta.copy()
-        new[list(events.start_slots)] = point.starts
-        _switch(functions, new, point, {}, one_by_one=turn > ALL_AT_ONCE)
-        if np.array_equal(new, theta):
-            break
-        theta = new
-    else:
-        raise _unsettled(t, "the start")
-    if events.initial_slot >= 0:
-        asleep = theta.copy()
-        asleep[events.initial_slot] = 0.0
-        before = functions.at(x, ubar, asleep, t, active, ticks).conditions > 0.5
-    else:
-        before = point.conditions > 0.5
-    mode = Mode(theta, before, np.zeros(events.ticks.numel()))
-    x = _update(functions, x, mode, ubar, t, ticks, {}, None)
-    if events.initial_slot >= 0:
-        mode.theta[events.initial_slot] = 0.0
-        x = _update(functions, x, mode, ubar, t, ticks, {}, None)
-    return x, mode
-
-
-def _switch(
-    functions: EventFunctions,
-    theta: np.ndarray,
-    point: EventPoint,
-    forced: Mapping[int, tuple[float, float]],
-    *,
-    one_by_one: bool,
-) -> None:
-    """Relations and whole parts put into θ as they are at the point. `forced`: those that the event itself
-    changes, with their new value, and the value of the function at which it does: rounding does not undo
-    that."""
-    events = functions.events
-    for i, relation in enumerate(events.relations):
-        value = point.values[i]
-        truth = float(value > 0 if relation.is_strict else value >= 0)
-        if i in forced and abs(value) <= 2 * abs(forced[i][1]) + np.finfo(float).tiny:
-            truth = forced[i][0]
-        if theta[relation.slot] != truth:
-            theta[relation.slot] = truth
-            if one_by_one:
-                return
-    n = len(events.relations)
-    for i, part in enumerate(events.whole_parts):
-        number = np.floor(point.wholes[i])
-        if n + i in forced and abs(point.wholes[i] - forced[n + i][0]) <= 0.5:
-            number = forced[n + i][0]
-        theta[part.slot] = number
-
-
-def _active(functions: EventFunctions, conditions: np.ndarray, before: np.ndarray) -> np.ndarray:
-    rising = (conditions > 0.5) & ~before
-    found = np.zeros(len(functions.events.activations))
-    for i, branch in enumerate(functions.events.activations):
-        is_next = not any(found[j] for j in branch.before)
-        found[i] = float(is_next and bool(np.any(rising[branch.first : branch.last])))
-    return found
-
-
-def _update(
-    functions: EventFunctions,
-    x: np.ndarray,
-    mode: Mode,
-    ubar: np.ndarray,
-    t: float,
-    ticks: np.ndarray,
-    forced: Mapping[int, tuple[float, float]],
-    slopes: _Slopes | None,
-) -> np.ndarray:
-    """The event at time t: states after it, with `mode` and `slopes` changed in place."""
-    events = functions.events
-    none = np.zeros(events.active.numel())
-    memory = [one.slot for one in events.memories]
-    left = functions.at(x, ubar, mode.theta, t, none, np.zeros_like(ticks))
-    mode.theta[memory] = left.sources
-    if slopes is not None:
-        _follow(functions, x, mode, ubar, t, none, ticks * 0, slopes, "sources", memory)
-    for _ in range(MOST_ROUNDS):
-        x, point, active = _consistent(functions, x, mode, ubar, t, ticks, forced, slopes)
-        again = not np.array_equal(mode.theta[memory], point.sources)
-        again |= not np.array_equal(mode.conditions, point.conditions > 0.5)
-        restarted, x_new = _restarted(functions, x, mode, ubar, t, point, active, ticks, slopes)
-        mode.theta[memory] = point.sources
-        if slopes is not None:
-            _follow(functions, x, mode, ubar, t, active, ticks, slopes, "sources", memory)
-        mode.conditions = point.conditions > 0.5
-        again |= restarted
-        x, ticks = x_new, np.zeros_like(ticks)
-        if events.initial_slot >= 0:
-            again |= mode.theta[events.initial_slot] != 0
-            mode.theta[events.initial_slot] = 0.0
-        if not again:
-            return x
-    raise _unsettled(t, "an event")
-
-
-def _consistent(
-    functions: EventFunctions,
-    x: np.ndarray,
-    mode: Mode,
-    ubar: np.ndarray,
-    t: float,
-    ticks: np.ndarray,
-    forced: Mapping[int, tuple[float, float]],
-    slopes: _Slopes | None,
-) -> tuple[np.ndarray, EventPoint, np.ndarray]:
-    """Relations, active branches and assigned variables that agree with each other, given the values before
-    the event."""
-    events = functions.events
-    active = np.zeros(events.active.numel())
-    for turn in range(MOST_ROUNDS):
-        point = functions.at(x, ubar, mode.theta, t, active, ticks)
-        theta = mode.theta.copy()
-        _switch(functions, theta, point, forced, one_by_one=turn > ALL_AT_ONCE)
-        now = _active(functions, point.conditions, mode.conditions)
-        for one, value in zip(events.assignments, point.assigned, strict=True):
-            if one.slot >= 0:
-                theta[one.slot] = value
-        held = [(one.unknown, value) for one, value in _reals(events.assignments, point.assigned)]
-        moved = _with_variables(functions, x, ubar, mode.theta, t, held)
-        settled = np.array_equal(theta, mode.theta, equal_nan=True) and np.array_equal(now, active)
-        if settled and np.array_equal(moved, x):
-            if slopes is not None and held:
-                _follow_assigned(functions, x, mode, ubar, t, active, ticks, slopes)
-            return x, point, active
-        x, active = moved, now
-        mode.theta = theta
-    raise _unsettled(t, "an event")
-
-
-def _reals(assignments: tuple, values: np.ndarray) -> list[tuple]:
-    return [(one, value) for one, value in zip(assignments, values, strict=True) if one.unknown >= 0]
-
-
-def _with_variables(
-    functions: EventFunctions,
-    x: np.ndarray,
-    ubar: np.ndarray,
-    theta: np.ndarray,
-    t: float,
-    wanted: list[tuple[int, float]],
-) -> np.ndarray:
-    """States at which the unknowns `wanted` have their values, each being a state or the same as one."""
-    if not wanted:
-        return x
-    made = x.copy()
-    present = functions.variables(x, ubar, theta, t)
-    for unknown, value in wanted:
-        state, share = _state_behind(functions, x, ubar, theta, t, unknown)
-        if present[unknown] != value:
-            made[state] = x[state] + (value - present[unknown]) / share if abs(share) != 1 else share * value
-    return made
-
-
-def _state_behind(
-    functions: EventFunctions, x: np.ndarray, ubar: np.ndarray, theta: np.ndarray, t: float, unknown: int
-) -> tuple[int, float]:
-    """The state that decides an unknown, and its share in it."""
-    explicit = functions.explicit
-    name = explicit.flat.unknowns[unknown].name
-    if name in explicit.state_names:
-        return explicit.state_names.index(name), 1.0
-    row = functions.slopes(x, ubar, theta, t)[unknown]
-    (states,) = np.nonzero(row)
-    if states.size != 1:
-        raise ModelError(
-            "event-state",
-            f"an event gives `{name}` a value, but it is no state of its own: "
-            f"{', '.join(explicit.state_names[i] for i in states) or 'no state'} decide it",
-            where=explicit.flat.unknowns[unknown].place,
-            remedy="Restart the variable that is differentiated, or mark it with stateSelect = "
-            "StateSelect.always.",
-        )
-    return int(states[0]), float(row[states[0]])
-
-
-def _restarted(
-    functions: EventFunctions,
-    x: np.ndarray,
-    mode: Mode,
-    ubar: np.ndarray,
-    t: float,
-    point: EventPoint,
-    active: np.ndarray,
-    ticks: np.ndarray,
-    slopes: _Slopes | None,
-) -> tuple[bool, np.ndarray]:
-    """States after `reinit`."""
-    due = [i for i in range(len(functions.events.restarts)) if point.restarted[i, 0] > 0.5]
-    if not due:
-        return False, x
-    wanted = [(functions.events.restarts[i].unknown, point.restarted[i, 1]) for i in due]
-    if slopes is not None:
-        along = _along(functions, x, mode, ubar, t, active, ticks, slopes, "restarted")
-        for i in due:
-            unknown = functions.events.restarts[i].unknown
-            state, share = _state_behind(functions, x, ubar, mode.theta, t, unknown)
-            slopes.states[state] = along[i] / share
-    return True, _with_variables(functions, x, ubar, mode.theta, t, wanted)
-
-
-# Sensitivities ----------------------------------------------------------------------------------------------
-
-
-def _along(
-    functions: EventFunctions,
-    x: np.ndarray,
-    mode: Mode,
-    ubar: np.ndarray,
-    t: float,
-    active: np.ndarray,
-    ticks: np.ndarray,
-    slopes: _Slopes,
-    name: str,
-) -> np.ndarray:
-    """Total derivatives (rows, d) of what `Events` calls `name`, at the instant of the event."""
-    by_x, by_u, by_theta, by_t = functions.derivatives(x, ubar, mode.theta, t, active, ticks)[name]
-    rates = slopes_of_inputs(mode, by_u)
-    return by_x @ slopes.states + by_theta @ slopes.theta + np.outer(by_t[:, 0] + rates, slopes.time)
-
-
-def slopes_of_inputs(mode: Mode, by_u: np.ndarray) -> np.ndarray:
-    """What the motion of the inputs adds to a rate, (rows,)."""
-    return np.zeros(by_u.shape[0]) if mode.input_rate is None else by_u @ mode.input_rate
-
-
-def _follow(
-    functions: EventFunctions,
-    x: np.ndarray,
-    mode: Mode,
-    ubar: np.ndarray,
-    t: float,
-    active: np.ndarray,
-    ticks: np.ndarray,
-    slopes: _Slopes,
-    name: str,
-    slots: list[int],
-) -> None:
-    slopes.theta[slots] = _along(functions, x, mode, ubar, t, active, ticks, slopes, name)
-
-
-def _follow_assigned(
-    functions: EventFunctions,
-    x: np.ndarray,
-    mode: Mode,
-    ubar: np.ndarray,
-    t: float,
-    active: np.ndarray,
-    ticks: np.ndarray,
-    slopes: _Slopes,
-) -> None:
-    """Real variables that the event assigns; one may follow from another."""
-    assignments = functions.events.assignments
-    rows = [i for i, one in enumerate(assignments) if one.unknown >= 0]
-    behind = [_state_behind(functions, x, ubar, mode.theta, t, assignments[i].unknown) for i in rows]
-    for _ in rows:
-        along = _along(functions, x, mode, ubar, t, active, ticks, slopes, "assigned")
-        for i, (state, share) in zip(rows, behind, strict=True):
-            slopes.states[state] = along[i] / share
-
-
-def _unsettled(t: float, what: str) -> NumericalError:
-    return HybridError(
-        "events-do-not-settle",
-        f"the switches of the model find no common state at t = {t:g} s: {what} goes on for ever",
-        remedy="Look for two switches that undo each other at the same instant; give one of them a "
-        "hysteresis, or use pre() of it.",
-    )
 
 
 # Time -------------------------------------------------------------------------------------------------------
@@ -757,7 +432,7 @@ class _Runner:
 
     def _slopes_before(
         self, x: np.ndarray, S: np.ndarray, t: float, ubar: np.ndarray, interval: int, owner: int
-    ) -> _Slopes | None:
+    ) -> Slopes | None:
         """Sensitivities at the instant of the event, which moves with the parameters."""
         if not self.directions:
             return None
@@ -770,7 +445,7 @@ class _Runner:
         none = np.zeros(functions.events.active.numel()), np.zeros(functions.events.ticks.numel())
         rate = self.inputs.rate(interval)
         f = self._rate(x, ubar, t)
-        slopes = _Slopes(S, theta, np.zeros(self.directions))
+        slopes = Slopes(S, theta, np.zeros(self.directions), rate)
         found = functions.derivatives(x, ubar, self.mode.theta, t, *none)
         if owner >= 0:
             name, row = ("values", owner) if owner < n else ("wholes", owner - n)
@@ -786,7 +461,6 @@ class _Runner:
             slopes.time = change[2 * k] + count * change[2 * k + 1]
         assert slopes.time.size == self.directions and n_p <= self.directions
         slopes.states = S + np.outer(f, slopes.time)
-        self.mode.input_rate = rate
         return slopes
 
     def _rate(self, x: np.ndarray, ubar: np.ndarray, t: float) -> np.ndarray:
@@ -799,10 +473,10 @@ class _Runner:
         ubar: np.ndarray,
         interval: int,
         ticks: np.ndarray,
-        forced: Mapping[int, tuple[float, float]],
-        slopes: _Slopes | None,
+        forced: Forced,
+        slopes: Slopes | None,
     ) -> tuple[np.ndarray, np.ndarray]:
-        x = _update(self.functions, x, self.mode, ubar, t, ticks, forced, slopes)
+        x = EventUpdate(self.functions, x, self.mode, ubar, t, ticks, forced, slopes).settled()
         if slopes is None:
             return x, np.zeros((x.size, 0))
         return x, slopes.states - np.outer(self._rate(x, ubar, t), slopes.time)

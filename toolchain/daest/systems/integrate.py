@@ -26,7 +26,8 @@ from daest.numerics.compiler import MOST_LINES, build_shared, effort
 from daest.numerics.projection import pull
 from daest.numerics.watched import watched
 from daest.systems.event_functions import EventFunctions
-from daest.systems.hybrid import HybridError, Inputs, follow
+from daest.systems.event_update import HybridError
+from daest.systems.hybrid import Inputs, follow
 from daest.systems.integration import FAILURES, IntegrationError, pointer
 
 Hold = Literal["zoh", "foh"]

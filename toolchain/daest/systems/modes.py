@@ -11,7 +11,7 @@ from daest.errors import ModelError
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.systems.event_functions import EventFunctions
-from daest.systems.hybrid import settled_start
+from daest.systems.event_update import settled_start
 from daest.systems.reduce import reduce_index
 
 MOST_TURNS = 5  # reductions, each at the mode that the one before has found

@@ -20,7 +20,8 @@ from daest.numerics.exponential import covariance_integral, transition_integrals
 from daest.numerics.projection import pull
 from daest.numerics.recursions import linear_recursion
 from daest.systems.event_functions import EventFunctions
-from daest.systems.hybrid import HybridRun, Inputs, Mode, follow, settled_start
+from daest.systems.event_update import Mode, settled_start
+from daest.systems.hybrid import HybridRun, Inputs, follow
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import (
     ALL_STEPS,
