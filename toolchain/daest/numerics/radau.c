@@ -403,6 +403,9 @@ static int project(Work *k, Model *m, const double *u, double t, const double *a
 #if NR > 0
 enum { MOST_TRIALS = 80 }; /* of the length of a step that ends on a root; bisection alone needs 55 */
 #define ROOT_TIME 1e-14    /* error of an event's time, relative to the larger of the time and the step */
+/* How far beyond zero a function has left its side, in its own unit: one that rests at zero up to rounding, such as the
+ * torque of a clutch that is open, does not switch without end. */
+#define ROOT_NOISE 1e-13
 
 /* The search for the first root inside a step: `lo` is a length at which no function has left its side, `hi` one at
  * which some have, 0 while no root is in sight. */
@@ -416,9 +419,11 @@ static int roots_at(Work *k, Model *m, const Interval *s, const double *x, doubl
   return call(daest_root, m, x, k->u, t, g, 0, 0) || !all_finite(g, NR);
 }
 
+static int has_left(double g, double side) { return side * g < -ROOT_NOISE; }
+
 static int any_left(const double *g, const double *side) {
   for (int i = 0; i < NR; ++i)
-    if (side[i] * g[i] < 0.0) return 1;
+    if (has_left(g[i], side[i])) return 1;
   return 0;
 }
 
@@ -439,7 +444,7 @@ static double left_inside(Work *k, Model *m, const Interval *s, double t, double
 static double crossing(const Bracket *b, const double *side) {
   double first = b->hi;
   for (int i = 0; i < NR; ++i) {
-    double lo = fmax(side[i] * b->at_lo[i], 0.0), hi = side[i] * b->at_hi[i];
+    double lo = fmax(side[i] * b->at_lo[i] + ROOT_NOISE, 0.0), hi = side[i] * b->at_hi[i] + ROOT_NOISE;
     if (hi < 0.0) first = fmin(first, b->lo + (b->hi - b->lo) * lo / (lo - hi));
   }
   return first;
@@ -525,6 +530,10 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
   const double newton_tolerance = fmax(10 * 2.2e-16 / rtol, fmin(0.03, sqrt(rtol)));
   double t = s->t0, *h = p->reached + 1;
   int rejected = 0;
+  if (s->t1 - t <= 8 * 2.2e-16 * fabs(s->t1)) { /* an event just before the sample leaves no room for a step */
+    p->reached[0] = s->t1;
+    return DONE;
+  }
 #if NR > 0
   double roots[NR];
   Bracket b = {0};
@@ -535,7 +544,7 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
     if (status) return status;
 #if NR > 0
     if (b.hi > 0.0 && *h <= 4 * 2.2e-16 * fabs(t)) { /* the root is where the step starts */
-      for (int i = 0; i < NR; ++i) p->flags[i] = p->side[i] * b.at_hi[i] < 0.0;
+      for (int i = 0; i < NR; ++i) p->flags[i] = has_left(b.at_hi[i], p->side[i]);
       p->reached[0] = t;
       return EVENT;
     }
@@ -594,7 +603,7 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
           continue;
         }
         is_event = 1;
-        for (int i = 0; i < NR; ++i) p->flags[i] = p->side[i] * roots[i] < 0.0;
+        for (int i = 0; i < NR; ++i) p->flags[i] = has_left(roots[i], p->side[i]);
       }
     }
 #endif
