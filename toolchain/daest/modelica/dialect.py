@@ -37,7 +37,11 @@ _OBJECT = re.compile(
     rb"\bclass(\s+)([A-Za-z_]\w*)((?:\s+\"(?:[^\"\\]|\\.)*\")?\s*)extends\s+ExternalObject\s*;"
 )
 _HEAD = re.compile(rb"(?:\bencapsulated\s+)?(?:\bpartial\s+)?\b(model|block|class|package)\s+([A-Za-z_]\w*)")
-_BASE = re.compile(rb"\bextends\s+([A-Za-z_]\w*)\s*[;(]")
+# A base class; `redeclare model extends M` is none.
+_BASE = re.compile(
+    rb"(?<!\bmodel )(?<!\bblock )(?<!\bfunction )(?<!\brecord )(?<!\bpackage )"
+    rb"\bextends\s+([A-Za-z_]\w*)\s*[;(]"
+)
 _PART = rb"\bfunction\s+%s\b.*?\bend\s+%s\s*;"
 
 
@@ -84,24 +88,22 @@ def _with_marked_rates(text: bytes) -> bytes:
 
 def _without_inner_bases(text: bytes) -> bytes:
     """The text with each base class that its heir contains behind the heir."""
-    bases = set(_BASE.findall(text))
-    if not bases:
+    if not _BASE.search(text):
         return text
-    heads = list(_HEAD.finditer(text))
+    bare = _SKIPPED.sub(lambda skipped: b" " * len(skipped[0]), text)
+    bases = set(_BASE.findall(bare))
+    heads = list(_HEAD.finditer(bare))
     for head in [head for head in heads if head[2] in bases]:
-        end = _end_of(head[2], text, head.end())
-        around = [
-            one for one in heads if one.start() < head.start() and _end_of(one[2], text, head.end()) > end
-        ]
+        end = _end_of(head[2], bare, head.end())
+        before = [one for one in heads if one.start() < head.start()]
+        around = [one for one in before if _end_of(one[2], bare, one.end()) > end]
         if end < 0 or not around or around[-1][1] == b"package":
             continue
-        outer_end = _end_of(around[-1][2], text, end)
-        own = text[around[-1].start() : head.start()] + text[end:outer_end]
-        if head[2] not in _BASE.findall(own):
-            continue
-        inner = text[head.start() : end]
-        moved = text[: head.start()] + b"\n" * inner.count(b"\n") + text[end:outer_end]
-        return _without_inner_bases(moved + b" " + inner + text[outer_end:])
+        outer_end = _end_of(around[-1][2], bare, end)
+        if head[2] in _BASE.findall(bare[around[-1].start() : head.start()] + bare[end:outer_end]):
+            inner = text[head.start() : end]
+            heir = text[: head.start()] + b"\n" * inner.count(b"\n") + text[end:outer_end]
+            return _without_inner_bases(heir + b" " + inner + text[outer_end:])
     return text
 
 

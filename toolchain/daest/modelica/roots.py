@@ -13,7 +13,7 @@ from pathlib import Path
 
 from daest.cache import cache_folder
 
-_COPIES = 2  # version of the copies of libraries in the cache: older ones hold folders without package.mo
+_COPIES = 3  # version of the copies of libraries in the cache: older ones hold folders without package.mo
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
@@ -139,8 +139,16 @@ def _modelica_files(folder: Path) -> Iterable[Path]:
 
 
 def _stray_folders(entries: Iterable[Path]) -> list[Path]:
-    """Folders inside of libraries that hold .mo files but no package.mo: they are no packages."""
-    folders = {file.parent for entry in entries if entry.is_dir() for file in entry.rglob("*.mo")}
+    """Folders inside of libraries that hold .mo files, or folders with some, but no package.mo: they are no
+    packages."""
+    folders = {
+        folder
+        for entry in entries
+        if entry.is_dir()
+        for file in entry.rglob("*.mo")
+        for folder in file.parents
+        if folder.is_relative_to(entry)
+    }
     return [folder for folder in folders if not (folder / "package.mo").is_file()]
 
 
