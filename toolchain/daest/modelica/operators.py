@@ -54,6 +54,8 @@ REFUSED = (
     "actualStream",
 )
 
+STILL = 1e-13  # flow, in its own unit, below which `semiLinear` mixes what is before and behind
+
 Function = Callable[[Sequence[Value]], Value]
 
 
@@ -140,7 +142,10 @@ def _multiply_all(arguments: Sequence[Value]) -> Value:
 def _semi_linear(arguments: Sequence[Value]) -> Value:
     x, positive, negative = arguments
     if isinstance(x, ca.SX):
-        return ca.if_else(x >= 0, positive * x, negative * x)  # type: ignore[operator]
+        # Where nothing flows the state of what flows is undetermined between two such equations: a flow too
+        # small to matter mixes both.
+        flow = ca.fmax(ca.fabs(x), STILL)
+        return 0.5 * (x * (positive + negative) + flow * (positive - negative))  # type: ignore[operator]
     return multiply(positive if x >= 0 else negative, x)  # type: ignore[operator, arg-type]
 
 
