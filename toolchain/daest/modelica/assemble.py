@@ -59,6 +59,8 @@ def assemble(source: s.FlatSource, file: str) -> FlatModel:
     declared = declare_variables(reading)
     rows = _all_rows(reading, declared)
     initial, starts_of_memory = _initial(reading, declared)
+    if reading.events is not None:
+        reading.events.complete()
     parts = _Parts(
         reading=reading,
         parameters=parameters,
@@ -117,23 +119,58 @@ def _initial(reading: Reading, declared: Declared) -> tuple[list[Row], dict[str,
     """The initial equations for variables, and the values of initial equations and algorithms for what is
     remembered between events, by name."""
     rows: list[s.FlatEquation] = []
+    equal: list[tuple[str, str]] = []
     starts: dict[str, ca.SX] = {}
     evaluator = reading.evaluator(reading.scope, None)
     held = {element.variable.name for element in declared.held}
     for equation in reading.source.initial_equations:
-        name = _remembered(equation.left, reading)
+        name, other = _remembered(equation.left, reading), _remembered(equation.right, reading)
+        if name and other and not {name, other} & held:
+            equal.append((name, other))
+            continue
         if not name or equation.right is None or name in held:
             rows.append(equation)
             continue
         evaluator.at = equation.span
-        _start(starts, name, evaluator.value(equation.right), reading)
+        value = evaluator.value(equation.right)
+        for one in _same(name, declared):
+            _start(starts, one, value, reading)
+    _equal_starts(starts, equal, reading)
     made = _rows(reading, declared, rows)
     for algorithm in reading.source.initial_algorithms:
         made += _initial_algorithm(algorithm, reading, starts)
     return made, starts
 
 
-def _remembered(node: s.Node, reading: Reading) -> str:
+def _same(name: str, declared: Declared) -> Iterable[str]:
+    """The discrete variable, and those that it equals at the start: what its definition `x = y` or
+    `x = pre(y)` names."""
+    seen: list[str] = []
+    while name not in seen:
+        seen.append(name)
+        definitions = declared.definitions.get(name, [])
+        node = definitions[0][1] if len(definitions) == 1 else None
+        if isinstance(node, s.Call) and node.function == "pre":
+            node = node.arguments[0]
+        if isinstance(node, s.Name) and not node.subscripts:
+            name = node.name
+    return seen
+
+
+def _equal_starts(starts: dict[str, ca.SX], equal: list[tuple[str, str]], reading: Reading) -> None:
+    """Start values that the initial equations `a = b` pass on from one discrete variable to another."""
+    evaluator = reading.evaluator(reading.scope, None)
+    while equal:
+        known = [(a, b) for a, b in equal if f"pre({a})" in starts or f"pre({b})" in starts]
+        for a, b in known or equal[:1]:
+            new, given = (b, a) if f"pre({a})" in starts else (a, b)
+            equal.remove((a, b))
+            if f"pre({new})" not in starts:
+                before = s.Call("pre", (s.Name(given),), builtin=True)
+                _start(starts, new, starts.get(f"pre({given})", evaluator.value(before)), reading)
+
+
+def _remembered(node: s.Node | None, reading: Reading) -> str:
     """The name of a discrete variable `x`, also in pre(x); empty for any other node."""
     if isinstance(node, s.Call) and node.function == "pre":
         node = node.arguments[0]

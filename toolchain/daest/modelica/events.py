@@ -195,6 +195,14 @@ class Recorder:
     def _is_parameter(self, name: str) -> bool:
         return name in self.parameters
 
+    def complete(self) -> None:
+        """Everything that pre() asks for has a value, and with it its relations."""
+        done: set[str] = set()
+        while new := set(self.before) - done:
+            for name in sorted(new):
+                self.scope.lookup(name)
+            done |= new
+
     # Variables that events assign ---------------------------------------------------------------------------
 
     def remember(self, variable: s.FlatVariable) -> None:

@@ -16,6 +16,10 @@ from daest.modelica.reading import Reading
 from daest.modelica.scope import Element, element_names, symbols
 from daest.modelica.values import Value
 
+# One way a discrete variable, or one element of it, is defined: the equation (None: the binding), and its
+# right side.
+Definition = tuple[s.FlatEquation | None, s.Node]
+
 
 @dataclass
 class Declared:
@@ -30,17 +34,13 @@ class Declared:
     defining: list[s.FlatEquation] = field(default_factory=list)
     substitutes: dict[str, s.Node] = field(default_factory=dict)
     held: list[Element] = field(default_factory=list)  # unknowns that keep their values between events
-
-
-# One way a discrete variable, or one element of it, is defined: the equation (None: the binding), and its
-# right side.
-Definition = tuple[s.FlatEquation | None, s.Node]
+    definitions: dict[str, list[Definition]] = field(default_factory=dict)  # of discrete variables
 
 
 def declare_variables(reading: Reading) -> Declared:
     """Symbols for all variables, put into the scope of `reading`. Raises ModelError."""
     declared = Declared()
-    definitions = _definitions(reading, declared)
+    definitions = declared.definitions = _definitions(reading, declared)
     for variable in reading.source.variables:
         if is_parameter(variable):
             continue
@@ -97,13 +97,17 @@ def _definitions(reading: Reading, declared: Declared) -> dict[str, list[Definit
             found[variable.name] = [(None, variable.binding)]
     open_ends: list[s.FlatEquation] = []
     for equation in reading.source.equations:
-        left, right = equation.left, equation.right
+        turned = equation
+        if equation.right is not None and _is_discrete(equation.right, reading):
+            if not _is_discrete(equation.left, reading):
+                turned = replace(equation, left=equation.right, right=equation.left)
+        left, right = turned.left, turned.right
         if not isinstance(left, s.Name) or left.name not in reading.discrete or right is None:
             continue
-        if equation.kind == "connection" and isinstance(right, s.Name) and right.name in reading.discrete:
-            open_ends.append(equation)
+        if _is_discrete(left, reading) and _is_discrete(right, reading) and not equation.bound:
+            open_ends.append(turned)
         elif left.name not in reading.targets:
-            found.setdefault(left.name, []).append((equation, right))
+            found.setdefault(left.name, []).append((turned, right))
         declared.defining.append(equation)
     _connect(found, open_ends, reading)
     for name in sorted(reading.discrete - set(found) - reading.targets):
@@ -111,8 +115,13 @@ def _definitions(reading: Reading, declared: Declared) -> dict[str, list[Definit
     return found
 
 
+def _is_discrete(node: s.Node | None, reading: Reading) -> bool:
+    """Whether a node is a whole discrete variable."""
+    return isinstance(node, s.Name) and not node.subscripts and node.name in reading.discrete
+
+
 def _connect(found: dict[str, list[Definition]], connections: list[s.FlatEquation], reading: Reading) -> None:
-    """Discrete variables that connections equate get their definition from the end that has one."""
+    """Discrete variables that an equation `a = b` equates get their definition from the end that has one."""
     given = {x.name for x in reading.source.variables if x.causality == "input" and x.is_top_level}
     known = {*found, *reading.targets, *(given & reading.discrete)}
     waiting = connections
