@@ -98,9 +98,9 @@ def _definitions(reading: Reading, declared: Declared) -> dict[str, list[Definit
     open_ends: list[s.FlatEquation] = []
     for equation in reading.source.equations:
         turned = equation
-        if equation.right is not None and _is_discrete(equation.right, reading):
-            if not _is_discrete(equation.left, reading):
-                turned = replace(equation, left=equation.right, right=equation.left)
+        has_end = not _is_discrete(equation.left, reading) and _is_discrete(equation.right, reading)
+        if has_end and equation.right is not None:
+            turned = replace(equation, left=equation.right, right=equation.left)
         left, right = turned.left, turned.right
         if not isinstance(left, s.Name) or left.name not in reading.discrete or right is None:
             continue
