@@ -9,7 +9,7 @@ numbers.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import dataclass, field, replace
 
 import casadi as ca
@@ -157,6 +157,7 @@ def _fixed_numbers(source: s.FlatSource, numeric: ModelScope) -> frozenset[str]:
         for name, x in variables.items()
         if (x.is_discrete and not _is_object(x)) or x.variability == "constant" or name in source.structural
     ]
+    roots += _asked_once(source, variables)
     found: set[str] = set()
     while roots:
         name = roots.pop()
@@ -167,6 +168,28 @@ def _fixed_numbers(source: s.FlatSource, numeric: ModelScope) -> frozenset[str]:
         if binding is not None:
             roots.extend(referenced_names(binding))
     return frozenset(found)
+
+
+def _asked_once(source: s.FlatSource, parameters: Container[str]) -> list[str]:
+    """Names of parameters from which a function computes a Boolean or Integer variable, as
+    `ideal = Matrices.isEqual(table, …)`: its loops need numbers."""
+    discrete = {x.name for x in source.variables if x.is_discrete and not is_parameter(x)}
+    found: list[str] = []
+    for equation in source.equations:
+        if isinstance(equation.left, s.Name) and equation.left.name in discrete:
+            names = referenced_names(equation.right)
+            if _calls_function(equation.right) and all(name in parameters for name in names):
+                found += names
+    return found
+
+
+def _calls_function(node: object) -> bool:
+    if isinstance(node, s.Call) and not node.builtin:
+        return True
+    if isinstance(node, tuple):
+        return any(_calls_function(part) for part in node)
+    fields = getattr(type(node), "__dataclass_fields__", None)
+    return fields is not None and any(_calls_function(getattr(node, key)) for key in fields if key != "span")
 
 
 def _is_object(variable: s.FlatVariable) -> bool:
