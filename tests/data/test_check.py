@@ -6,7 +6,7 @@ import pytest
 from scipy.signal import chirp, lfilter, lsim
 
 from daest.data.check import check_table
-from daest.data.clock import clock_findings
+from daest.data.faults import clock_findings
 from daest.data.read import read_table
 from daest.data.table import Column, Table
 

@@ -5,8 +5,16 @@ import pytest
 
 from daest.data.match import match_columns, unitless_findings
 from daest.data.read import Signal
-from daest.data.stamps import in_seconds, told_unit, unit_findings
-from daest.data.table import Column, Table, nearest, split_header, time_unit
+from daest.data.table import (
+    Column,
+    Table,
+    in_seconds,
+    nearest,
+    split_header,
+    time_unit,
+    told_unit,
+    unit_findings,
+)
 
 NUMBERS = np.arange(3.0)
 

@@ -10,8 +10,8 @@ import pytest
 import scipy.linalg
 
 from daest.errors import ModelError
-from daest.modelica.base import without_quotes
 from daest.modelica.compile import compile_model
+from daest.modelica.dialect import without_quotes
 from daest.systems.linearize import linearize
 
 OSCILLATOR = (Path(__file__).parent / "models" / "Oscillator.bmo").read_text()

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import daest
-from daest.modelica import compiled, compiler
-from daest.modelica.roots import BYTE_ORDER_MARK, readable_roots
+from daest.modelica import compiler
+from daest.modelica.library import BYTE_ORDER_MARK, readable_roots
 from daest.systems.split import split
 from daest.systems.transfer import poles
 
@@ -138,7 +138,7 @@ def test_what_is_kept_does_not_grow_without_end(tmp_path, monkeypatch):
     (tmp_path / "M.mo").write_text("model M\n  Real x(start = 1);\nequation\n  der(x) = -x;\nend M;\n")
     daest.compile_model(tmp_path / "M.mo")
     (first,) = (tmp_path / "cache" / "flat").iterdir()
-    monkeypatch.setattr(compiled, "KEPT_BYTES", first.stat().st_size * 3 // 2)
+    monkeypatch.setattr(compiler, "KEPT_BYTES", first.stat().st_size * 3 // 2)
     os.utime(first, (0, 0))
     (tmp_path / "M.mo").write_text("model M\n  Real y(start = 1);\nequation\n  der(y) = -y;\nend M;\n")
     daest.compile_model(tmp_path / "M.mo")

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daest.modelica import syntax as s
+from daest.modelica.outline import tokens
 from daest.modelica.parse import Parser
 from daest.modelica.text import number_text, text
-from daest.modelica.tokens import tokens
 
 
 def parsed(source: str) -> s.Node:

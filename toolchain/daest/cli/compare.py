@@ -16,6 +16,7 @@ from daest.cli.options import (
     ModelOptions,
     cluster_option,
     data_options,
+    draw,
     example,
     format_option,
     jobs_option,
@@ -26,7 +27,6 @@ from daest.cli.options import (
     seed_option,
 )
 from daest.cli.output import emit, keep_inputs, note, telling
-from daest.cli.pictures import draw
 from daest.errors import ConfigError, Place
 from daest.model.defaults import LEAST_NULL_RECORDS
 
@@ -123,8 +123,8 @@ def command(
 
 def keep_comparison(project: Project, models: Sequence[Path], data: Sequence[Path], found: Compared) -> None:
     """Leave the comparison in the results of the project, for `daest report`."""
-    from daest.cli.kept import keep, made_from, unseen_files
     from daest.cli.models import model_source
+    from daest.cli.results import keep, made_from, unseen_files
     from daest.report.documents import compare as documents
 
     sources = [model_source(project, path) for path in models] or [model_source(project, None)]

@@ -14,6 +14,7 @@ from daest.cli.options import (
     ModelOptions,
     assignments,
     data_options,
+    draw,
     example,
     format_option,
     gathered,
@@ -23,7 +24,6 @@ from daest.cli.options import (
     seed_option,
 )
 from daest.cli.output import emit, keep_inputs, note, to_json, whole_file, with_schema, write_text
-from daest.cli.pictures import draw
 from daest.cli.progress import progress
 from daest.errors import ConfigError
 

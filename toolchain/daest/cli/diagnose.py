@@ -16,6 +16,7 @@ from daest.cli.options import (
     DataOptions,
     ModelOptions,
     cluster_option,
+    draw,
     example,
     format_option,
     gathered,
@@ -28,7 +29,6 @@ from daest.cli.options import (
     split_data_options,
 )
 from daest.cli.output import emit, keep_inputs, note, telling, to_json, whole_file, with_schema
-from daest.cli.pictures import draw
 from daest.cli.progress import progress
 from daest.errors import DaestError, EstimationError, FmuError, ModelError
 
@@ -165,9 +165,9 @@ def opened(
     Raises ModelError `effect-unknown`, `effect-place` or `effect-fit`, FmuError `fmu-no-equations`, and
     ConfigError of `workers`.
     """
-    from daest.cli.kept import training_files
     from daest.cli.models import chosen_class, load_model, model_source
     from daest.cli.recordings import training_data
+    from daest.cli.results import training_files
     from daest.data.prepare import split_all
     from daest.diagnosis.kept import KeptProofs, run_digest
     from daest.modelica.effects import effect_library
@@ -465,7 +465,7 @@ def models_of(case: Case, diagnosis: Diagnosis) -> dict[str, Written]:
 
 def origin(case: Case) -> dict[str, Any]:
     """Versions, and fingerprints of the model and of the recordings."""
-    from daest.cli.kept import made_from
+    from daest.cli.results import made_from
 
     return made_from(case.project, [case.source], case.recordings)
 

@@ -25,6 +25,7 @@ from daest.cli.options import (
     DataOptions,
     ModelOptions,
     data_options,
+    draw,
     example,
     format_option,
     model_options,
@@ -34,7 +35,6 @@ from daest.cli.options import (
     set_option,
 )
 from daest.cli.output import emit, keep_inputs, note, telling, write_text
-from daest.cli.pictures import draw
 from daest.cli.progress import progress
 from daest.errors import ConfigError
 from daest.estimation.filters import FILTERS
@@ -128,8 +128,8 @@ def command(
             write_estimates(opened, only, form)
         return
     needs_stream(stream)
-    from daest.cli.kept import keep, made_from, unseen_files
     from daest.cli.models import model_source
+    from daest.cli.results import keep, made_from, unseen_files
     from daest.model.estimates import FilterOptions
     from daest.report.csv_text import csv_text
     from daest.report.documents import filter as documents

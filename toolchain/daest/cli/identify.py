@@ -15,7 +15,9 @@ from daest.cli.given import Files, ParameterOptions, files, parameter_options
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
+    checked,
     cluster_option,
+    draw,
     example,
     format_option,
     jobs_option,
@@ -27,7 +29,6 @@ from daest.cli.options import (
     split_data_options,
 )
 from daest.cli.output import emit, keep_inputs, note, telling
-from daest.cli.pictures import checked, draw
 from daest.cli.progress import progress
 from daest.model.defaults import LEAST_REFITS
 
@@ -184,9 +185,9 @@ def identified(
 ) -> Identified:
     """Identify the model (default: that of daest.toml) from the recordings; not `others`: columns that are no
     signal of the model are not read."""
-    from daest.cli.kept import training_files
     from daest.cli.models import load_model, model_source
     from daest.cli.recordings import training_data
+    from daest.cli.results import training_files
     from daest.estimation.bootstrap import with_bootstrap
     from daest.estimation.identify import identify
     from daest.estimation.profile import silent
@@ -214,8 +215,7 @@ def identified(
 
 def keep_fit(project: Project, found: Identified) -> None:
     """Leave the fit in the results of the project. Raises ConfigError `output-unwritable`."""
-    from daest.cli.kept import made_from
-    from daest.cli.results import save_fit
+    from daest.cli.results import made_from, save_fit
 
     origin = made_from(project, [found.source], found.recordings)
     path = save_fit(project, found.source, found.loaded, found.document, origin)

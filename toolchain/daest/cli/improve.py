@@ -12,6 +12,7 @@ from daest.cli.given import Files, ParameterOptions, files, parameter_options
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
+    draw,
     example,
     format_option,
     model_options,
@@ -19,7 +20,6 @@ from daest.cli.options import (
     split_data_options,
 )
 from daest.cli.output import emit, note, telling, to_json, whole_file, with_schema
-from daest.cli.pictures import draw
 from daest.cli.progress import progress
 from daest.errors import ConfigError, DaestError, Place
 from daest.litter import passing_folder

@@ -12,6 +12,7 @@ import click
 from daest.cli.given import Files, files
 from daest.cli.options import (
     ModelOptions,
+    draw,
     example,
     format_option,
     model_options,
@@ -20,7 +21,6 @@ from daest.cli.options import (
     set_option,
 )
 from daest.cli.output import emit, keep_inputs, note, whole_file
-from daest.cli.pictures import draw
 
 if TYPE_CHECKING:
     from daest.cli.linear import Linear

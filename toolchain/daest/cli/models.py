@@ -7,9 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from daest.data.problems import raise_collected
 from daest.data.project import NoiseSetting, ParameterSetting, Project
-from daest.data.table import nearest
+from daest.data.table import nearest, raise_collected
 from daest.errors import ConfigError, DaestError, ModelError, Place
 from daest.files import FOLDER, why_no_file
 from daest.model.flat import Model

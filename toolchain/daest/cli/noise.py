@@ -12,6 +12,7 @@ from daest.cli.given import Files, files
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
+    draw,
     example,
     format_option,
     model_options,
@@ -20,7 +21,6 @@ from daest.cli.options import (
     set_option,
 )
 from daest.cli.output import emit, keep_inputs
-from daest.cli.pictures import draw
 from daest.errors import ConfigError, Place
 
 if TYPE_CHECKING:
@@ -60,9 +60,9 @@ def command(
     Exit code 1 if a noise of the model, or a place that was asked for with --at, is not admissible, at the
     operating point or anywhere along the recording.
     """
-    from daest.cli.kept import keep, made_from
     from daest.cli.linear import load_linear
     from daest.cli.models import model_source
+    from daest.cli.results import keep, made_from
     from daest.report.documents import noise as documents
     from daest.report.structure_figure import noise_figure
     from daest.report.texts import noise as texts

@@ -1,4 +1,7 @@
-"""Options that several commands share, so that they are spelt and explained alike everywhere."""
+"""Options that several commands share, so that they are spelt and explained alike everywhere.
+
+The option --plot writes the pictures of all commands.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +15,41 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 import click
 
 from daest.cli import offered
-from daest.cli.pictures import checked
+from daest.cli.output import whole_file
 from daest.errors import ConfigError
 from daest.model.prior import Prior
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from daest.data.prepare import Preparation
     from daest.data.project import Hold, Project
     from daest.model.flat import Model
+
+FORMATS = (".png", ".svg", ".pdf")
+
+
+def checked(_ctx: click.Context, parameter: click.Parameter, given: Path | None) -> Path | None:
+    """The file of a picture. Raises ConfigError `plot-format` before anything is computed."""
+    if given is None or given.suffix.lower() in FORMATS:
+        return given
+    raise ConfigError(
+        "plot-format",
+        f"{parameter.opts[-1]} {given}: no picture is written as '{given.suffix or given.name}'",
+        remedy=f"give a name that ends in {', '.join(FORMATS[:-1])} or {FORMATS[-1]}",
+    )
+
+
+def draw(plot: Path | None, make: Callable[[], Figure]) -> None:
+    """Write the figure that `make` returns, in the format of the suffix, where a picture was asked for."""
+    if plot is None:
+        return
+    from daest.report.figures import save
+
+    figure = make()
+    with whole_file(plot) as temporary:
+        save(figure, temporary)
+
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 

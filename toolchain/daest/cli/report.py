@@ -190,7 +190,7 @@ def _versions(documents: Mapping[str, dict[str, Any]]) -> dict[str, dict[str, st
 
 def _trace(project: Project, documents: Mapping[str, dict[str, Any]]) -> tuple[Traced, ...]:
     """The files behind the results, each content once, with what has become of it."""
-    from daest.cli.kept import fingerprint
+    from daest.cli.results import fingerprint
     from daest.report.page.material import Traced
 
     used: dict[tuple[str, str, str], list[str]] = {}

@@ -1,20 +1,27 @@
-"""The folder `results/`: what identify leaves there, and what later commands take from it."""
+"""The folder `results/`: what commands keep there for later ones, documents with their origin and series
+beside them; and the fingerprint of the model that a fit was made of, which tells how the model at hand
+differs.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
-from collections.abc import Mapping, Sequence
+import platform
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from daest.cli.fingerprint import differences, model_fingerprint
+import numpy as np
+
+from daest import __version__
 from daest.cli.output import LATEST, Document, to_json, whole_file, with_schema
 from daest.data.project import Project
 from daest.errors import ConfigError, Place
 from daest.files import why_no_file
-from daest.model.flat import Model
+from daest.model.flat import FlatModel, Model
 
 KEPT_ELSEWHERE = "work in a copy of the project, in a folder that can be written"
 BY_MODEL = "fits"  # one fit per model, so that compare finds each one's
@@ -136,3 +143,121 @@ def _is_of(document: Document, folder: Path, source: Path, name: str) -> bool:
     recorded = folder / key.get("source", "")
     # A model that was moved is known by its name alone.
     return key.get("name") == name and (not recorded.is_file() or recorded.resolve() == source.resolve())
+
+
+MOST_NAMED = 4  # parameters
+
+
+def model_fingerprint(flat: Model, source: Path) -> dict[str, Any]:
+    """Values of all parameters before the fit, and digests of the equations and of every output.
+
+    Comments, bounds, marks and noises do not count: a fit stays right when they change. Of an FMU without
+    equations the file counts.
+    """
+    values = {p.name: p.value for p in flat.parameters}
+    if not isinstance(flat, FlatModel):
+        return {"values": values, "equations": fingerprint(source), "outputs": {}}
+    texts = [e.text for e in (*flat.equations, *flat.initial_equations)]
+    texts += [f"{d.name} = {d.expression}" for d in flat.derived_parameters]
+    expressions = [str(flat.output_expressions[i]) for i in range(len(flat.outputs))]
+    digests = {y.name: _digest([text]) for y, text in zip(flat.outputs, expressions, strict=True)}
+    return {"values": values, "equations": _digest(texts), "outputs": digests}
+
+
+def differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """How a model differs from what it was, one phrase each; none where `then` is no fingerprint."""
+    if not {"values", "equations", "outputs"} <= then.keys():
+        return []
+    moved = [
+        f"{name} is {now['values'][name]:g} and was {value:g}"
+        for name, value in then["values"].items()
+        if now["values"].get(name, value) != value
+    ]
+    if len(moved) > MOST_NAMED:
+        moved = [*moved[:MOST_NAMED], f"{len(moved) - MOST_NAMED} more values"]
+    equations = ["its equations are others"] if then["equations"] != now["equations"] else []
+    outputs = [
+        f"the output {name} is another"
+        for name, digest in then["outputs"].items()
+        if now["outputs"].get(name, digest) != digest
+    ]
+    return [*moved, *equations, *outputs]
+
+
+def _digest(texts: Sequence[str]) -> str:
+    return hashlib.sha256("\n".join(texts).encode()).hexdigest()
+
+
+PACKAGES = ("casadi", "numpy", "rumoca", "scipy")  # those that numbers may depend on
+BLOCK = 1 << 20  # bytes
+
+
+def keep(
+    project: Project,
+    name: str,
+    command: str,
+    document: Mapping[str, Any],
+    origin: Mapping[str, Any],
+    series: Mapping[str, np.ndarray] | None = None,
+) -> None:
+    """Write results/NAME.json, and the series as results/NAME.npz, beside a daest.toml; nothing without one.
+
+    A folder that cannot be written is no reason to fail: the result itself goes elsewhere.
+    """
+    if project.file is None:
+        return
+    from daest.cli.output import note
+
+    content = with_schema({**document, "made_from": origin}, command)
+    try:
+        if series is not None:
+            with whole_file(project.results / f"{name}.npz") as temporary, temporary.open("wb") as stream:
+                np.savez_compressed(stream, **series)  # type: ignore[arg-type]
+        with whole_file(project.results / f"{name}.json") as temporary:
+            temporary.write_text(to_json(content), encoding="utf-8")
+    except ConfigError as problem:
+        note(f"not kept for daest report: {problem.what}")
+
+
+def made_from(project: Project, models: Sequence[Path], recordings: Iterable[Path] = ()) -> dict[str, Any]:
+    """Versions of the programs and fingerprints of the files that a result depends on; paths count from the
+    folder of daest.toml."""
+    from importlib import metadata
+
+    files = [("model", path) for path in models] + [("data", path) for path in recordings]
+    files += [] if project.file is None else [("project", project.file)]
+    return {
+        "daest": __version__,
+        "python": platform.python_version(),
+        "packages": {name: metadata.version(name) for name in PACKAGES},
+        "files": [_file(project, role, path) for role, path in files if path.is_file()],
+    }
+
+
+def fingerprint(path: Path) -> str:
+    """SHA-256 of the content of a file."""
+    digest = hashlib.sha256()
+    with path.open("rb") as stream:
+        while block := stream.read(BLOCK):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def training_files(project: Project, given: Sequence[Path]) -> list[Path]:
+    """The recordings of a command that estimates: `given`, else those of daest.toml."""
+    return [*(given or project.estimate), *project.validate]
+
+
+def unseen_files(project: Project, given: Sequence[Path]) -> list[Path]:
+    """The recordings of a command that tries a model: `given`, else those of daest.toml."""
+    return list(given or project.validate or project.estimate)
+
+
+def _file(project: Project, role: str, path: Path) -> dict[str, Any]:
+    relative = os.path.relpath(path.resolve(), project.folder.resolve())
+    return {
+        "role": role,
+        "path": Path(relative).as_posix(),
+        "sha256": fingerprint(path),
+        "bytes": path.stat().st_size,
+    }

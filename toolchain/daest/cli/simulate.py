@@ -13,6 +13,7 @@ from daest.cli.options import (
     DataOptions,
     ModelOptions,
     data_options,
+    draw,
     example,
     format_option,
     model_options,
@@ -22,7 +23,6 @@ from daest.cli.options import (
     set_option,
 )
 from daest.cli.output import emit, keep_inputs, note, write_text
-from daest.cli.pictures import draw
 from daest.cli.progress import progress
 
 if TYPE_CHECKING:

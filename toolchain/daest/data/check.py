@@ -8,13 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from daest.data.clock import clock_findings
-from daest.data.faults import Samples, absurd, column_findings
-from daest.data.pairs import Series, pair_findings
+from daest.data.faults import Samples, Series, absurd, clock_findings, column_findings, pair_findings
 from daest.data.prepare import GRID_TOLERANCE
 from daest.data.read import find_time
-from daest.data.stamps import in_seconds, unit_findings
-from daest.data.table import Table, column_unit
+from daest.data.table import Table, column_unit, in_seconds, unit_findings
 from daest.model.experiment import Experiment
 from daest.model.quality import ColumnSummary, DataCheck, Finding, Role
 

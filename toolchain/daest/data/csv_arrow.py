@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from daest.data.grid import MISSING
-from daest.data.stamps import cut_unit
-from daest.data.table import Column, Part, Table, time_column
+from daest.data.table import Column, Part, Table, cut_unit, time_column
 from daest.quantities import conversion
 
 BLOCK = 1 << 20  # bytes that are read at a time

@@ -9,8 +9,7 @@ from pathlib import Path
 
 from daest.data.csv_arrow import read_numbers
 from daest.data.grid import Grid, cell_number, grid_table
-from daest.data.problems import empty_file, unreadable_file
-from daest.data.table import Part, Table
+from daest.data.table import Part, Table, empty_file, unreadable_file
 from daest.errors import DataError, Place
 
 SPACES = " "  # any white space between cells

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from daest.data.grid import Grid, grid_table
-from daest.data.problems import empty_file, unreadable_file
-from daest.data.table import Table
+from daest.data.table import Table, empty_file, unreadable_file
 from daest.errors import DataError, Place
 
 

@@ -1,18 +1,25 @@
 """Detect faults of one column from its values: saturation, a stuck sensor, outliers, drop-outs.
 
-Every rule looks for something that a healthy signal does not do. Where rest, steps or the limits of a command
-look the same as a fault, no finding is reported.
+Every rule looks for something that a healthy signal does not do. Where rest, steps or the limits of a
+command look the same as a fault, no finding is reported.
+
+Time stamps have faults of their own: duplicates, steps back, gaps, jumps, jitter. Two columns may hold the
+same quantity, or a motion and its rate, late or upside down; machines lag and turn things round, too, so
+that what pairs show are notes, not warnings.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
-from daest.data.clock import JITTER, unevenness
+from daest.errors import DataError
 from daest.model.quality import Finding, Level, Role
+from daest.quantities import conversion
 
 FEWEST = 50  # values below which nothing is said but that a column is constant
 LEVELS = 10  # a signal of no more different values is a switch, not a measurement
@@ -303,3 +310,225 @@ def _coarse(samples: Samples) -> list[Finding]:
     level: Level = "warning" if n_steps < COARSE else "note"
     text = f"is quantised in steps of {step:.4g}, {n_steps} in its range: its errors are no white noise"
     return [Finding("check-quantised", level, samples.name, text, count=n_steps)]
+
+
+# In units of the median step: one beyond JUMP is a pause or two recordings; a shorter one lost samples if it
+# is a multiple of the median to WHOLE.
+JUMP = 20.0
+WHOLE = 0.2
+# Spread of the steps (half the distance of their 5 % and 95 % quantiles), in units of their median, above
+# which a clock is uneven and tells neither gaps nor a change of its rate.
+JITTER = 0.03
+# Relative difference of the sampling periods of the two halves that is said.
+DRIFT = 0.02
+_FEWEST = 8  # steps
+
+
+def clock_findings(time: np.ndarray) -> list[Finding]:
+    """What is wrong with the times (n_samples,) in s, NaN where a row has none."""
+    known = time[np.isfinite(time)]
+    found = _unreadable_times(time, known)
+    steps = np.diff(known)
+    found += _order(known, steps)
+    forward = steps > 0
+    if forward.sum() < _FEWEST:
+        return found
+    step = float(np.median(steps[forward]))
+    spread = unevenness(known)
+    found += _long_steps(known, steps, step, spread)
+    if spread > JITTER:
+        low, high = np.quantile(steps[forward], [0.01, 0.99])
+        text = f"ticks unevenly: steps of {low:.4g} s to {high:.4g} s, median {step:.4g} s"
+        found.append(Finding("check-clock-jitter", "note", None, text))
+    else:
+        found += _rate(known, steps)
+    return found
+
+
+def unevenness(time: np.ndarray) -> float:
+    """Spread of the steps of increasing times (n_samples,), relative to their median: that of the more uneven
+    half, because a clock that changes its rate once is even before and after."""
+    steps = np.diff(time)
+    halves = (half[half > 0] for half in np.array_split(steps, 2))
+    quantiles = [np.quantile(half, [0.05, 0.5, 0.95]) for half in halves if half.size]
+    return max((float(0.5 * (high - low) / step) for low, step, high in quantiles), default=0.0)
+
+
+def _unreadable_times(time: np.ndarray, known: np.ndarray) -> list[Finding]:
+    n = time.size - known.size
+    return [Finding("check-clock-order", "warning", None, f"is missing in {n} row(s)", count=n)] if n else []
+
+
+def _order(time: np.ndarray, steps: np.ndarray) -> list[Finding]:
+    found = []
+    for code, which, text in (
+        ("check-clock-duplicate", steps == 0, "stands still in {} row(s): two samples have one time"),
+        ("check-clock-order", steps < 0, "goes back {} time(s)"),
+    ):
+        rows = np.nonzero(which)[0]
+        if rows.size:
+            at = float(time[rows[0] + 1])
+            found.append(Finding(code, "warning", None, text.format(rows.size), at, int(rows.size)))
+    return found
+
+
+def _long_steps(time: np.ndarray, steps: np.ndarray, step: float, spread: float) -> list[Finding]:
+    jumps = np.nonzero(steps > JUMP * step)[0]
+    found = []
+    if jumps.size:
+        text = f"jumps by {steps[jumps].max():.4g} s where a step is {step:.4g} s: a pause, or two recordings"
+        found.append(
+            Finding("check-clock-jump", "warning", None, text, float(time[jumps[0]]), int(jumps.size))
+        )
+    long = np.flatnonzero((steps >= 1.5 * step) & (steps <= JUMP * step))
+    ratio = steps[long] / step
+    whole = np.round(ratio)
+    is_gap = (whole >= 2) & (np.abs(ratio - whole) < WHOLE)
+    gaps = long[is_gap]
+    if gaps.size and spread < JITTER:
+        lost = int(np.sum(whole[is_gap] - 1))
+        text = (
+            f"leaves out about {lost} sample(s) in {gaps.size} gap(s), the longest {steps[gaps].max():.4g} s"
+        )
+        found.append(Finding("check-clock-gap", "warning", None, text, float(time[gaps[0]]), int(gaps.size)))
+    return found
+
+
+def _rate(time: np.ndarray, steps: np.ndarray) -> list[Finding]:
+    middle = steps.size // 2
+    first, second = (float(np.median(half[half > 0])) for half in (steps[:middle], steps[middle:]))
+    if abs(first - second) <= DRIFT * min(first, second):
+        return []
+    text = f"changes its rate: a step is {first:.4g} s in the first half and {second:.4g} s in the second"
+    return [Finding("check-clock-rate", "warning", None, text, float(time[middle]))]
+
+
+# Two columns tell the same where one explains this share of the other at the best lag.
+SAME = 0.98
+# A lag is said where it leaves less than this share of what is unexplained without it.
+BETTER = 0.25
+LONGEST_LAG = 0.1  # share of the recording
+MOST_COLUMNS = 16
+# A column is computed from another one where this share of its standard deviation is left: two sensors of one
+# quantity leave their noise, files leave the rounding of their digits.
+COMPUTED = 1e-4
+FEWEST_PAIRED = 50  # samples
+ENOUGH = 20_000  # samples that tell whether a column is computed
+LONGEST = 200_000  # samples
+
+
+@dataclass(frozen=True)
+class Series:
+    """Values (n,) without gaps on a uniform grid of times, and their unit."""
+
+    name: str
+    unit: str
+    values: np.ndarray
+
+
+def pair_findings(series: Sequence[Series], period: float) -> list[Finding]:
+    """Lags and opposite signs between the columns, sampled every `period` s, and columns that are computed
+    from others."""
+    shown = [s for s in series if s.values.size <= LONGEST and np.ptp(s.values) > 0][:MOST_COLUMNS]
+    found = [finding for a, b in combinations(shown, 2) for finding in _computed(a, b, period)]
+    for a, b in combinations([s for s in shown if s.unit], 2):
+        if _converts(a.unit, b.unit):
+            found += _compared(a, b, _centred(a.values), _centred(b.values), "", period)
+        elif _converts(f"({a.unit})/s", b.unit):
+            found += _compared(a, b, *_with_integral(a, b), "the rate of ", period)
+        elif _converts(f"({b.unit})/s", a.unit):
+            found += _compared(b, a, *_with_integral(b, a), "the rate of ", period)
+    return found
+
+
+def _computed(a: Series, b: Series, period: float) -> list[Finding]:
+    """A column that holds nothing new beside another one: the same values, scaled or late, or the difference
+    quotients of them."""
+    a, b = replace(a, values=a.values[:ENOUGH]), replace(b, values=b.values[:ENOUGH])
+    if min(np.unique(a.values).size, np.unique(b.values).size) < FEWEST_PAIRED:
+        return []  # a switch or a constant
+    for early, late in ((a, b), (b, a)):
+        if _is_difference(early.values, late.values):
+            return [_nothing_new(late, f"is the difference quotient of {early.name}, computed")]
+    x, y = _centred(a.values), _centred(b.values)
+    lags, correlation = _correlation(x, y)
+    lag = int(lags[np.argmax(np.abs(correlation))])
+    n = x.size - abs(lag)
+    if n < FEWEST_PAIRED or _left(x[max(-lag, 0) :][:n], y[max(lag, 0) :][:n]) > COMPUTED:
+        return []
+    late, early = (b, a) if lag >= 0 else (a, b)
+    after = f", {abs(lag) * period:.4g} s late" if lag else ""
+    return [_nothing_new(late, f"is a copy of {early.name}{after}")]
+
+
+def _nothing_new(column: Series, what: str) -> Finding:
+    text = f"{what}: it holds nothing new; as two outputs they would be counted twice"
+    return Finding("check-computed", "note", column.name, text)
+
+
+def _is_difference(motion: np.ndarray, rate: np.ndarray) -> bool:
+    """Whether the rate is the difference of the motion: forward, backward, or over two steps."""
+    steps = np.diff(motion)
+    pairs = ((steps, rate[:-1]), (steps, rate[1:]), (motion[2:] - motion[:-2], rate[1:-1]))
+    return steps.size > FEWEST_PAIRED and any(_left(x, y) < COMPUTED for x, y in pairs)
+
+
+def _left(x: np.ndarray, y: np.ndarray) -> float:
+    """Share of the standard deviation of y that a straight line of x leaves; 1 where one of them is
+    constant."""
+    x, y = _centred(x), _centred(y)
+    sizes = np.linalg.norm(x), np.linalg.norm(y)
+    if not min(sizes) > 0.0:
+        return 1.0
+    return float(np.linalg.norm(y / sizes[1] - x / sizes[0] * np.sign(x @ y)))
+
+
+def _with_integral(motion: Series, rate: Series) -> tuple[np.ndarray, np.ndarray]:
+    """The motion and the integral of the rate, both without their trend: an offset of the rate drifts."""
+    integral = np.append(0.0, np.cumsum(0.5 * (rate.values[1:] + rate.values[:-1])))
+    return _detrended(motion.values), _detrended(integral)
+
+
+def _compared(a: Series, b: Series, x: np.ndarray, y: np.ndarray, how: str, period: float) -> list[Finding]:
+    lags, correlation = _correlation(x, y)
+    best = int(np.argmax(np.abs(correlation)))
+    at_best, at_zero = float(correlation[best]), float(correlation[np.nonzero(lags == 0)[0][0]])
+    found: list[Finding] = []
+    if at_best**2 < SAME:
+        return found
+    if at_best < 0:
+        text = f"is {how}{a.name} with the opposite sign"
+        found.append(Finding("check-polarity", "note", b.name, text))
+    if lags[best] != 0 and 1 - at_best**2 < BETTER * (1 - at_zero**2):
+        late, early = (b, a) if lags[best] > 0 else (a, b)
+        text = f"follows {early.name} by {abs(lags[best]) * period:.4g} s: the machine, or clocks that differ"
+        found.append(Finding("check-lag", "note", late.name, text))
+    return found
+
+
+def _correlation(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lags (samples by which y is late) and the correlation at each."""
+    from scipy.signal import correlate
+
+    most = max(1, int(LONGEST_LAG * x.size))
+    whole = correlate(y, x, method="fft") / (np.linalg.norm(x) * np.linalg.norm(y))
+    middle = x.size - 1
+    return np.arange(-most, most + 1), whole[middle - most : middle + most + 1]
+
+
+def _centred(values: np.ndarray) -> np.ndarray:
+    return values - values.mean()
+
+
+def _detrended(values: np.ndarray) -> np.ndarray:
+    from scipy.signal import detrend
+
+    return np.asarray(detrend(values))
+
+
+def _converts(given: str, wanted: str) -> bool:
+    try:
+        conversion(given, wanted)
+    except DataError:
+        return False
+    return True

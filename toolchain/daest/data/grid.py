@@ -13,8 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from daest.data.problems import raise_collected
-from daest.data.table import Column, Table, duplicate_columns, split_header
+from daest.data.table import Column, Table, duplicate_columns, raise_collected, split_header
 from daest.errors import DataError, Place
 from daest.quantities import is_known_unit, is_unit_expression
 

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from daest.data.problems import unreadable_file
 from daest.data.result_file import is_result, result_table
-from daest.data.table import Column, Table
+from daest.data.table import Column, Table, unreadable_file
 from daest.errors import DataError, Place
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"  # a file of version 7.3 has it behind a header of 512 bytes

@@ -10,8 +10,7 @@ from typing import Literal
 import numpy as np
 
 from daest.data.read import Signal
-from daest.data.stamps import told_unit, with_seconds
-from daest.data.table import Column, Table, column_unit, stem, time_unit
+from daest.data.table import Column, Table, column_unit, stem, time_unit, told_unit, with_seconds
 from daest.errors import DataError
 from daest.model.quality import Finding
 from daest.quantities import conversion

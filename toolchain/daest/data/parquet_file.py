@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from daest.data.frame import frame_table
-from daest.data.problems import unreadable_file
-from daest.data.table import Part, Table, is_time, split_header
+from daest.data.table import Part, Table, is_time, split_header, unreadable_file
 from daest.errors import DataError, Place
 
 

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from daest.data.prepare import Preparation
-from daest.data.problems import raise_collected
-from daest.data.table import nearest
+from daest.data.table import nearest, raise_collected
 from daest.errors import ConfigError, DaestError, Place
 from daest.files import FOLDER, why_no_file
 from daest.model.prior import Prior

@@ -15,9 +15,16 @@ from daest.data.frame import frame_table, is_frame
 from daest.data.mat_file import read_mat
 from daest.data.parquet_file import read_parquet
 from daest.data.prepare import Preparation, prepare, regular_times
-from daest.data.problems import raise_collected
-from daest.data.stamps import in_seconds, with_seconds
-from daest.data.table import Column, Part, Table, nearest, time_unit
+from daest.data.table import (
+    Column,
+    Part,
+    Table,
+    in_seconds,
+    nearest,
+    raise_collected,
+    time_unit,
+    with_seconds,
+)
 from daest.errors import DataError, Place
 from daest.files import why_no_file
 from daest.model.experiment import Experiment

@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from daest.data.problems import unreadable_file
-from daest.data.table import Column, Table
+from daest.data.table import Column, Table, unreadable_file
 
 _MATRICES = ("Aclass", "name", "description", "dataInfo", "data_2")
 _CHANGING = 2

@@ -16,10 +16,16 @@ from typing import Any
 import numpy as np
 
 from daest.data.grid import cell_number
-from daest.data.problems import raise_collected
 from daest.data.read import Signal, find_time, match_signal, no_output, with_units
-from daest.data.stamps import told_unit
-from daest.data.table import Column, Table, duplicate_columns, split_header, time_unit
+from daest.data.table import (
+    Column,
+    Table,
+    duplicate_columns,
+    raise_collected,
+    split_header,
+    time_unit,
+    told_unit,
+)
 from daest.errors import DataError, Place
 from daest.model.stream import Sample
 from daest.quantities import Conversion, conversion

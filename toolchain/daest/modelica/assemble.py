@@ -15,18 +15,28 @@ from daest.model.parts import Equation, Variable
 from daest.modelica import syntax as s
 from daest.modelica import values as v
 from daest.modelica.balance import unbalanced
-from daest.modelica.connects import ConnectClauses, used_texts
 from daest.modelica.events import Kept, finished, kept
 from daest.modelica.expressions import refusal
 from daest.modelica.functions import run_algorithm
-from daest.modelica.metadata import derived_of, noise_of, output_of, parameter_of, variable_of
-from daest.modelica.outputs import NamedOutput, named_outputs
-from daest.modelica.parameters import ParameterTable, is_parameter, number, sort_parameters
+from daest.modelica.metadata import derived_of, noise_of, output_of, parameter_of, start_rows, variable_of
+from daest.modelica.parameters import (
+    ParameterTable,
+    is_parameter,
+    number,
+    sort_parameters,
+    with_settled_parameters,
+)
 from daest.modelica.reading import Reading
-from daest.modelica.rows import Row, algorithm_rows, rows_of
+from daest.modelica.rows import (
+    ConnectClauses,
+    NamedOutput,
+    Row,
+    algorithm_rows,
+    named_outputs,
+    rows_of,
+    used_texts,
+)
 from daest.modelica.scope import Element, element_names
-from daest.modelica.start_parameters import with_settled_parameters
-from daest.modelica.starts import start_rows
 from daest.modelica.unknowns import Declared, declare_variables
 from daest.modelica.values import Value
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from daest.modelica.outline import ClassHead, class_heads
-from daest.modelica.tokens import Token, tokens
+from daest.modelica.outline import ClassHead, Token, class_heads, tokens
 
 _OPEN, _CLOSE = ("(", "[", "{"), (")", "]", "}")
 

@@ -10,19 +10,14 @@ from daest.errors import ModelError
 from daest.model.flat import FlatModel
 from daest.modelica import syntax as s
 from daest.modelica.assemble import assemble
-from daest.modelica.base import Names, without_quotes
-from daest.modelica.breaks import without_broken
 from daest.modelica.change import declare, with_values
-from daest.modelica.class_choice import select_class
 from daest.modelica.compiler import Job, compile_source, modification, with_room
-from daest.modelica.dialect import adapted
+from daest.modelica.dialect import Names, adapted, without_broken, without_quotes
 from daest.modelica.excerpt import adapted_text, excerpt
-from daest.modelica.library import library_roots
-from daest.modelica.outline import class_heads
+from daest.modelica.library import Roots, chosen_libraries, library_name, library_roots, readable_roots
+from daest.modelica.outline import class_heads, tokens
 from daest.modelica.parameters import is_parameter
-from daest.modelica.roots import Roots, chosen_libraries, library_name, readable_roots
-from daest.modelica.source import read_source
-from daest.modelica.tokens import tokens
+from daest.modelica.source import read_source, select_class
 
 __all__ = ["compile_model", "compile_text", "declare", "with_values"]
 

@@ -6,12 +6,28 @@ Two constructs are written otherwise, everywhere in a library and in the user's 
 - an external object (a table that C code reads) becomes an Integer, and its constructor a function beside it
   whose result is multiplied by one: the compiler mistakes the size of what a function of a matrix gives where
   it is used alone.
+
+`extends Base(break connect(a, b))`: the compiler reads it and keeps the connection all the same. So the
+clause is blanked in the text of the base class before it is compiled; offsets stay as they are.
+
+Base Modelica, as OpenModelica writes it, is a flat model whose names stand in quotes,
+`'motor.flange_a.phi'`. The compiler takes quoted names for operators, and nobody wants to type them. It is
+given a text with plain names of the same length; what it answers gets the names without quotes. Base
+Modelica knows no `protected`, which Modelica demands of the variables of a function.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from daest.errors import ModelError
+from daest.modelica.class_text import class_tokens, connect_clauses, extends_clauses, find_base
+from daest.modelica.outline import ClassHead, Token, class_heads, place_of, tokens
 
 DER = "deR"
 """The function that stands for der() of an expression."""
@@ -133,3 +149,192 @@ def _part(body: bytes, name: bytes, change) -> bytes:  # type: ignore[no-untyped
 
 def _renamed(function: bytes, name: bytes) -> bytes:
     return re.sub(rb"\bconstructor\b", name + CONSTRUCTOR.encode(), function)
+
+
+_BREAK = re.compile(rb"\bbreak\s+connect\b")
+
+
+def without_broken(source: bytes, path: Path, class_name: str) -> bytes:
+    """`source` with the connect clauses blanked that `class_name` and the classes it extends remove.
+
+    Raises ModelError `model-break` for a connection that is not found, or a base class that stands elsewhere.
+    """
+    if _BREAK.search(source) is None:
+        return source
+    heads = class_heads(source)
+    spans: list[tuple[int, int]] = []
+    start = next((head for head in heads if head.name == class_name), None)
+    if start is not None:
+        _collect(source, path, heads, start, spans)
+    text = bytearray(source)
+    for begin, end in spans:
+        text[begin:end] = bytes(byte if byte in b"\r\n" else 32 for byte in text[begin:end])
+    return bytes(text)
+
+
+def _collect(
+    source: bytes, path: Path, heads: Sequence[ClassHead], head: ClassHead, spans: list[tuple[int, int]]
+) -> None:
+    """Add the spans of the clauses that `head` and its bases remove."""
+    for clause in extends_clauses(class_tokens(source, head)):
+        base = find_base(heads, head, clause.base)
+        where = place_of(str(path), source, clause.start)
+        if base is None or base.name == head.name:
+            if clause.broken:
+                raise ModelError(
+                    "model-break",
+                    f"`{head.name}` removes connections of `{clause.base}`, which stands in another file",
+                    where=where,
+                    remedy=f"Write `{clause.base}` into this file.",
+                )
+            continue
+        if clause.broken:
+            _refuse_other_use(source, path, base)
+        for pair in clause.broken:
+            found = _find(source, heads, base, pair)
+            if not found:
+                shown = ", ".join(sorted(pair))
+                raise ModelError(
+                    "model-break",
+                    f"`{base.name}` has no connect({shown}) that could be removed",
+                    where=where,
+                    remedy="Write it as the base class does.",
+                )
+            spans += found
+        _collect(source, path, heads, base, spans)
+
+
+def _find(
+    source: bytes, heads: Sequence[ClassHead], head: ClassHead, pair: frozenset[str]
+) -> list[tuple[int, int]]:
+    """Spans of the clauses that connect `pair`, in the class or in those of the file that it extends."""
+    words = class_tokens(source, head)
+    found = [(c.start, c.end) for c in connect_clauses(words) if c.pair == pair]
+    for clause in extends_clauses(words):
+        base = find_base(heads, head, clause.base)
+        if base is not None and base.name != head.name:
+            found += _find(source, heads, base, pair)
+    return found
+
+
+def _refuse_other_use(source: bytes, path: Path, base: ClassHead) -> None:
+    """The base must not also be the class of a component: it would lose its connection there, too."""
+    short = base.name.rpartition(".")[2]
+    before: Token | None = None
+    for token in tokens(source):
+        known = before is None or before.text in ("end", "extends", ".") or token.start == base.start
+        if token.text == short and not known:
+            raise ModelError(
+                "model-break",
+                f"`{base.name}` loses a connection in one class and is a component in another",
+                where=place_of(str(path), source, token.start),
+                remedy="Copy the class under another name for one of the two uses.",
+            )
+        before = token
+
+
+HEADING = b"//! base"
+"""The comment that a Base Modelica text begins with."""
+
+_ENDING = ("algorithm", "external", "equation", "end", "annotation", "protected", "public")
+_DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
+_GENERATED = re.compile(r"\b_[0-9a-z]+\b")
+
+
+@dataclass(frozen=True)
+class Names:
+    """Plain names of the compiler's text -> names as the user writes them. Empty for ordinary Modelica."""
+
+    shown: Mapping[str, str] = field(default_factory=dict)
+
+    def model(self, class_name: str) -> str:
+        """The user's name of the class, without the package that stands around it."""
+        plain = class_name.rpartition(".")[2]
+        return self.shown.get(plain, class_name)
+
+    def restored(self, value: Any) -> Any:
+        """`value` (text, or dicts and lists of such) with the names as the user writes them."""
+        if not self.shown:
+            return value
+        if isinstance(value, str):
+            return _GENERATED.sub(lambda found: self.shown.get(found[0], found[0]), value)
+        if isinstance(value, dict):
+            return {self.restored(key): self.restored(entry) for key, entry in value.items()}
+        if isinstance(value, list | tuple):
+            return type(value)(self.restored(entry) for entry in value)
+        return value
+
+
+def without_quotes(text: bytes) -> tuple[bytes, Names]:
+    """A Base Modelica text as Modelica, line by line, with plain names, each as long as what it stands for;
+    and what they stand for. Any other text as it is."""
+    if not text.lstrip().startswith(HEADING):
+        return text, Names()
+    text = _with_protected(text)
+    words = list(tokens(text))
+    free = _free_names({word.text for word in words})
+    plain: dict[str, str] = {}
+    parts, last = [], 0
+    for word in words:
+        if word.kind == "name" and word.text.startswith("'"):
+            if word.text not in plain:
+                plain[word.text] = free(word.end - word.start)
+            parts += [text[last : word.start], plain[word.text].encode()]
+            last = word.end
+    return b"".join([*parts, text[last:]]), Names({made: quoted[1:-1] for quoted, made in plain.items()})
+
+
+def _with_protected(text: bytes) -> bytes:
+    """The text with `protected` before the variables of functions."""
+    words = list(tokens(text))
+    places = [
+        place for i in range(len(words)) if _opens_function(words, i) for place in _sections(words, i + 2)
+    ]
+    parts, last = [], 0
+    for start, keyword in places:
+        parts += [text[last:start], keyword]
+        last = start
+    return b"".join([*parts, text[last:]])
+
+
+def _opens_function(words: Sequence[Token], i: int) -> bool:
+    """Whether the word at `i` opens a function with declarations: `function f = g` has none."""
+    after = [word.text for word in words[i + 1 : i + 3]]
+    return words[i].text == "function" and len(after) == 2 and after[1] not in ("=", ";", "extends")
+
+
+def _sections(words: Sequence[Token], i: int) -> Iterator[tuple[int, bytes]]:
+    """Where among the declarations of a function from word `i` on which keyword belongs."""
+    is_public, depth, is_new = True, 0, True
+    for word in words[i:]:
+        if is_new and word.kind == "text":
+            continue
+        if is_new and word.text in _ENDING:
+            return
+        if is_new and is_public != (word.text in ("input", "output")):
+            is_public = not is_public
+            yield word.start, b"public " if is_public else b"protected "
+        depth += (word.text in "([{") - (word.text in ")]}")
+        is_new = depth == 0 and word.text == ";"
+
+
+def _free_names(taken: set[str]) -> Callable[[int], str]:
+    """A function that returns another name of the given length every time, none of `taken`."""
+    counts: dict[int, int] = defaultdict(int)
+
+    def free(length: int) -> str:
+        while True:
+            name = "_" + _base36(counts[length]).zfill(length - 1)
+            counts[length] += 1
+            if name not in taken:
+                return name
+
+    return free
+
+
+def _base36(number: int) -> str:
+    digits = ""
+    while number:
+        number, digit = divmod(number, 36)
+        digits = _DIGITS[digit] + digits
+    return digits

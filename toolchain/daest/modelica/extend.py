@@ -15,7 +15,6 @@ from daest.model.effects import Effect, Placement, Site
 from daest.model.flat import FlatModel
 from daest.model.parts import Output
 from daest.modelica.attach import attach, component_name, given_source, names_of
-from daest.modelica.class_choice import select_class
 from daest.modelica.class_text import (
     ConnectClause,
     class_tokens,
@@ -26,12 +25,11 @@ from daest.modelica.class_text import (
 from daest.modelica.compile import compile_text
 from daest.modelica.compiler import modification
 from daest.modelica.effects import effect_model
-from daest.modelica.outline import ClassHead, class_heads, within
+from daest.modelica.outline import ClassHead, Token, class_heads, tokens, within
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import sites
-from daest.modelica.source import read_source
+from daest.modelica.source import read_source, select_class
 from daest.modelica.text import number_text
-from daest.modelica.tokens import Token, tokens
 
 __all__ = ["CurveText", "Extension", "extend_by_curve", "extend_model"]
 

@@ -11,8 +11,7 @@ import rumoca
 
 from daest.errors import ModelError, Place
 from daest.modelica.library import library_root
-from daest.modelica.outline import class_heads
-from daest.modelica.tokens import Token, place_of, tokens
+from daest.modelica.outline import Token, class_heads, place_of, tokens
 
 STANDARD = "Modelica."  # how names of the Modelica Standard Library begin
 MOST_EXPECTED = 8  # words of the parser that are passed on

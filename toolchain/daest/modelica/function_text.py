@@ -10,9 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass, replace
 
 from daest.modelica import syntax as s
-from daest.modelica.outline import class_heads
+from daest.modelica.outline import Token, class_heads, tokens
 from daest.modelica.parse import ParseError, Parser
-from daest.modelica.tokens import Token, tokens
 
 _KEYWORD = b"algorithm"
 

@@ -1,11 +1,19 @@
-"""Where Modelica libraries are looked for."""
+"""Where Modelica libraries are looked for, and their folders as the compiler can read them: one version of
+each library, no byte order marks.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import os
-from collections.abc import Sequence
+import re
+import shutil
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+from daest.cache import cache_folder
 from daest.errors import ModelError
 
 _PACKAGE = Path(__file__).resolve().parent.parent
@@ -52,3 +60,201 @@ def _bundled() -> Path | None:
         return library_root()
     except ModelError:
         return None
+
+
+_COPIES = 3  # version of the copies of libraries in the cache: older ones hold folders without package.mo
+
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+
+_USES = re.compile(rb'\b([A-Za-z_]\w*)\s*\(\s*version\s*=\s*"([^"]*)"')
+
+
+@dataclass(frozen=True)
+class Roots:
+    """Folders for the compiler, and for those that were made from others where their files come from."""
+
+    folders: tuple[Path, ...]
+    origins: Mapping[str, Path]
+    objects: tuple[str, ...] = ()  # external objects, whose constructors are functions beside them
+
+    def original(self, file: str) -> str:
+        """The user's own file that a file of `folders` was made from."""
+        for made, source in self.origins.items():
+            if file.startswith(made + os.sep):
+                return str(source / file[len(made) + 1 :])
+        return file
+
+    def readable(self, file: Path) -> Path:
+        """The file of `folders` that was made from the user's `file`, or the file itself."""
+        for made, source in self.origins.items():
+            if file == source or file.is_relative_to(source):
+                return Path(made) / file.relative_to(source) if file != source else Path(made)
+        return file
+
+
+def readable_roots(folders: Sequence[Path], text: bytes, path: Path) -> Roots:
+    """`folders` with each library once, for a model of the text `text` in file `path`.
+
+    A library is taken from the first folder that has it, in the version that holds `path`, else the one that
+    `text` declares in `uses`, else the highest. A folder with several versions, or with files that begin with
+    a byte order mark, is replaced by a copy in the cache, without a file of the name of `path`.
+    """
+    made: list[Path] = []
+    origins: dict[str, Path] = {}
+    for folder, chosen, is_whole in chosen_libraries(folders, text, path):
+        if is_whole and not any(map(_has_mark, _modelica_files(folder))) and not _stray_folders(chosen):
+            made.append(folder)
+        elif chosen := [entry for entry in chosen if entry.name != path.name]:
+            made.append(_copied(chosen, origins))
+    return Roots(tuple(made), origins)
+
+
+def chosen_libraries(folders: Sequence[Path], text: bytes, path: Path) -> list[tuple[Path, list[Path], bool]]:
+    """Of each folder the libraries that are used, and whether those are all that it holds. See
+    `readable_roots`."""
+    uses = _all_uses(folders, text)
+    seen: set[str] = set()
+    found: list[tuple[Path, list[Path], bool]] = []
+    for folder in folders:
+        if (folder / "package.mo").is_file():
+            is_new = _library(folder)[0] not in seen
+            seen.add(_library(folder)[0])
+            found.append((folder, [folder] if is_new else [], is_new))
+        else:
+            found.append((folder, *_chosen(folder, uses, seen, path.resolve())))
+    return found
+
+
+def _all_uses(folders: Sequence[Path], text: bytes) -> dict[str, str]:
+    """Versions by library: those that the text declares, then those of the libraries that it names."""
+    uses = {name.decode(): version.decode() for name, version in _USES.findall(text)}
+    words = set(re.findall(rb"[A-Za-z_]\w*", text))
+    entries = [entry for folder in folders for entry in library_entries(folder)]
+    for entry in entries:
+        name = _library(entry)[0]
+        file = entry / "package.mo" if entry.is_dir() else entry
+        if name.encode() not in words or name in uses:
+            continue
+        with contextlib.suppress(OSError):
+            for used, version in _USES.findall(file.read_bytes()):
+                uses.setdefault(used.decode(), version.decode())
+    return uses
+
+
+def library_entries(folder: Path) -> list[Path]:
+    """The libraries that a folder holds, or is: folders with a package.mo, and files."""
+    if (folder / "package.mo").is_file():
+        return [folder]
+    packages = [entry for entry in sorted(folder.iterdir()) if (entry / "package.mo").is_file()]
+    return packages + sorted(folder.glob("*.mo"))
+
+
+def library_name(entry: Path) -> str:
+    """The name of the library of a folder or file, without its version."""
+    return _library(entry)[0]
+
+
+def _library(folder: Path) -> tuple[str, tuple[int, ...]]:
+    """Name and version of a library's folder or file: `Modelica 4.0.0`, or `Modelica` without a version."""
+    name, _, version = (folder.stem if folder.suffix == ".mo" else folder.name).partition(" ")
+    return name, tuple(int(part) for part in re.findall(r"\d+", version))
+
+
+def _chosen(folder: Path, uses: Mapping[str, str], seen: set[str], path: Path) -> tuple[list[Path], bool]:
+    """The entries of a folder that are used, and whether those are all that there are."""
+    entries = library_entries(folder)
+    by_name: dict[str, list[Path]] = {}
+    for entry in entries:
+        by_name.setdefault(_library(entry)[0], []).append(entry)
+    chosen = [_version(same, uses.get(name), path) for name, same in by_name.items() if name not in seen]
+    seen.update(by_name)
+    return chosen, len(chosen) == len(entries)
+
+
+def _version(entries: Sequence[Path], wanted: str | None, path: Path) -> Path:
+    """The version that holds `path`, or that is wanted, or one that differs from it in the last number only,
+    else the highest; none counts as the highest."""
+    numbers = tuple(int(part) for part in re.findall(r"\d+", wanted or ""))
+    own = [entry for entry in entries if path.is_relative_to(entry.resolve())]
+    exact = [entry for entry in entries if numbers and _library(entry)[1] == numbers]
+    near = [entry for entry in entries if numbers and _library(entry)[1][:2] == numbers[:2]]
+    near.sort(key=lambda entry: _library(entry)[1])
+    return (own or exact or near or sorted(entries, key=lambda e: (not _library(e)[1], _library(e)[1])))[-1]
+
+
+def _modelica_files(folder: Path) -> Iterable[Path]:
+    """All .mo files of a library folder or a single file, in order."""
+    return [folder] if folder.is_file() else sorted(folder.rglob("*.mo"))
+
+
+def _stray_folders(entries: Iterable[Path]) -> list[Path]:
+    """Folders inside of libraries that hold .mo files, or folders with some, but no package.mo: they are no
+    packages."""
+    folders = {
+        folder
+        for entry in entries
+        if entry.is_dir()
+        for file in entry.rglob("*.mo")
+        for folder in file.parents
+        if folder.is_relative_to(entry)
+    }
+    return [folder for folder in folders if not (folder / "package.mo").is_file()]
+
+
+def _has_mark(file: Path) -> bool:
+    try:
+        with file.open("rb") as opened:
+            return opened.read(3) == BYTE_ORDER_MARK
+    except OSError:  # a link to nowhere: the compiler says what it thinks of it
+        return False
+
+
+def stamp(folders: Iterable[Path]) -> str:
+    """A fingerprint of the names, sizes and times of all .mo files."""
+    digest = hashlib.sha256()
+    for folder in folders:
+        for file in _modelica_files(folder):
+            try:
+                status = file.stat()
+            except OSError:
+                continue
+            digest.update(f"{file}\0{status.st_size}\0{status.st_mtime_ns}\n".encode())
+    return digest.hexdigest()
+
+
+def _copied(entries: Sequence[Path], origins: dict[str, Path]) -> Path:
+    """A folder of the cache with copies of the libraries, without byte order marks."""
+    root = cache_folder() / "libraries" / f"{stamp(entries)[:32]}-{_COPIES}"
+    for entry in entries:
+        target = root / (_library(entry)[0] + entry.suffix if entry.is_file() else _library(entry)[0])
+        origins[str(target)] = entry
+    if not root.is_dir():
+        draft = root.with_name(f"{root.name}.{os.getpid()}")
+        for entry in entries:
+            _copy_library(entry, draft / _library(entry)[0])
+        put_in_place(draft, root)
+    return root
+
+
+def _copy_library(source: Path, target: Path) -> None:
+    if source.is_file():
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.with_suffix(".mo").write_bytes(source.read_bytes().removeprefix(BYTE_ORDER_MARK))
+        return
+    strays = _stray_folders([source])
+    for file in [*_modelica_files(source), *source.rglob("package.order")]:
+        if any(file.is_relative_to(stray) for stray in strays):
+            continue
+        place = target / file.relative_to(source)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(file.read_bytes().removeprefix(BYTE_ORDER_MARK))
+
+
+def put_in_place(draft: Path, root: Path) -> None:
+    """Put the finished folder in place; another process may have been faster."""
+    try:
+        draft.rename(root)
+    except OSError:
+        shutil.rmtree(draft, ignore_errors=True)
+        if not root.is_dir():
+            raise

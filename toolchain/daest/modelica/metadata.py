@@ -1,17 +1,25 @@
 """Names, units, bounds, start values and annotations of variables and parameters, as the values of
-`model.flat`."""
+`model.flat`.
+
+A fixed start value that depends on parameters, `x(start = x0, fixed = true)`, is the initial equation `x =
+x0`.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import casadi as ca
 
 from daest.errors import ModelError
 from daest.model.parts import DerivedParameter, NoiseInput, Output, Parameter, Variable
 from daest.modelica import syntax as s
-from daest.modelica.annotations import Annotation
+from daest.modelica import values as v
 from daest.modelica.expressions import split_path
 from daest.modelica.parameters import number
+from daest.modelica.parse import Annotation
 from daest.modelica.reading import Reading
+from daest.modelica.rows import Row
 from daest.modelica.scope import Element
 from daest.modelica.text import text
 
@@ -166,3 +174,19 @@ def qualified(node: s.Node, component: str) -> s.Node:
         case s.Array(elements):
             return s.Array(tuple(qualified(e, component) for e in elements))
     return node
+
+
+def start_rows(unknowns: Sequence[Element], reading: Reading) -> dict[str, Row]:
+    """Per unknown with a fixed start value that is no number: the initial equation that says the same."""
+    made: dict[str, Row] = {}
+    for element in unknowns:
+        node = element.variable.start
+        if node is None or isinstance(node, s.Constant) or not is_fixed(element):
+            continue
+        found = v.elements(reading.evaluator(reading.scope, element.variable.span).value(node))
+        value = v.constant(found[element.position if len(found) > 1 else 0])
+        if isinstance(value, ca.SX):
+            origin = element.variable.name.rpartition(".")[0]
+            equation = s.FlatEquation(s.Name(element.name), node, "binding", origin, element.variable.span)
+            made[element.name] = Row(element.symbol - value, f"{element.name} = {text(node)}", equation)
+    return made

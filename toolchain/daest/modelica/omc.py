@@ -16,10 +16,8 @@ from pathlib import Path
 
 from daest.errors import ModelError, Place
 from daest.litter import passing_folder, run_program
-from daest.modelica.library import library_roots
-from daest.modelica.outline import class_heads, within
-from daest.modelica.roots import library_entries, library_name
-from daest.modelica.tokens import tokens
+from daest.modelica.library import library_entries, library_name, library_roots
+from daest.modelica.outline import class_heads, tokens, within
 
 BUILD_SECONDS = 1800.0
 """Nobody waits longer for OpenModelica than this."""

@@ -6,11 +6,11 @@ import casadi as ca
 
 from daest.errors import Place
 from daest.modelica import syntax as s
-from daest.modelica.annotations import NONE, Annotation, Role, annotation_of, check_keys
 from daest.modelica.events import Recorder, event_targets, has_events
 from daest.modelica.expressions import Evaluator
 from daest.modelica.functions import FunctionLibrary
 from daest.modelica.parameters import is_parameter, numeric_scope
+from daest.modelica.parse import NONE, Annotation, Role, annotation_of, check_keys
 from daest.modelica.scope import ModelScope
 from daest.modelica.source import Sources
 

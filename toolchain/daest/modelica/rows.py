@@ -1,21 +1,29 @@
-"""Flat equations, scalars or arrays, as scalar rows: residual `left - right` and the text of each row."""
+"""Flat equations, scalars or arrays, as scalar rows: residual `left - right` and the text of each row.
+
+A connection equation comes from its connect clause. An output that only names an expression is y = h(ξ, u,
+w, θ, t), no unknown with an equation (report (1b)). In the text of an expression known names are replaced,
+subscripts computed and decided branches taken.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from daest.errors import Place
 from daest.modelica import syntax as s
 from daest.modelica import values as v
 from daest.modelica.elements import Sizes, broadcast
 from daest.modelica.expressions import Evaluator
 from daest.modelica.functions import run_algorithm
+from daest.modelica.outline import place_of
 from daest.modelica.reading import Reading
 from daest.modelica.scope import element_names
-from daest.modelica.specialise import specialised
 from daest.modelica.text import text
 from daest.modelica.values import Record, Scalar, Value
 
@@ -115,3 +123,172 @@ def _remembered(size: Sizes) -> Sizes:
 
 def _joined(left: s.Node, right: s.Node) -> str:
     return f"{text(left)} = {text(right)}"
+
+
+_CLAUSE = re.compile(rb"\bconnect\s*\(\s*([^,;()]+?)\s*,\s*([^,;()]+?)\s*\)")
+_SUBSCRIPT = re.compile(r"\[[^\]]*\]|\s+")
+
+
+class ConnectClauses:
+    """The connect clauses of some files, found by the connectors that they name."""
+
+    def __init__(self, texts: Iterable[tuple[str, bytes]]) -> None:
+        self._found: dict[frozenset[str], tuple[str, bytes, int]] = {}
+        for file, source in texts:
+            for match in _CLAUSE.finditer(source):
+                pair = frozenset(_plain(group.decode()) for group in match.groups())
+                self._found.setdefault(pair, (file, source, match.start()))
+
+    def place(self, connectors: tuple[str, ...]) -> Place | None:
+        """The clause that connects two of `connectors` (names seen from the model), None if there is none.
+
+        A connection between components of a component is written with shorter names there."""
+        names = [_plain(name).split(".") for name in connectors]
+        for i, left in enumerate(names):
+            for right in names[i + 1 :]:
+                found = self._clause(left, right)
+                if found is not None:
+                    return place_of(*found)
+        return None
+
+    def _clause(self, left: list[str], right: list[str]) -> tuple[str, bytes, int] | None:
+        shared = 0
+        while True:
+            pair = frozenset((".".join(left[shared:]), ".".join(right[shared:])))
+            if pair in self._found:
+                return self._found[pair]
+            if shared + 1 >= min(len(left), len(right)) or left[shared] != right[shared]:
+                return None
+            shared += 1
+
+
+def _plain(name: str) -> str:
+    return _SUBSCRIPT.sub("", name)
+
+
+def used_texts(texts: Mapping[int, tuple[str, bytes]], sources: Iterable[int]) -> list[tuple[str, bytes]]:
+    """The files that declare something of the model, once each."""
+    return [texts[number] for number in dict.fromkeys(sources) if number in texts]
+
+
+@dataclass(frozen=True)
+class NamedOutput:
+    """Unknown `unknown` is given by equation `row` as `expression`."""
+
+    unknown: int
+    row: int
+    expression: ca.SX
+
+
+def named_outputs(
+    candidates: Sequence[int], rows: Sequence[Row], xi: ca.SX, derivatives: ca.SX
+) -> list[NamedOutput]:
+    """Those of the unknowns `candidates` (positions in xi) that occur, undifferentiated, in exactly one
+    equation, with coefficient ±1, and whose expression holds no derivative. Each equation gives at most
+    one."""
+    if not candidates:
+        return []
+    residual = ca.vertcat(*[row.residual for row in rows])
+    in_values = _incidence(residual, xi)
+    in_derivatives = _incidence(residual, derivatives)
+    found: list[NamedOutput] = []
+    taken: set[int] = set()
+    for unknown in candidates:
+        at = in_values[unknown]
+        if len(at) != 1 or in_derivatives[unknown] or at[0] in taken:
+            continue
+        expression = _solved(rows[at[0]].residual, xi[unknown], derivatives)
+        if expression is not None:
+            taken.add(at[0])
+            found.append(NamedOutput(unknown, at[0], expression))
+    return found
+
+
+def _incidence(residual: ca.SX, variables: ca.SX) -> list[list[int]]:
+    """Per variable the rows that it occurs in."""
+    pattern = ca.jacobian_sparsity(residual, variables)
+    rows, columns = np.array(pattern.row()), np.array(pattern.get_col())
+    found: list[list[int]] = [[] for _ in range(variables.numel())]
+    for row, column in zip(rows, columns, strict=True):
+        found[column].append(int(row))
+    return found
+
+
+def _solved(residual: ca.SX, unknown: ca.SX, derivatives: ca.SX) -> ca.SX | None:
+    """h with residual = ±(unknown - h), if h is free of derivatives."""
+    coefficient = ca.jacobian(residual, unknown)
+    if not (coefficient.is_one() or coefficient.is_minus_one()):
+        return None
+    rest = ca.substitute(residual, unknown, 0)
+    expression = -rest if coefficient.is_one() else rest
+    return None if ca.depends_on(expression, derivatives) else expression
+
+
+_ARITHMETIC = {"+": lambda a, b: a + b, "-": lambda a, b: a - b, "*": lambda a, b: a * b}
+_RELATIONS = {
+    "<": lambda a, b: a < b,
+    "<=": lambda a, b: a <= b,
+    ">": lambda a, b: a > b,
+    ">=": lambda a, b: a >= b,
+    "==": lambda a, b: a == b,
+    "<>": lambda a, b: a != b,
+}
+
+
+# Whether a condition holds, None when that is not decided while the model is read.
+Decide = Callable[[s.Node], bool | None]
+
+
+def specialised(node: s.Node, known: Mapping[str, s.Node], decide: Decide) -> s.Node:
+    """`x[i - 1]` with i = 3 -> `x[2]`; `if i > 1 then a else b` -> `a`. Conditions on constants are
+    decided."""
+    return _replaced(node, known, decide)
+
+
+def _replaced(node: Any, known: Mapping[str, s.Node], decide: Decide) -> Any:
+    if isinstance(node, tuple):
+        return tuple(_replaced(part, known, decide) for part in node)
+    if not is_dataclass(node) or isinstance(node, s.Span | s.Constant):
+        return node
+    if isinstance(node, s.Name) and not node.subscripts and node.name in known:
+        return known[node.name]
+    if isinstance(node, s.Conditional):
+        return _decided(node, known, decide)
+    if isinstance(node, s.Comprehension):
+        inner = {name: value for name, value in known.items() if name not in dict(node.iterators)}
+        return _rebuilt(node, inner, lambda _: None)
+    made = _rebuilt(node, known, decide)
+    return _folded(made) if isinstance(made, s.Binary) else made
+
+
+def _rebuilt(node: Any, known: Mapping[str, s.Node], decide: Decide) -> Any:
+    return type(node)(*(_replaced(getattr(node, field.name), known, decide) for field in fields(node)))
+
+
+def _decided(node: s.Conditional, known: Mapping[str, s.Node], decide: Decide) -> s.Node:
+    open_branches: list[tuple[s.Node, s.Node]] = []
+    for condition, value in node.branches:
+        made = _replaced(condition, known, decide)
+        holds = made.value if isinstance(made, s.Constant) else decide(made)
+        if holds is False:
+            continue
+        if holds is True:
+            otherwise = _replaced(value, known, decide)
+            return s.Conditional(tuple(open_branches), otherwise, node.span) if open_branches else otherwise
+        open_branches.append((made, _replaced(value, known, decide)))
+    otherwise = _replaced(node.otherwise, known, decide)
+    return s.Conditional(tuple(open_branches), otherwise, node.span) if open_branches else otherwise
+
+
+def _folded(node: s.Binary) -> s.Node:
+    """Whole-number arithmetic and relations of two constants."""
+    left, right = node.left, node.right
+    if not isinstance(left, s.Constant) or not isinstance(right, s.Constant):
+        return node
+    if not isinstance(left.value, int) or not isinstance(right.value, int):
+        return node
+    if node.operator in _ARITHMETIC:
+        return s.Constant(_ARITHMETIC[node.operator](left.value, right.value), node.span)
+    if node.operator in _RELATIONS:
+        return s.Constant(_RELATIONS[node.operator](left.value, right.value), node.span)
+    return node
