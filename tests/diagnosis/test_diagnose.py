@@ -279,7 +279,7 @@ def test_unknown_effect_is_told_over_what_the_nearest_wrong_law_leaves():
 
 def test_other_hold_is_tried_where_something_is_missing_and_nothing_accepted():
     stand = SimpleNamespace(
-        null=SimpleNamespace(other_hold="zoh"), baseline=SimpleNamespace(log_likelihood=100.0)
+        null=SimpleNamespace(other_hold="zoh", hold_lead=20.0), baseline=SimpleNamespace(log_likelihood=100.0)
     )
     refused, named = SimpleNamespace(verdict="rejected"), SimpleNamespace(verdict="supported")
 

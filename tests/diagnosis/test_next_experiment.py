@@ -51,6 +51,7 @@ def test_input_that_tells_them_apart(rotor):
     assert text.startswith("Play ") and "tau from" in text and "N.m" in text
     assert "CoulombFriction at rotor.flange_a | QuadraticDrag at rotor.flange_a" in text
     assert "against" in text and "daest design --rivals" in text and OTHERWISE not in text
+    assert ".." not in text
 
 
 def test_what_only_the_other_direction_tells(rotor):

@@ -9,7 +9,7 @@ from hidden_plants import model, quiet, rotor_null, rotor_record, rubbing, some_
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.diagnose import begin, better_hold, examine, without_noises
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import fit_null, refit
+from daest.diagnosis.null import fit_null, open_hold, refit
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.trial import Candidate
 from daest.errors import EstimationError, ModelError
@@ -78,7 +78,10 @@ def test_hold_of_the_inputs_is_told_by_the_likelihood_with_loads():
     )
     assert given.hold == "foh" and given.other_hold is None
     margin = null.fit.log_likelihood - given.fit.log_likelihood
-    assert margin > 0.0 and null.other_hold == ("foh" if margin < GATES.clear_hold_gain else None)
+    assert margin > 0.0 and null.other_hold == "foh" and null.hold_lead == pytest.approx(margin, abs=0.1)
+    clear = replace(null, hold_lead=2.0 * GATES.clear_hold_gain)
+    assert open_hold(clear) is None and open_hold(clear, gain=0.9 * clear.hold_lead) is None
+    assert open_hold(clear, gain=1.1 * clear.hold_lead) == "foh" and open_hold(given, gain=1e9) is None
 
 
 def test_other_hold_is_taken_once_the_effect_shows_it():

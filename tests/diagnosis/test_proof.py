@@ -255,6 +255,21 @@ def test_one_equation_under_two_names_is_one_answer():
     assert second.verdict == "rejected" and "same equation" in second.reason
     apart = replace(other, delta_log_likelihood=proof.delta_log_likelihood - 0.5)
     assert [p.verdict for p in ranked([proof, apart])] == ["not separable", "not separable"]
+    # An offset is the name for a dead zone that the recordings never enter, whatever came first.
+    more = (*proof.candidate.effect.parameters, proof.candidate.effect.parameters[0])
+    richer = replace(
+        other,
+        candidate=replace(other.candidate, effect=replace(other.candidate.effect, parameters=more)),
+        fit=replace(
+            other.fit, parameters=(*other.fit.parameters[:-1], replace(other.fit.parameters[-1], value=9.0))
+        ),
+        delta_log_likelihood=proof.delta_log_likelihood + 0.02,
+        delta_bic=proof.delta_bic + 0.04,
+    )
+    assert [(p.candidate.site.name, p.verdict) for p in ranked([richer, proof])] == [
+        (proof.candidate.site.name, "supported"),
+        ("bearing", "rejected"),
+    ]
 
 
 def test_sensor_that_is_known_to_clip_is_tried():
@@ -346,6 +361,29 @@ def test_law_with_fewer_parameters_is_preferred_when_it_says_as_much():
     assert second.verdict == "rejected" and "nearly as much with fewer parameters" in second.reason
     better = replace(rich, delta_log_likelihood=1.2 * simple.delta_log_likelihood)
     assert len(ranked([simple, better])[0].fit.parameters) == len(more)
+
+
+@pytest.mark.parametrize("std_error", [4.6, None])
+def test_law_that_is_less_likely_is_no_rival_by_parameters_that_nobody_knows(std_error):
+    _, simple = proved()
+    shape = replace(
+        simple.fit.parameters[0], name=f"{simple.candidate.name}.b", value=1.3, std_error=std_error
+    )
+    before = simple.told.simulated["validation"]
+    better = {**simple.told.simulated, "validation": replace(before, rms={"phi": 0.8 * before.rms["phi"]})}
+    rich = replace(
+        simple,
+        candidate=replace(simple.candidate, effect=replace(simple.candidate.effect, name="Richer")),
+        fit=replace(simple.fit, parameters=(*simple.fit.parameters, shape)),
+        final=replace(simple.told, simulated=better),
+        delta_log_likelihood=simple.delta_log_likelihood + 1.0,
+        delta_bic=simple.delta_bic - 8.0,
+    )
+    assert [p.verdict for p in ranked([rich, simple])] == ["supported", "rejected"]
+    elsewhere = replace(
+        rich, candidate=replace(rich.candidate, site=replace(rich.candidate.site, name="bearing"))
+    )
+    assert [p.verdict for p in ranked([elsewhere, simple])] == ["not separable", "not separable"]
 
 
 @pytest.mark.parametrize(("std_error", "verdict"), [(4.6, "not separable"), (0.1, "rejected")])

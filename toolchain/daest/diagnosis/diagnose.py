@@ -27,7 +27,7 @@ from daest.diagnosis.free_forms import free_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.learned import learned_load, said
 from daest.diagnosis.next_experiment import Asked, computed
-from daest.diagnosis.null import Null, fit_null, grown, refit, shortest_load
+from daest.diagnosis.null import Null, fit_null, grown, open_hold, refit, shortest_load
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import (
     GENTLE,
@@ -116,9 +116,10 @@ def better_hold(stand: Stand, found: Diagnosis) -> Hold | None:
     likely, which unseen data may refuse for nothing but the wrong hold."""
     null = stand.null
     best = best_start(found.proofs)
-    if best is None or null.other_hold is None:
+    hold = None if best is None else open_hold(null, best.delta_log_likelihood)
+    if best is None or hold is None:
         return None
-    other = replace(null, hold=null.other_hold, experiments=fed(null.experiments, best.candidate))
+    other = replace(null, hold=hold, experiments=fed(null.experiments, best.candidate))
     names = tuple(p.name for p in best.fit.parameters)
     try:
         hopeless = best.fit.log_likelihood - GATES.hopeless_log_likelihood
@@ -126,7 +127,7 @@ def better_hold(stand: Stand, found: Diagnosis) -> Hold | None:
         fit = refit(flat, reduce_index(flat), names, other, hopeless=hopeless)
     except DaestError:
         return None
-    return null.other_hold if fit.log_likelihood > best.fit.log_likelihood + GATES.min_hold_gain else None
+    return hold if fit.log_likelihood > best.fit.log_likelihood + GATES.min_hold_gain else None
 
 
 def unsettled_hold(stand: Stand, found: Diagnosis) -> Hold | None:
@@ -134,7 +135,7 @@ def unsettled_hold(stand: Stand, found: Diagnosis) -> Hold | None:
     refused it: with the wrong hold half a sample of delay is left, and the right law is refused for that."""
     if best_accepted(found.proofs) is not None or found.verdict in ("nothing missing", "parameters off"):
         return None
-    return stand.null.other_hold
+    return open_hold(stand.null)
 
 
 def says_more(proofs: Sequence[Proof], stand: Stand) -> bool:
@@ -292,9 +293,12 @@ def _learned(stand: Stand, run: NullObserver, form: FreeForm) -> LearnedLoad | N
     """The load as a curve, with the other hold where the curve settles that it is the better one."""
     null = stand.null
     learned = learned_load(null, run, stand.baseline, form, stand.validation, stand.reference)
-    if learned is None or learned.fit is None or null.other_hold is None:
+    if learned is None or learned.fit is None:
         return learned
-    again = replace(null, hold=null.other_hold)
+    hold = open_hold(null, learned.fit.log_likelihood - stand.baseline.log_likelihood)
+    if hold is None:
+        return learned
+    again = replace(null, hold=hold)
     other = learned_load(again, run, stand.baseline, form, stand.validation, stand.reference)
     if other is None or other.fit is None:
         return learned

@@ -225,10 +225,10 @@ class Gates:
         JUDGEMENT,
     )
     same_equation: float = gate(
-        1e-3,
+        0.05,
         "log-likelihood, standard errors",
-        "within which two laws are one",
-        ROUNDING,
+        "of the parameters of the model, within which two laws are one on these data",
+        JUDGEMENT,
     )
     min_refused_gain: float = gate(
         0.7,

@@ -51,7 +51,8 @@ def improve(
         best = best_accepted(diagnosis.proofs)
         if best is None:
             nothing = Improvement(tuple(steps), diagnosis, diagnosis.message)
-            other = unsettled_hold(stand, diagnosis) if len(steps) == 1 and options.hold is None else None
+            is_first = len(steps) == 1 and options.hold is None
+            other = (better_hold(stand, diagnosis) or unsettled_hold(stand, diagnosis)) if is_first else None
             if other is None:
                 return nothing
             progress(IN_VAIN[other])

@@ -101,4 +101,4 @@ def _limits(asked: Asked, flat: Model) -> Limits:
 
 def _said(found: Design) -> str:
     alike = "".join(f" {note}." for note in found.notes)
-    return f"{found.message}.{alike} {COMMAND}"
+    return f"{found.message}{alike} {COMMAND}"

@@ -35,7 +35,8 @@ GIVEN_LOADS = (5.0, 50.0)  # sampling periods, where the data do not determine a
 @dataclass(frozen=True)
 class Null:
     """`flat` is the model with the loads attached and all values at the estimate; `fit` the fit of that
-    model."""
+    model. `other_hold` is that of the inputs which the user has not ruled out, and fits worse by `hold_lead`
+    in log-likelihood."""
 
     flat: FlatModel
     explicit: ExplicitModel
@@ -44,7 +45,8 @@ class Null:
     places: tuple[LoadPlace, ...]
     experiments: tuple[Experiment, ...]
     hold: Hold
-    other_hold: Hold | None = None  # if the data have not clearly refused it yet
+    other_hold: Hold | None = None
+    hold_lead: float = 0.0
 
     @property
     def estimated(self) -> tuple[str, ...]:
@@ -96,8 +98,16 @@ def fit_null(
     fits = [_loaded_fit(loaded, experiments, one) for one in ((hold,) if hold else _possible_holds(loaded))]
     best, *others = sorted(fits, key=lambda fit: -fit.log_likelihood)
     null = _at_estimate(loaded, best, places, tuple(experiments))
-    rivals = [f.hold for f in others if best.log_likelihood - f.log_likelihood < GATES.clear_hold_gain]
-    return replace(null, other_hold=rivals[0] if rivals else None)
+    if not others:
+        return null
+    lead = best.log_likelihood - others[0].log_likelihood
+    return replace(null, other_hold=others[0].hold, hold_lead=lead)
+
+
+def open_hold(null: Null, gain: float = 0.0) -> Hold | None:
+    """The other hold of the inputs, unless the data have clearly refused it: by more than an effect gains
+    that was missing when they did, for half a sample of delay is what such an effect may look like."""
+    return null.other_hold if null.hold_lead < max(GATES.clear_hold_gain, gain) else None
 
 
 def _possible_holds(flat: FlatModel) -> tuple[Hold, ...]:

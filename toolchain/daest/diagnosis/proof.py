@@ -524,21 +524,21 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
 
 
 def _is_same_equation(one: Proof, other: Proof) -> bool:
-    """Whether two laws do the same under two names, as a heat flow into a node and a gain in proportion to
-    it."""
+    """Whether two laws do the same under two names: as a heat flow into a node and a gain in proportion to
+    it; or as an offset and a dead zone of which the recordings show one side alone."""
     if abs(one.delta_log_likelihood - other.delta_log_likelihood) > GATES.same_equation:
         return False
-    values, others = (_values_in_order(p) for p in (one, other))
-    return len(values) == len(others) and all(
+    values, others = (_values_of_model(p) for p in (one, other))
+    return len(_own_sizes(one)) == len(_own_sizes(other)) and all(
         abs(a.value - b.value) <= GATES.same_equation * (a.std_error or 0.0)
         for a, b in zip(values, others, strict=True)
     )
 
 
-def _values_in_order(proof: Proof) -> list[FittedParameter]:
-    """Parameters of the model, then those of the effect."""
+def _values_of_model(proof: Proof) -> list[FittedParameter]:
+    """The parameters but those of the effect, which each law counts in its own unit."""
     own = f"{proof.candidate.name}."
-    return sorted(proof.fit.parameters, key=lambda p: p.name.startswith(own))
+    return [p for p in proof.fit.parameters if not p.name.startswith(own)]
 
 
 def best_accepted(proofs: Sequence[Proof]) -> Proof | None:
@@ -562,11 +562,11 @@ def _far_more_likely(order: Sequence[Proof], best: Proof) -> Proof | None:
 def _is_rival(one: Proof, best: Proof) -> bool:
     """Whether an accepted law is not put aside by the best one: it is as likely; it is likelier by parameters
     that nobody knows; or it foresees unseen data clearly better, which counts where the rest of the model
-    is not right either."""
+    is not right either, unless it owes that to such parameters."""
     if abs(best.delta_bic - one.delta_bic) <= GATES.same_bic:
         return True
-    if one.delta_bic > best.delta_bic and _is_vague(one, best):
-        return True
+    if _is_vague(one, best):
+        return one.delta_bic > best.delta_bic
     ratios = error_ratios(best.told.simulated, one.told.simulated)
     return bool(ratios) and float(np.sqrt(np.mean(np.square(ratios)))) < GATES.max_rival_error
 
@@ -580,7 +580,10 @@ def _is_vague(richer: Proof, simple: Proof) -> bool:
         richer.candidate.site == simple.candidate.site
         and len(_own_sizes(richer)) > len(known)
         and simple.delta_log_likelihood > GATES.min_vague_gain * richer.delta_log_likelihood
-        and all(abs(p.value) < GATES.min_significance * (p.std_error or np.inf) for p in more)
+        and (
+            any(p.at_bound or p.std_error is None for p in more)
+            or all(abs(p.value) < GATES.min_significance * (p.std_error or np.inf) for p in more)
+        )
     )
 
 
@@ -590,8 +593,10 @@ def _own_sizes(proof: Proof) -> list[FittedParameter]:
 
 def _simplest(accepted: Sequence[Proof]) -> Proof:
     """The best by BIC, or one at the same place with fewer parameters that gains nearly as much: with much
-    data, the way in which a law is rounded is significant, too."""
-    best = accepted[0]
+    data, the way in which a law is rounded is significant, too. Of laws that are the same on these data, the
+    one with the fewest parameters of any kind."""
+    same = [p for p in accepted if p is accepted[0] or _is_same_equation(p, accepted[0])]
+    best = min(same, key=lambda p: len(p.candidate.effect.parameters))
     simpler = [
         p
         for p in accepted

@@ -24,8 +24,7 @@ from daest.estimation.identify import identify
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.diagnosis import Candidate, Proof, Screen
 from daest.model.effects import Effect
-from daest.model.fit import IdentifyOptions
-from daest.model.flat import FlatModel
+from daest.model.fit import FitResult, IdentifyOptions
 from daest.modelica.attach import attach
 from daest.systems.integrate import integrator
 from daest.systems.linearize import has_affine_dynamics
@@ -42,17 +41,21 @@ RTOL = 1e-4
 
 def dynamic_trials(null: Null, candidates: Sequence[Candidate]) -> tuple[Prepared, ...]:
     """The dynamic effects that improve the simulation most, started from their output-error fits. Only for
-    models with affine dynamics, where such a fit takes a fraction of a second."""
+    models with affine dynamics, where such a fit takes a fraction of a second.
+
+    They start where the model as it is simulates best: beside loads that are free enough to take the place of
+    an effect with states, the null's parameters may have gone anywhere."""
     if not has_affine_dynamics(null.explicit):
         return ()
-    nominal = _simulation_fit(null, null.flat, null.estimated)
-    if nominal is None:
+    simulation = _best_simulation(null)
+    if simulation is None:
         return ()
+    nominal = simulation.log_likelihood
     found: list[tuple[float, Prepared]] = []
     for candidate in candidates:
         if not candidate.effect.is_dynamic or candidate.inputs:
             continue
-        best = _best_dynamic(null, candidate)
+        best = _best_dynamic(null, candidate, simulation)
         if best is None or best[0] - nominal < GATES.min_dynamic_gain:
             continue
         same = next((i for i, (value, p) in enumerate(found) if _is_same(value, p, best)), None)
@@ -71,7 +74,7 @@ def _is_same(value: float, prepared: Prepared, other: tuple[float, Prepared]) ->
     return effects[0] == effects[1] and abs(value - other[0]) < GATES.same_fit
 
 
-def _best_dynamic(null: Null, candidate: Candidate) -> tuple[float, Prepared] | None:
+def _best_dynamic(null: Null, candidate: Candidate, simulation: FitResult) -> tuple[float, Prepared] | None:
     effect, names = candidate.effect, (*null.estimated, *_own(candidate))
     try:
         flat = attach(null.flat, effect, candidate.site, candidate.name, _sizes(effect, 1.0))
@@ -83,7 +86,8 @@ def _best_dynamic(null: Null, candidate: Candidate) -> tuple[float, Prepared] | 
         return None
     best: tuple[float, Prepared] | None = None
     for share in START_SHARES:
-        start = {f"{candidate.name}.{name}": size for name, size in _sizes(effect, share).items()}
+        start = {name: simulation.theta[name] for name in null.estimated}
+        start |= {f"{candidate.name}.{name}": size for name, size in _sizes(effect, share).items()}
         try:
             fit = identify(family, null.experiments, replace(_options(null, names), start=start))
         except DaestError:
@@ -109,11 +113,18 @@ def _options(null: Null, names: Sequence[str]) -> IdentifyOptions:
     )
 
 
-def _simulation_fit(null: Null, flat: FlatModel, names: Sequence[str]) -> float | None:
-    try:
-        return identify(flat, null.experiments, _options(null, names)).log_likelihood
-    except DaestError:
-        return None
+def _best_simulation(null: Null) -> FitResult | None:
+    """The better of two fits of the model as it is by simulation, from the null's parameters and from those
+    that its search began with; None where neither succeeds."""
+    begun = {p.name: p.initial for p in null.fit.parameters if p.name in null.estimated}
+    found = []
+    for start in ({}, begun):
+        try:
+            options = replace(_options(null, null.estimated), start=start)
+            found.append(identify(null.flat, null.experiments, options))
+        except DaestError:
+            continue
+    return max(found, key=lambda fit: fit.log_likelihood, default=None)
 
 
 def _own(candidate: Candidate) -> tuple[str, ...]:
