@@ -365,7 +365,7 @@ def test_law_with_fewer_parameters_is_preferred_when_it_says_as_much():
 
 @pytest.mark.parametrize("std_error", [4.6, None])
 def test_law_that_is_less_likely_is_no_rival_by_parameters_that_nobody_knows(std_error):
-    _, simple = proved()
+    simple = replace(proved()[1], adds_up=False)
     shape = replace(
         simple.fit.parameters[0], name=f"{simple.candidate.name}.b", value=1.3, std_error=std_error
     )
@@ -413,20 +413,34 @@ def test_law_whose_other_parameters_nobody_knows_does_not_win_over_the_simple_on
         assert all(len(set(others)) == len(others) for others in names)
 
 
-def test_law_that_foresees_unseen_data_better_is_a_rival_of_a_likelier_one():
-    _, likely = proved()
-    elsewhere = replace(likely.candidate, site=replace(likely.candidate.site, name="bearing"))
-    likelihood, bic = likely.delta_log_likelihood - 20.0, likely.delta_bic - 40.0
-    less = replace(likely, candidate=elsewhere, delta_log_likelihood=likelihood, delta_bic=bic)
+def test_law_that_foresees_unseen_data_better_is_a_rival_of_a_likelier_one_and_comes_first():
+    likely = replace(proved()[1], adds_up=False)
     agreement = likely.told.simulated["validation"]
 
-    def with_errors(factor):
+    def elsewhere(factor, **more):
         errors = {name: factor * value for name, value in agreement.rms.items()}
         simulated = {**likely.told.simulated, "validation": replace(agreement, rms=errors)}
-        return replace(less, final=replace(less.told, simulated=simulated))
+        return replace(
+            likely,
+            candidate=replace(likely.candidate, site=replace(likely.candidate.site, name=f"{factor}")),
+            final=replace(likely.told, simulated=simulated),
+            delta_log_likelihood=likely.delta_log_likelihood - 20.0,
+            delta_bic=likely.delta_bic - 40.0,
+            **more,
+        )
 
-    assert [p.verdict for p in ranked([likely, with_errors(0.97)])] == ["supported", "rejected"]
-    assert [p.verdict for p in ranked([likely, with_errors(0.8)])] == ["not separable", "not separable"]
+    own = likely.candidate.site.name
+    assert [p.verdict for p in ranked([likely, elsewhere(0.97)])] == ["supported", "rejected"]
+    order = ranked([likely, elsewhere(0.97), elsewhere(0.8), elsewhere(0.7)])
+    assert [p.candidate.site.name for p in order[:3]] == ["0.7", "0.8", own]
+    assert [p.verdict for p in order] == ["not separable"] * 3 + ["rejected"]
+    # Where the whole simulation is dead reckoning, predictions at the longest horizon count.
+    reckons, longest = replace(likely, adds_up=True), max(a.samples for a in likely.ahead)
+    order = ranked([reckons, elsewhere(0.7, adds_up=True)])
+    assert [p.verdict for p in order] == ["supported", "rejected"]
+    ahead = tuple(replace(a, ratio=(0.5 if a.samples == longest else 1.0) * a.ratio) for a in likely.ahead)
+    order = ranked([reckons, replace(elsewhere(1.3, adds_up=True), ahead=ahead)])
+    assert [p.candidate.site.name for p in order] == ["1.3", own]
 
 
 def test_as_much_as_chance_finds_is_no_proof(monkeypatch):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -259,6 +260,7 @@ def prove(
         ahead=ahead,
         is_open=bool(reason) and is_open,
         confirmed=told,
+        adds_up=reference is not None and reference.adds_up,
     )
 
 
@@ -484,8 +486,8 @@ def _weak_size(size: FittedParameter, null: float, least: float) -> str:
 
 def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     """Best first. Accepted candidates that are rivals of the best (`_is_rival`) are not separable from it: of
-    them, the one comes first that has the fewest parameters, and leaves those of the model most as they were.
-    Where a refused one is far more likely, none is the explanation."""
+    them, those come first that foresee unseen data clearly better, then the likeliest. Where a refused one is
+    far more likely, none is the explanation."""
     order = sorted(proofs, key=lambda p: (p.verdict == "rejected", -p.delta_bic))
     accepted = [p for p in order if p.verdict == "supported"]
     if not accepted:
@@ -520,7 +522,13 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
             if worse < 0.0:
                 reason = f"{best.candidate.label} says nearly as much with fewer parameters"
             result.append(replace(proof, verdict="rejected", reason=reason))
-    return tuple(sorted(result, key=lambda p: (p.verdict == "rejected", -p.delta_bic)))
+    return tuple(sorted(result, key=partial(_place, best)))
+
+
+def _place(best: Proof, proof: Proof) -> tuple[bool, float, float]:
+    """What a proof is ranked by, smallest first."""
+    ratio = 1.0 if proof.verdict == "rejected" or _is_vague(proof, best) else _unseen_ratio(best, proof)
+    return proof.verdict == "rejected", min(ratio, GATES.max_rival_error), -proof.delta_bic
 
 
 def _is_same_equation(one: Proof, other: Proof) -> bool:
@@ -567,8 +575,18 @@ def _is_rival(one: Proof, best: Proof) -> bool:
         return True
     if _is_vague(one, best):
         return one.delta_bic > best.delta_bic
+    return _unseen_ratio(best, one) < GATES.max_rival_error
+
+
+def _unseen_ratio(best: Proof, one: Proof) -> float:
+    """Error of `one` on unseen data relative to that of `best`: of the whole simulation, or of predictions at
+    the longest horizon where the simulation is dead reckoning. inf where it is unknown."""
+    if one.adds_up:
+        errors = [{a.samples: a.ratio for a in p.ahead} for p in (best, one)]
+        horizon = max(set(errors[0]) & set(errors[1]), default=None)
+        return np.inf if horizon is None else errors[1][horizon] / errors[0][horizon]
     ratios = error_ratios(best.told.simulated, one.told.simulated)
-    return bool(ratios) and float(np.sqrt(np.mean(np.square(ratios)))) < GATES.max_rival_error
+    return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else np.inf
 
 
 def _is_vague(richer: Proof, simple: Proof) -> bool:

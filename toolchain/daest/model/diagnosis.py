@@ -182,7 +182,8 @@ class Proof:
     """A candidate built into the model and refitted. `fit` is beside the unknown loads, which is what the
     tests rest on; `final` without coloured ones, which is what is told. `explained` is the share of the
     load's size that vanished; `left` the form that the rest of the load follows best; `ahead` what it does
-    to the prediction of unseen data."""
+    to the prediction of unseen data; `adds_up` tells that a whole simulation of the model is dead
+    reckoning."""
 
     candidate: Candidate
     flat: Model
@@ -200,6 +201,7 @@ class Proof:
     ahead: tuple[Ahead, ...] = ()
     is_open: bool = False  # rejected, though nothing speaks against it: the data may still mean it
     confirmed: Confirmed = Confirmed()
+    adds_up: bool = False
 
     @property
     def told(self) -> FitResult:
