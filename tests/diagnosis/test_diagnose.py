@@ -17,7 +17,15 @@ from hidden_plants import (
 )
 from scipy.signal import cont2discrete, dlsim, tf2ss
 
-from daest.diagnosis.diagnose import _is_new_signal, _told_by_rest, diagnose, says_more, unsettled_hold
+from daest.diagnosis import diagnose as diagnosis_module
+from daest.diagnosis.diagnose import (
+    _is_new_signal,
+    _refitted,
+    _told_by_rest,
+    diagnose,
+    says_more,
+    unsettled_hold,
+)
 from daest.diagnosis.improve import improve
 from daest.diagnosis.options import DiagnoseOptions
 from daest.errors import EstimationError
@@ -293,6 +301,25 @@ def test_other_hold_is_tried_where_something_is_missing_and_nothing_accepted():
     assert not says_more([refused, named], stand)
     named.fit.log_likelihood = 120.0
     assert says_more([refused, named], stand) and not says_more([refused], stand)
+
+
+def test_effect_with_states_that_loses_its_way_is_tried_from_a_small_one(monkeypatch):
+    effect = SimpleNamespace(is_dynamic=True)
+    trial = SimpleNamespace(candidate=SimpleNamespace(effect=effect), alike=())
+    first = SimpleNamespace(trial=trial, similar=None)
+    search = SimpleNamespace(stand=SimpleNamespace(null=SimpleNamespace(flat=None, estimated=())))
+    gains = {"first": -50.0, "small": 3.0}
+    tried = []
+
+    def proved(_, prepared):
+        tried.append("first" if prepared is first else prepared)
+        return SimpleNamespace(delta_log_likelihood=gains[tried[-1]])
+
+    monkeypatch.setattr(diagnosis_module, "_proved", proved)
+    monkeypatch.setattr(diagnosis_module, "prepare", lambda *_, share, sharper: "small")
+    assert _refitted(search, first).delta_log_likelihood == 3.0
+    gains["first"] = 8.0
+    assert _refitted(search, first).delta_log_likelihood == 8.0 and tried == ["first", "small", "first"]
 
 
 def behind(numerator, denominator, seed):

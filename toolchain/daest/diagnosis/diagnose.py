@@ -450,7 +450,7 @@ def _refitted(search: _Search, prepared: Prepared) -> Proof:
                 continue
             if best is None or proof.delta_log_likelihood > best.delta_log_likelihood:
                 best = proof
-            if not has_lost_its_way(proof) or prepared.trial.candidate.effect.is_dynamic:
+            if not has_lost_its_way(proof):
                 break
     if best is not None:
         return best
@@ -463,9 +463,14 @@ def _attempts(search: _Search, prepared: Prepared) -> Iterator[Callable[[], Prep
     yield lambda: prepared
     if prepared.similar is not None:
         return
+    gentle = partial(prepare, null.flat, null.estimated, trial, share=GENTLE, sharper=1.0)
+    if trial.candidate.effect.is_dynamic:
+        # It comes from a simulation's fit already; beside the loads, the null is near to a small effect.
+        yield gentle
+        return
     for number in range(min(len(trial.alike), MOST_PLACES)):
         yield partial(prepare, null.flat, null.estimated, moved(trial, number))
-    yield partial(prepare, null.flat, null.estimated, trial, share=GENTLE, sharper=1.0)
+    yield gentle
     yield partial(_by_shooting, search, prepared)
 
 
