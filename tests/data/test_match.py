@@ -9,7 +9,6 @@ from daest.data.table import (
     Column,
     Table,
     in_seconds,
-    nearest,
     split_header,
     time_unit,
     told_unit,
@@ -134,8 +133,3 @@ def test_headers(header, name, unit):
 def test_time_columns(header, unit):
     name, given = split_header(header)
     assert time_unit(Column(name, given, NUMBERS)) == unit
-
-
-def test_nearest_names():
-    assert nearest("omga", ["phi", "omega", "Omega2"]) == "did you mean omega, Omega2?"
-    assert nearest("zzz", ["phi"]) == ""

@@ -110,7 +110,7 @@ BAD_FILES = [
     ("[noise.measurement]\nphi = { std = -1 }\n", "config-value", 2, "negative"),
     ("[noise.measurement]\nphi = { intensity = 1 }\n", "config-unknown-key", 2, "std"),
     ('[data]\nvalidate = "a.csv"\nsplit = 0.5\n', "config-value", 3, "both"),
-    ("[model]\nsource = \n", "config-syntax", 2, "TOML"),
+    ("[model]\nsource = \n", "config-syntax", 2, "has no value"),
 ]  # fmt: skip
 
 

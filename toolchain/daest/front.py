@@ -11,7 +11,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -44,6 +43,7 @@ from daest.model.quality import DataCheck
 from daest.model.simulation import Simulation
 from daest.modelica.change import with_outputs, with_values
 from daest.modelica.effects import effect_library
+from daest.near import near_names
 from daest.systems import linearize as linearizing
 from daest.systems import simulate as simulating
 from daest.systems.noise import noise_report
@@ -383,7 +383,7 @@ def _chosen(options: Any, choices: Mapping[str, Any], name: str) -> Any:
     known = [f.name for f in fields(options)]
     for choice in choices:
         if choice not in known:
-            near = get_close_matches(choice, known, 1)
+            near = near_names(choice, known, 1)
             hint = f"did you mean '{near[0]}'?" if near else f"it takes {', '.join(known)}"
             raise TypeError(f"daest.{name} has no option '{choice}'; {hint}")
     return replace(options, **choices)

@@ -251,7 +251,7 @@ def _period(recordings: Sequence[Experiment]) -> float | None:
 
 
 def _require_known(names: Sequence[str], units: Mapping[str, str], flat: Model) -> None:
-    from daest.data.table import nearest
+    from daest.near import nearest
 
     known = [*units, *(v.name for v in flat.inputs)]
     for name in names:

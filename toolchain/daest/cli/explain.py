@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,6 +12,7 @@ import click
 from daest.cli.options import example, format_option, one_of, output_option
 from daest.cli.output import emit
 from daest.errors import EXPLANATIONS, ConfigError
+from daest.near import near_names
 
 
 @click.command("explain", epilog=example("daest explain data-time-not-increasing"))
@@ -28,7 +28,7 @@ def _chosen(code: str | None) -> dict[str, str]:
     if code is None:
         return dict(sorted(EXPLANATIONS.items()))
     if code not in EXPLANATIONS:
-        close = difflib.get_close_matches(code, EXPLANATIONS, n=3)
+        close = near_names(code, EXPLANATIONS, n=3)
         remedy = f"did you mean {', '.join(close)}?" if close else "daest explain lists all codes"
         raise ConfigError(
             "explain-unknown-code", f"there is no message with the code '{code}'", remedy=remedy

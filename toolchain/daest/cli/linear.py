@@ -12,10 +12,10 @@ from daest.cli.models import model_source
 from daest.cli.options import ModelOptions
 from daest.cli.results import parameter_values, read_document
 from daest.data.project import Project
-from daest.data.table import nearest
 from daest.errors import ConfigError, Place
 from daest.model.flat import FlatModel, with_equations
 from daest.model.linear import LinearDAE
+from daest.near import nearest
 
 
 @dataclass(frozen=True)

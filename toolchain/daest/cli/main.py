@@ -75,9 +75,9 @@ class LazyGroup(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if args and not args[0].startswith("-") and args[0] not in COMMANDS:
-            import difflib
+            from daest.near import near_names
 
-            close = difflib.get_close_matches(args[0], COMMANDS, n=1, cutoff=0.5)
+            close = near_names(args[0], COMMANDS, n=1)
             hint = f"Did you mean '{close[0]}'?" if close else f"Known are {', '.join(COMMANDS)}."
             ctx.fail(f"No command '{args[0]}'. {hint}")
         return super().resolve_command(ctx, args)

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from daest.data.project import NoiseSetting, ParameterSetting, Project
-from daest.data.table import nearest, raise_collected
+from daest.data.table import raise_collected
 from daest.errors import ConfigError, DaestError, ModelError, Place
 from daest.files import FOLDER, why_no_file
 from daest.model.flat import Model
 from daest.model.parts import Parameter
+from daest.near import nearest
 
 _MODELICA = (".mo", ".bmo")
 _FMU = ".fmu"

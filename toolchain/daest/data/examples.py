@@ -10,8 +10,8 @@ from pathlib import Path
 
 import daest
 from daest.data.project import FILE_NAME, load_project
-from daest.data.table import nearest
 from daest.errors import ConfigError, Place
+from daest.near import nearest
 
 _DESCRIPTION = re.compile(r'^\s*model\s+\w+\s+"((?:[^"\\]|\\.)*)"', re.MULTILINE)
 _RESULTS = "results"

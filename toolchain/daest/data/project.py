@@ -12,10 +12,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from daest.data.prepare import Preparation
-from daest.data.table import nearest, raise_collected
+from daest.data.table import raise_collected
+from daest.data.toml_faults import fault
 from daest.errors import ConfigError, DaestError, Place
 from daest.files import FOLDER, why_no_file
 from daest.model.prior import Prior
+from daest.near import nearest
 
 FILE_NAME = "daest.toml"
 Scale = Literal["auto", "linear", "log"]
@@ -148,15 +150,9 @@ def _parsed(file: Path, text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        found = re.search(r"line (\d+), column (\d+)", str(error))
-        place = Place(str(file), int(found[1]), int(found[2])) if found else Place(str(file))
-        what = re.sub(r" \(at .*\)$", "", str(error))
-        raise ConfigError(
-            "config-syntax",
-            f"not valid TOML: {what}",
-            where=place,
-            remedy="see https://toml.io for the syntax",
-        ) from error
+        found = fault(str(error), text)
+        place = Place(str(file), found.line, found.column)
+        raise ConfigError("config-syntax", found.what, where=place, remedy=found.remedy) from error
     except RecursionError as error:
         raise ConfigError(
             "config-syntax",

@@ -20,7 +20,6 @@ from daest.data.table import (
     Part,
     Table,
     in_seconds,
-    nearest,
     raise_collected,
     time_unit,
     with_seconds,
@@ -28,7 +27,10 @@ from daest.data.table import (
 from daest.errors import DataError, Place
 from daest.files import why_no_file
 from daest.model.experiment import Experiment
+from daest.near import nearest
 from daest.quantities import conversion
+
+MOST_NAMED = 8  # recordings of a folder that a message lists
 
 READERS: dict[str, Callable[[Path, Part], Table]] = {
     ".csv": read_csv,
@@ -106,8 +108,7 @@ def read_table(path: Path, part: Part = ALL) -> Table:
             "data-missing-file",
             f"the recording {why}",
             where=Place(str(path)),
-            remedy=nearest(path.name, [name for name in _neighbours(path) if name != path.name])
-            or "check the path; it counts from the current folder",
+            remedy=_other_recordings(path),
         )
     reader = READERS.get(path.suffix.lower())
     if reader is None:
@@ -146,8 +147,15 @@ def select_outputs(experiment: Experiment, names: Sequence[str]) -> Experiment:
     )
 
 
-def _neighbours(path: Path) -> list[str]:
-    return [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
+def _other_recordings(path: Path) -> str:
+    """What may be meant by a path where no recording is: a near name, else the recordings of its folder."""
+    names = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
+    others = sorted(name for name in names if name != path.name)
+    recordings = [name for name in others if Path(name).suffix.lower() in READERS]
+    if (near := nearest(path.name, others)) or not recordings:
+        return near or "check the path; it counts from the current folder"
+    listed = ", ".join(recordings[:MOST_NAMED]) + (", ..." if len(recordings) > MOST_NAMED else "")
+    return f"there are {listed} in that folder"
 
 
 def read_source(source: Any, position: int = 1, part: Part = ALL) -> Table:

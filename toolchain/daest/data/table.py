@@ -6,9 +6,8 @@ and from numbers in whatever unit they count.
 
 from __future__ import annotations
 
-import difflib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
@@ -143,14 +142,6 @@ def time_column(table: Table, name: str | None = None) -> Column | None:
         return table.find(name)
     times = [column for column in table.columns if time_unit(column) is not None]
     return times[0] if len(times) == 1 else None
-
-
-def nearest(name: str, candidates: Iterable[str]) -> str:
-    """`did you mean ...?` for a name that does not exist, or the empty text."""
-    pool = list(candidates)
-    lower = {candidate.lower(): candidate for candidate in reversed(pool)}
-    close = difflib.get_close_matches(name.lower(), list(lower), n=3, cutoff=0.6)
-    return f"did you mean {', '.join(lower[c] for c in close)}?" if close else ""
 
 
 def duplicate_columns(table: Table) -> list[DataError]:

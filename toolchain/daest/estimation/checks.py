@@ -6,7 +6,6 @@ Equations that jump with the state: derivatives say nothing about a jump, and no
 from __future__ import annotations
 
 from collections.abc import Iterator
-from difflib import get_close_matches
 from typing import Any
 
 import casadi as ca
@@ -19,6 +18,7 @@ from daest.estimation.records import Record
 from daest.estimation.search import Evaluation
 from daest.model.flat import FlatModel
 from daest.model.linear import StateSpaceFamily
+from daest.near import near_names
 
 SAME_INPUT = 1e-9  # an input is constant when it stays within this part of its size
 
@@ -29,7 +29,7 @@ def known_name(name: str, known: list[str], what: str) -> int:
     """
     if name in known:
         return known.index(name)
-    near = get_close_matches(name, known, n=3, cutoff=0.5)
+    near = near_names(name, known, n=3)
     raise EstimationError(
         f"unknown-{what}",
         f"the model has no {what} named {name}",

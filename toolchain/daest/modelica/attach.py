@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 
 import casadi as ca
 
@@ -22,6 +21,7 @@ from daest.modelica.connectors import DOMAINS, connectors_of
 from daest.modelica.effects import OWN, EffectModel, effect_model
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import connection_sets, fits
+from daest.near import near_names
 
 __all__ = ["attach", "attach_all", "component_name"]
 
@@ -479,7 +479,7 @@ def check_values(effect: Effect, values: Mapping[str, float]) -> None:
     known = {p.name: p for p in effect.parameters}
     for name, value in values.items():
         if name not in known:
-            near = get_close_matches(name, known, 2)
+            near = near_names(name, known, 2)
             hint = f"Did you mean {' or '.join(f'`{one}`' for one in near)}? " if near else ""
             raise ModelError(
                 "effect-parameter",

@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from difflib import get_close_matches
 from functools import singledispatch
 from typing import Any, TypeVar
 
@@ -17,6 +16,7 @@ from daest.model.flat import FlatModel, Model
 from daest.model.parts import NoiseInput, Output, Parameter
 from daest.model.prior import Prior, prior_unused
 from daest.modelica.places import resolve_place
+from daest.near import near_names
 
 AnyModel = TypeVar("AnyModel", bound=Model)
 
@@ -56,8 +56,7 @@ def _tunable(flat: Model, name: str) -> Parameter:
             )
     known = [p.name for p in flat.parameters if not p.is_memory]
     computed = [p.name for p in flat.derived_parameters]
-    same_end = [k for k in known if k.rpartition(".")[2] == name][:3]
-    near = get_close_matches(name, known + computed, 3) or same_end
+    near = near_names(name, known + computed, 3)
     hint = f"Did you mean {' or '.join(f'`{one}`' for one in near)}? " if near else ""
     raise ModelError(
         "parameter-unknown",
@@ -281,7 +280,7 @@ def _with_estimated_noise(flat: AnyModel, marks: Mapping[str, bool]) -> AnyModel
 
 
 def _no_such(code: str, kind: str, name: str, known: Sequence[str], flat: Model, hint: str) -> ModelError:
-    near = get_close_matches(name, known, 3)
+    near = near_names(name, known, 3)
     did = f"Did you mean {' or '.join(f'`{one}`' for one in near)}? " if near else ""
     return ModelError(
         code,

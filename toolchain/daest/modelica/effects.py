@@ -14,7 +14,6 @@ import pickle
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +34,7 @@ from daest.modelica.outline import ClassHead, class_heads, tokens
 from daest.modelica.parse import Annotation, annotation_of
 from daest.modelica.source import read_source
 from daest.modelica.text import text
+from daest.near import near_names
 
 __all__ = ["EffectModel", "effect_library", "effect_model", "find_effect", "find_effects"]
 
@@ -117,7 +117,7 @@ def find_effects(name: str, libraries: Sequence[str | Path] = ()) -> tuple[Effec
     if found:
         return found
     short = {e.name.lower(): e.name for e in known}
-    near = get_close_matches(name.rpartition(".")[2].lower(), short, 3)
+    near = near_names(name.rpartition(".")[2].lower(), short, 3)
     hint = f"Did you mean {' or '.join(short[one] for one in near)}? " if near else ""
     if name.endswith((".mo", ".fmu")):
         hint = f"A model is named by --model {name}. "
@@ -243,7 +243,7 @@ def _plain(documentation: str) -> str:
 def _check(source: _Source) -> None:
     for key in source.annotation.entries:
         if key not in _KEYS:
-            near = get_close_matches(key, _KEYS, 1)
+            near = near_names(key, _KEYS, 1)
             hint = f"Did you mean `{near[0]}`? " if near else ""
             raise source.error(
                 key, f"`{key}` has no meaning for an effect", f"{hint}Known: {', '.join(_KEYS)}."

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
-from difflib import get_close_matches
 from pathlib import Path
 
 import rumoca
@@ -12,6 +11,7 @@ import rumoca
 from daest.errors import ModelError, Place
 from daest.modelica.library import library_root
 from daest.modelica.outline import Token, class_heads, place_of, tokens
+from daest.near import near_names
 
 STANDARD = "Modelica."  # how names of the Modelica Standard Library begin
 MOST_EXPECTED = 8  # words of the parser that are passed on
@@ -50,7 +50,7 @@ def internal(problem: BaseException, path: Path, text: bytes) -> ModelError:
             where=place_of(str(path), text, int(start[1])) if start else str(path),
             remedy="Introduce a variable for it (`Real x = u;`) and write der(x).",
         )
-    said = (str(problem).splitlines() or [type(problem).__name__])[0]
+    said = " ".join(str(problem).partition("stack backtrace")[0].split()) or type(problem).__name__
     return ModelError(
         "model-compiler",
         f"the Modelica compiler failed: {said}",
@@ -87,7 +87,11 @@ def translated(message: str, path: Path, text: bytes, class_name: str) -> ModelE
 
 
 _LIMITS = (
-    ("expression shape mismatch", "a parameter that is computed by a function of arrays or tables"),
+    (
+        "expression shape mismatch",
+        "values that do not fit where they stand (three for an array of two, 1.5 for an Integer), or a "
+        "parameter that is computed by a function of arrays or tables",
+    ),
     ("function value type", "a function of an external object (code in C)"),
     ("function shape proof", "a function whose arrays have sizes that follow from its inputs"),
 )
@@ -105,16 +109,24 @@ def _plain(message: str) -> str:
 
 
 def _syntax(message: str, path: Path, text: bytes, class_name: str) -> ModelError | None:
+    return syntax_fault(path, text)
+
+
+def syntax_fault(path: Path, text: bytes) -> ModelError | None:
+    """The first place where the text is no Modelica, if there is one."""
     for diagnostic in _diagnostics(path, text):
         if diagnostic.rule != "syntax-error":
             continue
         shown = diagnostic.message
         position = _POSITION.search(shown)
         where = Place(str(path), int(position[1]), int(position[2])) if position else Place(str(path))
-        what = re.search(r"×\s*(.+)", shown)
+        what = re.search(r"×\s*(.+(?:\n\s+│ .+)*)", shown)
         expected = re.search(r"help: (expected.+?)(?:\n\s*\n|\Z)", shown, re.DOTALL)
         remedy = _expected(" ".join(expected[1].split()) if expected else "")
-        return ModelError("model-syntax", what[1] if what else "syntax error", where=where, remedy=remedy)
+        said = re.sub(r"\s*\n\s+│\s*", " ", what[1]) if what else "syntax error"
+        if "End name" in said:
+            remedy = "Write the same name behind `model` and behind `end`."
+        return ModelError("model-syntax", said, where=where, remedy=remedy)
     return None
 
 
@@ -200,8 +212,8 @@ def _near(name: str, known: Iterable[str]) -> list[str]:
     """Names like `name`, or like its first part: of a.b the text may know a alone."""
     first, _, rest = name.partition(".")
     others = {other for other in known if other not in (name, first)}
-    return get_close_matches(name, others, 2) or [
-        f"{other}.{rest}" for other in get_close_matches(first, others, 2) if rest
+    return near_names(name, others, 2) or [
+        f"{other}.{rest}" for other in near_names(first, others, 2) if rest
     ]
 
 
@@ -235,7 +247,7 @@ def _library_neighbours(name: str) -> list[str]:
     while depth < len(parts) - 1 and (folder / parts[depth]).is_dir():
         folder, depth = folder / parts[depth], depth + 1
     members = [entry.stem for entry in folder.iterdir() if entry.is_dir() or entry.suffix == ".mo"]
-    near = get_close_matches(parts[depth], members, 2)
+    near = near_names(parts[depth], members, 2)
     return [".".join([*parts[:depth], member, *parts[depth + 1 :]]) for member in near]
 
 
@@ -346,7 +358,7 @@ def unknown_class(name: str, path: Path, text: bytes) -> ModelError:
             kind = "partial " + head.kind if head.is_partial else head.kind
             return not_a_model(name, kind, place_of(str(path), text, head.start))
     models = [head.name for head in heads if head.is_model]
-    near = get_close_matches(name, models, 1)
+    near = near_names(name, models, 1)
     hint = f"Did you mean `{near[0]}`? " if near else ""
     listed = f"The file has: {', '.join(models)}." if models else "The file has no model."
     return ModelError(

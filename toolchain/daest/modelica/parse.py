@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from typing import Literal
 
 from daest.errors import ModelError, Place
@@ -22,6 +21,7 @@ from daest.modelica import syntax as s
 from daest.modelica.operators import BUILTINS, REFUSED
 from daest.modelica.outline import Token, place_of, tokens
 from daest.modelica.text import text
+from daest.near import near_names
 
 _BINARY = {"or": 1, "and": 2, "<": 4, "<=": 4, ">": 4, ">=": 4, "==": 4, "<>": 4}
 _BINARY |= {"+": 5, "-": 5, ".+": 5, ".-": 5, "*": 6, "/": 6, ".*": 6, "./": 6, "^": 7, ".^": 7}
@@ -364,7 +364,7 @@ def check_keys(annotation: Annotation, role: Role, name: str) -> None:
         if not known:
             what = f"`{name}` is neither a parameter, an input nor an output"
             raise annotation.error(key, what, "Move the annotation to a parameter, an input or an output.")
-        near = get_close_matches(key, known, 1)
+        near = near_names(key, known, 1)
         hint = f"Did you mean `{near[0]}`? " if near else ""
         raise annotation.error(
             key, f"`{key}` has no meaning for {role} `{name}`", f"{hint}Known there: {', '.join(known)}."

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from difflib import get_close_matches
 
 from daest.errors import ModelError
 from daest.model.flat import FlatModel
 from daest.model.linear import LinearDAE
 from daest.model.parts import Equation, Variable
+from daest.near import near_names
 
 
 def resolve_place(model: FlatModel | LinearDAE, name: str) -> list[int]:
@@ -85,7 +85,7 @@ def _unknown(name: str, unknowns: Sequence[Variable], equations: Sequence[Equati
     mentioning = [i for i, equation in enumerate(equations) if _mentions(equation.text, name)]
     if mentioning:
         return _ambiguous(name, equations, [])
-    near = get_close_matches(name, [x.name for x in unknowns], 3)
+    near = near_names(name, [x.name for x in unknowns], 3)
     hint = f"Did you mean {', '.join(f'`{one}`' for one in near)}? " if near else ""
     return ModelError(
         "model-place",

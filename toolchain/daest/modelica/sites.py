@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from itertools import combinations
 
 import casadi as ca
@@ -15,6 +14,7 @@ from daest.model.effects import Domain, Effect, Site
 from daest.model.flat import FlatModel, Model
 from daest.modelica.balances import balances
 from daest.modelica.connectors import Connector, connectors_of
+from daest.near import near_names
 
 # Rows of a component are linearised at a random point; a combination of rows is found with this relative
 # residual.
@@ -143,7 +143,7 @@ def _pair_named(flat: FlatModel, name: str) -> list[Site]:
 def _unknown(name: str, known: Sequence[Site], effect: Effect | None) -> ModelError:
     usable = [site for site in known if effect is None or fits(effect, site)]
     names = [n for site in usable for n in (site.name, *site.aliases)]
-    near = get_close_matches(name, names, 3)
+    near = near_names(name, names, 3)
     hint = f"Did you mean {' or '.join(f'`{one}`' for one in near)}? " if near else ""
     where = f"{effect.name} fits at" if effect is not None else "Places are"
     return ModelError(

@@ -154,7 +154,9 @@ def _named(heads: tuple[ClassHead, ...], text: bytes, path: Path, wanted: str) -
 
 
 def _no_model(heads: tuple[ClassHead, ...], text: bytes, path: Path) -> ModelError:
-    found = ", ".join(f"{'partial ' if h.is_partial else ''}{h.kind} {h.name}" for h in heads[:5])
+    if not heads and (fault := failures.syntax_fault(path, text)) is not None:
+        return fault
+    found = ", ".join(f"{'partial ' if h.is_partial else ''}{h.kind} {h.name}" for h in heads)
     return ModelError(
         "model-none",
         f"{path} holds no complete model" + (f", only {found}" if found else ""),

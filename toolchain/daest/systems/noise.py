@@ -7,7 +7,6 @@ rows.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,6 +18,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 from daest.errors import ConfigError
 from daest.model.linear import GroupedMatrix, LinearDAE, RankDecision, SparseForm, StandardForm, Structure
 from daest.model.noise import NoisePlace, NoiseReport
+from daest.near import near_names
 from daest.numerics.grouped import column, column_norms, product, ungrouped
 from daest.numerics.pencils import Scaling, unit_scaling
 from daest.numerics.ranks import decide_rank, default_tolerance
@@ -428,7 +428,7 @@ def place_equations(dae: LinearDAE, item: int | str) -> list[int]:
     if text in names:
         return _equations_of_unknown(dae, names.index(text))
     known = [*names, *(noise.name for noise in dae.noises), *(e.origin for e in dae.equations)]
-    close = difflib.get_close_matches(text, list(dict.fromkeys(known)), n=3)
+    close = near_names(text, list(dict.fromkeys(known)), n=3)
     raise ConfigError(
         "noise-place-unknown",
         f"{text} is no equation (0 to {dae.n - 1}), noise, component or unknown of the model",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from difflib import get_close_matches
 from functools import lru_cache, singledispatch
 from typing import Any
 
@@ -13,6 +12,7 @@ import numpy as np
 from daest.errors import ModelError
 from daest.model.flat import Dynamics, ExplicitModel, Model
 from daest.model.linear import StateSpace, StateSpaceFamily
+from daest.near import near_names
 from daest.systems.initialize import initial_point
 from daest.systems.linearize import has_affine_dynamics, is_affine_model, operating_point
 from daest.systems.reduce import dynamics
@@ -131,7 +131,7 @@ def state_space_derivatives(
     known = [p.name for p in family.parameters]
     for name in names:
         if name not in known:
-            near = get_close_matches(name, known) or known[:8]
+            near = near_names(name, known) or known[:8]
             raise ModelError(
                 "unknown-parameter",
                 f"the model has no parameter {name}",

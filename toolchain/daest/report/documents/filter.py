@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from difflib import get_close_matches
 from typing import Literal, NotRequired, TypedDict
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from daest.errors import EstimationError
 from daest.model.estimates import FilterResult
 from daest.model.experiment import Experiment
+from daest.near import near_names
 
 
 class Nis(TypedDict):
@@ -170,7 +170,7 @@ def _column(result: FilterResult, name: str) -> int:
 def _position(names: Sequence[str], name: str) -> int:
     if name in names:
         return list(names).index(name)
-    near = get_close_matches(name, names, 3)
+    near = near_names(name, names, 3)
     raise EstimationError(
         "filter-unknown-variable",
         f"the model has no variable {name}",
