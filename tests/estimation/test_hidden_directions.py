@@ -8,10 +8,10 @@ import hand_models as hand
 import numpy as np
 import pytest
 
-from daest.estimation import likelihood, output_error
 from daest.estimation.coordinates import Coordinate, Unknowns, parameter_coordinate
+from daest.estimation.gaussian import objective
+from daest.estimation.linear_predictors import Problem
 from daest.estimation.observer import AverageModel, observer
-from daest.estimation.output_error import Problem
 from daest.estimation.records import make_record
 from daest.model.parts import Parameter
 from daest.numerics.innovations import hidden_basis
@@ -70,14 +70,16 @@ def problem_of(states, experiment, method):
         coordinates.append(Coordinate("load", "process", 0, 0.07, True, 1.0, 0.0, np.inf))
         coordinates.append(Coordinate("w", "measurement", 0, 0.04, True, 1.0, 0.0, np.inf))
     unknowns = Unknowns(tuple(coordinates), theta, np.array([0.07]), np.array([0.04]))
-    return Problem(family, (make_record(experiment, family),), "foh", unknowns, np.array([True]))
+    return Problem(
+        family, (make_record(experiment, family),), "foh", unknowns, np.array([True]),
+        is_filtered=method == "pem",
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("method", ["pem", "oe"])
 @pytest.mark.parametrize("states", TURNED_AS[:2])
 @pytest.mark.parametrize("kind", ["complete", "missing", "uneven"])
 def test_likelihood_and_slopes_are_those_without_absolute_angles(states, kind, method):
-    objective = {"pem": likelihood.objective, "oe": output_error.objective}[method]
     found, plain = (
         objective(problem)(problem.unknowns.start, True)
         for problem in (problem_of(s, record_of(kind), method) for s in (states, "twist"))

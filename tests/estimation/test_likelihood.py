@@ -11,10 +11,10 @@ import pytest
 from dense_gaussian import DenseRecord
 from scipy.integrate import solve_ivp
 
-from daest.estimation import likelihood, output_error
 from daest.estimation.coordinates import Coordinate, Unknowns, parameter_coordinate
+from daest.estimation.gaussian import objective as objective_of
 from daest.estimation.kalman import log_likelihood
-from daest.estimation.output_error import Problem
+from daest.estimation.linear_predictors import Problem, predict, simulate
 from daest.estimation.predictor import NoiseLevels, _interpolation, recursion
 from daest.estimation.records import make_record
 from daest.model.estimates import InitialState
@@ -72,7 +72,7 @@ def problem_for(family, experiments, method, hold="foh"):
         ]
     unknowns = Unknowns(tuple(coordinates), theta_of(family, START), np.array([INTENSITY]), STD)
     records = tuple(make_record(e, family) for e in experiments)
-    return Problem(family, records, hold, unknowns, np.array([True, True]))
+    return Problem(family, records, hold, unknowns, np.array([True, True]), is_filtered=method == "pem")
 
 
 def kalman_models(family, record, hold):
@@ -87,7 +87,7 @@ def test_value_is_that_of_the_dense_gaussian(kind, hold):
     family, experiment = record_like(kind, 50, hold)
     problem = problem_for(family, [experiment], "pem", hold)
     record = problem.records[0]
-    found = likelihood.predict(problem, problem.unknowns.start)
+    found = predict(problem, problem.unknowns.start)
     models = kalman_models(family, record, hold)
     typical = NoiseModel(
         np.mean([m.transition for m in models], axis=0),
@@ -117,7 +117,7 @@ def test_value_is_that_of_the_dense_gaussian(kind, hold):
 def test_value_is_that_of_the_time_varying_kalman_filter(kind):
     family, experiment = record_like(kind, 600)
     problem = problem_for(family, [experiment], "pem")
-    found = likelihood.predict(problem, problem.unknowns.start)
+    found = predict(problem, problem.unknowns.start)
     models = kalman_models(family, problem.records[0], "foh")
     P0 = found.gains[0].P if found.gains[0].P.ndim == 2 else found.gains[0].P[0]
     start = InitialState(found.initial_states[0], P0)
@@ -130,7 +130,7 @@ def test_value_is_that_of_the_time_varying_kalman_filter(kind):
 def test_gradient_equals_central_differences(method, kind):
     family, experiment = record_like(kind, 150)
     problem = problem_for(family, [experiment, record_like("complete", 80, seed=9)[1]], method)
-    objective = (output_error if method == "oe" else likelihood).objective(problem)
+    objective = objective_of(problem)
     z, step = problem.unknowns.start, 1e-5
     exact = objective(z, True)
     differences = np.array([
@@ -157,7 +157,7 @@ def test_held_noise_that_reaches_an_output_has_an_exact_gradient():
     problem = Problem(
         family, (make_record(experiment, family),), "foh", unknowns, np.array([True]), sampled="held"
     )
-    objective, z, step = likelihood.objective(problem), unknowns.start, 1e-5
+    objective, z, step = objective_of(replace(problem, is_filtered=True)), unknowns.start, 1e-5
     exact = objective(z, True)
     differences = [
         (objective(z + e, False).value - objective(z - e, False).value) / (2 * step) for e in step * np.eye(3)
@@ -166,8 +166,8 @@ def test_held_noise_that_reaches_an_output_has_an_exact_gradient():
     dense = DenseRecord(
         [sample(state_space(family, unknowns.theta), 0.1, "foh", np.array([0.02]), np.array([0.09]), "held")],
         experiment,
-        likelihood.predict(problem, z).initial_states[0],
-        likelihood.predict(problem, z).gains[0].P,
+        predict(problem, z).initial_states[0],
+        predict(problem, z).gains[0].P,
     )
     assert exact.value == pytest.approx(-dense.log_likelihood(), rel=1e-9)
 
@@ -175,7 +175,7 @@ def test_held_noise_that_reaches_an_output_has_an_exact_gradient():
 def test_output_error_is_the_simulation_by_an_independent_integrator():
     family, experiment = record_like("uneven", 60)
     problem = problem_for(family, [experiment], "oe")
-    found = output_error.simulate(problem, theta_of(family, START), STD)
+    found = simulate(problem, theta_of(family, START), STD)
     ss = state_space(family, theta_of(family, START))
     time, u = experiment.time, experiment.inputs[:, 0]
     solution = solve_ivp(
@@ -208,7 +208,7 @@ def test_dropped_rows_are_predicted_exactly_on_the_grid():
         one_by_one.unknowns,
         one_by_one.weigh,
     )
-    values = [output_error.objective(p)(z, False).value for p in (on_grid, same)]
+    values = [objective_of(p)(z, False).value for p in (on_grid, same)]
     assert values[0] == pytest.approx(values[1], rel=1e-9)
 
 

@@ -10,10 +10,11 @@ import pytest
 from nonlinear_models import experiment_of, explicit_from, oscillator
 
 from daest.errors import EXPLANATIONS, EstimationError
-from daest.estimation import output_error
 from daest.estimation.coordinates import Unknowns, coordinate_with_prior, parameter_coordinate, with_priors
+from daest.estimation.gaussian import objective as objective_of
 from daest.estimation.identify import identify
 from daest.estimation.identify_nonlinear import identify_nonlinear
+from daest.estimation.linear_predictors import Problem
 from daest.estimation.records import make_record
 from daest.model.fit import IdentifyOptions, NoiseChoice
 from daest.model.prior import Prior
@@ -98,17 +99,15 @@ def test_objective_has_the_gradient_of_its_value():
     coordinates[0] = coordinate_with_prior(coordinates[0], Prior(0.03, 1e-3))
     unknowns = Unknowns(tuple(coordinates), theta, np.zeros(0), np.ones(2))
     plain = Unknowns(tuple(replace(c, prior=None) for c in coordinates), theta, np.zeros(0), np.ones(2))
-    problem = output_error.Problem(
-        family, (make_record(experiment, family),), "zoh", plain, np.ones(2, dtype=bool)
-    )
-    objective = with_priors(output_error.objective(problem), unknowns)
+    problem = Problem(family, (make_record(experiment, family),), "zoh", plain, np.ones(2, dtype=bool))
+    objective = with_priors(objective_of(problem), unknowns)
     z, h = unknowns.start, 1e-5
     here = objective(z, True)
     numeric = [
         (objective(z + h * e, False).value - objective(z - h * e, False).value) / (2 * h) for e in np.eye(2)
     ]
     assert here.gradient == pytest.approx(numeric, rel=1e-5)
-    without = output_error.objective(problem)(z, True)
+    without = objective_of(problem)(z, True)
     gap = here.information - without.information
     assert gap == pytest.approx(np.diag([(0.03 / 1e-3) ** 2, 0.0]))
     assert here.value - without.value == pytest.approx(((z[0] - np.log(0.03)) * 30.0) ** 2 / 2)

@@ -1,7 +1,7 @@
 """Models with affine dynamics: predicted by the Kalman filter of their noise, exactly.
 
-The slopes of the innovations are those of the likelihood (estimation.likelihood): with process noise they
-include the change of the gain, and the noise itself excites the model.
+The slopes of the innovations are those of the likelihood (estimation.linear_predictors): with process noise
+they include the change of the gain, and the noise itself excites the model.
 """
 
 from __future__ import annotations
@@ -13,8 +13,7 @@ import numpy as np
 
 from daest.design.explainer import Explained, Point
 from daest.estimation.coordinates import Coordinate, Unknowns
-from daest.estimation.likelihood import matrix_slopes, noise_levels
-from daest.estimation.output_error import Problem
+from daest.estimation.linear_predictors import Problem, matrix_slopes, noise_levels
 from daest.estimation.predictor import Recursion, innovation_slopes, innovations, kalman_gains, recursion
 from daest.estimation.records import Record
 from daest.model.design import Hold

@@ -8,10 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daest.diagnosis.trial import Candidate, Trial, growth_of, horizons, variables_along
-from daest.estimation import likelihood, output_error
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
-from daest.estimation.likelihood import Predicted
-from daest.estimation.output_error import Problem, Simulated
+from daest.estimation.linear_predictors import Predicted, Problem, predict, simulate
 from daest.estimation.predictor import Innovations, Recursion, innovation_slopes
 from daest.estimation.records import Record, make_record
 from daest.model.comparison import Horizon
@@ -45,14 +43,14 @@ def affine_trial(candidate: Candidate, experiments: Sequence[Experiment], model:
     problem = _problem(candidate, family, experiments)
     z = problem.unknowns.start
     theta = problem.unknowns.values(z)[0]
-    simulated = output_error.simulate(problem, theta, problem.unknowns.measurement_std)
+    simulated = simulate(problem, theta, problem.unknowns.measurement_std)
     if simulated is not None:
         known = replace(problem.unknowns, measurement_std=simulated.measurement_std)
         problem = replace(problem, unknowns=known, weigh=np.zeros_like(problem.weigh))
-    predicted = likelihood.predict(problem, z, with_slopes=bool(z.size))
+    predicted = predict(problem, z, with_slopes=bool(z.size))
     if predicted is None and z.size:
         problem = replace(problem, unknowns=replace(problem.unknowns, coordinates=(), theta=theta))
-        predicted = likelihood.predict(problem, np.zeros(0))
+        predicted = predict(problem, np.zeros(0))
     states = _states(problem, predicted)
     return Trial(
         simulated=_outputs(problem, simulated),
@@ -86,7 +84,7 @@ def affine_follower(
     std = problem.unknowns.measurement_std
 
     def at(theta: np.ndarray) -> tuple[np.ndarray, ...]:
-        return _outputs(problem, output_error.simulate(problem, theta, std))
+        return _outputs(problem, simulate(problem, theta, std))
 
     return at
 
@@ -108,7 +106,7 @@ def _problem(candidate: Candidate, family: StateSpaceFamily, experiments: Sequen
     return Problem(family, records, candidate.hold, unknowns, unknown, candidate.sampled)
 
 
-def _states(problem: Problem, found: Simulated | Predicted | None) -> tuple[np.ndarray, ...]:
+def _states(problem: Problem, found: Predicted | None) -> tuple[np.ndarray, ...]:
     """States (n_grid, n) of every record on its grid, before the correction by the sample."""
     if found is None:
         n = len(problem.family.state_names)
@@ -119,12 +117,12 @@ def _states(problem: Problem, found: Simulated | Predicted | None) -> tuple[np.n
     )
 
 
-def _outputs(problem: Problem, found: Simulated | Predicted | None) -> tuple[np.ndarray, ...]:
+def _outputs(problem: Problem, found: Predicted | None) -> tuple[np.ndarray, ...]:
     """Model outputs (n_samples, n_y) of every record at the recorded times."""
     if found is None:
         n_y = len(problem.family.outputs)
         return tuple(np.full((record.recorded.size, n_y), np.nan) for record in problem.records)
-    rows = zip(problem.records, found.dynamics, _states(problem, found), strict=True)
+    rows = zip(problem.records, found.recursions, _states(problem, found), strict=True)
     return tuple(
         (states @ dyn.C.T + record.inputs @ dyn.D.T + dyn.d)[record.recorded] for record, dyn, states in rows
     )
@@ -168,7 +166,7 @@ def _slopes(problem: Problem, predicted: Predicted) -> tuple[np.ndarray, ...]:
     """∂residual/∂parameter of every record, (p, n_samples, n_y)."""
     if not problem.unknowns.coordinates:
         return ()
-    rows = zip(problem.records, predicted.dynamics, predicted.found, predicted.initial_states, strict=True)
+    rows = zip(problem.records, predicted.recursions, predicted.found, predicted.initial_states, strict=True)
     return tuple(
         (innovation_slopes(dyn, record, part, x0) / _std(part))[:, record.recorded]
         for record, dyn, part, x0 in rows
@@ -183,7 +181,7 @@ def _growth(
     steps: Sequence[int],
 ) -> tuple[Horizon, ...]:
     squares, counts = np.zeros((2, len(steps), len(problem.family.outputs)))
-    for record, dyn, x in zip(problem.records, predicted.dynamics, states, strict=True):
+    for record, dyn, x in zip(problem.records, predicted.recursions, states, strict=True):
         for i, (errors, seen) in enumerate(_errors_ahead(record, dyn, x, steps)):
             squares[i] += np.sum(np.where(seen, errors, 0.0) ** 2, axis=0)
             counts[i] += seen.sum(axis=0)

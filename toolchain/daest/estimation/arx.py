@@ -12,7 +12,7 @@ import numpy as np
 from daest.errors import EstimationError
 from daest.estimation.checks import known_name
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
-from daest.estimation.output_error import Problem
+from daest.estimation.linear_predictors import Problem
 from daest.estimation.records import Record, make_record
 from daest.estimation.search import Evaluation, minimise
 from daest.model.experiment import Experiment

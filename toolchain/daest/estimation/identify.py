@@ -12,15 +12,15 @@ from typing import Literal
 import numpy as np
 
 from daest.errors import EstimationError
-from daest.estimation import likelihood, output_error
 from daest.estimation.arx import matched_start
 from daest.estimation.checks import check_bounds, check_jumps, check_records, check_start, known_name
 from daest.estimation.coordinates import Unknowns, coordinate_with_prior, parameter_coordinate
 from daest.estimation.ekf_likelihood import identify_by_ekf
+from daest.estimation.gaussian import objective
 from daest.estimation.identify_nonlinear import identify_nonlinear
+from daest.estimation.linear_predictors import Problem
 from daest.estimation.noise_start import with_common_bounds, with_noise
 from daest.estimation.optimum import SUSPICIOUS_LEVEL, Search, best_point, coloured, rank
-from daest.estimation.output_error import Problem
 from daest.estimation.profile import (
     Searched,
     Tell,
@@ -106,7 +106,7 @@ def identify(
     problem, ends = _search(setup, options, tell)
     validation_records = tuple(make_record(e, family) for e in held_back)
     simulated = {"estimation": simulated_agreement(problem, problem.records, ends[0].z)}
-    agree = predicted_agreement if setup.method == "pem" else simulated_agreement
+    agree = predicted_agreement if problem.is_filtered else simulated_agreement
     one_step = {"estimation": agree(problem, problem.records, ends[0].z)}
     if validation_records:
         simulated["validation"] = simulated_agreement(problem, validation_records, ends[0].z)
@@ -118,9 +118,8 @@ def identify(
     if options.shooting:
         note = "no multiple shooting: the initial states of a linear model are eliminated exactly"
         result = replace(result, notes=(*result.notes, note))
-    objective = (likelihood if setup.method == "pem" else output_error).objective(problem)
     unknowns = problem.unknowns
-    searched = Searched(objective, unknowns, unknowns.lower, unknowns.upper, ends[0])
+    searched = Searched(objective(problem), unknowns, unknowns.lower, unknowns.upper, ends[0])
     result = with_interval_check(result, searched)
     if options.profile:
         result = with_profiles(result, searched, options.profile, tell)
@@ -279,8 +278,9 @@ def _chosen_hold(setup: Setup, options: IdentifyOptions) -> Hold:
     unknowns = short.unknowns
     z, values = unknowns.start, {}
     for hold in ("foh", "zoh"):
-        objective = output_error.objective(replace(short, hold=hold))
-        found = minimise(objective, z, unknowns.lower, unknowns.upper, HOLD_ITERATIONS)
+        found = minimise(
+            objective(replace(short, hold=hold)), z, unknowns.lower, unknowns.upper, HOLD_ITERATIONS
+        )
         if found is None:
             return "foh"
         z, values[hold] = found.z, found.evaluation.value
@@ -301,10 +301,10 @@ def _head(record: Record, n_samples: int) -> Record:
 
 def _check_start(setup: Setup) -> None:
     problem = setup.problem
-    start: Evaluation | None = output_error.objective(problem)(problem.unknowns.start, True)
+    start: Evaluation | None = objective(problem)(problem.unknowns.start, True)
     if start is None and setup.method == "pem":
         noisy = _noisy(setup, problem.unknowns.start)
-        whole = likelihood.objective(noisy)(noisy.unknowns.start, True)
+        whole = objective(noisy)(noisy.unknowns.start, True)
         p = len(problem.unknowns.coordinates)
         if whole is not None:
             start = Evaluation(whole.value, whole.gradient[:p], whole.information[:p, :p])
@@ -407,11 +407,11 @@ def _ends_alike(one: tuple[Problem, Found] | None, other: tuple[Problem, Found] 
 
 def _simulated_from(setup: Setup, z: np.ndarray, max_iterations: int) -> Found | None:
     """The end of the output-error search: the whole search, or where that of the likelihood begins."""
-    objective, unknowns = output_error.objective(setup.problem), setup.problem.unknowns
+    simulation, unknowns = objective(setup.problem), setup.problem.unknowns
     if setup.method == "oe":
-        search = Search(objective, unknowns, unknowns.lower, unknowns.upper, unknowns.start, max_iterations)
+        search = Search(simulation, unknowns, unknowns.lower, unknowns.upper, unknowns.start, max_iterations)
         return best_point(search, [z])
-    return minimise(objective, z, unknowns.lower, unknowns.upper, SIMULATION_ITERATIONS)
+    return minimise(simulation, z, unknowns.lower, unknowns.upper, SIMULATION_ITERATIONS)
 
 
 def _search_from(
@@ -423,9 +423,9 @@ def _search_from(
         return None if simulated is None else (setup.problem, simulated)
     starts = [_noisy(setup, start) for start in ([] if simulated is None else [simulated.z]) + [z]]
     noisy = with_common_bounds(starts)
-    objective, unknowns = likelihood.objective(noisy), noisy.unknowns
+    unknowns = noisy.unknowns
     home = np.concatenate([setup.problem.unknowns.start, unknowns.start[setup.problem.unknowns.start.size :]])
-    search = Search(objective, unknowns, unknowns.lower, unknowns.upper, home, max_iterations)
+    search = Search(objective(noisy), unknowns, unknowns.lower, unknowns.upper, home, max_iterations)
 
     def is_doubtful(found: Found) -> bool:
         return _is_doubtful(setup, (noisy, found), SUSPICIOUS_LEVEL)
@@ -456,5 +456,5 @@ def _is_doubtful(setup: Setup, pair: tuple[Problem, Found] | None, level: float)
 def _is_coloured(setup: Setup, pair: tuple[Problem, Found], level: float) -> bool:
     """Whether the residuals at the end of a search are not white."""
     problem, found = pair
-    parts, _, _ = end_scores(problem, setup.method, found.z)
+    parts, _ = end_scores(problem, found.z)
     return coloured([part.residuals for part in parts], [r.observed for r in problem.records], level)

@@ -10,9 +10,8 @@ from typing import Literal
 
 import numpy as np
 
-from daest.estimation import likelihood
 from daest.estimation.coordinates import Coordinate, Unknowns
-from daest.estimation.output_error import SMALLEST_STD, Problem, simulate
+from daest.estimation.linear_predictors import SMALLEST_STD, Problem, simulate
 from daest.numerics.exponential import covariance_integral, transition_integrals
 from daest.systems.state_space import state_space
 
@@ -70,8 +69,8 @@ def with_noise(
             if estimated
         ]
         unknowns = Unknowns((*parameters, *noises), problem.unknowns.theta, intensity, std)
-        trial = replace(problem, unknowns=unknowns)
-        found = likelihood.predict(trial, unknowns.start)
+        trial = replace(problem, unknowns=unknowns, is_filtered=True)
+        found = trial.predict(unknowns.start)
         if found is not None and (best is None or found.negative_log_likelihood < best[0]):
             best = (found.negative_log_likelihood, trial)
     return best[1] if best else trial

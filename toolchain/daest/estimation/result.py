@@ -12,7 +12,6 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from daest.estimation import likelihood, output_error
 from daest.estimation.coordinates import Coordinate, Unknowns, log_likelihood, prior_precisions
 from daest.estimation.identifiability import (
     ROUNDING,
@@ -26,8 +25,7 @@ from daest.estimation.identifiability import (
     weak_directions,
     without_influence,
 )
-from daest.estimation.output_error import Problem
-from daest.estimation.predictor import Innovations
+from daest.estimation.linear_predictors import Predicted, Problem, all_scores, predict, simulate
 from daest.estimation.records import Record, observed_counts
 from daest.estimation.search import Found
 from daest.estimation.stationary import unseen_directions, unseen_note
@@ -110,9 +108,9 @@ def fit_result(
 ) -> FitResult:
     """FitResult of the best search (`ends[0]`); `seconds` and the initial values are left to the caller."""
     best, family = ends[0], problem.family
-    judged = _judge(problem, method, best)
+    judged = _judge(problem, best)
     theta, intensity, _ = problem.unknowns.values(best.z)
-    noises = _process_noises(problem, intensity, judged) if method == "pem" else ()
+    noises = _process_noises(problem, intensity, judged) if problem.is_filtered else ()
     noises += _measurement_noises(problem, measurement, judged)
     if judged.is_coloured:
         notes = (*notes, COLOURED)
@@ -221,50 +219,39 @@ def _unseen(problem: Problem, theta: np.ndarray) -> tuple[str, ...]:
     return unseen_directions(ss.A, ss.C, float(np.median(steps)), problem.family.state_names)
 
 
-def _judge(problem: Problem, method: Method, best: Found) -> _Judged:
+def _judge(problem: Problem, best: Found) -> _Judged:
     """Bounds first: an unknown that rests at one is left out of the covariance of the others."""
     unknowns = problem.unknowns
-    parts, states, std = end_scores(problem, method, best.z)
+    parts, predicted = end_scores(problem, best.z)
     bounds = [bound_of(c, z) for c, z in zip(unknowns.coordinates, best.z, strict=True)]
-    variances = np.diagonal(_uncertainty(problem, method, best, parts, bounds).covariance)
+    variances = np.diagonal(_uncertainty(problem, best, parts, bounds).covariance)
     bounds = [
         bound or _open_bound(c, z, variance)
         for c, bound, z, variance in zip(unknowns.coordinates, bounds, best.z, variances, strict=True)
     ]
-    in_z = _uncertainty(problem, method, best, parts, bounds)
+    in_z = _uncertainty(problem, best, parts, bounds)
     slopes = unknowns.slopes(best.z)
     cov = in_z.covariance * np.outer(slopes, slopes)
     values = unknowns.natural(best.z)
     end = End(unknowns, values, cov, std_errors(cov, values), bounds, best.evaluation.information)
-    return _Judged(end, parts, states, std, in_z.is_coloured)
+    return _Judged(end, parts, predicted.initial_states, predicted.measurement_std, in_z.is_coloured)
 
 
-def end_scores(
-    problem: Problem, method: Method, z: np.ndarray
-) -> tuple[list[Scores], tuple[np.ndarray, ...], np.ndarray]:
-    """Scores of all records, the initial states, and the measurement std (n_y,)."""
-    if method == "pem":
-        predicted = likelihood.predict(problem, z, with_slopes=True)
-        assert predicted is not None
-        return (
-            likelihood.all_scores(problem, predicted),
-            predicted.initial_states,
-            problem.unknowns.values(z)[2],
-        )
-    theta, _, std = problem.unknowns.values(z)
-    simulated = output_error.simulate(problem, theta, std, with_slopes=True)
-    assert simulated is not None
-    return output_error.all_scores(problem, simulated), simulated.initial_states, simulated.measurement_std
+def end_scores(problem: Problem, z: np.ndarray) -> tuple[list[Scores], Predicted]:
+    """Scores of all records at the end of a search, and the predictions that they belong to."""
+    predicted = problem.predict(z, with_slopes=True)
+    assert predicted is not None
+    return all_scores(predicted), predicted
 
 
 def _uncertainty(
-    problem: Problem, method: Method, best: Found, parts: list[Scores], bounds: list[Bound | None]
+    problem: Problem, best: Found, parts: list[Scores], bounds: list[Bound | None]
 ) -> Uncertainty:
     """Covariance in z over the unknowns that are off their bounds and have an influence."""
     information = best.evaluation.information
     n_observed = int(observed_counts(problem.records).sum())
     free = ~without_influence(information, n_observed) & np.array([b is None for b in bounds], dtype=bool)
-    if method == "pem":
+    if problem.is_filtered:
         return Uncertainty(covariance(information, free), False)
     observed = [r.observed for r in problem.records]
     precision = prior_precisions(problem.unknowns)
@@ -382,35 +369,24 @@ def _ending(best: Found) -> str:
 def simulated_agreement(problem: Problem, records: tuple[Record, ...], z: np.ndarray) -> Agreement:
     """Error of the simulation; the initial state of every record is the one that fits the record best."""
     theta, _, std = problem.unknowns.values(z)
-    found = output_error.simulate(replace(problem, records=records), theta, std)
-    if found is None:
-        return _agreement(problem, records, None, ())
-    return _agreement(problem, records, found.found, found.initial_states)
+    return _agreement(problem, records, simulate(replace(problem, records=records), theta, std))
 
 
 def predicted_agreement(problem: Problem, records: tuple[Record, ...], z: np.ndarray) -> Agreement:
     """Error of the one-step prediction by the Kalman filter of `problem`."""
-    found = likelihood.predict(replace(problem, records=records), z)
-    if found is None:
-        return _agreement(problem, records, None, ())
-    return _agreement(problem, records, found.found, found.initial_states)
+    return _agreement(problem, records, predict(replace(problem, records=records), z))
 
 
-def _agreement(
-    problem: Problem,
-    records: tuple[Record, ...],
-    found: tuple[Innovations, ...] | None,
-    initial_states: tuple[np.ndarray, ...],
-) -> Agreement:
+def _agreement(problem: Problem, records: tuple[Record, ...], predicted: Predicted | None) -> Agreement:
     fits: dict[str, float | None] = {}
     rms: dict[str, float | None] = {}
     for j, output in enumerate(problem.family.outputs):
         fits[output.name], rms[output.name] = None, None
         count = sum(int(r.n_observed[j]) for r in records)
-        if found is None or count == 0:
+        if predicted is None or count == 0:
             continue
         error = spread = 0.0
-        for record, residuals, x0 in zip(records, found, initial_states, strict=True):
+        for record, residuals, x0 in zip(records, predicted.found, predicted.initial_states, strict=True):
             left = residuals.at_zero[:, j] - x0 @ residuals.response[:, :, j]
             measured = record.outputs[record.observed[:, j], j]
             error += float(left @ left)
