@@ -85,3 +85,23 @@ def test_a_prior_without_an_estimate_is_refused(folder):
         ParameterOptions({}, {"k": 2.0}, (), {"k": Prior(2.0, 0.1)}).applied(flat)
     with pytest.raises(ModelError, match="no tunable parameter `kk`"):
         ParameterOptions({}, {}, ("kk",)).applied(flat)
+
+
+def test_later_commands_take_their_files_alike(folder, daest):
+    code, out, err = daest("fleet", "run1.csv", "Lag.mo", "--fix", "k=2", "--no-diagnose", "--format", "json")
+    machines = json.loads(out)["machines"]
+    assert code == 0 and [machine["name"] for machine in machines] == ["run1"], err
+    assert set(machines[0]["parameters"]) == {"T"}
+    words = ("run1.csv", "Lag.mo", "--set", "k=2", "--parameters", "T", "--seconds", "0.2", "-o", "next.csv")
+    code, _, err = daest("design", *words)
+    assert code == 0 and (folder / "next.csv").is_file(), err
+    code, out, err = daest("watch", "run1.csv", "Lag.mo", "--idle", "0", "--set", "T=0.5", "--set", "k=2")
+    assert code == 0 and json.loads(out.splitlines()[-1])["event"] == "ended", err
+    assert (
+        daest("effects", "Lag.mo", "ConstantLoad")[1:]
+        == daest("effects", "ConstantLoad", "--model", "Lag.mo")[1:]
+    )
+    code, _, err = daest("effects", "ConstantLoad", "Offset")
+    assert code == 2 and "one effect, and ConstantLoad, Offset are given" in err
+    code, _, err = daest("fleet", "Lag.mo")
+    assert code == 2 and "error[data-not-given]" in err

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from daest.cli.given import Files, files
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -22,6 +23,7 @@ from daest.cli.options import (
     output_option,
     plot_option,
     seed_option,
+    set_option,
 )
 from daest.cli.output import emit, keep_inputs, note, to_json, whole_file, with_schema, write_text
 from daest.cli.progress import progress
@@ -111,8 +113,8 @@ wish_options = gathered(
 
 
 @click.command("design", epilog=example("daest design --parameters d,c --limit u=-5,5 -o input.csv"))
-@click.argument("data", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--model", type=click.Path(path_type=Path), help="A .mo file or an .fmu (default: daest.toml).")
+@files("[MODEL] [DATA]...")
+@set_option
 @wish_options
 @model_options
 @data_options
@@ -121,8 +123,8 @@ wish_options = gathered(
 @plot_option
 @seed_option
 def command(
-    data: tuple[Path, ...],
-    model: Path | None,
+    files: Files,
+    settings: Mapping[str, float],
     wish: Wish,
     model_options: ModelOptions,
     data_options: DataOptions,
@@ -145,9 +147,9 @@ def command(
     from daest.report.texts import design as texts
 
     project = model_options.project()
-    keep_inputs(output, [*data, model])
+    keep_inputs(output, files.all)
     with progress() as show:
-        task = _task(project, model, data, wish, model_options, data_options, seed)
+        task = _task(project, files, settings, wish, model_options, data_options, seed)
         found = design(task, show)
     file = None if output is None or str(output) == "-" else str(output)
     document = {**documents.document(found, file), "model": task.subjects[0].flat.name}
@@ -162,25 +164,25 @@ def command(
 
 def _task(
     project: Project,
-    model: Path | None,
-    data: Sequence[Path],
+    files: Files,
+    settings: Mapping[str, float],
     wish: Wish,
     model_options: ModelOptions,
     data_options: DataOptions,
     seed: int,
 ) -> Task:
-    from daest.cli.models import model_source
+    from daest.cli.models import model_source, with_settings
     from daest.cli.results import find_fit, fitted
     from daest.design.design import Task
 
-    source = model_source(project, model)
-    loaded = model_options.load(project, source)
+    source = model_source(project, files.model)
+    loaded = model_options.load(project, source, settings)
     fit = find_fit(project, source, loaded)
     flat = loaded
     if fit is not None:
         note(f"parameters and noise of {fit.path}")
-        flat = fitted(flat, fit.document)
-    measured, recordings = _recordings(flat, project, data, data_options)
+        flat = with_settings(fitted(flat, fit.document), settings)
+    measured, recordings = _recordings(flat, project, files.data, data_options)
     hold = data_options.known_hold(project) or (fit.document.get("hold") if fit else None) or "foh"
     limits = _limits(measured, recordings, wish, hold)
     recorded = _recorded_inputs(measured, recordings, limits)

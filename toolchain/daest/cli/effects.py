@@ -16,13 +16,18 @@ if TYPE_CHECKING:
 
 
 @click.command("effects", epilog=example("daest effects", "daest effects CoulombFriction --model Servo.mo"))
-@click.argument("name", required=False)
-@click.option("--model", metavar="MODEL", type=click.Path(path_type=Path), help="List its places, too.")
+@click.argument("named", metavar="[NAME] [MODEL]", nargs=-1)
+@click.option(
+    "--model",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="List its places, too; with or without this word (default: daest.toml).",
+)
 @model_options
 @format_option
 @output_option
 def command(
-    name: str | None,
+    named: tuple[str, ...],
     model: Path | None,
     model_options: ModelOptions,
     form: str,
@@ -30,12 +35,13 @@ def command(
 ) -> None:
     """List the effects with their laws and parameters, or show the one called NAME.
 
-    With --model (or a daest.toml here) the places of that model where each can sit are listed. Classes of
+    With a model (or a daest.toml here) the places of that model where each can sit are listed. Classes of
     one's own are read from the folders of -L.
     """
     from daest.report.documents import effects as documents
     from daest.report.texts import effects as texts
 
+    model, name = _sorted(named, model)
     project = model_options.project()
     folders = (*model_options.libraries, *project.libraries)
     chosen = _chosen(name, folders)
@@ -45,6 +51,22 @@ def command(
     source = model or project.source
     document = documents.document(chosen, places, None if source is None else str(source))
     emit(document, "effects", form, output, texts.text)
+
+
+def _sorted(named: tuple[str, ...], model: Path | None) -> tuple[Path | None, str | None]:
+    """The model and the effect of a command line, in any order. Raises ConfigError `files-too-many`."""
+    from daest.cli.given import MODEL_SUFFIXES, Files
+    from daest.errors import ConfigError
+
+    models = tuple(Path(word) for word in named if word.lower().endswith(MODEL_SUFFIXES))
+    names = [word for word in named if not word.lower().endswith(MODEL_SUFFIXES)]
+    if len(names) > 1:
+        raise ConfigError(
+            "files-too-many",
+            f"this command takes one effect, and {', '.join(names)} are given",
+            remedy="name one effect, or none for all of them",
+        )
+    return Files((*models, *([model] if model else []))).model, names[0] if names else None
 
 
 def _chosen(name: str | None, folders: tuple[Path, ...]) -> list[Effect]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from daest.cli.given import Files, ParameterOptions, files, parameter_options
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -41,8 +42,8 @@ PARQUET, CSV = ".parquet", ".csv"
 @click.command(
     "fleet", epilog=example("daest fleet machines/ --model Servo.mo -o fleet.parquet --html fleet.html")
 )
-@click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--model", type=click.Path(path_type=Path), help="A .mo file or an .fmu (default: daest.toml).")
+@files("[MODEL] RECORDINGS...")
+@parameter_options
 @click.option(
     "--effect", "effects", metavar="NAME", multiple=True, help="Try this effect alone (default: all)."
 )
@@ -56,8 +57,8 @@ PARQUET, CSV = ".parquet", ".csv"
 @output_option
 @seed_option
 def command(
-    recordings: tuple[Path, ...],
-    model: Path | None,
+    files: Files,
+    parameters: ParameterOptions,
     effects: tuple[str, ...],
     no_diagnose: bool,
     html: Path | None,
@@ -84,11 +85,11 @@ def command(
 
     began = time.perf_counter()
     project = model_options.project()
-    files = machine_files(recordings)
-    keep_inputs(output, [*(path for _, path in files), model])
+    recordings = machine_files(files.data)
+    keep_inputs(output, [*(path for _, path in recordings), *files.models])
     require_cluster(cluster)
-    source = model_source(project, model)
-    flat = model_options.load(project, source)
+    source = model_source(project, files.model)
+    flat = parameters.applied(model_options.load(project, source))
     folders = (*model_options.libraries, *project.libraries)
     for name in effects:
         find_effects(name, folders)
@@ -102,7 +103,7 @@ def command(
         library=effect_library(folders),
     )
     with progress() as tell:
-        machines = _examined(Task(project, flat, data_options, options), files, tell)
+        machines = _examined(Task(project, flat, data_options, options), recordings, tell)
     if all(machine.status == "failed" for machine in machines):
         raise ConfigError(
             "fleet-nothing",
@@ -126,6 +127,12 @@ def machine_files(recordings: Sequence[Path]) -> list[tuple[str, Path]]:
     `fleet-empty`, and `data-missing-file` for a file that was named and is not there."""
     from daest.data.read import READERS
 
+    if not recordings:
+        raise ConfigError(
+            "data-not-given",
+            "no recording is given",
+            remedy="name the recordings of the machines, or folders of them",
+        )
     files: list[Path] = []
     for path in recordings:
         if path.is_dir():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from daest.cli.follow import Stream, StreamOptions, open_stream, stream_options, told_at_the_end
+from daest.cli.given import Files, files
 from daest.cli.options import (
     DataOptions,
     ModelOptions,
@@ -21,6 +22,7 @@ from daest.cli.options import (
     gathered,
     model_options,
     seed_option,
+    set_option,
 )
 from daest.cli.output import note, with_schema
 from daest.cli.publish import publisher
@@ -91,8 +93,8 @@ _watch_options = gathered(
         "tail -f machine.csv | daest watch --reference run1.csv --diagnose",
     ),
 )
-@click.argument("data", required=False, type=click.Path(path_type=Path))
-@click.option("--model", type=click.Path(path_type=Path), help="A .mo file or an .fmu (default: daest.toml).")
+@files("[MODEL] [DATA]")
+@set_option
 @click.option("--measure", metavar="OUTPUT", multiple=True, help="Use this output alone.")
 @click.option(
     "--kind",
@@ -105,8 +107,8 @@ _watch_options = gathered(
 @data_options
 @seed_option
 def command(
-    data: Path | None,
-    model: Path | None,
+    files: Files,
+    settings: Mapping[str, float],
     measure: tuple[str, ...],
     kind: str | None,
     watch: WatchOptions,
@@ -121,7 +123,17 @@ def command(
     alarm, diagnosis, ended.
     """
     project = model_options.project()
-    opened = open_stream(project, model, model_options, data_options, data, measure, kind, stream)
+    opened = open_stream(
+        project,
+        files.model,
+        model_options,
+        data_options,
+        files.recording,
+        measure,
+        kind,
+        stream,
+        settings,
+    )
     charts = _watch(opened, watch, seed)
     folders = (*model_options.libraries, *project.libraries)
     with publisher(watch.mqtt) as publish, told_at_the_end(opened.tally):
