@@ -13,10 +13,10 @@ from daest.estimation.ekf_likelihood import (
     SUBSTEP_CHANGE,
     EkfProblem,
     identify_by_ekf,
-    objective,
     with_substeps,
 )
 from daest.estimation.filter_task import record
+from daest.estimation.gaussian import objective
 from daest.estimation.identify_nonlinear import identify_nonlinear
 from daest.model.fit import IdentifyOptions
 from daest.systems.local_linear import local_model

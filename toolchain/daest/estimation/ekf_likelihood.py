@@ -8,7 +8,7 @@ information is Σ ∂ε ∂εᵀ + ½ ∂log s ∂log sᵀ over whitened innovat
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -16,10 +16,11 @@ import numpy as np
 
 from daest.errors import EstimationError
 from daest.estimation import trajectories
-from daest.estimation.coordinates import Coordinate, Unknowns, log_likelihood, with_priors
+from daest.estimation.coordinates import Coordinate, Unknowns, log_likelihood
 from daest.estimation.ekf import EkfLikelihood, ekf_likelihood, run_ekf
 from daest.estimation.ekf_start import best_start, felt_intensity, with_lost_ones
 from daest.estimation.filter_task import Directions, Noise, Record, Start, record
+from daest.estimation.gaussian import objective
 from daest.estimation.identifiability import (
     correlation,
     covariance,
@@ -32,7 +33,7 @@ from daest.estimation.nonlinear_start import fit_initial_states
 from daest.estimation.optimum import Search, best_point, coloured
 from daest.estimation.profile import NOT_QUADRATIC, Searched, Tell, silent, with_interval_check, with_profiles
 from daest.estimation.result import agreement_of, bound_of, message_of
-from daest.estimation.search import Evaluation, Found, minimise
+from daest.estimation.search import Found, Objective, minimise
 from daest.estimation.ties import Beginning, with_ties
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
@@ -84,24 +85,48 @@ class EkfProblem:
         """(n_records, n_states)."""
         return z[self.n_unknowns :].reshape(len(self.records), -1) * self.state_scale
 
+    def predict(self, z: np.ndarray, with_slopes: bool = False) -> EkfPredicted | None:
+        """Every record at z, with derivatives along the unknowns, then its own initial state; None where the
+        filter cannot run."""
+        theta, intensity, std = self.unknowns.values(z[: self.n_unknowns])
+        noise = Noise(intensity, std**2)
+        directions = _directions(self, z, std) if with_slopes else None
+        n = self.state_scale.size
+        result = []
+        for data, x0 in zip(self.records, self.initial_states(z), strict=True):
+            start = Start(x0, np.zeros((n, n)))
+            try:
+                result.append(ekf_likelihood(self.model, data, theta, noise, start, self.longest, directions))
+            except (IntegrationError, EstimationError):
+                return None
+        return EkfPredicted(tuple(result))
 
-def likelihoods(problem: EkfProblem, z: np.ndarray, with_slopes: bool) -> list[EkfLikelihood] | None:
-    """Of every record at z, with derivatives along the unknowns, then its own initial state; None where the
-    filter cannot run."""
-    theta, intensity, std = problem.unknowns.values(z[: problem.n_unknowns])
-    noise = Noise(intensity, std**2)
-    directions = _directions(problem, z, std) if with_slopes else None
-    n = problem.state_scale.size
-    result = []
-    for data, x0 in zip(problem.records, problem.initial_states(z), strict=True):
-        start = Start(x0, np.zeros((n, n)))
-        try:
-            result.append(
-                ekf_likelihood(problem.model, data, theta, noise, start, problem.longest, directions)
-            )
-        except (IntegrationError, EstimationError):
-            return None
-    return result
+    def derivatives(self, found: EkfPredicted, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient and Fisher information along z."""
+        p, n = self.n_unknowns, self.state_scale.size
+        gradient, information = np.zeros(z.size), np.zeros((z.size, z.size))
+        for number, part in enumerate(found.parts):
+            rows = np.concatenate([np.arange(p), p + number * n + np.arange(n)])
+            gradient[rows] -= part.gradient
+            information[np.ix_(rows, rows)] += part.information
+        return gradient, information
+
+    def tied(self, likelihood: Objective) -> Objective:
+        explicit = self.model.explicit
+        n_u = len(explicit.flat.inputs)
+        beginnings = [Beginning(r.u0[0, :n_u], r.u0[0, n_u:], float(r.time[0])) for r in self.records]
+        return with_ties(likelihood, explicit, self.unknowns, self.state_scale, beginnings)
+
+
+@dataclass(frozen=True)
+class EkfPredicted:
+    """One-step predictions of every record."""
+
+    parts: tuple[EkfLikelihood, ...]
+
+    @property
+    def negative_log_likelihood(self) -> float:
+        return -sum(part.log_likelihood for part in self.parts)
 
 
 def _directions(problem: EkfProblem, z: np.ndarray, std: np.ndarray) -> Directions:
@@ -121,40 +146,6 @@ def _directions(problem: EkfProblem, z: np.ndarray, std: np.ndarray) -> Directio
             variance[i, coordinate.index] = 2.0 * std[coordinate.index] * slope
     mean = np.vstack([np.zeros((p, n)), np.diag(problem.state_scale)])
     return Directions(parameters, intensity, variance, mean)
-
-
-def objective(problem: EkfProblem) -> Callable[[np.ndarray, bool], Evaluation | None]:
-    """Negative log-likelihood, priors and ties over the search vector; None where the filter cannot run."""
-
-    @np.errstate(all="ignore")  # where numbers overflow, there is no value
-    def evaluate(z: np.ndarray, with_slopes: bool) -> Evaluation | None:
-        parts = likelihoods(problem, z, with_slopes)
-        if parts is None:
-            return None
-        value = -sum(part.log_likelihood for part in parts)
-        if not np.isfinite(value):
-            return None
-        return _assembled(problem, z, parts, value) if with_slopes else Evaluation(value)
-
-    explicit = problem.model.explicit
-    n_u = len(explicit.flat.inputs)
-    beginnings = [Beginning(r.u0[0, :n_u], r.u0[0, n_u:], float(r.time[0])) for r in problem.records]
-    tied = with_ties(evaluate, explicit, problem.unknowns, problem.state_scale, beginnings)
-    return with_priors(tied, problem.unknowns)
-
-
-def _assembled(
-    problem: EkfProblem, z: np.ndarray, parts: list[EkfLikelihood], value: float
-) -> Evaluation | None:
-    p, n = problem.n_unknowns, problem.state_scale.size
-    gradient, information = np.zeros(z.size), np.zeros((z.size, z.size))
-    for number, part in enumerate(parts):
-        rows = np.concatenate([np.arange(p), p + number * n + np.arange(n)])
-        gradient[rows] -= part.gradient
-        information[np.ix_(rows, rows)] += part.information
-    if not (np.all(np.isfinite(gradient)) and np.all(np.isfinite(information))):
-        return None
-    return Evaluation(value, gradient, information)
 
 
 def identify_by_ekf(
@@ -262,7 +253,7 @@ def _wide_ends(
     return [] if ends is None else [np.delete(ends[1].z, problem.unknowns.of_kind("process"))]
 
 
-def _rough_objective(problem: EkfProblem) -> Callable[[np.ndarray, bool], Evaluation | None]:
+def _rough_objective(problem: EkfProblem) -> Objective:
     """Over the first samples alone, with a few substeps: enough to compare noise levels that differ by
     factors."""
     count = max(2, START_SAMPLES // len(problem.records))
@@ -339,10 +330,12 @@ def _search(
 
 def _is_coloured(problem: EkfProblem, found: Found) -> bool:
     """Whether the innovations at the end of a search are not white."""
-    parts = likelihoods(problem, found.z, with_slopes=False)
-    if parts is None:
+    predicted = problem.predict(found.z)
+    if predicted is None:
         return True
-    pairs = [(part.whitened, data.outputs) for part, data in zip(parts, problem.records, strict=True)]
+    pairs = [
+        (part.whitened, data.outputs) for part, data in zip(predicted.parts, problem.records, strict=True)
+    ]
     return coloured([white for white, _ in pairs], [np.isfinite(y) for _, y in pairs])
 
 
