@@ -36,6 +36,7 @@ SPEED_UNITS = ("rad/s", "m/s")
 ANGLE_UNIT = "rad"
 RANK = 1e-8  # of the largest eigenvalue: directions of a form that its own basis does not tell apart
 SOFT = 0.05  # of a speed's rms over which its sign changes
+AT_ONCE = 64  # courses that are sent along a recording together: what fits into memory
 JUMP = 3.0  # times that, where the curve is shown beside its jump
 
 Spread = Callable[[np.ndarray], np.ndarray]  # of the scores of unit responses
@@ -64,16 +65,20 @@ def free_forms(null: Null, run: NullObserver, variables: Iterable[str] | None = 
         and (wanted is None or (name in wanted and (not speed or speed in wanted)))
     ]
     parameters, spread = nuisance(run, len(null.estimated)), spread_under(run.whitened)
+    # All together: the walk along the recordings costs nearly the same for one course and for many.
+    courses = [
+        np.vstack([np.ones((1, 2 * e.n_samples)), *(table[key].course for key in shared)])
+        for e, table in zip(null.experiments, tables, strict=True)
+    ]
+    ends = np.cumsum([1, *(tables[0][key].course.shape[0] for key in shared)])
     forms = []
     for index in range(len(null.loads)):
-        # A constant load follows nothing.
-        constant = _responses(null, run, index, [np.ones((1, 2 * e.n_samples)) for e in null.experiments])
-        directions = np.vstack([parameters, constant])
-        for name, speed in shared:
-            own = [table[name, speed] for table in tables]
-            responses = _responses(null, run, index, [basis.course for basis in own])
-            key = index, name, speed
-            forms.append(_tested(null, key, own[0], responses, directions, run.whitened, spread))
+        whole = _responses(null, run, index, courses)
+        constant, *parts = np.split(whole, ends[:-1])
+        directions = np.vstack([parameters, constant])  # a constant load follows nothing
+        for (name, speed), responses in zip(shared, parts, strict=True):
+            key, basis = (index, name, speed), tables[0][name, speed]
+            forms.append(_tested(null, key, basis, responses, directions, run.whitened, spread))
     corrected = [replace(f, p_value=min(1.0, len(forms) * f.p_value)) for f in forms]
     return tuple(sorted(corrected, key=_rank))
 
@@ -117,8 +122,11 @@ def _responses(null: Null, run: NullObserver, index: int, courses: Sequence[np.n
     parts = []
     for number, (experiment, course) in enumerate(zip(null.experiments, courses, strict=True)):
         corrected, predicted = np.split(course, 2, axis=1)
-        ends = np.stack([corrected[:, :-1], predicted[:, 1:]], axis=1)
-        parts.append(innovation_responses(run, number, experiment, ends[..., None] * entry))
+        ends = np.stack([corrected[:, :-1], predicted[:, 1:]], axis=1)[..., None]
+        rows = [slice(first, first + AT_ONCE) for first in range(0, len(ends), AT_ONCE)]
+        parts.append(
+            np.vstack([innovation_responses(run, number, experiment, ends[r] * entry) for r in rows])
+        )
     return np.concatenate(parts, axis=1)
 
 

@@ -570,7 +570,8 @@ def _far_more_likely(order: Sequence[Proof], best: Proof) -> Proof | None:
 def _is_rival(one: Proof, best: Proof) -> bool:
     """Whether an accepted law is not put aside by the best one: it is as likely; it is likelier by parameters
     that nobody knows; or it foresees unseen data clearly better, which counts where the rest of the model
-    is not right either, unless it owes that to such parameters."""
+    is not right either, unless it owes that to such parameters. A law that is better in one output and worse
+    in another is missing besides."""
     if abs(best.delta_bic - one.delta_bic) <= GATES.same_bic:
         return True
     if _is_vague(one, best):
@@ -580,13 +581,16 @@ def _is_rival(one: Proof, best: Proof) -> bool:
 
 def _unseen_ratio(best: Proof, one: Proof) -> float:
     """Error of `one` on unseen data relative to that of `best`: of the whole simulation, or of predictions at
-    the longest horizon where the simulation is dead reckoning. inf where it is unknown."""
+    the longest horizon where the simulation is dead reckoning. inf where it is unknown, or an output gets
+    worse."""
     if one.adds_up:
         errors = [{a.samples: a.ratio for a in p.ahead} for p in (best, one)]
         horizon = max(set(errors[0]) & set(errors[1]), default=None)
         return np.inf if horizon is None else errors[1][horizon] / errors[0][horizon]
     ratios = error_ratios(best.told.simulated, one.told.simulated)
-    return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else np.inf
+    if not ratios or max(ratios) > 1.0 + GATES.same_unseen_error:
+        return np.inf
+    return float(np.sqrt(np.mean(np.square(ratios))))
 
 
 def _is_vague(richer: Proof, simple: Proof) -> bool:

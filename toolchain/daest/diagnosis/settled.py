@@ -156,7 +156,7 @@ def _fit(
         np.full(n_y, np.nan),
         IdentifyOptions(hold=null.hold, max_iterations=ITERATIONS),
         validation,
-        WarmStart(intensity, std, states, at_rest=tuple(load.name for load in null.loads)),
+        WarmStart(intensity, std, states, at_rest=tuple(load.name for load in null.loads), shares=(1.0,)),
     )
 
 

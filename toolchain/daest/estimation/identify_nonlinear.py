@@ -16,14 +16,15 @@ import numpy as np
 
 from daest.estimation import trajectories
 from daest.estimation.checks import no_start
-from daest.estimation.coordinates import Unknowns, prior_penalty
+from daest.estimation.coordinates import Unknowns
+from daest.estimation.gain_family import Levels
 from daest.estimation.noise_levels import (
     Ending,
-    Levels,
     NonlinearSetup,
     average_along,
-    gained,
-    with_gain,
+    free_gains,
+    with_family,
+    without_family,
 )
 from daest.estimation.nonlinear_result import agreement, nonlinear_result
 from daest.estimation.nonlinear_search import best_ends, search_of
@@ -34,11 +35,11 @@ from daest.estimation.nonlinear_start import (
     started,
     with_hold,
 )
-from daest.estimation.observer import AverageModel, observer
+from daest.estimation.observer import AverageModel
 from daest.estimation.optimum import best_point
 from daest.estimation.profile import Searched, Tell, silent, with_interval_check, with_profiles
 from daest.estimation.search import minimise
-from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
+from daest.estimation.trajectories import TrajectoryProblem
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions, Method
 from daest.model.flat import Dynamics
@@ -49,6 +50,7 @@ ROUGH_ITERATIONS = 8
 ROUGH_GAIN = 1.0
 WARM_GAIN = 0.02  # predicted gain in log-likelihood at which a warm search ends
 WARM_ROUNDS = 4
+LEVEL_ITERATIONS = 15  # of the last search over noise levels alone
 ENOUGH_GAIN = 1.0  # in log-likelihood: a round that gains less is the last
 NEARLY_NONE = 1e-6  # of the noise intensity of a similar model
 
@@ -56,16 +58,17 @@ NEARLY_NONE = 1e-6  # of the noise intensity of a similar model
 @dataclass(frozen=True)
 class WarmStart:
     """Where a prediction-error search starts when a similar model has been fitted before: noise levels and
-    the initial state of every experiment by state name. `noise_evaluations` limits the search over noise
-    levels. A first pass that ends below the log-likelihood `hopeless` is the last. The simulations that
-    validate begin with the states `at_rest` at zero: they stand for noise."""
+    the initial state of every experiment by state name. A first pass that ends below the log-likelihood
+    `hopeless` is the last. The simulations that validate begin with the states `at_rest` at zero: they stand
+    for noise. `shares` of the intensity are started from: what the similar model called noise may now be
+    explained, so that next to none is the other start."""
 
     intensity: np.ndarray  # (n_w,)
     measurement_std: np.ndarray  # (n_y,)
     initial_states: tuple[Mapping[str, float], ...]
-    noise_evaluations: int = 30
     at_rest: tuple[str, ...] = ()
     hopeless: float = -np.inf
+    shares: tuple[float, ...] = (1.0, NEARLY_NONE)
 
     @property
     def levels(self) -> Levels:
@@ -126,8 +129,8 @@ def identify_nonlinear(
 def _search_on(setup: NonlinearSetup, warm: WarmStart, options: IdentifyOptions) -> Ending:
     """Prediction-error search from the noise levels and initial states of a similar model.
 
-    What the similar model called noise may now be explained, so that the search starts both from its noise
-    levels and from next to none, and goes on from the better end: noise levels and parameters in turn.
+    Parameters, initial states and noise levels are searched together, with the gains of one average
+    linearisation after the other: roughly from every share of the noise, then on from the best end.
     """
     problem = setup.problem
     names = problem.model.explicit.state_names
@@ -136,77 +139,72 @@ def _search_on(setup: NonlinearSetup, warm: WarmStart, options: IdentifyOptions)
     problem = replace(problem, rtol=WARM_RTOL)
     average = average_along(problem, z)
     ends = []
-    for share in (1.0, NEARLY_NONE):
+    for share in warm.shares:
         intensity = np.where(setup.estimate_intensity, share * warm.intensity, warm.intensity)
-        end = _search_at(problem, z, Levels(intensity, warm.measurement_std), average)
+        levels = Levels(intensity, warm.measurement_std)
+        end = _together(setup, problem, z, levels, average, ROUGH_ITERATIONS, ROUGH_GAIN)
         ends += [] if end is None else [end]
     if not ends:
         raise no_start()
-    best = min((_rescanned(setup, end, warm) for end in ends), key=lambda e: e.found.evaluation.value)
-    for _ in range(WARM_ROUNDS if -best.found.evaluation.value > warm.hopeless else 0):
-        around = replace(setup, problem=best.problem)
-        start = Levels(warm.intensity if best.levels is None else best.levels.intensity, warm.measurement_std)
-        improved_problem, levels = with_gain(around, best.found.z, warm.levels, start, warm.noise_evaluations)
-        lower, upper = limits(improved_problem)
-        found = minimise(
-            trajectories.objective(improved_problem),
-            best.found.z,
-            lower,
-            upper,
-            options.max_iterations,
-            WARM_GAIN,
-        )
-        if found is None or best.found.evaluation.value - found.evaluation.value < 0.0:
+    best = min(ends, key=lambda e: e.found.evaluation.value)
+    is_hopeful = -best.found.evaluation.value > warm.hopeless
+    for _ in range(WARM_ROUNDS if is_hopeful else 0):
+        average = average_along(best.problem, best.found.z)
+        levels = best.levels or warm.levels
+        end = _together(setup, problem, best.found.z, levels, average, options.max_iterations, WARM_GAIN)
+        gain = -np.inf if end is None else best.found.evaluation.value - end.found.evaluation.value
+        if end is None or gain < 0.0:
             break
-        improved = best.found.evaluation.value - found.evaluation.value
-        best = Ending(improved_problem, found, levels)
-        if improved < ENOUGH_GAIN:
+        best = end
+        if gain < ENOUGH_GAIN:
             break
-    if -best.found.evaluation.value < warm.hopeless:
-        return best
-    settled = best_point(search_of(best.problem, z, options.max_iterations, WARM_GAIN), [best.found.z])
-    return _with_own_gain(setup, replace(best, found=settled or best.found), warm)
+    if -best.found.evaluation.value >= warm.hopeless:
+        search = search_of(best.problem, z, options.max_iterations, WARM_GAIN)
+        best = replace(best, found=best_point(search, [best.found.z]) or best.found)
+    return _with_own_gain(setup, best, warm)
+
+
+def _together(
+    setup: NonlinearSetup,
+    problem: TrajectoryProblem,
+    z: np.ndarray,
+    levels: Levels,
+    average: AverageModel | None,
+    iterations: int,
+    enough: float,
+) -> Ending | None:
+    """The end of a search over z and the noise levels from `levels`, with the gains of `average`; over z
+    alone where it has none."""
+    family = None if average is None else free_gains(setup, average, levels)
+    if family is None or family.at(np.zeros(family.n_logs)) is None:
+        lower, upper = limits(problem)
+        found = minimise(trajectories.objective(problem), z, lower, upper, iterations, enough)
+        return None if found is None else Ending(problem, found, levels)
+    wide = with_family(problem, family)
+    start = np.concatenate([z, np.zeros(family.n_logs)])
+    found = minimise(trajectories.objective(wide), start, *limits(wide), iterations, enough)
+    return None if found is None else without_family(wide, found)
 
 
 def _with_own_gain(setup: NonlinearSetup, end: Ending, warm: WarmStart) -> Ending:
     """The end with the gain of the best noise levels at its own parameters.
 
-    While parameters are searched, the gain is held. One that only changes their scale then changes which
-    noise it stands for, and buys likelihood that no noise levels have: the judgement is by the gain that
-    they give.
+    While parameters are searched, the linearisation behind the gains is held. A parameter that only changes
+    its scale then changes which noise a gain stands for, and buys likelihood that no noise levels have: the
+    judgement is by the gain that they give.
     """
-    around, start = replace(setup, problem=end.problem), end.levels or warm.levels
-    problem, levels = with_gain(around, end.found.z, start, start, warm.noise_evaluations)
-    errors = prediction_errors(problem, end.found.z)
-    if errors is None:
+    average = average_along(end.problem, end.found.z)
+    family = None if average is None else free_gains(setup, average, end.levels or warm.levels)
+    if family is None:
         return end
-    value = errors.negative_log_likelihood + prior_penalty(problem.unknowns, end.found.z)
-    evaluation = replace(end.found.evaluation, value=value)
-    return Ending(problem, replace(end.found, evaluation=evaluation), levels)
-
-
-def _rescanned(setup: NonlinearSetup, end: Ending, warm: WarmStart) -> Ending:
-    """The end with the best of a few noise levels: what its parameters are worth shows only with the noise
-    that they leave, not with the noise that they were found under."""
-    around = replace(setup, problem=end.problem)
-    problem, levels = with_gain(around, end.found.z, warm.levels, warm.levels, evaluations=0)
-    errors = prediction_errors(problem, end.found.z)
-    if errors is None:
+    wide = with_family(end.problem, family)
+    start = np.concatenate([end.found.z, np.zeros(family.n_logs)])
+    lower, upper = limits(wide)
+    n = end.found.z.size
+    lower[:n] = upper[:n] = end.found.z
+    found = minimise(trajectories.objective(wide), start, lower, upper, LEVEL_ITERATIONS, WARM_GAIN)
+    if found is None:
         return end
-    value = errors.negative_log_likelihood + prior_penalty(problem.unknowns, end.found.z)
-    if value >= end.found.evaluation.value:
-        return end
-    evaluation = replace(end.found.evaluation, value=value)
-    return Ending(problem, replace(end.found, evaluation=evaluation), levels)
-
-
-def _search_at(
-    problem: TrajectoryProblem, z: np.ndarray, levels: Levels, average: AverageModel | None
-) -> Ending | None:
-    """Rough search of the parameters with the gain of given noise levels, if `average` gives one."""
-    found_gain = None if average is None else observer(average, levels.intensity, levels.measurement_std)
-    if found_gain is not None:
-        problem = gained(problem, found_gain)
-    lower, upper = limits(problem)
-    found = minimise(trajectories.objective(problem), z, lower, upper, ROUGH_ITERATIONS, ROUGH_GAIN)
-    return None if found is None else Ending(problem, found, levels)
+    own = without_family(wide, found)
+    evaluation = replace(end.found.evaluation, value=own.found.evaluation.value)
+    return Ending(own.problem, replace(end.found, evaluation=evaluation), own.levels)

@@ -16,8 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
+from daest.estimation.gain_family import GainFamily, Levels, gain_family
 from daest.estimation.observer import AverageModel, Observer, average_model, observer
-from daest.estimation.search import Found
+from daest.estimation.search import Evaluation, Found
 from daest.estimation.shooting import Cut
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
 from daest.model.fit import Method
@@ -50,18 +51,6 @@ class NonlinearSetup:
         """Whether all levels can grow by a common factor."""
         held = self.intensity[~self.estimate_intensity]
         return bool(np.all(np.isnan(self.given_std)) and np.all(np.nan_to_num(held) == 0.0))
-
-
-@dataclass(frozen=True)
-class Levels:
-    """Noise levels: intensity (n_w,) and measurement standard deviation (n_y,)."""
-
-    intensity: np.ndarray
-    measurement_std: np.ndarray
-
-    def times(self, size: float) -> Levels:
-        """All variances times `size`."""
-        return Levels(self.intensity * size, self.measurement_std * np.sqrt(size))
 
 
 @dataclass(frozen=True)
@@ -136,6 +125,37 @@ def _try_levels(setup: NonlinearSetup, average: AverageModel, z: np.ndarray, lev
         return None
     value = errors.negative_log_likelihood + (0.0 if setup.has_free_size else _misfit(errors, found))
     return _Tried(value, found, at_size_of_innovations(setup, errors, levels, found))
+
+
+def free_gains(setup: NonlinearSetup, average: AverageModel, levels: Levels) -> GainFamily | None:
+    """The gains of an average linearisation over the noise levels that are searched, around `levels`."""
+    std_free = np.flatnonzero(np.isnan(setup.given_std))[1 if setup.has_free_size else 0 :]
+    return gain_family(average, levels, np.flatnonzero(setup.estimate_intensity), std_free)
+
+
+def with_family(problem: TrajectoryProblem, family: GainFamily) -> TrajectoryProblem:
+    """The predictors whose gains are searched, too. Their errors are innovations, of which no covariance is
+    given."""
+    return replace(problem, family=family, gain=None, given_std=np.full(problem.given_std.size, np.nan))
+
+
+def without_family(problem: TrajectoryProblem, found: Found) -> Ending:
+    """The predictor with the gain at the end of a search over a family, at the size of its innovations; all
+    noise levels are searched."""
+    family, logs = problem.family, problem.logs(found.z)
+    assert family is not None
+    gain, errors = family.at(logs), prediction_errors(problem, found.z)
+    assert gain is not None and errors is not None
+    n = found.z.size - family.n_logs
+    evaluation = Evaluation(
+        found.evaluation.value, found.evaluation.gradient[:n], found.evaluation.information[:n, :n]
+    )
+    size = float(np.mean(np.diagonal(errors.covariance) / np.diagonal(gain.innovation_cov)))
+    return Ending(
+        replace(problem, family=None, gain=gain.gain),
+        replace(found, z=found.z[:n], evaluation=evaluation),
+        family.levels_at(logs).times(size),
+    )
 
 
 def assumed(

@@ -38,6 +38,9 @@ from daest.model.fit import Agreement, FitResult, FittedNoise
 from daest.model.flat import Dynamics
 
 AGREEMENT_ITERATIONS = 10  # of the search for the initial states that an agreement is judged from
+AGREEMENT_GAIN = (
+    1e-3  # predicted gain in log-likelihood that ends it: the error tells it in its seventh digit
+)
 
 
 def agreement(
@@ -51,22 +54,24 @@ def agreement(
         return agreement_of(names, measured, whole_errors(end.cut)[0].errors)
     problem = end.problem if with_gain else replace(end.problem, gain=None)
     n = len(problem.unknowns.coordinates)
-    parameters = end.found.z[:n]
-    problem = replace(problem, experiments=experiments)
-    if experiments is end.problem.experiments:
-        z = end.found.z
-    else:
-        x0 = consistent_states(problem, parameters) / problem.state_scale
-        z = np.concatenate([parameters, x0.ravel()])
+    is_fitted = experiments is end.problem.experiments
+    if is_fitted and (with_gain or end.problem.gain is None):
+        # What was searched: the initial states are the best ones.
+        errors = prediction_errors(problem, end.found.z)
+        return agreement_of(names, measured, None if errors is None else errors.errors)
+    problem = replace(problem, experiments=experiments).held_at(end.found.z)
+    z = (
+        end.found.z[n:]
+        if is_fitted
+        else (consistent_states(problem, np.zeros(0)) / problem.state_scale).ravel()
+    )
     lower, upper = limits(problem)
-    lower[:n] = upper[:n] = parameters
     if at_rest:
-        rows = np.isin(problem.model.explicit.state_names, at_rest)
-        rests = np.concatenate([np.zeros(n, dtype=bool), np.tile(rows, len(experiments))])
+        rests = np.tile(np.isin(problem.model.explicit.state_names, at_rest), len(experiments))
         lower, upper, z = (np.where(rests, 0.0, part) for part in (lower, upper, z))
-    if experiments is not end.problem.experiments:
+    if not is_fitted:
         z = fit_initial_states(problem, z, lower, upper)
-    found = minimise(trajectories.objective(problem), z, lower, upper, AGREEMENT_ITERATIONS)
+    found = minimise(trajectories.objective(problem), z, lower, upper, AGREEMENT_ITERATIONS, AGREEMENT_GAIN)
     errors = None if found is None else prediction_errors(problem, found.z)
     return agreement_of(names, measured, None if errors is None else errors.errors)
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from daest.estimation import trajectories
 from daest.estimation.checks import check_start, no_start
+from daest.estimation.gain_family import LONGEST_LOG
 from daest.estimation.search import Evaluation, minimise
 from daest.estimation.trajectories import TrajectoryProblem, integrated, prediction_errors
 from daest.model.experiment import Experiment
@@ -57,10 +58,9 @@ def fit_initial_states(
     """z with the initial states within bounds that fit the first samples, parameters held."""
     heads = tuple(head(e, FIRST_LENGTH) for e in problem.experiments)
     n = len(problem.unknowns.coordinates)
-    lower, upper = (np.concatenate([z[:n], bound[n:]]) for bound in (lower, upper))
-    short = replace(problem, experiments=heads)
-    found = minimise(trajectories.objective(short), z, lower, upper, INITIAL_ITERATIONS)
-    return z if found is None else found.z
+    short = replace(problem, experiments=heads).held_at(z)
+    found = minimise(trajectories.objective(short), z[n:], lower[n:], upper[n:], INITIAL_ITERATIONS)
+    return z if found is None else np.concatenate([z[:n], found.z])
 
 
 def head(experiment: Experiment, n_samples: int) -> Experiment:
@@ -78,8 +78,10 @@ def head(experiment: Experiment, n_samples: int) -> Experiment:
 def limits(problem: TrajectoryProblem) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of the search vector."""
     n_initial = len(problem.experiments) * problem.n_states
-    lower = np.concatenate([problem.unknowns.lower, np.full(n_initial, -STATE_RANGE)])
-    upper = np.concatenate([problem.unknowns.upper, np.full(n_initial, STATE_RANGE)])
+    initial = np.full(n_initial, STATE_RANGE)
+    logs = np.full(0 if problem.family is None else problem.family.n_logs, LONGEST_LOG)
+    lower = np.concatenate([problem.unknowns.lower, -initial, -logs])
+    upper = np.concatenate([problem.unknowns.upper, initial, logs])
     return lower, upper
 
 

@@ -33,10 +33,12 @@ class AverageModel:
 
 @dataclass(frozen=True)
 class Observer:
-    """`gain` (n, n_y) corrects the predicted state, x += gain ν; cov(ν) = innovation_cov."""
+    """`gain` (n, n_y) corrects the predicted state, x += gain ν, of covariance `predicted_cov` (n, n);
+    cov(ν) = innovation_cov."""
 
     gain: np.ndarray
     innovation_cov: np.ndarray
+    predicted_cov: np.ndarray
 
 
 def average_model(
@@ -87,7 +89,7 @@ def observer(model: AverageModel, intensity: np.ndarray, measurement_std: np.nda
         return None
     # The predictor gain is Φ times the gain that corrects the state at the sample itself.
     gain = found.predicted_cov @ model.C.T @ np.linalg.inv(found.innovation_cov)
-    return Observer(gain, found.innovation_cov)
+    return Observer(gain, found.innovation_cov, found.predicted_cov)
 
 
 def sampled_average(model: AverageModel, intensity: np.ndarray, measurement_std: np.ndarray) -> DiscreteModel:

@@ -9,11 +9,12 @@ with the parameters.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from daest.estimation.coordinates import Unknowns, with_priors
+from daest.estimation.gain_family import GainFamily
 from daest.estimation.search import Evaluation
 from daest.estimation.ties import Beginning, with_ties
 from daest.model.experiment import Experiment
@@ -29,8 +30,9 @@ class TrajectoryProblem:
     """What is fitted to what.
 
     Experiments are in the model's order of inputs and outputs. Search vector: `unknowns` (parameters only),
-    then the initial states of every experiment divided by `state_scale` (n_states,). `gain` (n_states, n_y)
-    or None. `given_std` (n_y,): standard deviations that are not estimated, NaN for those that are.
+    then the initial states of every experiment divided by `state_scale` (n_states,), then the logs of a
+    `family` of gains. Without one the `gain` (n_states, n_y) is held; None: no sample corrects the state.
+    `given_std` (n_y,): standard deviations that are not estimated, NaN for those that are.
     """
 
     model: Integrator
@@ -41,6 +43,7 @@ class TrajectoryProblem:
     given_std: np.ndarray
     gain: np.ndarray | None = None
     rtol: float = RTOL
+    family: GainFamily | None = None
 
     @property
     def n_states(self) -> int:
@@ -53,7 +56,33 @@ class TrajectoryProblem:
     def initial_states(self, z: np.ndarray) -> np.ndarray:
         """(n_experiments, n_states)."""
         start = len(self.unknowns.coordinates)
-        return z[start:].reshape(len(self.experiments), self.n_states) * self.state_scale
+        states = z[start : start + len(self.experiments) * self.n_states]
+        return states.reshape(len(self.experiments), self.n_states) * self.state_scale
+
+    def logs(self, z: np.ndarray) -> np.ndarray:
+        """Of the noise levels, where their `family` is searched."""
+        return z[z.size - (0 if self.family is None else self.family.n_logs) :]
+
+    def corrected_by(
+        self, z: np.ndarray, with_slopes: bool = False
+    ) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """The gain at z, and its slopes over the logs. Raises IntegrationError where there is none."""
+        if self.family is None:
+            return self.gain, None
+        logs = self.logs(z)
+        found = self.family.at(logs)
+        slopes = self.family.slopes(logs, found) if found is not None and with_slopes else None
+        if found is None or (with_slopes and slopes is None):
+            raise IntegrationError("there is no stationary gain", float(self.experiments[0].time[0]))
+        return found.gain, slopes
+
+    @property
+    def is_predictor(self) -> bool:
+        return self.gain is not None or self.family is not None
+
+    def held_at(self, z: np.ndarray) -> TrajectoryProblem:
+        """The problem with its parameters held as in z: only initial states are searched."""
+        return replace(self, unknowns=replace(self.unknowns, coordinates=(), theta=self.theta(z)))
 
 
 @dataclass(frozen=True)
@@ -117,9 +146,10 @@ def prediction_errors(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bo
 def integrated(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = False) -> list[Trajectory]:
     """Trajectories of every experiment at z. Raises IntegrationError."""
     theta = problem.theta(z)
+    gain, gain_slopes = problem.corrected_by(z, with_slopes)
     result = []
     for experiment, x0 in zip(problem.experiments, problem.initial_states(z), strict=True):
-        correction = None if problem.gain is None else Correction(experiment.outputs, problem.gain)
+        correction = None if gain is None else Correction(experiment.outputs, gain, gain_slopes)
         result.append(
             integrate(
                 problem.model,
@@ -129,6 +159,7 @@ def integrated(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = Fa
                 x0,
                 hold=problem.hold,
                 sensitivities=with_slopes,
+                by_parameter=bool(problem.unknowns.coordinates),
                 correction=correction,
                 rtol=problem.rtol,
                 state_scale=problem.state_scale,
@@ -146,7 +177,7 @@ def _covariance(problem: TrajectoryProblem, errors: tuple[np.ndarray, ...]) -> n
     found = np.sqrt(squares.sum(axis=0) / np.maximum(observed.sum(axis=0), 1))
     given = problem.given_std
     std = np.where(np.isfinite(given), given, np.maximum(found, floor))
-    if problem.gain is None or not np.all(observed) or np.any(np.isfinite(given)):
+    if not problem.is_predictor or not np.all(observed) or np.any(np.isfinite(given)):
         return np.diag(std**2)
     return table.T @ table / table.shape[0] + np.diag(floor**2)
 
@@ -189,8 +220,13 @@ def whitened(problem: TrajectoryProblem, errors: Errors, z: np.ndarray) -> tuple
         )
         first = n_parameters + number * problem.n_states
         change[first : first + problem.n_states] = (
-            -sens[:, :, n_parameters:].transpose(2, 0, 1) * problem.state_scale[:, None, None]
+            -sens[:, :, n_parameters : n_parameters + problem.n_states].transpose(2, 0, 1)
+            * problem.state_scale[:, None, None]
         )
+        if problem.family is not None:
+            change[p - problem.family.n_logs :] = -sens[:, :, n_parameters + problem.n_states :].transpose(
+                2, 0, 1
+            )
         change = np.where(observed, change, 0.0) @ inverse_root.T
         residuals.append(white.ravel())
         slopes.append(change.reshape(p, error.size))

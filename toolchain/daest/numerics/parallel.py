@@ -15,6 +15,7 @@ import pickle
 import platform
 import signal
 import sys
+import time
 import traceback
 import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -41,6 +42,7 @@ MOST_LOSSES = 3  # workers lost one after the other, without a result in between
 CONNECT_SECONDS = 10.0
 PATIENCE = 120.0  # seconds that a cluster may be without any worker
 POLL = 5.0
+RETRY = 0.05  # after which it is asked again what became of a lost task [s]
 AHEAD = 2  # tasks that a cluster has at a time, for each thread of its workers
 LARGE = "1 GiB"  # of tasks, before Dask warns: each holds the recordings
 PACKAGES = ("casadi", "numpy", "scipy")  # those that numbers depend on
@@ -381,7 +383,12 @@ class _Cluster:
         alone = 0.0
         while True:
             try:
-                return distributed.wait(running, timeout=POLL, return_when="FIRST_COMPLETED").done
+                done = distributed.wait(running, timeout=POLL, return_when="FIRST_COMPLETED").done
+                # What a worker took with it is made anew, and only then done.
+                if there := {future for future in done if future.status != "lost"}:
+                    return there
+                time.sleep(RETRY)
+                alone = 0.0 if self._n_threads() else alone + RETRY
             except TimeoutError:
                 alone = 0.0 if self._n_threads() else alone + POLL
             if alone > PATIENCE:

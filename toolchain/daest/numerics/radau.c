@@ -211,6 +211,9 @@ typedef struct {
   double stages_lu[N3 * N3], stageJ[3 * NX * NX]; /* for sensitivities */
   int stages_pivot[N3];
   double *rhs_columns, *stage_p, *out_p;  /* (3 NX) x directions; 3 x NX x NP; NY x NP */
+  int by_parameter;                       /* NP, or 0 where no sensitivities to the parameters are wanted */
+  const double *gain_slopes;              /* by_gain x NX x NY: how the gain changes along the last directions */
+  int by_gain;
 } Work;
 
 static double rms(const double *v, const double *scale, int n) {
@@ -316,7 +319,7 @@ static void stage_jacobians(Work *k, Model *m, const Interval *s, double t, doub
   }
 }
 
-/* S <- dx(t+h)/d(directions): the first NP directions are the chosen parameters, the rest initial values. */
+/* S <- dx(t+h)/d(directions): first the chosen parameters, where they are wanted, then what only the state carries. */
 static int sensitivities(Work *k, double h, double *S, int directions) {
   for (int i = 0; i < 3; ++i)
     for (int q = 0; q < NX; ++q)
@@ -329,7 +332,7 @@ static int sensitivities(Work *k, double h, double *S, int directions) {
   for (int j = 0; j < 3; ++j)
     for (int q = 0; q < NX; ++q)
       for (int d = 0; d < directions; ++d) {
-        double sum = d < NP ? k->stage_p[j * NX * NP + d * NX + q] : 0.0;
+        double sum = d < k->by_parameter ? k->stage_p[j * NX * NP + d * NX + q] : 0.0;
         for (int r = 0; r < NX; ++r) sum += k->stageJ[j * NX * NX + r * NX + q] * S[r * directions + d];
         for (int i = 0; i < 3; ++i)
           k->rhs_columns[(i * NX + q) * directions + d] += h * k->A[3 * i + j] * sum;
@@ -390,7 +393,7 @@ static int project(Work *k, Model *m, const double *u, double t, const double *a
   for (int d = 0; d < directions; ++d) {
     double along[NG];
     for (int i = 0; i < NG; ++i) {
-      along[i] = d < NP ? by_p[i * NP + d] : 0.0;
+      along[i] = d < k->by_parameter ? by_p[i * NP + d] : 0.0;
       for (int q = 0; q < NX; ++q) along[i] += R[i * NX + q] * S[q * directions + d];
     }
     for (int q = 0; q < NX; ++q)
@@ -645,7 +648,7 @@ static void measure(Work *k, Model *m, const double *u, double t, const double *
     predicted[j] = h[j];
     innovation[j] = y && isfinite(y[j]) ? y[j] - h[j] : 0.0;
     for (int d = 0; d < directions; ++d) {
-      double sum = d < NP ? k->out_p[d * NY + j] : 0.0;
+      double sum = d < k->by_parameter ? k->out_p[d * NY + j] : 0.0;
       for (int r = 0; r < NX; ++r) sum += C[r * NY + j] * S[r * directions + d];
       predicted_sens[j * directions + d] = sum;
     }
@@ -657,6 +660,8 @@ static void measure(Work *k, Model *m, const double *u, double t, const double *
       k->x[q] += gain[q * NY + j] * innovation[j];
       for (int d = 0; d < directions; ++d)
         S[q * directions + d] -= gain[q * NY + j] * predicted_sens[j * directions + d];
+      for (int g = 0; g < k->by_gain; ++g)
+        S[q * directions + directions - k->by_gain + g] += k->gain_slopes[(g * NX + q) * NY + j] * innovation[j];
     }
   k->last_h = 0; /* the old collocation polynomial ends where the state was before the correction */
 }
@@ -703,8 +708,8 @@ static void release(Work *k, Model *m, double *S) {
 
 /* What daest_simulate and daest_follow share. */
 static int run(long n, const double *time, const double *u0, const double *u1, const double *u_last,
-               const double *theta, const double *x0, int directions, const double *S0, const double *y,
-               const double *gain, long gain_stride, double rtol, const double *atol, long max_steps, double *states,
+               const double *theta, const double *x0, int directions, int by_parameter, const double *S0,
+               const double *y, const double *gain, long gain_stride, const double *gain_slopes, int by_gain, double rtol, const double *atol, long max_steps, double *states,
                double *predicted, double *sens, long *steps, double *reached, const double *side, double *flags,
                long *done, double *x_end, double *S_end) {
   Model m;
@@ -717,6 +722,9 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
   m.theta = theta;
   if (allocate(&k, &m, &S, directions)) {
     set_constants(k);
+    k->by_parameter = by_parameter;
+    k->gain_slopes = gain_slopes;
+    k->by_gain = by_gain;
     memcpy(k->x, x0, sizeof(double) * NX);
     if (directions > 0) memcpy(S, S0, sizeof(double) * NX * directions);
     status = DONE;
@@ -757,16 +765,18 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
 }
 
 /* Solution over n samples. u0, u1: (n-1) x NU inputs at the two ends of each interval; u_last: NU, input at the
- * last sample. x0 (NX). S0: NX x directions row-major, or null. y: n x NY (NaN: missing) and gain: NX x NY,
- * advanced by gain_stride per sample, or null. Out: states n x NX before correction; predicted n x NY; sens
+ * last sample. x0 (NX). The directions of sensitivities are by_parameter chosen parameters (NP or 0), the NX initial
+ * values, and by_gain changes of the gain, gain_slopes (by_gain x NX x NY); S0: NX x directions row-major, or null. y: n x NY
+ * (NaN: missing) and gain: NX x NY, advanced by gain_stride per sample, or null. Out: states n x NX before correction; predicted n x NY; sens
  * n x NY x directions of `predicted`, or null; steps; reached: {time, step that was to come next, not zero where
  * another thread wants an end}. Returns a code above. */
 int daest_simulate(long n, const double *time, const double *u0, const double *u1, const double *u_last,
-                   const double *theta, const double *x0, int directions, const double *S0, const double *y,
-                   const double *gain, long gain_stride, double rtol, const double *atol, long max_steps, double *states,
-                   double *predicted, double *sens, long *steps, double *reached) {
-  return run(n, time, u0, u1, u_last, theta, x0, directions, S0, y, gain, gain_stride, rtol, atol, max_steps, states,
-             predicted, sens, steps, reached, 0, 0, 0, 0, 0);
+                   const double *theta, const double *x0, int directions, int by_parameter, const double *S0,
+                   const double *y, const double *gain, long gain_stride, const double *gain_slopes, int by_gain,
+                   double rtol, const double *atol, long max_steps, double *states, double *predicted, double *sens,
+                   long *steps, double *reached) {
+  return run(n, time, u0, u1, u_last, theta, x0, directions, by_parameter, S0, y, gain, gain_stride, gain_slopes, by_gain,
+             rtol, atol, max_steps, states, predicted, sens, steps, reached, 0, 0, 0, 0, 0);
 }
 
 /* The same without corrections, up to the first root (of NR > 0 functions): `side` (NR) is the sign that each root function keeps, 0 where
@@ -776,6 +786,6 @@ int daest_follow(long n, const double *time, const double *u0, const double *u1,
                  const double *theta, const double *x0, int directions, const double *S0, double rtol,
                  const double *atol, long max_steps, const double *side, double *states, double *predicted, double *sens,
                  long *steps, double *reached, double *flags, long *done, double *x_end, double *S_end) {
-  return run(n, time, u0, u1, u_last, theta, x0, directions, S0, 0, 0, 0, rtol, atol, max_steps, states, predicted,
+  return run(n, time, u0, u1, u_last, theta, x0, directions, NP, S0, 0, 0, 0, 0, 0, rtol, atol, max_steps, states, predicted,
              sens, steps, reached, side, flags, done, x_end, S_end);
 }

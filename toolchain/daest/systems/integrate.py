@@ -12,7 +12,7 @@ import ctypes
 import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import singledispatch
 from importlib import resources
 from typing import Any, Literal
@@ -61,16 +61,24 @@ class Trajectory:
 @dataclass(frozen=True)
 class Correction:
     """Measurements (n_samples, n_y), NaN where missing, and the gain (n_states, n_y), or one per sample
-    (n_samples, n_states, n_y), that corrects the state at each sample: x += gain (y - h(x))."""
+    (n_samples, n_states, n_y), that corrects the state at each sample: x += gain (y - h(x)). `gain_slopes`
+    (n, n_states, n_y): how it changes along n further directions of the sensitivities."""
 
     measurements: np.ndarray
     gain: np.ndarray
+    gain_slopes: np.ndarray | None = None
+
+    @property
+    def slopes(self) -> np.ndarray:
+        none = np.zeros((0, *self.gain.shape[-2:]))
+        return none if self.gain_slopes is None else np.ascontiguousarray(self.gain_slopes, dtype=float)
 
 
 @dataclass(frozen=True)
 class Run:
-    """What every engine needs, checked and contiguous. `directions`: number of sensitivities, 0 for none;
-    `scale` (n_states,): sizes of the states."""
+    """What every engine needs, checked and contiguous. `directions`: number of sensitivities, 0 for none: the
+    first ones `by_parameter`, then those to the initial states, the last ones `by_gain`. `scale`
+    (n_states,): sizes of the states."""
 
     time: np.ndarray
     u0: np.ndarray
@@ -79,6 +87,8 @@ class Run:
     theta: np.ndarray
     x0: np.ndarray
     directions: int
+    by_parameter: int
+    by_gain: int
     rtol: float
     atol: np.ndarray
     scale: np.ndarray
@@ -88,11 +98,11 @@ class Run:
 
     @property
     def start_sensitivities(self) -> np.ndarray:
-        """∂x0/∂directions (n_states, n_directions): zero for parameters, then the identity."""
+        """∂x0/∂directions (n_states, n_directions): the identity between zeros for parameters and gains."""
         n_states = self.x0.size
         start = np.zeros((n_states, self.directions))
         if self.directions:
-            start[:, self.directions - n_states :] = np.eye(n_states)
+            start[:, self.by_parameter : self.by_parameter + n_states] = np.eye(n_states)
         return start
 
 
@@ -322,6 +332,7 @@ def integrate(
     *,
     hold: Hold = "foh",
     sensitivities: bool = False,
+    by_parameter: bool = True,
     correction: Correction | None = None,
     rtol: float = RTOL,
     state_scale: np.ndarray | None = None,
@@ -333,8 +344,9 @@ def integrate(
 
     theta: all parameters. `correction` turns the simulation into the one-step predictor of an observer.
     `state_scale` (n_states,): sizes that count as large for each state, for the absolute tolerance (default
-    1). Directions of the sensitivities: `model.names`, then the initial states. `max_steps` over the whole
-    record (default: `search_steps`).
+    1). Directions of the sensitivities: `model.names` unless `by_parameter` is unset, then the initial
+    states, then those along which the gain of the correction changes. `max_steps` over the whole record
+    (default: `search_steps`).
     `tell` hears of the time that a long run has reached; an exception in it ends the run.
     Raises IntegrationError with the time it stopped at.
     """
@@ -343,11 +355,20 @@ def integrate(
     u_last = inputs[-1:] if u1.shape[0] == 0 else np.hstack([inputs[-1:], u1[-1:, inputs.shape[1] :]])
     columns = (time, u0, u1, u_last, theta, x0)
     time, u0, u1, u_last, theta, x0 = (np.ascontiguousarray(a, dtype=float) for a in columns)
-    directions = model.n_directions if sensitivities else 0
+    n_parameters = len(model.names) if sensitivities and by_parameter else 0
+    n_gain = correction.slopes.shape[0] if sensitivities and correction is not None else 0
+    directions = n_parameters + x0.size + n_gain if sensitivities else 0
     atol = rtol * ATOL_OF_SCALE * scale
     most = search_steps(time.size) if max_steps is None else max_steps
-    run = Run(time, u0, u1, u_last, theta, x0, directions, rtol, atol, scale, correction, most, tell)
-    return model.trajectory(run)
+    run = Run(
+        time, u0, u1, u_last, theta, x0, directions, n_parameters, n_gain,
+        rtol, atol, scale, correction, most, tell,
+    )  # fmt: skip
+    made = model.trajectory(run)
+    if made.sensitivities.shape[2] == directions:
+        return made
+    # An engine without a choice tells those to the parameters, too.
+    return replace(made, sensitivities=made.sensitivities[:, :, made.sensitivities.shape[2] - directions :])
 
 
 def _run_hybrid(model: EquationIntegrator, run: Run) -> Trajectory:
@@ -358,7 +379,8 @@ def _run_hybrid(model: EquationIntegrator, run: Run) -> Trajectory:
     try:
         made = follow(
             model, inputs, run.theta, run.x0, None,
-            directions=run.directions, rtol=run.rtol, atol=run.atol, max_steps=run.max_steps,
+            directions=model.n_directions if run.directions else 0,
+            rtol=run.rtol, atol=run.atol, max_steps=run.max_steps,
         )  # fmt: skip
     except HybridError as error:
         raise IntegrationError(error.what, float(run.time[0])) from error
@@ -372,14 +394,16 @@ def _run_radau(model: EquationIntegrator, run: Run) -> Trajectory:
     sens = np.empty((n, n_y, run.directions))
     steps, reached = ctypes.c_long(0), np.zeros(3)
     start = np.ascontiguousarray(run.start_sensitivities)
-    y, gain, stride = None, None, 0
+    y, gain, stride, slopes = None, None, 0, None
     if run.correction is not None:
+        slopes = run.correction.slopes
         y = np.ascontiguousarray(run.correction.measurements, dtype=float)
         gain = np.ascontiguousarray(run.correction.gain, dtype=float)
         stride = gain[0].size if gain.ndim == 3 else 0
     arguments = (
         ctypes.c_long(n), *map(pointer, (run.time, run.u0, run.u1, run.u_last, run.theta, run.x0)),
-        ctypes.c_int(run.directions), pointer(start), pointer(y), pointer(gain), ctypes.c_long(stride),
+        ctypes.c_int(run.directions), ctypes.c_int(run.by_parameter), pointer(start),
+        pointer(y), pointer(gain), ctypes.c_long(stride), pointer(slopes), ctypes.c_int(run.by_gain),
         ctypes.c_double(run.rtol), pointer(run.atol), ctypes.c_long(run.max_steps),
         *map(pointer, (states, outputs, sens)), ctypes.byref(steps), pointer(reached),
     )  # fmt: skip
@@ -412,7 +436,7 @@ def _run_interpreted(model: EquationIntegrator, run: Run) -> Trajectory:
     states, outputs = np.empty((n, n_states)), np.empty((n, n_y))
     sens = np.empty((n, n_y, run.directions))
     S, x = run.start_sensitivities, run.x0.copy()
-    n_p = len(model.names)
+    n_p = run.by_parameter
     x, S = _projected(model, run, run.u0[0] if n > 1 else run.u_last[0], run.time[0], x, S)
     for i in range(n):
         states[i] = x
@@ -421,7 +445,7 @@ def _run_interpreted(model: EquationIntegrator, run: Run) -> Trajectory:
         outputs[i] = h.ravel()
         if run.directions:
             sens[i] = C @ S
-            sens[i][:, :n_p] += h_theta
+            sens[i][:, :n_p] += h_theta[:, :n_p]
         if run.correction is not None:
             x, S = _correct(run, i, x, S, outputs[i], sens[i])
             x, S = _projected(model, run, u, run.time[i], x, S)
@@ -437,7 +461,7 @@ def _run_interpreted(model: EquationIntegrator, run: Run) -> Trajectory:
         x = x_next.ravel()
         S = transition @ S
         if run.directions:
-            S[:, :n_p] += drive
+            S[:, :n_p] += drive[:, :n_p]
         x, S = _projected(model, run, run.u1[i], run.time[i + 1], x, S)
     return Trajectory(states, outputs, sens, INTERPRETED_STEPS * (n - 1))
 
@@ -457,7 +481,7 @@ def _projected(
     by_p = np.array(model.hold(pulled.x, u, run.theta, time)[2])
     change = pulled.slopes @ S
     if run.directions:
-        change[:, : len(model.names)] += by_p.T
+        change[:, : run.by_parameter] += by_p.T[:, : run.by_parameter]
     return pulled.x, S - pulled.gain @ change
 
 
@@ -468,8 +492,11 @@ def _correct(
     gain = run.correction.gain[i] if run.correction.gain.ndim == 3 else run.correction.gain
     measured = run.correction.measurements[i]
     there = np.isfinite(measured)
-    gain = gain[:, there]
-    return x + gain @ (measured - predicted)[there], S - gain @ predicted_sens[there]
+    gain, innovation = gain[:, there], (measured - predicted)[there]
+    S = S - gain @ predicted_sens[there]
+    if run.by_gain:
+        S[:, -run.by_gain :] += (run.correction.slopes[:, :, there] @ innovation).T
+    return x + gain @ innovation, S
 
 
 def _collocation(model: EquationIntegrator) -> ca.Function:
