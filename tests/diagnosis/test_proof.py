@@ -442,6 +442,15 @@ def test_law_that_foresees_unseen_data_better_is_a_rival_of_a_likelier_one_and_c
     order = ranked([reckons, replace(elsewhere(1.3, adds_up=True), ahead=ahead)])
     assert [p.candidate.site.name for p in order] == ["1.3", own]
 
+    # What is better in one output and worse in another is missing besides, and no rival.
+    def told(one, **rms):
+        simulated = {**one.told.simulated, "validation": replace(agreement, rms=rms)}
+        return replace(one, final=replace(one.told, simulated=simulated))
+
+    before = told(likely, phi=1.0, omega=1.0)
+    for omega, verdict in ((1.1, "supported"), (0.99, "not separable")):
+        assert ranked([before, told(elsewhere(1.0), phi=0.3, omega=omega)])[0].verdict == verdict
+
 
 def test_as_much_as_chance_finds_is_no_proof(monkeypatch):
     stand, (prepared, _) = rubbing(), proved()
