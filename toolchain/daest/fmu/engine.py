@@ -91,8 +91,9 @@ def follow(
     correction = _correction(drive)
     with _told(lambda: float(reached[0]), alive), _counted(_LONG.in_dll(library, "daest_calls")):
         status = library.daest_simulate(
-            _LONG(n), *map(_pointer, given), ctypes.c_int(directions), _pointer(start),
-            *map(_pointer, correction), _LONG(0), ctypes.c_double(drive.rtol), _pointer(plan.atol),
+            _LONG(n), *map(_pointer, given), ctypes.c_int(directions), ctypes.c_int(plan.steps.size),
+            _pointer(start), *map(_pointer, correction), _LONG(0), None, ctypes.c_int(0),
+            ctypes.c_double(drive.rtol), _pointer(plan.atol),
             _LONG(plan.most), *map(_pointer, (found.states, found.values, found.slopes)),
             ctypes.byref(n_steps), _pointer(reached),
         )  # fmt: skip
