@@ -186,7 +186,8 @@ def identify_by_ekf(
     problem, found = ends
     result = _result(problem, found, first, unknowns, experiments, validation)
     searched = Searched(objective(problem), problem.unknowns, *_limits(problem), found)
-    result = with_interval_check(result, searched)
+    if options.second_look:
+        result = with_interval_check(result, searched)
     if options.profile:
         result = with_profiles(result, searched, options.profile, tell)
     return replace(result, seconds=time.perf_counter() - began)

@@ -120,7 +120,8 @@ def identify(
         result = replace(result, notes=(*result.notes, note))
     unknowns = problem.unknowns
     searched = Searched(objective(problem), unknowns, unknowns.lower, unknowns.upper, ends[0])
-    result = with_interval_check(result, searched)
+    if options.second_look:
+        result = with_interval_check(result, searched)
     if options.profile:
         result = with_profiles(result, searched, options.profile, tell)
     return replace(result, seconds=time.perf_counter() - began)

@@ -116,7 +116,7 @@ def identify_nonlinear(
         one_step["validation"] = agreement(best, tuple(validation), with_gain=True)
     result = nonlinear_result(setup, ends, simulated, one_step)
     searched = Searched(trajectories.objective(best.problem), unknowns, *limits(best.problem), best.found)
-    if warm is None and best.cut is None:
+    if warm is None and best.cut is None and options.second_look:
         result = with_interval_check(result, searched)
     if options.profile and best.cut is not None:
         note = "no profile likelihood: the model is too unstable to be simulated from one initial state"
