@@ -104,6 +104,7 @@ def _variable(v: dict[str, Any], flat: dict[str, Any]) -> s.FlatVariable:
         state_select=_STATE_SELECT.get(v["state_select"], "default"),
         binding=expression(v["binding"]) if v["binding"] else None,
         span=span(v["source_span"]),
+        is_bus_member=bool(v.get("from_expandable_connector")),
     )
 
 
@@ -473,6 +474,11 @@ def _when(value: dict[str, Any], at: s.Span | None) -> s.Statement:
     return s.When(tuple((expression(b["cond"]), _statements(b["stmts"])) for b in value["blocks"]), at)
 
 
+def _ended(_value: dict[str, Any], at: s.Span | None) -> s.Statement:
+    """`terminate(…)`: a recording decides how long a simulation takes."""
+    return s.Assert(s.Constant(True), s.Constant(""), at)
+
+
 _STATEMENTS: dict[str, Callable[[dict[str, Any], s.Span | None], s.Statement]] = {
     "Assignment": _assignment,
     "FunctionCall": _call_statement,
@@ -481,6 +487,7 @@ _STATEMENTS: dict[str, Callable[[dict[str, Any], s.Span | None], s.Statement]] =
     "If": _if,
     "Assert": _assert,
     "When": _when,
+    "Terminate": _ended,
     "Return": lambda _value, at: s.Jump("return", at),
     "Break": lambda _value, at: s.Jump("break", at),
 }
@@ -507,6 +514,8 @@ def _when_part(kind: str, value: dict[str, Any]) -> s.Statement:
         return s.Reinit(s.Name(value["state"], (), at), expression(value["value"]), at)
     if kind == "Assert":
         return s.Assert(expression(value["condition"]), s.Constant(""), at)
+    if kind == "Terminate":
+        return _ended(value, at)
     if kind == "Conditional":
         branches = tuple((expression(c), _when_body(body)) for c, body in value["branches"])
         return s.If(branches, _when_body(value.get("else_branch") or ()), at)

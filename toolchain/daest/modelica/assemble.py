@@ -15,6 +15,7 @@ from daest.model.parts import Equation, Variable
 from daest.modelica import syntax as s
 from daest.modelica import values as v
 from daest.modelica.balance import unbalanced
+from daest.modelica.buses import without_empty_members
 from daest.modelica.events import Kept, finished, kept
 from daest.modelica.expressions import refusal
 from daest.modelica.functions import run_algorithm
@@ -58,7 +59,7 @@ class _Parts:
 
 def assemble(source: s.FlatSource, file: str) -> FlatModel:
     """The FlatModel of a flat source. Raises ModelError with place and remedy."""
-    source = with_settled_parameters(source)
+    source = without_empty_members(with_settled_parameters(source))
     reading = Reading(source)
     _refuse_clocks(reading)
     for what, span in _refused_statements(source):

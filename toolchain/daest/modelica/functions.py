@@ -64,13 +64,42 @@ class FunctionLibrary:
         self.depth += 1
         try:
             return _Run(self, function, evaluator).results(arguments)
+        except ModelError:
+            shape = _elementwise(function, arguments)
+            if shape is None:
+                raise
         finally:
             self.depth -= 1
+        return self._for_each_element(function, arguments, shape, evaluator)
+
+    def _for_each_element(
+        self, function: s.Function, arguments: Sequence[Value], shape: tuple[int, ...], evaluator: Evaluator
+    ) -> tuple[Value, ...]:
+        """A function of scalars called with arrays of one size (Language Specification 12.4.6)."""
+        calls = []
+        for at in np.ndindex(*shape):
+            scalars = [
+                x[at] if isinstance(x, np.ndarray) and not one.shape else x
+                for one, x in zip(function.inputs, arguments, strict=False)
+            ]
+            calls.append(self(function.name, scalars, False, evaluator))
+        return tuple(v.from_flat(results, shape) for results in zip(*calls, strict=True))
 
     def _by_last_part(self, last: str) -> s.Function | None:
         """The only function whose name ends so: source text names a function relative to where it stands."""
         found = [function for name, function in self.functions.items() if name.rpartition(".")[2] == last]
         return found[0] if len(found) == 1 else None
+
+
+def _elementwise(function: s.Function, arguments: Sequence[Value]) -> tuple[int, ...] | None:
+    """The one size of all arrays that stand where the function takes a scalar; None if there are none, or
+    several sizes."""
+    arrays = [
+        x.shape
+        for one, x in zip(function.inputs, arguments, strict=False)
+        if isinstance(x, np.ndarray) and not one.shape
+    ]
+    return arrays[0] if arrays and len(set(arrays)) == 1 else None
 
 
 def run_algorithm(

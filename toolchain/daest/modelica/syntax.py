@@ -265,6 +265,7 @@ class FlatVariable:
     state_select: Literal["never", "avoid", "default", "prefer", "always"]
     binding: Node | None
     span: Span | None
+    is_bus_member: bool = False  # of an expandable connector
 
 
 @dataclass(frozen=True, slots=True)
