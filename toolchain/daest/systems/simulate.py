@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import singledispatch
+from types import MappingProxyType
 from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from daest.errors import ModelError, NumericalError
+from daest.errors import DaestError, ModelError, NumericalError
 from daest.model.experiment import Experiment
 from daest.model.flat import Dynamics, ExplicitModel, FlatModel, Model, events_refused
 from daest.model.linear import DiscreteModel, StateSpace
@@ -39,9 +40,13 @@ from daest.systems.reduce import dynamics
 from daest.systems.redundant import good_everywhere, matching_states
 from daest.systems.sample import sample
 from daest.systems.state_space import state_space, state_space_family
+from daest.systems.switches import extended, with_switches
 
 Hold = Literal["zoh", "foh"]
 Recording = Experiment | tuple[np.ndarray, np.ndarray]
+
+JUMPS = ("simulation-failed", "initial-not-solved", "singular-after-reduction")
+"""Failures that relations in the equations may cause."""
 
 RTOL = 1e-8  # relative local error of the adaptive integration
 SUBSTEPS = 4  # local linearisations per sample interval when a nonlinear model is simulated with noise
@@ -96,10 +101,44 @@ def simulate(
 
     `tell` hears of the progress of a long simulation; an exception in it ends the simulation.
 
+    Where relations in the equations are discontinuities that the integration does not pass, it is done once
+    more with each of them as an event.
+
     Raises ModelError `simulation-input`, `parameter-outside-bounds`, `input-derivative-order`,
     `input-derivative-hold`, `noise-intensity-missing` and what `initial_point` raises; NumericalError
     `simulation-failed`.
     """
+    try:
+        return _simulate(
+            model, recording, theta, hold, x0, rtol, tell,
+            noise=noise, seed=seed, intensities=intensities or {},
+        )  # fmt: skip
+    except DaestError as error:
+        flat = model if isinstance(model, FlatModel) else getattr(model, "flat", None)
+        if not isinstance(flat, FlatModel) or noise or isinstance(x0, np.ndarray) or error.code not in JUMPS:
+            raise
+        switched = with_switches(flat)
+        if switched is None:
+            raise
+        try:
+            return _simulate(switched, recording, extended(theta, switched), hold, x0, rtol, tell)
+        except DaestError:
+            raise error from None
+
+
+def _simulate(
+    model: Model | Dynamics,
+    recording: Recording,
+    theta: np.ndarray | None,
+    hold: Hold,
+    x0: np.ndarray | Mapping[str, float] | None,
+    rtol: float,
+    tell: Callable[[str], object],
+    *,
+    noise: bool = False,
+    seed: int | None = None,
+    intensities: Mapping[str, float] = MappingProxyType({}),
+) -> Simulation:
     if isinstance(model, FlatModel) and model.events is not None:
         model = in_starting_mode(model, recording, theta)
     explicit = model if isinstance(model, Dynamics) else dynamics(model)
@@ -107,7 +146,7 @@ def simulate(
     is_affine = explicit.flat.events is None and has_affine_dynamics(explicit)
     rng = np.random.default_rng(seed)
     w = np.zeros((task.time.size, len(explicit.flat.noises)))
-    intensity = _intensities(explicit.flat, intensities or {}) if noise else np.zeros(0)
+    intensity = _intensities(explicit.flat, intensities) if noise else np.zeros(0)
     task = task if is_affine or explicit.flat.events is not None else _good_everywhere(task)
     with threadpool_limits(1):  # many small matrices: a second thread only waits
         if explicit.flat.events is not None:
