@@ -7,12 +7,14 @@ import pytest
 
 import daest
 from daest.errors import ModelError, NumericalError
+from daest.estimation.estimator import estimator_model
 from daest.modelica.compile import compile_text
 from daest.systems.integrate import integrate, integrator
 from daest.systems.linearize import linearize
 from daest.systems.modes import in_starting_mode
 from daest.systems.reduce import reduce_index
 from daest.systems.simulate import simulate
+from daest.systems.switches import with_switches
 
 BALL = """model Ball
   parameter Real e = 0.97;
@@ -229,10 +231,109 @@ def test_linear_in_the_mode_of_the_start(sampled):
     assert not any(p.name.startswith("pre(") for p in linear.parameters if not p.is_memory)
 
 
-def test_what_does_not_follow_events_says_so(ball, tmp_path):
+def test_what_does_not_follow_events_says_so(ball):
     with pytest.raises(ModelError) as caught:
-        daest.export_fmu(ball, tmp_path / "ball.fmu")
+        estimator_model(ball, 0.01)
     assert caught.value.code == "events-not-supported"
+
+
+ROUGH = """model Rough "Two masses on rough ground, one pulled, one struck"
+  partial block Base
+    Real y;
+  end Base;
+  block Grip "Coulomb friction with modes"
+    extends Held;
+    parameter Real f0 = 0.5;
+    Real v;
+    Real a;
+    Real f;
+    Real s "force while it sticks, acceleration and force while it slides";
+    Boolean forward(start = false, fixed = true);
+    Boolean backward(start = false, fixed = true);
+    Boolean stuck;
+    Integer mode(start = 2, fixed = true);
+    encapsulated partial block Held
+      Integer steps(start = 0, fixed = true);
+      Real y;
+    end Held;
+  equation
+    forward = pre(mode) == 0 and s > f0 or initial() and v > 0;
+    backward = pre(mode) == 0 and s < -f0 or initial() and v < 0;
+    stuck = not (pre(mode) == 1 or forward or pre(mode) == -1 or backward);
+    a = if stuck then 0 else if forward or pre(mode) == 1 and not backward then s - f0 else s + f0;
+    f = if stuck then s else if forward or pre(mode) == 1 and not backward then f0 else -f0;
+    mode = if (pre(mode) == 1 or forward) and v > 0 then 1 else if (pre(mode) == -1 or backward) and v < 0
+      then -1 else 0;
+    y = f;
+    when change(mode) then
+      steps = pre(steps) + 1;
+    end when;
+  end Grip;
+  function limited
+    input Real x;
+    output Real y;
+  algorithm
+    if x > 1 then
+      y := 1;
+    else
+      y := x;
+    end if;
+  end limited;
+  parameter Real row[:, 2] = [0.5, 2];
+  Grip one(f0 = row[1, 1]);
+  Grip two(f0 = 0.25);
+  Real v[2](start = {0, 0.5}, each fixed = true);
+  Real capped[2] = limited({time, 3});
+  Boolean here;
+  Boolean there;
+  Boolean early;
+equation
+  one.v = v[1];
+  one.a = der(v[1]);
+  der(v[1]) = sin(time) - one.f;
+  two.v = v[2];
+  two.a = der(v[2]);
+  der(v[2]) = -two.f;
+  early = time < 1;
+  here = there;
+  there = pre(early);
+  when time > 100 then
+    terminate("over");
+  end when;
+initial equation
+  here = true;
+end Rough;
+"""
+
+
+def test_friction_with_modes_follows_its_closed_form():
+    found = run(model(ROUGH), 6, 1201)
+    t, v = found.time, found["v[1]"]
+    slips = np.arcsin(0.5)
+    sliding = (t > slips) & (v > 0)
+    expected = np.cos(slips) - np.cos(t) - 0.5 * (t - slips)
+    assert np.all(v[t < slips] == 0)
+    assert v[sliding] == pytest.approx(expected[sliding], abs=1e-8)
+    rest = t[(t > 2) & (v <= 0)][0]  # it comes to rest while the pull is too weak, then goes backward
+    assert abs(np.sin(rest)) > 0.5 or v[(t > rest + 0.01)][0] == 0
+    assert found["v[2]"] == pytest.approx(np.maximum(0.5 - 0.25 * t, 0.0), abs=1e-8)
+    assert found["two.steps"][-1] == 1
+    assert found["capped[1]"] == pytest.approx(np.minimum(t, 1.0)) and np.all(found["capped[2]"] == 1)
+
+
+def test_relations_that_jump_become_events():
+    text = "model J Real x(start = 0, fixed = true); Real y; equation "
+    text += "der(x) = if sin(6.283185307179586*time) > 0.5 then 1 else 0; "
+    text += "y = floor(2*time) + sign(x - 0.25); end J;"
+    flat = with_switches(model(text))
+    assert flat is not None and flat.events is not None and len(flat.events.whole_parts) == 1
+    found = run(flat, 2.05, 42)
+    width = 1 / 3  # of each turn the sine is above a half
+    inside = np.clip(found.time - 1 / 12, 0, width) + np.clip(found.time - 13 / 12, 0, width)
+    inside += np.clip(found.time - 25 / 12, 0, width)
+    assert found["x"] == pytest.approx(inside, abs=1e-9)
+    clear = np.abs((2 * found.time) % 1.0 - 0.5) < 0.49
+    assert found["y"][clear] == pytest.approx((np.floor(2 * found.time) + np.sign(inside - 0.25))[clear])
 
 
 def test_chattering_names_the_switch():

@@ -12,7 +12,15 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from daest.fmu.layout import DAE_MODE, DAE_MODE_NAME, RESIDUAL_NAME, TIME, Layout, derivative_name
+from daest.fmu.layout import (
+    DAE_MODE,
+    DAE_MODE_NAME,
+    INDICATOR_NAME,
+    RESIDUAL_NAME,
+    TIME,
+    Layout,
+    derivative_name,
+)
 from daest.fmu.sources import WRAPPER
 from daest.fmu.units import base_unit, derivative_unit
 
@@ -89,14 +97,19 @@ def _variables(layout: Layout, state_start: np.ndarray) -> ET.Element:
     _float(
         parent, "time", TIME, causality="independent", variability="continuous", unit="s", description="Time"
     )
-    _add_dae_switch(parent)
+    has_events = layout.flat.events is not None
+    if not has_events:
+        _add_dae_switch(parent)
     start = dict(zip(layout.states, (float(x) for x in state_start), strict=True))
     _add_unknowns(parent, layout, start)
     _add_derivatives(parent, layout, start)
     _add_inputs(parent, layout)
     _add_parameters(parent, layout)
     _add_outputs(parent, layout)
-    _add_residuals(parent, layout)
+    if has_events:
+        _add_indicators(parent, layout)
+    else:
+        _add_residuals(parent, layout)
     return parent
 
 
@@ -223,6 +236,18 @@ def _add_inputs(parent: ET.Element, layout: Layout) -> None:
 
 def _add_parameters(parent: ET.Element, layout: Layout) -> None:
     for i, parameter in enumerate(layout.flat.parameters):
+        if parameter.is_memory:
+            if i in layout.shown_memory:
+                _float(
+                    parent,
+                    parameter.name,
+                    layout.parameter_base + i,
+                    causality="local",
+                    variability="discrete",
+                    initial="calculated",
+                    description=parameter.description.removesuffix(" between events"),
+                )
+            continue
         element = _float(
             parent,
             parameter.name,
@@ -278,6 +303,19 @@ def _annotate_output(element: ET.Element, layout: Layout, index: int) -> None:
         "place": _place(output),
     }
     _annotate(element, OUTPUT, facts)
+
+
+def _add_indicators(parent: ET.Element, layout: Layout) -> None:
+    for i in range(layout.n_indicators):
+        _float(
+            parent,
+            INDICATOR_NAME.format(i + 1),
+            layout.indicator_base + i,
+            causality="local",
+            variability="continuous",
+            initial="calculated",
+            description="Event indicator",
+        )
 
 
 def _add_residuals(parent: ET.Element, layout: Layout) -> None:
@@ -346,6 +384,9 @@ def _structure(layout: Layout, functions: dict[str, ca.Function]) -> ET.Element:
     )
     rates = list(zip(layout.rates, _dependencies(functions["model_rhs"], groups), strict=True))
     derived = _dependencies(functions["model_derived"], groups)
+    hidden = {layout.parameter_base + i for i, p in enumerate(layout.flat.parameters) if p.is_memory}
+    for one in (*(known for _, known in outputs + rates), *derived):
+        one[:] = [reference for reference in one if reference not in hidden]
     for reference, known in outputs:
         _unknown(parent, "Output", reference, known)
     for reference, known in rates:
@@ -354,6 +395,8 @@ def _structure(layout: Layout, functions: dict[str, ca.Function]) -> ET.Element:
     for reference, known in outputs + rates + parameters:
         if reference not in layout.states:
             _unknown(parent, "InitialUnknown", reference, known)
+    for reference in layout.references(layout.indicator_base, layout.n_indicators):
+        ET.SubElement(parent, "EventIndicator", valueReference=str(reference))
     return parent
 
 

@@ -1,4 +1,7 @@
-"""Modelica model -> FMU: FMI 3.0 Model Exchange, with the unreduced DAE and the symbolic model inside."""
+"""Modelica model -> FMU: FMI 3.0 Model Exchange, with the unreduced DAE and the symbolic model inside.
+
+A model with events becomes an FMU with event indicators, time events and discrete variables, in ODE mode
+alone."""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 
 import daest
@@ -17,10 +21,11 @@ from daest.files import whole_file
 from daest.fmu import description, serialization, sources
 from daest.fmu.layout import Layout, layout
 from daest.fmu.portable import portable
-from daest.model.flat import ExplicitModel, FlatModel, events_refused
+from daest.model.flat import ExplicitModel, FlatModel
 from daest.model.fmu import ExportResult
 from daest.numerics.compiler import Platform, build_shared, native_platform, platform_named
 from daest.systems.initialize import initial_point
+from daest.systems.modes import in_starting_mode
 from daest.systems.reduce import reduce_index
 
 # -O1 compiles generated straight-line code several times faster than -O2 and runs as fast; contraction into
@@ -46,13 +51,13 @@ def export_fmu(
     `fmu-not-written`; ModelError of the index reduction and of the initial point.
     """
     began = time.perf_counter()
-    if flat.events is not None:
-        raise events_refused("an exported FMU")
     flat = portable(flat)
     targets = [platform_named(p) for p in platforms] if platforms else [native_platform()]
-    explicit = replace(explicit or reduce_index(flat), flat=flat)
+    starting = in_starting_mode(flat)
+    reduced = explicit or reduce_index(starting)
+    state_start, _ = initial_point(replace(reduced, flat=starting))
+    explicit = replace(reduced, flat=flat)
     made = layout(explicit)
-    state_start, _ = initial_point(explicit)
     archive = _archive(made, state_start, targets)
     validation = write_archive(Path(path), archive)
     return ExportResult(
@@ -67,7 +72,7 @@ def export_fmu(
         input_derivatives=made.input_derivative_names,
         noises=tuple(v.name for v in flat.noises),
         outputs=tuple(v.name for v in flat.outputs),
-        parameters=tuple(v.name for v in flat.parameters),
+        parameters=tuple(v.name for v in flat.parameters if not v.is_memory),
         validation=validation,
         seconds=time.perf_counter() - began,
     )
@@ -83,8 +88,9 @@ def validate(path: str | Path) -> tuple[str, ...]:
 def _archive(made: Layout, state_start: np.ndarray, targets: Sequence[Platform]) -> dict[str, bytes]:
     """Every file of the FMU: path inside the archive -> content."""
     functions = {f.name(): f for f in sources.model_functions(made)}
-    symbolic = serialization.serialize(made.flat)
-    code = sources.model_code(list(functions.values()))
+    has_events = made.flat.events is not None
+    symbolic = {} if has_events else serialization.serialize(made.flat)
+    code = sources.model_code([*functions.values(), *sources.event_functions(made)])
     version = daest.__version__
     token = _token(code, *symbolic.values(), sources.model_header(made, state_start, ""), version)
     header = sources.model_header(made, state_start, token)
@@ -95,21 +101,34 @@ def _archive(made: Layout, state_start: np.ndarray, targets: Sequence[Platform])
         f"sources/{sources.WRAPPER}.c": sources.wrapper_code(),
         "sources/model.c": code,
         "sources/model.h": header,
-        f"{description.DAE_FOLDER}/{description.MANIFEST}": description.dae_manifest(made, functions),
-        f"{serialization.FOLDER}/{description.MANIFEST}": description.symbolic_manifest(),
-        **{f"{serialization.FOLDER}/{name}": text for name, text in symbolic.items()},
     }
+    if has_events:
+        texts[f"sources/{sources.EVENTS}"] = sources.events_code()
+    else:
+        texts |= _without_events(made, functions, symbolic)
     files = {name: text.encode() for name, text in texts.items()}
+    beside = {"model.c": code, "model.h": header, sources.EVENTS: sources.events_code()}
     for target in targets:
         library = build_shared(
             sources.wrapper_code(),
             identifier,
             FLAGS,
-            files={"model.c": code, "model.h": header},
+            files=beside,
             target=target,
         )
         files[f"binaries/{target.tuple_name}/{identifier}{target.suffix}"] = library.read_bytes()
     return files
+
+
+def _without_events(
+    made: Layout, functions: Mapping[str, ca.Function], symbolic: Mapping[str, str]
+) -> dict[str, str]:
+    """The unreduced DAE and the symbolic model."""
+    return {
+        f"{description.DAE_FOLDER}/{description.MANIFEST}": description.dae_manifest(made, dict(functions)),
+        f"{serialization.FOLDER}/{description.MANIFEST}": description.symbolic_manifest(),
+        **{f"{serialization.FOLDER}/{name}": text for name, text in symbolic.items()},
+    }
 
 
 def _token(*texts: str) -> str:

@@ -9,6 +9,7 @@ import casadi as ca
 
 from daest.errors import FmuError
 from daest.model.flat import ExplicitModel, FlatModel
+from daest.systems.event_functions import EventFunctions
 
 TIME = 0
 DAE_MODE = 1
@@ -16,6 +17,7 @@ _FIRST = 2
 
 DAE_MODE_NAME = "_dae_mode"
 RESIDUAL_NAME = "_residual[{}]"
+INDICATOR_NAME = "_indicator[{}]"
 _BASES = (
     "xi_base",
     "derivative_base",
@@ -57,6 +59,17 @@ class Layout:
     rates: tuple[int, ...]
     extra_names: tuple[str, ...]
     output_references: tuple[int, ...]
+    n_indicators: int = 0  # event indicators
+
+    @property
+    def indicator_base(self) -> int:
+        return self.extra_base + len(self.extra_names)
+
+    @property
+    def shown_memory(self) -> tuple[int, ...]:
+        """The parameters that are discrete variables of the model; others that events change stay inside."""
+        events = self.flat.events
+        return () if events is None else tuple(one.slot for one in events.assignments if one.slot >= 0)
 
     @property
     def flat(self) -> FlatModel:
@@ -131,6 +144,7 @@ def layout(explicit: ExplicitModel) -> Layout:
         rates=rates,
         extra_names=tuple(extra),
         output_references=outputs,
+        n_indicators=0 if flat.events is None else EventFunctions(explicit).roots()[1].size,
     )
     _check_names(made)
     return made
@@ -141,6 +155,7 @@ def _check_names(made: Layout) -> None:
     names = ["time", DAE_MODE_NAME, *made.input_derivative_names, *made.extra_names]
     names += [derivative_name(flat.unknowns[k].name) for k in made.dynamic]
     names += [RESIDUAL_NAME.format(i + 1) for i in range(flat.n)]
+    names += [INDICATOR_NAME.format(i + 1) for i in range(made.n_indicators)]
     for group in (flat.unknowns, flat.inputs, flat.noises, flat.parameters, flat.derived_parameters):
         names += [item.name for item in group]
     names += [

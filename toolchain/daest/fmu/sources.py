@@ -13,8 +13,15 @@ import numpy as np
 
 from daest.errors import FmuError
 from daest.fmu.layout import Layout
+from daest.model.events import Events
+from daest.systems.event_functions import EventFunctions
+from daest.systems.event_update import EventUpdate, Mode
 
 WRAPPER = "fmi3"
+EVENTS = "events.c"
+
+
+_AT_EVENTS = ("model_at", "model_roots", "model_clock")
 
 
 def model_functions(layout: Layout) -> list[ca.Function]:
@@ -50,6 +57,23 @@ def model_functions(layout: Layout) -> list[ca.Function]:
     return [_dense(f) for f in functions]
 
 
+def event_functions(layout: Layout) -> list[ca.Function]:
+    """What the model does at events: model_at, everything at one instant; model_roots, the event indicators;
+    model_clock, what moves with time alone."""
+    if layout.flat.events is None:
+        return []
+    functions = EventFunctions(layout.explicit)
+    roots, _ = functions.roots()
+    pairs = (("model_at", functions.whole), ("model_roots", roots), ("model_clock", functions.along_time))
+    return [_named(name, function) for name, function in pairs]
+
+
+def _named(name: str, function: ca.Function) -> ca.Function:
+    symbols: list[Any] = function.sx_in() if function.is_a("SXFunction") else function.mx_in()
+    results = function(*symbols)
+    return ca.Function(name, symbols, list(results) if isinstance(results, tuple) else [results])
+
+
 def _dense(function: ca.Function) -> ca.Function:
     """The same function with a dense result: the wrapper reads every entry."""
     if function.sparsity_out(0).is_dense():
@@ -63,7 +87,8 @@ def model_code(functions: Sequence[ca.Function]) -> str:
     generator = ca.CodeGenerator("model", {"with_header": False})
     for function in functions:
         generator.add(function)
-        generator.add(function.forward(1))
+        if function.n_out() == 1 and function.name() not in _AT_EVENTS:
+            generator.add(function.forward(1))
     try:
         return generator.dump()
     except RuntimeError as problem:
@@ -87,6 +112,7 @@ def model_header(layout: Layout, state_start: np.ndarray, token: str) -> str:
         "N_THETA": len(flat.parameters),
         "N_DERIVED": len(flat.derived_parameters),
         "N_Y": len(flat.outputs),
+        "N_ROOTS": layout.n_indicators,
     }
     references = {
         "VR_TIME": 0,
@@ -100,8 +126,10 @@ def model_header(layout: Layout, state_start: np.ndarray, token: str) -> str:
         "VR_DERIVED": layout.derived_base,
         "VR_Y": layout.output_base,
         "VR_RESIDUAL": layout.residual_base,
+        "VR_INDICATOR": layout.indicator_base,
     }
-    lines = [f"#define {name} {value}u" for name, value in (sizes | references).items()]
+    lines = [f"#define HAS_EVENTS {int(flat.events is not None)}"]
+    lines += [f"#define {name} {value}u" for name, value in (sizes | references).items()]
     lines.append(f'#define INSTANTIATION_TOKEN "{token}"')
     lines += [
         _array("fmi3ValueReference", "STATE", [f"{vr}u" for vr in layout.states]),
@@ -110,8 +138,60 @@ def model_header(layout: Layout, state_start: np.ndarray, token: str) -> str:
         _array("double", "STATE_NOMINAL", _numbers(state_nominals(layout))),
         _array("double", "INPUT_START", _numbers([v.start or 0.0 for v in flat.inputs])),
         _array("double", "PARAMETER_START", _numbers(flat.theta_values)),
+        _array("unsigned char", "IS_MEMORY", [str(int(p.is_memory)) for p in flat.parameters]),
     ]
+    if flat.events is not None:
+        lines += _event_tables(layout, flat.events, state_start)
     return "\n".join(lines) + "\n"
+
+
+def _event_tables(layout: Layout, events: Events, state_start: np.ndarray) -> list[str]:
+    """Sizes and tables of what happens at events; the names are those of `model.events`."""
+    functions = EventFunctions(layout.explicit)
+    n_ubar = layout.explicit.rhs.numel_in(1) + layout.explicit.rhs.numel_in(2)
+    mode = Mode(layout.flat.theta_values, np.zeros(0), np.zeros(0))
+    ubar = np.zeros(n_ubar)
+    ubar[: len(layout.flat.inputs)] = [v.start or 0.0 for v in layout.flat.inputs]
+    start = EventUpdate(functions, state_start, mode, ubar, 0.0)
+    moved = [start.state_behind(one.unknown) if one.unknown >= 0 else (0, 1.0) for one in events.assignments]
+    restarted = [start.state_behind(one.unknown) for one in events.restarts]
+    n = len(events.activations)
+    before = [int(j in one.before) for one in events.activations for j in range(n)]
+    sizes = {
+        "N_RELATIONS": len(events.relations),
+        "N_WHOLES": len(events.whole_parts),
+        "N_CONDITIONS": events.conditions.numel(),
+        "N_ACTIVE": n,
+        "N_TICKS": events.ticks.numel(),
+        "N_ASSIGNED": len(events.assignments),
+        "N_MEMORIES": len(events.memories),
+        "N_RESTARTS": len(events.restarts),
+        "N_STARTS": len(events.start_slots),
+    }
+    tables: list[tuple[str, str, Sequence[float]]] = [
+        ("int", "RELATION_SLOT", [one.slot for one in events.relations]),
+        ("unsigned char", "RELATION_IS_STRICT", [int(one.is_strict) for one in events.relations]),
+        ("int", "WHOLE_SLOT", [one.slot for one in events.whole_parts]),
+        ("unsigned char", "IS_TIMED", [int(one) for one in functions.timed]),
+        ("unsigned", "ROOT_OWNER", [int(one) for one in functions.roots()[1]]),
+        ("unsigned", "ACTIVE_FIRST", [one.first for one in events.activations]),
+        ("unsigned", "ACTIVE_LAST", [one.last for one in events.activations]),
+        ("unsigned char", "ACTIVE_BEFORE", before),
+        ("int", "ASSIGNED_SLOT", [one.slot for one in events.assignments]),
+        ("int", "ASSIGNED_UNKNOWN", [one.unknown for one in events.assignments]),
+        ("unsigned", "ASSIGNED_STATE", [state for state, _ in moved]),
+        ("double", "ASSIGNED_SHARE", [share for _, share in moved]),
+        ("int", "MEMORY_SLOT", [one.slot for one in events.memories]),
+        ("unsigned", "RESTART_UNKNOWN", [one.unknown for one in events.restarts]),
+        ("unsigned", "RESTART_STATE", [state for state, _ in restarted]),
+        ("double", "RESTART_SHARE", [share for _, share in restarted]),
+        ("int", "START_SLOT", events.start_slots),
+    ]
+    return [
+        *(f"#define {name} {value}u" for name, value in sizes.items()),
+        f"#define INITIAL_SLOT {events.initial_slot}",
+        *(_array(kind, name, [repr(value) for value in values]) for kind, name, values in tables),
+    ]
 
 
 def state_nominals(layout: Layout) -> list[float]:
@@ -132,3 +212,8 @@ def _array(kind: str, name: str, entries: list[str]) -> str:
 def wrapper_code() -> str:
     """fmi3.c, the fixed part."""
     return files("daest.fmu").joinpath("wrapper.c").read_text(encoding="utf-8")
+
+
+def events_code() -> str:
+    """events.c, the fixed part of models with events."""
+    return files("daest.fmu").joinpath(EVENTS).read_text(encoding="utf-8")

@@ -6,7 +6,7 @@
  *       (x, u, v, w, theta, t), where v are derivatives of inputs and w are white noises.
  *   DAE mode (fmi-ls-dae, structural parameter): the unknowns xi and their derivatives dxi are the importer's,
  *       and the residuals F(dxi, xi, u, w, theta, t) can be read. Nothing is solved inside.
- * There are no events. One instance holds no global data, so several can run side by side.
+ * Models with events have ODE mode alone; "events.c" says what happens at one. One instance holds no global data, so several can run side by side.
  */
 #include <math.h>
 #include <stdio.h>
@@ -51,6 +51,10 @@ typedef struct {
     int dae_mode;
     double time;
     double x[N_X + 1], u[N_U + 1], v[N_V + 1], w[N_W + 1], theta[N_THETA + 1], xi[N_XI + 1], dxi[N_DXI + 1];
+#if HAS_EVENTS
+    double ticks_done[N_TICKS + 1], due; /* how often each sample was taken; the next instant that time decides */
+    unsigned char conditions[N_CONDITIONS + 1]; /* of when-clauses, at the last event */
+#endif
 } State;
 
 /* Everything that can be calculated, or a tangent of it. */
@@ -154,6 +158,10 @@ static fmi3Status update(Model *m) {
     return fmi3OK;
 }
 
+#if HAS_EVENTS
+#include "events.c"
+#endif
+
 static void set_start_values(Model *m) {
     State *s = &m->state;
     memset(s, 0, sizeof *s);
@@ -189,7 +197,7 @@ static double *knob(State *s, int dae_mode, fmi3ValueReference vr) {
     if (inside(vr, VR_U, N_U)) return &s->u[vr - VR_U];
     if (inside(vr, VR_V, N_V)) return &s->v[vr - VR_V];
     if (inside(vr, VR_W, N_W)) return &s->w[vr - VR_W];
-    if (inside(vr, VR_THETA, N_THETA)) return &s->theta[vr - VR_THETA];
+    if (inside(vr, VR_THETA, N_THETA)) return IS_MEMORY[vr - VR_THETA] ? NULL : &s->theta[vr - VR_THETA];
     if (dae_mode && inside(vr, VR_XI, N_XI)) return &s->xi[vr - VR_XI];
     if (dae_mode && inside(vr, VR_DXI, N_DXI)) return &s->dxi[vr - VR_DXI];
     for (unsigned i = 0; i < N_X; i++)
@@ -211,6 +219,15 @@ static const double *dial(const Results *r, fmi3ValueReference vr) {
 
 static fmi3Status get_one(Model *m, fmi3ValueReference vr, double *value) {
     const double *found = vr == VR_TIME ? &m->state.time : knob(&m->state, m->state.dae_mode, vr);
+    if (!found && inside(vr, VR_THETA, N_THETA)) found = &m->state.theta[vr - VR_THETA];
+#if HAS_EVENTS
+    if (inside(vr, VR_INDICATOR, N_ROOTS)) {
+        double g[N_ROOTS + 1];
+        if (indicators(m, g)) return fail(m, "%s could not be evaluated at this point (%u).", "The model", 0);
+        *value = g[vr - VR_INDICATOR];
+        return fmi3OK;
+    }
+#endif
     if (!found) {
         if (update(m) != fmi3OK) return fmi3Error;
         found = dial(&m->results, vr);
@@ -306,6 +323,14 @@ static int allocate_work(Model *m) {
         for (int k = 0; k < 4; k++)
             if (need[k] > size[k]) size[k] = need[k];
     }
+#if HAS_EVENTS
+    static const Work events[] = {model_at_work, model_roots_work, model_clock_work};
+    for (size_t i = 0; i < sizeof events / sizeof *events; i++) {
+        if (events[i](&need[0], &need[1], &need[2], &need[3])) return 0;
+        for (int k = 0; k < 4; k++)
+            if (need[k] > size[k]) size[k] = need[k];
+    }
+#endif
     m->arg = (const double **)calloc((size_t)size[0] + 1, sizeof(double *));
     m->res = (double **)calloc((size_t)size[1] + 1, sizeof(double *));
     m->iw = (casadi_int *)calloc((size_t)size[2] + 1, sizeof(casadi_int));
@@ -365,6 +390,11 @@ FMI3_Export fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Bo
 }
 
 FMI3_Export fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
+#if HAS_EVENTS
+    Model *m = (Model *)instance;
+    if (m->state.phase == INITIALIZATION && !start_mode(m))
+        return fail(m, "%s: the switches of the model find no common state (%u).", "fmi3ExitInitializationMode", 0);
+#endif
     return move(instance, IN(INITIALIZATION), EVENT, "fmi3ExitInitializationMode");
 }
 
@@ -472,13 +502,18 @@ FMI3_Export fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance instance, si
 
 FMI3_Export fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance instance, size_t *n) {
     (void)instance;
-    *n = 0;
+    *n = N_ROOTS;
     return fmi3OK;
 }
 
-FMI3_Export fmi3Status fmi3GetEventIndicators(fmi3Instance instance, fmi3Float64 indicators[], size_t n) {
-    (void)indicators;
-    return n == 0 ? fmi3OK : fail((Model *)instance, "%s: this model has %u event indicators.", "fmi3GetEventIndicators", 0);
+FMI3_Export fmi3Status fmi3GetEventIndicators(fmi3Instance instance, fmi3Float64 values[], size_t n) {
+    Model *m = (Model *)instance;
+    if (n != N_ROOTS) return fail(m, "%s: this model has %u event indicators.", "fmi3GetEventIndicators", N_ROOTS);
+#if HAS_EVENTS
+    if (indicators(m, values)) return fail(m, "%s could not be evaluated at this point (%u).", "The model", 0);
+#endif
+    (void)values;
+    return fmi3OK;
 }
 
 FMI3_Export fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance, fmi3Boolean noSetFMUState,
@@ -497,9 +532,20 @@ FMI3_Export fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance instance) {
 FMI3_Export fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *needUpdate, fmi3Boolean *terminate,
                                                 fmi3Boolean *nominalsChanged, fmi3Boolean *valuesChanged,
                                                 fmi3Boolean *nextEventTimeDefined, fmi3Float64 *nextEventTime) {
-    (void)instance;
     *needUpdate = *terminate = *nominalsChanged = *valuesChanged = *nextEventTimeDefined = fmi3False;
     *nextEventTime = 0.0;
+#if HAS_EVENTS
+    Model *m = (Model *)instance;
+    int is_moved = 0;
+    if (!happen(m, &is_moved))
+        return fail(m, "%s: the switches of the model find no common state (%u).", "fmi3UpdateDiscreteStates", 0);
+    *valuesChanged = is_moved ? fmi3True : fmi3False;
+    if (isfinite(m->state.due)) {
+        *nextEventTimeDefined = fmi3True;
+        *nextEventTime = m->state.due;
+    }
+#endif
+    (void)instance;
     return fmi3OK;
 }
 

@@ -51,7 +51,7 @@ class EventFunctions:
         ticks: np.ndarray,
     ) -> EventPoint:
         """Everything at one instant."""
-        parts = self._all(x, ubar, theta, t, active, ticks)
+        parts = self.whole(x, ubar, theta, t, active, ticks)
         made = [np.asarray(part.full()) for part in parts]
         return EventPoint(*[m if name in _TABLES else m.ravel() for name, m in zip(PARTS, made, strict=True)])
 
@@ -104,7 +104,7 @@ class EventFunctions:
 
     def clock(self, x: np.ndarray, ubar: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values at time zero and slopes along time of relations, then of whole parts."""
-        value, slope = self._clock(x, ubar, theta)
+        value, slope = self.along_time(x, ubar, theta)
         return value.full().ravel(), slope.full().ravel()
 
     def roots(self) -> tuple[ca.Function, np.ndarray]:
@@ -181,7 +181,8 @@ class EventFunctions:
         return symbols, switches, {name: self._expression(name, at, switches) for name in PARTS}
 
     @cached_property
-    def _all(self) -> ca.Function:
+    def whole(self) -> ca.Function:
+        """(x, ū, θ, t, active, ticks) -> all `PARTS`."""
         symbols, switches, parts = self._whole()
         return ca.Function("events", [*symbols, *switches], [ca.densify(parts[name]) for name in PARTS])
 
@@ -200,7 +201,8 @@ class EventFunctions:
         return ca.Function("variables", symbols, [ca.densify(xi), ca.densify(ca.jacobian(xi, symbols[0]))])
 
     @cached_property
-    def _clock(self) -> ca.Function:
+    def along_time(self) -> ca.Function:
+        """(x, ū, θ) -> values at time zero and slopes along time of relations, then of whole parts."""
         kind, symbols, xi, rates = self._point()
         at = [rates, xi, *self._flat_arguments(symbols)]
         watched = ca.vertcat(self._expression("values", at), self._expression("wholes", at))

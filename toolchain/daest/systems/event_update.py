@@ -234,13 +234,13 @@ class EventUpdate:
         made = self.x.copy()
         present = self.functions.variables(self.x, self.ubar, self.mode.theta, self.t)
         for unknown, value in wanted:
-            state, share = self._state_behind(unknown)
+            state, share = self.state_behind(unknown)
             if present[unknown] != value:
                 moved = self.x[state] + (value - present[unknown]) / share
                 made[state] = moved if abs(share) != 1 else share * value
         return made
 
-    def _state_behind(self, unknown: int) -> tuple[int, float]:
+    def state_behind(self, unknown: int) -> tuple[int, float]:
         """The state that decides an unknown, and its share in it."""
         explicit = self.functions.explicit
         variable = explicit.flat.unknowns[unknown]
@@ -269,7 +269,7 @@ class EventUpdate:
         if self.slopes is not None:
             along = self._along("restarted", self.slopes)
             for i in due:
-                state, share = self._state_behind(restarts[i].unknown)
+                state, share = self.state_behind(restarts[i].unknown)
                 self.slopes.states[state] = along[i] / share
         return self._with_variables(wanted)
 
@@ -294,7 +294,7 @@ class EventUpdate:
         rows = [i for i, one in enumerate(assignments) if one.unknown >= 0]
         if self.slopes is None or not rows:
             return
-        behind = [self._state_behind(assignments[i].unknown) for i in rows]
+        behind = [self.state_behind(assignments[i].unknown) for i in rows]
         for _ in rows:
             along = self._along("assigned", self.slopes)
             for i, (state, share) in zip(rows, behind, strict=True):
