@@ -9,6 +9,7 @@ from itertools import chain
 from pathlib import Path
 
 import pytest
+import yaml
 
 import daest
 
@@ -68,3 +69,20 @@ def test_wheel_works_outside_the_checkout(tmp_path):
         [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True
     )
     assert where.stdout.startswith(str(tmp_path))
+
+
+def test_conda_recipe_asks_for_what_the_project_asks_for(project):
+    recipe = yaml.safe_load((ROOT / "packaging" / "recipe.yaml").read_text(encoding="utf-8"))
+    assert recipe["context"]["version"] == daest.__version__
+    wanted = {tuple(re.split(r"(?=[<>=~])", one, maxsplit=1)) for one in project["dependencies"]}
+    other_names = {"matplotlib-base": "matplotlib"}
+    run = [one.split(" ", 1) for one in recipe["requirements"]["run"]]
+    assert {(other_names.get(name, name), rule) for name, rule in run if name != "python"} == wanted
+    for name in recipe["about"]["license_file"]:
+        assert (ROOT / name).is_file()
+
+
+def test_extras_of_the_page_exist(project):
+    page = (ROOT / "docs" / "how-to" / "install.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"daest\[(\w+)\]", page))
+    assert named == set(project["optional-dependencies"]) - {"docs", "test", "benchmark", "parquet"}
