@@ -15,7 +15,7 @@ import argparse
 import ctypes
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -47,6 +47,7 @@ NAMES = {
     "constant": ("ConstantLoad", "Offset"),
 }
 AVERAGE_RUN = 20_000.0
+NOMINAL = (0.02, 1.5, 6.3e-6, 0.02, 0.06)  # d, c, J1, J2, k
 SUBSTEPS = 400  # of the simulator, whose steps are of first order
 
 
@@ -58,9 +59,10 @@ def model() -> Any:
 SOURCE = """
 #include <math.h>
 static double soft(double v, double t) { return v > 0 ? fmax(v - t, 0.0) : fmin(v + t, 0.0); }
-void simulate(long n, long m, double period, const double *u, const double *kicks, long begins, double gap,
-              double dry_size, double push_size, double *y) {
-    double J1 = 6.3e-6 * 900, J2 = 0.02, c = 1.5, d = 0.02, torque = 1.8, R = 4.31617, dt = period / m;
+/* p: d, c, J1, J2, k of the servo; the gear ratio is 30 */
+void simulate(long n, long m, double period, const double *p, const double *u, const double *kicks,
+              long begins, double gap, double dry_size, double push_size, double *y) {
+    double d = p[0], c = p[1], J1 = 900 * p[2], J2 = p[3], torque = 30 * p[4], R = 4.31617, dt = period / m;
     double w1 = 0, a1 = 0, w2 = 0, a2 = 0;
     for (long k = 0; k < n; k++) {
         y[2 * k] = w1, y[2 * k + 1] = a2;
@@ -83,16 +85,24 @@ def library() -> ctypes.CDLL:
     return ctypes.CDLL(str(build_shared(SOURCE, "watch_study", ("-O2",))))
 
 
-def stream(effect: str, size: float, n: int, seed: int) -> Experiment:
-    """The servo with an effect from sample BEGINS on. The white torque is drawn afresh for every substep."""
+def stream(
+    effect: str,
+    size: float,
+    n: int,
+    seed: int,
+    *,
+    parameters: Sequence[float] = NOMINAL,
+    begins: int = BEGINS,
+) -> Experiment:
+    """The servo with an effect from sample `begins` on. The white torque is drawn for every substep."""
     rng = np.random.default_rng(seed)
     u = np.ascontiguousarray(6.0 * excitation("noise", n, PERIOD, 0.5, rng))
     kicks = rng.standard_normal((n, SUBSTEPS)) * np.sqrt(1e-6 * PERIOD / SUBSTEPS)
     y = np.zeros((n, 2))
     sizes = [size if effect == name else 0.0 for name in ("backlash", "friction", "constant")]
     library().simulate(
-        ctypes.c_long(n), ctypes.c_long(SUBSTEPS), ctypes.c_double(PERIOD), pointer(u), pointer(kicks),
-        ctypes.c_long(BEGINS), *map(ctypes.c_double, sizes), pointer(y),
+        ctypes.c_long(n), ctypes.c_long(SUBSTEPS), ctypes.c_double(PERIOD), pointer(np.array(parameters)),
+        pointer(u), pointer(kicks), ctypes.c_long(begins), *map(ctypes.c_double, sizes), pointer(y),
     )  # fmt: skip
     y += rng.standard_normal((n, 2)) * (0.02, 0.01)
     return Experiment(effect, np.arange(n) * PERIOD, u[:, None], y, ("u",), ("omega", "phi"))

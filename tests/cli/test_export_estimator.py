@@ -47,7 +47,6 @@ def test_the_fit_tells_period_and_values(folder, daest):
         (("--estimator",), "estimator-option"),
         (("--step", "0.1"), "estimator-option"),
         (("--estimator", "--step", "0.1", "--float"), "estimator-option"),
-        (("--estimator", "--step", "0.1", "--kind", "ekf"), "estimator-nonlinear"),
         (("--estimator", "--step", "0.1", "--only", "z"), "filter-unknown-variable"),
         (("--estimator", "--step", "0.1", "-o", "e.txt"), "export-suffix"),
     ],

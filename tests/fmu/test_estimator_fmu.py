@@ -6,12 +6,13 @@ import fmpy
 import numpy as np
 import pytest
 from fmpy import fmi2, fmi3
-from test_estimator_c import PLANT, agree, record
+from test_estimator_c import NONLINEAR, PLANT, agree, record
 
 from daest.estimation.estimator import estimator_model
 from daest.estimation.filter import run_filter
 from daest.fmu.estimator_fmu import export_estimator_fmu
 from daest.model.estimates import FilterOptions, InitialState
+from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
 
 VERSIONS = ("3.0", "2.0")
@@ -154,3 +155,25 @@ def test_a_step_back_is_an_error(fmus, version):
     with pytest.raises(Exception, match=r"(?i)dostep"):
         importer.step(experiment, 2)
     importer.fmu.freeInstance()
+
+
+@pytest.mark.parametrize(("version", "kind"), [("3.0", "ekf"), ("2.0", "ukf")])
+def test_a_nonlinear_filter(tmp_path, version, kind):
+    """Of a model with an algebraic loop; missing samples, uneven steps."""
+    path = tmp_path / "Diode.mo"
+    path.write_text(NONLINEAR["Diode"])
+    flat, rng, n = compile_model(path), np.random.default_rng(1), 80
+    time = np.cumsum(rng.uniform(0.03, 0.2, n))
+    y = rng.normal(size=(n, 1))
+    y[rng.uniform(size=y.shape) < 0.2] = np.nan
+    experiment = Experiment("r", time, np.repeat(rng.normal(size=n // 5), 5)[:, None], y, ("u",), ("y",))
+    model = estimator_model(flat, 0.1, kind, longest=0.025)
+    result = export_estimator_fmu(model, tmp_path / "e.fmu", version=version)
+    assert result.validation == ()
+    start = {"start_known": True, "start.v": 0.3, "start.v.std": 0.2, "start.q": 0.1, "start.q.std": 0.4}
+    importer = Importer(result.path, fmpy.extract(str(result.path), str(tmp_path / "u"))).start(**start)
+    rows = table(importer.run(experiment))
+    importer.close()
+    initial = InitialState.known(np.array([0.3, 0.1]), np.array([0.2, 0.4]))
+    known = run_filter(flat, experiment, kind, FilterOptions(initial=initial, longest=0.025))
+    agree(rows, known, 1e-9, ("v", "q", "i", "y"))

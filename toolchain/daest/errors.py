@@ -526,9 +526,8 @@ EXPLANATIONS: dict[str, str] = {
         "folder with classes of one's own."
     ),
     "estimator-nonlinear": (
-        "daest export --estimator writes linear Kalman filters, time-varying or stationary, for linear "
-        "models. The extended and the unscented filter of nonlinear models run beside a machine with "
-        "daest filter --follow."
+        "The kalman and the stationary estimator are filters of linear models. daest export --estimator "
+        "writes the extended (--kind ekf) or the unscented (--kind ukf) filter of a nonlinear one."
     ),
     "estimator-option": (
         "An option belongs to the export of an estimator and was given without --estimator, or the other "

@@ -41,7 +41,7 @@ estimator_options = gathered(
     click.option(
         "--kind",
         type=click.Choice(["stationary", "kalman", "ekf", "ukf"]),
-        help="Kind of the estimator (default: kalman).",
+        help="Kind of the estimator (default: kalman, ekf for a nonlinear model).",
     ),
     click.option("--only", metavar="NAME", multiple=True, help="Estimate this variable alone."),
     click.option(

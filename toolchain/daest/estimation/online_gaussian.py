@@ -17,6 +17,7 @@ import numpy as np
 from daest.errors import EstimationError
 from daest.estimation.ekf import run_ekf
 from daest.estimation.filter_task import Noise, Record, Start, Task
+from daest.estimation.filters.local import in_states_of
 from daest.estimation.interpreted import project
 from daest.estimation.online import checked_arrays
 from daest.estimation.ukf import run_ukf
@@ -26,6 +27,7 @@ from daest.model.stream import Estimate, Sample
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import Hold, interval_inputs
 from daest.systems.local_linear import LocalModel, internal_function, internal_names, local_model
+from daest.systems.redundant import good_everywhere
 
 SUBSTEPS = 4  # of the local linearisation in an expected step
 Kind = Literal["ekf", "ukf"]
@@ -166,15 +168,19 @@ def online_gaussian(
     """The filter of `explicit` with all its outputs, for steps of about `period` [s].
 
     intensity (n_w,), std (n_y,) in the order of the model. `initial` None is an unknown start: the consistent
-    initial point of the model, with the size of each state as its standard deviation. `longest` [s]: of the
-    substeps (None: a SUBSTEPS-th of the period).
+    initial point of the model, with the size of each state as its standard deviation. The states are those of
+    `good_everywhere`. `longest` [s]: of the substeps (None: a SUBSTEPS-th of the period).
 
     Raises EstimationError `filter-initial-state`, `output-white-noise`; ModelError of the initial point.
     """
+    start, notes = _start(explicit, theta, initial)
+    used = good_everywhere(explicit)
+    if used is not explicit:
+        start = _in_other_states(used, explicit, start, theta)
+        explicit = used
     model = local_model(explicit)
     names = internal_names(explicit)
     units = {o.name: o.unit for o in explicit.flat.outputs} | {v.name: v.unit for v in explicit.flat.unknowns}
-    start, notes = _start(explicit, theta, initial)
     first = GaussianMemory(
         float("nan"), period, np.zeros(len(explicit.flat.inputs)), start.mean, start.cov, 0.0
     )
@@ -182,6 +188,14 @@ def online_gaussian(
         kind, model, np.asarray(theta, float), Noise(np.asarray(intensity, float), np.asarray(std, float) **
         2), hold, period / SUBSTEPS if longest is None else longest, names, tuple(units[name] for name in
         names), first, inside_function(explicit), notes, )  # fmt: skip
+
+
+def _in_other_states(used: Dynamics, explicit: Dynamics, start: Start, theta: np.ndarray) -> Start:
+    """The start in the states of `used`, with inputs at zero."""
+    time, inputs = np.arange(2.0), np.zeros((2, len(explicit.flat.inputs)))
+    mean, cov = in_states_of(used, explicit, start.mean, start.cov, theta, time, inputs)
+    assert cov is not None  # all of it is finite
+    return Start(mean, cov)
 
 
 def inside_function(explicit: Dynamics) -> ca.Function:

@@ -17,11 +17,12 @@ from daest.errors import EstimationError
 from daest.estimation.flat_start import WELL_CONDITIONED, solve_root, whitening
 from daest.estimation.kalman import reference_start
 from daest.estimation.online import checked_arrays
-from daest.estimation.stationary import stationary_filter
+from daest.estimation.stationary import stationary_filter, without_unseen
 from daest.model.estimates import FilterKind, InitialState
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.model.stream import Estimate, Sample
 from daest.numerics.gaussian import undetermined
+from daest.numerics.innovations import forgetting
 from daest.systems.sample import Hold, sample
 
 STEP_RESOLUTION = 1e-8  # steps that differ by less than this part of the nominal period share a sampled model
@@ -107,10 +108,17 @@ class OnlineKalman:
             found = sample(
                 self.model, number * grid, self.hold, self.intensity, self.measurement_cov, self.noise
             )
+            found = self._settling(found)
         self._models[number] = found
         if len(self._models) > KEPT_MODELS:
             del self._models[next(iter(self._models))]
         return found
+
+    def _settling(self, model: DiscreteModel) -> DiscreteModel:
+        """A stationary filter forgets what no output sees at every step, so that its covariance settles."""
+        if self.kind != "stationary":
+            return model
+        return replace(model, transition=forgetting(model.transition, model.output))
 
     def advance(self, memory: KalmanMemory, sample: Sample) -> tuple[KalmanMemory, Estimate]:
         """Raises EstimationError `filter-singular-innovation`."""
@@ -153,7 +161,9 @@ class OnlineKalman:
             Phi @ memory.mean + model.input_now @ memory.inputs + model.input_next @ following_ubar
             + model.drift + gain @ update.innovation
         )  # fmt: skip
-        sensitivity = Phi @ memory.sensitivity - gain @ update.slope
+        sensitivity = memory.sensitivity  # of a stationary filter: the directions that no output sees
+        if self.kind != "stationary":
+            sensitivity = Phi @ sensitivity - gain @ update.slope
         density = memory.log_density + _log_density(update)
         after = replace(
             memory, step=step, mean=mean, cov=(cov + cov.T) / 2, sensitivity=sensitivity, root=update.root,
@@ -315,9 +325,12 @@ def _first(
     """The memory before the first sample, and the size of each state."""
     n = nominal.transition.shape[0]
     if kind == "stationary":
-        P = stationary_filter(nominal, model.state_names).predicted_cov
+        still, unseen = without_unseen(nominal, np.ones(nominal.output.shape[0], dtype=bool))
+        P = stationary_filter(still, model.state_names).predicted_cov
         mean = np.zeros(n) if initial is None else initial.mean
-        start, sensitivity, p, scale = (mean, P), np.zeros((n, 0)), 0, np.sqrt(np.diagonal(P))
+        start, p, scale = (mean, P), 0, np.sqrt(np.diagonal(P))
+        share = np.abs(unseen) / np.where(scale > 0.0, scale, 1.0)[:, None]
+        sensitivity = unseen / np.max(share, axis=0, initial=np.finfo(float).tiny)
     else:
         wanted = InitialState.unknown(n) if initial is None else initial
         if np.any(wanted.is_unknown):

@@ -1,105 +1,126 @@
-"""A linear estimator as C99: sizes, matrices as functions of the parameters, names and the start, beside the
-fixed program of `fmu/estimator/`.
+"""An estimator as C99: sizes, functions of the model, names and the start, beside the fixed program of
+`fmu/estimator/`. `estimator_linear` and `estimator_nonlinear` write what differs.
 """
 
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.resources import files
-from typing import Any
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
 
 from daest.errors import EstimationError
-from daest.model.linear import StateSpaceFamily
+from daest.model.flat import FlatModel
 
-FIXED = ("estimator.h", "estimator.c", "main.c")
-_MATRICES = ("A", "B", "G", "b", "C", "D", "H", "d")
-_HELPER = re.compile(r"^casadi_real casadi_\w+\([^\n]*\{(?:[^\n]*\}\n|.*?^\}\n)", re.S | re.M)
-_HEAD = re.compile(r"static int casadi_f0\((.*?)\) ?\{", re.S)
+_EXPORTED = re.compile(r"^CASADI_SYMBOL_EXPORT (?:[^\n]*\}\n|.*?^\}\n)", re.S | re.M)
+_NAMED = re.compile(
+    r"^CASADI_SYMBOL_EXPORT int (\w+)\(const casadi_real\*\*.*?\n  return (casadi_f\d+)\(", re.M
+)
+_DEFINED = re.compile(r"^static [^\n(\[]*\b(casadi_\w+)(?:\[[^\n]*;\n|\([^\n]*\}\n|\(.*?^\}\n)", re.S | re.M)
+_INNER = re.compile(r"^(static int casadi_f\d+\([^)]*\)) \{", re.M)
+_HELPER = re.compile(r"^(?=(?:casadi_real|casadi_int|void|int) casadi_\w+\()", re.M)
+_PROLOGUE_ENDS = "#define CASADI_SYMBOL_EXPORT\n  #endif\n#endif\n"
 
 
-@dataclass(frozen=True)
-class EstimatorStart:
-    """The first state: mean (n,), cov (n, n), sensitivity (n, q) to the unknown part, of which the outputs
-    determine the first `n_known`; `log_density` of the flat prior, `scale` (n,): the size of each state."""
+class EstimatorForm(Protocol):
+    """What kinds of estimators do not share. `word` names the filter; `is_tunable`: parameters can change."""
 
-    mean: np.ndarray
-    cov: np.ndarray
-    sensitivity: np.ndarray
-    n_known: int
-    log_density: float
-    scale: np.ndarray
+    @property
+    def word(self) -> str: ...
+
+    @property
+    def is_tunable(self) -> bool: ...
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Compile-time constants besides those of `EstimatorModel.sizes`."""
+
+    @property
+    def constants(self) -> dict[str, str]:
+        """More of them, as C expressions."""
+
+    def program(self) -> dict[str, str]:
+        """Name -> text of the fixed files."""
+
+    def functions(self, model: EstimatorModel) -> str:
+        """C text of the functions of the model, and of `estimator_start`."""
+
+    def cost(self, model: EstimatorModel) -> dict[str, int | None]:
+        """`memory` of an instance and `stack`, in numbers, `operations` a sample and `resampling`: more of
+        them at a new step. None where it is not known."""
 
 
 @dataclass(frozen=True)
 class EstimatorModel:
-    """What a linear estimator is made of. `values` are the internal variables that it tells; `intensity`
-    (n_w,) and `std` (n_y,) the noise levels, `period` [s] the expected step; `held`: white noise reaches an
-    output."""
+    """What an estimator is made of. `values` are the internal variables that it tells; `intensity` (n_w,) and
+    `std` (n_y,) the noise levels, `period` [s] the expected step, `scale` (n,) the size of each state."""
 
-    name: str
-    family: StateSpaceFamily
+    flat: FlatModel
+    state_names: tuple[str, ...]
+    state_units: tuple[str, ...]
+    slopes: tuple[int, ...]
     theta: np.ndarray
     intensity: np.ndarray
     std: np.ndarray
+    scale: np.ndarray
     period: float
     hold: str
-    held: bool
     values: tuple[str, ...]
-    start: EstimatorStart
+    form: EstimatorForm
+
+    @property
+    def name(self) -> str:
+        return self.flat.name
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        return tuple(v.name for v in self.family.inputs)
+        return tuple(v.name for v in self.flat.inputs)
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        return tuple(y.name for y in self.family.outputs)
+        return tuple(y.name for y in self.flat.outputs)
 
     @property
     def noises(self) -> tuple[str, ...]:
-        return tuple(w.name for w in self.family.noises)
+        return tuple(w.name for w in self.flat.noises)
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        return tuple(p.name for p in self.family.parameters)
+        return tuple(p.name for p in self.flat.parameters)
 
     @property
     def is_tunable(self) -> bool:
-        """Whether the matrices are computed from the parameters, or are numbers."""
-        return bool(self.family.matrices.is_a("SXFunction"))
+        """Whether the parameters can be changed while it runs."""
+        return self.form.is_tunable
 
     @property
     def sizes(self) -> dict[str, int]:
-        n_u, n_q = len(self.inputs), self.start.sensitivity.shape[1]
         return {
-            "EST_NX": len(self.family.state_names),
-            "EST_NU": n_u,
-            "EST_NUB": n_u + len(self.family.input_derivatives),
+            "EST_NX": len(self.state_names),
+            "EST_NU": len(self.inputs),
+            "EST_NUB": len(self.inputs) + len(self.slopes),
             "EST_NW": len(self.noises),
             "EST_NY": len(self.outputs),
             "EST_NV": len(self.values),
-            "EST_NQ": n_q,
-            "EST_NP": self.start.n_known,
             "EST_NTHETA": len(self.parameters) if self.is_tunable else 0,
             "EST_FOH": int(self.hold == "foh"),
-            "EST_HELD": int(self.held),
+            **self.form.sizes,
         }
 
 
-def all_values(family: StateSpaceFamily) -> tuple[str, ...]:
+def all_values(flat: FlatModel) -> tuple[str, ...]:
     """Internal variables, then the outputs that are none of them."""
-    names = tuple(v.name for v in family.unknowns)
-    return names + tuple(y.name for y in family.outputs if y.name not in names)
+    names = tuple(v.name for v in flat.unknowns)
+    return names + tuple(y.name for y in flat.outputs if y.name not in names)
 
 
-def chosen_values(family: StateSpaceFamily, only: Sequence[str]) -> tuple[str, ...]:
+def chosen_values(flat: FlatModel, only: Sequence[str]) -> tuple[str, ...]:
     """The variables `only`, all of them without any. Raises EstimationError `filter-unknown-variable`."""
-    known = all_values(family)
+    known = all_values(flat)
     for name in only:
         if name not in known:
             raise EstimationError(
@@ -113,24 +134,25 @@ def chosen_values(family: StateSpaceFamily, only: Sequence[str]) -> tuple[str, .
 
 def estimator_files(model: EstimatorModel, *, is_float: bool = False) -> dict[str, str]:
     """Name -> text of the C files."""
-    room = files("daest.fmu").joinpath("estimator")
-    fixed = {name: room.joinpath(name).read_text(encoding="utf-8") for name in FIXED}
-    return {**fixed, "estimator_sizes.h": _sizes(model, is_float), "estimator_model.c": _model(model)}
+    return {
+        **model.form.program(),
+        "estimator_sizes.h": _sizes(model, is_float),
+        "estimator_model.c": _model(model),
+    }
 
 
 def _sizes(model: EstimatorModel, is_float: bool) -> str:
     lines = [f"/* Sizes of the estimator of {_comment(model.name)}. */", "#ifndef ESTIMATOR_SIZES_H"]
     lines += ["#define ESTIMATOR_SIZES_H", *(["#define ESTIMATOR_FLOAT"] if is_float else [])]
-    lines += [f"#define {name} {value}" for name, value in model.sizes.items()]
-    sources = [str(source) for source, _ in model.family.input_derivatives] or ["0"]
+    lines += [f"#define {name} {value}" for name, value in (model.sizes | model.form.constants).items()]
+    sources = [str(source) for source in model.slopes] or ["0"]
     lines += [f"#define EST_SLOPES {{{', '.join(sources)}}}", "#endif"]
     return "\n".join(lines) + "\n"
 
 
 def _model(model: EstimatorModel) -> str:
-    start = model.start
     parts = [
-        f"/* The model {_comment(model.name)}, generated by daest: names, start values, matrices. */",
+        f"/* The model {_comment(model.name)}, generated by daest: names, start values, functions. */",
         '#include "estimator.h"\n\n#include <string.h>',
         _names("inputs", model.inputs),
         _names("outputs", model.outputs),
@@ -138,96 +160,61 @@ def _model(model: EstimatorModel) -> str:
         _names("noises", model.noises),
         _names("parameters", model.parameters if model.is_tunable else ()),
         "extern const est_real estimator_scale[];",
-        _numbers("const est_real estimator_scale", start.scale),
-        *(
-            _numbers(f"static const est_real START_{name}", values)
-            for name, values in (
-                ("THETA", model.theta if model.is_tunable else np.zeros(0)),
-                ("INTENSITY", model.intensity),
-                ("STD", model.std),
-                ("MEAN", start.mean),
-                ("COV", start.cov.ravel()),
-                ("SENS", start.sensitivity.ravel()),
-            )
-        ),
-        _matrices(model),
-        _STARTED.format(
-            period=repr(float(model.period)),
-            n_known=start.n_known,
-            n_open=start.sensitivity.shape[1] - start.n_known,
-            log_density=repr(float(start.log_density)),
-        ),
+        numbers("const est_real estimator_scale", model.scale),
+        numbers("static const est_real START_THETA", model.theta if model.is_tunable else np.zeros(0)),
+        numbers("static const est_real START_INTENSITY", model.intensity),
+        numbers("static const est_real START_STD", model.std),
+        model.form.functions(model),
     ]
     return "\n".join(parts)
 
 
-_STARTED = """
-void estimator_start(Estimator *e) {{
-    memcpy(e->theta, START_THETA, sizeof e->theta);
-    memcpy(e->intensity, START_INTENSITY, sizeof e->intensity);
-    memcpy(e->noise_std, START_STD, sizeof e->noise_std);
-    memcpy(e->mean, START_MEAN, sizeof e->mean);
-    memcpy(e->cov, START_COV, sizeof e->cov);
-    memcpy(e->sens, START_SENS, sizeof e->sens);
-    e->period = (est_real){period};
-    e->n_known = {n_known};
-    e->n_open = {n_open};
-    e->log_density = (est_real){log_density};
-}}
-"""
+def starting(model: EstimatorModel, lines: Sequence[str]) -> str:
+    """`estimator_start`, with `lines` for the first state."""
+    shared = [
+        "memcpy(e->theta, START_THETA, sizeof e->theta);",
+        "memcpy(e->intensity, START_INTENSITY, sizeof e->intensity);",
+        "memcpy(e->noise_std, START_STD, sizeof e->noise_std);",
+        "memcpy(e->mean, START_MEAN, sizeof e->mean);",
+        "memcpy(e->cov, START_COV, sizeof e->cov);",
+        f"e->period = (est_real){float(model.period)!r};",
+    ]
+    body = "".join(f"    {line}\n" for line in (*shared, *lines))
+    return f"\nvoid estimator_start(Estimator *e) {{\n{body}}}\n"
 
 
-def _matrices(model: EstimatorModel) -> str:
-    """`estimator_matrices`: computed from the parameters, or numbers."""
-    function = _matrix_function(model)
-    names = (*_MATRICES, "V")
-    if not model.is_tunable:
-        values = [np.array(value).ravel() for value in function.call([model.theta])]
-        arrays = [_numbers(f"static const est_real FIXED_{n}", v) for n, v in zip(names, values, strict=True)]
-        copies = [f"    memcpy(m->{n}, FIXED_{n}, sizeof m->{n});" for n in names]
-        head = "int estimator_matrices(const est_real *theta, EstMatrices *m) {\n    (void)theta;"
-        return "\n".join([*arrays, head, *copies, "    return EST_OK;", "}"])
-    results = ", ".join(f"m->{name}" for name in names)
-    return f"""{_generated(function)}
-int estimator_matrices(const est_real *theta, EstMatrices *m) {{
-    const est_real *arg[1];
-    est_real *res[{len(names)}] = {{{results}}};
-    arg[0] = theta;
-    return casadi_f0(arg, res) ? EST_NOT_FINITE : EST_OK;
-}}"""
-
-
-def _matrix_function(model: EstimatorModel) -> ca.Function:
-    """theta -> the matrices row by row, V last; of the chosen variables."""
-    family = model.family
-    kind: Any = ca.SX if model.is_tunable else ca.MX
-    theta = kind.sym("theta", family.matrices.numel_in(0))
-    A, B, G, b, C, D, H, d, X, U, W, x0 = family.matrices.call([theta], True, False)
-    unknowns = [v.name for v in family.unknowns]
-    rows = []
-    for name in model.values:
-        if name in unknowns:
-            i = unknowns.index(name)
-            rows.append(ca.horzcat(X[i, :], W[i, :], U[i, :], x0[i]))
-        else:
-            i = model.outputs.index(name)
-            rows.append(ca.horzcat(C[i, :], H[i, :], D[i, :], d[i]))
-    V = ca.vertcat(*rows)
-    flat = [ca.densify(ca.vec(ca.densify(m).T)) for m in (A, B, G, b, C, D, H, d, V)]
-    return ca.Function("matrices", [theta], flat)
-
-
-def _generated(function: ca.Function) -> str:
-    """The body of a scalar function as C, with the helpers that it calls; nothing else of what CasADi writes,
-    most of which nobody calls."""
+def generated(functions: Sequence[ca.Function]) -> str:
+    """The functions as C under their own names, with the helpers that they call; nothing else of what CasADi
+    writes, most of which nobody calls."""
     generator = ca.CodeGenerator("model", {"with_header": False})
-    generator.add(function)
+    for function in functions:
+        generator.add(function)
     text = generator.dump()
-    helpers = _HELPER.findall(text)
-    body = text[text.index("static int casadi_f0(") : text.index("CASADI_SYMBOL_EXPORT int matrices(")]
-    body = _HEAD.sub("static int casadi_f0(const est_real **arg, est_real **res) {", body)
-    shared = [re.sub("^casadi_real", "static casadi_real", one) for one in helpers]
-    return "\n".join(["#include <math.h>", "#define casadi_real est_real", *shared, body])
+    text = text[text.index(_PROLOGUE_ENDS) + len(_PROLOGUE_ENDS) :]
+    arguments = "(const est_real **arg, est_real **res, casadi_int *iw, est_real *w, int mem)"
+    named = [
+        f"int {name}{arguments} {{\n  return {inner}(arg, res, iw, w, mem);\n}}"
+        for name, inner in _NAMED.findall(text)
+    ]
+    body = _HELPER.sub("static ", _EXPORTED.sub("", text))
+    body = _INNER.sub(r"\1 {\n  (void)arg, (void)res, (void)iw, (void)w, (void)mem;", body)
+    body = _without_unused("\n".join([body, *named]))
+    math = "#ifdef ESTIMATOR_FLOAT\n#include <tgmath.h>\n#else\n#include <math.h>\n#endif"
+    return "\n".join([math, "#define casadi_real est_real", _INTEGER, body])
+
+
+def _without_unused(text: str) -> str:
+    """Without static definitions whose names occur nowhere else."""
+    while True:
+        used = Counter(re.findall(r"casadi_\w+", text))
+        unused = [found[0] for found in _DEFINED.finditer(text) if used[found[1]] == 1]
+        if not unused:
+            return text
+        for definition in unused:
+            text = text.replace(definition, "")
+
+
+_INTEGER = "#ifndef casadi_int\n#define casadi_int long long int\n#endif"
 
 
 def _names(kind: str, names: Sequence[str]) -> str:
@@ -235,7 +222,7 @@ def _names(kind: str, names: Sequence[str]) -> str:
     return f"const char *const estimator_{kind}[] = {{{entries}}};"
 
 
-def _numbers(declared: str, values: np.ndarray) -> str:
+def numbers(declared: str, values: np.ndarray) -> str:
     """A constant array, with one entry where there is none."""
     entries = [repr(float(v)) for v in np.asarray(values).ravel()] or ["0"]
     return f"{declared}[{len(entries)}] = {{{', '.join(entries)}}};"

@@ -1,4 +1,4 @@
-"""A linear estimator as a Co-Simulation FMU, FMI 3.0 or 2.0: the C code of `estimator_code` behind the
+"""An estimator as a Co-Simulation FMU, FMI 3.0 or 2.0: the C code of `estimator_code` behind the
 standard's interface.
 """
 
@@ -17,13 +17,13 @@ import daest
 from daest.fmu.description import model_identifier
 from daest.fmu.estimator_code import EstimatorModel, estimator_files
 from daest.fmu.export import FLAGS, write_archive
+from daest.fmu.sources import SHARED, shared_code
 from daest.model.fmu import EstimatorExport
 from daest.numerics.compiler import Platform, build_shared, native_platform, platform_named
 
 Version = Literal["2.0", "3.0"]
 Causality = Literal["independent", "input", "output", "parameter"]
-_INCLUDED = ("estimator.h", "estimator.c", "estimator_model.c", "estimator_sizes.h")
-# FMI 2 has no independent variable without a start, and counts variables from 1.
+_ONLY_2 = {"variableNamingConvention": "flat", "numberOfEventIndicators": "0"}
 _VARIABILITY = {"independent": "continuous", "input": "discrete", "output": "discrete"}
 
 
@@ -59,8 +59,8 @@ def export_estimator_fmu(
     token = f"{{{hashlib.sha256(repr(sorted(texts.items())).encode()).hexdigest()[:32]}}}"
     texts["estimator_fmu.h"] = _header(model, variables, token)
     identifier = f"{model_identifier(model.name)}_estimator"
-    describe = _description_3 if version == "3.0" else _description_2
-    archive = {"modelDescription.xml": describe(model, variables, identifier, token).encode()}
+    description = _description(model, variables, identifier, token, version)
+    archive = {"modelDescription.xml": description.encode()}
     main = "fmi3.c" if version == "3.0" else "fmi2.c"
     archive |= {f"sources/{name}": text.encode() for name, text in texts.items()}
     if version == "3.0":
@@ -90,16 +90,16 @@ _Row = tuple[str, Causality, str, float | None, bool, bool]
 
 def _listed(model: EstimatorModel) -> Iterator[_Row]:
     taken = {*model.inputs, *model.outputs}
-    family = model.family
+    flat = model.flat
     yield "time", "independent", "time [s]", None, False, False
-    for variable in family.inputs:
+    for variable in flat.inputs:
         yield variable.name, "input", f"input [{variable.unit}]", variable.start or 0.0, False, False
-    for output in family.outputs:
+    for output in flat.outputs:
         yield output.name, "input", f"measured output [{output.unit}]", 0.0, False, False
     for name in model.outputs:
         yield f"valid_{name}", "input", f"whether {name} was measured at this time", 1.0, True, False
     if model.is_tunable:
-        for parameter, value in zip(family.parameters, model.theta, strict=True):
+        for parameter, value in zip(flat.parameters, model.theta, strict=True):
             name = parameter.name if parameter.name not in taken else f"parameter.{parameter.name}"
             yield name, "parameter", f"parameter [{parameter.unit}]", float(value), False, True
     for name, value in zip(model.noises, model.intensity, strict=True):
@@ -107,9 +107,9 @@ def _listed(model: EstimatorModel) -> Iterator[_Row]:
     for name, value in zip(model.outputs, model.std, strict=True):
         yield f"noise_std.{name}", "parameter", "standard deviation of one sample", float(value), False, True
     yield "start_known", "parameter", "whether the start below holds; else it is unknown", 0.0, True, False
-    for name, unit in zip(family.state_names, family.state_units, strict=True):
+    for name, unit in zip(model.state_names, model.state_units, strict=True):
         yield f"start.{name}", "parameter", f"state before the first sample [{unit}]", 0.0, False, False
-    for name, scale in zip(family.state_names, model.start.scale, strict=True):
+    for name, scale in zip(model.state_names, model.scale, strict=True):
         yield f"start.{name}.std", "parameter", "its standard deviation", float(scale), False, False
     names = [name if name not in taken else f"estimate.{name}" for name in model.values]
     for name in names:
@@ -145,8 +145,10 @@ def _sources(model: EstimatorModel, variables: Sequence[FmuVariable], version: V
     code = estimator_files(model)
     main = "fmi3.c" if version == "3.0" else "fmi2.c"
     own = {name: room.joinpath(name).read_text(encoding="utf-8") for name in (main, "instance.h")}
+    if version == "3.0":
+        own[SHARED] = shared_code()
     return {
-        **{name: code[name] for name in _INCLUDED},
+        **{name: text for name, text in code.items() if name != "main.c"},
         **own,
         "estimator_fmu.h": _header(model, variables, ""),
     }
@@ -168,68 +170,47 @@ def _folder(target: Platform, version: Version) -> str:
     return target.tuple_name if version == "3.0" else target.short_name
 
 
-def _description_3(
-    model: EstimatorModel, variables: Sequence[FmuVariable], identifier: str, token: str
+def _description(
+    model: EstimatorModel, variables: Sequence[FmuVariable], identifier: str, token: str, version: Version
 ) -> str:
+    """modelDescription.xml. FMI 2 differs in some names, wraps each type into a ScalarVariable, and counts
+    the variables of its structure from 1."""
+    is_3 = version == "3.0"
     root = ET.Element(
-        "fmiModelDescription", fmiVersion="3.0", modelName=f"{model.name}.Estimator",
-        instantiationToken=token, description=f"State estimator of {model.name}",
-        generationTool=f"daest {daest.__version__}",
-    )  # fmt: skip
-    ET.SubElement(
-        root, "CoSimulation", modelIdentifier=identifier, canHandleVariableCommunicationStepSize="true",
-        canGetAndSetFMUState="true", canSerializeFMUState="true",
-    )  # fmt: skip
-    ET.SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(float(model.period)))
-    parent = ET.SubElement(root, "ModelVariables")
-    for v in variables:
-        attributes = {"name": v.name, "valueReference": str(v.reference), "causality": v.causality}
-        attributes["variability"] = _variability(v)
-        if v.causality == "independent":
-            attributes["variability"] = "continuous"
-        if v.start is not None:
-            attributes["start"] = _start(v)
-        elif v.causality == "output":
-            attributes["initial"] = "calculated"
-        ET.SubElement(
-            parent, "Boolean" if v.is_flag else "Float64", {**attributes, "description": v.description}
-        )
-    structure = ET.SubElement(root, "ModelStructure")
-    outputs = [v for v in variables if v.causality == "output"]
-    for kind in ("Output", "InitialUnknown"):
-        for v in outputs:
-            ET.SubElement(structure, kind, valueReference=str(v.reference), dependencies="")
-    return _text(root)
-
-
-def _description_2(
-    model: EstimatorModel, variables: Sequence[FmuVariable], identifier: str, token: str
-) -> str:
-    root = ET.Element(
-        "fmiModelDescription", fmiVersion="2.0", modelName=f"{model.name}.Estimator", guid=token,
+        "fmiModelDescription", fmiVersion=version, modelName=f"{model.name}.Estimator",
         description=f"State estimator of {model.name}", generationTool=f"daest {daest.__version__}",
-        variableNamingConvention="flat", numberOfEventIndicators="0",
     )  # fmt: skip
-    ET.SubElement(
-        root, "CoSimulation", modelIdentifier=identifier, canHandleVariableCommunicationStepSize="true",
-        canGetAndSetFMUstate="true", canSerializeFMUstate="true", canNotUseMemoryManagementFunctions="true",
-    )  # fmt: skip
+    root.attrib.update({"instantiationToken": token} if is_3 else {"guid": token, **_ONLY_2})
+    kind = ET.SubElement(
+        root, "CoSimulation", modelIdentifier=identifier, canHandleVariableCommunicationStepSize="true"
+    )
+    for ability in ("canGetAndSetFMU", "canSerializeFMU"):
+        kind.set(f"{ability}{'State' if is_3 else 'state'}", "true")
+    if not is_3:
+        kind.set("canNotUseMemoryManagementFunctions", "true")
     ET.SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(float(model.period)))
     parent = ET.SubElement(root, "ModelVariables")
     for v in variables:
-        attributes = {"name": v.name, "valueReference": str(v.reference), "causality": v.causality}
-        attributes["variability"] = _variability(v)
+        attributes = {
+            "name": v.name, "valueReference": str(v.reference), "causality": v.causality,
+            "variability": _variability(v),
+        }  # fmt: skip
+        start = {} if v.start is None else {"start": _start(v)}
         if v.causality == "output":
             attributes["initial"] = "calculated"
-        element = ET.SubElement(parent, "ScalarVariable", {**attributes, "description": v.description})
-        start = {} if v.start is None else {"start": _start(v)}
-        ET.SubElement(element, "Boolean" if v.is_flag else "Real", start)
+        attributes["description"] = v.description
+        if is_3:
+            ET.SubElement(parent, "Boolean" if v.is_flag else "Float64", {**attributes, **start})
+        else:
+            scalar = ET.SubElement(parent, "ScalarVariable", attributes)
+            ET.SubElement(scalar, "Boolean" if v.is_flag else "Real", start)
     structure = ET.SubElement(root, "ModelStructure")
-    indices = [str(i) for i, v in enumerate(variables, 1) if v.causality == "output"]
-    for kind in ("Outputs", "InitialUnknowns"):
-        listed = ET.SubElement(structure, kind)
-        for index in indices:
-            ET.SubElement(listed, "Unknown", index=index, dependencies="")
+    outputs = [(i, v) for i, v in enumerate(variables, 1) if v.causality == "output"]
+    for role in ("Output", "InitialUnknown"):
+        listed = structure if is_3 else ET.SubElement(structure, f"{role}s")
+        for index, v in outputs:
+            which = {"valueReference": str(v.reference)} if is_3 else {"index": str(index)}
+            ET.SubElement(listed, role if is_3 else "Unknown", {**which, "dependencies": ""})
     return _text(root)
 
 

@@ -99,6 +99,7 @@ def _archive(made: Layout, state_start: np.ndarray, targets: Sequence[Platform])
         "modelDescription.xml": description.model_description(made, functions, state_start, token, version),
         "sources/buildDescription.xml": description.build_description(identifier),
         f"sources/{sources.WRAPPER}.c": sources.wrapper_code(),
+        f"sources/{sources.SHARED}": sources.shared_code(),
         "sources/model.c": code,
         "sources/model.h": header,
     }
@@ -108,6 +109,7 @@ def _archive(made: Layout, state_start: np.ndarray, targets: Sequence[Platform])
         texts |= _without_events(made, functions, symbolic)
     files = {name: text.encode() for name, text in texts.items()}
     beside = {"model.c": code, "model.h": header, sources.EVENTS: sources.events_code()}
+    beside[sources.SHARED] = sources.shared_code()
     for target in targets:
         library = build_shared(
             sources.wrapper_code(),

@@ -19,6 +19,7 @@ from daest.systems.event_update import EventUpdate, Mode
 
 WRAPPER = "fmi3"
 EVENTS = "events.c"
+SHARED = "fmi3_shared.h"  # which the wrapper includes
 
 
 _AT_EVENTS = ("model_at", "model_roots", "model_clock")
@@ -217,3 +218,8 @@ def wrapper_code() -> str:
 def events_code() -> str:
     """events.c, the fixed part of models with events."""
     return files("daest.fmu").joinpath(EVENTS).read_text(encoding="utf-8")
+
+
+def shared_code() -> str:
+    """`SHARED`, what all FMUs have in common."""
+    return files("daest.fmu").joinpath(SHARED).read_text(encoding="utf-8")

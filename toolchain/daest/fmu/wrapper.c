@@ -83,10 +83,6 @@ static fmi3Status fail(Model *m, const char *format, const char *name, unsigned 
     return fmi3Error;
 }
 
-static fmi3Status not_supported(fmi3Instance instance, const char *name) {
-    return fail((Model *)instance, "%s is not supported by this FMU (%u).", name, 0);
-}
-
 static int inside(fmi3ValueReference vr, unsigned base, unsigned n) { return vr >= base && vr - base < n; }
 
 /* -------------------------------------------------------------------------------------------- evaluation */
@@ -549,114 +545,25 @@ FMI3_Export fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boole
     return fmi3OK;
 }
 
-/* -------------------------------------------------------------------------------------- saved FMU states */
+/* -------------------------------------------------------------------------------- what all FMUs share */
 
-FMI3_Export fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *saved) {
-    if (!*saved) *saved = malloc(sizeof(State));
-    if (!*saved) return fail((Model *)instance, "%s: out of memory (%u).", "fmi3GetFMUState", 0);
-    memcpy(*saved, &((Model *)instance)->state, sizeof(State));
-    return fmi3OK;
+static State *state_of(fmi3Instance instance) { return &((Model *)instance)->state; }
+static void state_was_set(fmi3Instance instance) { ((Model *)instance)->is_current = 0; }
+static fmi3Status refuse(fmi3Instance instance, const char *name, const char *why) {
+    char text[256];
+    snprintf(text, sizeof text, "%s: %s.", name, why);
+    return fail((Model *)instance, "%s", text, 0);
 }
 
-FMI3_Export fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState saved) {
-    Model *m = (Model *)instance;
-    memcpy(&m->state, saved, sizeof(State));
-    m->is_current = 0;
-    return fmi3OK;
-}
+#include "fmi3_shared.h"
 
-FMI3_Export fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *saved) {
-    (void)instance;
-    free(*saved);
-    *saved = NULL;
-    return fmi3OK;
-}
-
-FMI3_Export fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState saved, size_t *size) {
-    (void)instance, (void)saved;
-    *size = sizeof(State);
-    return fmi3OK;
-}
-
-FMI3_Export fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState saved, fmi3Byte bytes[], size_t size) {
-    if (size < sizeof(State)) return fail((Model *)instance, "%s needs %u bytes.", "fmi3SerializeFMUState", (unsigned)sizeof(State));
-    memcpy(bytes, saved, sizeof(State));
-    return fmi3OK;
-}
-
-FMI3_Export fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[], size_t size, fmi3FMUState *saved) {
-    if (size != sizeof(State)) return fail((Model *)instance, "%s needs %u bytes.", "fmi3DeserializeFMUState", (unsigned)sizeof(State));
-    if (!*saved) *saved = malloc(sizeof(State));
-    if (!*saved) return fail((Model *)instance, "%s: out of memory (%u).", "fmi3DeserializeFMUState", 0);
-    memcpy(*saved, bytes, sizeof(State));
-    return fmi3OK;
-}
-
-/* ------------------------------------------------------------------ what the model has no use for, by name */
-
-#define NO_TYPE(TYPE)                                                                                              \
-    FMI3_Export fmi3Status fmi3Get##TYPE(fmi3Instance instance, const fmi3ValueReference vrs[], size_t nVrs,        \
-                                         fmi3##TYPE values[], size_t nValues) {                                     \
-        (void)vrs, (void)values, (void)nValues;                                                                     \
-        return nVrs == 0 ? fmi3OK : not_supported(instance, "fmi3Get" #TYPE);                                       \
-    }                                                                                                               \
-    FMI3_Export fmi3Status fmi3Set##TYPE(fmi3Instance instance, const fmi3ValueReference vrs[], size_t nVrs,        \
-                                         const fmi3##TYPE values[], size_t nValues) {                               \
-        (void)vrs, (void)values, (void)nValues;                                                                     \
-        return nVrs == 0 ? fmi3OK : not_supported(instance, "fmi3Set" #TYPE);                                       \
-    }
-NO_TYPE(Float32)
-NO_TYPE(Int8)
-NO_TYPE(UInt8)
-NO_TYPE(Int16)
-NO_TYPE(UInt16)
-NO_TYPE(Int32)
-NO_TYPE(UInt32)
-NO_TYPE(Int64)
-NO_TYPE(UInt64)
-NO_TYPE(String)
-
-#define NOT_SUPPORTED(NAME, ...)                                     \
-    FMI3_Export fmi3Status NAME(fmi3Instance instance, __VA_ARGS__) { \
-        return not_supported(instance, #NAME);                        \
-    }
-#define VRS const fmi3ValueReference a[], size_t b
-NOT_SUPPORTED(fmi3GetBinary, VRS, size_t c[], fmi3Binary d[], size_t e)
-NOT_SUPPORTED(fmi3SetBinary, VRS, const size_t c[], const fmi3Binary d[], size_t e)
-NOT_SUPPORTED(fmi3GetClock, VRS, fmi3Clock c[])
-NOT_SUPPORTED(fmi3SetClock, VRS, const fmi3Clock c[])
-NOT_SUPPORTED(fmi3GetNumberOfVariableDependencies, fmi3ValueReference a, size_t *b)
-NOT_SUPPORTED(fmi3GetVariableDependencies, fmi3ValueReference a, size_t b[], fmi3ValueReference c[], size_t d[],
-              fmi3DependencyKind e[], size_t f)
-NOT_SUPPORTED(fmi3GetAdjointDerivative, VRS, const fmi3ValueReference c[], size_t d, const fmi3Float64 e[], size_t f,
-              fmi3Float64 g[], size_t h)
-NOT_SUPPORTED(fmi3GetIntervalDecimal, VRS, fmi3Float64 c[], fmi3IntervalQualifier d[])
-NOT_SUPPORTED(fmi3GetIntervalFraction, VRS, fmi3UInt64 c[], fmi3UInt64 d[], fmi3IntervalQualifier e[])
-NOT_SUPPORTED(fmi3GetShiftDecimal, VRS, fmi3Float64 c[])
-NOT_SUPPORTED(fmi3GetShiftFraction, VRS, fmi3UInt64 c[], fmi3UInt64 d[])
-NOT_SUPPORTED(fmi3SetIntervalDecimal, VRS, const fmi3Float64 c[])
-NOT_SUPPORTED(fmi3SetIntervalFraction, VRS, const fmi3UInt64 c[], const fmi3UInt64 d[])
-NOT_SUPPORTED(fmi3SetShiftDecimal, VRS, const fmi3Float64 c[])
-NOT_SUPPORTED(fmi3SetShiftFraction, VRS, const fmi3UInt64 c[], const fmi3UInt64 d[])
-NOT_SUPPORTED(fmi3GetOutputDerivatives, VRS, const fmi3Int32 c[], fmi3Float64 d[], size_t e)
-NOT_SUPPORTED(fmi3ActivateModelPartition, fmi3ValueReference a, fmi3Float64 b)
 NOT_SUPPORTED(fmi3DoStep, fmi3Float64 a, fmi3Float64 b, fmi3Boolean c, fmi3Boolean *d, fmi3Boolean *e, fmi3Boolean *f,
               fmi3Float64 *g)
-
-FMI3_Export fmi3Status fmi3EnterStepMode(fmi3Instance instance) { return not_supported(instance, "fmi3EnterStepMode"); }
 
 FMI3_Export fmi3Instance fmi3InstantiateCoSimulation(fmi3String a, fmi3String b, fmi3String c, fmi3Boolean d, fmi3Boolean e,
                                                      fmi3Boolean f, fmi3Boolean g, const fmi3ValueReference h[], size_t i,
                                                      fmi3InstanceEnvironment j, fmi3LogMessageCallback k,
                                                      fmi3IntermediateUpdateCallback l) {
     (void)a, (void)b, (void)c, (void)d, (void)e, (void)f, (void)g, (void)h, (void)i, (void)j, (void)k, (void)l;
-    return NULL;
-}
-
-FMI3_Export fmi3Instance fmi3InstantiateScheduledExecution(fmi3String a, fmi3String b, fmi3String c, fmi3Boolean d,
-                                                           fmi3Boolean e, fmi3InstanceEnvironment f,
-                                                           fmi3LogMessageCallback g, fmi3ClockUpdateCallback h,
-                                                           fmi3LockPreemptionCallback i, fmi3UnlockPreemptionCallback j) {
-    (void)a, (void)b, (void)c, (void)d, (void)e, (void)f, (void)g, (void)h, (void)i, (void)j;
     return NULL;
 }

@@ -4,10 +4,14 @@
  * scale. Returns 0 where R has dependent rows. */
 #include <math.h>
 
+#ifndef real
+#define real double
+#endif
+
 enum { PROJECTIONS = 8 };
 
 /* row (NG) := row (L L')^-1 */
-static void solve_row(const double *L, double *row) {
+static void solve_row(const real *L, real *row) {
   for (int i = 0; i < NG; ++i) {
     for (int j = 0; j < i; ++j) row[i] -= L[i * NG + j] * row[j];
     row[i] /= L[i * NG + i];
@@ -18,17 +22,17 @@ static void solve_row(const double *L, double *row) {
   }
 }
 
-static int projection_step(double *x, const double *g, const double *R, const double *scale, double *K, double *L,
-                           double *moved) {
+static int projection_step(real *x, const real *g, const real *R, const real *scale, real *K, real *L,
+                           real *moved) {
   for (int i = 0; i < NG; ++i)
     for (int j = 0; j < NG; ++j) {
-      double sum = 0.0;
+      real sum = 0.0;
       for (int k = 0; k < NX; ++k) sum += R[i * NX + k] * scale[k] * scale[k] * R[j * NX + k];
       L[i * NG + j] = sum;
     }
   for (int i = 0; i < NG; ++i)
     for (int j = 0; j <= i; ++j) {
-      double rest = L[i * NG + j];
+      real rest = L[i * NG + j];
       for (int k = 0; k < j; ++k) rest -= L[i * NG + k] * L[j * NG + k];
       /* 1e-20: two rows that differ by less than 1e-10 of their size count as dependent */
       if (i == j && !(rest > 1e-20 * L[i * NG + i])) return 0;
@@ -36,7 +40,7 @@ static int projection_step(double *x, const double *g, const double *R, const do
     }
   *moved = 0.0;
   for (int k = 0; k < NX; ++k) {
-    double *row = K + k * NG, shift = 0.0;
+    real *row = K + k * NG, shift = 0.0;
     for (int i = 0; i < NG; ++i) row[i] = R[i * NX + k] * scale[k] * scale[k];
     solve_row(L, row);
     for (int i = 0; i < NG; ++i) shift += row[i] * g[i];

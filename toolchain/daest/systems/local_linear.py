@@ -1,7 +1,8 @@
 """The functions that Gaussian filters of an explicit model need, built once and compiled when a compiler is
 found.
 
-`numerics/local_linear.c` holds the loops over samples; this module writes the model's part of that program.
+`numerics/local_filter.c` holds the filters, `numerics/local_linear.c` the loops over samples; this module
+writes the model's part of that program.
 """
 
 from __future__ import annotations
@@ -284,10 +285,11 @@ def _source(model: LocalModel) -> str:
     flags = [("TANGENTS", model.dflow), ("INSIDE", model.inside)]
     header = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
     header += "".join(f"#define {name}\n" for name, function in flags if function is not None)
+    header += "#define EVERY_LEVEL\n"
     texts = ["project.c"] if model.hold is not None else []
     drivers = [
         resources.files("daest.numerics").joinpath(name).read_text(encoding="utf-8")
-        for name in (*texts, "local_linear.c")
+        for name in (*texts, "local_filter.c", "local_linear.c")
     ]
     return generator.dump() + header + "".join(drivers)
 

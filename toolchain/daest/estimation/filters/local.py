@@ -56,7 +56,7 @@ def prepared(case: Case, inside: bool = False) -> Prepared:
     notes = _doubts(explicit)
     used = good_everywhere(explicit)
     if used is not explicit:
-        mean, known_cov = _in_states_of(used, explicit, mean, known_cov, theta, time, inputs)
+        mean, known_cov = in_states_of(used, explicit, mean, known_cov, theta, time, inputs)
         notes += ("All differentiated variables are states, tied by the constraints of the model.",)
     model = local_model(used, inside=inside, compiled=options.compiled)
     data = record(model, time, inputs, _outputs(case), options.hold)
@@ -115,7 +115,7 @@ def _given_start(explicit: Dynamics, initial: InitialState, x0: np.ndarray) -> t
     return np.where(initial.is_unknown, x0, initial.mean), initial.cov
 
 
-def _in_states_of(
+def in_states_of(
     redundant: Dynamics,
     explicit: Dynamics,
     mean: np.ndarray,

@@ -24,6 +24,7 @@ typedef double est_real;
 
 enum { EST_OK = 0, EST_SINGULAR = 1, EST_BAD_TIME = 2, EST_NOT_FINITE = 3 };
 
+#ifndef EST_NONLINEAR
 /* x' = A x + B ubar + G w + b, y = C x + D ubar + H w + d + e, value = V (x, w, ubar, 1); ubar = (u, slopes of u).
  * Row by row. */
 typedef struct {
@@ -47,6 +48,7 @@ typedef struct {
     est_real innovation[EST_ARRAY(EST_NY)], slope[EST_ARRAY(EST_NY * EST_NQ)], white[EST_ARRAY(EST_NY * EST_NY)];
     est_real C[EST_ARRAY(EST_NY * EST_NX)], root[EST_ARRAY(EST_NP * (EST_NP + 1))], log_density;
 } EstUpdate;
+#endif
 
 typedef struct {
     /* Results of the last sample. */
@@ -60,14 +62,18 @@ typedef struct {
     est_real noise_std[EST_ARRAY(EST_NY)]; /* of one sample of each output */
     est_real period;                       /* s, the step that is expected */
     /* Memory. */
-    int has_sample, n_known, n_open; /* n_known: columns of sens with information root; n_open: those without any */
-    est_real step, ubar[EST_ARRAY(EST_NUB)], y[EST_ARRAY(EST_NY)];
+    int has_sample;
+    est_real step, ubar[EST_ARRAY(EST_NUB)], mean[EST_ARRAY(EST_NX)], cov[EST_ARRAY(EST_NX * EST_NX)];
+    est_real log_density; /* of the samples that are done */
+#ifndef EST_NONLINEAR
+    int n_known, n_open; /* n_known: columns of sens with information root; n_open: those without any */
     int valid[EST_ARRAY(EST_NY)];
-    est_real mean[EST_ARRAY(EST_NX)], cov[EST_ARRAY(EST_NX * EST_NX)], sens[EST_ARRAY(EST_NX * EST_NQ)];
-    est_real root[EST_ARRAY(EST_NP * (EST_NP + 1))], log_density;
+    est_real y[EST_ARRAY(EST_NY)], sens[EST_ARRAY(EST_NX * EST_NQ)];
+    est_real root[EST_ARRAY(EST_NP * (EST_NP + 1))];
     EstMatrices m;
     EstSampled s;
     EstUpdate up;
+#endif
 } Estimator;
 
 extern const char *const estimator_inputs[], *const estimator_outputs[], *const estimator_values[];
@@ -82,8 +88,17 @@ int estimator_tuned(Estimator *e);
 int estimator_step(Estimator *e, double time, const est_real *u, const est_real *y, const int *valid);
 
 /* In estimator_model.c, generated. */
-int estimator_matrices(const est_real *theta, EstMatrices *m);
 void estimator_start(Estimator *e);
 extern const est_real estimator_scale[]; /* size of each state, against which an open direction counts */
+#ifdef EST_NONLINEAR
+typedef int EstFunction(const est_real **arg, est_real **res, long long int *iw, est_real *w, int mem);
+EstFunction daest_flow, daest_see, daest_inside;
+#if EST_NG > 0
+EstFunction daest_hold;
+#endif
+extern const est_real estimator_nominal[]; /* size of each state, by which it is pulled onto constraints */
+#else
+int estimator_matrices(const est_real *theta, EstMatrices *m);
+#endif
 
 #endif

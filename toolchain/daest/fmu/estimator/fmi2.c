@@ -6,9 +6,9 @@
 typedef struct {
     State state;
     const fmi2CallbackFunctions *callbacks;
-} Model;
+} Instance;
 
-static fmi2Status fail(Model *m, const char *what, const char *why) {
+static fmi2Status fail(Instance *m, const char *what, const char *why) {
     if (m && m->callbacks && m->callbacks->logger)
         m->callbacks->logger(m->callbacks->componentEnvironment, MODEL_NAME, fmi2Error, "logStatusError", "%s: %s.",
                              what, why);
@@ -26,7 +26,7 @@ FMI2_Export fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size
 FMI2_Export fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                                           const fmi2CallbackFunctions *callbacks, fmi2Boolean visible,
                                           fmi2Boolean logging) {
-    Model *m = (Model *)calloc(1, sizeof(Model));
+    Instance *m = (Instance *)calloc(1, sizeof(Instance));
     (void)name, (void)resources, (void)visible, (void)logging;
     if (!m) return NULL;
     m->callbacks = callbacks;
@@ -44,12 +44,12 @@ FMI2_Export void fmi2FreeInstance(fmi2Component c) { free(c); }
 FMI2_Export fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean has_tolerance, fmi2Real tolerance,
                                            fmi2Real start, fmi2Boolean has_stop, fmi2Real stop) {
     (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
-    ((Model *)c)->state.time = start;
+    ((Instance *)c)->state.time = start;
     return fmi2OK;
 }
 
 static fmi2Status move(fmi2Component c, int from, int to, const char *name) {
-    Model *m = (Model *)c;
+    Instance *m = (Instance *)c;
     if (from >= 0 && m->state.phase != from) return fail(m, name, "not allowed in the current phase");
     m->state.phase = to;
     return fmi2OK;
@@ -63,12 +63,12 @@ FMI2_Export fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
 }
 FMI2_Export fmi2Status fmi2Terminate(fmi2Component c) { return move(c, -1, TERMINATED, "fmi2Terminate"); }
 FMI2_Export fmi2Status fmi2Reset(fmi2Component c) {
-    begin(&((Model *)c)->state);
+    begin(&((Instance *)c)->state);
     return fmi2OK;
 }
 
 FMI2_Export fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolean no_return) {
-    Model *m = (Model *)c;
+    Instance *m = (Instance *)c;
     const char *why;
     (void)no_return;
     if (m->state.phase != STEPPING) return fail(m, "fmi2DoStep", "not allowed in the current phase");
@@ -77,7 +77,7 @@ FMI2_Export fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2B
 }
 
 FMI2_Export fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vrs[], size_t n, fmi2Real values[]) {
-    Model *m = (Model *)c;
+    Instance *m = (Instance *)c;
     for (size_t i = 0; i < n; ++i) {
         const double *found = knob(&m->state, vrs[i]);
         if (!found) found = dial(&m->state, vrs[i]);
@@ -89,7 +89,7 @@ FMI2_Export fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vrs
 
 FMI2_Export fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vrs[], size_t n,
                                    const fmi2Real values[]) {
-    Model *m = (Model *)c;
+    Instance *m = (Instance *)c;
     for (size_t i = 0; i < n; ++i) {
         double *found = knob(&m->state, vrs[i]);
         if (!found) return fail(m, "fmi2SetReal", "there is no variable to be set with this value reference");
@@ -101,7 +101,7 @@ FMI2_Export fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vrs
 
 FMI2_Export fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vrs[], size_t n,
                                       fmi2Boolean values[]) {
-    Model *m = (Model *)c;
+    Instance *m = (Instance *)c;
     for (size_t i = 0; i < n; ++i) {
         const int *found = flag(&m->state, vrs[i]);
         if (!found) return fail(m, "fmi2GetBoolean", "there is no Boolean with this value reference");
@@ -112,7 +112,7 @@ FMI2_Export fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference 
 
 FMI2_Export fmi2Status fmi2SetBoolean(fmi2Component c, const fmi2ValueReference vrs[], size_t n,
                                       const fmi2Boolean values[]) {
-    Model *m = (Model *)c;
+    Instance *m = (Instance *)c;
     for (size_t i = 0; i < n; ++i) {
         int *found = flag(&m->state, vrs[i]);
         if (!found) return fail(m, "fmi2SetBoolean", "there is no Boolean with this value reference");
@@ -123,12 +123,12 @@ FMI2_Export fmi2Status fmi2SetBoolean(fmi2Component c, const fmi2ValueReference 
 
 FMI2_Export fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *saved) {
     if (!*saved) *saved = malloc(sizeof(State));
-    if (!*saved) return fail((Model *)c, "fmi2GetFMUstate", "out of memory");
-    memcpy(*saved, &((Model *)c)->state, sizeof(State));
+    if (!*saved) return fail((Instance *)c, "fmi2GetFMUstate", "out of memory");
+    memcpy(*saved, &((Instance *)c)->state, sizeof(State));
     return fmi2OK;
 }
 FMI2_Export fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate saved) {
-    memcpy(&((Model *)c)->state, saved, sizeof(State));
+    memcpy(&((Instance *)c)->state, saved, sizeof(State));
     return fmi2OK;
 }
 FMI2_Export fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *saved) {
@@ -143,37 +143,37 @@ FMI2_Export fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate 
     return fmi2OK;
 }
 FMI2_Export fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate saved, fmi2Byte bytes[], size_t size) {
-    if (size < sizeof(State)) return fail((Model *)c, "fmi2SerializeFMUstate", "too few bytes");
+    if (size < sizeof(State)) return fail((Instance *)c, "fmi2SerializeFMUstate", "too few bytes");
     memcpy(bytes, saved, sizeof(State));
     return fmi2OK;
 }
 FMI2_Export fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size,
                                                fmi2FMUstate *saved) {
-    if (size != sizeof(State)) return fail((Model *)c, "fmi2DeSerializeFMUstate", "not a state of this FMU");
+    if (size != sizeof(State)) return fail((Instance *)c, "fmi2DeSerializeFMUstate", "not a state of this FMU");
     if (!*saved) *saved = malloc(sizeof(State));
-    if (!*saved) return fail((Model *)c, "fmi2DeSerializeFMUstate", "out of memory");
+    if (!*saved) return fail((Instance *)c, "fmi2DeSerializeFMUstate", "out of memory");
     memcpy(*saved, bytes, sizeof(State));
     return fmi2OK;
 }
 
 #define NOT_SUPPORTED(NAME, ...) \
-    FMI2_Export fmi2Status NAME(fmi2Component m, __VA_ARGS__) { return fail((Model *)m, #NAME, "not supported"); }
+    FMI2_Export fmi2Status NAME(fmi2Component m, __VA_ARGS__) { return fail((Instance *)m, #NAME, "not supported"); }
 #define VRS const fmi2ValueReference a[], size_t b
 FMI2_Export fmi2Status fmi2GetInteger(fmi2Component m, VRS, fmi2Integer c[]) {
     (void)a, (void)c;
-    return b ? fail((Model *)m, "fmi2GetInteger", "not supported") : fmi2OK;
+    return b ? fail((Instance *)m, "fmi2GetInteger", "not supported") : fmi2OK;
 }
 FMI2_Export fmi2Status fmi2SetInteger(fmi2Component m, VRS, const fmi2Integer c[]) {
     (void)a, (void)c;
-    return b ? fail((Model *)m, "fmi2SetInteger", "not supported") : fmi2OK;
+    return b ? fail((Instance *)m, "fmi2SetInteger", "not supported") : fmi2OK;
 }
 FMI2_Export fmi2Status fmi2GetString(fmi2Component m, VRS, fmi2String c[]) {
     (void)a, (void)c;
-    return b ? fail((Model *)m, "fmi2GetString", "not supported") : fmi2OK;
+    return b ? fail((Instance *)m, "fmi2GetString", "not supported") : fmi2OK;
 }
 FMI2_Export fmi2Status fmi2SetString(fmi2Component m, VRS, const fmi2String c[]) {
     (void)a, (void)c;
-    return b ? fail((Model *)m, "fmi2SetString", "not supported") : fmi2OK;
+    return b ? fail((Instance *)m, "fmi2SetString", "not supported") : fmi2OK;
 }
 NOT_SUPPORTED(fmi2GetDirectionalDerivative, VRS, const fmi2ValueReference c[], size_t d, const fmi2Real e[],
               fmi2Real f[])
@@ -184,4 +184,4 @@ NOT_SUPPORTED(fmi2GetRealStatus, const fmi2StatusKind a, fmi2Real *b)
 NOT_SUPPORTED(fmi2GetIntegerStatus, const fmi2StatusKind a, fmi2Integer *b)
 NOT_SUPPORTED(fmi2GetBooleanStatus, const fmi2StatusKind a, fmi2Boolean *b)
 NOT_SUPPORTED(fmi2GetStringStatus, const fmi2StatusKind a, fmi2String *b)
-FMI2_Export fmi2Status fmi2CancelStep(fmi2Component m) { return fail((Model *)m, "fmi2CancelStep", "not supported"); }
+FMI2_Export fmi2Status fmi2CancelStep(fmi2Component m) { return fail((Instance *)m, "fmi2CancelStep", "not supported"); }

@@ -7,16 +7,14 @@ typedef struct {
     State state;
     fmi3InstanceEnvironment environment;
     fmi3LogMessageCallback log;
-} Model;
+} Instance;
 
-static fmi3Status fail(Model *m, const char *what, const char *why) {
+static fmi3Status fail(Instance *m, const char *what, const char *why) {
     char text[512];
     snprintf(text, sizeof text, "%s: %s.", what, why);
     if (m && m->log) m->log(m->environment, fmi3Error, "logStatusError", text);
     return fmi3Error;
 }
-
-static fmi3Status not_supported(fmi3Instance m, const char *name) { return fail((Model *)m, name, "not supported"); }
 
 FMI3_Export const char *fmi3GetVersion(void) { return fmi3Version; }
 
@@ -30,7 +28,7 @@ FMI3_Export fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String
                                                      fmi3Boolean early, const fmi3ValueReference intermediate[],
                                                      size_t n, fmi3InstanceEnvironment environment,
                                                      fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update) {
-    Model *m = (Model *)calloc(1, sizeof(Model));
+    Instance *m = (Instance *)calloc(1, sizeof(Instance));
     (void)name, (void)resources, (void)visible, (void)logging, (void)events, (void)early, (void)intermediate, (void)n;
     (void)update;
     if (!m) return NULL;
@@ -48,7 +46,7 @@ FMI3_Export fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String
 FMI3_Export void fmi3FreeInstance(fmi3Instance m) { free(m); }
 
 static fmi3Status move(fmi3Instance instance, int from, int to, const char *name) {
-    Model *m = (Model *)instance;
+    Instance *m = (Instance *)instance;
     if (from >= 0 && m->state.phase != from) return fail(m, name, "not allowed in the current phase");
     m->state.phase = to;
     return fmi3OK;
@@ -57,7 +55,7 @@ static fmi3Status move(fmi3Instance instance, int from, int to, const char *name
 FMI3_Export fmi3Status fmi3EnterInitializationMode(fmi3Instance m, fmi3Boolean has_tolerance, fmi3Float64 tolerance,
                                                    fmi3Float64 start, fmi3Boolean has_stop, fmi3Float64 stop) {
     (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
-    ((Model *)m)->state.time = start;
+    ((Instance *)m)->state.time = start;
     return move(m, INSTANTIATED, INITIALIZATION, "fmi3EnterInitializationMode");
 }
 
@@ -68,13 +66,13 @@ FMI3_Export fmi3Status fmi3ExitInitializationMode(fmi3Instance m) {
 FMI3_Export fmi3Status fmi3Terminate(fmi3Instance m) { return move(m, -1, TERMINATED, "fmi3Terminate"); }
 
 FMI3_Export fmi3Status fmi3Reset(fmi3Instance m) {
-    begin(&((Model *)m)->state);
+    begin(&((Instance *)m)->state);
     return fmi3OK;
 }
 
 FMI3_Export fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 t, fmi3Float64 h, fmi3Boolean no_return,
                                   fmi3Boolean *event, fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *last) {
-    Model *m = (Model *)instance;
+    Instance *m = (Instance *)instance;
     const char *why;
     (void)no_return;
     if (event) *event = fmi3False;
@@ -89,7 +87,7 @@ FMI3_Export fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 t, fmi3Floa
 
 FMI3_Export fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference vrs[], size_t n,
                                       fmi3Float64 values[], size_t n_values) {
-    Model *m = (Model *)instance;
+    Instance *m = (Instance *)instance;
     if (n != n_values) return fail(m, "fmi3GetFloat64", "all variables are scalar");
     for (size_t i = 0; i < n; ++i) {
         const double *found = knob(&m->state, vrs[i]);
@@ -102,7 +100,7 @@ FMI3_Export fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueRefe
 
 FMI3_Export fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference vrs[], size_t n,
                                       const fmi3Float64 values[], size_t n_values) {
-    Model *m = (Model *)instance;
+    Instance *m = (Instance *)instance;
     if (n != n_values) return fail(m, "fmi3SetFloat64", "all variables are scalar");
     for (size_t i = 0; i < n; ++i) {
         double *found = knob(&m->state, vrs[i]);
@@ -115,7 +113,7 @@ FMI3_Export fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueRefe
 
 FMI3_Export fmi3Status fmi3GetBoolean(fmi3Instance instance, const fmi3ValueReference vrs[], size_t n,
                                       fmi3Boolean values[], size_t n_values) {
-    Model *m = (Model *)instance;
+    Instance *m = (Instance *)instance;
     for (size_t i = 0; i < n && i < n_values; ++i) {
         const int *found = flag(&m->state, vrs[i]);
         if (!found) return fail(m, "fmi3GetBoolean", "there is no Boolean with this value reference");
@@ -126,7 +124,7 @@ FMI3_Export fmi3Status fmi3GetBoolean(fmi3Instance instance, const fmi3ValueRefe
 
 FMI3_Export fmi3Status fmi3SetBoolean(fmi3Instance instance, const fmi3ValueReference vrs[], size_t n,
                                       const fmi3Boolean values[], size_t n_values) {
-    Model *m = (Model *)instance;
+    Instance *m = (Instance *)instance;
     for (size_t i = 0; i < n && i < n_values; ++i) {
         int *found = flag(&m->state, vrs[i]);
         if (!found) return fail(m, "fmi3SetBoolean", "there is no Boolean with this value reference");
@@ -135,94 +133,14 @@ FMI3_Export fmi3Status fmi3SetBoolean(fmi3Instance instance, const fmi3ValueRefe
     return fmi3OK;
 }
 
-FMI3_Export fmi3Status fmi3GetFMUState(fmi3Instance m, fmi3FMUState *saved) {
-    if (!*saved) *saved = malloc(sizeof(State));
-    if (!*saved) return fail((Model *)m, "fmi3GetFMUState", "out of memory");
-    memcpy(*saved, &((Model *)m)->state, sizeof(State));
-    return fmi3OK;
-}
+static State *state_of(fmi3Instance m) { return &((Instance *)m)->state; }
+static void state_was_set(fmi3Instance m) { (void)m; }
+static fmi3Status refuse(fmi3Instance m, const char *name, const char *why) { return fail((Instance *)m, name, why); }
 
-FMI3_Export fmi3Status fmi3SetFMUState(fmi3Instance m, fmi3FMUState saved) {
-    memcpy(&((Model *)m)->state, saved, sizeof(State));
-    return fmi3OK;
-}
+#include "fmi3_shared.h"
 
-FMI3_Export fmi3Status fmi3FreeFMUState(fmi3Instance m, fmi3FMUState *saved) {
-    (void)m;
-    free(*saved);
-    *saved = NULL;
-    return fmi3OK;
-}
-
-FMI3_Export fmi3Status fmi3SerializedFMUStateSize(fmi3Instance m, fmi3FMUState saved, size_t *size) {
-    (void)m, (void)saved;
-    *size = sizeof(State);
-    return fmi3OK;
-}
-
-FMI3_Export fmi3Status fmi3SerializeFMUState(fmi3Instance m, fmi3FMUState saved, fmi3Byte bytes[], size_t size) {
-    if (size < sizeof(State)) return fail((Model *)m, "fmi3SerializeFMUState", "too few bytes");
-    memcpy(bytes, saved, sizeof(State));
-    return fmi3OK;
-}
-
-FMI3_Export fmi3Status fmi3DeserializeFMUState(fmi3Instance m, const fmi3Byte bytes[], size_t size,
-                                               fmi3FMUState *saved) {
-    if (size != sizeof(State)) return fail((Model *)m, "fmi3DeserializeFMUState", "not a state of this FMU");
-    if (!*saved) *saved = malloc(sizeof(State));
-    if (!*saved) return fail((Model *)m, "fmi3DeserializeFMUState", "out of memory");
-    memcpy(*saved, bytes, sizeof(State));
-    return fmi3OK;
-}
-
-#define NO_TYPE(TYPE)                                                                                           \
-    FMI3_Export fmi3Status fmi3Get##TYPE(fmi3Instance m, const fmi3ValueReference vrs[], size_t n,              \
-                                         fmi3##TYPE values[], size_t n_values) {                                \
-        (void)vrs, (void)values, (void)n_values;                                                                \
-        return n == 0 ? fmi3OK : not_supported(m, "fmi3Get" #TYPE);                                             \
-    }                                                                                                           \
-    FMI3_Export fmi3Status fmi3Set##TYPE(fmi3Instance m, const fmi3ValueReference vrs[], size_t n,              \
-                                         const fmi3##TYPE values[], size_t n_values) {                          \
-        (void)vrs, (void)values, (void)n_values;                                                                \
-        return n == 0 ? fmi3OK : not_supported(m, "fmi3Set" #TYPE);                                             \
-    }
-NO_TYPE(Float32)
-NO_TYPE(Int8)
-NO_TYPE(UInt8)
-NO_TYPE(Int16)
-NO_TYPE(UInt16)
-NO_TYPE(Int32)
-NO_TYPE(UInt32)
-NO_TYPE(Int64)
-NO_TYPE(UInt64)
-NO_TYPE(String)
-
-#define NOT_SUPPORTED(NAME, ...) \
-    FMI3_Export fmi3Status NAME(fmi3Instance m, __VA_ARGS__) { return not_supported(m, #NAME); }
-#define NOT_SUPPORTED_ALONE(NAME) \
-    FMI3_Export fmi3Status NAME(fmi3Instance m) { return not_supported(m, #NAME); }
-#define VRS const fmi3ValueReference a[], size_t b
-NOT_SUPPORTED(fmi3GetBinary, VRS, size_t c[], fmi3Binary d[], size_t e)
-NOT_SUPPORTED(fmi3SetBinary, VRS, const size_t c[], const fmi3Binary d[], size_t e)
-NOT_SUPPORTED(fmi3GetClock, VRS, fmi3Clock c[])
-NOT_SUPPORTED(fmi3SetClock, VRS, const fmi3Clock c[])
-NOT_SUPPORTED(fmi3GetNumberOfVariableDependencies, fmi3ValueReference a, size_t *b)
-NOT_SUPPORTED(fmi3GetVariableDependencies, fmi3ValueReference a, size_t b[], fmi3ValueReference c[], size_t d[],
-              fmi3DependencyKind e[], size_t f)
 NOT_SUPPORTED(fmi3GetDirectionalDerivative, VRS, const fmi3ValueReference c[], size_t d, const fmi3Float64 e[],
               size_t f, fmi3Float64 g[], size_t h)
-NOT_SUPPORTED(fmi3GetAdjointDerivative, VRS, const fmi3ValueReference c[], size_t d, const fmi3Float64 e[], size_t f,
-              fmi3Float64 g[], size_t h)
-NOT_SUPPORTED(fmi3GetIntervalDecimal, VRS, fmi3Float64 c[], fmi3IntervalQualifier d[])
-NOT_SUPPORTED(fmi3GetIntervalFraction, VRS, fmi3UInt64 c[], fmi3UInt64 d[], fmi3IntervalQualifier e[])
-NOT_SUPPORTED(fmi3GetShiftDecimal, VRS, fmi3Float64 c[])
-NOT_SUPPORTED(fmi3GetShiftFraction, VRS, fmi3UInt64 c[], fmi3UInt64 d[])
-NOT_SUPPORTED(fmi3SetIntervalDecimal, VRS, const fmi3Float64 c[])
-NOT_SUPPORTED(fmi3SetIntervalFraction, VRS, const fmi3UInt64 c[], const fmi3UInt64 d[])
-NOT_SUPPORTED(fmi3SetShiftDecimal, VRS, const fmi3Float64 c[])
-NOT_SUPPORTED(fmi3SetShiftFraction, VRS, const fmi3UInt64 c[], const fmi3UInt64 d[])
-NOT_SUPPORTED(fmi3GetOutputDerivatives, VRS, const fmi3Int32 c[], fmi3Float64 d[], size_t e)
-NOT_SUPPORTED(fmi3ActivateModelPartition, fmi3ValueReference a, fmi3Float64 b)
 NOT_SUPPORTED(fmi3SetTime, fmi3Float64 a)
 NOT_SUPPORTED(fmi3SetContinuousStates, const fmi3Float64 a[], size_t b)
 NOT_SUPPORTED(fmi3GetContinuousStates, fmi3Float64 a[], size_t b)
@@ -239,20 +157,10 @@ NOT_SUPPORTED_ALONE(fmi3EnterConfigurationMode)
 NOT_SUPPORTED_ALONE(fmi3ExitConfigurationMode)
 NOT_SUPPORTED_ALONE(fmi3EnterEventMode)
 NOT_SUPPORTED_ALONE(fmi3EnterContinuousTimeMode)
-NOT_SUPPORTED_ALONE(fmi3EnterStepMode)
 
 FMI3_Export fmi3Instance fmi3InstantiateModelExchange(fmi3String a, fmi3String b, fmi3String c, fmi3Boolean d,
                                                       fmi3Boolean e, fmi3InstanceEnvironment f,
                                                       fmi3LogMessageCallback g) {
     (void)a, (void)b, (void)c, (void)d, (void)e, (void)f, (void)g;
-    return NULL;
-}
-
-FMI3_Export fmi3Instance fmi3InstantiateScheduledExecution(fmi3String a, fmi3String b, fmi3String c, fmi3Boolean d,
-                                                           fmi3Boolean e, fmi3InstanceEnvironment f,
-                                                           fmi3LogMessageCallback g, fmi3ClockUpdateCallback h,
-                                                           fmi3LockPreemptionCallback i,
-                                                           fmi3UnlockPreemptionCallback j) {
-    (void)a, (void)b, (void)c, (void)d, (void)e, (void)f, (void)g, (void)h, (void)i, (void)j;
     return NULL;
 }
