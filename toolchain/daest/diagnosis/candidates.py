@@ -67,18 +67,23 @@ def attachable(
     flat: FlatModel, candidates: Sequence[Candidate]
 ) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...], ExplicitModel]:
     """The candidates that leave a model that can be solved, the others with the reason, and that model."""
+    kept, refused, whole = _told_apart(flat, tuple(candidates))
+    return kept, refused, whole or reduce_index(attached(flat, kept))
+
+
+def _told_apart(
+    flat: FlatModel, candidates: tuple[Candidate, ...]
+) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...], ExplicitModel | None]:
+    """As `attachable`, by halves: where one of hundreds cannot be attached, few models are built. The model
+    where all can be."""
     try:
-        return tuple(candidates), (), reduce_index(attached(flat, candidates))
-    except DaestError:
-        pass
-    kept, refused = [], []
-    for candidate in candidates:
-        try:
-            reduce_index(attached(flat, [candidate]))
-            kept.append(candidate)
-        except DaestError as error:
-            refused.append((candidate.label, error.what))
-    return tuple(kept), tuple(refused), reduce_index(attached(flat, kept))
+        return candidates, (), reduce_index(attached(flat, candidates))
+    except DaestError as error:
+        if len(candidates) == 1:
+            return (), ((candidates[0].label, error.what),), None
+    middle = len(candidates) // 2
+    parts = [_told_apart(flat, half) for half in (candidates[:middle], candidates[middle:])]
+    return parts[0][0] + parts[1][0], parts[0][1] + parts[1][1], None
 
 
 def attached(flat: FlatModel, candidates: Sequence[Candidate]) -> FlatModel:

@@ -9,6 +9,7 @@ behind Coulomb friction): it starts from the simple one's fit.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -35,6 +36,8 @@ MOST_DYNAMIC = 2  # of them go to the proof
 MOST_RICHER = 2
 MOST_SIMPLER = 2
 ITERATIONS = 15
+FIRST_ITERATIONS = 4  # from each start; the better end is pursued ...
+FIRST_GAIN = 1.0  # ... where it has gained more than this in log-likelihood
 START_SHARES = (1.0, 30.0)  # of the library's start value, for sizes whose scale the machine decides
 RTOL = 1e-4
 
@@ -84,19 +87,21 @@ def _best_dynamic(null: Null, candidate: Candidate, simulation: FitResult) -> tu
         family = state_space_family(explicit)
     except DaestError:
         return None
-    best: tuple[float, Prepared] | None = None
+    options, first = _options(null, names), []
     for share in START_SHARES:
         start = {name: simulation.theta[name] for name in null.estimated}
         start |= {f"{candidate.name}.{name}": size for name, size in _sizes(effect, share).items()}
-        try:
-            fit = identify(family, null.experiments, replace(_options(null, names), start=start))
-        except DaestError:
-            continue
-        if best is None or fit.log_likelihood > best[0]:
-            at_fit = flat.with_theta(fit.theta)
-            values = tuple(fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
-            best = (fit.log_likelihood, Prepared(Trial(candidate, values, ()), at_fit, names))
-    return best
+        with suppress(DaestError):
+            short = replace(options, start=start, max_iterations=FIRST_ITERATIONS)
+            first.append(identify(family, null.experiments, short))
+    best = max(first, key=lambda fit: fit.log_likelihood, default=None)
+    if best is None or best.log_likelihood - simulation.log_likelihood < FIRST_GAIN:
+        return None
+    with suppress(DaestError):
+        fit = identify(family, null.experiments, replace(options, start={n: best.theta[n] for n in names}))
+        best = max(best, fit, key=lambda fit: fit.log_likelihood)
+    values = tuple(best.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
+    return best.log_likelihood, Prepared(Trial(candidate, values, ()), flat.with_theta(best.theta), names)
 
 
 def _sizes(effect: Effect, share: float) -> dict[str, float]:

@@ -38,9 +38,7 @@ from daest.model.fit import Agreement, FitResult, FittedNoise
 from daest.model.flat import Dynamics
 
 AGREEMENT_ITERATIONS = 10  # of the search for the initial states that an agreement is judged from
-AGREEMENT_GAIN = (
-    1e-3  # predicted gain in log-likelihood that ends it: the error tells it in its seventh digit
-)
+AGREEMENT_GAIN = 0.1  # predicted gain in log-likelihood that ends it: 1e-5 of the error
 
 
 def agreement(

@@ -199,7 +199,8 @@ def _settled(search: Search, z: np.ndarray) -> Found | None:
     if found is None:
         return None
     iterations = found.iterations
-    better = _better(search, found)
+    # A search at its limit is not doubted: it would not be taken up again.
+    better = _better(search, found) if iterations < search.max_iterations else None
     for _ in range(ROUNDS):
         if better is None or iterations >= search.max_iterations:
             break
