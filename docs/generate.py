@@ -26,7 +26,7 @@ from daest.cli.main import COMMANDS, cli
 from daest.cli.schema import schema_names, schema_of
 from daest.data import prepare
 from daest.data.project import KEYS
-from daest.diagnosis import unseen
+from daest.diagnosis import formulas, unseen
 from daest.diagnosis.gates import GATES
 from daest.errors import EXPLANATIONS
 from daest.model.effects import Effect
@@ -242,6 +242,7 @@ def filled(markdown: str) -> str:
         rates=rates,
         box=box,
         gates=GATES,
+        formulas=formulas,
         unseen=unseen,
         prepare=prepare,
         percent=percent,

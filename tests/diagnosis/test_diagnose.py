@@ -106,6 +106,7 @@ def test_effect_outside_the_library_gets_a_curve_and_no_name():
     record, _ = rotor_record(1200, seed=8, coulomb=lambda phi: 0.2)
     found = diagnosed(record, "Unbalance", "ConstantLoad", "Gain")
     assert found.verdict == "unknown effect" and not accepted(found)
+    assert "sign(rotor.w)" in found.learned.formula.text and found.learned.formula.text in found.message
     curve = found.disturbance
     assert curve.variable == "rotor.w" and curve.place == "rotor.flange_a"
     values = {p.name: p.value for p in found.baseline.parameters}

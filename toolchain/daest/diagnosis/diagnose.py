@@ -25,7 +25,7 @@ from daest.diagnosis.candidates import pairs
 from daest.diagnosis.disturbance import SmoothedLoad, place_gains, smoothed_load
 from daest.diagnosis.free_forms import free_forms
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.learned import learned_load, said
+from daest.diagnosis.learned import learned_load, said, with_formula
 from daest.diagnosis.next_experiment import Asked, computed
 from daest.diagnosis.null import Null, fit_null, grown, open_hold, refit, shortest_load
 from daest.diagnosis.options import DiagnoseOptions, Progress
@@ -264,6 +264,8 @@ def _examined(
         learned = _learned(stand, run, form)
         if learned is not None and learned.against:
             decided = verdicts.decide(replace(evidence, against_form=learned.against))
+        elif learned is not None:
+            learned = with_formula(learned)
     return Diagnosis(
         verdict=decided.name,
         message=decided.message + (said(learned) if learned and decided.name == "unknown effect" else ""),

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from daest.diagnosis.compare import compare_models
+from daest.diagnosis.formulas import formula
 from daest.diagnosis.free_forms import SOFT, TURN, internal_variables
 from daest.diagnosis.null import Null, period_of, refit
 from daest.diagnosis.proof import Reference
@@ -126,7 +127,28 @@ def said(learned: LearnedLoad) -> str:
     worse = all(after >= before for before, after in pairs.values())
     warning = ", no better: take the curve as a hint, not as a model" if worse else ""
     loose = "" if _has_certain_value(learned.curve) else UNCERTAIN
-    return f" {how}: validation error (rms) {', '.join(parts)}{warning}.{loose}"
+    return f" {how}: validation error (rms) {', '.join(parts)}{warning}.{loose}{_formula_said(learned)}"
+
+
+def with_formula(learned: LearnedLoad) -> LearnedLoad:
+    """The load with the short formula for its curve, where there is one."""
+    form, fit = learned.form, learned.fit
+    n, correlation = learned.curve.x.size, None
+    # The values of the curve are the last parameters of the model with it.
+    if fit is not None and all(".y[" in name for name in fit.correlation_names[-n:]):
+        correlation = fit.correlation[-n:, -n:]
+    return replace(learned, formula=formula(learned.curve, form.unit, form.variable_unit, correlation))
+
+
+def _formula_said(learned: LearnedLoad) -> str:
+    found = learned.formula
+    if found is None:
+        return ""
+    errors = ", ".join(f"± {c.std_error:.2g} {c.unit}".rstrip() for c in found.coefficients)
+    return (
+        f" A short formula for the curve: {found.text} ({errors}; {found.n_numbers} in place of "
+        f"{learned.curve.x.size} numbers, which leaves {100.0 * found.left:.0f} % of it)."
+    )
 
 
 def _has_certain_value(curve: Curve) -> bool:

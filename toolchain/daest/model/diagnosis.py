@@ -140,6 +140,27 @@ class Curve:
 
 
 @dataclass(frozen=True)
+class Coefficient:
+    """Of a `term` of a formula ("1" for a constant). The unit is empty where no whole exponents write it."""
+
+    term: str
+    value: float
+    std_error: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A short formula for a curve: its text, its coefficients, how many numbers it has, and the share of the
+    curve's size (in its standard errors) that it leaves."""
+
+    text: str
+    coefficients: tuple[Coefficient, ...]
+    n_numbers: int
+    left: float
+
+
+@dataclass(frozen=True)
 class LearnedLoad:
     """The load of `form` as a part of the model: its curve, all parameter values, and the errors (rms) of the
     simulation on validation data without and with it. `fit` is None where no refit succeeded and the curve
@@ -153,6 +174,7 @@ class LearnedLoad:
     after: Mapping[str, float | None]
     sign: float = 1.0
     against: str = ""  # why unseen data speak against it
+    formula: Formula | None = None  # for the curve, where there is a short one
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from daest.diagnosis.written import Written
 from daest.model.diagnosis import (
     CandidateVerdict,
     Diagnosis,
+    Formula,
     FreeForm,
     Improvement,
     LearnedLoad,
@@ -113,12 +114,27 @@ class PlaceEntry(TypedDict):
     unit: NotRequired[str]
 
 
+class CoefficientEntry(TypedDict):
+    term: Annotated[str, "what it is multiplied by; 1 for a constant"]
+    value: float
+    std_error: float
+    unit: str
+
+
+class FormulaEntry(TypedDict):
+    text: Annotated[str, "the load, over variables of the model"]
+    coefficients: list[CoefficientEntry]
+    n_numbers: Annotated[int, "coefficients, thresholds and decay lengths"]
+    left: Annotated[float, "share of the curve, in its standard errors, that the formula leaves"]
+
+
 class Learned(TypedDict):
     refitted: Annotated[bool, "false: no refit succeeded, the curve is that of `disturbance`"]
     curve: Annotated[list[list[float | None]], "x, load, standard error; straight lines between"]
     period: NotRequired[Annotated[float | None, "of the curve, in the unit of the variable"]]
     sign_width: NotRequired[Annotated[float | None, "the load is multiplied by tanh(sign_of/sign_width)"]]
     model_parameters: NotRequired[dict[str, Uncertain]]
+    formula: NotRequired[Annotated[FormulaEntry | None, "short formula for the curve; null: there is none"]]
     rms_before: Annotated[ByOutput, "errors of the simulation on validation data without the load"]
     rms: Annotated[ByOutput, "errors with the load"]
 
@@ -265,8 +281,21 @@ def _learned(learned: LearnedLoad) -> Learned:
         "period": curve.period or None,
         "sign_width": curve.sign_width or None,
         "model_parameters": {name: uncertain_entry(p) for name, p in physical.items()},
+        "formula": None if learned.formula is None else _formula(learned.formula),
         "rms_before": dict(learned.before),
         "rms": dict(learned.after),
+    }
+
+
+def _formula(found: Formula) -> FormulaEntry:
+    return {
+        "text": found.text,
+        "coefficients": [
+            {"term": c.term, "value": c.value, "std_error": c.std_error, "unit": c.unit}
+            for c in found.coefficients
+        ],
+        "n_numbers": found.n_numbers,
+        "left": found.left,
     }
 
 
