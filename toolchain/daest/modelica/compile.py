@@ -8,6 +8,7 @@ from pathlib import Path
 
 from daest.errors import ModelError
 from daest.model.flat import FlatModel
+from daest.modelica import failures
 from daest.modelica import syntax as s
 from daest.modelica.assemble import assemble
 from daest.modelica.change import declare, with_values
@@ -57,7 +58,8 @@ def compile_text(
         try:
             return with_room(lambda: _compile(job, dict(overrides or {})))
         except ModelError as problem:
-            if problem.code not in _MISSING:
+            # What no file of the library declares is missing in the whole of it, too.
+            if problem.code not in _MISSING or failures.is_missing_in_library(problem):
                 raise
     whole = Job(path, text, name, readable_roots(folders, text, path), names=names)
     return with_room(lambda: _compile(whole, dict(overrides or {})))

@@ -210,8 +210,9 @@ def _compiled(job: Job, appended: bytes) -> s.FlatSource:
     try:
         flat, files = _load(job, text, _compiled_name(job, appended))
     except rumoca.RumocaError as problem:
-        said, name = job.names.restored(str(problem)), job.names.model(job.class_name)
-        raise failures.translated(said, job.path, job.text, name) from None
+        said, name = job.names.restored(job.roots.in_words_of(str(problem))), job.names.model(job.class_name)
+        read = job.roots.origins.values() or job.roots.folders
+        raise failures.translated(said, job.path, job.text, name, read) from None
     except BaseException as problem:  # a panic of the compiler is no Exception
         if isinstance(problem, KeyboardInterrupt | SystemExit):
             raise

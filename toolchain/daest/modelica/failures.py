@@ -59,8 +59,24 @@ def internal(problem: BaseException, path: Path, text: bytes) -> ModelError:
     )
 
 
-def translated(message: str, path: Path, text: bytes, class_name: str) -> ModelError:
-    """The error behind a message of the compiler."""
+def translated(
+    message: str, path: Path, text: bytes, class_name: str, libraries: Iterable[Path] = ()
+) -> ModelError:
+    """The error behind a message of the compiler; `libraries` are those that were read."""
+    missing = _not_in_library(message, path, text, libraries)
+    if missing is not None:
+        return missing
+    limit = next(((what, remedy) for phrase, what, remedy in _BEYOND if phrase in message), None)
+    if limit is not None:
+        what, remedy = limit
+        named = _QUOTED.search(message[message.index(_plain(message)[:20]) :])
+        return ModelError(
+            "model-compile",
+            f"`{class_name}` is beyond the compiler that is built in: {what}"
+            f"{f' (`{named[1]}`)' if named else ''}. The model may well be right",
+            where=str(path),
+            remedy=remedy,
+        )
     for translate in (_syntax, _balance, _unknown, _types, _der_expression, _unsupported, _missing_class):
         made = translate(message, path, text, class_name)
         if made is not None:
@@ -86,6 +102,46 @@ def translated(message: str, path: Path, text: bytes, class_name: str) -> ModelE
     )
 
 
+_FMU = (
+    "or export the model by your own tool as an FMU, which all commands take; or, with OpenModelica "
+    "installed, by `daest export MODEL --compiler omc -o NAME.bmo`."
+)
+
+# What the compiler's message contains, what of the model it cannot do, and what helps.
+_BEYOND = (
+    (
+        "member augmentation",
+        "an expandable connector gets a member by a connection",
+        f"Declare the member in the connector (`expandable connector Bus Real heat; end Bus;`); {_FMU}",
+    ),
+    (
+        "violates constrainedby",
+        "a redeclared component whose class has the right interface, but does not extend the constraining "
+        "class",
+        f"Let the new class extend the constraining one; {_FMU}",
+    ),
+    (
+        "unevaluable array dimensions",
+        "the size of an array follows from a replaceable package, as of a medium",
+        f"Write the fluid as a component with constants (Modelica.Thermal.FluidHeatFlow does); {_FMU}",
+    ),
+    (
+        "wrong DAE coordinate role",
+        "an equation between whole records, as Complex numbers with operators",
+        f"Write one equation for each part (`v.re = …; v.im = …;`); {_FMU}",
+    ),
+    (
+        "ExternalObject owner",
+        "an external object of a library of its own",
+        f"Write what its C code computes in Modelica, or let it be an input of the recording; {_FMU}",
+    ),
+    (
+        "unresolved Flat reference",
+        "an equation between whole records, as Complex numbers",
+        f"Write one equation for each part (`v.re = …; v.im = …;`); {_FMU}",
+    ),
+)
+
 _LIMITS = (
     (
         "expression shape mismatch",
@@ -106,6 +162,53 @@ def _plain(message: str) -> str:
     """The compiler's message without the names of its phases and without its repetition."""
     first = message.splitlines()[0]
     return re.sub(r"^.*?failed in \w+: ", "", re.sub(r"^\S+ could not be compiled: ", "", first))
+
+
+def _not_in_library(message: str, path: Path, text: bytes, libraries: Iterable[Path]) -> ModelError | None:
+    """A class that is missing in a library that was read: another version of it may have it."""
+    for phrase in ("unresolved type", "base class not found"):
+        if phrase not in message:
+            continue
+        name = _name_after(phrase, message)
+        first = name.partition(".")[0]
+        for library in libraries:
+            if first == name or library.name.partition(" ")[0] != first or _declares(library, name):
+                continue
+            near = (
+                "" if ".SIunits." not in name else " Modelica.SIunits is Modelica.Units.SI since version 4.0."
+            )
+            return ModelError(
+                "model-unknown-class",
+                f"class `{name}` is not in the library {first} that was read, {library}",
+                where=_place_of_name(path, text, name.split(".")) or str(path),
+                remedy=f"Check its spelling, or put the version of {first} that the text was written for "
+                f"beside it: `uses` chooses among them.{near}",
+            )
+    return None
+
+
+def is_missing_in_library(problem: ModelError) -> bool:
+    """Whether the error is that of a class that a library does not declare."""
+    return problem.code == "model-unknown-class" and "is not in the library" in problem.what
+
+
+def _declares(library: Path, name: str) -> bool:
+    """Whether a class stands in the files of a library, by the path that its name describes."""
+    place, parts = library, name.split(".")[1:]
+    for i, part in enumerate(parts):
+        if (place / part / "package.mo").is_file():
+            place = place / part
+            continue
+        own = place / f"{part}.mo"
+        file, rest = (own, parts[i + 1 :]) if own.is_file() else (place / "package.mo", parts[i:])
+        if not rest:
+            return True
+        kinds = r"(?:class|model|block|package|function|record|connector|type|operator)"
+        declared = re.compile(rf"\b{kinds}\s+{re.escape(rest[-1])}\b")
+        return (
+            file.is_file() and declared.search(file.read_text(encoding="utf-8", errors="replace")) is not None
+        )
+    return True
 
 
 def _syntax(message: str, path: Path, text: bytes, class_name: str) -> ModelError | None:

@@ -84,6 +84,12 @@ class Roots:
                 return str(source / file[len(made) + 1 :])
         return file
 
+    def in_words_of(self, message: str) -> str:
+        """The message with the user's files in the place of those that were made from them."""
+        for made, source in self.origins.items():
+            message = message.replace(made, str(source))
+        return message
+
     def readable(self, file: Path) -> Path:
         """The file of `folders` that was made from the user's `file`, or the file itself."""
         for made, source in self.origins.items():
