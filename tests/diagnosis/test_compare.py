@@ -187,6 +187,19 @@ def test_nonlinear_models_are_predicted_tested_and_ranked(tmp_path):
     assert trials[0].growth[-1].rms["y"] > 1.5 * trials[1].growth[-1].rms["y"]
 
 
+def test_uncertain_parameters_of_a_nonlinear_model_widen_its_tests(tmp_path):
+    """What a parameter that is hardly known does to the errors is no fault of the model."""
+    true = hardening(tmp_path, 8.0)
+    name = true.parameters[0].name
+    moved = with_values(true, {name: 1.1 * true.parameters[0].value})
+    cov = np.array([[(0.1 * true.parameters[0].value) ** 2]])
+    known = Candidate("moved", moved, 1, "zoh")
+    unsure = replace(known, parameter_names=(name,), parameter_cov=cov)
+    sure, wide = compare_models([known, unsure], [record(true, 300, 7)]).models
+    for output, test in wide.tests["variable_independence"].items():
+        assert test.statistic < sure.tests["variable_independence"][output].statistic
+
+
 def test_linear_model_has_the_same_likelihood_through_either_way(tmp_path):
     """A cubic term of size zero cannot be told from none, but may be computed by the nonlinear way."""
     linear, nominal = hardening(tmp_path, 0.0), hardening(tmp_path, 1e-9)

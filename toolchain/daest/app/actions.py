@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from daest.app.story import Story, comparison_file, diagnosis_file
+from daest.app.story import NAME, RIVALS, Story, comparison_file, diagnosis_file, rivals_file
 from daest.errors import ConfigError
 
 CHECK = "check.json"
+MOST_RIVALS = 4  # that are laid over each other
 DIGITS = 6  # of the size of an effect, which the fit that follows starts from
 Lines = list[list[str]]
 Asked = Mapping[str, Any]
@@ -90,17 +91,42 @@ def _add(asked: Asked, standing: Standing) -> Lines:
     step = standing.story.step
     parent = standing.story.steps[step.parent or 0]
     found = candidate(asked, standing.diagnosis)
+    return [
+        _extend(found, [] if parent.number == 0 else [parent.model], step.model),
+        ["identify", "--model", step.model],
+        *_compare(asked, standing),
+    ]
+
+
+def _extend(found: Mapping[str, Any], model: list[str], target: str) -> list[str]:
+    """The line that writes a model with a candidate in it."""
     sizes: list[str] = []
     for name, entry in found["parameters"].items():
         if isinstance(entry["value"], int | float) and math.isfinite(entry["value"]):
             sizes += ["--set", f"{name}={entry['value']:.{DIGITS}g}"]
-    extend = ["extend", *([] if parent.number == 0 else [parent.model])]
-    extend += ["--effect", str(found.get("class", found["effect"])), "--at", str(found["at"])]
-    return [
-        [*extend, *sizes, "-o", step.model],
-        ["identify", "--model", step.model],
-        *_compare(asked, standing),
-    ]
+    effect = ["--effect", str(found.get("class", found["effect"])), "--at", str(found["at"])]
+    return ["extend", *model, *effect, *sizes, "-o", target]
+
+
+def rivals(diagnosis: Mapping[str, Any] | None) -> list[Mapping[str, Any]]:
+    """The candidates that a diagnosis could not tell apart and that can be written as models, best first;
+    empty where there are no two of them."""
+    candidates = (diagnosis or {}).get("candidates", [])
+    found = [one for one in candidates if one["verdict"] != "rejected" and one.get("model")]
+    return found[:MOST_RIVALS] if len(found) > 1 else []
+
+
+def _rivals(_: Asked, standing: Standing) -> Lines:
+    """Every rival as a model, all of them refitted and compared."""
+    number = standing.story.current
+    written, files = [], []
+    for i, found in enumerate(rivals(standing.diagnosis), 1):
+        files.append(f"{standing.home}/{RIVALS}/{number}_{i}_{NAME.sub('_', str(found['effect']))}.mo")
+        written.append(_extend(found, [] if number == 0 else [standing.model], files[-1]))
+    if not files:
+        raise _refused("the diagnosis left no two candidates")
+    target = f"{standing.home}/{rivals_file(number)}"
+    return [*written, ["compare", standing.model, *files, "--refit", "-o", target]]
 
 
 def _improve(_: Asked, standing: Standing) -> Lines:
@@ -122,6 +148,7 @@ ACTIONS: dict[str, Callable[[Asked, Standing], Lines]] = {
     "compare": _compare,
     "diagnose": _diagnose,
     "add": _add,
+    "rivals": _rivals,
     "improve": _improve,
     "noise": _noise,
     "report": _report,

@@ -8,12 +8,19 @@ from typing import Any
 
 import numpy as np
 
+from daest.app.actions import CHECK
 from daest.app.state import Desk, read_json
+from daest.data.project import Project
+from daest.data.read import find_time, read_table, with_units
+from daest.data.table import in_seconds
+from daest.errors import DaestError
 from daest.report.page.plots import (
+    Drawn,
     Plot,
     comparison_plots,
     followed_figures,
     frequency_plots,
+    recording_plot,
     residual_plots,
     stacked_item,
 )
@@ -36,6 +43,49 @@ def comparison_pictures(desk: Desk) -> list[dict[str, Any]]:
     except (KeyError, TypeError, ValueError, IndexError):
         return []  # the document and its series are written one after the other
     return [_entry(plot) for plot in plots]
+
+
+LARGEST_DRAWN = 100_000_000  # bytes of a recording; a longer one is not drawn before it is asked for
+
+
+def recording_pictures(desk: Desk) -> list[dict[str, Any]]:
+    """The recordings that were checked last, with what was found drawn on them; none where nothing was
+    checked."""
+    checked = desk.read(CHECK)
+    try:
+        project = desk.project()
+        if project is None or checked is None:
+            return []
+        plots = [
+            plot
+            for number, recording in enumerate(checked["recordings"])
+            for path in (*project.estimate, *project.validate)
+            if path.stem == recording["name"] and path.stat().st_size <= LARGEST_DRAWN
+            if (plot := _recording(number, recording, path, project)) is not None
+        ]
+    except (DaestError, OSError, KeyError, TypeError, ValueError):
+        return []  # what is wrong with the file is told by the check itself
+    return [_entry(plot) for plot in plots]
+
+
+def _recording(number: int, recording: Mapping[str, Any], path: Path, project: Project) -> Plot | None:
+    """Of the columns that are signals of the model, or of all of them where none is."""
+    table = with_units(read_table(path), project.units)
+    time = in_seconds(find_time(table, project.time))
+    told = [column for column in recording["columns"] if column["role"]] or recording["columns"]
+    columns = []
+    for about in told:
+        column = table.find(about["name"])
+        if column is not None:
+            marks = [
+                finding["time"]
+                for finding in recording["findings"]
+                if finding["time"] is not None and finding["column"] in (None, about["name"])
+            ]
+            columns.append(
+                Drawn(about["name"], about["unit"] or "", about["role"] or "", column.values, marks)
+            )
+    return recording_plot(number, recording["name"], time, columns)
 
 
 def following_pictures(told: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -172,6 +172,19 @@ def _pictures(desk: Desk) -> list[dict[str, Any]]:
     return importlib.import_module(PICTURES).comparison_pictures(desk)
 
 
+class Recordings(Guarded):
+    """Plots of the recordings, with what the check has found."""
+
+    async def get(self) -> None:
+        loop = asyncio.get_running_loop()
+        plots = await loop.run_in_executor(None, _recordings, self.desk)
+        self.write({"plots": plots})
+
+
+def _recordings(desk: Desk) -> list[dict[str, Any]]:
+    return importlib.import_module(PICTURES).recording_pictures(desk)
+
+
 class Sliders(Guarded):
     """Empty plots for what the simulating process tells."""
 
@@ -348,6 +361,7 @@ def application(guard: Guard, desk: Desk, pages: Pages) -> tornado.web.Applicati
         (r"drawing/(?P<name>bokeh\.js|figures\.js|report\.css)", Drawing),
         ("api/state", State),
         ("api/pictures", Pictures),
+        ("api/recordings", Recordings),
         ("api/sliders", Sliders),
         ("api/effect", Effect),
         ("api/run", Run),

@@ -9,9 +9,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from daest.app.actions import CHECK, PLAIN, Standing, lines
+from daest.app.actions import CHECK, PLAIN, Standing, lines, rivals
 from daest.app.jobs import SCRIPT, jobs, shown
-from daest.app.story import Step, Story, comparison_file, diagnosis_file, read_story, step_errors
+from daest.app.story import (
+    Step,
+    Story,
+    comparison_file,
+    diagnosis_file,
+    read_story,
+    rivals_file,
+    step_errors,
+)
 from daest.data.project import FILE_NAME, Project, load_project
 from daest.errors import DaestError
 from daest.report.page.modelica_text import added_lines
@@ -131,7 +139,7 @@ def signature(desk: Desk) -> tuple[Any, ...]:
 def _stamps(desk: Desk) -> Iterator[tuple[str, int, int]]:
     results = desk.folder / "results"
     folders = (desk.folder, results, results / "fits", results / "diagnosis", results / "improve", desk.home)
-    own = tuple(desk.home / name for name in ("models", "steps", "diagnoses"))
+    own = tuple(desk.home / name for name in ("models", "steps", "diagnoses", "rivals"))
     last = sorted((desk.home / "jobs").glob("*"))[-2:]
     for folder in (*folders, *own, *last):
         try:
@@ -168,6 +176,7 @@ def state(desk: Desk) -> dict[str, Any]:
     found["diagnosis"] = _diagnosis(desk, story.step)
     earlier = [_diagnosis(desk, step) for step in story.path()[-2::-1]]
     found["earlier"] = next((one for one in earlier if one), None)
+    found["rivals"] = _rivals(desk, story)
     found["arrived"] = _arrived(desk)
     found["commands"] = _commands(desk)
     found["ledger"] = _ledger(read_json(desk.folder / "results" / "improve" / "ledger.json"))
@@ -177,7 +186,8 @@ def state(desk: Desk) -> dict[str, Any]:
 def _commands(desk: Desk) -> dict[str, list[str]]:
     """The lines of the actions that need no more than a click."""
     standing = desk.standing()
-    return {name: preview(lines(name, {}, standing)) for name in PLAIN}
+    names = (*PLAIN, "rivals") if rivals(standing.diagnosis) else PLAIN
+    return {name: preview(lines(name, {}, standing)) for name in names}
 
 
 def _project(desk: Desk, project: Project) -> dict[str, Any]:
@@ -249,6 +259,17 @@ def _comparison(desk: Desk, story: Story) -> dict[str, Any] | None:
     own = desk.read(comparison_file(story.current))
     names = [model["name"] for model in document["models"]]
     return {**document, "current": own is not None and names == [model["name"] for model in own["models"]]}
+
+
+def _rivals(desk: Desk, story: Story) -> dict[str, Any] | None:
+    """The errors of the rivals of the current step, and whether they are what was compared last."""
+    own = desk.read(rivals_file(story.current))
+    if own is None or not own.get("models"):
+        return None
+    last = read_json(desk.folder / "results" / "comparison.json") or {}
+    names = [[model["name"] for model in one.get("models", [])] for one in (own, last)]
+    errors = [{"name": model["name"], "rms": model["rms"]} for model in own["models"]]
+    return {"models": errors, "outputs": own["outputs"], "shown": names[0] == names[1]}
 
 
 def _diagnosis(desk: Desk, step: Step) -> dict[str, Any] | None:

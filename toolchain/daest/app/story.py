@@ -18,7 +18,7 @@ from daest.errors import ConfigError, Place
 from daest.files import whole_file
 
 FILE = "story.json"
-MODELS, STEPS, DIAGNOSES = "models", "steps", "diagnoses"  # folders
+MODELS, STEPS, DIAGNOSES, RIVALS = "models", "steps", "diagnoses", "rivals"  # folders
 NAME = re.compile(r"[^A-Za-z0-9_]")
 
 
@@ -110,6 +110,11 @@ def keep_story(home: Path, story: Story) -> None:
 def comparison_file(number: int) -> str:
     """Where the comparison of a step with its predecessors stands, from the home of the page on."""
     return f"{STEPS}/{number}.json"
+
+
+def rivals_file(number: int) -> str:
+    """Where the comparison of the rivals of a step's diagnosis stands, from the home of the page on."""
+    return f"{RIVALS}/{number}.json"
 
 
 def diagnosis_file(number: int) -> str:

@@ -128,10 +128,13 @@ def _beginning(problem: TrajectoryProblem, experiment: Experiment) -> Beginning:
     return Beginning(experiment.inputs[0], first[n_u:], float(experiment.time[0]))
 
 
-def prediction_errors(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = False) -> Errors | None:
-    """Run every experiment at z; None where an integration fails (the search then steps back)."""
+def prediction_errors(
+    problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = False, of_model: bool = False
+) -> Errors | None:
+    """Run every experiment at z; None where an integration fails (the search then steps back). `of_model`:
+    see `integrated`."""
     try:
-        trajectories = integrated(problem, z, with_slopes)
+        trajectories = integrated(problem, z, with_slopes, of_model)
     except IntegrationError:
         return None
     errors = tuple(e.outputs - t.outputs for e, t in zip(problem.experiments, trajectories, strict=True))
@@ -143,8 +146,11 @@ def prediction_errors(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bo
     return Errors(errors, covariance, tuple(trajectories), value)
 
 
-def integrated(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = False) -> list[Trajectory]:
-    """Trajectories of every experiment at z. Raises IntegrationError."""
+def integrated(
+    problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = False, of_model: bool = False
+) -> list[Trajectory]:
+    """Trajectories of every experiment at z. Their slopes are over what z holds; `of_model`: over the
+    parameters of the integrator in any case. Raises IntegrationError."""
     theta = problem.theta(z)
     gain, gain_slopes = problem.corrected_by(z, with_slopes)
     result = []
@@ -159,7 +165,7 @@ def integrated(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = Fa
                 x0,
                 hold=problem.hold,
                 sensitivities=with_slopes,
-                by_parameter=bool(problem.unknowns.coordinates),
+                by_parameter=of_model or bool(problem.unknowns.coordinates),
                 correction=correction,
                 rtol=problem.rtol,
                 state_scale=problem.state_scale,

@@ -87,6 +87,7 @@ function work() {
   put(document.getElementById("work"), [last, state.script], () => {
     if (!last) return h("p", {className: "hint"}, "Every click is a daest command. They will stand here, and in a script.");
     const said = last.said.trim().split("\n").filter(Boolean);
+    const headline = last.status === "failed" ? said.findLast(line => line.startsWith("error[")) ?? said.at(-1) : said.at(-1);
     const progress = said.at(-1)?.match(/\((\d+) of (\d+)\)/);
     const words = {running: "works", done: "done", failed: "failed", stopped: "stopped; what is done is kept", lost: "was ended by force; what is done is kept"};
     return [
@@ -95,7 +96,7 @@ function work() {
         h("code", {className: "typed"}, last.lines.map((line, i) => (last.status === "running" && i === last.codes.length ? "▸ " : "") + line).join("\n")),
         last.status === "running" ? h("button", {"data-key": "stop", onclick: () => page.run({action: "stop", job: last.number})}, "Stop") : null,
         last.status === "running" ? h("progress", progress ? {max: Number(progress[2]), value: Number(progress[1])} : {}) : null,
-        said.length ? h("details", {"data-key": "said", open: last.status === "failed"}, h("summary", {}, said.at(-1)), h("pre", {}, last.said)) : null),
+        said.length ? h("details", {"data-key": "said", open: last.status === "failed"}, h("summary", {}, headline), h("pre", {}, last.said)) : null),
       h("details", {"data-key": "script"}, h("summary", {}, "All commands of this folder"),
         h("pre", {}, state.script), h("p", {}, h("a", {href: "session.sh", download: "session.sh"}, "Save them as a script"))),
     ];

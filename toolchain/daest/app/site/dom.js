@@ -8,7 +8,7 @@ export function h(tag, props = {}, ...children) {
     else if (key in made && key !== "list" && !key.startsWith("aria")) made[key] = value;
     else made.setAttribute(key, value === true ? "" : value);
   }
-  made.append(...children.flat().filter(child => child !== null && child !== undefined && child !== false));
+  made.append(...children.flat(Infinity).filter(child => child !== null && child !== undefined && child !== false));
   return made;
 }
 
@@ -27,7 +27,7 @@ export function put(place, key, make) {
   shown.set(place, text);
   const focused = place.contains(document.activeElement) ? document.activeElement.dataset.key : undefined;
   const opened = new Set([...place.querySelectorAll("details[open][data-key]")].map(part => part.dataset.key));
-  place.replaceChildren(...[make()].flat().filter(Boolean));
+  place.replaceChildren(...[make()].flat(Infinity).filter(Boolean));
   for (const part of place.querySelectorAll("details[data-key]")) if (opened.has(part.dataset.key)) part.open = true;
   if (focused) place.querySelector(`[data-key="${CSS.escape(focused)}"]`)?.focus();
   return true;

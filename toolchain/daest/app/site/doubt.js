@@ -1,5 +1,5 @@
 // Doubt: the verdict with its evidence and its price in plain words, and what would settle it.
-import {h, put, number} from "./dom.js";
+import {h, put, number, withUnit, COLORS} from "./dom.js";
 
 const MEANS = {
   "nothing missing": "What the model leaves is what its own noise would leave. Nothing has to be added.",
@@ -11,7 +11,7 @@ const MEANS = {
 };
 
 export function view(place, state, page) {
-  put(place, [state.diagnosis, state.earlier, state.comparison, state.commands, Boolean(page.running())], () => {
+  put(place, [state.diagnosis, state.earlier, state.comparison, state.rivals, state.commands, Boolean(page.running())], () => {
     const found = state.diagnosis ?? state.earlier;
     const search = state.diagnosis || !state.project ? [] : [h("p", {className: "missing"}, "Nothing has been searched for yet in this model."), page.button("Search for what is missing", {action: "diagnose"}, {strong: true})];
     if (!found) return search;
@@ -22,7 +22,7 @@ export function view(place, state, page) {
       h("p", {}, found.message),
       h("h3", {}, "What the search cost"),
       h("p", {}, found.screen ? `${found.screen.n_screened} effects at places were looked at, and ${refitted.length} were refitted, in ${number(found.seconds, 3)} s. The best of so many looks good by chance alone; the evidence below is what is left after that is taken off: with nothing missing, a score as high as the best one would be seen with probability ${probability(found.screen.p_value)}.` : `${refitted.length} effects were refitted in ${number(found.seconds, 3)} s.`),
-      h("h3", {}, held.length > 1 ? "The rivals" : "The evidence"), evidence(held.length ? held : refitted.slice(0, 4), found),
+      h("h3", {}, held.length > 1 ? "The rivals" : "The evidence"), evidence(held.length ? held : refitted.slice(0, 4), found), state.diagnosis ? rivals(state, page) : null,
       found.next_experiment ? [h("h3", {}, "What would settle it"), h("p", {className: "next"}, found.next_experiment)] : null,
       found.places?.length ? [h("h3", {}, "Where the model needs help"), h("ul", {}, found.places.slice(0, 5).map(one => h("li", {}, `${one.group.join(", ")}: noise there would make the data ${number(one.log_likelihood_gain, 3)} units of log-likelihood more likely`)))] : null,
       (found.notes ?? []).map(text => h("p", {className: "remark"}, text)),
@@ -41,6 +41,16 @@ function evidence(rows, found) {
     one.p_value === null ? "" : `by chance with probability ${probability(one.p_value)}`,
     one.explained === null || one.explained === undefined ? "" : `, explains ${number(100 * one.explained, 2)} % of the load`, ". ",
     one.reason ? `${one.reason}. ` : "", one.not_separable_from?.length ? `Not told apart from ${one.not_separable_from.join(", ")}.` : "")));
+}
+
+// The rivals as models of their own, refitted and laid over each other on the data.
+function rivals(state, page) {
+  const lines = state.commands?.rivals, found = state.rivals;
+  if (!lines) return null;
+  return [found ? h("ul", {className: "evidence"}, found.models.map((model, i) => h("li", {}, h("span", {className: "swatch", style: {background: COLORS[i % COLORS.length]}}), h("strong", {}, `${i + 1} ${model.name}`), ": ",
+      Object.entries(found.outputs).map(([name, unit]) => `${name} ${withUnit(model.rms[name], unit)}`).join(", ")))) : null,
+    found?.shown ? h("p", {}, h("a", {href: "#compare", "data-key": "rivals"}, "See them over each other on the data, in their colours")) : null,
+    page.button(found ? "Lay the rivals over each other again" : "Lay the rivals over each other", {action: "rivals"}, {lines, strong: !found})].flat();
 }
 
 function tests(comparison) {

@@ -112,6 +112,44 @@ def comparison_plots(document: Document, series: Series) -> Iterator[Plot]:
         )
 
 
+@dataclass(frozen=True)
+class Drawn:
+    """A column of a recording: its role (`input`, `output`, or none), values (n,) and its findings' times."""
+
+    name: str
+    unit: str
+    role: str
+    values: np.ndarray
+    marks: Sequence[float] = ()
+
+
+def recording_plot(number: int, name: str, time: np.ndarray, columns: Sequence[Drawn]) -> Plot | None:
+    """The columns of a recording against its time (n,), with a line where a finding begins; None without
+    columns."""
+    most, figures = _points(len(columns)), list[Any]()
+    known = np.isfinite(time)
+    for column in columns:
+        shared = figures[0].x_range if figures else None
+        plot = _figure("", _titled(column.name, column.unit), NARROW, shared)
+        _dots(plot, time[known], column.values[known], column.role or "column", most)
+        for mark in column.marks:
+            plot.add_layout(
+                Span(location=mark, dimension="height", line_color=ALARM, line_alpha=0.6, line_width=2)
+            )
+        _legend(plot)
+        figures.append(plot)
+    if not figures:
+        return None
+    label = f"{', '.join(column.name for column in columns)} of {name} against time"
+    marked = any(column.marks for column in columns)
+    return Plot(
+        f"plot-recording-{number}",
+        label + ("; an upright line where a fault begins" if marked else ""),
+        stacked_item(figures, "time [s]"),
+        _thinning_note(time.size, most),
+    )
+
+
 def telling_window(time: np.ndarray, errors: Sequence[np.ndarray]) -> slice | None:
     """The part of a recording where the errors of the models are largest together; None where the recording
     is so short that all of it can be read. Models count alike: each error is relative to its own size."""
