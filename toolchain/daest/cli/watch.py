@@ -55,7 +55,7 @@ _watch_options = gathered(
     WatchOptions,
     click.option(
         "--average-run",
-        type=click.FloatRange(min=100.0),
+        type=click.FloatRange(min=1000.0),
         default=AVERAGE_RUN,
         metavar="SAMPLES",
         help="Mean number of samples between two false alarms (default: 100000).",
@@ -150,7 +150,7 @@ def _watch(stream: Stream, options: WatchOptions, seed: int) -> Watch:
     from daest.cli.recordings import signals
     from daest.data.read import read_experiments, select_outputs
     from daest.estimation.change import Usual, threshold_for, usual_of
-    from daest.estimation.watch import Watch
+    from daest.estimation.watch import QUIET, Watch
 
     names = stream.online.output_names
     usual = Usual.white(len(names))
@@ -160,7 +160,8 @@ def _watch(stream: Stream, options: WatchOptions, seed: int) -> Watch:
         experiment = read_experiments([options.reference], *signals(stream.flat, project), **words)[0]
         recorded = select_outputs(experiment, names)
         usual = usual_of(np.array([e.whitened for e in stream.estimates_of(recorded)]))
-    return Watch(names, usual, threshold_for(usual, options.average_run, seed))
+    # The samples after an alarm that raise no other one are a part of what is promised.
+    return Watch(names, usual, threshold_for(usual, options.average_run - QUIET, seed))
 
 
 Tell = Callable[..., None]
