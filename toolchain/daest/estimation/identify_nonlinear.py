@@ -19,6 +19,7 @@ from daest.estimation.checks import no_start
 from daest.estimation.coordinates import Unknowns
 from daest.estimation.gain_family import Levels
 from daest.estimation.noise_levels import (
+    SCAN,
     Ending,
     NonlinearSetup,
     average_along,
@@ -39,7 +40,7 @@ from daest.estimation.observer import AverageModel
 from daest.estimation.optimum import best_point
 from daest.estimation.profile import Searched, Tell, silent, with_interval_check, with_profiles
 from daest.estimation.search import minimise
-from daest.estimation.trajectories import TrajectoryProblem
+from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions, Method
 from daest.model.flat import Dynamics
@@ -148,9 +149,11 @@ def _search_on(setup: NonlinearSetup, warm: WarmStart, options: IdentifyOptions)
         raise no_start()
     best = min(ends, key=lambda e: e.found.evaluation.value)
     is_hopeful = -best.found.evaluation.value > warm.hopeless
-    for _ in range(WARM_ROUNDS if is_hopeful else 0):
+    for number in range(WARM_ROUNDS if is_hopeful else 0):
         average = average_along(best.problem, best.found.z)
         levels = best.levels or warm.levels
+        if average is not None and not number:
+            levels = _likeliest(setup, best, average, [levels, *_scanned(setup, warm)]) or levels
         end = _together(setup, problem, best.found.z, levels, average, options.max_iterations, WARM_GAIN)
         gain = -np.inf if end is None else best.found.evaluation.value - end.found.evaluation.value
         if end is None or gain < 0.0:
@@ -184,6 +187,27 @@ def _together(
     start = np.concatenate([z, np.zeros(family.n_logs)])
     found = minimise(trajectories.objective(wide), start, *limits(wide), iterations, enough)
     return None if found is None else without_family(wide, found)
+
+
+def _scanned(setup: NonlinearSetup, warm: WarmStart) -> list[Levels]:
+    """The levels of the similar model with less and less noise of the process: slopes lead to the nearest
+    valley only, and what its parameters are worth shows with the noise that they leave."""
+    factors = [np.where(setup.estimate_intensity, np.exp(log), 1.0) for log in SCAN]
+    return [Levels(factor * warm.intensity, warm.measurement_std) for factor in factors]
+
+
+def _likeliest(
+    setup: NonlinearSetup, end: Ending, average: AverageModel, choice: Sequence[Levels]
+) -> Levels | None:
+    """Of some noise levels at the parameters of an end; None where none has a gain."""
+    values = []
+    for levels in choice:
+        family = free_gains(setup, average, levels)
+        if family is not None:
+            wide = with_family(end.problem, family)
+            errors = prediction_errors(wide, np.concatenate([end.found.z, np.zeros(family.n_logs)]))
+            values += [] if errors is None else [(errors.negative_log_likelihood, levels)]
+    return min(values, key=lambda pair: pair[0])[1] if values else None
 
 
 def _with_own_gain(setup: NonlinearSetup, end: Ending, warm: WarmStart) -> Ending:
