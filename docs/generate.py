@@ -29,8 +29,10 @@ from daest.data.project import KEYS
 from daest.diagnosis import formulas, unseen
 from daest.diagnosis.gates import GATES
 from daest.errors import EXPLANATIONS
+from daest.estimation.gates import FIT
 from daest.model.effects import Effect
 from daest.modelica.effects import effect_library
+from daest.systems.tolerances import SOLVER
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 # Pictures of the start page, which the examples keep.
@@ -243,6 +245,7 @@ def filled(markdown: str) -> str:
         box=box,
         gates=GATES,
         formulas=formulas,
+        thresholds=(("fit", FIT, "estimation/gates.py"), ("solver", SOLVER, "systems/tolerances.py")),
         unseen=unseen,
         prepare=prepare,
         percent=percent,

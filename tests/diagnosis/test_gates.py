@@ -1,4 +1,4 @@
-"""The thresholds of the diagnosis: each is told whole, each is used, and none can be changed on the way."""
+"""The thresholds of diagnosis, fit and solvers: each is told whole, each is used, and none changes."""
 
 import re
 from dataclasses import FrozenInstanceError
@@ -7,21 +7,29 @@ from pathlib import Path
 import pytest
 
 import daest.diagnosis
-from daest.diagnosis.gates import BOXES, FLEXIBLE, GATES, JUDGEMENT, ROUNDING, SIMULATED, WRONG
+from daest.diagnosis.gates import BOXES, FLEXIBLE, GATES, SIMULATED, WRONG
+from daest.estimation.gates import FIT
+from daest.model.thresholds import JUDGEMENT, ROUNDING
+from daest.systems.tolerances import SOLVER
 
 ROOMS = Path(daest.__file__).parent
 
 
-def test_every_gate_has_a_unit_a_meaning_and_what_set_it():
-    for name, value, unit, meaning, study in GATES.rows():
+SETS = {"GATES": GATES, "FIT": FIT, "SOLVER": SOLVER}
+
+
+@pytest.mark.parametrize("gates", SETS.values(), ids=SETS)
+def test_every_gate_has_a_unit_a_meaning_and_what_set_it(gates):
+    for name, value, unit, meaning, study in gates.rows():
         assert value > 0 and unit and len(meaning.split()) > 3, name
         known = study in (SIMULATED, BOXES, WRONG, FLEXIBLE, JUDGEMENT, ROUNDING, "definition")
-        assert known or re.match(r"distribution: \w|.* \(\d{4}\): \w", study), name
+        assert known or re.match(r"(distribution|analysis): \w|.* \(\d{4}\): \w", study), name
 
 
-def test_every_gate_is_used():
+@pytest.mark.parametrize("word", SETS)
+def test_every_gate_is_used(word):
     text = "".join(file.read_text(encoding="utf-8") for file in ROOMS.rglob("*.py"))
-    unused = [name for name, *_ in GATES.rows() if not re.search(rf"GATES\.{name}\b", text)]
+    unused = [name for name, *_ in SETS[word].rows() if not re.search(rf"\b{word}\.{name}\b", text)]
     assert unused == []
 
 

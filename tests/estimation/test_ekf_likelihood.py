@@ -10,12 +10,12 @@ from scipy.stats import chi2
 
 from daest.estimation.coordinates import Coordinate, Unknowns
 from daest.estimation.ekf_likelihood import (
-    SUBSTEP_CHANGE,
     EkfProblem,
     identify_by_ekf,
     with_substeps,
 )
 from daest.estimation.filter_task import record
+from daest.estimation.gates import FIT
 from daest.estimation.gaussian import objective
 from daest.estimation.identify_nonlinear import identify_nonlinear
 from daest.model.fit import IdentifyOptions
@@ -106,7 +106,7 @@ def test_substeps_are_refined_until_the_likelihood_stays():
     assert found is not None
     halved = replace(found, longest=min(found.longest, 0.05) / 2)
     values = [objective(each)(z, False).value for each in (found, halved)]
-    assert abs(values[0] - values[1]) < SUBSTEP_CHANGE * (1 + 100 / 1000)
+    assert abs(values[0] - values[1]) < FIT.substep_change * (1 + 100 / 1000)
     assert with_substeps(problem(coarse), z) is None  # far too coarse a record for the model
 
 

@@ -31,7 +31,6 @@ DOCUMENTS = {
     "diagnosis": ("diagnosis.json", "diagnose"),
     "ledger": ("improve/ledger.json", "improve"),
 }
-SERIES = ("comparison", "filter")
 
 
 @click.command("report", epilog=example("daest report -o report.html"))

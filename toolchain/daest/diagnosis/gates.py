@@ -6,9 +6,10 @@ takes is no gate and stands where it is used.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass
+
+from daest.model.thresholds import JUDGEMENT, ROUNDING, Thresholds
+from daest.model.thresholds import threshold as gate
 
 SIMULATED = "the machines of benchmarks/diagnosis_study.py, with other seeds than those of the rates"
 BOXES = "the FMUs of benchmarks/black_box_study.py, with other seeds than those of the rates"
@@ -20,16 +21,10 @@ FLEXIBLE = (
     "analysis: a flexible part at five times the bandwidth, half damped, acts like a delay of a fifth of the "
     "time constant"
 )
-JUDGEMENT = "judgement; no study has varied it"
-ROUNDING = "rounding of double precision"
-
-
-def gate(value: float, unit: str, meaning: str, study: str) -> Any:
-    return field(default=value, metadata={"unit": unit, "meaning": meaning, "study": study})
 
 
 @dataclass(frozen=True)
-class Gates:
+class Gates(Thresholds):
     """The thresholds. `rows` tells of each what stands beside its value."""
 
     screen_level: float = gate(
@@ -488,12 +483,6 @@ class Gates:
         "beyond the limit of a score, at which an effect is seen in 90 of 100 recordings",
         "distribution: normal",
     )
-
-    def rows(self) -> Iterator[tuple[str, float, str, str, str]]:
-        """Name, value, unit, meaning and study of every gate."""
-        for f in fields(self):
-            told = f.metadata
-            yield f.name, getattr(self, f.name), told["unit"], told["meaning"], told["study"]
 
 
 GATES = Gates()

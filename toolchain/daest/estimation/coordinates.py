@@ -16,12 +16,11 @@ from typing import Literal
 import numpy as np
 
 from daest.errors import EstimationError
+from daest.estimation.gates import FIT
 from daest.estimation.search import Evaluation, Found
 from daest.model.flat import Model
 from daest.model.linear import StateSpaceFamily
 from daest.model.prior import Prior
-
-LOST = np.log(1e3)  # times smaller or larger than its start: no slope is left for the way back
 
 
 @dataclass(frozen=True)
@@ -137,7 +136,7 @@ def lost_ones(unknowns: Unknowns, z: np.ndarray, start: np.ndarray) -> list[int]
     return [
         i
         for i, coordinate in enumerate(unknowns.coordinates)
-        if coordinate.kind == "parameter" and coordinate.is_log and abs(z[i] - start[i]) > LOST
+        if coordinate.kind == "parameter" and coordinate.is_log and abs(z[i] - start[i]) > FIT.lost_log
     ]
 
 

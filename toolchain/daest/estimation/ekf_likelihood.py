@@ -20,6 +20,7 @@ from daest.estimation.coordinates import Coordinate, Unknowns, log_likelihood
 from daest.estimation.ekf import EkfLikelihood, ekf_likelihood, run_ekf
 from daest.estimation.ekf_start import best_start, felt_intensity, with_lost_ones
 from daest.estimation.filter_task import Directions, Noise, Record, Start, record
+from daest.estimation.gates import FIT
 from daest.estimation.gaussian import objective
 from daest.estimation.identifiability import (
     correlation,
@@ -54,13 +55,9 @@ from daest.systems.local_linear import LocalModel, local_model
 
 STATE_RANGE = 1e3  # initial states are searched within this many times their scale
 NOISE_RANGE = 1e6  # a noise is searched within this factor of its start, both ways
-# Of the log-likelihood by halving the substeps: this, and this per 1000 samples, is allowed.
-SUBSTEP_CHANGE = 0.2
 MOST_HALVINGS = 4  # a model that needs finer steps is not smooth on the scale of its samples
-WORSE = 2.0  # log-likelihood by which the filter may fall short of the observer that it started from
 NEARLY_NONE = 1e-3  # of the intensity that outputs feel: no estimated noise starts below
 START_SAMPLES, START_SUBSTEPS = 2000, 4  # of the record, and per sample, when starts are compared
-TOLERATED = 10.0  # times that change, where the shortest substeps still leave it: far below a standard error
 AGREEMENT_ITERATIONS = 20  # of the search for the initial states that a simulation is judged from
 ROUNDS = 2  # of searching with a step of the linearisation that is checked afterwards
 
@@ -178,7 +175,7 @@ def identify_by_ekf(
     if explicit.invariants is not None and not np.all(estimate_intensity):
         starts += _wide_ends(explicit, unknowns, experiments, given_std, first, options)
     ends = _search(problem, starts, given, options)
-    if ends is None or log_likelihood(ends[0].unknowns, ends[1]) < first.log_likelihood - WORSE:
+    if ends is None or log_likelihood(ends[0].unknowns, ends[1]) < first.log_likelihood - FIT.worse_filter:
         note = "not smooth enough for the extended filter: predictions of an observer"
         if options.profile:
             first = identify_nonlinear(*task, options, validation, tell=tell)
@@ -324,7 +321,7 @@ def _search(
         if again is None:
             break
         found, z, others = again, again.z, ()
-    if found is None or _change_by_halving(problem, found.z) > TOLERATED * _allowed_change(problem):
+    if found is None or _change_by_halving(problem, found.z) > FIT.rough_substeps * _allowed_change(problem):
         return None
     return problem, found
 
@@ -341,8 +338,8 @@ def _is_coloured(problem: EkfProblem, found: Found) -> bool:
 
 
 def with_substeps(problem: EkfProblem, z: np.ndarray) -> EkfProblem | None:
-    """Halve the longest substep until the log-likelihood changes by no more than SUBSTEP_CHANGE allows; None
-    where MOST_HALVINGS are not enough."""
+    """Halve the longest substep until the log-likelihood changes by no more than FIT.substep_change allows;
+    None where MOST_HALVINGS are not enough."""
     period, allowed = _period(problem), _allowed_change(problem)
     longest = np.inf
     coarse = objective(replace(problem, longest=longest))(z, False)
@@ -364,7 +361,7 @@ def _shortest(problem: EkfProblem) -> float:
 
 
 def _allowed_change(problem: EkfProblem) -> float:
-    return SUBSTEP_CHANGE * (1.0 + sum(data.time.size for data in problem.records) / 1000.0)
+    return FIT.substep_change * (1.0 + sum(data.time.size for data in problem.records) / 1000.0)
 
 
 def _change_by_halving(problem: EkfProblem, z: np.ndarray) -> float:

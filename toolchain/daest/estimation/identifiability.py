@@ -7,18 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from daest.estimation.coordinates import Coordinate
+from daest.estimation.gates import FIT
 from daest.model.fit import WeakDirection
 from daest.numerics.statistics import coloured_moment, whiteness_p_value
 
-FLAT_DIRECTION = 1e-11  # eigenvalue of the scaled information (unit diagonal) that counts as zero
-NO_INFLUENCE = 1e-16  # information per measured value that is none: a change by 1e-8 of the noise, on average
-WEAK_RELATIVE_STD = 0.01  # a joint direction is weak when its common factor is uncertain by more than this
-OPEN_RELATIVE_STD = 0.5  # any direction is, also that of a single parameter, from here on
-SHARE = 0.8  # of a parameter's variance that a joint direction must explain to name the parameter
-SMALL_WEIGHT = 0.12  # of the largest weight: smaller ones are not named
 WEIGHT_STEP = 0.25  # weights are rounded to multiples of this
 ROUNDING = 4.0 * np.finfo(float).eps  # of a value: no estimate is known better
-WHITE_LEVEL = 0.01  # p-value below which residuals count as coloured
 
 
 @dataclass(frozen=True)
@@ -37,21 +31,21 @@ def without_influence(information: np.ndarray, n_observed: int) -> np.ndarray:
     noise.
 
     The information of a coordinate is the sum of squared changes of all whitened predictions per unit of
-    z; it counts as zero up to NO_INFLUENCE per measured value.
+    z; it counts as zero up to FIT.no_influence per measured value.
     """
-    return np.diagonal(information) <= NO_INFLUENCE * max(n_observed, 1)
+    return np.diagonal(information) <= FIT.no_influence * max(n_observed, 1)
 
 
 def flat_directions(information: np.ndarray) -> np.ndarray:
-    """Directions (p, m) in z with no information, by FLAT_DIRECTION; unknowns without any influence left
+    """Directions (p, m) in z with no information, by FIT.flat_direction; unknowns without any influence left
     out.
     """
     scale = np.sqrt(np.diagonal(information))
     active = scale > 0.0
     scaled = information[np.ix_(active, active)] / np.outer(scale[active], scale[active])
     values, vectors = np.linalg.eigh(scaled)
-    flat = np.zeros((scale.size, int(np.sum(values < FLAT_DIRECTION))))
-    flat[active] = vectors[:, values < FLAT_DIRECTION] / scale[active, None]
+    flat = np.zeros((scale.size, int(np.sum(values < FIT.flat_direction))))
+    flat[active] = vectors[:, values < FIT.flat_direction] / scale[active, None]
     return flat
 
 
@@ -64,9 +58,9 @@ def covariance(information: np.ndarray, free: np.ndarray) -> np.ndarray:
     part = information[np.ix_(rows, rows)]
     scale = np.sqrt(np.diagonal(part))
     values, vectors = np.linalg.eigh(part / np.outer(scale, scale))
-    kept = values > FLAT_DIRECTION
+    kept = values > FIT.flat_direction
     inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
-    lost = np.sum(vectors[:, ~kept] ** 2, axis=1) > FLAT_DIRECTION
+    lost = np.sum(vectors[:, ~kept] ** 2, axis=1) > FIT.flat_direction
     inverse = inverse / np.outer(scale, scale)
     inverse[lost] = inverse[:, lost] = np.nan
     result[np.ix_(rows, rows)] = inverse
@@ -99,7 +93,7 @@ def output_error_covariance(
         default=1.0,
     )
     tests = max(1, sum(seen.shape[1] for seen in observed))
-    if lowest * tests >= WHITE_LEVEL:
+    if lowest * tests >= FIT.coloured_level:
         return Uncertainty(inverse, False)
     moment = sum(coloured_moment(s.slopes, s.residuals) for s in parts) * np.outer(slopes, slopes)
     moment = moment + np.diag(prior_precision)
@@ -130,8 +124,8 @@ def weak_directions(
     """Directions in log θ that the data leave open, weakest first.
 
     Two kinds: parameters that are uncertain together, while their ratios are known (one direction
-    explains SHARE of the variance of each), by more than WEAK_RELATIVE_STD; and any direction beyond
-    OPEN_RELATIVE_STD, also that of one parameter. `information` and `cov` are in the units of the
+    explains FIT.named_share of the variance of each), by more than FIT.weak_direction; and any direction
+    beyond FIT.open_direction, also that of one parameter. `information` and `cov` are in the units of the
     unknowns. Linear unknowns near zero are measured by their scale. Exponents are rounded to multiples of
     WEIGHT_STEP of the largest.
     """
@@ -148,11 +142,11 @@ def weak_directions(
         std = float(np.sqrt(max(variance, 0.0)) * np.max(np.abs(vector)))
         direction, named = np.zeros(size.size), np.zeros(size.size, dtype=bool)
         direction[known] = vector
-        named[known] = variance * vector**2 > SHARE * np.diagonal(relative)
+        named[known] = variance * vector**2 > FIT.named_share * np.diagonal(relative)
         together = _combination(coordinates, direction, named)
-        if len(together) > 1 and std > WEAK_RELATIVE_STD:
+        if len(together) > 1 and std > FIT.weak_direction:
             weak.append(WeakDirection(together, std))
-        elif std > OPEN_RELATIVE_STD:
+        elif std > FIT.open_direction:
             weak.append(WeakDirection(_combination(coordinates, direction, everything), std))
     return tuple(weak)
 
@@ -169,11 +163,8 @@ def _combination(
     return {
         c.name: float(r)
         for c, w, r, is_named in zip(coordinates, weights, rounded, named, strict=True)
-        if is_named and abs(w) > SMALL_WEIGHT and r != 0.0
+        if is_named and abs(w) > FIT.named_weight and r != 0.0
     }
-
-
-INITIAL_RANK = 1e-8  # a combination of initial states whose response is this small, relative, stays at zero
 
 
 @dataclass(frozen=True)
@@ -194,11 +185,11 @@ def initial_state(responses: np.ndarray, residuals: np.ndarray) -> np.ndarray:
     """x0 (n,) that minimises |residuals - x0 · responses|; responses (n, m), residuals (m,), both
     whitened.
 
-    Combinations with a response below INITIAL_RANK of the largest (after scaling each state) are left at
+    Combinations with a response below FIT.unseen_start of the largest (after scaling each state) are left at
     zero.
     """
     scale = _scales(responses)
-    return np.linalg.lstsq((responses / scale[:, None]).T, residuals, rcond=INITIAL_RANK)[0] / scale
+    return np.linalg.lstsq((responses / scale[:, None]).T, residuals, rcond=FIT.unseen_start)[0] / scale
 
 
 def scores(residuals: np.ndarray, response: np.ndarray, slopes: np.ndarray) -> Scores:
@@ -209,12 +200,12 @@ def scores(residuals: np.ndarray, response: np.ndarray, slopes: np.ndarray) -> S
     A, J = response.reshape(n, residuals.size).T, slopes.reshape(p, residuals.size).T
     scale = _scales(A.T)
     left, values, right = np.linalg.svd(A / scale, full_matrices=False)
-    kept = values > INITIAL_RANK * np.max(values, initial=0.0)
+    kept = values > FIT.unseen_start * np.max(values, initial=0.0)
     left, values, right = left[:, kept], values[kept], right[kept]
     inside = left.T @ J
     pseudo = (right.T / values) / scale[:, None]
     cov = pseudo @ pseudo.T
-    lost = np.sum(right**2, axis=0) < 1.0 - INITIAL_RANK
+    lost = np.sum(right**2, axis=0) < 1.0 - FIT.unseen_start
     cov[lost] = cov[:, lost] = np.nan
     return Scores(residuals, (J - left @ inside).T.reshape(slopes.shape), cov, pseudo @ inside)
 

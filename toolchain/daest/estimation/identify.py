@@ -16,11 +16,12 @@ from daest.estimation.arx import matched_start
 from daest.estimation.checks import check_bounds, check_jumps, check_records, check_start, known_name
 from daest.estimation.coordinates import Unknowns, coordinate_with_prior, parameter_coordinate
 from daest.estimation.ekf_likelihood import identify_by_ekf
+from daest.estimation.gates import FIT
 from daest.estimation.gaussian import objective
 from daest.estimation.identify_nonlinear import identify_nonlinear
 from daest.estimation.linear_predictors import Problem
 from daest.estimation.noise_start import with_common_bounds, with_noise
-from daest.estimation.optimum import SUSPICIOUS_LEVEL, Search, best_point, coloured, rank
+from daest.estimation.optimum import Search, best_point, coloured, rank
 from daest.estimation.profile import (
     Searched,
     Tell,
@@ -31,7 +32,6 @@ from daest.estimation.profile import (
 )
 from daest.estimation.records import Record, in_model_order, make_record, observed_counts, part_of
 from daest.estimation.result import (
-    SAME_OPTIMUM,
     end_scores,
     fit_result,
     predicted_agreement,
@@ -55,8 +55,6 @@ HOLD_SAMPLES = 4000  # of every recording that this comparison uses
 SIMULATION_ITERATIONS = 15  # of the output-error fit that a prediction-error fit starts from
 START_SPREAD = np.log(10.0)  # further start points: up to a factor 10 off, for linear scales 3 scales off
 LINEAR_SPREAD = 3.0
-SAME_SIMULATION = 0.1  # difference of log-likelihoods within which two simulations are one
-WHITE_LEVEL = 1e-3  # p-value below which residuals let it try random ones
 DOUBT_STARTS = 2  # random start points that are tried then
 
 
@@ -366,9 +364,9 @@ def _second_looks(
 ) -> Iterator[tuple[float, Callable[[], np.ndarray | None]]]:
     """Levels of the doubt that makes another start worth trying, and the start: one that matches ARX models
     where anything is suspicious, random ones where the residuals are not white."""
-    yield SUSPICIOUS_LEVEL, lambda: matched_start(setup.problem, options.seed)
+    yield FIT.suspicious_level, lambda: matched_start(setup.problem, options.seed)
     for z in _random_starts(setup.problem.unknowns, DOUBT_STARTS, options.seed):
-        yield WHITE_LEVEL, partial(np.asarray, z)
+        yield FIT.random_start_level, partial(np.asarray, z)
 
 
 def _from_other_starts(
@@ -397,13 +395,13 @@ def _other_end(setup: Setup, first: Found | None, max_iterations: int, z: np.nda
 def _is_same(one: Found | None, other: Found | None) -> bool:
     if one is None or other is None:
         return False
-    return abs(one.evaluation.value - other.evaluation.value) < SAME_SIMULATION
+    return abs(one.evaluation.value - other.evaluation.value) < FIT.same_simulation
 
 
 def _ends_alike(one: tuple[Problem, Found] | None, other: tuple[Problem, Found] | None) -> bool:
     if one is None or other is None:
         return False
-    return abs(one[1].evaluation.value - other[1].evaluation.value) < SAME_OPTIMUM
+    return abs(one[1].evaluation.value - other[1].evaluation.value) < FIT.same_optimum
 
 
 def _simulated_from(setup: Setup, z: np.ndarray, max_iterations: int) -> Found | None:
@@ -429,7 +427,7 @@ def _search_from(
     search = Search(objective(noisy), unknowns, unknowns.lower, unknowns.upper, home, max_iterations)
 
     def is_doubtful(found: Found) -> bool:
-        return _is_doubtful(setup, (noisy, found), SUSPICIOUS_LEVEL)
+        return _is_doubtful(setup, (noisy, found), FIT.suspicious_level)
 
     found = best_point(search, [start.unknowns.start for start in starts], is_doubtful)
     return None if found is None else (noisy, found)
@@ -449,7 +447,7 @@ def _random_starts(unknowns: Unknowns, count: int, seed: int) -> list[np.ndarray
 def _is_doubtful(setup: Setup, pair: tuple[Problem, Found] | None, level: float) -> bool:
     """Whether a better optimum may exist than the end of a search: its residuals are not white at that
     level, or the level is that of a suspicion and the search did not converge."""
-    if pair is None or (level == SUSPICIOUS_LEVEL and pair[1].reason != "converged"):
+    if pair is None or (level == FIT.suspicious_level and pair[1].reason != "converged"):
         return True
     return _is_coloured(setup, pair, level)
 

@@ -16,10 +16,10 @@ from daest.estimation.filter_task import NOT_FINITE, SINGULAR_INNOVATION, Direct
 from daest.numerics.projection import MOST_STEPS, pull
 from daest.systems.integration import IntegrationError
 from daest.systems.local_linear import LocalModel
+from daest.systems.tolerances import SOLVER
 
 ORDER, RADIUS, MOST_DOUBLINGS = 10, 0.25, 60  # of the Taylor series, as in local_linear.c
 SINGULAR_PIVOT = 1e-14  # of its diagonal: the rounding of a covariance
-PROJECTED = 1e-13  # step onto invariants, relative to the scale, that ends the projection
 
 
 def ekf(
@@ -304,7 +304,7 @@ def _projected(
         gain = _product(weighted, _inverse(_product(R, weighted)))
         step = _applied(gain, g)
         x = x - step
-        if np.max(np.abs(step[0]) / task.scale) < PROJECTED:
+        if np.max(np.abs(step[0]) / task.scale) < SOLVER.projected_to_rounding:
             break
     turn = -_product(gain, R)
     turn[0] += np.eye(n)
@@ -324,7 +324,7 @@ def project(
         g, R = (np.array(part) for part in hold(at, u, task.theta, time))
         return g.ravel(), R.reshape(g.size, at.size)
 
-    pulled = pull(invariants, x, task.scale, PROJECTED)
+    pulled = pull(invariants, x, task.scale, SOLVER.projected_to_rounding)
     along = pulled.along
     P = along @ P @ along.T
     return pulled.x, (P + P.T) / 2, along

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daest.estimation.coordinates import Unknowns
+from daest.estimation.gates import FIT
 from daest.estimation.identifiability import Scores, initial_state, scores
 from daest.estimation.predictor import (
     Innovations,
@@ -34,8 +35,6 @@ from daest.systems.sample import Hold, Noise
 from daest.systems.state_space import state_space, state_space_derivatives
 
 WEIGHT_ITERATIONS = 20
-WEIGHT_TOLERANCE = 1e-9  # relative change of the variances that ends their iteration
-SMALLEST_STD = 1e-9  # of a residual, relative to the rms of its output: keeps noise-free data finite
 
 
 @dataclass(frozen=True)
@@ -214,7 +213,7 @@ def _weights_and_states(
     """
     triangles = [_triangles(f) for f in found]
     counts = observed_counts(problem.records)
-    floor = SMALLEST_STD * _sizes(problem.records)
+    floor = FIT.smallest_std * _sizes(problem.records)
     weigh = problem.weigh & (counts > 0)
     std = np.where(weigh, np.maximum(_rms(triangles, counts), floor), given_std)
     states: tuple[np.ndarray, ...] = ()
@@ -223,7 +222,7 @@ def _weights_and_states(
         squares = sum(_squares(t, x0) for t, x0 in zip(triangles, states, strict=True))
         before, rms = std, np.sqrt(squares / np.maximum(counts, 1))
         std = np.where(weigh, np.maximum(rms, floor), given_std)
-        if np.all(np.abs(std - before) <= WEIGHT_TOLERANCE * std):
+        if np.all(np.abs(std - before) <= FIT.settled_weights * std):
             break
     return std, states
 

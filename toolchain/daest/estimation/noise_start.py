@@ -11,7 +11,8 @@ from typing import Literal
 import numpy as np
 
 from daest.estimation.coordinates import Coordinate, Unknowns
-from daest.estimation.linear_predictors import SMALLEST_STD, Problem, simulate
+from daest.estimation.gates import FIT
+from daest.estimation.linear_predictors import Problem, simulate
 from daest.numerics.exponential import covariance_integral, transition_integrals
 from daest.systems.state_space import state_space
 
@@ -62,7 +63,7 @@ def with_noise(
             for i, estimated in process.items()
             if estimated
         ]
-        floor = SMALLEST_STD * np.maximum(residual_std, rough_std)
+        floor = FIT.smallest_std * np.maximum(residual_std, rough_std)
         noises += [
             _noise("measurement", j, problem.family.outputs[j].name, std[j], floor[j])
             for j, estimated in measurement.items()

@@ -9,6 +9,7 @@ import numpy as np
 
 from daest.estimation import trajectories
 from daest.estimation.coordinates import prior_precisions
+from daest.estimation.gain_family import Levels
 from daest.estimation.identifiability import (
     Scores,
     covariance,
@@ -17,7 +18,7 @@ from daest.estimation.identifiability import (
     std_errors,
     without_influence,
 )
-from daest.estimation.noise_levels import Ending, Levels, NonlinearSetup, average_along
+from daest.estimation.noise_levels import Ending, NonlinearSetup, average_along
 from daest.estimation.nonlinear_start import consistent_states, fit_initial_states, limits
 from daest.estimation.observer import AverageModel
 from daest.estimation.result import (

@@ -18,9 +18,10 @@ import numpy as np
 
 from daest.estimation import trajectories
 from daest.estimation.checks import no_start
+from daest.estimation.gain_family import Levels
+from daest.estimation.gates import FIT
 from daest.estimation.noise_levels import (
     Ending,
-    Levels,
     NonlinearSetup,
     assumed,
     at_size_of_innovations,
@@ -32,7 +33,7 @@ from daest.estimation.nonlinear_start import further_starts, limits
 from daest.estimation.observer import observer
 from daest.estimation.optimum import Search, best_point, coloured, lost, rank
 from daest.estimation.profile import Tell
-from daest.estimation.search import CONVERGED_GAIN, Found
+from daest.estimation.search import Found
 from daest.estimation.shooting import Cut, default_segments, search_by_shooting, start_of
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.fit import IdentifyOptions
@@ -78,7 +79,7 @@ def search_of(
     next step would gain less than `enough`, and does not look beyond hills."""
     lower, upper = limits(problem)
     objective = trajectories.objective(problem)
-    gain, is_last = (CONVERGED_GAIN, True) if enough is None else (enough, False)
+    gain, is_last = (FIT.converged_gain, True) if enough is None else (enough, False)
     return Search(objective, problem.unknowns, lower, upper, home, max_iterations, gain, looks_beyond=is_last)
 
 

@@ -17,24 +17,18 @@ from itertools import chain
 import numpy as np
 
 from daest.estimation.coordinates import Coordinate, Unknowns, lost_ones
-from daest.estimation.search import CONVERGED_GAIN, STALLED_GAIN, Evaluation, Found, Objective, minimise
+from daest.estimation.gates import FIT
+from daest.estimation.search import Evaluation, Found, Objective, minimise
 from daest.numerics.statistics import whiteness_p_value
 
 ROUNDS = 4  # of doubts and searches in a row
-WORTHWHILE_GAIN = 1e-2  # of log-likelihood, for which a search is taken up again
-SETTLED_INFORMATION = 1.0  # about log(noise), above which a noise does not rest in the flat part
 NOISE_DECADES = 13  # above its lower bound, in which a noise is looked for
 HELD_ITERATIONS = 8  # while a parameter that was put back is held
-WEAK_STD = 0.3  # of an unknown in units of z, from which on the likelihood beside it may be no parabola
 PROBES = (-3.0, -1.0, 1.0, 3.0)  # standard deviations
 LONGEST_PROBE = 2.5  # in z, the same as the largest step of a search
 MOST_PROBED = 6  # unknowns, the weakest
 REVIVING = (1.0, 0.3, 0.1, 0.03)  # shares of the step that gives a lost parameter its size again
-NO_INFORMATION = 1e-12  # relative eigenvalue of the scaled information: nothing is known along this direction
 HILL, HILL_STDS = np.log(2.0), 3.0  # how far a parameter is moved to look over a hill: in z, in stds
-FORETOLD = 3.0  # within this factor of its parabola the likelihood tells of no hill
-SAME_VALLEY = 0.2  # of the difference in log-likelihood, which a parabola about the best point must foretell
-SUSPICIOUS_LEVEL = 0.05  # p-value below which residuals let a search try its next natural start
 NEAR_ITERATIONS = 5  # of a search, after which it is asked whether it leads to where another one ended
 
 
@@ -49,7 +43,7 @@ class Search:
     upper: np.ndarray
     home: np.ndarray
     max_iterations: int
-    converged_gain: float = CONVERGED_GAIN
+    converged_gain: float = FIT.converged_gain
     looks_beyond: bool = True  # over the hills beside the best end
 
     def minimum(self, z: np.ndarray, iterations: int | None = None) -> Found | None:
@@ -112,7 +106,7 @@ def _over_the_hill(search: Search, found: Found) -> np.ndarray | None:
             continue
         near = search.minimum(followed.z, NEAR_ITERATIONS)
         freed = near if near is None or _is_in_valley(near, found) else search.minimum(near.z)
-        if freed is not None and freed.evaluation.value < found.evaluation.value - WORTHWHILE_GAIN:
+        if freed is not None and freed.evaluation.value < found.evaluation.value - FIT.worthwhile_gain:
             return freed.z
     return None
 
@@ -122,7 +116,7 @@ def _is_foretold(search: Search, found: Found, z: np.ndarray, rise: float) -> bo
     there = search.objective(z, False)
     if there is None:
         return True
-    return rise / FORETOLD < there.value - found.evaluation.value < rise * FORETOLD
+    return rise / FIT.foretold < there.value - found.evaluation.value < rise * FIT.foretold
 
 
 def _followed(search: Search, found: Found, z: np.ndarray, i: int, move: float) -> Found | None:
@@ -130,10 +124,10 @@ def _followed(search: Search, found: Found, z: np.ndarray, i: int, move: float) 
     `move`."""
     lower, upper = search.lower.copy(), search.upper.copy()
     lower[i] = upper[i] = z[i]
-    there = minimise(search.objective, z, lower, upper, NEAR_ITERATIONS, WORTHWHILE_GAIN)
+    there = minimise(search.objective, z, lower, upper, NEAR_ITERATIONS, FIT.worthwhile_gain)
     if there is None:
         return None
-    is_better = there.evaluation.value < found.evaluation.value - WORTHWHILE_GAIN
+    is_better = there.evaluation.value < found.evaluation.value - FIT.worthwhile_gain
     return there if is_better or move * there.evaluation.gradient[i] < 0.0 else None
 
 
@@ -143,7 +137,7 @@ def _unknown(search: Search, direction: np.ndarray) -> Coordinate:
 
 
 def coloured(
-    residuals: Sequence[np.ndarray], observed: Sequence[np.ndarray], level: float = SUSPICIOUS_LEVEL
+    residuals: Sequence[np.ndarray], observed: Sequence[np.ndarray], level: float = FIT.suspicious_level
 ) -> bool:
     """Whether residuals (n_samples, n_y) of any record are not white: the end of the search that left them
     is doubtful."""
@@ -157,7 +151,7 @@ def coloured(
 
 def rank(found: Found) -> float:
     """The value, with an end that converged before one as good as it that did not."""
-    return found.evaluation.value - (STALLED_GAIN if found.reason == "converged" else 0.0)
+    return found.evaluation.value - (FIT.stalled_gain if found.reason == "converged" else 0.0)
 
 
 def lost(search: Search, found: Found) -> list[int]:
@@ -190,7 +184,7 @@ def _is_in_valley(found: Found, best: Found) -> bool:
     gap = found.z - best.z
     foretold = float(gap @ best.evaluation.information @ gap) / 2
     worse = found.evaluation.value - best.evaluation.value
-    return worse >= 0.0 and abs(foretold - worse) <= SAME_VALLEY * worse + WORTHWHILE_GAIN
+    return worse >= 0.0 and abs(foretold - worse) <= FIT.same_valley * worse + FIT.worthwhile_gain
 
 
 def _settled(search: Search, z: np.ndarray) -> Found | None:
@@ -231,7 +225,7 @@ def better_noise(search: Search, found: Found) -> np.ndarray | None:
     """
     trials = []
     for i, coordinate in enumerate(search.unknowns.coordinates):
-        if coordinate.kind == "parameter" or found.evaluation.information[i, i] > SETTLED_INFORMATION:
+        if coordinate.kind == "parameter" or found.evaluation.information[i, i] > FIT.settled_information:
             continue
         for decade in range(NOISE_DECADES + 1):
             trial = found.z.copy()
@@ -252,7 +246,7 @@ def weak_points(search: Search, found: Found) -> list[np.ndarray]:
     weak = sorted(directions, key=lambda pair: -pair[1])[:MOST_PROBED]
     points = []
     for direction, std in weak:
-        if std >= WEAK_STD:
+        if std >= FIT.weak_std:
             longest = LONGEST_PROBE / float(np.max(np.abs(direction)))
             moves = {float(np.clip(share * std, -longest, longest)) for share in PROBES}
             points += [np.clip(found.z + m * direction, search.lower, search.upper) for m in sorted(moves)]
@@ -268,7 +262,7 @@ def profile_directions(search: Search, found: Found) -> list[tuple[np.ndarray, f
     scale = np.sqrt(diagonal[free])
     scaled = found.evaluation.information[np.ix_(free, free)] / np.outer(scale, scale)
     values, vectors = np.linalg.eigh(scaled)
-    cov = (vectors / np.maximum(values, NO_INFORMATION)) @ vectors.T / np.outer(scale, scale)
+    cov = (vectors / np.maximum(values, FIT.no_information)) @ vectors.T / np.outer(scale, scale)
     result = []
     for place, i in enumerate(free):
         if i < len(search.unknowns.coordinates):
@@ -308,7 +302,7 @@ def _natural_step(search: Search, found: Found, scale: np.ndarray, away: list[in
     values, vectors = np.linalg.eigh(found.evaluation.information[np.ix_(rows, rows)] / np.outer(unit, unit))
     pull = vectors.T @ (-found.evaluation.gradient[rows] / unit)
     step = np.zeros(found.z.size)
-    step[rows] = vectors @ (pull / np.maximum(values, NO_INFORMATION)) / np.sqrt(diagonal[rows])
+    step[rows] = vectors @ (pull / np.maximum(values, FIT.no_information)) / np.sqrt(diagonal[rows])
     return step
 
 
@@ -335,14 +329,14 @@ def _put_back(search: Search, found: Found) -> np.ndarray | None:
         lower[group] = upper[group] = held[group]
         followed = minimise(search.objective, held, lower, upper, HELD_ITERATIONS)
         freed = followed and search.minimum(followed.z)
-        if freed and freed.evaluation.value < found.evaluation.value - WORTHWHILE_GAIN:
+        if freed and freed.evaluation.value < found.evaluation.value - FIT.worthwhile_gain:
             return freed.z
     return None
 
 
 def _best_of(search: Search, trials: Sequence[np.ndarray], here: Evaluation) -> np.ndarray | None:
     """The most likely of some points if it is more likely than `here`."""
-    best, better = here.value - WORTHWHILE_GAIN, None
+    best, better = here.value - FIT.worthwhile_gain, None
     for z in trials:
         found = search.objective(z, False)
         if found is not None and found.value < best:

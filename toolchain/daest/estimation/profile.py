@@ -24,25 +24,23 @@ from scipy.special import ndtri
 
 from daest.errors import EstimationError
 from daest.estimation.coordinates import Unknowns
+from daest.estimation.gates import FIT
 from daest.estimation.search import Found, Objective, minimise
 from daest.model.fit import FitResult, FittedParameter, Profile, ProfileEnd
 from daest.numerics.statistics import chi2
 
 ALL = "all"  # in place of a name: every estimated parameter
-LEVEL = 0.95
 STEPS_TO_END = 3.0  # steps that a parabola would need to the end of the interval
 MOST_GROWTH = 3.0  # of a step from one value to the next, and of its shrinking
 FIRST_STEP = 0.1  # in z, where the data give none
 MOST_POINTS = 25  # on each side
 MOST_HALVINGS = 6  # of a step to where the objective has no value
 MOST_REFINEMENTS = 8
-AT_END = 0.01  # of the threshold: how well its crossing is found
 LOG_RANGE = np.log(1e3)  # an interval that is wider than this on one side counts as open
 LINEAR_RANGE = 100.0  # the same for a linear coordinate, in its scale
 LARGEST_MOVE = 1.0  # in z, of another unknown along the tangent
 ITERATIONS = 30
 CONVERGED_GAIN = 1e-4  # in log-likelihood, of the searches over the other unknowns
-BETTER = 0.05  # a value this much more likely than the estimate is a better optimum
 
 Tell = Callable[[str], None]
 
@@ -84,7 +82,7 @@ def with_profiles(result: FitResult, search: Searched, names: Sequence[str], tel
         tell(f"profile of {name} ({number} of {len(chosen)})")
         profile = _profile(result, search, estimated.index(name))
         profiles.append(profile)
-        if np.min(profile.drops) < -2.0 * BETTER:
+        if np.min(profile.drops) < -2.0 * FIT.better_optimum:
             best = profile.values[np.argmin(profile.drops)]
             notes.append(f"a better optimum lies near {name} = {best:.6g}: start there, or use --starts")
     return replace(result, profiles=tuple(profiles), notes=(*result.notes, *notes))
@@ -93,7 +91,7 @@ def with_profiles(result: FitResult, search: Searched, names: Sequence[str], tel
 def _profile(result: FitResult, search: Searched, index: int) -> Profile:
     coordinate = search.unknowns.coordinates[index]
     factor = colour_factor(result, search, index)
-    threshold = float(chi2.ppf(LEVEL, 1)) * factor
+    threshold = float(chi2.ppf(FIT.interval_level, 1)) * factor
     sides = [_Side(search, index, direction, threshold).walked() for direction in (-1.0, 1.0)]
     centre = (search.found.z[index], 0.0)
     points = sorted([*sides[0].points, centre, *sides[1].points])
@@ -104,7 +102,7 @@ def _profile(result: FitResult, search: Searched, index: int) -> Profile:
         values=values,
         drops=np.array([drop for _, drop in points]),
         threshold=threshold,
-        level=LEVEL,
+        level=FIT.interval_level,
         lower=ends[0],
         upper=ends[1],
         lower_end=sides[0].end,
@@ -212,7 +210,7 @@ class _Side:
                 break
             self.points.append((float(z), self._drop(there)))
             f = self._root_drop(there) - root
-            if abs(self._drop(there) - self.threshold) < AT_END * self.threshold:
+            if abs(self._drop(there) - self.threshold) < FIT.interval_accuracy * self.threshold:
                 break
             if f * fb < 0.0:
                 a, fa = b, fb
@@ -250,9 +248,6 @@ def tangent(information: np.ndarray, index: int) -> np.ndarray:
 
 
 TWO_SIDED = float(ndtri(0.975))  # standard errors to the end of a 95 % interval
-# Share by which the root of the drop at an end may differ from that of a parabola: with 15 % more or less,
-# 1.2 to 4.9 % lie beyond it instead of 2.5 %.
-PARABOLIC = 0.15
 
 
 NOT_QUADRATIC = "the likelihood is not quadratic in"
@@ -307,4 +302,4 @@ def _is_parabolic(result: FitResult, search: Searched, index: int, parameter: Fi
 
 def _is_expected(drop: float, factor: float) -> bool:
     """Whether a drop of the log-likelihood is what a parabola has at the end of its interval."""
-    return abs(np.sqrt(2.0 * max(drop, 0.0)) / (TWO_SIDED * factor) - 1.0) <= PARABOLIC
+    return abs(np.sqrt(2.0 * max(drop, 0.0)) / (TWO_SIDED * factor) - 1.0) <= FIT.parabolic_end

@@ -13,9 +13,9 @@ from typing import Literal, Protocol
 import numpy as np
 
 from daest.estimation.coordinates import Coordinate, Unknowns, log_likelihood, prior_precisions
+from daest.estimation.gates import FIT
 from daest.estimation.identifiability import (
     ROUNDING,
-    WEAK_RELATIVE_STD,
     Scores,
     Uncertainty,
     correlation,
@@ -42,10 +42,7 @@ from daest.model.fit import (
 from daest.model.parts import Parameter
 from daest.systems.state_space import state_space
 
-AT_BOUND = 1e-6  # distance in z within which an unknown lies at its bound
-SAME_OPTIMUM = 1e-2  # difference of log-likelihoods within which two searches ended at the same place
 COLOURED = "the simulation residuals are not white; the standard errors account for that"
-OPEN_TOWARDS_ZERO = 5.0  # standard deviation of log(value) above which a value may as well be zero
 
 
 class Recorded(Protocol):
@@ -168,7 +165,7 @@ def assembled(
         correlation_names=tuple(c.name for c in unknowns.coordinates),
         correlation=correlation(end.cov),
         weak_directions=weak,
-        weak_threshold=WEAK_RELATIVE_STD,
+        weak_threshold=FIT.weak_direction,
         log_likelihood=log_likelihood(unknowns, best),
         start_log_likelihoods=tuple(log_likelihood(unknowns, one) for one in ends),
         simulated=told.simulated,
@@ -260,9 +257,9 @@ def _uncertainty(
 
 def bound_of(coordinate: Coordinate, z: float) -> Bound | None:
     """The bound that z rests at."""
-    if z <= coordinate.searched(coordinate.lower) + AT_BOUND:
+    if z <= coordinate.searched(coordinate.lower) + FIT.at_bound:
         return "min"
-    if z >= coordinate.searched(coordinate.upper) - AT_BOUND:
+    if z >= coordinate.searched(coordinate.upper) - FIT.at_bound:
         return "max"
     return None
 
@@ -271,7 +268,7 @@ def _open_bound(coordinate: Coordinate, z: float, variance_z: float) -> Bound | 
     """A logarithmic unknown whose likelihood does not fall towards zero counts as being at zero."""
     if not coordinate.is_log or (coordinate.kind == "parameter" and coordinate.lower > 0.0):
         return None
-    unsure = not np.isfinite(variance_z) or variance_z > OPEN_TOWARDS_ZERO**2
+    unsure = not np.isfinite(variance_z) or variance_z > FIT.open_towards_zero**2
     fell = coordinate.kind != "parameter" or z < coordinate.searched(coordinate.initial)
     return "min" if unsure and fell else None
 
@@ -318,7 +315,7 @@ def message_of(
     """What happened and what to try, in sentences."""
     said = [_ending(best)]
     if len(ends) > 1:
-        same = sum(end.evaluation.value - best.evaluation.value < SAME_OPTIMUM for end in ends)
+        same = sum(end.evaluation.value - best.evaluation.value < FIT.same_optimum for end in ends)
         said.append(f"{same} of {len(ends)} starts reached this likelihood.")
     at_bound = [f"{p.name} ({p.at_bound})" for p in parameters if p.at_bound]
     if at_bound:

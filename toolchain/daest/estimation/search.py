@@ -16,19 +16,14 @@ from typing import Literal
 
 import numpy as np
 
+from daest.estimation.gates import FIT
+
 FIRST_DAMPING = 1e-3
-SHORTEST_STEP = 1e-12  # of the undamped one: where even that is no better, none is
 HALVINGS = 30  # of the logarithm of the damping that gives a step its length
-LARGEST_STEP = 2.5  # per iteration and coordinate: a factor 12 for a logarithmic one
-CONVERGED_GAIN = 1e-6  # predicted gain of the next step, in log-likelihood: 0.0014 standard errors
-STALLED_GAIN = 1e-3  # above this predicted gain, a search that finds no better point has not converged
-SLOW_STEPS = 5  # a search also ends where that many steps together gain less than SLOW_GAIN
-SLOW_GAIN = 10.0  # times the gain of one step that ends it: a flat valley, or the noise of the integration
-CREEPING = 0.5  # a step that gains less than this share of what an undamped one promises creeps
+SLOW_STEPS = 5  # a search also ends where that many steps together gain less than FIT.slow_gain
 CREEPING_STEPS = 3  # in a row, after which the search leaps
 FIRST_LEAP, LONGEST_LEAP = 4.0, 256.0  # steps
 RETURN_STEPS = 2  # from there to the floor of the valley
-FLAT = 1e-14  # information of a coordinate, relative to the largest, below which it has no influence
 
 
 @dataclass(frozen=True)
@@ -71,7 +66,7 @@ def minimise(
     lower: np.ndarray,
     upper: np.ndarray,
     max_iterations: int = 60,
-    converged_gain: float = CONVERGED_GAIN,
+    converged_gain: float = FIT.converged_gain,
 ) -> Found | None:
     """Search from `start` until a step would gain less than `converged_gain` in log-likelihood, or several
     steps have gained little more; None when the objective has no value there."""
@@ -90,16 +85,16 @@ def minimise(
         if gain < converged_gain:
             return Found(last, here, "converged", iteration, gain)
         is_slow = (
-            len(values) > SLOW_STEPS and values[-1 - SLOW_STEPS] - values[-1] < SLOW_GAIN * converged_gain
+            len(values) > SLOW_STEPS and values[-1 - SLOW_STEPS] - values[-1] < FIT.slow_gain * converged_gain
         )
         step = None if is_slow else _improve(objective, z, here, free, radius, lower, upper, at_once)
         if step is None:
-            is_near = gain < max(STALLED_GAIN, converged_gain)
+            is_near = gain < max(FIT.stalled_gain, converged_gain)
             reason: Literal["converged", "stalled"] = "converged" if is_near else "stalled"
             return Found(last, here, reason, iteration, gain)
         there = step.evaluation if step.evaluation.gradient.size else objective(step.z, True)
         if there is not None:
-            course = course.followed(z, step.z, here.value - there.value < CREEPING * gain)
+            course = course.followed(z, step.z, here.value - there.value < FIT.creeping_gain * gain)
             last, here = step.z, there
         z, radius, at_once = step.z, step.radius, step.is_first
         if course.is_straight:
@@ -172,7 +167,7 @@ def _improve(
     trial: they are wanted if it is better."""
     steps = _Steps(here, free)
     length = steps.length_at(FIRST_DAMPING) if radius is None else radius
-    shortest, is_first = SHORTEST_STEP * steps.length_at(0.0), True
+    shortest, is_first = FIT.shortest_step * steps.length_at(0.0), True
     while length > shortest:
         step, length = steps.within(length)
         trial = np.clip(z + step, lower, upper)
@@ -198,7 +193,7 @@ class _Steps:
         self.scale = np.sqrt(np.abs(np.diagonal(information)))
         self.values, vectors = np.linalg.eigh(information / np.outer(self.scale, self.scale))
         # Where the curvature is negative, the step goes downhill all the same.
-        self.values = np.maximum(np.abs(self.values), FLAT * np.max(np.abs(self.values), initial=0.0))
+        self.values = np.maximum(np.abs(self.values), FIT.flat * np.max(np.abs(self.values), initial=0.0))
         self.vectors, self.pull = vectors, -vectors.T @ (here.gradient[free] / self.scale)
 
     def length_at(self, damping: float) -> float:
@@ -208,7 +203,10 @@ class _Steps:
         """The step of no more than that length, and its length."""
         damping = 0.0
         if self.length_at(0.0) > length:
-            low, high = np.log(FLAT), np.log(max(float(np.linalg.norm(self.pull)) / length, 2.0 * FLAT))
+            low, high = (
+                np.log(FIT.flat),
+                np.log(max(float(np.linalg.norm(self.pull)) / length, 2.0 * FIT.flat)),
+            )
             for _ in range(HALVINGS):
                 middle = (low + high) / 2
                 low, high = (middle, high) if self.length_at(np.exp(middle)) > length else (low, middle)
@@ -220,8 +218,8 @@ class _Steps:
 
 
 def _limited(step: np.ndarray) -> np.ndarray:
-    """The step, shortened so that no coordinate moves by more than LARGEST_STEP."""
-    return step * min(1.0, LARGEST_STEP / max(np.max(np.abs(step), initial=0.0), LARGEST_STEP))
+    """The step, shortened so that no coordinate moves by more than FIT.largest_step."""
+    return step * min(1.0, FIT.largest_step / max(np.max(np.abs(step), initial=0.0), FIT.largest_step))
 
 
 def _evaluated(objective: Objective, z: np.ndarray, with_slopes: bool) -> Evaluation | None:
@@ -233,7 +231,7 @@ def _free(z: np.ndarray, here: Evaluation, lower: np.ndarray, upper: np.ndarray)
     """Coordinates that move: off their bounds, or pulled inwards; and with any influence at all."""
     diagonal = np.diagonal(here.information)
     held = ((z <= lower) & (here.gradient >= 0.0)) | ((z >= upper) & (here.gradient <= 0.0))
-    return ~held & (diagonal > FLAT * np.max(diagonal, initial=0.0))
+    return ~held & (diagonal > FIT.flat * np.max(diagonal, initial=0.0))
 
 
 def _predicted_gain(here: Evaluation, free: np.ndarray) -> float:
@@ -243,6 +241,8 @@ def _predicted_gain(here: Evaluation, free: np.ndarray) -> float:
     step = np.zeros(free.size)
     information = here.information[np.ix_(free, free)]
     scale = np.sqrt(np.diagonal(information))
-    solved = np.linalg.lstsq(information / np.outer(scale, scale), here.gradient[free] / scale, rcond=FLAT)[0]
+    solved = np.linalg.lstsq(
+        information / np.outer(scale, scale), here.gradient[free] / scale, rcond=FIT.flat
+    )[0]
     step[free] = solved / scale
     return float(here.gradient @ step / 2)

@@ -31,7 +31,6 @@ FIRST_WEIGHT = 10.0  # of squared gaps in units of the state scales: loose
 WEIGHT_GROWTH = 10.0
 ROUNDS = 14
 ITERATIONS = 15  # of each round but the last
-LAST_ITERATIONS = 40
 CONTINUOUS = 1e-6  # largest gap, in units of the state scales, that counts as none
 NEARLY_CONTINUOUS = 1e-4  # largest gap of segments that still are joined
 STATE_ITERATIONS = 15  # of the fits of segments to the data, parameters held

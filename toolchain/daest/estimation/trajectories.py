@@ -18,8 +18,9 @@ from daest.estimation.gain_family import GainFamily
 from daest.estimation.search import Evaluation
 from daest.estimation.ties import Beginning, with_ties
 from daest.model.experiment import Experiment
-from daest.systems.integrate import RTOL, Correction, Hold, Integrator, Trajectory, integrate, interval_inputs
+from daest.systems.integrate import Correction, Hold, Integrator, Trajectory, integrate, interval_inputs
 from daest.systems.integration import IntegrationError
+from daest.systems.tolerances import SOLVER
 
 WORST_CONDITION = 1e14  # of the errors' covariance: beyond, the trajectory has run away
 SMALLEST_STD = 1e-9  # of an error, relative to the rms of its output: keeps noise-free data finite
@@ -42,7 +43,7 @@ class TrajectoryProblem:
     state_scale: np.ndarray
     given_std: np.ndarray
     gain: np.ndarray | None = None
-    rtol: float = RTOL
+    rtol: float = SOLVER.search_rtol
     family: GainFamily | None = None
 
     @property

@@ -31,15 +31,14 @@ from daest.fmu.semi_explicit import (
 from daest.model.flat import Dynamics, InputDerivative, Model
 from daest.model.fmu import FmuModel
 from daest.model.linear import StateSpaceFamily
-from daest.systems.integrate import ATOL_OF_SCALE, RTOL, Run, search_steps
+from daest.systems.integrate import Run, search_steps
 from daest.systems.integration import IntegrationError
 from daest.systems.state_space import family_of
+from daest.systems.tolerances import SOLVER
 
-# Relative step of the differences of simulations: far above the error of the integrator (RTOL), far below
-# what bends.
+# Relative step of the differences of simulations: far above the error of the integrator, far
+# below what bends.
 SIMULATION_STEP = 1e-3
-# Relative tolerance of simulations in a search: differences of them must mean something.
-SEARCH_RTOL = 1e-7
 # Relative step of the differences of matrices in the parameters.
 PARAMETER_STEP = 1e-5
 # Steps, and the first and last time [s] of them, after which an FMU that remembers steps answers otherwise.
@@ -238,7 +237,7 @@ class BinaryForm:
 
     def integrate_with_laws(
         self, flat: Model, names: Sequence[str], request: Drive, theta: np.ndarray, x0: np.ndarray,
-        state_scale: np.ndarray, size_steps: np.ndarray | None, rtol: float = RTOL,
+        state_scale: np.ndarray, size_steps: np.ndarray | None, rtol: float = SOLVER.search_rtol,
     ) -> Integrated:  # fmt: skip
         """States, what `request` reads, and its slopes by the parameters `names`, by the sizes of the laws
         and by the initial states; no slopes where `size_steps` (n_laws,), small changes of the sizes, is
@@ -247,7 +246,7 @@ class BinaryForm:
         columns = () if size_steps is None else tuple(known.index(name) for name in names)
         scale = np.maximum(np.abs(state_scale), TINY)
         steps = np.zeros(len(request.laws)) if size_steps is None else size_steps
-        atol = rtol * ATOL_OF_SCALE * scale
+        atol = rtol * SOLVER.atol_of_scale * scale
         return self._integrated(
             _Task(
                 flat, columns, theta, x0, rtol, atol, scale, size_steps is not None, steps, not request.laws
@@ -262,7 +261,7 @@ class BinaryForm:
             if found is not None:
                 self._method = f"Radau IIA order 5, rtol {task.rtol:g}"
                 return found
-        self._method = f"CVODE (BDF), rtol {min(task.rtol, SEARCH_RTOL):g}"
+        self._method = f"CVODE (BDF), rtol {min(task.rtol, SOLVER.cvode_rtol):g}"
         return self._simulated_apart(task, request)
 
     @property
@@ -286,7 +285,7 @@ class BinaryForm:
 
     def _simulated_apart(self, task: _Task, request: Drive) -> Integrated:
         """By CVODE, with central differences of whole simulations, all in one request."""
-        request = replace(request, rtol=min(task.rtol, SEARCH_RTOL))
+        request = replace(request, rtol=min(task.rtol, SOLVER.cvode_rtol))
         theta, x0 = task.theta, task.x0
         own = np.array([law.size for law in request.laws])
         if not task.has_slopes:

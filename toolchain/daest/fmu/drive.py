@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daest.fmu.laws import Law
-
-RTOL = 1e-8
+from daest.systems.tolerances import SOLVER
 
 
 @dataclass(frozen=True)
@@ -31,7 +30,7 @@ class Drive:
     laws: tuple[Law, ...] = ()
     measurements: np.ndarray | None = None
     gain: np.ndarray | None = None
-    rtol: float = RTOL
+    rtol: float = SOLVER.simulation_rtol
 
     def first_inputs(self) -> np.ndarray:
         """Values of the inputs at the first sample."""

@@ -12,12 +12,10 @@ import numpy as np
 
 from daest.errors import ModelError, Place
 from daest.model.flat import Dynamics, ExplicitModel
+from daest.systems.tolerances import SOLVER
 
 MAX_STEPS = 50
 MAX_HALVINGS = 12
-TOLERANCE = 1e-9  # of a condition, relative to the size of its terms, floor 1
-# Conditions, rows scaled to 1, are independent if their singular values exceed this.
-RANK_TOLERANCE = 1e-10
 
 
 @dataclass(frozen=True)
@@ -190,7 +188,7 @@ def _free_states(slopes: np.ndarray, wish: np.ndarray) -> np.ndarray:
     free: list[int] = []
     for j in sorted(range(wish.size), key=lambda j: (-wish[j], j)):
         norm = float(np.linalg.norm(null[j])) if null.size else 0.0
-        if norm > RANK_TOLERANCE:
+        if norm > SOLVER.independent_conditions:
             free.append(j)
             direction = null[j] / norm
             null = null - np.outer(null @ direction, direction)
@@ -201,7 +199,7 @@ def _rank_and_null_space(slopes: np.ndarray) -> tuple[int, np.ndarray]:
     """Rank, and a basis (n_states, n_states - rank) of the directions that change no condition."""
     size = np.abs(slopes).max(axis=1, initial=0.0)
     _, singular, right = np.linalg.svd(slopes[size > 0] / size[size > 0, None])
-    rank = int(np.sum(singular > RANK_TOLERANCE * max(slopes.shape)))
+    rank = int(np.sum(singular > SOLVER.independent_conditions * max(slopes.shape)))
     return rank, right[rank:].T
 
 
@@ -233,11 +231,11 @@ def _condition_size(slopes: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _satisfied(residual: np.ndarray, slopes: np.ndarray, x: np.ndarray) -> bool:
-    return bool(np.all(np.abs(residual) <= TOLERANCE * _condition_size(slopes, x)))
+    return bool(np.all(np.abs(residual) <= SOLVER.initial_condition * _condition_size(slopes, x)))
 
 
 def _unsolved(conditions: Conditions, residual: np.ndarray, slopes: np.ndarray, x: np.ndarray) -> ModelError:
-    bad = np.flatnonzero(~(np.abs(residual) <= TOLERANCE * _condition_size(slopes, x)))
+    bad = np.flatnonzero(~(np.abs(residual) <= SOLVER.initial_condition * _condition_size(slopes, x)))
     rank = _rank_and_null_space(slopes)[0]
     lines = [f"    {conditions.texts[i]}  (off by {residual[i]:.3g})" for i in bad]
     where = next((conditions.places[i] for i in bad if conditions.places[i] is not None), None)

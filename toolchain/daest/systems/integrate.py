@@ -29,16 +29,14 @@ from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import HybridError
 from daest.systems.hybrid import Inputs, follow
 from daest.systems.integration import FAILURES, IntegrationError, pointer
+from daest.systems.tolerances import SOLVER
 
 Hold = Literal["zoh", "foh"]
 
-RTOL = 1e-6  # relative local error of a step; the global error of a stable model is of this size
-ATOL_OF_SCALE = 1e-2  # absolute tolerance: this part of rtol times the state's nominal value
 # Steps over a whole record, however they fall between its samples. A search gives a trajectory up early: one
 # that takes this many belongs to parameters that make the model far faster than the record.
 SEARCH_STEPS, SEARCH_STEPS_PER_SAMPLE = 20_000, 50
 ALL_STEPS = 2_000_000_000  # of a simulation, which stops where its end is out of reach
-PROJECTED = 1e-3  # step onto invariants, in absolute tolerances, that ends the projection
 INTERPRETED_STEPS = 4  # per sample interval, without a C compiler
 
 
@@ -334,7 +332,7 @@ def integrate(
     sensitivities: bool = False,
     by_parameter: bool = True,
     correction: Correction | None = None,
-    rtol: float = RTOL,
+    rtol: float = SOLVER.search_rtol,
     state_scale: np.ndarray | None = None,
     max_steps: int | None = None,
     tell: Callable[[float], object] | None = None,
@@ -358,7 +356,7 @@ def integrate(
     n_parameters = len(model.names) if sensitivities and by_parameter else 0
     n_gain = correction.slopes.shape[0] if sensitivities and correction is not None else 0
     directions = n_parameters + x0.size + n_gain if sensitivities else 0
-    atol = rtol * ATOL_OF_SCALE * scale
+    atol = rtol * SOLVER.atol_of_scale * scale
     most = search_steps(time.size) if max_steps is None else max_steps
     run = Run(
         time, u0, u1, u_last, theta, x0, directions, n_parameters, n_gain,
@@ -477,7 +475,7 @@ def _projected(
         g, R, _ = (np.array(part) for part in model.hold(at, u, run.theta, time))  # type: ignore[misc]
         return g.ravel(), R.T
 
-    pulled = pull(invariants, x, run.atol, PROJECTED)
+    pulled = pull(invariants, x, run.atol, SOLVER.projected_step)
     by_p = np.array(model.hold(pulled.x, u, run.theta, time)[2])
     change = pulled.slopes @ S
     if run.directions:

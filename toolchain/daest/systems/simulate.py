@@ -26,7 +26,6 @@ from daest.systems.hybrid import HybridRun, Inputs, follow
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import (
     ALL_STEPS,
-    ATOL_OF_SCALE,
     EquationIntegrator,
     integrate,
     integrator,
@@ -41,6 +40,7 @@ from daest.systems.redundant import good_everywhere, matching_states
 from daest.systems.sample import sample
 from daest.systems.state_space import state_space, state_space_family
 from daest.systems.switches import extended, with_switches
+from daest.systems.tolerances import SOLVER
 
 Hold = Literal["zoh", "foh"]
 Recording = Experiment | tuple[np.ndarray, np.ndarray]
@@ -48,10 +48,7 @@ Recording = Experiment | tuple[np.ndarray, np.ndarray]
 JUMPS = ("simulation-failed", "initial-not-solved", "singular-after-reduction")
 """Failures that relations in the equations may cause."""
 
-RTOL = 1e-8  # relative local error of the adaptive integration
 SUBSTEPS = 4  # local linearisations per sample interval when a nonlinear model is simulated with noise
-PROJECTED = 1e-13  # step onto the constraints, relative to the states' nominal values, that ends it
-EQUAL_STEPS = 1e-9  # sample intervals that differ by less than this share are treated as one length
 
 
 @dataclass(frozen=True)
@@ -82,7 +79,7 @@ def simulate(
     noise: bool = False,
     seed: int | None = None,
     intensities: Mapping[str, float] | None = None,
-    rtol: float = RTOL,
+    rtol: float = SOLVER.simulation_rtol,
     tell: Callable[[str], object] = lambda _: None,
 ) -> Simulation:
     """States, outputs and all internal variables at the times of `recording`.
@@ -271,7 +268,7 @@ def _step_groups(steps: np.ndarray) -> list[tuple[float, np.ndarray]]:
     if steps.size == 0:
         return []
     order = np.argsort(steps, kind="stable")
-    cuts = np.flatnonzero(np.diff(steps[order]) > EQUAL_STEPS * steps[order][1:]) + 1
+    cuts = np.flatnonzero(np.diff(steps[order]) > SOLVER.equal_steps * steps[order][1:]) + 1
     return [(float(np.mean(steps[part])), part) for part in np.split(order, cuts)]
 
 
@@ -389,7 +386,7 @@ def _with_events(task: _Task, rtol: float) -> Simulation:
     assert isinstance(engine, EquationIntegrator)
     u0, u1 = interval_inputs(task.explicit, task.time, task.u, task.hold)
     last = task.u[-1:] if not len(u1) else np.hstack([task.u[-1:], u1[-1:, task.u.shape[1] :]])
-    atol = rtol * ATOL_OF_SCALE * _state_scale(task.explicit)
+    atol = rtol * SOLVER.atol_of_scale * _state_scale(task.explicit)
     try:
         run = follow(
             engine, Inputs(task.time, u0, u1, last), task.theta, task.x0, task.mode,
@@ -505,7 +502,7 @@ def _on_constraints(hold: ca.Function | None, explicit: Dynamics, x: np.ndarray,
         return g.ravel(), R
 
     try:
-        return pull(invariants, x, _state_scale(explicit), PROJECTED).x
+        return pull(invariants, x, _state_scale(explicit), SOLVER.projected_to_rounding).x
     except np.linalg.LinAlgError as error:
         raise _failed(explicit, float(at[-1]), "the constraints of the model depend on each other") from error
 

@@ -1,0 +1,242 @@
+"""The thresholds of a fit: when its search has ended, what it tells of the unknowns, and when it is in doubt.
+
+The page on trust shows them. Counts that only limit how long a search takes, and the points that it tries,
+are no thresholds and stand where they are used. z are the coordinates of the search.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from daest.model.thresholds import JUDGEMENT, ROUNDING, Thresholds, threshold
+
+
+@dataclass(frozen=True)
+class FitGates(Thresholds):
+    """The thresholds. `rows` tells of each what stands beside its value."""
+
+    converged_gain: float = threshold(
+        1e-6,
+        "log-likelihood",
+        "that the next step of a search promises, below which the search has converged",
+        "analysis: 1e-6 is 0.0014 standard errors",
+    )
+    stalled_gain: float = threshold(
+        1e-3,
+        "log-likelihood",
+        "that a step promises, above which a search that finds no better point has stalled",
+        JUDGEMENT,
+    )
+    slow_gain: float = threshold(
+        10.0,
+        "times the gain that ends a search",
+        "that several steps must bring together, in a flat valley",
+        JUDGEMENT,
+    )
+    creeping_gain: float = threshold(
+        0.5,
+        "share",
+        "of what an undamped step promises: a step that gains less creeps along a valley",
+        JUDGEMENT,
+    )
+    flat: float = threshold(
+        1e-14,
+        "share",
+        "of the largest information, below which a coordinate has no influence on a step",
+        ROUNDING,
+    )
+    shortest_step: float = threshold(
+        1e-12,
+        "share",
+        "of the undamped step: where even that is no better, no step is",
+        ROUNDING,
+    )
+    largest_step: float = threshold(
+        2.5,
+        "units of z",
+        "that a coordinate moves in one step: a factor of 12 for a logarithmic one",
+        JUDGEMENT,
+    )
+    worthwhile_gain: float = threshold(
+        1e-2,
+        "log-likelihood",
+        "for which a search is taken up again from another point",
+        JUDGEMENT,
+    )
+    settled_information: float = threshold(
+        1.0,
+        "1/z²",
+        "about log(noise), above which a noise does not rest in the flat part of the likelihood",
+        JUDGEMENT,
+    )
+    weak_std: float = threshold(
+        0.3,
+        "units of z",
+        "of an unknown, from which on the likelihood beside it may be no parabola",
+        JUDGEMENT,
+    )
+    no_information: float = threshold(
+        1e-12,
+        "share",
+        "of the largest eigenvalue of the scaled information, below which a direction is unknown",
+        ROUNDING,
+    )
+    foretold: float = threshold(
+        3.0,
+        "factor",
+        "about its parabola, within which the likelihood tells of no hill beside it",
+        JUDGEMENT,
+    )
+    same_valley: float = threshold(
+        0.2,
+        "share",
+        "of a difference in log-likelihood that a parabola must foretell for two points to be in one valley",
+        JUDGEMENT,
+    )
+    suspicious_level: float = threshold(
+        0.05,
+        "p-value",
+        "of the whiteness of residuals, below which the next natural start is searched from",
+        JUDGEMENT,
+    )
+    same_simulation: float = threshold(
+        0.1,
+        "log-likelihood",
+        "between two simulations, within which they are one",
+        JUDGEMENT,
+    )
+    random_start_level: float = threshold(
+        1e-3,
+        "p-value",
+        "of the whiteness of residuals, below which random starts are searched from",
+        JUDGEMENT,
+    )
+    lost_log: float = threshold(
+        6.907755278982137,
+        "log",
+        "of value over start, beyond which no slope is left for the way back",
+        JUDGEMENT,
+    )
+    flat_direction: float = threshold(
+        1e-11,
+        "eigenvalue",
+        "of the information scaled to a unit diagonal, that counts as zero",
+        ROUNDING,
+    )
+    no_influence: float = threshold(
+        1e-16,
+        "information per value",
+        "measured, that is none: a change by 1e-8 of the noise",
+        ROUNDING,
+    )
+    weak_direction: float = threshold(
+        0.01,
+        "relative std",
+        "of the common factor of parameters, from which on their joint direction is weak",
+        JUDGEMENT,
+    )
+    open_direction: float = threshold(
+        0.5,
+        "relative std",
+        "from which on any direction is weak, that of a single parameter too",
+        JUDGEMENT,
+    )
+    named_share: float = threshold(
+        0.8,
+        "share",
+        "of its variance that a joint direction must explain to name a parameter",
+        JUDGEMENT,
+    )
+    named_weight: float = threshold(
+        0.12,
+        "share",
+        "of the largest weight of a direction, below which a parameter is not named",
+        JUDGEMENT,
+    )
+    coloured_level: float = threshold(
+        0.01,
+        "p-value",
+        "of the whiteness of a simulation's residuals, below which standard errors count them as coloured",
+        JUDGEMENT,
+    )
+    unseen_start: float = threshold(
+        1e-8,
+        "share",
+        "of the largest response, below which a combination of initial states stays at zero",
+        ROUNDING,
+    )
+    at_bound: float = threshold(
+        1e-6,
+        "units of z",
+        "from a bound, within which an unknown lies at it",
+        JUDGEMENT,
+    )
+    same_optimum: float = threshold(
+        1e-2,
+        "log-likelihood",
+        "between the ends of two searches, within which they are one",
+        JUDGEMENT,
+    )
+    open_towards_zero: float = threshold(
+        5.0,
+        "std of log(value)",
+        "above which a value may as well be zero",
+        JUDGEMENT,
+    )
+    settled_weights: float = threshold(
+        1e-9,
+        "relative change",
+        "of the variances of the outputs, that ends their iteration",
+        ROUNDING,
+    )
+    smallest_std: float = threshold(
+        1e-9,
+        "share",
+        "of the rms of an output, that its noise is at least: keeps data without noise finite",
+        ROUNDING,
+    )
+    interval_level: float = threshold(
+        0.95,
+        "probability",
+        "that an interval of the profile likelihood is to hold",
+        "definition",
+    )
+    interval_accuracy: float = threshold(
+        0.01,
+        "share",
+        "of the threshold of an interval, to which its crossing is found",
+        JUDGEMENT,
+    )
+    better_optimum: float = threshold(
+        0.05,
+        "log-likelihood",
+        "by which a value of a profile must be more likely than the estimate to be a better optimum",
+        JUDGEMENT,
+    )
+    substep_change: float = threshold(
+        0.2,
+        "log-likelihood",
+        "by which halving the substeps may change it, and again per 1000 samples",
+        JUDGEMENT,
+    )
+    worse_filter: float = threshold(
+        2.0,
+        "log-likelihood",
+        "by which the extended filter may fall short of the observer that it started from",
+        JUDGEMENT,
+    )
+    rough_substeps: float = threshold(
+        10.0,
+        "times the substep change",
+        "that the shortest substeps may still leave: far below a standard error",
+        JUDGEMENT,
+    )
+    parabolic_end: float = threshold(
+        0.15,
+        "share",
+        "by which the root of the drop at the end of an interval may differ from that of a parabola",
+        "analysis: with 15 % more or less, 1.2 to 4.9 % lie beyond it instead of 2.5 %",
+    )
+
+
+FIT = FitGates()
