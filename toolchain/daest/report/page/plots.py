@@ -130,7 +130,9 @@ def recording_plot(number: int, name: str, time: np.ndarray, columns: Sequence[D
     known = np.isfinite(time)
     for column in columns:
         shared = figures[0].x_range if figures else None
-        plot = _figure("", _titled(column.name, column.unit), NARROW, shared)
+        # A header without a unit says nothing of it; it is not 1.
+        label = _titled(column.name, column.unit) if column.unit else column.name
+        plot = _figure("", label, NARROW, shared)
         _dots(plot, time[known], column.values[known], column.role or "column", most)
         for mark in column.marks:
             plot.add_layout(
@@ -140,11 +142,11 @@ def recording_plot(number: int, name: str, time: np.ndarray, columns: Sequence[D
         figures.append(plot)
     if not figures:
         return None
-    label = f"{', '.join(column.name for column in columns)} of {name} against time"
+    words = f"{', '.join(column.name for column in columns)} of {name} against time"
     marked = any(column.marks for column in columns)
     return Plot(
         f"plot-recording-{number}",
-        label + ("; an upright line where a fault begins" if marked else ""),
+        words + ("; an upright line where a fault begins" if marked else ""),
         stacked_item(figures, "time [s]"),
         _thinning_note(time.size, most),
     )
