@@ -28,6 +28,7 @@ from daest.diagnosis.diagnose import (
 )
 from daest.diagnosis.improve import improve
 from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.proof import Prepared
 from daest.errors import EstimationError
 from daest.estimation.records import part_of
 from daest.model.diagnosis import FreeForm
@@ -304,23 +305,33 @@ def test_other_hold_is_tried_where_something_is_missing_and_nothing_accepted():
     assert says_more([refused, named], stand) and not says_more([refused], stand)
 
 
-def test_effect_with_states_that_loses_its_way_is_tried_from_a_small_one(monkeypatch):
-    effect = SimpleNamespace(is_dynamic=True)
-    trial = SimpleNamespace(candidate=SimpleNamespace(effect=effect), alike=())
-    first = SimpleNamespace(trial=trial, similar=None)
-    search = SimpleNamespace(stand=SimpleNamespace(null=SimpleNamespace(flat=None, estimated=())))
-    gains = {"first": -50.0, "small": 3.0}
-    tried = []
+def test_effect_with_states_is_tried_until_it_is_better_than_its_simulation(monkeypatch):
+    trial = SimpleNamespace(candidate=SimpleNamespace(effect=SimpleNamespace(is_dynamic=True)), alike=())
+    null, tried = SimpleNamespace(flat=None, estimated=()), []
+    ends = {"loads": 50.0, "calm": 90.0, "small": 130.0}
 
-    def proved(_, prepared):
-        tried.append("first" if prepared is first else prepared)
-        return SimpleNamespace(delta_log_likelihood=gains[tried[-1]])
+    def proved(_, start):
+        tried.append(start if start == "small" else "calm" if start.simulation else "loads")
+        end = ends[tried[-1]]
+        fit = SimpleNamespace(log_likelihood=end)
+        return SimpleNamespace(delta_log_likelihood=end - 100.0, fit=fit)
+
+    def end(simulation):
+        tried.clear()
+        baseline = SimpleNamespace(log_likelihood=100.0)
+        search = SimpleNamespace(stand=SimpleNamespace(null=null, baseline=baseline))
+        first = Prepared(trial, None, (), simulation=SimpleNamespace(log_likelihood=simulation))
+        return _refitted(search, first).fit.log_likelihood
 
     monkeypatch.setattr(diagnosis_module, "_proved", proved)
     monkeypatch.setattr(diagnosis_module, "prepare", lambda *_, share, sharper: "small")
-    assert _refitted(search, first).delta_log_likelihood == 3.0
-    gains["first"] = 8.0
-    assert _refitted(search, first).delta_log_likelihood == 8.0 and tried == ["first", "small", "first"]
+    assert end(40.0) == 130.0 and tried == ["loads", "calm", "small"]
+    ends["loads"] = 110.0
+    assert end(40.0) == 110.0 and tried == ["loads"]
+    # A simulation that is likelier than the null needs no load; none may end below it.
+    ends["calm"] = 120.0
+    assert end(115.0) == 120.0 and tried == ["calm"]
+    assert end(140.0) == 130.0 and tried == ["calm", "loads", "small"]
 
 
 def behind(numerator, denominator, seed):

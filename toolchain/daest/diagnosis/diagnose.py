@@ -452,7 +452,7 @@ def _refitted(search: _Search, prepared: Prepared) -> Proof:
                 continue
             if best is None or proof.delta_log_likelihood > best.delta_log_likelihood:
                 best = proof
-            if not has_lost_its_way(proof):
+            if not has_lost_its_way(proof, prepared.simulation):
                 break
     if best is not None:
         return best
@@ -462,18 +462,27 @@ def _refitted(search: _Search, prepared: Prepared) -> Proof:
 
 def _attempts(search: _Search, prepared: Prepared) -> Iterator[Callable[[], Prepared]]:
     null, trial = search.stand.null, prepared.trial
-    yield lambda: prepared
-    if prepared.similar is not None:
-        return
     gentle = partial(prepare, null.flat, null.estimated, trial, share=GENTLE, sharper=1.0)
-    if trial.candidate.effect.is_dynamic:
-        # It comes from a simulation's fit already; beside the loads, the null is near to a small effect.
+    if prepared.simulation is not None:
+        # Its loads may be as large as those of the null, or hardly there.
+        starts = (replace(prepared, simulation=None), prepared)
+        needs_none = prepared.simulation.log_likelihood > search.stand.baseline.log_likelihood
+        for start in reversed(starts) if needs_none else starts:
+            yield partial(_same, start)
+        # Beside the loads, the null is near to a small effect.
         yield gentle
+        return
+    yield partial(_same, prepared)
+    if prepared.similar is not None:
         return
     for number in range(min(len(trial.alike), MOST_PLACES)):
         yield partial(prepare, null.flat, null.estimated, moved(trial, number))
     yield gentle
     yield partial(_by_shooting, search, prepared)
+
+
+def _same(prepared: Prepared) -> Prepared:
+    return prepared
 
 
 def _by_shooting(search: _Search, prepared: Prepared) -> Prepared:

@@ -42,6 +42,7 @@ SATURATION = "Daest.Effects.Signals.Saturation"
 CUT = 0.99  # share of what is beyond the limit that a clipping sensor is taken to cut, at first
 CLIPPED_WITHIN = 0.01  # of the limit, over which its edge is rounded in the screen
 GENTLE = 0.1  # of the size by the screen, from which a search is tried again
+CALM = 1e-6  # of the null's intensities of the loads, from which a search starts that needs none of them
 SHARPER = 0.3  # the proof rounds kinks over this part of what the screen rounds them over
 
 
@@ -133,12 +134,14 @@ def _position(candidate: Candidate) -> tuple[int, ...]:
 @dataclass(frozen=True)
 class Prepared:
     """A candidate model ready for its search, which starts from the noise and the initial states of
-    `similar`, if there is a fit of a simpler law, else from the null's."""
+    `similar`, if there is a fit of a simpler law, or of `simulation`, if it comes from one, else from the
+    null's."""
 
     trial: Trial
     flat: FlatModel
     names: tuple[str, ...]
     similar: FitResult | None = None
+    simulation: FitResult | None = None
 
 
 def prepare(
@@ -275,6 +278,8 @@ def _refit(
     """The refit, which goes on where a search has come to its limit; `least` is the log-likelihood of the
     null."""
     start = null if prepared.similar is None else replace(null, fit=prepared.similar)
+    if prepared.simulation is not None:
+        start = replace(null, fit=_calm(null.fit, prepared.simulation))
     fit = refit(prepared.flat, explicit, prepared.names, start, validation=validation, hopeless=hopeless)
     for _ in range(LONGER):
         if fit.status != "iteration limit" or fit.log_likelihood < max(hopeless, least):
@@ -289,9 +294,19 @@ def _refit(
     return fit
 
 
-def has_lost_its_way(proof: Proof) -> bool:
-    """Whether the search ended below the null, which the law contains."""
-    return proof.delta_log_likelihood < -LOST
+def _calm(null_fit: FitResult, simulation: FitResult) -> FitResult:
+    """The fit of a simulation with the null's loads in it, but hardly any of them: from loads as large as the
+    null needs, a search takes the effect for one of them."""
+    loads = [replace(n, value=CALM * n.value) for n in null_fit.noises if n.kind == "process"]
+    measured = [n for n in simulation.noises if n.kind == "measurement"]
+    return replace(simulation, noises=(*loads, *measured))
+
+
+def has_lost_its_way(proof: Proof, simulation: FitResult | None = None) -> bool:
+    """Whether the search ended below the null, which the law contains, or below a simulation's fit, which is
+    the law without any load."""
+    least = -np.inf if simulation is None else simulation.log_likelihood
+    return proof.delta_log_likelihood < -LOST or proof.fit.log_likelihood < least - LOST
 
 
 def _on_unseen(
