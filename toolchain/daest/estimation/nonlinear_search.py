@@ -131,12 +131,16 @@ def _simulated(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions) -
     """The end of an output-error search: over the whole records, by multiple shooting where that is wanted,
     or by the better of both where the former fails or loses a parameter."""
     problem, shooting = setup.problem, options.shooting
+    # Of a model with events no prediction leans on the record, and no segment begins in a mode that is known.
+    has_events = problem.model.explicit.flat.events is not None
+    if has_events:
+        shooting = 1
     single = None
     if shooting is None or shooting == 1:
         is_end = setup.method == "oe" or shooting == 1
         iterations = options.max_iterations if is_end else SIMULATION_ITERATIONS
         search = search_of(problem, z, iterations, None if is_end else LEADING_GAIN)
-        leads = is_end and options.second_look and options.max_iterations > 0
+        leads = is_end and options.second_look and options.max_iterations > 0 and not has_events
         found = best_point(search, [z], partial(is_coloured, problem), _led(problem, z) if leads else ())
         single = None if found is None else Ending(problem, found, None)
     is_doubtful = _has_lost_one(single, z) or (setup.method == "oe" and _is_poor(single))

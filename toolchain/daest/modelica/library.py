@@ -118,7 +118,7 @@ def readable_roots(folders: Sequence[Path], text: bytes, path: Path) -> Roots:
 def chosen_libraries(folders: Sequence[Path], text: bytes, path: Path) -> list[tuple[Path, list[Path], bool]]:
     """Of each folder the libraries that are used, and whether those are all that it holds. See
     `readable_roots`."""
-    uses = _all_uses(folders, text)
+    uses = _all_uses(folders, text, path.resolve())
     seen: set[str] = set()
     found: list[tuple[Path, list[Path], bool]] = []
     for folder in folders:
@@ -131,19 +131,26 @@ def chosen_libraries(folders: Sequence[Path], text: bytes, path: Path) -> list[t
     return found
 
 
-def _all_uses(folders: Sequence[Path], text: bytes) -> dict[str, str]:
-    """Versions by library: those that the text declares, then those of the libraries that it names."""
+def _all_uses(folders: Sequence[Path], text: bytes, path: Path) -> dict[str, str]:
+    """Versions by library: those that the text declares, then those that the chosen versions of the libraries
+    that it names declare."""
     uses = {name.decode(): version.decode() for name, version in _USES.findall(text)}
-    words = set(re.findall(rb"[A-Za-z_]\w*", text))
-    entries = [entry for folder in folders for entry in library_entries(folder)]
-    for entry in entries:
-        name = _library(entry)[0]
-        file = entry / "package.mo" if entry.is_dir() else entry
-        if name.encode() not in words or name in uses:
-            continue
+    words = {word.decode() for word in re.findall(rb"[A-Za-z_]\w*", text)}
+    by_name: dict[str, list[Path]] = {}
+    for entry in (entry for folder in folders for entry in library_entries(folder)):
+        by_name.setdefault(_library(entry)[0], []).append(entry)
+    waiting = [name for name in by_name if name in words]
+    seen = set(waiting)
+    while waiting:
+        name = waiting.pop(0)
+        entry = _version(by_name[name], uses.get(name), path)
         with contextlib.suppress(OSError):
-            for used, version in _USES.findall(file.read_bytes()):
+            content = (entry / "package.mo" if entry.is_dir() else entry).read_bytes()
+            for used, version in _USES.findall(content):
                 uses.setdefault(used.decode(), version.decode())
+                if used.decode() in by_name and used.decode() not in seen:
+                    seen.add(used.decode())
+                    waiting.append(used.decode())
     return uses
 
 
