@@ -11,9 +11,10 @@ from nonlinear_models import experiment_of, explicit_from
 from daest.errors import DataError, EstimationError, ModelError, NumericalError
 from daest.estimation.coordinates import Coordinate, Unknowns
 from daest.estimation.filter import run_filter
+from daest.estimation.gaussian import objective
 from daest.estimation.identify import identify
 from daest.estimation.search import minimise
-from daest.estimation.trajectories import TrajectoryProblem, objective
+from daest.estimation.trajectories import TrajectoryProblem
 from daest.model.estimates import FilterOptions
 from daest.model.fit import IdentifyOptions
 from daest.systems.integrate import integrator

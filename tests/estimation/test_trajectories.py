@@ -8,7 +8,8 @@ from nonlinear_models import experiment_of, oscillator, time_grid
 from scipy.integrate import solve_ivp
 
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
-from daest.estimation.trajectories import TrajectoryProblem, objective, prediction_errors, whitened
+from daest.estimation.gaussian import objective
+from daest.estimation.trajectories import TrajectoryProblem, prediction_errors, whitened
 from daest.systems.integrate import integrator
 
 TIME = time_grid(120, 0.1)

@@ -18,8 +18,8 @@ from daest.diagnosis.trial import (
     inputs_and_slopes,
     variables_along,
 )
-from daest.estimation import trajectories
 from daest.estimation.coordinates import Unknowns
+from daest.estimation.gaussian import objective
 from daest.estimation.nonlinear_start import head
 from daest.estimation.observer import Observer, average_model, observer
 from daest.estimation.search import minimise
@@ -150,7 +150,7 @@ def _first_states(problem: TrajectoryProblem) -> np.ndarray:
 
 def _searched(problem: TrajectoryProblem, z: np.ndarray) -> np.ndarray:
     limit = np.full(z.size, STATE_RANGE)
-    found = minimise(trajectories.objective(problem), z, -limit, limit, ITERATIONS)
+    found = minimise(objective(problem), z, -limit, limit, ITERATIONS)
     return z if found is None else found.z
 
 

@@ -15,7 +15,6 @@ from functools import partial
 import numpy as np
 
 from daest.errors import EstimationError
-from daest.estimation import trajectories
 from daest.estimation.coordinates import Coordinate, Unknowns, log_likelihood
 from daest.estimation.ekf import EkfLikelihood, ekf_likelihood, run_ekf
 from daest.estimation.ekf_start import best_start, felt_intensity, with_lost_ones
@@ -496,7 +495,7 @@ def _agreements(
     asked = [initial_point(explicit, theta, e.inputs[0])[0] / problem.state_scale for e in experiments]
     limit = np.full(len(asked) * problem.state_scale.size, STATE_RANGE)
     x0 = fit_initial_states(held, np.concatenate(asked), -limit, limit)
-    fit = minimise(trajectories.objective(held), x0, -limit, limit, AGREEMENT_ITERATIONS)
+    fit = minimise(objective(held), x0, -limit, limit, AGREEMENT_ITERATIONS)
     names = [y.name for y in explicit.flat.outputs]
     simulation = None if fit is None else prediction_errors(held, fit.z)
     measured = [e.outputs for e in experiments]

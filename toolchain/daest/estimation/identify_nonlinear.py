@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daest.estimation import trajectories
 from daest.estimation.checks import no_start
 from daest.estimation.coordinates import Unknowns
 from daest.estimation.gain_family import Levels
+from daest.estimation.gaussian import objective
 from daest.estimation.noise_levels import (
     SCAN,
     Ending,
@@ -116,7 +116,7 @@ def identify_nonlinear(
         simulated["validation"] = agreement(best, tuple(validation), with_gain=False, at_rest=at_rest)
         one_step["validation"] = agreement(best, tuple(validation), with_gain=True)
     result = nonlinear_result(setup, ends, simulated, one_step)
-    searched = Searched(trajectories.objective(best.problem), unknowns, *limits(best.problem), best.found)
+    searched = Searched(objective(best.problem), unknowns, *limits(best.problem), best.found)
     if warm is None and best.cut is None and options.second_look:
         result = with_interval_check(result, searched)
     if options.profile and best.cut is not None:
@@ -181,11 +181,11 @@ def _together(
     family = None if average is None else free_gains(setup, average, levels)
     if family is None or family.at(np.zeros(family.n_logs)) is None:
         lower, upper = limits(problem)
-        found = minimise(trajectories.objective(problem), z, lower, upper, iterations, enough)
+        found = minimise(objective(problem), z, lower, upper, iterations, enough)
         return None if found is None else Ending(problem, found, levels)
     wide = with_family(problem, family)
     start = np.concatenate([z, np.zeros(family.n_logs)])
-    found = minimise(trajectories.objective(wide), start, *limits(wide), iterations, enough)
+    found = minimise(objective(wide), start, *limits(wide), iterations, enough)
     return None if found is None else without_family(wide, found)
 
 
@@ -226,7 +226,7 @@ def _with_own_gain(setup: NonlinearSetup, end: Ending, warm: WarmStart) -> Endin
     lower, upper = limits(wide)
     n = end.found.z.size
     lower[:n] = upper[:n] = end.found.z
-    found = minimise(trajectories.objective(wide), start, lower, upper, LEVEL_ITERATIONS, WARM_GAIN)
+    found = minimise(objective(wide), start, lower, upper, LEVEL_ITERATIONS, WARM_GAIN)
     if found is None:
         return end
     own = without_family(wide, found)

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from daest.estimation import trajectories
 from daest.estimation.coordinates import prior_precisions
 from daest.estimation.gain_family import Levels
+from daest.estimation.gaussian import objective
 from daest.estimation.identifiability import (
     Scores,
     covariance,
@@ -70,7 +70,7 @@ def agreement(
         lower, upper, z = (np.where(rests, 0.0, part) for part in (lower, upper, z))
     if not is_fitted:
         z = fit_initial_states(problem, z, lower, upper)
-    found = minimise(trajectories.objective(problem), z, lower, upper, AGREEMENT_ITERATIONS, AGREEMENT_GAIN)
+    found = minimise(objective(problem), z, lower, upper, AGREEMENT_ITERATIONS, AGREEMENT_GAIN)
     errors = None if found is None else prediction_errors(problem, found.z)
     return agreement_of(names, measured, None if errors is None else errors.errors)
 

@@ -16,10 +16,10 @@ from itertools import count
 
 import numpy as np
 
-from daest.estimation import trajectories
 from daest.estimation.checks import no_start
 from daest.estimation.gain_family import Levels
 from daest.estimation.gates import FIT
+from daest.estimation.gaussian import objective as objective_of
 from daest.estimation.noise_levels import (
     Ending,
     NonlinearSetup,
@@ -78,7 +78,7 @@ def search_of(
     """What is searched; `home` is where the user started. A search that another one follows ends where the
     next step would gain less than `enough`, and does not look beyond hills."""
     lower, upper = limits(problem)
-    objective = trajectories.objective(problem)
+    objective = objective_of(problem)
     gain, is_last = (FIT.converged_gain, True) if enough is None else (enough, False)
     return Search(objective, problem.unknowns, lower, upper, home, max_iterations, gain, looks_beyond=is_last)
 

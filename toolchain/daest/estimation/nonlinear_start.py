@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from daest.estimation import trajectories
 from daest.estimation.checks import check_start, no_start
 from daest.estimation.gain_family import LONGEST_LOG
+from daest.estimation.gaussian import objective
 from daest.estimation.search import Evaluation, minimise
 from daest.estimation.trajectories import TrajectoryProblem, integrated, prediction_errors
 from daest.model.experiment import Experiment
@@ -59,7 +59,7 @@ def fit_initial_states(
     heads = tuple(head(e, FIRST_LENGTH) for e in problem.experiments)
     n = len(problem.unknowns.coordinates)
     short = replace(problem, experiments=heads).held_at(z)
-    found = minimise(trajectories.objective(short), z[n:], lower[n:], upper[n:], INITIAL_ITERATIONS)
+    found = minimise(objective(short), z[n:], lower[n:], upper[n:], INITIAL_ITERATIONS)
     return z if found is None else np.concatenate([z[:n], found.z])
 
 
@@ -97,9 +97,7 @@ def with_hold(
     best: tuple[float, Hold, np.ndarray] | None = None
     holds: tuple[Hold, Hold] = ("foh", "zoh")
     for hold in holds:
-        found = minimise(
-            trajectories.objective(replace(problem, hold=hold)), z, lower, upper, HOLD_ITERATIONS
-        )
+        found = minimise(objective(replace(problem, hold=hold)), z, lower, upper, HOLD_ITERATIONS)
         if found is not None and (best is None or found.evaluation.value < best[0]):
             best = (found.evaluation.value, hold, found.z)
     return (problem, z) if best is None else (replace(problem, hold=best[1]), best[2])
@@ -129,7 +127,7 @@ def _failure(problem: TrajectoryProblem, z: np.ndarray) -> str:
 
 def _of_parameters(problem: TrajectoryProblem, z: np.ndarray) -> Evaluation | None:
     """The start without the rows of the initial states."""
-    start = trajectories.objective(problem)(z, True)
+    start = objective(problem)(z, True)
     n = len(problem.unknowns.coordinates)
     return start and Evaluation(start.value, start.gradient[:n], start.information[:n, :n])
 

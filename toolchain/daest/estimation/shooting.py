@@ -17,8 +17,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from daest.estimation import trajectories
 from daest.estimation.coordinates import with_priors
+from daest.estimation.gaussian import objective
 from daest.estimation.identifiability import Scores, scores
 from daest.estimation.nonlinear_start import STATE_RANGE, head
 from daest.estimation.search import Evaluation, Found, Objective, minimise
@@ -195,10 +195,10 @@ def _fitted_state(
     p = parameters.size
     lower, upper = z - STATE_RANGE, z + STATE_RANGE
     lower[:p] = upper[:p] = parameters
-    found = minimise(trajectories.objective(alone), z, lower, upper, STATE_ITERATIONS)
+    found = minimise(objective(alone), z, lower, upper, STATE_ITERATIONS)
     if found is None:
         short = replace(alone, experiments=(head(alone.experiments[0], FEWEST_SAMPLES),))
-        found = minimise(trajectories.objective(short), z, lower, upper, STATE_ITERATIONS)
+        found = minimise(objective(short), z, lower, upper, STATE_ITERATIONS)
     if found is None:
         return x, None
     x = found.z[p:] * alone.state_scale

@@ -8,14 +8,13 @@ with the parameters.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daest.estimation.coordinates import Unknowns, with_priors
+from daest.estimation.coordinates import Unknowns
 from daest.estimation.gain_family import GainFamily
-from daest.estimation.search import Evaluation
+from daest.estimation.search import Objective
 from daest.estimation.ties import Beginning, with_ties
 from daest.model.experiment import Experiment
 from daest.systems.integrate import Correction, Hold, Integrator, Trajectory, integrate, interval_inputs
@@ -85,6 +84,19 @@ class TrajectoryProblem:
         """The problem with its parameters held as in z: only initial states are searched."""
         return replace(self, unknowns=replace(self.unknowns, coordinates=(), theta=self.theta(z)))
 
+    def predict(self, z: np.ndarray, with_slopes: bool = False) -> Errors | None:
+        """Every experiment at z; None where an integration fails."""
+        return prediction_errors(self, z, with_slopes)
+
+    def derivatives(self, found: Errors, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient and information along z."""
+        residuals, slopes = whitened(self, found, z)
+        return slopes @ residuals, slopes @ slopes.T
+
+    def tied(self, likelihood: Objective) -> Objective:
+        beginnings = [_beginning(self, experiment) for experiment in self.experiments]
+        return with_ties(likelihood, self.model.explicit, self.unknowns, self.state_scale, beginnings)
+
 
 @dataclass(frozen=True)
 class Errors:
@@ -95,28 +107,6 @@ class Errors:
     covariance: np.ndarray
     trajectories: tuple[Trajectory, ...]
     negative_log_likelihood: float
-
-
-def objective(problem: TrajectoryProblem) -> Callable[[np.ndarray, bool], Evaluation | None]:
-    """Negative log-likelihood, priors and ties over the search vector; None where an integration fails."""
-
-    @np.errstate(all="ignore")  # where numbers overflow, there is no value
-    def evaluate(z: np.ndarray, with_slopes: bool) -> Evaluation | None:
-        errors = prediction_errors(problem, z, with_slopes)
-        if errors is None or not np.isfinite(errors.negative_log_likelihood):
-            return None
-        if not with_slopes:
-            return Evaluation(errors.negative_log_likelihood)
-        residuals, slopes = whitened(problem, errors, z)
-        gradient, information = slopes @ residuals, slopes @ slopes.T
-        if not (np.all(np.isfinite(gradient)) and np.all(np.isfinite(information))):
-            return None
-        return Evaluation(errors.negative_log_likelihood, gradient, information)
-
-    explicit = problem.model.explicit
-    beginnings = [_beginning(problem, experiment) for experiment in problem.experiments]
-    tied = with_ties(evaluate, explicit, problem.unknowns, problem.state_scale, beginnings)
-    return with_priors(tied, problem.unknowns)
 
 
 def _beginning(problem: TrajectoryProblem, experiment: Experiment) -> Beginning:
