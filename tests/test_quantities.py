@@ -88,3 +88,12 @@ def test_equal_units_need_no_pint():
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+def test_turns_a_minute_are_not_guessed():
+    for unit in ("U/min", "RPM", "rpm"):
+        assert conversion(unit, "rad/s").scale == pytest.approx(2 * np.pi / 60, rel=1e-15)
+    with pytest.raises(DataError) as raised:
+        conversion("1/min", "rad/s")
+    assert "rpm" in raised.value.remedy
+    assert conversion("1/min", "1/s").scale == pytest.approx(1 / 60, rel=1e-15)

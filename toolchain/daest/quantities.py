@@ -27,6 +27,8 @@ _SPELLINGS = {  # Modelica and loggers -> pint
     "%": "percent",
     "rev": "turn",
     "r": "turn",
+    "U": "turn",  # as German rigs write turns: U/min
+    "RPM": "rpm",
 }
 _TEMPERATURES = {"degC", "degF", "degRk", "K"}
 
@@ -92,7 +94,8 @@ def conversion(given: str, wanted: str) -> Conversion:
     """The conversion from unit `given` to unit `wanted`.
 
     rad counts as 1, deg as π/180. A bare temperature converts with its offset (degC to K); in a product it
-    is a difference. Hz never becomes rad/s: whether a cycle or a radian is meant cannot be known.
+    is a difference. Neither Hz nor 1/min becomes rad/s: whether a turn or a radian is meant cannot be
+    known.
     Raises DataError `unit-incompatible` or `unit-unknown`.
     """
     if given == wanted:
@@ -102,6 +105,8 @@ def conversion(given: str, wanted: str) -> Conversion:
         return Conversion()
     if ("Hz" in source and "rad" in target) or ("rad" in source and "Hz" in target):
         raise _incompatible(given, wanted, "write rev/s for turns or rad/s for angles instead of Hz")
+    if source == {"min": -1} and "rad" in target:
+        raise _incompatible(given, wanted, "write rpm for turns or rad/min for angles instead of 1/min")
     if _is_temperature(source) and _is_temperature(target):
         return _temperature_conversion(_only_symbol(source), _only_symbol(target))
     return _proportional(source, target, given, wanted)
