@@ -22,6 +22,8 @@ if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) == signal.SIG_I
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 # Tests of processes ask for them; in the others they would only have to start.
 os.environ["DAEST_JOBS"] = "1"
+# Hundreds of small models run for milliseconds: compiling them takes longer.
+os.environ.setdefault("DAEST_COMPILER_EFFORT", "O1")
 
 
 # `pytest -m quick`: rooms and files whose tests take milliseconds, for the minute between two edits.

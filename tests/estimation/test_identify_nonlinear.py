@@ -193,9 +193,9 @@ def test_search_steps_back_from_values_where_the_model_fails(monkeypatch):
     failed = []
     run = trajectories.integrated
 
-    def counted(problem, z, with_slopes=False):
+    def counted(problem, z, *more):
         try:
-            return run(problem, z, with_slopes)
+            return run(problem, z, *more)
         except IntegrationError:
             failed.append(problem.theta(z)[0])
             raise

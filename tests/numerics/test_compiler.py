@@ -98,10 +98,15 @@ def test_one_archive_for_three_systems(tmp_path, monkeypatch):
     assert load_fmu(path).platforms == ("x86_64-darwin", "x86_64-linux", "x86_64-windows")
 
 
-def test_long_code_is_optimised_less():
-    assert compiler.effort("x\n" * compiler.ASKED_LINES, "-O3") == "-O3"
-    assert compiler.effort("x\n" * (compiler.ASKED_LINES + 1), "-O3") == "-O1"
-    assert compiler.effort("x\n" * (compiler.OPTIMISED_LINES + 1), "-O3") == "-O0"
+def test_long_code_is_optimised_less(monkeypatch):
+    lines = [1, compiler.ASKED_LINES + 1, compiler.OPTIMISED_LINES + 1]
+    for asked, efforts in (
+        ("O1", ["-O1", "-O1", "-O0"]),
+        ("rm", ["-O3", "-O1", "-O0"]),
+        ("", ["-O3", "-O1", "-O0"]),
+    ):
+        monkeypatch.setenv("DAEST_COMPILER_EFFORT", asked)
+        assert [compiler.effort("x\n" * n, "-O3") for n in lines] == efforts
 
 
 def test_a_long_compilation_is_told_once():
