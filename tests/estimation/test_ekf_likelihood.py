@@ -167,7 +167,7 @@ def test_simulation_begins_where_it_fits_best():
 
 def test_a_record_too_coarse_for_the_model_is_left_to_the_observer(monkeypatch):
     explicit, experiments = recordings(0, n=300)
-    monkeypatch.setattr("daest.estimation.ekf_likelihood.TOLERATED", 0.0)
+    monkeypatch.setattr("daest.estimation.ekf_likelihood.FIT", replace(FIT, rough_substeps=0.0))
     found = identified(identify_by_ekf, "pem", explicit, experiments)
     assert any("not smooth enough" in note for note in found.notes)
     observer = identified(identify_nonlinear, "pem", explicit, experiments)
