@@ -25,7 +25,7 @@ def case():
     rng = np.random.default_rng(4)
     time = 0.05 * np.arange(200)
     u = np.repeat(rng.choice([-5.0, 5.0], 8), 25)[:, None]
-    y = simulate(explicit, (time, u), hold="zoh", noise=True, seed=4, intensities=[0.05]).outputs
+    y = simulate(explicit, (time, u), hold="zoh", noise=True, seed=4, intensities={"w": 0.05}).outputs
     data = experiment_of(explicit, time, u, y + 0.02 * rng.standard_normal(y.shape))
     names = [p.name for p in flat.parameters]
     coordinates = tuple(
