@@ -541,8 +541,8 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
 
 
 def _place(best: Proof, proof: Proof) -> tuple[bool, float, int, float]:
-    """What a proof is ranked by, smallest first. Of laws that foresee unseen data clearly better and alike, the
-    one with the fewest parameters of any kind is first."""
+    """What a proof is ranked by, smallest first. Of laws that foresee unseen data clearly better and alike,
+    the one with the fewest parameters of any kind is first."""
     ratio = 1.0 if proof.verdict == "rejected" or _is_vague(proof, best) else _unseen_ratio(best, proof)
     n_parameters = len(proof.candidate.effect.parameters) if ratio < GATES.max_rival_error else 0
     ratio = round(min(ratio, GATES.max_rival_error), 2)
