@@ -104,7 +104,9 @@ def _definitions(reading: Reading, declared: Declared) -> dict[str, list[Definit
         left, right = turned.left, turned.right
         if not isinstance(left, s.Name) or left.name not in reading.discrete or right is None:
             continue
-        if _is_discrete(left, reading) and _is_discrete(right, reading) and not equation.bound:
+        is_connection = equation.kind == "connection" and isinstance(right, s.Name)
+        is_link = is_connection and right.name in reading.discrete  # type: ignore[union-attr]
+        if is_link or (_is_discrete(left, reading) and _is_discrete(right, reading) and not equation.bound):
             open_ends.append(turned)
         elif left.name not in reading.targets:
             found.setdefault(left.name, []).append((turned, right))
