@@ -261,3 +261,23 @@ def test_unknown_parameter_is_named():
     with pytest.raises(ModelError) as unknown:
         integrator(friction_oscillator(), ("nothing",))
     assert unknown.value.code == "unknown-parameter"
+
+
+def test_what_was_compiled_for_more_parameters_serves_the_first_ones():
+    explicit = friction_oscillator()
+    more = integrator(explicit, NAMES)
+    time, u = recording()
+
+    def run(model, of):
+        theta = of.flat.theta_values
+        return integrate(model, time, u, theta, np.array([0.1, 0.0]), hold="zoh", sensitivities=True)
+
+    apart = friction_oscillator()
+    for names in ((), NAMES[:1], NAMES):
+        fewer, alone = integrator(explicit, names), integrator(apart, names)
+        assert fewer.library is more.library and fewer.names == names
+        found, expected = run(fewer, explicit), run(alone, apart)
+        assert found.sensitivities.shape == expected.sensitivities.shape
+        np.testing.assert_array_equal(found.sensitivities, expected.sensitivities)
+    assert integrator(explicit, NAMES[1:]).library is not more.library
+    assert integrator(explicit).names == ()

@@ -189,7 +189,7 @@ def reference_of(null: Null, fit: FitResult, validation: Sequence[Experiment]) -
     """What unseen data say of the model of `null`, whose `fit` is that beside its loads; None where it cannot
     be fitted without coloured ones."""
     with _quiet():
-        found = settled(null, fit, null.flat, null.experiments, validation)
+        found = settled(null, fit, null.flat, null.explicit, null.experiments, validation)
         if found is None:
             return None
         white, observer = found

@@ -84,7 +84,7 @@ def learned_load(
         return LearnedLoad(form, curve, fit.theta, fit, before, _validation_errors(fit), sign)
     flat = with_curve(null.flat, row, curve)
     told, against = fit, ""
-    found_settled = settled(null, fit, flat, null.experiments, validation)
+    found_settled = settled(null, fit, flat, reduce_index(flat), null.experiments, validation)
     if found_settled is not None:
         white, observer = found_settled
         ahead = compared(reference.foreseen, foreseen(observer, validation), period_of(null.experiments))

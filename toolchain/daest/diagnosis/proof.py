@@ -229,7 +229,7 @@ def prove(
         after = after or run_null(with_effect)
         if reference is not None and validation:
             told = confirmed(reference.innovations, innovations(after, validation))
-        final, ahead, against, is_told = _on_unseen(fed, fit, prepared, told, validation, reference)
+        final, ahead, against, is_told = _on_unseen(fed, fit, prepared, explicit, told, validation, reference)
         ratios = error_ratios((reference.fit if reference else null_fit).simulated, (final or fit).simulated)
         # A law that says all that the load has to do with any variable need not explain more of the load.
         says_all = form is not None and form.p_value < GATES.rest_level and gain >= form.log_likelihood_gain
@@ -313,6 +313,7 @@ def _on_unseen(
     null: Null,
     fit: FitResult,
     prepared: Prepared,
+    explicit: ExplicitModel,
     told: Confirmed,
     validation: Sequence[Experiment],
     reference: Reference | None,
@@ -321,7 +322,7 @@ def _on_unseen(
     against the effect (empty where they do not), and whether most of the error is gone."""
     if reference is None or not validation:
         return None, (), "", False
-    found = settled(null, fit, prepared.flat, null.experiments, validation)
+    found = settled(null, fit, prepared.flat, explicit, null.experiments, validation)
     if found is None:
         against, _, is_told = judged((), reference.fit, fit, reference.adds_up, told)
         return None, (), against, is_told

@@ -26,7 +26,6 @@ from daest.estimation.identify_nonlinear import WarmStart, identify_nonlinear
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, FittedParameter, IdentifyOptions, error_ratios
 from daest.model.flat import ExplicitModel, FlatModel
-from daest.systems.reduce import reduce_index
 
 FAILURES = (DaestError, RuntimeError, np.linalg.LinAlgError)  # of a search, also those of CasADi's solvers
 ITERATIONS = 40
@@ -41,15 +40,17 @@ def settled(
     null: Null,
     fit: FitResult,
     flat: FlatModel,
+    explicit: ExplicitModel,
     experiments: Sequence[Experiment],
     validation: Sequence[Experiment],
 ) -> tuple[FitResult, NullObserver] | None:
-    """The fit of `flat`, a model that contains the null's loads, with white loads in their place, started
-    from `fit`; and its observer over the experiments. None where no search from there succeeds."""
+    """The fit of `flat`, a model that contains the null's loads and has the dynamics `explicit`, with white
+    loads in their place, started from `fit`; and its observer over the experiments. None where no search
+    from there succeeds."""
     names = tuple(p.name for p in fit.parameters)
     times = {f"{load.name}.T": shortest_load(null.experiments) for load in null.loads}
     started = flat.with_theta({**fit.theta, **times})
-    explicit = reduce_index(started)
+    explicit = replace(explicit, flat=started)
     found: FitResult | None = None
     for _ in range(1 + SECOND_CHANCES):
         try:

@@ -37,6 +37,7 @@ Hold = Literal["zoh", "foh"]
 # that takes this many belongs to parameters that make the model far faster than the record.
 SEARCH_STEPS, SEARCH_STEPS_PER_SAMPLE = 20_000, 50
 ALL_STEPS = 2_000_000_000  # of a simulation, which stops where its end is out of reach
+MOST_COMPILED = 32  # integrators that are kept for models with the same functions
 INTERPRETED_STEPS = 4  # per sample interval, without a C compiler
 
 
@@ -184,6 +185,9 @@ def _of_equations(
     compiled: bool = True,
     runs_once: bool = False,
 ) -> Integrator:
+    known = _compiled_for_more(explicit, tuple(names)) if compiled else None
+    if known is not None:
+        return known
     rhs, sens, out, hold = _model_functions(explicit, tuple(names))
     library, events, root = None, None, None
     if explicit.flat.events is not None:
@@ -196,7 +200,29 @@ def _of_equations(
         except FmuError as error:
             if error.code != "no-c-compiler":
                 raise
-    return EquationIntegrator(explicit, tuple(names), rhs, sens, out, library, hold, events)
+    made = EquationIntegrator(explicit, tuple(names), rhs, sens, out, library, hold, events)
+    if library is not None and not runs_once:
+        _compiled[_functions_of(explicit)] = made  # which keeps the functions: no others take their numbers
+        while len(_compiled) > MOST_COMPILED:
+            del _compiled[next(iter(_compiled))]
+    return made
+
+
+_compiled: dict[tuple, EquationIntegrator] = {}
+
+
+def _functions_of(explicit: ExplicitModel) -> tuple:
+    functions = (explicit.rhs, explicit.outputs, explicit.invariants)
+    return *(hash(f) for f in functions), *(p.name for p in explicit.flat.parameters)
+
+
+def _compiled_for_more(explicit: ExplicitModel, names: tuple[str, ...]) -> EquationIntegrator | None:
+    """The integrator of the same functions that was compiled last, if its parameters begin with `names`: its
+    code tells the sensitivities to the first of them, too."""
+    known = _compiled.get(_functions_of(explicit))
+    if known is None or known.events is not None or known.names[: len(names)] != names:
+        return None
+    return replace(known, explicit=explicit, names=names)
 
 
 def _again(explicit: ExplicitModel, names: tuple[str, ...], compiled: bool) -> Integrator:
