@@ -7,6 +7,7 @@ from difflib import SequenceMatcher
 
 LIKE = 0.65  # share of common letters from which names are alike: one letter of three wrong; judgement
 WORSE = 0.15  # ratio by which a name may be less alike than the nearest one to be named beside it; judgement
+BEGINS, LONG = 0.85, 6  # the same at the beginning of a name, and letters of one; judgement
 EXTRA_LETTERS = 2  # that one of two names may have behind the other (`J`, `J1`); judgement
 
 
@@ -23,10 +24,13 @@ def near_names(name: str, candidates: Iterable[str], n: int = 3) -> list[str]:
 
 
 def _likeness(a: str, b: str) -> float:
-    """Share of common letters, 0 to 1; names that go on where the other ends are alike."""
+    """Share of common letters, 0 to 1; names that go on where the other ends are alike, and a long name that
+    begins nearly as a shorter one does."""
     ratio = SequenceMatcher(None, a, b).ratio()
     goes_on = (a.startswith(b) or b.startswith(a)) and 0 < abs(len(a) - len(b)) <= EXTRA_LETTERS
-    return max(ratio, LIKE) if goes_on else ratio
+    shorter = min(len(a), len(b))
+    begins = SequenceMatcher(None, a[:shorter], b[:shorter]).ratio() if shorter >= LONG else 0.0
+    return max(ratio, LIKE) if goes_on or begins >= BEGINS else ratio
 
 
 def nearest(name: str, candidates: Iterable[str]) -> str:
