@@ -52,7 +52,7 @@ def test_one_effect_and_its_places(daest) -> None:
 def test_unknown_effect(daest) -> None:
     code, out, err = daest("effects", "Couloumb")
     assert code == 2 and not out and "effect-unknown" in err and "CoulombFriction" in err
-    assert "A model is named by --model Rig.mo." in daest("effects", "Rig.mo")[2]
+    assert "error[model-missing]" in daest("effects", "Rig.mo")[2]
 
 
 def test_extend_writes_a_model_that_compiles(daest, tmp_path) -> None:
