@@ -56,6 +56,7 @@ SIMULATION_ITERATIONS = 15  # of the output-error fit that a prediction-error fi
 START_SPREAD = np.log(10.0)  # further start points: up to a factor 10 off, for linear scales 3 scales off
 LINEAR_SPREAD = 3.0
 DOUBT_STARTS = 2  # random start points that are tried then
+ENDS_ALIKE = 2  # of other starts: one may be led into the same wrong valley (1 of 200 random models)
 
 
 @dataclass(frozen=True)
@@ -319,8 +320,8 @@ def _noisy(setup: Setup, z: np.ndarray) -> Problem:
 def _search(setup: Setup, options: IdentifyOptions, tell: Tell) -> tuple[Problem, list[Found]]:
     """The problem that was searched, and the end of the search from every start, best first.
 
-    In doubt, other starts are tried until one leaves white residuals, or ends where the first one did: then
-    it is the model that leaves them coloured.
+    In doubt, other starts are tried until one leaves white residuals, or ENDS_ALIKE of them end where the
+    first one did: then it is the model that leaves them coloured.
     """
     began = time.perf_counter()
     unknowns = setup.problem.unknowns
@@ -331,9 +332,8 @@ def _search(setup: Setup, options: IdentifyOptions, tell: Tell) -> tuple[Problem
         pairs += _from_other_starts(setup, first, pairs[0], options, seconds, tell)
     elif options.second_look and options.max_iterations:
         for level, start in _second_looks(setup, options):
-            if not _is_doubtful(setup, pairs[-1], level) or (
-                len(pairs) > 1 and _ends_alike(pairs[0], pairs[-1])
-            ):
+            alike = sum(_ends_alike(pairs[0], pair) for pair in pairs[1:])
+            if not _is_doubtful(setup, pairs[-1], level) or alike >= ENDS_ALIKE:
                 break
             z = start()
             if z is not None:
