@@ -345,7 +345,7 @@ def test_noise_free_data_give_the_exact_parameters():
         assert p.value == pytest.approx(TRUE[p.name], rel=1e-4)
 
 
-def test_two_starts_that_agree_end_the_search_for_a_better_optimum():
+def test_starts_that_agree_end_the_search_for_a_better_optimum():
     """Slow noise on the sensors leaves coloured residuals at the only optimum there is."""
     quiet = simulated(1)
     rng = np.random.default_rng(0)
@@ -353,7 +353,7 @@ def test_two_starts_that_agree_end_the_search_for_a_better_optimum():
     experiment = replace(quiet, outputs=quiet.outputs + slow)
     result = identify(rig(), [experiment], IdentifyOptions(method="oe", hold="foh"))
     assert any("not white" in note for note in result.notes)
-    assert len(result.start_log_likelihoods) == 2 and "2 of 2 starts" in result.message
+    assert len(result.start_log_likelihoods) == 3 and "3 of 3 starts" in result.message
     every = identify(rig(), [experiment], IdentifyOptions(method="oe", hold="foh", starts=3))
     assert len(every.start_log_likelihoods) >= 3
 
