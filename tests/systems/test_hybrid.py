@@ -223,6 +223,7 @@ def test_identified_from_bounces(ball):
     (found,) = [p for p in result.parameters if p.name == "e"]
     assert abs(found.value - 0.97) < 4 * found.std_error
     assert found.std_error < 1e-3
+    assert any("--starts" in note for note in result.notes)
 
 
 def test_linear_in_the_mode_of_the_start(sampled):

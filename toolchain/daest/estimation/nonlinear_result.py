@@ -39,6 +39,10 @@ from daest.model.fit import Agreement, FitResult, FittedNoise
 from daest.model.flat import Dynamics
 
 AGREEMENT_ITERATIONS = 10  # of the search for the initial states that an agreement is judged from
+SWITCHES = (
+    "the model changes at events, so that its likelihood may have valleys of its own between them, and "
+    "intervals that are too narrow in a wrong one: compare the ends from several starts (--starts 8)"
+)
 AGREEMENT_GAIN = 0.1  # predicted gain in log-likelihood that ends it: 1e-5 of the error
 
 
@@ -96,6 +100,8 @@ def nonlinear_result(
     in_z = information * np.outer(slopes, slopes) + np.diag(prior_precisions(unknowns))
     free = ~without_influence(in_z, count) & np.array([b is None for b in bounds], dtype=bool)
     notes = [*setup.notes, *end.notes]
+    if explicit.flat.events is not None and len(ends) == 1:
+        notes.append(SWITCHES)
     if setup.method == "oe":
         uncertain = output_error_covariance(parts, observed, slopes, free, prior_precisions(unknowns))
         cov_z = uncertain.covariance
