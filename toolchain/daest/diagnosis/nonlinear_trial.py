@@ -189,8 +189,7 @@ def _slopes(
 ) -> tuple[np.ndarray, ...]:
     """∂(error / std)/∂parameter (p, n_samples, n_y) of every recording."""
     p = len(candidate.parameter_names)
-    sensitive = replace(problem, model=model.sensitive)
-    errors = prediction_errors(sensitive, z, with_slopes=True, of_model=True) if p else None
+    errors = prediction_errors(replace(problem, model=model.sensitive), z, with_slopes=True) if p else None
     if errors is None:
         return ()
     return tuple(-t.sensitivities[:, :, :p].transpose(2, 0, 1) / std for t in errors.trajectories)

@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daest.estimation.observer import AverageModel, Observer, sampled_average
-from daest.estimation.stationary import try_stationary_filter
+from daest.estimation.observer import AverageModel, Observer, observer_of, sampled_average
 from daest.model.linear import DiscreteModel
 from daest.numerics.exponential import covariance_integral
 from daest.numerics.innovations import Gains, NoiseModel, stationary_gain_derivatives
@@ -61,11 +60,7 @@ class GainFamily:
             process_cov=np.tensordot(levels.intensity, self.unit_covs, 1),
             measurement_cov=np.diag(levels.measurement_std**2),
         )
-        found = try_stationary_filter(model)
-        if found is None:
-            return None
-        gain = np.linalg.solve(found.innovation_cov, model.output @ found.predicted_cov).T
-        return Observer(gain, found.innovation_cov, found.predicted_cov)
+        return observer_of(model)
 
     def slopes(self, logs: np.ndarray, found: Observer) -> np.ndarray | None:
         """∂gain/∂logs (n_logs, n, n_y) at `found`; None where the closed loop does not settle."""

@@ -15,16 +15,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daest.estimation.checks import no_start
-from daest.estimation.coordinates import Unknowns
+from daest.estimation.coordinates import Unknowns, prior_penalty
 from daest.estimation.gain_family import Levels
 from daest.estimation.gaussian import objective
 from daest.estimation.noise_levels import (
-    SCAN,
     Ending,
     NonlinearSetup,
     average_along,
     free_gains,
     with_family,
+    with_gain,
     without_family,
 )
 from daest.estimation.nonlinear_result import agreement, nonlinear_result
@@ -151,9 +151,7 @@ def _search_on(setup: NonlinearSetup, warm: WarmStart, options: IdentifyOptions)
     is_hopeful = -best.found.evaluation.value > warm.hopeless
     for number in range(WARM_ROUNDS if is_hopeful else 0):
         average = average_along(best.problem, best.found.z)
-        levels = best.levels or warm.levels
-        if average is not None and not number:
-            levels = _likeliest(setup, best, average, [levels, *_scanned(setup, warm)]) or levels
+        levels = (best.levels or warm.levels) if number else _rescanned(setup, best, warm)
         end = _together(setup, problem, best.found.z, levels, average, options.max_iterations, WARM_GAIN)
         gain = -np.inf if end is None else best.found.evaluation.value - end.found.evaluation.value
         if end is None or gain < 0.0:
@@ -186,28 +184,20 @@ def _together(
     wide = with_family(problem, family)
     start = np.concatenate([z, np.zeros(family.n_logs)])
     found = minimise(objective(wide), start, *limits(wide), iterations, enough)
-    return None if found is None else without_family(wide, found)
+    return None if found is None else without_family(setup, wide, found)
 
 
-def _scanned(setup: NonlinearSetup, warm: WarmStart) -> list[Levels]:
-    """The levels of the similar model with less and less noise of the process: slopes lead to the nearest
-    valley only, and what its parameters are worth shows with the noise that they leave."""
-    factors = [np.where(setup.estimate_intensity, np.exp(log), 1.0) for log in SCAN]
-    return [Levels(factor * warm.intensity, warm.measurement_std) for factor in factors]
-
-
-def _likeliest(
-    setup: NonlinearSetup, end: Ending, average: AverageModel, choice: Sequence[Levels]
-) -> Levels | None:
-    """Of some noise levels at the parameters of an end; None where none has a gain."""
-    values = []
-    for levels in choice:
-        family = free_gains(setup, average, levels)
-        if family is not None:
-            wide = with_family(end.problem, family)
-            errors = prediction_errors(wide, np.concatenate([end.found.z, np.zeros(family.n_logs)]))
-            values += [] if errors is None else [(errors.negative_log_likelihood, levels)]
-    return min(values, key=lambda pair: pair[0])[1] if values else None
+def _rescanned(setup: NonlinearSetup, end: Ending, warm: WarmStart) -> Levels:
+    """The levels of an end, or those of the similar model with less noise of the process if they are more
+    likely: slopes lead to the nearest valley only, and what its parameters are worth shows with the noise
+    that they leave."""
+    around = replace(setup, problem=end.problem)
+    problem, levels = with_gain(around, end.found.z, warm.levels, warm.levels, evaluations=0)
+    errors = prediction_errors(problem, end.found.z)
+    least = end.found.evaluation.value - prior_penalty(problem.unknowns, end.found.z)
+    if levels is None or errors is None or errors.negative_log_likelihood >= least:
+        return end.levels or warm.levels
+    return levels
 
 
 def _with_own_gain(setup: NonlinearSetup, end: Ending, warm: WarmStart) -> Ending:
@@ -229,6 +219,6 @@ def _with_own_gain(setup: NonlinearSetup, end: Ending, warm: WarmStart) -> Endin
     found = minimise(objective(wide), start, lower, upper, LEVEL_ITERATIONS, WARM_GAIN)
     if found is None:
         return end
-    own = without_family(wide, found)
+    own = without_family(setup, wide, found)
     evaluation = replace(end.found.evaluation, value=own.found.evaluation.value)
     return Ending(own.problem, replace(end.found, evaluation=evaluation), own.levels)

@@ -80,29 +80,22 @@ def with_gain(
     problem = setup.problem
     average = average_along(problem, z)
     assert average is not None
-    start = around or _first_levels(setup, average, z, known)
-    q_free = np.flatnonzero(setup.estimate_intensity)
-    std_free = np.flatnonzero(np.isnan(setup.given_std))[1 if setup.has_free_size else 0 :]
-
-    def levels(logs: np.ndarray) -> Levels:
-        q, std = start.intensity.copy(), start.measurement_std.copy()
-        q[q_free] *= np.exp(logs[: q_free.size])
-        std[std_free] *= np.exp(logs[q_free.size :])
-        return Levels(q, std)
-
+    family = free_gains(setup, average, around or _first_levels(setup, average, z, known))
+    if family is None:
+        return problem, known
     tried: dict[bytes, _Tried | None] = {}
 
     def at(logs: np.ndarray) -> _Tried | None:
         # The scan, the first corner of the simplex and the end of the search ask for the same.
         if logs.tobytes() not in tried:
-            tried[logs.tobytes()] = _try_levels(setup, average, z, levels(logs))
+            tried[logs.tobytes()] = _try_levels(setup, family, z, logs)
         return tried[logs.tobytes()]
 
     def value(logs: np.ndarray) -> float:
         one = at(logs)
         return NO_GAIN if one is None else one.value
 
-    best = at(_searched_logs(value, q_free.size, std_free.size, evaluations))
+    best = at(_searched_logs(value, family.intensity_free.size, family.std_free.size, evaluations))
     if best is None:
         return problem, known
     return gained(problem, best.observer), best.levels
@@ -118,13 +111,13 @@ class _Tried:
     levels: Levels
 
 
-def _try_levels(setup: NonlinearSetup, average: AverageModel, z: np.ndarray, levels: Levels) -> _Tried | None:
-    found = observer(average, levels.intensity, levels.measurement_std)
+def _try_levels(setup: NonlinearSetup, family: GainFamily, z: np.ndarray, logs: np.ndarray) -> _Tried | None:
+    found = family.at(logs)
     errors = None if found is None else prediction_errors(gained(setup.problem, found), z)
     if found is None or errors is None:
         return None
     value = errors.negative_log_likelihood + (0.0 if setup.has_free_size else _misfit(errors, found))
-    return _Tried(value, found, at_size_of_innovations(setup, errors, levels, found))
+    return _Tried(value, found, at_size_of_innovations(setup, errors, family.levels_at(logs), found))
 
 
 def free_gains(setup: NonlinearSetup, average: AverageModel, levels: Levels) -> GainFamily | None:
@@ -139,9 +132,8 @@ def with_family(problem: TrajectoryProblem, family: GainFamily) -> TrajectoryPro
     return replace(problem, family=family, gain=None, given_std=np.full(problem.given_std.size, np.nan))
 
 
-def without_family(problem: TrajectoryProblem, found: Found) -> Ending:
-    """The predictor with the gain at the end of a search over a family, at the size of its innovations; all
-    noise levels are searched."""
+def without_family(setup: NonlinearSetup, problem: TrajectoryProblem, found: Found) -> Ending:
+    """The predictor with the gain at the end of a search over a family, and the levels behind it."""
     family, logs = problem.family, problem.logs(found.z)
     assert family is not None
     gain, errors = family.at(logs), prediction_errors(problem, found.z)
@@ -150,11 +142,10 @@ def without_family(problem: TrajectoryProblem, found: Found) -> Ending:
     evaluation = Evaluation(
         found.evaluation.value, found.evaluation.gradient[:n], found.evaluation.information[:n, :n]
     )
-    size = float(np.mean(np.diagonal(errors.covariance) / np.diagonal(gain.innovation_cov)))
     return Ending(
         replace(problem, family=None, gain=gain.gain),
         replace(found, z=found.z[:n], evaluation=evaluation),
-        family.levels_at(logs).times(size),
+        at_size_of_innovations(setup, errors, family.levels_at(logs), gain),
     )
 
 

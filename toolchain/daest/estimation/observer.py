@@ -84,11 +84,16 @@ def observer(model: AverageModel, intensity: np.ndarray, measurement_std: np.nda
     sampled = sampled_average(model, intensity, measurement_std)
     if not np.all(np.isfinite(sampled.transition)) or not np.all(np.isfinite(sampled.process_cov)):
         return None
+    return observer_of(sampled)
+
+
+def observer_of(sampled: DiscreteModel) -> Observer | None:
+    """The stationary gain of a sampled model; None where none exists."""
     found = try_stationary_filter(sampled)
     if found is None:
         return None
     # The predictor gain is Φ times the gain that corrects the state at the sample itself.
-    gain = found.predicted_cov @ model.C.T @ np.linalg.inv(found.innovation_cov)
+    gain = found.predicted_cov @ sampled.output.T @ np.linalg.inv(found.innovation_cov)
     return Observer(gain, found.innovation_cov, found.predicted_cov)
 
 

@@ -32,7 +32,8 @@ class TrajectoryProblem:
     Experiments are in the model's order of inputs and outputs. Search vector: `unknowns` (parameters only),
     then the initial states of every experiment divided by `state_scale` (n_states,), then the logs of a
     `family` of gains. Without one the `gain` (n_states, n_y) is held; None: no sample corrects the state.
-    `given_std` (n_y,): standard deviations that are not estimated, NaN for those that are.
+    `given_std` (n_y,): standard deviations that are not estimated, NaN for those that are. Where the problem
+    `holds_parameters`, no slopes over those of the integrator are computed.
     """
 
     model: Integrator
@@ -44,6 +45,7 @@ class TrajectoryProblem:
     gain: np.ndarray | None = None
     rtol: float = SOLVER.search_rtol
     family: GainFamily | None = None
+    holds_parameters: bool = False
 
     @property
     def n_states(self) -> int:
@@ -82,7 +84,8 @@ class TrajectoryProblem:
 
     def held_at(self, z: np.ndarray) -> TrajectoryProblem:
         """The problem with its parameters held as in z: only initial states are searched."""
-        return replace(self, unknowns=replace(self.unknowns, coordinates=(), theta=self.theta(z)))
+        held = replace(self.unknowns, coordinates=(), theta=self.theta(z))
+        return replace(self, unknowns=held, holds_parameters=True)
 
     def predict(self, z: np.ndarray, with_slopes: bool = False) -> Errors | None:
         """Every experiment at z; None where an integration fails."""
@@ -119,13 +122,10 @@ def _beginning(problem: TrajectoryProblem, experiment: Experiment) -> Beginning:
     return Beginning(experiment.inputs[0], first[n_u:], float(experiment.time[0]))
 
 
-def prediction_errors(
-    problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = False, of_model: bool = False
-) -> Errors | None:
-    """Run every experiment at z; None where an integration fails (the search then steps back). `of_model`:
-    see `integrated`."""
+def prediction_errors(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = False) -> Errors | None:
+    """Run every experiment at z; None where an integration fails (the search then steps back)."""
     try:
-        trajectories = integrated(problem, z, with_slopes, of_model)
+        trajectories = integrated(problem, z, with_slopes)
     except IntegrationError:
         return None
     errors = tuple(e.outputs - t.outputs for e, t in zip(problem.experiments, trajectories, strict=True))
@@ -137,11 +137,8 @@ def prediction_errors(
     return Errors(errors, covariance, tuple(trajectories), value)
 
 
-def integrated(
-    problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = False, of_model: bool = False
-) -> list[Trajectory]:
-    """Trajectories of every experiment at z. Their slopes are over what z holds; `of_model`: over the
-    parameters of the integrator in any case. Raises IntegrationError."""
+def integrated(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = False) -> list[Trajectory]:
+    """Trajectories of every experiment at z. Raises IntegrationError."""
     theta = problem.theta(z)
     gain, gain_slopes = problem.corrected_by(z, with_slopes)
     result = []
@@ -156,7 +153,7 @@ def integrated(
                 x0,
                 hold=problem.hold,
                 sensitivities=with_slopes,
-                by_parameter=of_model or bool(problem.unknowns.coordinates),
+                by_parameter=not problem.holds_parameters,
                 correction=correction,
                 rtol=problem.rtol,
                 state_scale=problem.state_scale,

@@ -10,8 +10,8 @@ from importlib.resources import files
 import casadi as ca
 import numpy as np
 
-from daest.errors import FmuError
 from daest.fmu.estimator_code import EstimatorModel, generated, numbers, starting
+from daest.fmu.sources import code_of
 from daest.systems.local_linear import LocalModel
 
 _WORK = ("arg", "res", "iw", "w")
@@ -74,14 +74,7 @@ class NonlinearForm:
         declared = [numbers(f"static const est_real START_{name}", value) for name, value in arrays]
         declared += ["extern const est_real estimator_nominal[];"]
         declared += [numbers("const est_real estimator_nominal", self.nominal)]
-        try:
-            text = generated(self._parts())
-        except RuntimeError as problem:
-            raise FmuError(
-                "fmu-code-generation",
-                f"No C code can be generated for this model: {str(problem).splitlines()[-1]}",
-                remedy="Simplify the algebraic loop that the message names, or report it.",
-            ) from problem
+        text = code_of(lambda: generated(self._parts()))
         return "\n".join([*declared, text, starting(model, ())])
 
     def cost(self, model: EstimatorModel) -> dict[str, int | None]:

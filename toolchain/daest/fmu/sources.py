@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.resources import files
 from typing import Any
 
@@ -90,8 +90,13 @@ def model_code(functions: Sequence[ca.Function]) -> str:
         generator.add(function)
         if function.n_out() == 1 and function.name() not in _AT_EVENTS:
             generator.add(function.forward(1))
+    return code_of(generator.dump)
+
+
+def code_of(generate: Callable[[], str]) -> str:
+    """The C code that `generate` makes; its failure is the FmuError `fmu-code-generation`."""
     try:
-        return generator.dump()
+        return generate()
     except RuntimeError as problem:
         raise FmuError(
             "fmu-code-generation",
