@@ -6,8 +6,8 @@ from daest.errors import ModelError
 from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model
 from daest.modelica.effects import effect_library, find_effect
-from daest.modelica.place_units import units_at
-from daest.modelica.sites import find_site
+from daest.modelica.place_units import flow_unit, units_at
+from daest.modelica.sites import find_site, sites
 
 MODEL = """\
 model Bare
@@ -62,6 +62,12 @@ def test_equations_that_tell_the_unit_of_their_terms(flat) -> None:
     assert units(flat, "Rotational.StribeckFriction", "0:w1") == known
     assert units(flat, "Translational.ViscousFriction", "6:v")["d"] == "N.s/m"
     assert units(flat, "Thermal.ConstantHeatGain", "7:T") == {"Q_0": "W"}
+
+
+def test_a_load_has_the_unit_of_the_flows_where_the_equation_tells_it(flat) -> None:
+    found = {site.name: flow_unit(flat, site) for site in sites(flat) if site.kind == "equation"}
+    known = {"0:w1": "N.m", "6:v": "N", "7:T": "W"}
+    assert {name: unit for name, unit in found.items() if unit} == known and len(found) > len(known)
 
 
 @pytest.mark.parametrize("place", ["1:w2", "2:w3", "3:w4", "4:w5"])

@@ -19,6 +19,7 @@ from daest.model.effects import Site
 from daest.model.flat import FlatModel
 from daest.model.linear import StateSpace
 from daest.model.parts import Equation, NoiseInput, Parameter, Variable
+from daest.modelica.place_units import flow_unit
 from daest.modelica.places import resolve_place
 from daest.systems.state_space import state_space, state_space_family
 
@@ -39,11 +40,11 @@ class LoadPlace:
 
 def load_places(flat: FlatModel, nodes: Sequence[Site]) -> tuple[LoadPlace, ...]:
     """The nodes where a load is admissible and reaches the outputs, grouped by what the outputs see of it."""
-    rows: dict[int, str] = {}
+    rows: dict[int, Site] = {}
     # Where the outputs cannot tell, a load is named by its mechanical place: currents are known better.
     for node in sorted(nodes, key=lambda n: n.domain in SELDOM_LOADED):
         for row in _rows(flat, node):
-            rows.setdefault(row, node.name)
+            rows.setdefault(row, node)
     spaces = {row: space for row in rows if (space := _driven_by(flat, row)) is not None}
     if not spaces:
         return ()
@@ -65,7 +66,7 @@ def load_places(flat: FlatModel, nodes: Sequence[Site]) -> tuple[LoadPlace, ...]
         else:
             groups.append((response, [row]))
     return tuple(
-        LoadPlace(members[0], tuple(rows[m] for m in members), _flow_unit(flat, members[0]))
+        LoadPlace(members[0], tuple(rows[m].name for m in members), _unit(flat, members[0], rows[members[0]]))
         for _, members in groups
     )
 
@@ -109,7 +110,10 @@ def _sine(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.sqrt(max(0.0, 1.0 - cosine**2)))
 
 
-def _flow_unit(flat: FlatModel, row: int) -> str:
+def _unit(flat: FlatModel, row: int, node: Site) -> str:
+    """Of the flows in equation `row`, at the node; empty where it is not known."""
+    if node.kind == "equation":
+        return flow_unit(flat, node)
     text = flat.equations[row].text
     for variable in flat.unknowns:
         if variable.is_flow and variable.name in text:

@@ -40,11 +40,21 @@ def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
         unit = known.get(site.name, "")
         return {p.name: _of_signal(p, unit) for p in effect.parameters}
     if site.kind == "equation":
-        balance = next((b for b in balances(flat) if b.name(flat) == site.name), None)
+        balance = _balance_of(flat, site)
         if balance is not None and not _balances_flows(flat, balance, site.domain):
             own = (flat.unknowns[balance.variable].unit, "s")
             return {p.name: p.unit if _is_made_of(p.unit, own) else "" for p in effect.parameters}
     return {p.name: p.unit for p in effect.parameters}
+
+
+def flow_unit(flat: FlatModel, site: Site) -> str:
+    """Unit of the terms of the bare equation at `site` where they are flows of its domain, else empty."""
+    balance = _balance_of(flat, site)
+    return _FLOWS[site.domain] if balance is not None and _balances_flows(flat, balance, site.domain) else ""
+
+
+def _balance_of(flat: FlatModel, site: Site) -> Balance | None:
+    return next((b for b in balances(flat) if b.name(flat) == site.name), None)
 
 
 def _of_signal(parameter: EffectParameter, unit: str) -> str:
