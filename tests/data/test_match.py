@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from daest.data.match import match_columns, unitless_findings
-from daest.data.read import Signal
+from daest.data.match import match_columns, named_units, unitless_findings
+from daest.data.read import Signal, with_units
 from daest.data.table import (
     Column,
     Table,
@@ -14,6 +14,7 @@ from daest.data.table import (
     told_unit,
     unit_findings,
 )
+from daest.errors import DataError
 
 NUMBERS = np.arange(3.0)
 
@@ -133,3 +134,41 @@ def test_headers(header, name, unit):
 def test_time_columns(header, unit):
     name, given = split_header(header)
     assert time_unit(Column(name, given, NUMBERS)) == unit
+
+
+@pytest.mark.parametrize(
+    ("header", "name", "unit"),
+    [
+        ("U/V", "U", "V"),
+        ("n (U/min)", "n", "U/min"),
+        ("n / min⁻¹", "n", "min⁻¹"),
+        ("t in s", "t", "s"),
+        ("t/ms", "t", "ms"),
+        ("v [m/s]", "v", "m/s"),
+        ("v/(m/s)", "v", "m/s"),
+        ("v / m/s", "v", "m/s"),
+        ("Kraft F in kN", "Kraft F", "kN"),
+        ("M / Nm", "M", "Nm"),
+        ("ϑ_1/°C", "ϑ_1", "°C"),
+        ("m/s", "m/s", None),  # the unit of a rate, no mass in seconds
+        ("U/min", "U/min", None),
+        ("on/off", "on/off", None),
+        ("a/b", "a/b", None),
+        ("step in a row", "step in a row", None),
+    ],
+)
+def test_headers_as_din_writes_them(header, name, unit):
+    assert split_header(header) == (name, unit)
+    given = table(header)
+    assert given.find(header) is given.columns[0] is given.find(name)
+
+
+def test_turns_in_a_minute_are_proposed_as_rpm():
+    din = table("t in s", "U/V", "n in 1/min", "M / Nm")
+    signals = [Signal("u", "V"), Signal("w", "rad/s"), Signal("tau", "N.m")]
+    matches = match_columns(signals, din)
+    assert [match.column for match in matches] == ["U", "n", "M"]
+    assert named_units(matches, din) == {"n": "rpm"}
+    assert with_units(din, {"n": "rpm"}).columns[2].unit == "rpm"
+    with pytest.raises(DataError, match="gives 'M' the unit 'Nm'"):
+        with_units(din, {"M": "rpm"})

@@ -30,6 +30,22 @@ _SPELLINGS = {  # Modelica and loggers -> pint
     "U": "turn",  # as German rigs write turns: U/min
     "RPM": "rpm",
 }
+_TOGETHER = {  # products written without a mark between their units; pint takes `Nm` for a count of yarn
+    "Nm": ("N", "m"),
+    "kNm": ("kN", "m"),
+    "MNm": ("MN", "m"),
+    "mNm": ("mN", "m"),
+    "Ncm": ("N", "cm"),
+    "Nmm": ("N", "mm"),
+    "Nms": ("N", "m", "s"),
+    "mNms": ("mN", "m", "s"),
+    "Ns": ("N", "s"),
+    "kgm": ("kg", "m"),
+    "gcm": ("g", "cm"),
+    "Ws": ("W", "s"),
+    "Vs": ("V", "s"),
+    "As": ("A", "s"),
+}
 _TEMPERATURES = {"degC", "degF", "degRk", "K"}
 
 
@@ -104,12 +120,29 @@ def conversion(given: str, wanted: str) -> Conversion:
     if source == target:
         return Conversion()
     if ("Hz" in source and "rad" in target) or ("rad" in source and "Hz" in target):
-        raise _incompatible(given, wanted, "write rev/s for turns or rad/s for angles instead of Hz")
+        remedy = (
+            "write rev/s for turns, or rad/s for angles, in the header or under [data.units] in daest.toml"
+        )
+        raise _incompatible(given, wanted, remedy)
     if source == {"min": -1} and "rad" in target:
-        raise _incompatible(given, wanted, "write rpm for turns or rad/min for angles instead of 1/min")
+        remedy = (
+            "write rpm for turns, or rad/min for angles, in the header or under [data.units] in daest.toml"
+        )
+        raise _incompatible(given, wanted, remedy)
     if _is_temperature(source) and _is_temperature(target):
         return _temperature_conversion(_only_symbol(source), _only_symbol(target))
     return _proportional(source, target, given, wanted)
+
+
+def may_count_turns(given: str, chosen: str) -> bool:
+    """Whether `given` counts something in a time (1/min, 1/s, Hz) and `chosen` says what: turns or radians
+    in that time (rpm, rev/s, rad/s)."""
+    if not is_known_unit(given) or not is_known_unit(chosen):
+        return False
+    counts = {"rpm": 1} if parse_unit(given) == {"min": -1} else {"turn": 1, "s": -1}
+    is_count = parse_unit(given) in ({"min": -1}, {"s": -1}, {"Hz": 1})
+    per = "min" if parse_unit(given) == {"min": -1} else "s"
+    return is_count and parse_unit(chosen) in (counts, {"turn": 1, per: -1}, {"rad": 1, per: -1})
 
 
 def _tokens(text: str) -> list[str]:
@@ -155,12 +188,20 @@ def _factor(tokens: list[str], text: str) -> tuple[Factors, list[str]]:
         return {}, rest
     if not head[0].isalpha() and head[0] not in "°%_":
         raise _unreadable(text)
-    symbol = _SPELLINGS.get(head, head.replace("Ohm", "ohm").replace("Ω", "ohm"))
+    before, last = _symbols(head)
     if rest and rest[0] in ("^", "**"):
         rest = rest[1:]
     if rest and _is_integer(rest[0]):
-        return {symbol: int(rest[0])}, rest[1:]
-    return {symbol: 1}, rest
+        return {**before, last: int(rest[0])}, rest[1:]
+    return {**before, last: 1}, rest
+
+
+def _symbols(word: str) -> tuple[Factors, str]:
+    """The units in a word: those before the last one, and the last one, to which an exponent belongs."""
+    if word in _TOGETHER:
+        *before, last = _TOGETHER[word]
+        return dict.fromkeys(before, 1), last
+    return {}, _SPELLINGS.get(word, word.replace("Ohm", "ohm").replace("Ω", "ohm"))
 
 
 def _is_integer(token: str) -> bool:

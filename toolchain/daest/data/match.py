@@ -13,7 +13,7 @@ from daest.data.read import Signal
 from daest.data.table import Column, Table, column_unit, stem, time_unit, told_unit, with_seconds
 from daest.errors import DataError
 from daest.model.quality import Finding
-from daest.quantities import conversion
+from daest.quantities import conversion, may_count_turns
 
 How = Literal["name", "similar name", "part of its name", "description", "unit", "being the only one left"]
 
@@ -48,13 +48,25 @@ def propose_time(table: Table) -> str | None:
 
 
 def named_units(matches: Sequence[Match], table: Table) -> dict[str, str]:
-    """Units that the names of matched columns end with (`motor_force_kN`), by column, where they convert."""
+    """Units that the names of matched columns end with (`motor_force_kN`), by column, where they convert; rpm
+    for what a rig writes in 1/min where the model has an angular speed."""
     found = {}
     for match in matches:
         column = table.find(match.column) if match.column is not None else None
-        if column is not None and column.unit is None and _same_kind(column_unit(column), match.signal.unit):
-            found[column.name] = column_unit(column)
+        if column is None:
+            continue
+        unit = _told_unit(column, match.signal)
+        if unit != column.unit and _same_kind(unit, match.signal.unit):
+            found[column.name] = unit
     return found
+
+
+def _told_unit(column: Column, signal: Signal) -> str:
+    """The unit of a column that may be the signal: rpm for 1/min where the signal is an angular speed, because
+    nobody counts radians in a minute."""
+    unit = column_unit(column)
+    is_speed = may_count_turns(unit, "rpm") and _same_kind("rpm", signal.unit) and "rad" in signal.unit
+    return "rpm" if is_speed else unit
 
 
 def named_time_unit(table: Table) -> dict[str, str]:
@@ -132,15 +144,15 @@ def _fits(signal: Signal, column: Column, how: How, others: Sequence[Signal]) ->
         names = {column.name.lower(), _stem(column.name).lower()}
         return signal.name.lower() in names or signal.name.rsplit(".", 1)[-1].lower() in names
     if how == "part of its name":
-        unit = column_unit(column)
+        unit = _told_unit(column, signal)
         is_part = _words(signal.name.rsplit(".", 1)[-1]) <= _words(stem(column))
         return is_part and (not unit or not signal.unit or _same_kind(unit, signal.unit))
     rivals = [other for other in others if other is not signal and _same_kind(other.unit, signal.unit)]
-    return not rivals and bool(signal.unit) and _same_kind(column_unit(column), signal.unit)
+    return not rivals and bool(signal.unit) and _same_kind(_told_unit(column, signal), signal.unit)
 
 
 def _may_be(signal: Signal, column: Column) -> bool:
-    unit = column_unit(column)
+    unit = _told_unit(column, signal)
     return not unit or not signal.unit or _same_kind(unit, signal.unit)
 
 

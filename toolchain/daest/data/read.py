@@ -28,7 +28,7 @@ from daest.errors import DataError, Place
 from daest.files import why_no_file
 from daest.model.experiment import Experiment
 from daest.near import nearest
-from daest.quantities import conversion
+from daest.quantities import conversion, may_count_turns
 
 MOST_NAMED = 8  # recordings of a folder that a message lists
 
@@ -164,8 +164,9 @@ def read_source(source: Any, position: int = 1, part: Part = ALL) -> Table:
 
 
 def with_units(table: Table, units: Mapping[str, str]) -> Table:
-    """The table with `units` (by column name) added to columns whose header has none. Units of columns that
-    the table does not have are ignored. Raises DataError `data-unit-twice`."""
+    """The table with `units` (by column name) added to columns whose header has none, or counts something
+    in a time (`n [1/min]`), of which they say what (rpm). Units of columns that the table does not have are
+    ignored. Raises DataError `data-unit-twice`."""
     problems = [
         DataError(
             "data-unit-twice",
@@ -174,7 +175,9 @@ def with_units(table: Table, units: Mapping[str, str]) -> Table:
             remedy="keep one of them",
         )
         for c in table.columns
-        if c.name in units and c.unit not in (None, units[c.name])
+        if c.name in units
+        and c.unit not in (None, units[c.name])
+        and not may_count_turns(c.unit, units[c.name])
     ]
     raise_collected(problems, table.file)
     return replace(table, columns=tuple(replace(c, unit=units.get(c.name, c.unit)) for c in table.columns))

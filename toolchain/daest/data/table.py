@@ -16,12 +16,16 @@ import numpy as np
 
 from daest.errors import DaestError, DataError, Place
 from daest.model.quality import Finding, Level
-from daest.quantities import conversion, is_known_unit
+from daest.quantities import conversion, dimensions, is_known_unit
 
 # `x[1]` is an array element, `x[1] [V]` and `T[degC]` carry a unit: a unit stands behind a space, or is no
-# number. In round brackets (`speed (rad/s)`) it is one only if it is a known unit.
+# number. In round brackets (`speed (rad/s)`), behind a slash (`U/V`, `v / (m/s)`) or behind "in" (`t in s`),
+# as DIN 461 and ISO 80000 write it, it is one only if it is a known unit.
 _HEADER = re.compile(r"^(?P<name>.*?)(?:\s+\[(?P<unit>[^\]]*)\]|\[(?P<tight>[^\]\d][^\]]*)\])\s*$")
-_ROUND = re.compile(r"^(?P<name>[^()]*[^()\s])\s*\((?P<unit>[^()]+)\)$")
+_ROUND = re.compile(r"^(?P<name>[^()]*[^()\s/])\s*/?\s*\((?P<unit>[^()]+)\)$")
+_BEHIND_SLASH = re.compile(r"^(?P<name>[^/]*[^/\s])\s*/\s*(?P<unit>.+)$")
+_BEHIND_IN = re.compile(r"^(?P<name>.*\S)\s+in\s+(?P<unit>\S+)$")
+_LETTERS = "VAsmNKJWCFTHghdlL%°Ω"  # units of one letter that a header gives behind a slash
 _TIME = re.compile(r"^time(?:_(?P<unit>s|ms|us|min|h))?$", re.IGNORECASE)
 _BEHIND = re.compile(r"_(?P<unit>[^_]+?)(?:_per_(?P<per>[^_]+))?$")
 
@@ -78,11 +82,12 @@ class Table:
         return Place(self.file, line, position)
 
     def find(self, name: str) -> Column | None:
-        """The column called `name`, with or without its unit."""
+        """The column called `name`, with or without its unit, which may stand as in the file (`U/V`)."""
         for column in self.columns:
             if name in (column.name, column.header):
                 return column
-        return None
+        parts = split_header(name)
+        return next((c for c in self.columns if (c.name, c.unit) == parts), None)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -91,19 +96,27 @@ class Table:
 
 def split_header(text: str) -> tuple[str, str | None]:
     """Name and unit of a header cell, `speed [rad/s]` -> (`speed`, `rad/s`); the unit is None if there is
-    none."""
-    match = _HEADER.match(text.strip())
-    if match is None:
-        return _split_round(text.strip())
-    unit = match["unit"] if match["unit"] is not None else match["tight"]
-    return match["name"].strip(), unit.strip()
+    none. `speed (rad/s)`, `speed/(rad/s)`, `speed / rad/s` and `speed in rad/s` are the same."""
+    text = text.strip()
+    match = _HEADER.match(text)
+    if match is not None:
+        unit = match["unit"] if match["unit"] is not None else match["tight"]
+        return match["name"].strip(), unit.strip()
+    for form in (_ROUND, _BEHIND_IN, _BEHIND_SLASH):
+        match = form.match(text)
+        if match is not None:
+            unit = match["unit"].strip()
+            if is_known_unit(unit) and not (form is _BEHIND_SLASH and _is_no_quantity(match["name"], unit)):
+                return match["name"], unit
+    return text, None
 
 
-def _split_round(text: str) -> tuple[str, str | None]:
-    match = _ROUND.match(text)
-    if match is None or not is_known_unit(match["unit"]):
-        return text, None
-    return match["name"], match["unit"].strip()
+def _is_no_quantity(name: str, unit: str) -> bool:
+    """Whether `name/unit` is the unit of a rate (`m/s`, `U/min`) or a ratio of two things (`a/b`, where b
+    happens to be a rare unit, too) rather than a quantity in its unit. Times alone are written as `t/s`."""
+    if len(unit) == 1 and unit not in _LETTERS:
+        return True
+    return is_known_unit(name) and dimensions(unit) == {"[time]": 1.0} and name.lower() != "t"
 
 
 def column_unit(column: Column) -> str:
