@@ -62,7 +62,7 @@ def named_units(matches: Sequence[Match], table: Table) -> dict[str, str]:
 
 
 def _told_unit(column: Column, signal: Signal) -> str:
-    """The unit of a column that may be the signal: rpm for 1/min where the signal is an angular speed, because
+    """The unit of a column that may be the signal: rpm for 1/min where the signal is an angular speed, since
     nobody counts radians in a minute."""
     unit = column_unit(column)
     is_speed = may_count_turns(unit, "rpm") and _same_kind("rpm", signal.unit) and "rad" in signal.unit
