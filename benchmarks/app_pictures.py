@@ -10,8 +10,6 @@ shows.
 from __future__ import annotations
 
 import argparse
-import os
-import platform
 import shutil
 import subprocess
 import sys
@@ -20,8 +18,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import daest
 from daest.data.examples import copy_example
+from daest.machine import described
 
 TARGET = Path(__file__).resolve().parents[1] / "docs" / "how-to"
 SIZE = {"width": 1100, "height": 760}  # px
@@ -106,8 +104,7 @@ def main() -> None:
     chosen = parser.parse_args().only
     from playwright.sync_api import sync_playwright
 
-    machine = f"{platform.platform()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
-    print(f"daest {daest.__version__}, {machine}")
+    print(described())
     with tempfile.TemporaryDirectory() as work, sync_playwright() as playwright:
         folder = Path(work) / "servo_hidden"
         copy_example("servo_hidden", folder)

@@ -33,6 +33,7 @@ from daest.errors import DaestError
 from daest.estimation.records import part_of
 from daest.fmu.binary_model import binary_model
 from daest.fmu.export import export_fmu
+from daest.machine import described
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.modelica.effects import effect_library
@@ -239,6 +240,7 @@ def main() -> None:
     if options.list:
         print("\n".join(f"{case.group:8} {case.name}" for case in cases))
         return
+    print(described(), flush=True)
     runs = kept(options.json)
     done = {run.key for run in runs}
     tasks = [
@@ -252,7 +254,9 @@ def main() -> None:
     if runs:
         print(report(runs))
         if options.table:
-            options.table.write_text(json.dumps(table(runs), indent=1) + "\n", encoding="utf-8")
+            options.table.write_text(
+                json.dumps({**table(runs), "measured": described()}, indent=1) + "\n", encoding="utf-8"
+            )
 
 
 if __name__ == "__main__":

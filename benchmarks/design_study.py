@@ -28,6 +28,7 @@ from daest.design.signals import multisine, random_binary, within
 from daest.diagnosis.gates import GATES
 from daest.errors import DaestError
 from daest.estimation.identify import identify
+from daest.machine import described
 from daest.model.design import Limits, Range
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
@@ -291,7 +292,7 @@ def main() -> None:
     given = parser.parse_args()
     parts = {"errors": errors, "rivals": rivals, "power": power}
     result = peers() if given.part == "peers" else parts[given.part](given.runs, given.seed)
-    text = json.dumps(result, indent=2)
+    text = json.dumps({**result, "machine": described()}, indent=2)
     print(text)
     if given.json:
         given.json.write_text(text + "\n", encoding="utf-8")

@@ -39,6 +39,7 @@ from scipy.stats import beta
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
 from daest.errors import DaestError
+from daest.machine import described
 from daest.model.diagnosis import Diagnosis, FreeForm
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
@@ -738,6 +739,7 @@ def main() -> None:
     if options.list:
         print("\n".join(f"{case.group:8} {case.name}" for case in cases))
         return
+    print(described(), flush=True)
     runs = kept(options.json)
     done = {run.key for run in runs}
     tasks = [
@@ -752,7 +754,9 @@ def main() -> None:
     if runs:
         print(report(runs))
         if options.table:
-            options.table.write_text(json.dumps(table(runs), indent=1) + "\n", encoding="utf-8")
+            options.table.write_text(
+                json.dumps({**table(runs), "measured": described()}, indent=1) + "\n", encoding="utf-8"
+            )
 
 
 if __name__ == "__main__":

@@ -21,6 +21,8 @@ from typing import Any
 import numpy as np
 from watch_study import NAMES, NOMINAL, stream
 
+from daest.machine import described
+
 PARAMETERS = ("d", "c", "J1", "J2", "k")
 SPREAD = (0.3, 0.1, 0.05, 0.1, 0.03)  # standard deviations of the logarithms over the fleet
 SIZES = {"friction": (0.02, 0.1), "backlash": (0.02, 0.1)}  # log-uniform, N.m and rad
@@ -97,6 +99,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--judge", type=Path)
     wanted = parser.parse_args()
+    print(described(), flush=True)
     if wanted.judge is None:
         write_fleet(wanted.folder, wanted)
         return

@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "estimati
 import hand_models as hand
 
 from daest.estimation.identify import identify
+from daest.machine import described
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
 from daest.systems.sample import sample
@@ -54,6 +55,7 @@ def timed(label: str, method: str, experiment: Experiment, start: dict[str, floa
 
 
 def main() -> None:
+    print(described(), flush=True)
     quiet, driven = rig_record(0.0), rig_record(1e-4)
     rng = np.random.default_rng(0)
     holes = np.where(rng.random(driven.outputs.shape) < 0.02, np.nan, driven.outputs)

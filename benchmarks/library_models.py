@@ -16,6 +16,8 @@ import sys
 import time
 from pathlib import Path
 
+from daest.machine import described
+
 LIMIT = 600  # seconds a model
 SAMPLES, SPAN = 51, 1.0  # of the simulation, in seconds
 CRYPTIC = ("failed in ToDae", "canonical DAE", "Flat semantic", "panicked", "expression shape mismatch")
@@ -91,6 +93,7 @@ def main() -> None:
     parser.add_argument("--tsv", type=Path)
     parser.add_argument("--only", default="")
     chosen = parser.parse_args()
+    print(described(), flush=True)
     libraries = [str(Path(one).resolve()) for one in chosen.libraries]
     count: dict[str, int] = {}
     lines = ["group\tclass\tverdict\tseconds\tmessage"]

@@ -22,6 +22,7 @@ from daest.estimation.ekf import ekf_likelihood, run_ekf
 from daest.estimation.filter_task import Directions, Noise, Record, Start, Task, record
 from daest.estimation.particle import ContinuousPoints, run_particles
 from daest.estimation.ukf import run_ukf
+from daest.machine import described
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.model.parts import Equation, NoiseInput, Output, Parameter, Variable
 from daest.systems.integrate import integrate, integrator
@@ -216,8 +217,9 @@ def told(times: dict[str, float], targets: dict[str, float], as_json: bool) -> i
     """Print times beside their targets; 1 if a target is missed, else 0."""
     missed = [name for name, target in targets.items() if times[name] > target]
     if as_json:
-        print(json.dumps({"times": times, "targets": targets, "missed": missed}))
+        print(json.dumps({"times": times, "targets": targets, "missed": missed, "machine": described()}))
     else:
+        print(described())
         for name, value in times.items():
             target = f"   (target {targets[name]:g})" if name in targets else ""
             print(f"{value:12.3f}  {name}{target}")

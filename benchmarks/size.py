@@ -21,6 +21,7 @@ import scipy.linalg as sla
 import scipy.sparse as sp
 
 import daest
+from daest.machine import described
 
 MODELS = Path(__file__).parents[1] / "tests" / "systems" / "models"
 SIZES = {
@@ -181,6 +182,7 @@ def main() -> None:
         name, n, kind = arguments.one_filter
         print(json.dumps(one_filter(name, int(n), kind)))
         return
+    print(described(), flush=True)
     if arguments.filters:
         filters(arguments.largest)
         return

@@ -10,9 +10,7 @@ interpreter that loads numpy, scipy.linalg, scipy.sparse and casadi and does not
 from __future__ import annotations
 
 import argparse
-import datetime
 import os
-import platform
 import resource
 import statistics
 import subprocess
@@ -21,7 +19,6 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 
 import nonlinear_speed as servo
@@ -36,6 +33,7 @@ from daest.estimation.filter_task import Noise, Start, Task
 from daest.estimation.filter_task import record as prepared
 from daest.estimation.kalman import kalman_filter, log_likelihood
 from daest.estimation.particle import ContinuousPoints, run_particles, systematic
+from daest.machine import described
 from daest.model.estimates import InitialState
 from daest.model.experiment import Experiment
 from daest.model.linear import DiscreteModel
@@ -251,30 +249,18 @@ def process_rows(folder: Path, repeat: int) -> Iterator[Row]:
 
 def markdown(rows: list[Row]) -> str:
     names = ("numpy", "scipy", "casadi", "statsmodels", "pyarrow", "pandas")
-    libraries = ", ".join(f"{name} {metadata.version(name)}" for name in names)
-    load = os.getloadavg()[0]
     lines = [
         "# Speed",
         "",
         "`python benchmarks/speed.py --table docs/speed.md` measures this table in one process run. Figures",
         "are medians of processor time on one core; the last column says how many times faster daest is.",
         "",
-        f"{datetime.date.today():%B %Y}, {_processor()}, {os.cpu_count()} cores, load {load:.1f} "
-        "(above 1 a figure is larger than on a quiet machine; ratios stay).",
-        f"Python {platform.python_version()}, {libraries}.",
+        f"{described(names)}. A load above 1 makes figures larger than on a quiet machine; ratios stay.",
         "",
         "| step | daest | peer | its figure | times faster |",
         "|---|---|---|---|---|",
     ]
     return "\n".join([*lines, *(f"| {' | '.join(row.cells())} |" for row in rows), ""])
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor()
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")
 
 
 def main() -> None:
@@ -283,6 +269,7 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=3, help="of files and processes")
     parser.add_argument("--table", type=Path, help="write the table there as Markdown")
     options = parser.parse_args()
+    print(described(), flush=True)
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -29,6 +29,7 @@ from daest.errors import DaestError
 from daest.estimation.change import Usual, threshold_for
 from daest.estimation.online_filter import online_filter
 from daest.estimation.watch import QUIET, Watch
+from daest.machine import described
 from daest.model.estimates import FilterOptions
 from daest.model.experiment import Experiment
 from daest.model.stream import Sample
@@ -168,6 +169,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
+    print(described(), flush=True)
     threshold = threshold_for(Usual.white(2), AVERAGE_RUN - QUIET)
     print(f"threshold {threshold:.3f} nats for {AVERAGE_RUN:g} samples between false alarms", flush=True)
     results = []

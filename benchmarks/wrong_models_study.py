@@ -30,6 +30,7 @@ from scipy.stats import beta
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
 from daest.errors import DaestError
+from daest.machine import described
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.modelica.compile import compile_model
@@ -437,6 +438,7 @@ def main() -> None:
     if options.list:
         print("\n".join(case.name for case in cases))
         return
+    print(described(), flush=True)
     runs = kept(options.json)
     done = {(run.case, run.seed, run.samples) for run in runs}
     seeds = range(options.seed, options.seed + options.runs)
@@ -450,7 +452,9 @@ def main() -> None:
         for entry in found["rates"]:
             print(f"{entry['what']}: {entry['hits']} of {entry['runs']}")
         if options.table:
-            options.table.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+            options.table.write_text(
+                json.dumps({**found, "measured": described()}, indent=1) + "\n", encoding="utf-8"
+            )
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 import daest
+from daest import machine
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -86,3 +87,21 @@ def test_extras_of_the_page_exist(project):
     page = (ROOT / "docs" / "how-to" / "install.md").read_text(encoding="utf-8")
     named = set(re.findall(r"daest\[(\w+)\]", page))
     assert named == set(project["optional-dependencies"]) - {"docs", "test", "benchmark", "parquet"}
+
+
+SCRIPTS = [
+    path for path in (ROOT / "benchmarks").rglob("*.py") if "__main__" in path.read_text(encoding="utf-8")
+]
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_a_benchmark_says_on_what_it_was_measured(script):
+    told = "from nonlinear_speed import" if script.stem == "nonlinear_identify_speed" else "described("
+    assert told in script.read_text(encoding="utf-8")
+
+
+def test_the_line_about_the_machine_has_versions_and_processor():
+    line = machine.described(("numpy", "nothing-of-this-name"))
+    assert line.startswith(f"daest {daest.__version__}, ")
+    assert machine.processor() in line and re.search(r"\d+ cores", line)
+    assert "numpy 2" in line and "nothing" not in line

@@ -24,6 +24,7 @@ from scipy.stats import chi2, kstest
 
 from daest.errors import DaestError
 from daest.estimation.identify import identify
+from daest.machine import described
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import FlatModel
@@ -248,6 +249,7 @@ def main() -> None:
     parser.add_argument("--profile", action="store_true", help="profile intervals, too")
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
+    print(described(), flush=True)
     done = kept(chosen.json)
     known = {(r["case"], r["level"], r["start"], r["seed"], "profiles" in r or "error" in r) for r in done}
     for case in chosen.case:

@@ -24,6 +24,7 @@ from scipy.integrate import solve_ivp
 
 import daest
 from daest.errors import DaestError
+from daest.machine import described
 from daest.systems.reduce import reduce_index
 from daest.systems.simulate import simulate
 
@@ -146,6 +147,7 @@ def main() -> None:
     parser.add_argument("--no-peers", action="store_true", help="daest alone")
     parser.add_argument("--json", type=Path, metavar="FILE")
     chosen = parser.parse_args()
+    print(described(), flush=True)
     titles = ("error/rtol", "s", "Radau", "s", "IDAS", "s")
     print(f"{'problem':<20}{'rtol':>8}{'n':>6}" + "".join(f"{title:>11}" for title in titles))
     runs = []

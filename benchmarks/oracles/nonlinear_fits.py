@@ -25,6 +25,7 @@ from exact import binary, keep, kept, print_table, share
 
 from daest.errors import DaestError
 from daest.estimation.identify import identify
+from daest.machine import described
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import FlatModel
@@ -245,6 +246,7 @@ def main() -> None:
     parser.add_argument("--factor", type=float, default=FACTOR, help="by which start values are off at most")
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
+    print(described(), flush=True)
     done = kept(chosen.json)
     known = {(r["machine"], r["fit"], r["seed"], r["factor"]) for r in done}
     for seed in range(chosen.first, chosen.first + chosen.runs):

@@ -21,6 +21,7 @@ import scipy.linalg as sla
 from flint import fmpq, fmpq_mat
 
 from daest.errors import DaestError
+from daest.machine import described
 from daest.model.linear import LinearDAE
 from daest.model.parts import Equation, Variable
 from daest.systems.noise import noise_report
@@ -289,6 +290,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
+    print(described(), flush=True)
     table: dict[str, Counter[str]] = {}
     indices: Counter[int] = Counter()
     started = time.perf_counter()

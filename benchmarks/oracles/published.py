@@ -30,6 +30,7 @@ from scipy.optimize import OptimizeResult, least_squares, minimize
 import daest
 from daest.estimation.identify import identify
 from daest.estimation.kalman import log_likelihood
+from daest.machine import described
 from daest.model.estimates import InitialState
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions, Method, NoiseChoice
@@ -54,6 +55,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--data", type=Path, default=Path("."), help="folder with the data of others")
     folder = parser.parse_args().data
+    print(described(), flush=True)
     for name, rows in (
         ("Ornstein.csv", ornstein),
         ("Ornstein2D.csv", ornstein_2d),

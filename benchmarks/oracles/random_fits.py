@@ -32,6 +32,7 @@ from exact import (
 
 from daest.errors import DaestError
 from daest.estimation.identify import identify
+from daest.machine import described
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
 from daest.modelica.compile import compile_model
@@ -258,6 +259,7 @@ def main() -> None:
     parser.add_argument("--method", nargs="+", choices=["oe", "pem"], default=["oe", "pem"])
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
+    print(described(), flush=True)
     done = kept(chosen.json)
     known = {(r["method"], r["seed"]) for r in done}
     for seed in range(chosen.first, chosen.first + chosen.runs):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import gc
 import importlib
 import os
+import platform
 import signal
 import sys
 import traceback
@@ -87,12 +88,27 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
+def _version(ctx: click.Context, _: click.Parameter, is_wanted: bool) -> None:
+    if is_wanted and not ctx.resilient_parsing:
+        from daest.machine import processor, versions
+
+        click.echo(f"daest {__version__}\n{versions()}\n{platform.platform()}, {processor()}")
+        ctx.exit()
+
+
 @click.command(
     cls=LazyGroup,
     context_settings={"help_option_names": HELP_OPTIONS},
     epilog="Example: daest identify run.csv --model Servo.mo. Every command shows its own with -h.",
 )
-@click.version_option(__version__, prog_name="daest")
+@click.option(
+    "--version",
+    is_flag=True,
+    callback=_version,
+    expose_value=False,
+    is_eager=True,
+    help="Show the version, and on what it runs.",
+)
 def cli() -> None:
     """From a Modelica model and a recording to parameters, states and the physics that the model lacks."""
     from daest.numerics.compiler import tell_of_compilations
