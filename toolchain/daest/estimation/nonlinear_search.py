@@ -49,6 +49,7 @@ LEADING_ITERATIONS, LEADING_GAIN = 15, 0.1  # of the search in each
 LEADING_LOSS = 1.0  # in log-likelihood, that a predictor with less noise may be worse by
 SIMULATION_ITERATIONS = 15  # of the simulation that a search of predictions starts from
 POOR = 0.5  # of the spread of an output: a simulation that leaves more is tried by multiple shooting
+HILLS = 1  # looked over after a last search: each costs as much as several of a linear one
 SAME_END = 1.0  # in log-likelihood, between the joined segments and the simulation that they lead to
 
 
@@ -79,8 +80,8 @@ def search_of(
     next step would gain less than `enough`, and does not look beyond hills."""
     lower, upper = limits(problem)
     objective = objective_of(problem)
-    gain, is_last = (FIT.converged_gain, True) if enough is None else (enough, False)
-    return Search(objective, problem.unknowns, lower, upper, home, max_iterations, gain, looks_beyond=is_last)
+    gain, hills = (FIT.converged_gain, HILLS) if enough is None else (enough, 0)
+    return Search(objective, problem.unknowns, lower, upper, home, max_iterations, gain, hills)
 
 
 def _search_from(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions) -> Ending | None:

@@ -44,7 +44,7 @@ class Search:
     home: np.ndarray
     max_iterations: int
     converged_gain: float = FIT.converged_gain
-    looks_beyond: bool = True  # over the hills beside the best end
+    hills: int = MOST_PROBED  # parameters that are moved over the hills beside the best end
 
     def minimum(self, z: np.ndarray, iterations: int | None = None) -> Found | None:
         count = self.max_iterations if iterations is None else iterations
@@ -70,7 +70,7 @@ def best_point(
             best = found
         if best is not None and not (lost(search, best) or is_doubtful(best)):
             break
-    return best if best is None or not search.looks_beyond else _beyond_hills(search, best)
+    return best if best is None or not search.hills else _beyond_hills(search, best)
 
 
 def _beyond_hills(search: Search, best: Found) -> Found:
@@ -87,27 +87,20 @@ def _beyond_hills(search: Search, best: Found) -> Found:
 def _over_the_hill(search: Search, found: Found) -> np.ndarray | None:
     """A more likely point beyond a hill, or None.
 
-    Time constants that trade places make valleys that look alike. The parameter that the data know least is
-    moved both ways; where the likelihood is another one than its parabola foretells, it is held there while
-    the others follow. If it is pulled on from there, not back, the search goes on.
+    Time constants that trade places make valleys that look alike. Parameters are moved both ways, those that
+    the data know least first; where the likelihood is another one than its parabola foretells, the parameter
+    is held there while the others follow. If it is pulled on from there, not back, the search goes on.
     """
     directions = profile_directions(search, found)
     own = [(d, std) for d, std in directions if _unknown(search, d).kind == "parameter"]
-    if not own:
-        return None
-    direction, std = max(own, key=lambda pair: pair[1])
-    size = min(max(HILL, HILL_STDS * std), LONGEST_PROBE)
-    for move in (-size, size):
-        z = np.clip(found.z + move * direction, search.lower, search.upper)
-        if _is_foretold(search, found, z, (move / std) ** 2 / 2):
-            continue
-        followed = _followed(search, found, z, int(np.argmax(direction == 1.0)), move)
-        if followed is None:
-            continue
-        near = search.minimum(followed.z, NEAR_ITERATIONS)
-        freed = near if near is None or _is_in_valley(near, found) else search.minimum(near.z)
-        if freed is not None and freed.evaluation.value < found.evaluation.value - FIT.worthwhile_gain:
-            return freed.z
+    for direction, std in sorted(own, key=lambda pair: -pair[1])[: search.hills]:
+        size = min(max(HILL, HILL_STDS * std), LONGEST_PROBE)
+        for move in (-size, size):
+            there = _followed(search, found, direction, std, move)
+            near = there and _elsewhere(search, found, there.z)
+            freed = near and search.minimum(near.z)
+            if freed and freed.evaluation.value < found.evaluation.value - FIT.worthwhile_gain:
+                return freed.z
     return None
 
 
@@ -119,9 +112,13 @@ def _is_foretold(search: Search, found: Found, z: np.ndarray, rise: float) -> bo
     return rise / FIT.foretold < there.value - found.evaluation.value < rise * FIT.foretold
 
 
-def _followed(search: Search, found: Found, z: np.ndarray, i: int, move: float) -> Found | None:
-    """Where the others follow unknown i, held at z; None where that is no better and pulled back against
-    `move`."""
+def _followed(search: Search, found: Found, direction: np.ndarray, std: float, move: float) -> Found | None:
+    """Where the others follow the unknown of `direction`, held moved; None where the likelihood there is the
+    one foretold, or no better and pulling back against `move`."""
+    z = np.clip(found.z + move * direction, search.lower, search.upper)
+    if _is_foretold(search, found, z, (move / std) ** 2 / 2):
+        return None
+    i = int(np.argmax(direction == 1.0))
     lower, upper = search.lower.copy(), search.upper.copy()
     lower[i] = upper[i] = z[i]
     there = minimise(search.objective, z, lower, upper, NEAR_ITERATIONS, FIT.worthwhile_gain)
@@ -172,11 +169,17 @@ def _by_value(search: Search, starts: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 def _rival(search: Search, best: Found, z: np.ndarray) -> Found | None:
     """The end of a search from z, unless it leads to where `best` is."""
-    near = search.minimum(z, NEAR_ITERATIONS)
-    if near is None or _is_in_valley(near, best):
+    near = _elsewhere(search, best, z)
+    if near is None:
         return None
     rest = _settled(search, near.z)
     return rest and replace(rest, iterations=rest.iterations + near.iterations)
+
+
+def _elsewhere(search: Search, best: Found, z: np.ndarray) -> Found | None:
+    """Where a few iterations from z lead, unless to where `best` is."""
+    near = search.minimum(z, NEAR_ITERATIONS)
+    return None if near is None or _is_in_valley(near, best) else near
 
 
 def _is_in_valley(found: Found, best: Found) -> bool:
