@@ -8,6 +8,7 @@ import pytest
 
 import daest
 from daest.cli.main import run
+from daest.diagnosis.trial import fitted_candidate
 
 ROOT = Path(__file__).resolve().parents[1]
 LAG = """\
@@ -73,6 +74,15 @@ def test_results_print_what_the_command_prints(folder, fit, monkeypatch, capsys)
     assert run(["compare", "Lag.mo", "run.csv"]) == 0
     told = capsys.readouterr().out
     assert str(daest.compare("Lag.mo", "run.csv", fit)).splitlines()[:5] == told.splitlines()[:5]
+
+
+def test_a_fit_is_judged_with_the_uncertainty_of_its_estimates(folder, fit):
+    """As compare and fleet judge it: without, sound models fail the tests too often."""
+    names, covariance = fit.covariance()
+    assert np.sqrt(np.diagonal(covariance)) == pytest.approx([p.std_error for p in fit.parameters])
+    candidate = fitted_candidate(daest.compile_model(folder / "Lag.mo"), fit)
+    assert candidate.parameter_names == names == tuple(p.name for p in fit.parameters)
+    assert candidate.n_estimation == fit.n_samples and candidate.n_parameters == len(names)
 
 
 def test_columns_of_other_names(folder, fit):

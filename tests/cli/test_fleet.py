@@ -94,6 +94,36 @@ def test_what_is_done_is_not_done_again(machines, daest, monkeypatch):
     assert daest(*RUN)[0] == 0 and "m0" not in examined  # its content is known under another name
 
 
+def test_what_decides_the_answer_makes_it_anew(machines, daest, monkeypatch):
+    """Another option, another column, another start of a state; not another line of the model."""
+    examined = []
+
+    def quick(task):
+        examined.append(task[0].name)
+        return Machine(task[0].name, "converged")
+
+    monkeypatch.setattr(engine, "examine", quick)
+    model = machines / "Lag.mo"
+    text = model.read_text()
+
+    def is_anew(*options):
+        examined.clear()
+        code, _, err = daest("fleet", "machines/m0.csv", "--model", "Lag.mo", "--jobs", "1", *options)
+        assert code == 0, err
+        return bool(examined)
+
+    assert is_anew() and not is_anew()
+    assert is_anew("--no-diagnose") and is_anew("--hold", "foh") and is_anew("--split", "0.4")
+    assert is_anew("--fix", "k=2") and is_anew("--prior", "k=2,0.1") and not is_anew("--fix", "k=2")
+    model.write_text("// moved\n" + text)
+    assert not is_anew()
+    model.write_text(text.replace("start = 0, fixed", "start = 0.1, fixed"))
+    assert is_anew()
+    model.write_text(text)
+    (machines / "daest.toml").write_text('[data]\nunits = { y = "mV" }\n')
+    assert is_anew() and not is_anew()
+
+
 def test_refusals(machines, daest):
     code, _, err = daest("fleet", "nowhere", "--model", "Lag.mo")
     assert code == 2 and "data-missing-file" in err

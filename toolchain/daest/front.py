@@ -24,7 +24,7 @@ from daest.diagnosis import compare as comparing
 from daest.diagnosis import diagnose as diagnosing
 from daest.diagnosis import improve as improving
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.trial import Candidate
+from daest.diagnosis.trial import Candidate, fitted_candidate
 from daest.errors import ConfigError
 from daest.estimation import identify as identifying
 from daest.estimation.filter import run_filter
@@ -353,9 +353,7 @@ def _candidate(flat: Model, fit: FitResult | None, names: Sequence[str], hold: H
     chosen = with_outputs(flat, names)
     if fit is None:
         return Candidate(flat.name, chosen, 0, hold or "foh")
-    return Candidate(
-        flat.name, fitted_model(chosen, fit), len(fit.parameters), hold or fit.hold, fit.noise_model
-    )
+    return fitted_candidate(chosen, fit, hold)
 
 
 def _same_outputs(source: Source, flat: Model, data: AnyData) -> list[Experiment]:

@@ -170,7 +170,7 @@ def opened(
     from daest.cli.results import training_files
     from daest.data.prepare import split_all
     from daest.diagnosis.kept import KeptProofs, run_digest
-    from daest.modelica.effects import effect_library
+    from daest.modelica.effects import effect_library, library_digest
 
     require_cluster(search.cluster)
     source = model_source(project, model)
@@ -202,7 +202,9 @@ def opened(
         names, hold = _named_effects(search, folders), data_choice.known_hold(project)
         options, remarks = _engine_options(search, names, search.places, hold), ()
         binary = source.read_bytes()
-    decisive = (options.effects, options.places, options.hold, options.seed, binary)
+    decisive = (
+        options.effects, options.places, options.hold, options.seed, binary, library_digest(folders)
+    )  # fmt: skip
     run = run_digest(flat, estimation, validation, decisive)
     return Case(
         project,

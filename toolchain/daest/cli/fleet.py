@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,6 @@ from daest.cli.options import (
     DataOptions,
     ModelOptions,
     cluster_option,
-    data_options,
     example,
     format_option,
     jobs_option,
@@ -24,6 +23,7 @@ from daest.cli.options import (
     output_option,
     require_cluster,
     seed_option,
+    split_data_options,
 )
 from daest.cli.output import emit, keep_inputs, note, telling, whole_file, write_text
 from daest.cli.progress import progress
@@ -52,7 +52,7 @@ PARQUET, CSV = ".parquet", ".csv"
 @jobs_option
 @cluster_option
 @model_options
-@data_options
+@split_data_options
 @format_option
 @output_option
 @seed_option
@@ -72,13 +72,14 @@ def command(
 ) -> None:
     """Identify the model for every machine, hold the fit against unseen data, and diagnose where that fails.
 
-    RECORDINGS are files, one for each machine, or folders of them. The first half of each estimates, the
-    second judges. A recording that cannot be read or fitted does not stop the others; machines that are done
-    are kept in results/fleet.jsonl, and a run that was interrupted goes on.
+    RECORDINGS are files, one for each machine, or folders of them. The first half of each estimates
+    (--split gives another share), the rest judges. A recording that cannot be read or fitted does not stop
+    the others; machines that are done are kept in results/fleet.jsonl, and a run that was interrupted goes
+    on.
     """
     from daest.cli.models import model_source
-    from daest.diagnosis.fleet import FleetOptions, summary
-    from daest.modelica.effects import effect_library, find_effects
+    from daest.diagnosis.fleet import HALF, FleetOptions, summary
+    from daest.modelica.effects import effect_library, find_effects, library_digest
     from daest.report.documents import fleet as documents
     from daest.report.page.fleet import fleet_page
     from daest.report.texts import fleet as texts
@@ -95,6 +96,7 @@ def command(
         find_effects(name, folders)
     options = FleetOptions(
         hold=data_options.known_hold(project),
+        split=data_options.preparation(project).split or HALF,
         diagnoses=not no_diagnose and flat.has_equations,
         effects=effects,
         seed=seed,
@@ -103,7 +105,9 @@ def command(
         library=effect_library(folders),
     )
     with progress() as tell:
-        machines = _examined(Task(project, flat, data_options, options), recordings, tell)
+        binary = b"" if flat.has_equations else source.read_bytes()
+        task = Task(project, flat, data_options, options, binary, library_digest(folders))
+        machines = _examined(task, recordings, tell)
     if all(machine.status == "failed" for machine in machines):
         raise ConfigError(
             "fleet-nothing",
@@ -155,29 +159,25 @@ def machine_files(recordings: Sequence[Path]) -> list[tuple[str, Path]]:
 
 @dataclass(frozen=True)
 class Task:
-    """What is done with every file."""
+    """What is done with every file. `binary`: an FMU that carries no equations; `library`: a hash of the
+    library of effects."""
 
     project: Project
     flat: Model
     data_options: DataOptions
     options: FleetOptions
+    binary: bytes
+    library: str
 
 
 def _examined(task: Task, files: Sequence[tuple[str, Path]], tell: Callable[[str], None]) -> list[Machine]:
     """All machines in the order of the files; those that are done are not examined again."""
-    from dataclasses import replace
-
     from daest.diagnosis.fleet import FAILED, examine_fleet
     from daest.diagnosis.kept import run_digest
     from daest.diagnosis.kept_fleet import keep_machine, machines_done
 
     kept = task.project.results / KEPT
-    options = task.options
-    preparation = task.data_options.preparation(task.project)
-    noises = [(w.name, w.intensity) for w in task.flat.noises]
-    outputs = [(y.name, y.noise_std) for y in task.flat.outputs]
-    decisive = (options.hold, options.diagnoses, options.effects, options.seed, preparation, noises, outputs)
-    digest = run_digest(task.flat, (), (), decisive)
+    digest = run_digest(task.flat, (), (), _decisive(task))
     keys = {name: _key(path, digest) for name, path in files}
     done = machines_done(kept)
     known = {name: replace(done[key], name=name) for name, key in keys.items() if key in done}
@@ -199,9 +199,18 @@ def _examined(task: Task, files: Sequence[tuple[str, Path]], tell: Callable[[str
             is_kept = False
             note(f"machines are not kept for a later run: {problem.strerror or problem}")
 
-    for machine in examine_fleet(_recorded(task, todo), options, arrived):
+    for machine in examine_fleet(_recorded(task, todo), task.options, arrived):
         known[machine.name] = machine
     return [known[name] for name, _ in files]
+
+
+def _decisive(task: Task) -> list[Any]:
+    """All that a machine's result rests on besides the model, its recording and the program."""
+    options, project = task.options, task.project
+    columns = [sorted(given.items()) for given in (project.inputs, project.outputs, project.units)]
+    preparation = replace(task.data_options.preparation(project), split=options.split)
+    searched = (options.hold, options.diagnoses, options.effects, options.seed)
+    return [*searched, preparation, project.time, *columns, task.binary, task.library]
 
 
 def _key(path: Path, digest: str) -> str:

@@ -229,13 +229,10 @@ def _draw_profiles(found: Identified, plot: Path) -> None:
 
 
 def _draw(found: Identified, plot: Path) -> None:
-    from daest.cli.results import fitted
     from daest.diagnosis.compare import compare_models
-    from daest.diagnosis.trial import Candidate
+    from daest.diagnosis.trial import fitted_candidate
     from daest.report.fit_figure import fit_figure
 
-    result = found.result
-    flat = fitted(found.flat, found.document)
-    candidate = Candidate(flat.name, flat, len(result.parameters), result.hold, result.noise_model)
+    candidate = fitted_candidate(found.flat, found.result)
     comparison = compare_models([candidate], found.validation or found.estimation)
-    draw(plot, lambda: fit_figure(result, comparison))
+    draw(plot, lambda: fit_figure(found.result, comparison))

@@ -25,9 +25,8 @@ from scipy.optimize import least_squares
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import DiagnoseOptions, Progress
-from daest.diagnosis.trial import Candidate as Compared
+from daest.diagnosis.trial import fitted_candidate
 from daest.errors import ConfigError, EstimationError, ModelError, NumericalError
-from daest.estimation.fitted import fitted_model
 from daest.estimation.identify import identify
 from daest.fmu.binary_model import BinaryModel
 from daest.fmu.drive import Drive
@@ -209,22 +208,9 @@ def _is_noise_of(flat: Model, baseline: FitResult, estimation: Sequence[Experime
         return False
     try:
         fit = identify(flat, estimation, IdentifyOptions(method="pem", hold=baseline.hold))
-        return compare_models([_with_its_fit(flat, fit)], estimation).models[0].verdict == "not falsified"
+        return compare_models([fitted_candidate(flat, fit)], estimation).models[0].verdict == "not falsified"
     except NumericalError:
         return False
-
-
-def _with_its_fit(flat: Model, fit: FitResult) -> Compared:
-    """The fitted model, with what its tests must know of the parameters."""
-    known = {p.name: p.std_error for p in fit.parameters if p.std_error and p.name in fit.correlation_names}
-    rows = [fit.correlation_names.index(name) for name in known]
-    stds = np.array(list(known.values()))
-    return Compared(
-        flat.name, fitted_model(flat, fit), len(fit.parameters), fit.hold, fit.noise_model,
-        parameter_names=tuple(known),
-        parameter_cov=fit.correlation[np.ix_(rows, rows)] * np.outer(stds, stds) if known else None,
-        n_estimation=fit.n_samples,
-    )  # fmt: skip
 
 
 def _refuse_gaps(experiments: Sequence[Experiment]) -> None:

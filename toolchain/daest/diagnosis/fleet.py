@@ -13,9 +13,8 @@ from daest.data.prepare import Preparation, split_all
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.trial import Candidate
+from daest.diagnosis.trial import fitted_candidate
 from daest.errors import DaestError
-from daest.estimation.fitted import fitted_model
 from daest.estimation.identify import identify
 from daest.model.diagnosis import Diagnosis, Proof
 from daest.model.effects import Effect
@@ -25,7 +24,7 @@ from daest.model.flat import Model
 from daest.model.fleet import Fleet, Group, Machine, Odd, Spread
 from daest.numerics.parallel import Outcome, workers
 
-HALF = 0.5  # of every recording estimates; the rest judges
+HALF = 0.5  # of every recording estimates, where nothing else is said
 BATCH = 256  # recordings that are in memory at a time
 FAR = 5.0  # robust standard deviations from the middle of the fleet that make a machine odd
 FEWEST = 8  # machines that have a middle
@@ -36,10 +35,12 @@ HOLDS = "not falsified"
 
 @dataclass(frozen=True)
 class FleetOptions:
-    """How machines are examined: `hold` None takes the better one; not `diagnoses`: falsified models are told
-    as such. Machines are examined in `jobs` processes, or on the Dask `cluster` at an address."""
+    """How machines are examined: `hold` None takes the better one; the first share `split` of every recording
+    estimates, the rest judges; not `diagnoses`: falsified models are told as such. Machines are examined in
+    `jobs` processes, or on the Dask `cluster` at an address."""
 
     hold: str | None = None
+    split: float = HALF
     diagnoses: bool = True
     effects: tuple[str, ...] = ()
     seed: int = 0
@@ -85,16 +86,21 @@ def examine(task: tuple[Recorded, FleetOptions]) -> Machine:
     if one.error is not None:
         raise one.error
     assert one.flat is not None and one.experiment is not None
-    estimation, validation = split_all([one.experiment], Preparation(split=HALF))
+    estimation, validation = split_all([one.experiment], Preparation(split=options.split))
     hold = options.hold if options.hold in ("zoh", "foh") else None
     fit = identify(one.flat, estimation, IdentifyOptions(hold=hold, seed=options.seed, jobs=1), validation)  # type: ignore[arg-type]
-    fitted = fitted_model(one.flat, fit)
-    candidate = Candidate(one.flat.name, fitted, len(fit.parameters), fit.hold, fit.noise_model)
-    verdict = compare_models([candidate], validation).models[0].verdict
-    machine = _fitted_machine(one.name, fit, verdict)
-    if verdict == "falsified" and options.diagnoses:
+    machine = _fitted_machine(one.name, fit, _verdict(one.flat, fit, validation))
+    if machine.verdict == "falsified" and options.diagnoses:
         machine = _diagnosed(machine, one.flat, estimation, validation, fit, options)
     return _timed(machine, time.perf_counter() - began)
+
+
+def _verdict(flat: Model, fit: FitResult, validation: Sequence[Experiment]) -> str | None:
+    """That of the tests of the fit on unseen data; None for a model with events, which has no one-step
+    errors."""
+    if flat.events is not None:
+        return None
+    return compare_models([fitted_candidate(flat, fit)], validation).models[0].verdict
 
 
 def summary(machines: Sequence[Machine]) -> Fleet:

@@ -9,7 +9,7 @@ import json
 import time
 import types
 import typing
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +31,7 @@ Step = TypeVar("Step")
 DIGITS = 6  # of a value that count: the last ones change from one machine to another
 WORTH_KEEPING = 0.5  # seconds that a step must have taken
 MOST_STEPS = 40  # that are kept; the oldest leave
+_WORDS = ("place", "description")  # of a declaration
 _LEFT_OUT = ("candidate", "flat")  # of a proof: known before it is made
 
 
@@ -106,9 +107,12 @@ def run_digest(
     validation: Iterable[Experiment],
     options: Sequence[Any],
 ) -> str:
-    """Hash of the program, the model, its values, the recordings and the options of a run."""
+    """Hash of the program, the model with all that it declares, the recordings and the options of a run.
+
+    Where a declaration stands, and what it says in words, changes no result and is left out.
+    """
     parts: list[Any] = [program(), *_equations(flat), *options]
-    parts += [(p.name, p.value, p.min, p.max, p.estimate, p.scale) for p in flat.parameters]
+    parts += [_declared(one) for group in _declarations(flat) for one in group]
     for one in (*experiments, None, *validation):
         if one is not None:
             columns = [one.time, one.inputs, one.outputs, *one.extra.values()]
@@ -116,6 +120,21 @@ def run_digest(
         else:
             parts.append("validation")
     return _digest(*parts)
+
+
+def _declarations(flat: Model) -> Iterator[Sequence[Any]]:
+    """Variables, noises, parameters and outputs, and what happens at events."""
+    yield from (flat.unknowns, flat.inputs, flat.noises, flat.parameters, flat.outputs)
+    if flat.events is not None:
+        for group in vars(flat.events).values():
+            yield group if isinstance(group, tuple) else ()
+
+
+def _declared(one: Any) -> Any:
+    if not dataclasses.is_dataclass(one):
+        return one
+    fields = [f.name for f in dataclasses.fields(one) if f.name not in _WORDS]
+    return type(one).__name__, *(getattr(one, name) for name in fields)
 
 
 def _model_parts(prepared: Prepared) -> list[Any]:
@@ -130,7 +149,12 @@ def _equations(flat: Model) -> list[Any]:
     if not isinstance(flat, FlatModel):
         return [e.text for e in flat.equations]
     symbols = [flat.derivatives, flat.xi, flat.u, flat.w, flat.theta, flat.time]
-    return [ca.Function("model", symbols, [flat.residual, flat.output_expressions]).serialize()]
+    results = [flat.residual, flat.output_expressions, flat.initial_residual]
+    if flat.events is not None:
+        expressions = {name: e for name, e in vars(flat.events).items() if isinstance(e, ca.SX)}
+        symbols += [expressions.pop(name) for name in ("active", "ticks")]
+        results += expressions.values()
+    return [ca.Function("model", symbols, results).serialize()]
 
 
 def _digest(*parts: Any) -> str:

@@ -8,9 +8,10 @@ from typing import Literal
 
 import numpy as np
 
+from daest.estimation.fitted import fitted_model
 from daest.model.comparison import Horizon
 from daest.model.experiment import Experiment
-from daest.model.fit import Agreement
+from daest.model.fit import Agreement, FitResult
 from daest.model.flat import Dynamics, Model
 from daest.systems.integrate import Hold, interval_inputs
 from daest.systems.simulate import values_along
@@ -37,6 +38,24 @@ class Candidate:
     parameter_names: tuple[str, ...] = ()
     parameter_cov: np.ndarray | None = None
     n_estimation: int | None = None
+
+
+def fitted_candidate(
+    flat: Model, fit: FitResult, hold: Literal["zoh", "foh"] | None = None, name: str | None = None
+) -> Candidate:
+    """The model as `fit` leaves it, with the uncertainty of the estimates, so that the tests of other
+    recordings allow for it. `hold` None takes that of the fit."""
+    names, cov = fit.covariance()
+    return Candidate(
+        name=name or flat.name,
+        flat=fitted_model(flat, fit),
+        n_parameters=len(fit.parameters),
+        hold=hold or fit.hold,
+        sampled=fit.noise_model,
+        parameter_names=names,
+        parameter_cov=cov if names else None,
+        n_estimation=fit.n_samples,
+    )
 
 
 @dataclass(frozen=True)

@@ -213,6 +213,17 @@ class FitResult(Framed):
     def is_converged(self) -> bool:
         return self.status == "converged"
 
+    def covariance(self) -> tuple[tuple[str, ...], np.ndarray]:
+        """Names and covariance (p, p) of the parameters that the data determined. A correlation that is not
+        known counts as zero."""
+        std = {p.name: p.std_error for p in self.parameters if p.std_error is not None}
+        kept = [i for i, name in enumerate(self.correlation_names) if np.isfinite(std.get(name, np.nan))]
+        names = tuple(self.correlation_names[i] for i in kept)
+        correlation = np.nan_to_num(self.correlation[np.ix_(kept, kept)]) if kept else np.zeros((0, 0))
+        np.fill_diagonal(correlation, 1.0)
+        sizes = np.array([std[name] for name in names], dtype=float)
+        return names, correlation * np.outer(sizes, sizes)
+
     def tables(self) -> tuple[Listing, ...]:
         columns = ("parameter", "value", "std_error", "unit", "start", "min", "max", "at_bound")
         rows = tuple(

@@ -36,7 +36,7 @@ from daest.modelica.source import read_source
 from daest.modelica.text import text
 from daest.near import near_names
 
-__all__ = ["EffectModel", "effect_library", "effect_model", "find_effect", "find_effects"]
+__all__ = ["EffectModel", "effect_library", "effect_model", "find_effect", "find_effects", "library_digest"]
 
 # What stands in the texts of an effect's equations for the name of its component and a dot.
 OWN = "@."
@@ -106,6 +106,13 @@ def effect_library(libraries: Sequence[str | Path] = ()) -> tuple[Effect, ...]:
     as the bundled library has them. Raises ModelError for a class that does not compile or whose annotation
     is wrong."""
     return tuple(entry.effect for entry in _catalogue(_names(libraries), check=True).values())
+
+
+def library_digest(libraries: Sequence[str | Path] = ()) -> str:
+    """A hash of all that decides `effect_library`: the files of the libraries, and the programs."""
+    names = _names(libraries)
+    _catalogue(names, check=True)
+    return _kept[names][0]
 
 
 def find_effects(name: str, libraries: Sequence[str | Path] = ()) -> tuple[Effect, ...]:

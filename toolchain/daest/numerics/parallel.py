@@ -45,6 +45,7 @@ POLL = 5.0
 RETRY = 0.05  # after which it is asked again what became of a lost task [s]
 AHEAD = 2  # tasks that a cluster has at a time, for each thread of its workers
 LARGE = "1 GiB"  # of tasks, before Dask warns: each holds the recordings
+SOURCES = (".py", ".c", ".h")  # what decides numbers
 PACKAGES = ("casadi", "numpy", "scipy")  # those that numbers depend on
 
 Task = TypeVar("Task")
@@ -429,7 +430,8 @@ def _differs(where: str, what: str) -> ConfigError:
 def program() -> str:
     """Hash of the source code of daest; results may differ between versions."""
     found = hashlib.sha256()
-    for file in sorted(Path(daest.__file__).parent.rglob("*.py")):
+    folder = Path(daest.__file__).parent
+    for file in sorted(f for f in folder.rglob("*") if f.suffix in SOURCES):
         content = file.read_bytes()
         found.update(f"{len(content)} ".encode())
         found.update(content)
