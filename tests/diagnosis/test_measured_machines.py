@@ -30,5 +30,5 @@ def test_friction_of_a_geared_servo(shared_data):
     found = diagnose(flat, effect_library(), parts[:1], parts[1:], DiagnoseOptions())
     accepted = [p for p in found.proofs if p.verdict != "rejected"]
     assert {p.candidate.effect.name for p in accepted} == {"LoadDependentFriction"}
-    before, after = (fit.simulated["validation"].rms["angle"] for fit in (found.baseline, accepted[0].fit))
+    before, after = (fit.simulated["validation"].rms["angle"] for fit in (found.baseline, accepted[0].told))
     assert after < 0.6 * before

@@ -11,7 +11,7 @@ from nonlinear_models import experiment_of, explicit_from
 from daest.errors import DaestError, EstimationError
 from daest.estimation import trajectories
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
-from daest.estimation.identify_nonlinear import WarmStart, identify_nonlinear
+from daest.estimation.identify_nonlinear import WarmStart, identify_nonlinear, search_on
 from daest.estimation.records import part_of
 from daest.model.fit import IdentifyOptions
 from daest.model.parts import Equation
@@ -61,13 +61,19 @@ def unknowns_of(explicit, **start):
     return Unknowns(coordinates, explicit.flat.theta_values, np.zeros(1), np.zeros(1))
 
 
-def identified(experiments, method, intensity=np.nan, explicit=None, validation=(), warm=None, **start):
+def identified(experiments, method, intensity=np.nan, explicit=None, validation=(), **start):
     explicit = explicit or rotor()
     unknowns = unknowns_of(explicit, **(start or {"J": 0.8, "d": 0.5, "stick": 0.05}))
     return identify_nonlinear(
         explicit, unknowns, experiments, method, np.array([intensity]), np.array([np.isnan(intensity)]),
-        np.array([np.nan]), IdentifyOptions(hold="zoh"), validation, warm,
+        np.array([np.nan]), IdentifyOptions(hold="zoh"), validation,
     )  # fmt: skip
+
+
+def refit(experiments, warm, **start):
+    explicit = rotor()
+    options = IdentifyOptions(hold="zoh")
+    return search_on(explicit, unknowns_of(explicit, **start), experiments, np.array([True]), options, warm)
 
 
 def assert_true(fit, tolerance):
@@ -114,9 +120,16 @@ def test_warm_start_ends_where_a_cold_one_does():
     experiments = [record(1200, 2, 2e-4)]
     cold = identified(experiments, "pem")
     warm = WarmStart(np.array([1e-4]), np.array([0.006]), ({"phi": 0.0, "w": 0.0},))
-    again = identified(experiments, "pem", warm=warm, J=0.45, d=0.35, stick=0.1)
-    assert again.log_likelihood > cold.log_likelihood - 3.0
-    assert_true(again, 0.1)
+    again = refit(experiments, warm, J=0.45, d=0.35, stick=0.1)
+    assert again.fit.log_likelihood > cold.log_likelihood - 3.0
+    assert_true(again.fit, 0.1)
+    # How well it agrees with the data is told where that is asked for.
+    assert not again.fit.simulated and not again.simulated().one_step
+    judged = again.judged(experiments)
+    assert judged.one_step["estimation"].rms["angle"] == pytest.approx(
+        cold.one_step["estimation"].rms["angle"], rel=1e-2
+    )
+    assert judged.simulated["validation"].rms["angle"] > judged.one_step["validation"].rms["angle"]
 
 
 def test_hopeless_warm_start_is_not_pursued():
@@ -124,7 +137,7 @@ def test_hopeless_warm_start_is_not_pursued():
     state = ({"phi": 0.0, "w": 0.0},)
     short = WarmStart(np.array([1e-4]), np.array([0.005]), state, hopeless=np.inf)
     whole = WarmStart(np.array([1e-4]), np.array([0.005]), state)
-    fits = [identified(experiments, "pem", warm=w, J=0.8, d=0.5, stick=0.05) for w in (short, whole)]
+    fits = [refit(experiments, w, J=0.8, d=0.5, stick=0.05).fit for w in (short, whole)]
     assert fits[0].log_likelihood <= fits[1].log_likelihood + 1e-6
 
 

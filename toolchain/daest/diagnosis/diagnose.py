@@ -27,7 +27,7 @@ from daest.diagnosis.free_forms import free_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.learned import learned_load, said, with_formula
 from daest.diagnosis.next_experiment import Asked, computed
-from daest.diagnosis.null import Null, fit_null, grown, open_hold, refit, shortest_load
+from daest.diagnosis.null import Null, fit_null, grown, open_hold, refit, refitted, shortest_load
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import (
     GENTLE,
@@ -124,7 +124,7 @@ def better_hold(stand: Stand, found: Diagnosis) -> Hold | None:
     try:
         hopeless = best.fit.log_likelihood - GATES.hopeless_log_likelihood
         flat = with_equations(best.flat, "a refit")
-        fit = refit(flat, reduce_index(flat), names, other, hopeless=hopeless)
+        fit = refitted(flat, reduce_index(flat), names, other, hopeless=hopeless).fit
     except DaestError:
         return None
     return hold if fit.log_likelihood > best.fit.log_likelihood + GATES.min_hold_gain else None

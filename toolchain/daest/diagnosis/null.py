@@ -14,7 +14,7 @@ from daest.diagnosis.loads import LoadPlace, load_places, with_loads
 from daest.errors import EstimationError
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
 from daest.estimation.identify import identify
-from daest.estimation.identify_nonlinear import WarmStart, identify_nonlinear
+from daest.estimation.identify_nonlinear import Refit, WarmStart, search_on
 from daest.model.diagnosis import Load
 from daest.model.effects import Site
 from daest.model.experiment import Experiment
@@ -267,6 +267,20 @@ def refit(
     max_iterations: int = 40,
     hopeless: float = -np.inf,
 ) -> FitResult:
+    """The fit of `refitted` with its agreements."""
+    found = refitted(flat, explicit, names, null, max_iterations=max_iterations, hopeless=hopeless)
+    return found.judged(validation)
+
+
+def refitted(
+    flat: FlatModel,
+    explicit: ExplicitModel,
+    names: Sequence[str],
+    null: Null,
+    *,
+    max_iterations: int = 40,
+    hopeless: float = -np.inf,
+) -> Refit:
     """Fit a model that contains the null's loads, starting from the values in `flat`, noise from the null's.
     A search whose first pass stays below the log-likelihood `hopeless` is not pursued.
 
@@ -287,16 +301,12 @@ def refit(
     levels = dict(zip((w.name for w in null.flat.noises), null.intensity, strict=True))
     intensity = np.array([levels.get(w.name, 0.0) for w in flat.noises])
     options = IdentifyOptions(hold=null.hold, max_iterations=max_iterations)
-    fit = identify_nonlinear(
+    found = search_on(
         explicit,
         unknowns,
         null.experiments,
-        "pem",
-        intensity,
         np.array([w.name in levels for w in flat.noises], dtype=bool),
-        np.full(len(flat.outputs), np.nan),
         options,
-        validation,
         WarmStart(
             intensity,
             null.measurement_std,
@@ -305,10 +315,11 @@ def refit(
             hopeless=hopeless,
         ),
     )
-    n_told = len(names)
-    return replace(
+    fit, n_told = found.fit, len(names)
+    told = replace(
         fit,
         parameters=fit.parameters[:n_told],
         correlation_names=fit.correlation_names[:n_told],
         correlation=fit.correlation[:n_told, :n_told],
     )
+    return replace(found, fit=told)

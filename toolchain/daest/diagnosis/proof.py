@@ -11,7 +11,7 @@ import numpy as np
 from daest.diagnosis.disturbance import SmoothedLoad, smoothed_at
 from daest.diagnosis.free_forms import covers, free_forms
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import Null, grown, loads_of, period_of, refit
+from daest.diagnosis.null import Null, grown, loads_of, period_of, refitted
 from daest.diagnosis.screen import NullObserver, law_response, run_null
 from daest.diagnosis.settled import settled, simulated
 from daest.diagnosis.unseen import (
@@ -25,6 +25,7 @@ from daest.diagnosis.unseen import (
     judged,
 )
 from daest.errors import DaestError
+from daest.estimation.identify_nonlinear import Refit
 from daest.model.diagnosis import Ahead, Candidate, Confirmed, FreeForm, Load, Proof, Screen
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, FittedParameter, error_ratios
@@ -210,7 +211,8 @@ def prove(
     """
     explicit = reduce_index(prepared.flat)
     fed = replace(null, experiments=tuple(experiments))
-    fit = _refit(fed, prepared, explicit, validation, hopeless, null_fit.log_likelihood)
+    refit = _refit(fed, prepared, explicit, hopeless, null_fit.log_likelihood)
+    fit = refit.fit
     gain = fit.log_likelihood - null_fit.log_likelihood
     n_own = len(prepared.names) - len(null.estimated)
     n_observed = sum(int(np.isfinite(e.outputs).sum()) for e in null.experiments)
@@ -229,7 +231,10 @@ def prove(
         after = after or run_null(with_effect)
         if reference is not None and validation:
             told = confirmed(reference.innovations, innovations(after, validation))
-        final, ahead, against, is_told = _on_unseen(fed, fit, prepared, explicit, told, validation, reference)
+        final, ahead, against, is_told = _on_unseen(
+            fed, refit, prepared, explicit, told, validation, reference
+        )
+        fit = fit if final else refit.simulated(validation)
         ratios = error_ratios((reference.fit if reference else null_fit).simulated, (final or fit).simulated)
         # A law that says all that the load has to do with any variable need not explain more of the load.
         says_all = form is not None and form.p_value < GATES.rest_level and gain >= form.log_likelihood_gain
@@ -238,6 +243,8 @@ def prove(
         reason = against or _weak(prepared, fit)
         if not reason and not is_curve and not is_told:
             reason = _unexplained(explained, ratios)
+    else:
+        fit = refit.simulated(validation)
     left = None if reason else _left(null, with_effect, after or run_null(with_effect))
     if left is not None:
         if prepared.trial.candidate.effect.is_dynamic:
@@ -271,27 +278,25 @@ def _refit(
     null: Null,
     prepared: Prepared,
     explicit: ExplicitModel,
-    validation: Sequence[Experiment],
     hopeless: float,
     least: float,
-) -> FitResult:
+) -> Refit:
     """The refit, which goes on where a search has come to its limit; `least` is the log-likelihood of the
     null."""
     start = null if prepared.similar is None else replace(null, fit=prepared.similar)
     if prepared.simulation is not None:
         start = replace(null, fit=_calm(null.fit, prepared.simulation))
-    fit = refit(prepared.flat, explicit, prepared.names, start, validation=validation, hopeless=hopeless)
+    found = refitted(prepared.flat, explicit, prepared.names, start, hopeless=hopeless)
     for _ in range(LONGER):
+        fit = found.fit
         if fit.status != "iteration limit" or fit.log_likelihood < max(hopeless, least):
             break
         flat = prepared.flat.with_theta(fit.theta)
-        longer = refit(
-            flat, reduce_index(flat), prepared.names, replace(null, fit=fit), validation=validation
-        )
-        if longer.log_likelihood <= fit.log_likelihood:
+        longer = refitted(flat, reduce_index(flat), prepared.names, replace(null, fit=fit))
+        if longer.fit.log_likelihood <= fit.log_likelihood:
             break
-        fit = longer
-    return fit
+        found = longer
+    return found
 
 
 def _calm(null_fit: FitResult, simulation: FitResult) -> FitResult:
@@ -311,7 +316,7 @@ def has_lost_its_way(proof: Proof, simulation: FitResult | None = None) -> bool:
 
 def _on_unseen(
     null: Null,
-    fit: FitResult,
+    refit: Refit,
     prepared: Prepared,
     explicit: ExplicitModel,
     told: Confirmed,
@@ -322,9 +327,9 @@ def _on_unseen(
     against the effect (empty where they do not), and whether most of the error is gone."""
     if reference is None or not validation:
         return None, (), "", False
-    found = settled(null, fit, prepared.flat, explicit, null.experiments, validation)
+    found = settled(null, refit.fit, prepared.flat, explicit, null.experiments, validation)
     if found is None:
-        against, _, is_told = judged((), reference.fit, fit, reference.adds_up, told)
+        against, _, is_told = judged((), reference.fit, refit.simulated(validation), reference.adds_up, told)
         return None, (), against, is_told
     white, observer = found
     ahead = compared(reference.foreseen, foreseen(observer, validation), period_of(null.experiments))

@@ -22,7 +22,7 @@ from daest.diagnosis.screen import NullObserver, nuisance, run_null
 from daest.errors import DaestError
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
 from daest.estimation.identify import identify
-from daest.estimation.identify_nonlinear import WarmStart, identify_nonlinear
+from daest.estimation.identify_nonlinear import Refit, WarmStart, search_on
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, FittedParameter, IdentifyOptions, error_ratios
 from daest.model.flat import ExplicitModel, FlatModel
@@ -51,18 +51,17 @@ def settled(
     times = {f"{load.name}.T": shortest_load(null.experiments) for load in null.loads}
     started = flat.with_theta({**fit.theta, **times})
     explicit = replace(explicit, flat=started)
-    found: FitResult | None = None
+    found: Refit | None = None
     for _ in range(1 + SECOND_CHANCES):
         try:
-            found = _fit(null, started, explicit, names, experiments, validation, found)
+            found = _fit(null, started, explicit, names, experiments, found.fit if found else None)
         except FAILURES:
             return None
-        if found.status != "iteration limit":
+        if found.fit.status != "iteration limit":
             break
     assert found is not None
-    white = grown(null, started, explicit, found, experiments)
-    run = run_null(white)
-    return replace(found, parameters=_uncertain(found, fit, run)), run
+    run = run_null(grown(null, started, explicit, found.fit, experiments))
+    return replace(found.simulated(validation), parameters=_uncertain(found.fit, fit, run)), run
 
 
 def simulated(
@@ -130,9 +129,8 @@ def _fit(
     explicit: ExplicitModel,
     names: Sequence[str],
     experiments: Sequence[Experiment],
-    validation: Sequence[Experiment],
     before: FitResult | None,
-) -> FitResult:
+) -> Refit:
     known = {p.name: p for p in flat.parameters}
     start = {name: known[name].value if before is None else before.theta[name] for name in names}
     coordinates = tuple(
@@ -147,16 +145,12 @@ def _fit(
         levels = {n.name: n.value for n in before.noises if n.kind == "process"}
         states = tuple(dict(zip(s.names, s.values, strict=True)) for s in before.initial_states)
     intensity = np.array([levels.get(w.name, 0.0) for w in flat.noises])
-    return identify_nonlinear(
+    return search_on(
         explicit,
         Unknowns(coordinates, flat.theta_values, np.zeros(n_w), np.ones(n_y)),
         experiments,
-        "pem",
-        intensity,
         np.array([w.name in levels for w in flat.noises], dtype=bool),
-        np.full(n_y, np.nan),
         IdentifyOptions(hold=null.hold, max_iterations=ITERATIONS),
-        validation,
         WarmStart(intensity, std, states, at_rest=tuple(load.name for load in null.loads), shares=(1.0,)),
     )
 

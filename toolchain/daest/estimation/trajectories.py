@@ -44,6 +44,7 @@ class TrajectoryProblem:
     given_std: np.ndarray
     gain: np.ndarray | None = None
     rtol: float = SOLVER.search_rtol
+    atol_of_scale: float = SOLVER.atol_of_scale
     family: GainFamily | None = None
     holds_parameters: bool = False
 
@@ -156,6 +157,7 @@ def integrated(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = Fa
                 by_parameter=not problem.holds_parameters,
                 correction=correction,
                 rtol=problem.rtol,
+                atol_of_scale=problem.atol_of_scale,
                 state_scale=problem.state_scale,
             )
         )

@@ -202,10 +202,10 @@ class Confirmed:
 @dataclass(frozen=True)
 class Proof:
     """A candidate built into the model and refitted. `fit` is beside the unknown loads, which is what the
-    tests rest on; `final` without coloured ones, which is what is told. `explained` is the share of the
-    load's size that vanished; `left` the form that the rest of the load follows best; `ahead` what it does
-    to the prediction of unseen data; `adds_up` tells that a whole simulation of the model is dead
-    reckoning."""
+    tests rest on, and tells no agreement with data where there is a `final`, that without coloured ones,
+    which is what is told. `explained` is the share of the load's size that vanished; `left` the form that the
+    rest of the load follows best; `ahead` what it does to the prediction of unseen data; `adds_up` tells that
+    a whole simulation of the model is dead reckoning."""
 
     candidate: Candidate
     flat: Model

@@ -210,7 +210,8 @@ typedef struct {
   int real_pivot[NX], complex_pivot[NX];
   double stages_lu[N3 * N3], stageJ[3 * NX * NX]; /* for sensitivities */
   int stages_pivot[N3];
-  double *rhs_columns, *stage_p, *out_p;  /* (3 NX) x directions; 3 x NX x NP; NY x NP */
+  double last_row[N3 * NX];
+  double *made, *stage_p, *out_p;         /* NX x directions; 3 x NX x NP; NY x NP */
   int by_parameter;                       /* NP, or 0 where no sensitivities to the parameters are wanted */
   const double *gain_slopes;              /* by_gain x NX x NY: how the gain changes along the last directions */
   int by_gain;
@@ -319,7 +320,37 @@ static void stage_jacobians(Work *k, Model *m, const Interval *s, double t, doub
   }
 }
 
-/* S <- dx(t+h)/d(directions): first the chosen parameters, where they are wanted, then what only the state carries. */
+/* b <- M^-T b for an LU of M by `factor`, b row-major (n x columns); the first `zeros` rows of b are zero. */
+static void solve_transposed(const double *lu, const int *pivot, double *b, int n, int columns, int zeros) {
+  for (int k = zeros; k < n; ++k) {
+    for (int c = 0; c < columns; ++c) b[k * columns + c] /= lu[k * n + k];
+    for (int j = k + 1; j < n; ++j) {
+      double r = lu[k * n + j];
+      if (r != 0.0)
+        for (int c = 0; c < columns; ++c) b[j * columns + c] -= r * b[k * columns + c];
+    }
+  }
+  for (int i = n - 1; i > 0; --i)
+    for (int k = 0; k < i; ++k) {
+      double l = lu[i * n + k];
+      if (l != 0.0)
+        for (int c = 0; c < columns; ++c) b[k * columns + c] -= l * b[i * columns + c];
+    }
+  for (int k = n - 1; k >= 0; --k)
+    if (pivot[k] != k)
+      for (int c = 0; c < columns; ++c) {
+        double swap = b[k * columns + c];
+        b[k * columns + c] = b[pivot[k] * columns + c];
+        b[pivot[k] * columns + c] = swap;
+      }
+}
+
+/* S <- dx(t+h)/d(directions): first the chosen parameters, where they are wanted, then what only the state carries.
+ *
+ * The stages' sensitivities solve M Z' = R with the blocks M_ij = delta_ij I - h a_ij J_j and R_i = sum_j h a_ij
+ * (J_j S + P_j). Of them only the last is wanted: with the last block row w of M^-1 and G_j = h sum_i a_ij w_i, it is
+ * sum_j G_j (J_j S + P_j), and w M = (0 0 I) says that G_j J_j = w_j - delta_3j I. So S <- (w_1 + w_2 + w_3) S +
+ * sum_j G_j P_j: as many columns are solved for as there are states, however many directions there are. */
 static int sensitivities(Work *k, double h, double *S, int directions) {
   for (int i = 0; i < 3; ++i)
     for (int q = 0; q < NX; ++q)
@@ -328,17 +359,28 @@ static int sensitivities(Work *k, double h, double *S, int directions) {
           k->stages_lu[(i * NX + q) * N3 + j * NX + r] =
               (i == j && q == r) - h * k->A[3 * i + j] * k->stageJ[j * NX * NX + r * NX + q];
   if (!factor(k->stages_lu, k->stages_pivot, N3)) return 0;
-  memset(k->rhs_columns, 0, sizeof(double) * N3 * directions);
-  for (int j = 0; j < 3; ++j)
-    for (int q = 0; q < NX; ++q)
-      for (int d = 0; d < directions; ++d) {
-        double sum = d < k->by_parameter ? k->stage_p[j * NX * NP + d * NX + q] : 0.0;
-        for (int r = 0; r < NX; ++r) sum += k->stageJ[j * NX * NX + r * NX + q] * S[r * directions + d];
-        for (int i = 0; i < 3; ++i)
-          k->rhs_columns[(i * NX + q) * directions + d] += h * k->A[3 * i + j] * sum;
+  double *w = k->last_row, *made = k->made, along[NX * NX]; /* w_i at (i NX + q, c): transposed */
+  memset(w, 0, sizeof k->last_row);
+  for (int c = 0; c < NX; ++c) w[(2 * NX + c) * NX + c] = 1.0;
+  solve_transposed(k->stages_lu, k->stages_pivot, w, N3, NX, 2 * NX);
+  memset(made, 0, sizeof(double) * NX * directions);
+  for (int q = 0; q < NX; ++q)
+    for (int c = 0; c < NX; ++c) {
+      double phi = w[q * NX + c] + w[(NX + q) * NX + c] + w[(2 * NX + q) * NX + c];
+      if (phi != 0.0)
+        for (int d = 0; d < directions; ++d) made[c * directions + d] += phi * S[q * directions + d];
+    }
+  for (int j = 0; j < 3 && k->by_parameter; ++j) {
+    for (int i = 0; i < NX * NX; ++i)
+      along[i] = h * (k->A[j] * w[i] + k->A[3 + j] * w[NX * NX + i] + k->A[6 + j] * w[2 * NX * NX + i]);
+    for (int d = 0; d < k->by_parameter; ++d)
+      for (int q = 0; q < NX; ++q) {
+        double slope = k->stage_p[j * NX * NP + d * NX + q];
+        if (slope != 0.0) /* most parameters drive few states */
+          for (int c = 0; c < NX; ++c) made[c * directions + d] += slope * along[q * NX + c];
       }
-  solve(k->stages_lu, k->stages_pivot, k->rhs_columns, N3, directions);
-  for (int q = 0; q < NX * directions; ++q) S[q] += k->rhs_columns[2 * NX * directions + q];
+  }
+  memcpy(S, made, sizeof(double) * NX * directions);
   return 1;
 }
 
@@ -686,10 +728,10 @@ static int allocate(Work **k, Model *m, double **S, int directions) {
   *S = malloc(sizeof(double) * (NX * directions + 1));
   *k = calloc(1, sizeof(Work));
   if (!*k) return 0;
-  (*k)->rhs_columns = malloc(sizeof(double) * (N3 * directions + 1));
+  (*k)->made = malloc(sizeof(double) * (NX * directions + 1));
   (*k)->stage_p = malloc(sizeof(double) * (3 * NX * NP + 1));
   (*k)->out_p = malloc(sizeof(double) * (NY * NP + 1));
-  return m->iw && m->w && m->arg && m->res && *S && (*k)->rhs_columns && (*k)->stage_p && (*k)->out_p;
+  return m->iw && m->w && m->arg && m->res && *S && (*k)->made && (*k)->stage_p && (*k)->out_p;
 }
 
 static void release(Work *k, Model *m, double *S) {
@@ -699,7 +741,7 @@ static void release(Work *k, Model *m, double *S) {
   free(m->res);
   free(S);
   if (k) {
-    free(k->rhs_columns);
+    free(k->made);
     free(k->stage_p);
     free(k->out_p);
   }

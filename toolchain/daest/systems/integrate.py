@@ -22,7 +22,7 @@ import numpy as np
 
 from daest.errors import FmuError, ModelError
 from daest.model.flat import Dynamics, ExplicitModel, events_refused
-from daest.numerics.compiler import MOST_LINES, build_shared, effort
+from daest.numerics.compiler import MOST_LINES, build_shared, effort, processor_flags
 from daest.numerics.projection import pull
 from daest.numerics.watched import watched
 from daest.systems.event_functions import EventFunctions
@@ -317,7 +317,8 @@ _WORK = ("arg", "res", "iw", "w")
 def _load(source: str, wanted: str) -> ctypes.CDLL | None:
     if source.count("\n") > MOST_LINES:
         return None
-    return ctypes.CDLL(str(build_shared(source, "integrator", flags=(effort(source, wanted),))))
+    flags = (effort(source, wanted), *processor_flags())
+    return ctypes.CDLL(str(build_shared(source, "integrator", flags=flags)))
 
 
 def interval_inputs(
@@ -359,6 +360,7 @@ def integrate(
     by_parameter: bool = True,
     correction: Correction | None = None,
     rtol: float = SOLVER.search_rtol,
+    atol_of_scale: float = SOLVER.atol_of_scale,
     state_scale: np.ndarray | None = None,
     max_steps: int | None = None,
     tell: Callable[[float], object] | None = None,
@@ -367,10 +369,10 @@ def integrate(
     n_u).
 
     theta: all parameters. `correction` turns the simulation into the one-step predictor of an observer.
-    `state_scale` (n_states,): sizes that count as large for each state, for the absolute tolerance (default
-    1). Directions of the sensitivities: `model.names` unless `by_parameter` is unset, then the initial
-    states, then those along which the gain of the correction changes. `max_steps` over the whole record
-    (default: `search_steps`).
+    `state_scale` (n_states,): sizes that count as large for each state (default 1); the absolute tolerance is
+    `rtol` times `atol_of_scale` of them. Directions of the sensitivities: `model.names` unless `by_parameter`
+    is unset, then the initial states, then those along which the gain of the correction changes. `max_steps`
+    over the whole record (default: `search_steps`).
     `tell` hears of the time that a long run has reached; an exception in it ends the run.
     Raises IntegrationError with the time it stopped at.
     """
@@ -382,7 +384,7 @@ def integrate(
     n_parameters = len(model.names) if sensitivities and by_parameter else 0
     n_gain = correction.slopes.shape[0] if sensitivities and correction is not None else 0
     directions = n_parameters + x0.size + n_gain if sensitivities else 0
-    atol = rtol * SOLVER.atol_of_scale * scale
+    atol = rtol * atol_of_scale * scale
     most = search_steps(time.size) if max_steps is None else max_steps
     run = Run(
         time, u0, u1, u_last, theta, x0, directions, n_parameters, n_gain,
