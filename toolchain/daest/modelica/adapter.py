@@ -10,7 +10,8 @@ from typing import Any, Literal, TypeGuard
 
 from daest.errors import ModelError
 from daest.modelica import syntax as s
-from daest.modelica.dialect import CONSTRUCTOR, DER
+from daest.modelica.dialect import CONSTRUCTOR, DER, MARK
+from daest.modelica.text import text
 
 _BINARY = {
     "Add": "+",
@@ -68,6 +69,7 @@ def flat_source(
         structural=_structural(flat),
         initial_algorithms=tuple(_algorithm(section) for section in flat.get("initial_algorithms", [])),
         whens=tuple(_when_equation(chain) for chain in flat.get("when_chains", [])),
+        marks=tuple(_marks(flat.get("assert_equations", []))),
         texts=texts,
         own=own,
     )
@@ -435,10 +437,15 @@ def _unknown_statement(kind: str) -> Callable[[dict[str, Any], s.Span | None], s
 
 
 def _target(reference: dict[str, Any]) -> s.Name:
-    parts = reference["parts"]
-    subscripts = [_subscripts(part["subs"]) for part in parts]
-    name = ".".join(part["ident"] for part in parts)
-    return s.Name(name, tuple(node for group in subscripts for node in group), span(reference.get("span")))
+    *path, last = reference["parts"]
+    name = ".".join([*map(_component, path), last["ident"]])
+    return s.Name(name, _subscripts(last["subs"]), span(reference.get("span")))
+
+
+def _component(part: dict[str, Any]) -> str:
+    """`s[1]`, a component on the way to a variable."""
+    indices = [text(node) for node in _subscripts(part["subs"])]
+    return part["ident"] + (f"[{','.join(indices)}]" if indices else "")
 
 
 def _assignment(value: dict[str, Any], at: s.Span | None) -> s.Statement:
@@ -491,6 +498,32 @@ _STATEMENTS: dict[str, Callable[[dict[str, Any], s.Span | None], s.Statement]] =
     "Return": lambda _value, at: s.Jump("return", at),
     "Break": lambda _value, at: s.Jump("break", at),
 }
+
+
+# Assertions that stand for algorithm sections ---------------------------------------------------------------
+
+
+def _marks(assertions: Iterable[dict[str, Any]]) -> Iterable[s.Mark]:
+    """The marks among assertions: `"daest:3" + String(a) + String(b)`."""
+    for assertion in assertions:
+        parts = _summands(assertion["message"])
+        first = parts[0].get("Literal", {}).get("value", {}).get("String", "")
+        if first.startswith(MARK):
+            values = [expression(part["StringConversion"]["value"]) for part in parts[1:]]
+            number, *names = first.removeprefix(MARK).split(",")
+            meant = dict(zip(names, values, strict=True))
+            yield s.Mark(int(number), _key_component(assertion["origin"]), meant)
+
+
+def _summands(node: dict[str, Any]) -> list[dict[str, Any]]:
+    if "Binary" not in node:
+        return [node]
+    return [*_summands(node["Binary"]["lhs"]), *_summands(node["Binary"]["rhs"])]
+
+
+def _key_component(origin: dict[str, Any]) -> str:
+    value = next(iter(origin.values()))
+    return str(value.get("component", "")) if isinstance(value, dict) else ""
 
 
 # When-equations ---------------------------------------------------------------------------------------------

@@ -25,6 +25,8 @@ from daest.cache import cache_folder, keep_content, kept_content
 from daest.errors import ModelError
 from daest.modelica import adapter, failures
 from daest.modelica import syntax as s
+from daest.modelica.algorithm_text import UnknownNames, algorithm_texts, with_algorithms
+from daest.modelica.algorithm_text import hidden as hidden_algorithms
 from daest.modelica.apart import STACK_BYTES, Crash, checked_cache, run_apart, stop, throw_cache_away
 from daest.modelica.dialect import Names
 from daest.modelica.function_text import (
@@ -112,13 +114,39 @@ def _compiled_source(job: Job) -> s.FlatSource:
     shown = job
     while True:
         try:
-            return _with_bodies(_balanced(shown), found, job)
+            return _with_bodies(_with_algorithms(shown), found, job)
         except failures.RefusedFunction as problem:
             function = find_function(shown.text, problem.name)
             if function is None:
                 raise
             found.append(function)
             shown = replace(shown, text=hidden(shown.text, function))
+
+
+def _with_algorithms(job: Job) -> s.FlatSource:
+    """The flat form of a job; algorithm sections of its file that the compiler refuses are read here."""
+    try:
+        return _balanced(job)
+    except failures.RefusedAlgorithm:
+        sections = algorithm_texts(job.text, 0)
+        if not sections:
+            raise
+        asked: tuple[tuple[str, ...], ...] = ((),) * len(sections)
+        for _ in range(2):
+            text = hidden_algorithms(job.text, sections, asked)
+            if text is None:
+                break
+            source = _unchecked(replace(job, text=text))
+            try:
+                made = with_algorithms(source, algorithm_texts(job.text, source.own[0]))
+            except UnknownNames as problem:
+                asked = problem.names
+                continue
+            functions = dict(made.functions)
+            _add_called(functions, job, made.own[0], [one.body for one in made.algorithms])
+            texts = {**made.texts, **dict.fromkeys(made.own, (str(job.path), job.text))}
+            return replace(made, functions=functions, texts=texts)
+        raise
 
 
 def _balanced(job: Job) -> s.FlatSource:
@@ -138,14 +166,15 @@ def _with_bodies(source: s.FlatSource, found: list[FunctionText], job: Job) -> s
         for name, function in source.functions.items():
             if name.rpartition(".")[2] == text.name and function.is_external:
                 functions[name] = _parsed(text, job, source.own[0], function)
-    _add_called(functions, job, source.own[0])
+    bodies = [function.body for function in functions.values()]
+    _add_called(functions, job, source.own[0], bodies)
     texts = {**source.texts, **{number: (str(job.path), job.text) for number in source.own}}
     return replace(source, functions=functions, texts=texts)
 
 
-def _add_called(functions: dict[str, s.Function], job: Job, own: int) -> None:
-    """Functions that only hidden algorithms call, read from the text."""
-    todo = [name for function in functions.values() for name in called_functions(function.body)]
+def _add_called(functions: dict[str, s.Function], job: Job, own: int, bodies: Iterable[object]) -> None:
+    """Functions that only hidden algorithms, `bodies`, call, read from the text."""
+    todo = [name for body in bodies for name in called_functions(body)]
     while todo:
         name = todo.pop()
         short = name.rpartition(".")[2]

@@ -40,6 +40,10 @@ external "C" y = {DER}(x);
 end {DER};
 """
 
+MARK = "daest:"
+"""How the message of an assertion begins that stands for a hidden algorithm section: its number and the names
+that the summands behind it stand for."""
+
 CONSTRUCTOR = "_constructor"
 """What follows the name of an external object in that of its constructor."""
 

@@ -21,7 +21,7 @@ from daest.model.parts import Parameter
 from daest.modelica import syntax as s
 from daest.modelica import values as v
 from daest.modelica.expressions import Evaluator, Redirected, Scope, refusal
-from daest.modelica.functions import assigned
+from daest.modelica.functions import assigned, whole_name
 from daest.modelica.operators import EVENTFUL
 from daest.modelica.scope import ModelScope, element_names, symbols
 from daest.modelica.text import text
@@ -59,7 +59,7 @@ def event_targets(source: s.FlatSource) -> frozenset[str]:
     for algorithm in source.algorithms:
         found |= set(_targets(s for s in algorithm.body))
         found |= set(assigned(algorithm.body)) & discrete
-    return frozenset(name if name in shapes else name.partition("[")[0] for name in found)
+    return frozenset(name if name in shapes else whole_name(name) for name in found)
 
 
 def _targets(statements: Iterable[s.Statement]) -> list[str]:
@@ -274,7 +274,7 @@ class Recorder:
 
     def _assign(self, name: str, value: Value, active: ca.SX) -> None:
         shape = self.scope.declared_shape(name)
-        base = name if shape is not None else name.partition("[")[0]
+        base = name if shape is not None else whole_name(name)
         names = [name] if shape is None else element_names(name, shape)
         before = dict(
             zip(

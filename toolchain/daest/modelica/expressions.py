@@ -59,6 +59,10 @@ class Scope(Protocol):
     def lookup(self, name: str) -> Value | None:
         """The value of a variable, parameter or literal; None if there is none of that name."""
 
+    def element(self, name: str, subscripts: Sequence[Value | None]) -> Value | None:
+        """Elements of a variable of which others may have no value yet; None if there is none of that
+        name."""
+
     def path(self, parts: Sequence[PathPart]) -> Value | None:
         """The value of a component path with evaluated subscripts (None stands for `:`)."""
 
@@ -207,6 +211,10 @@ class Evaluator:
     # Names --------------------------------------------------------------------------------------------------
 
     def _name(self, node: s.Name) -> Value:
+        if node.subscripts and node.name not in self.iterators:
+            found = self.scope.element(node.name, self._subscripts(node.subscripts))
+            if found is not None:
+                return found
         base = self.iterators.get(node.name) if node.name in self.iterators else self.scope.lookup(node.name)
         if base is None:
             base = self._path(node)
@@ -528,6 +536,9 @@ class Redirected:
     def lookup(self, name: str) -> Value | None:
         return self.meant(name)
 
+    def element(self, name: str, subscripts: Sequence[Value | None]) -> Value | None:
+        return None
+
     def path(self, parts: Sequence[PathPart]) -> Value | None:
         head = join_path(parts[:-1], parts[-1][0])
         found = None if head is None else self.meant(head)
@@ -594,6 +605,9 @@ def indexed(base: Value, subscripts: Sequence[Value | None]) -> Value:
         raise v.ShapeError("a scalar has no elements")
     if len(subscripts) > base.ndim:
         raise v.ShapeError(f"{len(subscripts)} subscripts for an array of size {v.size_text(base.shape)}")
+    for axis, subscript in enumerate(subscripts):
+        if isinstance(v.constant(subscript), ca.SX):  # type: ignore[arg-type]
+            return _selected(base, subscripts, axis)
     chosen = [_positions(subscript, size) for subscript, size in zip(subscripts, base.shape, strict=False)]
     if all(isinstance(c, int) for c in chosen):
         return base[tuple(chosen)]
@@ -602,6 +616,21 @@ def indexed(base: Value, subscripts: Sequence[Value | None]) -> Value:
     for positions in chosen:
         made = made.take(positions, axis=axis)
         axis += 0 if isinstance(positions, int) else 1
+    return made
+
+
+def _selected(base: np.ndarray, subscripts: Sequence[Value | None], axis: int) -> Value:
+    """The element whose number a variable tells, as the gear of a gear box: a choice among all. A number
+    outside of the array means its first or last element."""
+    at = subscripts[axis]
+    assert isinstance(at, ca.SX)
+
+    def one(number: int) -> Value:
+        return indexed(base, [*subscripts[:axis], number, *subscripts[axis + 1 :]])
+
+    made = one(base.shape[axis])
+    for number in range(base.shape[axis] - 1, 0, -1):
+        made = v.choose(at <= number, one(number), made)
     return made
 
 

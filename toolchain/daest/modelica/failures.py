@@ -30,6 +30,10 @@ class RefusedFunction(ModelError):
         self.name = name
 
 
+class RefusedAlgorithm(ModelError):
+    """The compiler does not take an algorithm section of a model."""
+
+
 class Unbalanced(ModelError):
     """Equations and unknowns differ in number, by the compiler's count."""
 
@@ -129,6 +133,11 @@ _BEYOND = (
         "wrong DAE coordinate role",
         "an equation between whole records, as Complex numbers with operators",
         f"Write one equation for each part (`v.re = …; v.im = …;`); {_FMU}",
+    ),
+    (
+        "current-value dependency cycle",
+        "a when-clause reads a variable that it assigns itself",
+        f"Read its value before the event, `pre(name)`; {_FMU}",
     ),
     (
         "ExternalObject owner",
@@ -418,7 +427,8 @@ def _unsupported(message: str, path: Path, text: bytes, class_name: str) -> Mode
     for phrase, keyword, what in _CONSTRUCTS:
         if phrase in message:
             where = _first_place(path, text, lambda token: token.text == keyword)  # noqa: B023
-            return ModelError(
+            kind = RefusedAlgorithm if keyword == "algorithm" else ModelError
+            return kind(
                 "model-unsupported",
                 f"{what} is not supported: {_plain(message)}",
                 where=where or str(path),
@@ -431,6 +441,7 @@ def _unsupported(message: str, path: Path, text: bytes, class_name: str) -> Mode
 _CONSTRUCTS = (
     ("`pre expression`", "pre", "`pre`"),
     ("model algorithm", "algorithm", "an algorithm section with loops or calls"),
+    ("initial algorithm", "algorithm", "an initial algorithm"),
     ("clock", "Clock", "a clocked equation"),
     ("when-", "when", "`when`"),
 )

@@ -141,23 +141,15 @@ class _Declarations(Parser):
         name = self.take().text
         own = self._subscripts(name) if self.sees("[") else ()
         if self.sees("("):
-            self._skip_brackets()
+            self.skip_brackets()
         default = None
         if self.sees("=", ":="):
             self.take()
             default = self.expression()
         while self.next is not None and (self.next.kind == "text" or self.sees("annotation")):
             if self.take().text == "annotation":
-                self._skip_brackets()
+                self.skip_brackets()
         return s.FunctionVariable(name, type_name, (*own, *common), default)
-
-    def _skip_brackets(self) -> None:
-        depth = 0
-        while True:
-            token = self.take()
-            depth += (token.text == "(") - (token.text == ")")
-            if depth == 0:
-                return
 
     def _skip(self) -> None:
         """To behind the next `;`."""
@@ -165,8 +157,11 @@ class _Declarations(Parser):
             pass
 
 
+@dataclass
 class StatementParser(Parser):
-    """Reads statements (Modelica Language Specification 11.2)."""
+    """Reads statements (Modelica Language Specification 11.2); `when` where `takes_when` (models)."""
+
+    takes_when: bool = False
 
     def statements(self, *until: str) -> tuple[s.Statement, ...]:
         """Statements up to one of the words `until`, or to the end of the tokens."""
@@ -190,7 +185,10 @@ class StatementParser(Parser):
             case "return" | "break":
                 return s.Jump("return" if first.text == "return" else "break", self.span(first))
             case "when":
-                raise ParseError("`when` in a function", first)
+                return self._when(first)
+            case "assert" | "terminate":
+                self.skip_brackets()
+                return s.Assert(s.Constant(True), s.Constant(""), self.span(first))
             case "(":
                 return self._several(first)
         self.at -= 1
@@ -219,6 +217,21 @@ class StatementParser(Parser):
         self.take("end")
         self.take("if")
         return s.If(tuple(branches), otherwise, self.span(first))
+
+    def _when(self, first: Token) -> s.Statement:
+        if not self.takes_when:
+            raise ParseError("`when` in a function", first)
+        branches = []
+        while True:
+            condition = self.expression()
+            self.take("then")
+            branches.append((condition, self.statements("elsewhen", "end")))
+            if not self.sees("elsewhen"):
+                break
+            self.take()
+        self.take("end")
+        self.take("when")
+        return s.When(tuple(branches), self.span(first))
 
     def _several(self, first: Token) -> s.Statement:
         """`(a, , b) := f(x)`."""

@@ -12,7 +12,7 @@ from daest.errors import ModelError, Place
 from daest.modelica import syntax as s
 from daest.modelica import tables
 from daest.modelica import values as v
-from daest.modelica.expressions import Evaluator, field_of, indexed, refusal
+from daest.modelica.expressions import Evaluator, PathPart, field_of, indexed, refusal
 from daest.modelica.operators import BUILTINS, integer
 from daest.modelica.text import text
 from daest.modelica.values import Record, Value
@@ -33,11 +33,13 @@ _UNASSIGNED = _Unassigned()
 
 @dataclass
 class FunctionLibrary:
-    """The functions of one model; calling it runs one. `constants` are names that functions may read."""
+    """The functions of one model; calling it runs one. `constants` are names that functions may read, `paths`
+    component paths."""
 
     functions: Mapping[str, s.Function]
     locate: Callable[[s.Span | None], Place | None]
     constants: Callable[[str], Value | None]
+    paths: Callable[[Sequence[PathPart]], Value | None]
     depth: int = field(default=0)
 
     def __call__(
@@ -115,7 +117,7 @@ def run_algorithm(
     name = algorithm.origin or "the model"
     run = _Run(library, s.Function(name, (), (), (), algorithm.body, False, False), evaluator)
     run.evaluator.events, run.evaluator.is_live = evaluator.events, evaluator.is_live
-    targets = list(dict.fromkeys(target.partition("[")[0] for target in assigned(algorithm.body)))
+    targets = list(dict.fromkeys(whole_name(target) for target in assigned(algorithm.body)))
     for target in targets:
         if target in kept and evaluator.events is not None:
             run.frame[target] = evaluator.events.pre(target)
@@ -123,6 +125,11 @@ def run_algorithm(
             run.declare(target, shapes.get(target, ()))
     run.block(algorithm.body)
     return {target: run.result(target) for target in targets}
+
+
+def whole_name(name: str) -> str:
+    """`a[1].x` of `a[1].x[2]`: the variable of which an element is assigned."""
+    return name.rpartition("[")[0] if name.endswith("]") else name
 
 
 def assigned(body: Sequence[s.Statement]) -> list[str]:
@@ -193,8 +200,14 @@ class _Run:
             if split not in self.frame:
                 return self.library.constants(name)
             name = split
-        value = self.frame[name]
-        if value is None or _has_gaps(value):
+        return self._complete(name, self.frame[name])
+
+    def element(self, name: str, subscripts: Sequence[Value | None]) -> Value | None:
+        base = self.frame.get(name)
+        return None if base is None else self._complete(name, indexed(base, subscripts))
+
+    def _complete(self, name: str, value: Value | None) -> Value:
+        if value is None or value is _UNASSIGNED or _has_gaps(value):
             raise self._error(f"`{name}` is used before it has a value", None)
         return value
 
@@ -202,7 +215,7 @@ class _Run:
         """A field of a local record, or an element of it."""
         value = self.frame.get(parts[0][0])
         if value is None:
-            return None
+            return self.library.paths(parts)
         found: Value | None = indexed(value, parts[0][1])
         for name, subscripts in parts[1:]:
             found = None if found is None else field_of(found, name)

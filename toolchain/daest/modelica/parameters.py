@@ -11,7 +11,8 @@ Parameters with `fixed = false` are decided by the start of the model, not by th
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Container
+from collections import Counter
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass, field, replace
 
 import casadi as ca
@@ -302,11 +303,12 @@ def with_settled_parameters(source: s.FlatSource) -> s.FlatSource:
     parameters = {x.name for x in source.variables if is_parameter(x)}
     bindings: dict[str, s.Node] = {}
     used: set[int] = set()
+    counts = Counter(name for algorithm in source.initial_algorithms for name in _targets(algorithm.body))
     for algorithm in source.initial_algorithms:
         for statement in algorithm.body:
-            if isinstance(statement, s.Assign) and _binds(
-                statement.target, statement.value, loose, parameters
-            ):
+            if not isinstance(statement, s.Assign) or counts[statement.target.name] > 1:
+                continue
+            if _binds(statement.target, statement.value, loose, parameters):
                 bindings[statement.target.name] = statement.value
     for equation in source.initial_equations:
         for left, right in ((equation.left, equation.right), (equation.right, equation.left)):
@@ -322,6 +324,21 @@ def with_settled_parameters(source: s.FlatSource) -> s.FlatSource:
         initial_equations=tuple(e for e in source.initial_equations if id(e) not in used),
         settled=frozenset(loose) - set(bindings),
     )
+
+
+def _targets(node: object) -> Iterator[str]:
+    """The names that statements assign, each as often as they do."""
+    if isinstance(node, s.Assign):
+        yield node.target.name
+    elif isinstance(node, s.AssignCall):
+        yield from (target.name for target in node.targets if target is not None)
+    elif isinstance(node, tuple):
+        for part in node:
+            yield from _targets(part)
+    elif isinstance(node, s.For | s.While):
+        yield from _targets(node.body)
+    elif isinstance(node, s.If | s.When):
+        yield from _targets((*(body for _, body in node.branches), getattr(node, "otherwise", ())))
 
 
 def _is_loose(variable: s.FlatVariable) -> bool:

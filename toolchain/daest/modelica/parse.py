@@ -63,6 +63,15 @@ class Parser:
         self.at += 1
         return token
 
+    def skip_brackets(self) -> None:
+        """Pass over a bracket and what is in it."""
+        depth = 0
+        while True:
+            token = self.take()
+            depth += (token.text == "(") - (token.text == ")")
+            if depth == 0:
+                return
+
     def span(self, first: Token) -> s.Span | None:
         """From `first` to the token before the next one."""
         if self.source is None:
@@ -186,7 +195,17 @@ class Parser:
             arguments = self._arguments()
             return s.Call(name, arguments, name in BUILTINS or name in REFUSED, span=self.span(first))
         subscripts = self._subscripts(name) if self.sees("[") else ()
-        return s.Name(name, subscripts, self.span(first))
+        return self._members(s.Name(name, subscripts, self.span(first)), first)
+
+    def _members(self, node: s.Node, first: Token) -> s.Node:
+        """`.x[2].y` behind a component with subscripts."""
+        while self.sees("."):
+            self.take()
+            member = self.take().text
+            node = s.Field(node, member, self.span(first))
+            if self.sees("["):
+                node = s.Index(node, self._subscripts(member), self.span(first))
+        return node
 
     def _arguments(self) -> tuple[s.Node, ...]:
         if self.sees(")"):

@@ -91,10 +91,18 @@ def algorithm_rows(algorithm: s.FlatAlgorithm, reading: Reading) -> list[Row]:
         residuals = _differences(evaluator.value(s.Name(name)), value, evaluator)
         equation = s.FlatEquation(s.Name(name), None, "component", algorithm.origin, algorithm.span)
         made += [
-            Row(v.symbolic(r), f"{one} = (algorithm)", equation)
+            Row(_between_events(v.symbolic(r), reading), f"{one} = (algorithm)", equation)
             for one, r in zip(names, residuals, strict=True)
         ]
     return made
+
+
+def _between_events(expression: ca.SX, reading: Reading) -> ca.SX:
+    """No when-clause is active between events: what one assigns is its value before."""
+    if reading.events is None or not reading.events.activations:
+        return expression
+    symbols = ca.vertcat(*[one.symbol for one in reading.events.activations])
+    return ca.substitute(expression, symbols, ca.SX.zeros(symbols.numel()))
 
 
 # Texts ------------------------------------------------------------------------------------------------------

@@ -74,6 +74,9 @@ class ModelScope:
         del self.pending[name]
         return made
 
+    def element(self, name: str, subscripts: Sequence[Value | None]) -> Value | None:
+        return None
+
     def path(self, parts: Path) -> Value | None:
         if self._tree is None:
             self._tree = component_tree(self.names)

@@ -290,6 +290,15 @@ class FlatAlgorithm:
     span: Span | None
 
 
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """The place of a hidden algorithm section, by its number, in `component`, and what names mean there."""
+
+    number: int
+    component: str
+    meant: dict[str, Node]
+
+
 @dataclass(frozen=True)
 class FlatSource:
     """What the compiler knows about one model."""
@@ -306,6 +315,7 @@ class FlatSource:
     structural: frozenset[str]  # parameters that sizes, loops or branches were decided on
     initial_algorithms: tuple[FlatAlgorithm, ...]
     whens: tuple[When, ...] = ()  # the when-equations
+    marks: tuple[Mark, ...] = ()  # where algorithm sections are hidden from the compiler
     settled: frozenset[str] = frozenset()  # variables that keep the value that the start gives them
     texts: dict[int, tuple[str, bytes]] = field(default_factory=dict)  # source number -> file name, text
     own: tuple[int, ...] = ()  # the number of the file that was asked for

@@ -96,21 +96,29 @@ def _definitions(reading: Reading, declared: Declared) -> dict[str, list[Definit
         if is_bound_input or variable.name in reading.discrete:
             found[variable.name] = [(None, variable.binding)]
     open_ends: list[s.FlatEquation] = []
+    backward: list[s.FlatEquation] = []
     for equation in reading.source.equations:
-        turned = equation
-        has_end = not _is_discrete(equation.left, reading) and _is_discrete(equation.right, reading)
-        if has_end and equation.right is not None:
-            turned = replace(equation, left=equation.right, right=equation.left)
-        left, right = turned.left, turned.right
+        left, right = equation.left, equation.right
         if not isinstance(left, s.Name) or left.name not in reading.discrete or right is None:
+            if _is_discrete(right, reading):
+                backward.append(equation)
             continue
         is_connection = equation.kind == "connection" and isinstance(right, s.Name)
         is_link = is_connection and right.name in reading.discrete  # type: ignore[union-attr]
         if is_link or (_is_discrete(left, reading) and _is_discrete(right, reading) and not equation.bound):
-            open_ends.append(turned)
-        elif left.name not in reading.targets:
-            found.setdefault(left.name, []).append((turned, right))
+            open_ends.append(equation)
+        elif left.name in reading.targets:
+            continue  # an equation for what stands on the right
+        else:
+            found.setdefault(left.name, []).append((equation, right))
         declared.defining.append(equation)
+    for equation in backward:
+        # `expression = b` defines b where nothing else does; otherwise b is given, and the rest follows.
+        assert isinstance(equation.right, s.Name)
+        if equation.right.name not in found and equation.right.name not in reading.targets:
+            turned = replace(equation, left=equation.right, right=equation.left)
+            found[equation.right.name] = [(turned, equation.left)]
+            declared.defining.append(equation)
     _connect(found, open_ends, reading)
     for name in sorted(reading.discrete - set(found) - reading.targets):
         _check_is_input(reading, name)

@@ -48,6 +48,9 @@ Recording = Experiment | tuple[np.ndarray, np.ndarray]
 JUMPS = ("simulation-failed", "initial-not-solved", "singular-after-reduction")
 """Failures that relations in the equations may cause."""
 
+TOLD = ("events-chatter", "events-do-not-settle")
+"""Failures of a simulation with events that say more than that of one without."""
+
 SUBSTEPS = 4  # local linearisations per sample interval when a nonlinear model is simulated with noise
 
 
@@ -119,8 +122,8 @@ def simulate(
             raise
         try:
             return _simulate(switched, recording, extended(theta, switched), hold, x0, rtol, tell)
-        except DaestError:
-            raise error from None
+        except DaestError as second:
+            raise (second if second.code in TOLD else error) from None
 
 
 def _simulate(

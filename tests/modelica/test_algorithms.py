@@ -1,0 +1,97 @@
+"""Algorithm sections that the compiler does not take, elements that a variable selects, equations with
+Integer states: against closed forms."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daest.errors import NumericalError
+from daest.modelica.compile import compile_text
+from daest.systems.simulate import simulate
+
+GEARS = """package Gears
+  constant Real efficiency = 0.9;
+  type Gear = enumeration(neutral, first, second);
+  function square
+    input Real x;
+    output Real y;
+  algorithm
+    y := x*x;
+  end square;
+  block Shifter "state by an algorithm, loops, a constant of the package"
+    parameter Integer n = 3;
+    parameter Real offset = 0;
+    Real w = offset + 2*time;
+    Gear gear(start = Gear.neutral, fixed = true);
+    Integer count(start = 0, fixed = true);
+    Real sum;
+    Real second;
+    Real c[n];
+  algorithm
+    when w > 1 and pre(gear) == Gear.neutral then
+      gear := Gear.first;
+      count := pre(count) + 1;
+    elsewhen w > 2 then
+      gear := Gear.second;
+      count := pre(count) + 1;
+    end when;
+    sum := 0;
+    for i in 1:n loop
+      c[i] := square(i*w);
+      sum := sum + efficiency*c[i];
+    end for;
+    second := if gear == Gear.second then sum else 0;
+  end Shifter;
+  model Box
+    parameter Real ratio[3] = {1, 2, 4};
+    parameter Real table[3](each fixed = false);
+    Shifter s[2](offset = {0, 0.5});
+    Real x(start = 0, fixed = true);
+    Real w(start = 0, fixed = true);
+    Integer total;
+  initial algorithm
+    for i in 1:3 loop
+      table[i] := 10^i;
+    end for;
+  algorithm
+    total := 0;
+    for i in 1:2 loop
+      total := total + s[i].count;
+    end for;
+  equation
+    der(x) = total;
+    der(w) = ratio[total + 1] + table[2];
+  end Box;
+end Gears;
+"""
+
+
+def run(text: str, t: np.ndarray, name: str | None = None):
+    flat = compile_text(text.encode(), Path("M.mo"), name)
+    return simulate(flat, (t, np.zeros((t.size, 0))))
+
+
+def test_algorithm_sections_are_read_from_the_text():
+    t = np.array([0, 0.1, 0.3, 0.6, 0.9, 1.2])
+    found = run(GEARS, t, "Gears.Box")
+    w = np.column_stack([2 * t, 2 * t + 0.5])
+    sums = np.column_stack([found[f"s[{i}].sum"] for i in (1, 2)])
+    np.testing.assert_allclose(sums, 0.9 * 14 * w**2, rtol=1e-12)
+    seconds = np.column_stack([found[f"s[{i}].second"] for i in (1, 2)])
+    np.testing.assert_allclose(seconds, np.where(w > 2, sums, 0), rtol=1e-12)
+    # The shifters count at 0.25, 0.5, 0.75 and 1 s, one each.
+    steps = np.array([0.25, 0.5, 0.75, 1.0])
+    x = np.maximum(t[:, np.newaxis] - steps, 0).sum(axis=1)
+    np.testing.assert_allclose(found["x"], x, atol=1e-9)
+    # The ratio is the element that the sum of both numbers selects, the last one beyond.
+    slopes = np.interp(t, [0, 0.25, 0.5, 1.2], np.cumsum([0, 0.25, 0.5, 4 * 0.7])) + 100 * t
+    np.testing.assert_allclose(found["w"], slopes, rtol=1e-9)
+
+
+def test_a_switch_of_an_equation_that_chatters_is_named():
+    text = "model M Real x(start = 1, fixed = true); equation der(x) = if x < 0 then 1 else -1; end M;"
+    with pytest.raises(NumericalError) as caught:
+        run(text, np.linspace(0, 2, 11))
+    assert caught.value.code == "events-chatter"
+    assert "x < 0" in caught.value.what
