@@ -13,6 +13,7 @@ from daest.estimation.estimator import estimator_model
 from daest.estimation.filter import run_filter
 from daest.estimation.online_filter import online_filter
 from daest.fmu.estimator_code import estimator_files
+from daest.fmu.estimator_nonlinear import arithmetic
 from daest.model.estimates import FilterOptions, InitialState
 from daest.model.experiment import Experiment
 from daest.model.stream import Sample
@@ -20,7 +21,7 @@ from daest.modelica.compile import compile_model
 
 COMPILER = shutil.which("gcc") or shutil.which("cc")
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="needs a C compiler")
-STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror")
+STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wshadow", "-Wmissing-prototypes", "-Werror")
 SANITIZED = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover")
 # The speed of a mass is never measured, its absolute position never shows: a wheel turns freely beside it.
 PLANT = """\
@@ -272,6 +273,20 @@ def test_nonlinear_single_precision(nonlinear, tmp_path):
     known = run_filter(flat, experiment, "ekf", FilterOptions(initial=initial, longest=0.025))
     i = known.names.index("y")
     assert np.max(np.abs(found["y"] - known.values[:, i]) / known.std[:, i]) < 1e-2
+
+
+def test_what_a_nonlinear_step_costs(nonlinear):
+    """The functions of the model count, and every substep of the expected step does."""
+    flat, _, initial = nonlinear
+    costs = {}
+    for kind in ("ekf", "ukf"):
+        for period in (0.025, 0.1):
+            only = ("v",) if flat.name == "Diode" else ("y",)
+            model = estimator_model(flat, period, kind, initial=initial, longest=0.025, only=only)
+            costs[kind, period] = model.form.cost(model)["operations"]
+        assert arithmetic(model.form.local.flow) > 10
+        assert 3 * costs[kind, 0.025] < costs[kind, 0.1] < 4 * costs[kind, 0.025]
+    assert costs["ukf", 0.1] > 2 * costs["ekf", 0.1]
 
 
 def test_a_nonlinear_model_has_no_kalman_filter(nonlinear):

@@ -49,9 +49,9 @@ class EstimatorForm(Protocol):
     def functions(self, model: EstimatorModel) -> str:
         """C text of the functions of the model, and of `estimator_start`."""
 
-    def cost(self, model: EstimatorModel) -> dict[str, int | None]:
-        """`memory` of an instance and `stack`, in numbers, `operations` a sample and `resampling`: more of
-        them at a new step. None where it is not known."""
+    def cost(self, model: EstimatorModel) -> dict[str, int]:
+        """`memory` of an instance and `stack`, in numbers, `operations` a sample and, where a new step
+        length costs more, `resampling`: how many."""
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ def generated(functions: Sequence[ca.Function]) -> str:
     text = text[text.index(_PROLOGUE_ENDS) + len(_PROLOGUE_ENDS) :]
     arguments = "(const est_real **arg, est_real **res, casadi_int *iw, est_real *w, int mem)"
     named = [
-        f"int {name}{arguments} {{\n  return {inner}(arg, res, iw, w, mem);\n}}"
+        f"int {name}{arguments};\nint {name}{arguments} {{\n  return {inner}(arg, res, iw, w, mem);\n}}"
         for name, inner in _NAMED.findall(text)
     ]
     body = _HELPER.sub("static ", _EXPORTED.sub("", text))

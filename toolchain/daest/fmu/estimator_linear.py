@@ -114,7 +114,7 @@ int estimator_matrices(const est_real *theta, EstMatrices *m) {{
         flat = [ca.densify(ca.vec(ca.densify(m).T)) for m in (A, B, G, b, C, D, H, d, V)]
         return ca.Function("daest_matrices", [theta], flat)
 
-    def cost(self, model: EstimatorModel) -> dict[str, int | None]:
+    def cost(self, model: EstimatorModel) -> dict[str, int]:
         sizes = model.sizes
         return {
             "memory": _numbers_kept(sizes),

@@ -15,6 +15,7 @@ from daest.fmu.sources import code_of
 from daest.systems.local_linear import LocalModel
 
 _WORK = ("arg", "res", "iw", "w")
+RADIUS, ORDER, LEFT_OUT = 0.25, 10, 1e-16  # those of local_filter.c
 _PARTS = ("project.c", "local_filter.c")  # of numerics, which nonlinear.c includes
 
 
@@ -77,18 +78,72 @@ class NonlinearForm:
         text = code_of(lambda: generated(self._parts()))
         return "\n".join([*declared, text, starting(model, ())])
 
-    def cost(self, model: EstimatorModel) -> dict[str, int | None]:
+    def cost(self, model: EstimatorModel) -> dict[str, int]:
         s = {key.removeprefix("EST_"): value for key, value in model.sizes.items()}
         n, ubar, w, y, v = (s[key] for key in ("NX", "NUB", "NW", "NY", "NV"))
         substep = (12 + 10 + 2 * 3) * n * n + n * w + (2 + 2 * 11 + 2 * 3) * n + 64
-        points = (2 * n + 1) * (2 * n + y) + n * n + n * y if s["UKF"] else 0
+        points = (2 * n + 1) * (2 * n + y) + 3 * n * n + n * y if s["UKF"] else 0
         work = 2 * substep + points + v * (n + w) + s["SZ_W"] + s["SZ_IW"] + s["SZ_ARG"] + s["SZ_RES"]
         return {
             "memory": n * (n + 1) + 2 * v + 2 * y + ubar + w + s["NTHETA"] + 10,
-            "stack": work + 4 * n * n + 6 * n,
-            "operations": None,
-            "resampling": None,
+            "stack": work + 5 * n * n + n * w + 8 * n + y * (n + 1),
+            "operations": self._operations(model),
         }
+
+    def _operations(self, model: EstimatorModel) -> int:
+        """Multiplications, and operations of the functions of the model, of a sample after the expected step,
+        as at the start: a faster motion takes more doublings of the step."""
+        n, w, y, v = (model.sizes[f"EST_{key}"] for key in ("NX", "NW", "NY", "NV"))
+        flow, see, hold, inside = (arithmetic(f) for f in (*self._asked(), self.inside))
+        substeps = max(1, int(np.ceil(model.period / self.longest * (1.0 - 1e-9))))
+        doublings, order, order_of_cov = self._series(model, model.period / substeps)
+        powers = order * (n**3 + n**2)
+        mean = (order - 1) * (2 * n**2 + 6 * n) + (powers if doublings else 0)
+        mean += doublings * (n**3 + 3 * n**2 + n)
+        spread = (order_of_cov - 1) * (n**3 + 2 * n * n) + 2 * w * n**2 + mean + (0 if doublings else powers)
+        spread += doublings * 2 * n**3
+        noise = substeps * (2 * flow + mean + spread)
+        told = inside + v * (n * n + n + 2 * w)
+        if self.weights is None:
+            return noise + substeps * 2 * n**3 + 2 * hold + see + y * (3 * n**2 + 4 * n) + told
+        points = 2 * n + 1
+        moved = noise + (points - 1) * substeps * (flow + mean) + points * (4 * n * n + n)
+        seen = points * (see + hold * 2 + y + 2 * y * y + 2 * n * y) + y**3 // 6 + n * y * y + n * n * y
+        return moved + 2 * (n**3 // 6 + 2 * n * n) + seen + told
+
+    def _asked(self) -> tuple[ca.Function | None, ...]:
+        return self.local.flow, self.local.see, self.local.hold
+
+    def _series(self, model: EstimatorModel, step: float) -> tuple[int, int, int]:
+        """Doublings of a substep, and terms of the series of mean and covariance, as `local_filter.c` chooses
+        them at the start."""
+        flow = self.local.flow
+        u = [np.zeros(flow.numel_in(1)), np.zeros(flow.numel_in(2))]
+        A = np.array(flow(self.mean, *u, model.theta, 0.0, self.cov)[1]).reshape(len(self.mean), -1)
+        size = (
+            float(max(np.abs(A).sum(axis=0).max(initial=0.0), np.abs(A).sum(axis=1).max(initial=0.0))) * step
+        )
+        doublings = int(np.clip(np.ceil(np.log2(size / RADIUS)), 0, None)) if size > RADIUS else 0
+        size /= 2.0**doublings
+        return doublings, _terms(size), _terms(2.0 * size)
 
     def _parts(self) -> list[ca.Function]:
         return [f for f in (self.local.flow, self.local.see, self.local.hold, self.inside) if f is not None]
+
+
+def arithmetic(function: ca.Function | None) -> int:
+    """Operations of an SX function: all but reading, writing and constants."""
+    if function is None:
+        return 0
+    moves = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_PARAMETER, ca.OP_ASSIGN)
+    return sum(function.instruction_id(k) not in moves for k in range(function.n_instructions()))
+
+
+def _terms(size: float) -> int:
+    """Terms after which those of a series with growth `size` are negligible."""
+    term = 1.0
+    for k in range(1, ORDER):
+        term *= size / (k + 1)
+        if term < LEFT_OUT:
+            return k
+    return ORDER
