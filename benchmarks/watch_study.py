@@ -6,7 +6,7 @@
 The servo of `examples/servo` runs for 20 s as its model says, then an effect sets in: dry friction on the
 disc, backlash in the spring, or a constant torque, at three sizes. `--quiet N` streams have none, and give
 the rate of false alarms. The plant is integrated by small semi-implicit steps, which share nothing with
-daest. The first `--diagnosed` streams of every effect's largest size are diagnosed, too.
+daest. The first `--diagnosed` streams of every effect's two larger sizes are diagnosed, too.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import argparse
 import ctypes
 import json
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
@@ -147,6 +148,9 @@ def _named(record: Experiment, since: float) -> str:
     except DaestError as problem:
         return problem.code
     best = next((p.candidate.effect.name for p in found.proofs if p.verdict == "supported"), None)
+    if best is None and found.verdict == "cannot tell":
+        open_ = sorted({p.candidate.effect.name for p in found.proofs if p.verdict == "not separable"})
+        return f"{found.verdict}: {', '.join(open_)}"
     return best or found.verdict
 
 
@@ -156,7 +160,7 @@ def tasks(arguments: argparse.Namespace, threshold: float) -> Iterator[tuple[str
     cells = [(effect, size) for effect, sizes in SIZES.items() for size in sizes]
     for i in range(arguments.streams):
         effect, size = cells[i % len(cells)]
-        names_it = size == SIZES[effect][-1] and i // len(cells) < arguments.diagnosed
+        names_it = size in SIZES[effect][1:] and i // len(cells) < arguments.diagnosed
         yield effect, size, arguments.seed + 10_000 + i, names_it, threshold
 
 
@@ -194,9 +198,10 @@ def report(results: list[dict[str, Any]]) -> None:
             delays = [r["delay"] for r in cell if r["delay"] is not None]
             named = [r["found"] for r in cell if r["found"] is not None]
             right = sum(name in NAMES[effect] for name in named)
+            others = dict(Counter(name for name in named if name not in NAMES[effect]))
             middle = f"median delay {np.median(delays):.0f} samples" if delays else "-"
             share = f"found {len(delays)} of {len(cell)}, {middle}"
-            print(f"{effect} {size}: {share}; named {right} of {len(named)}")
+            print(f"{effect} {size}: {share}; named {right} of {len(named)} {others or ''}")
 
 
 if __name__ == "__main__":

@@ -64,3 +64,9 @@ def test_faults_are_drawn_where_they_begin(tmp_path):
     assert state(desk)["rivals"] is None
     # The clock in both columns, the outlier in one.
     assert picture["item"].count('"location": 0.5') == 2 and picture["item"].count('"location": 1.0') == 1
+
+
+def test_the_next_experiment_is_designed_for_the_current_model():
+    assert lines("design", {}, standing([])) == [["design", "-o", "next_input.csv"]]
+    (later,) = lines("design", {}, standing([], 1))
+    assert later[1] == "--model" and later[-1] == "next_input.csv"

@@ -22,6 +22,7 @@ PARTS = (
     "comparison",
     "failures",
     "diagnosis",
+    "experiment",
     "ledger",
     "modelica",
     "estimation",
@@ -31,7 +32,7 @@ PARTS = (
     "model",
     "origin",
 )
-SEARCHED = ("diagnosis", "ledger", "modelica")  # parts that only a search makes
+SEARCHED = ("diagnosis", "experiment", "ledger", "modelica")  # parts that only a search makes
 MOST_BYTES = 6_000_000
 NAMESPACE = "{http://www.w3.org/1999/xhtml}"
 
@@ -290,13 +291,32 @@ def test_diagnosis_and_ledger(told, daest):
     (results / "improve" / "ledger.json").write_text(json.dumps(ledger))
     assert daest("report")[0] == 0
     tree = parsed(told / "report.html")
-    assert not any(is_missing(tree, part) for part in PARTS)
+    assert [part for part in PARTS if is_missing(tree, part)] == ["experiment"]
     assert "k = 2 ± 0.1 N" in text_of(tree, "ledger") and "Drag" in text_of(tree, "diagnosis")
     marked = [e for e in elements(tree, "span") if e.get("class") == "hll"]
     said = ["".join(e.itertext()).strip() for e in marked]
     assert said == ['model Lag_Drag "Lag with drag"', "extends Lag;", "end Lag_Drag;"]
     plots = {s.get("data-plot") for s in elements(tree, "script")}
     assert {"plot-screen", "plot-curve", "plot-curve-1", "plot-staircase-0"} <= plots
+
+
+def test_a_designed_experiment(told, daest):
+    """Its input as a plot, what it promises beside what there is, and the safe range."""
+    limits = ("--limit", "u=-1.5,1.5", "--limit", "y=-4,4", "--length", "10", "--seconds", "1")
+    assert daest("design", *limits, "-o", "input.csv")[0] == 0
+    assert daest("report")[0] == 0
+    tree = parsed(told / "report.html")
+    text = text_of(tree, "experiment")
+    found = json.loads((told / "results" / "design.json").read_text())
+    assert found["message"] in text and "input.csv" in text
+    for part in ("predicted", "present", "together"):
+        for error in found[part]["std_errors"].values():
+            assert f"{error:.3g}" in text
+    assert "Safe ranges" in text and all(f["name"] in text for f in found["families"])
+    played = np.genfromtxt(told / "input.csv", delimiter=",", skip_header=1)
+    kept = np.load(told / "results" / "design.npz")
+    np.testing.assert_allclose(kept["inputs"][:, 0], played[:, 1], rtol=1e-6, atol=1e-9)
+    assert 'data-plot="plot-experiment"' in (told / "report.html").read_text()
 
 
 def test_the_last_round_of_an_improvement_is_a_diagnosis(told, daest):

@@ -13,6 +13,7 @@ from daest.app.story import NAME, RIVALS, Story, comparison_file, diagnosis_file
 from daest.errors import ConfigError
 
 CHECK = "check.json"
+DESIGNED = "next_input.csv"  # the input of a designed experiment, in the folder of the project
 MOST_RIVALS = 4  # that are laid over each other
 DIGITS = 6  # of the size of an effect, which the fit that follows starts from
 Lines = list[list[str]]
@@ -137,6 +138,11 @@ def _report(_: Asked, standing: Standing) -> Lines:
     return [["report"]]
 
 
+def _design(_: Asked, standing: Standing) -> Lines:
+    """The aim is what the diagnosis leaves open, else the parameters."""
+    return [["design", *standing.chosen(), "-o", DESIGNED]]
+
+
 def _noise(_: Asked, standing: Standing) -> Lines:
     return [["noise"]]
 
@@ -147,6 +153,7 @@ ACTIONS: dict[str, Callable[[Asked, Standing], Lines]] = {
     "identify": _identify,
     "compare": _compare,
     "diagnose": _diagnose,
+    "design": _design,
     "add": _add,
     "rivals": _rivals,
     "improve": _improve,
@@ -154,7 +161,16 @@ ACTIONS: dict[str, Callable[[Asked, Standing], Lines]] = {
     "report": _report,
 }
 
-PLAIN = ("check", "identify", "compare", "diagnose", "improve", "noise", "report")  # that need no choice
+PLAIN = (
+    "check",
+    "identify",
+    "compare",
+    "diagnose",
+    "design",
+    "improve",
+    "noise",
+    "report",
+)  # that need no choice
 
 
 def _values(given: Any, standing: Standing) -> dict[str, float]:

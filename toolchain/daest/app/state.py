@@ -176,6 +176,7 @@ def state(desk: Desk) -> dict[str, Any]:
     found["diagnosis"] = _diagnosis(desk, story.step)
     earlier = [_diagnosis(desk, step) for step in story.path()[-2::-1]]
     found["earlier"] = next((one for one in earlier if one), None)
+    found["design"] = _design(read_json(desk.folder / "results" / "design.json"))
     found["rivals"] = _rivals(desk, story)
     found["arrived"] = _arrived(desk)
     found["commands"] = _commands(desk)
@@ -299,6 +300,13 @@ def _arrived(desk: Desk) -> list[dict[str, Any]]:
         if isinstance(about, dict):
             found.append({**about, "time": file.stat().st_mtime})
     return [entry for entry in found if entry["run"] == found[-1]["run"]]
+
+
+def _design(document: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """What the experiment that was designed last would bring."""
+    if document is None or "message" not in document:
+        return None
+    return {"message": document["message"], "file": (document.get("input") or {}).get("file")}
 
 
 def _ledger(document: Mapping[str, Any] | None) -> dict[str, Any] | None:

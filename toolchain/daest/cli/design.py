@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from daest.data.project import Project
     from daest.design.design import Task
-    from daest.model.design import Criterion, Limits
+    from daest.model.design import Criterion, Design, Limits
     from daest.model.experiment import Experiment
     from daest.model.flat import Model
 
@@ -157,9 +157,19 @@ def command(
         write_text(csv_text(*documents.table(found)), output)
     if str(output) != "-":
         emit(document, "design", form, None, texts.text)
+    _keep(project, document, found)
+    draw(plot, lambda: design_figure(found))
+
+
+def _keep(project: Project, document: Mapping[str, Any], found: Design) -> None:
+    """Leave the design among the results, and its input beside it, where `daest report` looks."""
+    import numpy as np
+
+    series = (project.results / RESULT).with_suffix(".npz")
+    with whole_file(series) as temporary, temporary.open("wb") as stream:
+        np.savez_compressed(stream, time=found.limits.time, inputs=found.inputs)
     with whole_file(project.results / RESULT) as temporary:
         temporary.write_text(to_json(with_schema(document, "design")), encoding="utf-8")
-    draw(plot, lambda: design_figure(found))
 
 
 def _task(

@@ -29,6 +29,7 @@ DOCUMENTS = {
     "comparison": ("comparison.json", "compare"),
     "filter": ("filter.json", "filter"),
     "diagnosis": ("diagnosis.json", "diagnose"),
+    "design": ("design.json", "design"),
     "ledger": ("improve/ledger.json", "improve"),
 }
 
@@ -85,6 +86,7 @@ def report_page(project: Project, options: ModelOptions) -> tuple[str, Sequence[
         sources=_sources(project, ledger),
         comparison_series=_series(project, "comparison", documents),
         filter_series=_series(project, "filter", documents),
+        design_series=_series(project, "design", documents),
         trace=_trace(project, documents),
         versions=_versions(documents),
         remarks=remarks,

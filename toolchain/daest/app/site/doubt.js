@@ -11,7 +11,7 @@ const MEANS = {
 };
 
 export function view(place, state, page) {
-  put(place, [state.diagnosis, state.earlier, state.comparison, state.rivals, state.commands, Boolean(page.running())], () => {
+  put(place, [state.diagnosis, state.earlier, state.design, state.comparison, state.rivals, state.commands, Boolean(page.running())], () => {
     const found = state.diagnosis ?? state.earlier;
     const search = state.diagnosis || !state.project ? [] : [h("p", {className: "missing"}, "Nothing has been searched for yet in this model."), page.button("Search for what is missing", {action: "diagnose"}, {strong: true})];
     if (!found) return search;
@@ -24,6 +24,8 @@ export function view(place, state, page) {
       h("p", {}, found.screen ? `${found.screen.n_screened} effects at places were looked at, and ${refitted.length} were refitted, in ${number(found.seconds, 3)} s. The best of so many looks good by chance alone; the evidence below is what is left after that is taken off: with nothing missing, a score as high as the best one would be seen with probability ${probability(found.screen.p_value)}.` : `${refitted.length} effects were refitted in ${number(found.seconds, 3)} s.`),
       h("h3", {}, held.length > 1 ? "The rivals" : "The evidence"), evidence(held.length ? held : refitted.slice(0, 4), found), state.diagnosis ? rivals(state, page) : null,
       found.next_experiment ? [h("h3", {}, "What would settle it"), h("p", {className: "next"}, found.next_experiment)] : null,
+      state.design ? h("p", {}, "Designed: ", state.design.message, state.design.file ? [" The input is in ", h("code", {}, state.design.file), "."] : "") : null,
+      state.commands?.design ? page.button(state.design ? "Design the next experiment anew" : "Design the next experiment", {action: "design"}) : null,
       found.places?.length ? [h("h3", {}, "Where the model needs help"), h("ul", {}, found.places.slice(0, 5).map(one => h("li", {}, `${one.group.join(", ")}: noise there would make the data ${number(one.log_likelihood_gain, 3)} units of log-likelihood more likely`)))] : null,
       (found.notes ?? []).map(text => h("p", {className: "remark"}, text)),
       tests(state.comparison),

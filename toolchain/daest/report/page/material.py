@@ -45,6 +45,8 @@ class Material:
     filter: Document | None = None
     filter_series: Series = field(default_factory=dict)
     diagnosis: Document | None = None
+    design: Document | None = None
+    design_series: Series = field(default_factory=dict)
     ledger: Document | None = None
     base: str | None = None
     sources: Mapping[str, str] = field(default_factory=dict)

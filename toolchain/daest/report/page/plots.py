@@ -321,6 +321,43 @@ def filter_plot(document: Document, series: Series) -> Plot | None:
     )
 
 
+def input_plot(document: Document, series: Series) -> Plot:
+    """A designed input with its range."""
+    time, figures = series["time"], list[Any]()
+    headers = document["input"]["columns"][1:]
+    most = _points(len(headers))
+    for header, values in zip(headers, series["inputs"].T, strict=True):
+        plot = _figure("", header, NARROW, figures[0].x_range if figures else None)
+        low, high = document["limits"][header.partition(" [")[0]]
+        for edge in (low, high):
+            plot.add_layout(_level(edge, MEASURED))
+        is_held = document["input"]["hold"] == "zoh"
+        x, y = (np.repeat(time, 2)[1:], np.repeat(values, 2)[:-1]) if is_held else (time, values)
+        _line(plot, x, y, "to be played", 0, most, legend=False)
+        figures.append(plot)
+    figures[-1].xaxis.axis_label = "time [s]"
+    label = f"The designed input, {', '.join(headers)}, against time; lines: its range"
+    return Plot("plot-experiment", label, _item(_stacked(figures)), _thinning_note(time.size, most))
+
+
+def power_plot(document: Document) -> Plot | None:
+    """The smallest effect that is seen with 95 % power against the length of the recording."""
+    rows = [(p["length"], p["smallest_size"]) for p in document["power"] if p["amplitude"] == 1.0]
+    rows = sorted(row for row in rows if row[1] is not None)
+    if not rows:
+        return None
+    length, size = (np.array(column) for column in zip(*rows, strict=True))
+    plot = _figure("length [s]", "size that is seen", TALL, x_axis="log", y_axis="log")
+    _plain_line(plot, length, size, "designed", 0, dots=True)
+    present = (document["present"] or {}).get("smallest_size")
+    if present is not None:
+        ends = np.array([length[0], length[-1]])
+        _plain_line(plot, ends, np.full(2, present), "the present recordings", 1)
+    _legend(plot)
+    label = "Smallest effect that is seen with 95 % power, against the length"
+    return Plot("plot-power", label, _item(plot))
+
+
 def parameter_plot(document: Document) -> Plot | None:
     """95 % interval of every parameter, in percent of its estimate."""
     rows = [

@@ -21,6 +21,7 @@ TESTS = {
     "variable_independence": "independence of internal variables",
     "nis": "size (normalised innovations squared)",
 }
+DESIGNED = (("designed", "predicted"), ("present recordings", "present"), ("both", "together"))
 MOST_DRAWN = 3000  # equations of a drawn structure
 MOST_PLACES = 12  # of a list of places
 
@@ -53,6 +54,7 @@ def sections(material: Material) -> list[Section]:
         _comparison(material),
         _failures(material.comparison),
         _diagnosis(material.diagnosis, material.ledger),
+        _experiment(material),
         _improvement(material),
         _modelica(material),
         _estimation(material.fit),
@@ -265,6 +267,32 @@ def _diagnosis(document: Document | None, ledger: Document | None) -> Section:
     drawn += [plots.curve_plot("plot-curve", curve)] if curve else []
     content = {"document": document, "outputs": document["outputs"], "curve": curve, "is_last": is_last}
     return Section("diagnosis", title, "", True, content, tuple(plot for plot in drawn if plot))
+
+
+def _experiment(material: Material) -> Section:
+    document, title = material.design, "The next experiment"
+    if document is None:
+        return Section("experiment", title, "`daest design` makes it", False)
+    parts = [(word, document[key]) for word, key in DESIGNED if document[key] is not None]
+    content = {
+        "document": document,
+        "inputs": list(next((f["rms"] for f in document["families"] if f["rms"]), {})),
+        "parts": [word for word, _ in parts],
+        "rows": list(_promises([part for _, part in parts])),
+    }
+    drawn = [plots.input_plot(document, material.design_series), plots.power_plot(document)]
+    return Section("experiment", title, "", True, content, tuple(plot for plot in drawn if plot))
+
+
+def _promises(parts: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, list[float | None]]]:
+    """Rows of what recordings bring: standard errors, log-likelihood ratios, the smallest size."""
+    for name in parts[0]["std_errors"]:
+        yield f"standard error of {name}", [part["std_errors"].get(name) for part in parts]
+    for pair in parts[0]["log_likelihood_ratio"]:
+        ratios = [part["log_likelihood_ratio"].get(pair) for part in parts]
+        yield f"expected log-likelihood ratio of {pair}", ratios
+    if any(part["smallest_size"] is not None for part in parts):
+        yield "smallest size that is seen with 95 % power", [part["smallest_size"] for part in parts]
 
 
 def _improvement(material: Material) -> Section:
