@@ -3,6 +3,7 @@
 import casadi as ca
 import numpy as np
 
+from daest.estimation.setup import Setup
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.model.parts import Equation, NoiseInput, Output, Parameter, Variable
@@ -38,6 +39,14 @@ def explicit_from(states, parameters, rhs, outputs, noises=(), inputs=("u",)):
     explicit = reduce_index(flat)
     assert explicit.state_names == tuple(states)
     return explicit
+
+
+def setup_of(unknowns, experiments, method, intensity, estimate_intensity, std, options, validation=()):
+    """What is fitted; measurement noises of which `std` (n_y,) has no value are estimated."""
+    return Setup(
+        unknowns, tuple(experiments), method, intensity, estimate_intensity, std, np.isnan(std), options,
+        tuple(validation),
+    )  # fmt: skip
 
 
 SERVO = {"J1": 5.4e-3, "J2": 0.02, "d": 0.02, "c": 1.5, "k": 0.06, "R": 4.5, "stick": 0.02, "width": 0.5}

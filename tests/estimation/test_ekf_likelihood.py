@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from nonlinear_models import experiment_of, friction_servo, oscillator
+from nonlinear_models import experiment_of, friction_servo, oscillator, setup_of
 from scipy.stats import chi2
 
 from daest.estimation.coordinates import Coordinate, Unknowns
@@ -52,7 +52,8 @@ def identified(function, method, explicit, experiments, validation=()):
     nothing = np.array([np.nan])
     options = IdentifyOptions(hold="zoh")
     return function(
-        explicit, unknowns, experiments, method, nothing, np.array([True]), nothing, options, validation
+        explicit,
+        setup_of(unknowns, experiments, method, nothing, np.array([True]), nothing, options, validation),
     )
 
 
@@ -142,13 +143,15 @@ def stuck_friction_identified(skipped=0):
     rest = slice(skipped, None)
     return identify_by_ekf(
         explicit,
-        unknowns,
-        [experiment_of(explicit, time[rest], u[rest], y[rest])],
-        "pem",
-        np.full(2, 1e-6),
-        np.zeros(2, dtype=bool),
-        np.array([0.02, 0.01]),
-        IdentifyOptions(hold="zoh"),
+        setup_of(
+            unknowns,
+            [experiment_of(explicit, time[rest], u[rest], y[rest])],
+            "pem",
+            np.full(2, 1e-6),
+            np.zeros(2, dtype=bool),
+            np.array([0.02, 0.01]),
+            IdentifyOptions(hold="zoh"),
+        ),
     )
 
 

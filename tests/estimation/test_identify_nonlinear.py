@@ -6,7 +6,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 import pytest
-from nonlinear_models import experiment_of, explicit_from
+from nonlinear_models import experiment_of, explicit_from, setup_of
 
 from daest.errors import DaestError, EstimationError
 from daest.estimation import trajectories
@@ -65,9 +65,18 @@ def identified(experiments, method, intensity=np.nan, explicit=None, validation=
     explicit = explicit or rotor()
     unknowns = unknowns_of(explicit, **(start or {"J": 0.8, "d": 0.5, "stick": 0.05}))
     return identify_nonlinear(
-        explicit, unknowns, experiments, method, np.array([intensity]), np.array([np.isnan(intensity)]),
-        np.array([np.nan]), IdentifyOptions(hold="zoh"), validation,
-    )  # fmt: skip
+        explicit,
+        setup_of(
+            unknowns,
+            experiments,
+            method,
+            np.array([intensity]),
+            np.array([np.isnan(intensity)]),
+            np.array([np.nan]),
+            IdentifyOptions(hold="zoh"),
+            validation,
+        ),
+    )
 
 
 def refit(experiments, warm, **start):
@@ -231,9 +240,17 @@ def test_mass_that_vanishes_on_the_way_is_told_with_its_time():
     record = experiment_of(explicit, time, np.ones((200, 1)), np.zeros((200, 1)))
     with pytest.raises(EstimationError) as caught:
         identify_nonlinear(
-            explicit, unknowns_of(explicit, J=0.5), [record], "oe", np.array([np.nan]), np.array([True]),
-            np.array([np.nan]), IdentifyOptions(hold="zoh", shooting=1),
-        )  # fmt: skip
+            explicit,
+            setup_of(
+                unknowns_of(explicit, J=0.5),
+                [record],
+                "oe",
+                np.array([np.nan]),
+                np.array([True]),
+                np.array([np.nan]),
+                IdentifyOptions(hold="zoh", shooting=1),
+            ),
+        )
     assert caught.value.code == "identify-no-start"
     assert "stopped at t = " in caught.value.what and "singularity" in caught.value.what
 

@@ -3,7 +3,7 @@ same."""
 
 import numpy as np
 import pytest
-from nonlinear_models import experiment_of, linear_servo, oscillator
+from nonlinear_models import experiment_of, linear_servo, oscillator, setup_of
 
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
 from daest.estimation.ekf import run_ekf
@@ -33,8 +33,8 @@ def fitted(explicit, experiment, names, intensity=None, std=None):
     unknowns = Unknowns(coordinates, flat.theta_values, np.zeros(n_w), np.ones(n_y))
     q = np.full(n_w, np.nan) if intensity is None else np.array(intensity)
     return identify_nonlinear(
-        explicit, unknowns, [experiment], "pem", q, np.isnan(q),
-        np.full(n_y, np.nan) if std is None else np.array(std), IdentifyOptions(hold="zoh"),
+        explicit, setup_of(unknowns, [experiment], "pem", q, np.isnan(q),
+        np.full(n_y, np.nan) if std is None else np.array(std), IdentifyOptions(hold="zoh")),
     )  # fmt: skip
 
 

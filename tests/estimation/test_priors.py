@@ -7,7 +7,7 @@ import casadi as ca
 import hand_models as hand
 import numpy as np
 import pytest
-from nonlinear_models import experiment_of, explicit_from, oscillator
+from nonlinear_models import experiment_of, explicit_from, oscillator, setup_of
 
 from daest.errors import EXPLANATIONS, EstimationError
 from daest.estimation.coordinates import Unknowns, coordinate_with_prior, parameter_coordinate, with_priors
@@ -127,9 +127,17 @@ def duffing(prior, method="oe", intensity=0.0):
     coordinate = coordinate_with_prior(parameter_coordinate(explicit.flat, "k3", 1.5, (0.0, None)), prior)
     unknowns = Unknowns((coordinate,), explicit.flat.theta_values, np.zeros(1), np.ones(1))
     return identify_nonlinear(
-        explicit, unknowns, [experiment_of(explicit, time, u, y)], method, np.array([np.nan]),
-        np.array([True]), np.array([0.02 if method == "oe" else np.nan]), IdentifyOptions(hold="zoh"),
-    )  # fmt: skip
+        explicit,
+        setup_of(
+            unknowns,
+            [experiment_of(explicit, time, u, y)],
+            method,
+            np.array([np.nan]),
+            np.array([True]),
+            np.array([0.02 if method == "oe" else np.nan]),
+            IdentifyOptions(hold="zoh"),
+        ),
+    )
 
 
 @pytest.mark.parametrize(("method", "intensity"), [("oe", 0.0), ("pem", 0.3)])
@@ -162,9 +170,17 @@ def test_prior_settles_a_product_in_a_nonlinear_model():
         (coordinate_with_prior(a, Prior(1.0, 0.1)), b), explicit.flat.theta_values, np.zeros(1), np.ones(1)
     )
     fit = identify_nonlinear(
-        explicit, unknowns, [experiment_of(explicit, time, u, y)], "oe", np.array([np.nan]), np.array([True]),
-        np.array([np.nan]), IdentifyOptions(hold="zoh"),
-    )  # fmt: skip
+        explicit,
+        setup_of(
+            unknowns,
+            [experiment_of(explicit, time, u, y)],
+            "oe",
+            np.array([np.nan]),
+            np.array([True]),
+            np.array([np.nan]),
+            IdentifyOptions(hold="zoh"),
+        ),
+    )
     found = {p.name: p for p in fit.parameters}
     assert found["a"].value == pytest.approx(1.0, rel=1e-3)
     assert found["a"].std_error == pytest.approx(0.1, rel=0.02)

@@ -6,7 +6,7 @@ import casadi as ca
 import hand_models as hand
 import numpy as np
 import pytest
-from nonlinear_models import experiment_of, explicit_from, oscillator
+from nonlinear_models import experiment_of, explicit_from, oscillator, setup_of
 from scipy.optimize import minimize_scalar
 from scipy.stats import binom, chi2
 
@@ -215,9 +215,17 @@ def duffing(function, method, intensity, seed=5):
     unknowns = Unknowns(coordinates, explicit.flat.theta_values, np.ones(1), np.ones(1))
     nothing = np.array([np.nan])
     return function(
-        explicit, unknowns, [experiment_of(explicit, time, u, y)], method, nothing, np.array([True]), nothing,
-        IdentifyOptions(hold="zoh", profile=("k3",)),
-    )  # fmt: skip
+        explicit,
+        setup_of(
+            unknowns,
+            [experiment_of(explicit, time, u, y)],
+            method,
+            nothing,
+            np.array([True]),
+            nothing,
+            IdentifyOptions(hold="zoh", profile=("k3",)),
+        ),
+    )
 
 
 @pytest.mark.parametrize(
@@ -253,9 +261,17 @@ def test_effect_that_the_record_never_reaches_is_open_below():
     unknowns = Unknowns(coordinates, explicit.flat.theta_values, np.ones(1), np.ones(1))
     nothing = np.array([np.nan])
     fit = identify_nonlinear(
-        explicit, unknowns, [experiment_of(explicit, time, u, y)], "oe", nothing, np.array([True]), nothing,
-        IdentifyOptions(hold="zoh", profile=("k",)),
-    )  # fmt: skip
+        explicit,
+        setup_of(
+            unknowns,
+            [experiment_of(explicit, time, u, y)],
+            "oe",
+            nothing,
+            np.array([True]),
+            nothing,
+            IdentifyOptions(hold="zoh", profile=("k",)),
+        ),
+    )
     (profile,) = fit.profiles
     assert (profile.lower_end, profile.lower) == ("open", None)
     assert profile.upper_end == "found" and profile.upper > 0.1

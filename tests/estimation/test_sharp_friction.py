@@ -6,7 +6,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 import pytest
-from nonlinear_models import SERVO, experiment_of, explicit_from, friction_servo
+from nonlinear_models import SERVO, experiment_of, explicit_from, friction_servo, setup_of
 from scipy.stats import chi2
 
 from daest.estimation.coordinates import Coordinate, Unknowns
@@ -69,13 +69,15 @@ def identified(seed):
     unknowns = Unknowns(coordinates, explicit.flat.theta_values, INTENSITY, STD)
     return identify_by_ekf(
         explicit,
-        unknowns,
-        [experiment_of(explicit, time, u, y)],
-        "pem",
-        np.full(2, np.nan),
-        np.ones(2, dtype=bool),
-        STD,
-        IdentifyOptions(hold="zoh"),
+        setup_of(
+            unknowns,
+            [experiment_of(explicit, time, u, y)],
+            "pem",
+            np.full(2, np.nan),
+            np.ones(2, dtype=bool),
+            STD,
+            IdentifyOptions(hold="zoh"),
+        ),
     )
 
 

@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
-from nonlinear_models import experiment_of, explicit_from, oscillator
+from nonlinear_models import experiment_of, explicit_from, oscillator, setup_of
 from scipy.linalg import expm
 from scipy.optimize import least_squares
 
@@ -44,9 +44,9 @@ def unknowns_of(explicit, **start):
 def fit_of(explicit, experiments, shooting=None, hold="zoh", profile=(), second_look=True, **start):
     n_w = len(explicit.flat.noises)
     return identify_nonlinear(
-        explicit, unknowns_of(explicit, **start), experiments, "oe", np.full(n_w, np.nan),
+        explicit, setup_of(unknowns_of(explicit, **start), experiments, "oe", np.full(n_w, np.nan),
         np.ones(n_w, dtype=bool), np.array([np.nan]),
-        IdentifyOptions(hold=hold, shooting=shooting, profile=profile, second_look=second_look),
+        IdentifyOptions(hold=hold, shooting=shooting, profile=profile, second_look=second_look)),
     )  # fmt: skip
 
 

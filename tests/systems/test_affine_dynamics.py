@@ -67,7 +67,7 @@ def test_nonlinear_variables_of_an_exact_simulation():
 
 
 def test_identification_takes_the_exact_way(monkeypatch):
-    monkeypatch.delattr("daest.estimation.identify.identify_nonlinear")
+    monkeypatch.delattr("daest.estimation.identify._nonlinear_fit")
     flat, (time, u) = circuit(), drive(400)
     clean = simulate(flat, (time, u), hold="zoh").outputs
     y = clean + 0.01 * np.random.default_rng(3).standard_normal(clean.shape)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 
@@ -34,7 +34,6 @@ from daest.estimation.records import in_model_order
 from daest.model.comparison import Comparison, ModelTrial
 from daest.model.experiment import Experiment
 from daest.model.flat import Model, events_refused
-from daest.model.linear import StateSpaceFamily
 from daest.numerics.parallel import Workers, workers
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import dynamics
@@ -68,7 +67,7 @@ def follower(
 ) -> Callable[[np.ndarray], tuple[np.ndarray, ...]]:
     """What a comparison simulates, as a function of theta: outputs (n_samples, n_y) of every recording. All
     that does not depend on theta is prepared here."""
-    experiments = [in_model_order(e, cast(StateSpaceFamily, candidate.flat)) for e in experiments]
+    experiments = [in_model_order(e, candidate.flat) for e in experiments]
     ready = _ready(candidate)
     if isinstance(ready.prepared, AffineModel):
         return affine_follower(candidate, experiments, ready.prepared)
@@ -109,8 +108,7 @@ def _model_trial(
     candidate: Candidate, experiments: Sequence[Experiment], bootstrap: int, seed: int, pool: Workers
 ) -> ModelTrial:
     flat = candidate.flat
-    # in_model_order reads no more of a family than its inputs and outputs.
-    experiments = [in_model_order(e, cast(StateSpaceFamily, flat)) for e in experiments]
+    experiments = [in_model_order(e, flat) for e in experiments]
     ready = _ready(candidate)
     trial = ready.trial(experiments)
     raw, feedback = _tests(candidate, experiments, trial)
@@ -172,7 +170,7 @@ def _tests(
     )
     sequences = joined(
         trial.residuals,
-        [_inputs(candidate.flat, e) for e in experiments],
+        [e.inputs for e in experiments],
         np.split(columns, counts),
         trial.slopes,
         candidate.parameter_cov if trial.slopes else None,
@@ -181,11 +179,6 @@ def _tests(
         known_noise=trial.known_noise,
     )
     return residual_tests(sequences, names)
-
-
-def _inputs(flat: Model, experiment: Experiment) -> np.ndarray:
-    columns = [experiment.inputs[:, experiment.input_names.index(v.name)] for v in flat.inputs]
-    return np.column_stack(columns) if columns else np.zeros((experiment.n_samples, 0))
 
 
 def _signals(
@@ -198,7 +191,7 @@ def _signals(
     model = trial.predicted if variables is trial.predicted_variables else trial.simulated
     names = [(o.name, o.unit) for o in flat.outputs]
     signals = [Signal(n, u, np.concatenate([y[:, j] for y in model])) for j, (n, u) in enumerate(names)]
-    inputs = np.concatenate([_inputs(flat, e) for e in experiments])
+    inputs = np.concatenate([e.inputs for e in experiments])
     signals += [Signal(v.name, v.unit, inputs[:, j]) for j, v in enumerate(flat.inputs)]
     # Columns that the model does not use tell as much of where it fails.
     unused = [name for name in experiments[0].extra if all(name in e.extra for e in experiments)]

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
-from typing import cast
 
 import numpy as np
 
@@ -24,7 +23,6 @@ from daest.estimation.records import in_model_order
 from daest.model.experiment import Experiment
 from daest.model.fit import Bootstrap, FitResult, IdentifyOptions
 from daest.model.flat import Dynamics, Model
-from daest.model.linear import StateSpaceFamily
 from daest.numerics.parallel import workers
 from daest.systems.reduce import dynamics
 from daest.systems.redundant import good_everywhere
@@ -58,8 +56,7 @@ def with_bootstrap(
     Seeded by `options.seed`; refits run where the options say. Raises EstimationError `bootstrap-failed`
     where most refits come to no end, and what `simulate` raises.
     """
-    # in_model_order reads no more of a family than its inputs and outputs.
-    ordered = tuple(in_model_order(e, cast(StateSpaceFamily, flat)) for e in experiments)
+    ordered = tuple(in_model_order(e, flat) for e in experiments)
     model = _Model(flat, _simulated_model(flat, fit), ordered, fit, _like(fit, options))
     seeds = [int(s.generate_state(1)[0]) for s in np.random.SeedSequence(options.seed).spawn(n)]
     resampled(model, seeds[0])  # what cannot be simulated at all is said before the work begins

@@ -5,7 +5,7 @@ Equations that jump with the state: derivatives say nothing about a jump, and no
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import casadi as ca
@@ -14,8 +14,8 @@ import numpy as np
 from daest.errors import EstimationError
 from daest.estimation.coordinates import Coordinate, Unknowns
 from daest.estimation.identifiability import flat_directions, without_influence
-from daest.estimation.records import Record
 from daest.estimation.search import Evaluation
+from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.model.linear import StateSpaceFamily
 from daest.near import near_names
@@ -51,16 +51,16 @@ def check_bounds(coordinate: Coordinate) -> None:
     )
 
 
-def check_records(family: StateSpaceFamily, records: tuple[Record, ...], n_unknowns: int) -> None:
-    """Errors `identify-no-data`, `identify-no-output`, `identify-too-few-samples`,
-    `identify-constant-input`.
+def check_records(family: StateSpaceFamily, records: Sequence[Experiment], n_unknowns: int) -> None:
+    """Of recordings in the order of the model. Errors `identify-no-data`, `identify-no-output`,
+    `identify-too-few-samples`, `identify-constant-input`.
     """
     if not records:
         raise EstimationError(
             "identify-no-data", "there is no recording to identify from", remedy="name a data file"
         )
     where = ", ".join(r.name for r in records)
-    n_observed = int(sum(r.n_observed.sum() for r in records))
+    n_observed = sum(int(np.isfinite(r.outputs).sum()) for r in records)
     if n_observed == 0:
         names = ", ".join(o.name for o in family.outputs) or "none"
         raise EstimationError(

@@ -8,7 +8,7 @@ information is Σ ∂ε ∂εᵀ + ½ ∂log s ∂log sᵀ over whitened innovat
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -21,31 +21,19 @@ from daest.estimation.ekf_start import best_start, felt_intensity, with_lost_one
 from daest.estimation.filter_task import Directions, Noise, Record, Start, record
 from daest.estimation.gates import FIT
 from daest.estimation.gaussian import objective
-from daest.estimation.identifiability import (
-    correlation,
-    covariance,
-    std_errors,
-    weak_directions,
-    without_influence,
-)
-from daest.estimation.identify_nonlinear import identify_nonlinear
+from daest.estimation.identifiability import covariance, std_errors, without_influence
+from daest.estimation.identify_nonlinear import nonlinear_ends
+from daest.estimation.nonlinear_result import NonlinearEnds
 from daest.estimation.nonlinear_start import fit_initial_states
 from daest.estimation.optimum import Search, best_point, coloured
-from daest.estimation.profile import NOT_QUADRATIC, Searched, Tell, silent, with_interval_check, with_profiles
-from daest.estimation.result import agreement_of, bound_of, message_of
+from daest.estimation.profile import Searched, Tell, silent
+from daest.estimation.result import End, Told, agreement_of, bound_of, fit_result
 from daest.estimation.search import Found, Objective, minimise
+from daest.estimation.setup import Setup
 from daest.estimation.ties import Beginning, with_ties
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
-from daest.model.fit import (
-    Agreement,
-    FitResult,
-    FittedInitialState,
-    FittedNoise,
-    FittedParameter,
-    IdentifyOptions,
-    Method,
-)
+from daest.model.fit import Agreement, FitResult, FittedInitialState, FittedNoise, IdentifyOptions
 from daest.model.flat import Dynamics
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import integrator
@@ -144,18 +132,7 @@ def _directions(problem: EkfProblem, z: np.ndarray, std: np.ndarray) -> Directio
     return Directions(parameters, intensity, variance, mean)
 
 
-def identify_by_ekf(
-    explicit: Dynamics,
-    unknowns: Unknowns,
-    experiments: Sequence[Experiment],
-    method: Method,
-    intensity: np.ndarray,
-    estimate_intensity: np.ndarray,
-    given_std: np.ndarray,
-    options: IdentifyOptions,
-    validation: Sequence[Experiment] = (),
-    tell: Tell = silent,
-) -> FitResult:
+def identify_by_ekf(explicit: Dynamics, setup: Setup, tell: Tell = silent) -> FitResult:
     """As `identify_nonlinear`, whose prediction-error estimate it starts from, by maximum likelihood.
 
     Standard errors of parameters and noises are those of the Fisher information. Method "oe" is left to
@@ -164,29 +141,21 @@ def identify_by_ekf(
     filter predicts worse than the observer, the result of `identify_nonlinear` is returned with a note.
     """
     began = time.perf_counter()
-    task = (explicit, unknowns, experiments, method, intensity, estimate_intensity, given_std)
-    if method == "oe":
-        return identify_nonlinear(*task, options, validation, tell=tell)
-    first = identify_nonlinear(*task, replace(options, profile=()), validation, tell=tell)
-    problem, z = _problem(explicit, unknowns, experiments, estimate_intensity, given_std, first)
-    given = _given_start(problem, z, unknowns, experiments)
+    first = nonlinear_ends(explicit, setup, tell)
+    if setup.method == "oe":
+        return fit_result(setup, first, tell, began)
+    problem, z = _problem(explicit, setup, setup.estimate_intensity, first)
+    given = _given_start(problem, z, setup)
     starts = [with_lost_ones(problem.unknowns, z, given), given]
-    if explicit.invariants is not None and not np.all(estimate_intensity):
-        starts += _wide_ends(explicit, unknowns, experiments, given_std, first, options)
-    ends = _search(problem, starts, given, options)
-    if ends is None or log_likelihood(ends[0].unknowns, ends[1]) < first.log_likelihood - FIT.worse_filter:
+    if explicit.invariants is not None and not np.all(setup.estimate_intensity):
+        starts += _wide_ends(explicit, setup, first)
+    ends = _search(problem, starts, given, setup.options)
+    reached = log_likelihood(setup.unknowns, first.best.found)
+    if ends is None or log_likelihood(ends[0].unknowns, ends[1]) < reached - FIT.worse_filter:
+        result = fit_result(setup, first, tell, began)
         note = "not smooth enough for the extended filter: predictions of an observer"
-        if options.profile:
-            first = identify_nonlinear(*task, options, validation, tell=tell)
-        return replace(first, notes=(*first.notes, note), seconds=time.perf_counter() - began)
-    problem, found = ends
-    result = _result(problem, found, first, unknowns, experiments, validation)
-    searched = Searched(objective(problem), problem.unknowns, *_limits(problem), found)
-    if options.second_look:
-        result = with_interval_check(result, searched)
-    if options.profile:
-        result = with_profiles(result, searched, options.profile, tell)
-    return replace(result, seconds=time.perf_counter() - began)
+        return replace(result, notes=(*result.notes, note))
+    return fit_result(setup, EkfEnds(setup, first, *ends), tell, began)
 
 
 def _limits(problem: EkfProblem) -> tuple[np.ndarray, np.ndarray]:
@@ -198,28 +167,18 @@ def _limits(problem: EkfProblem) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _problem(
-    explicit: Dynamics,
-    unknowns: Unknowns,
-    experiments: Sequence[Experiment],
-    estimate_intensity: np.ndarray,
-    given_std: np.ndarray,
-    first: FitResult,
+    explicit: Dynamics, setup: Setup, estimate_intensity: np.ndarray, first: NonlinearEnds
 ) -> tuple[EkfProblem, np.ndarray]:
-    values = {p.name: p.value for p in first.parameters}
-    by_kind = {
-        kind: {n.name: n.value for n in first.noises if n.kind == kind} for kind in ("process", "measurement")
-    }
-    flat = explicit.flat
-    intensity = np.array([by_kind["process"].get(w.name, 0.0) for w in flat.noises])
-    std = np.array([by_kind["measurement"][y.name] for y in flat.outputs])
-    theta = np.array([first.theta[p.name] for p in flat.parameters])
-    names = tuple(c.name for c in unknowns.coordinates if c.kind == "parameter")
-    model = local_model(explicit, names, tangents=True)
-    records = tuple(record(model, e.time, e.inputs, e.outputs, first.hold) for e in experiments)
-    x0 = np.array([state.values for state in first.initial_states])
+    best, flat, unknowns, given_std = first.best, explicit.flat, setup.unknowns, setup.given_std
+    values = unknowns.natural(best.found.z[: len(unknowns.coordinates)])
+    theta, levels = best.problem.theta(best.found.z), first.levels
+    intensity, std = np.nan_to_num(levels.intensity), levels.measurement_std
+    model = local_model(explicit, unknowns.parameter_names(), tangents=True)
+    records = tuple(record(model, e.time, e.inputs, e.outputs, best.problem.hold) for e in setup.experiments)
+    x0 = best.problem.initial_states(best.found.z)
     least = NEARLY_NONE * felt_intensity(model, records[0], theta, x0[0], std)
     intensity = np.where(estimate_intensity, np.maximum(intensity, least), intensity)
-    coordinates = [replace(c, initial=values[c.name]) for c in unknowns.coordinates if c.kind == "parameter"]
+    coordinates = [replace(c, initial=v) for c, v in zip(unknowns.coordinates, values, strict=True)]
     coordinates += [
         _noise(w.name, "process", i, intensity[i])
         for i, w in enumerate(flat.noises)
@@ -234,19 +193,12 @@ def _problem(
     return EkfProblem(model, records, searched, size), np.concatenate([searched.start, (x0 / size).ravel()])
 
 
-def _wide_ends(
-    explicit: Dynamics,
-    unknowns: Unknowns,
-    experiments: Sequence[Experiment],
-    given_std: np.ndarray,
-    first: FitResult,
-    options: IdentifyOptions,
-) -> list[np.ndarray]:
+def _wide_ends(explicit: Dynamics, setup: Setup, first: NonlinearEnds) -> list[np.ndarray]:
     """Where a search ends whose noise may be as wide as a bad start needs it; without its intensities."""
     every = np.ones(len(explicit.flat.noises), dtype=bool)
-    problem, z = _problem(explicit, unknowns, experiments, every, given_std, first)
-    given = _given_start(problem, z, unknowns, experiments)
-    ends = _search(problem, [given], given, options)
+    problem, z = _problem(explicit, setup, every, first)
+    given = _given_start(problem, z, setup)
+    ends = _search(problem, [given], given, setup.options)
     return [] if ends is None else [np.delete(ends[1].z, problem.unknowns.of_kind("process"))]
 
 
@@ -261,15 +213,12 @@ def _rough_objective(problem: EkfProblem) -> Objective:
     return objective(replace(problem, records=heads, longest=longest))
 
 
-def _given_start(
-    problem: EkfProblem, z: np.ndarray, unknowns: Unknowns, experiments: Sequence[Experiment]
-) -> np.ndarray:
+def _given_start(problem: EkfProblem, z: np.ndarray, setup: Setup) -> np.ndarray:
     """The parameters that the user started from, and the initial states that the model asks for there."""
-    given = [c.searched(c.initial) for c in unknowns.coordinates if c.kind == "parameter"]
     start = z.copy()
-    start[problem.unknowns.of_kind("parameter")] = given
+    start[problem.unknowns.of_kind("parameter")] = setup.unknowns.start
     theta = problem.unknowns.values(start[: problem.n_unknowns])[0]
-    x0 = [initial_point(problem.model.explicit, theta, e.inputs[0])[0] for e in experiments]
+    x0 = [initial_point(problem.model.explicit, theta, e.inputs[0])[0] for e in setup.experiments]
     start[problem.n_unknowns :] = (np.array(x0) / problem.state_scale).ravel()
     return start
 
@@ -371,78 +320,96 @@ def _change_by_halving(problem: EkfProblem, z: np.ndarray) -> float:
     return np.inf if coarse is None or fine is None else abs(coarse.value - fine.value)
 
 
-def _result(
-    problem: EkfProblem,
-    found: Found,
-    first: FitResult,
-    unknowns: Unknowns,
-    experiments: Sequence[Experiment],
-    validation: Sequence[Experiment],
-) -> FitResult:
-    searched, p = problem.unknowns, problem.n_unknowns
-    theta, intensity, std = searched.values(found.z[:p])
-    bounds = [bound_of(c, z) for c, z in zip(searched.coordinates, found.z[:p], strict=True)]
-    count = int(sum(np.isfinite(data.outputs).sum() for data in problem.records))
-    information = found.evaluation.information
-    free = ~without_influence(information, count)
-    free[:p] &= np.array([b is None for b in bounds], dtype=bool)
-    units = np.concatenate([searched.slopes(found.z[:p]), np.tile(problem.state_scale, len(problem.records))])
-    cov = covariance(information, free) * np.outer(units, units)
-    values = searched.natural(found.z[:p])
-    errors = std_errors(cov, np.concatenate([values, problem.initial_states(found.z).ravel()]))
-    own = searched.of_kind("parameter")
-    started = {f.name: f.initial for f in first.parameters}
-    limits = {f.name: (f.min, f.max, f.unit) for f in first.parameters}
-    parameters = tuple(
-        FittedParameter(
-            c.name,
-            float(values[i]),
-            errors[i],
-            started[c.name],
-            limits[c.name][2],
-            *limits[c.name][:2],
-            bounds[i],
-            c.prior,
+@dataclass(frozen=True)
+class EkfEnds:
+    """Where the search ended that went on from the `first` ones."""
+
+    setup: Setup
+    first: NonlinearEnds
+    problem: EkfProblem
+    best: Found
+
+    @property
+    def found(self) -> list[Found]:
+        return [self.best]
+
+    @property
+    def searched(self) -> Searched:
+        return Searched(objective(self.problem), self.problem.unknowns, *_limits(self.problem), self.best)
+
+    def judged(self) -> tuple[End, Told]:
+        """By the Fisher information; the `End` has the parameters alone."""
+        problem, found = self.problem, self.best
+        searched, p, explicit = problem.unknowns, problem.n_unknowns, problem.model.explicit
+        theta, intensity, std = searched.values(found.z[:p])
+        bounds = [bound_of(c, z) for c, z in zip(searched.coordinates, found.z[:p], strict=True)]
+        information = found.evaluation.information
+        free = ~without_influence(information, self.setup.n_observed)
+        free[:p] &= np.array([b is None for b in bounds], dtype=bool)
+        states = problem.initial_states(found.z)
+        units = np.concatenate([searched.slopes(found.z[:p]), np.tile(problem.state_scale, len(states))])
+        cov = covariance(information, free) * np.outer(units, units)
+        values = searched.natural(found.z[:p])
+        errors = std_errors(cov, np.concatenate([values, states.ravel()]))
+        own = searched.of_kind("parameter")
+        rows = np.ix_(own, own)
+        end = End(
+            self.setup.unknowns,
+            values[own],
+            cov[rows],
+            [errors[i] for i in own],
+            [bounds[i] for i in own],
+            information[rows],
         )
-        for i, c in enumerate(searched.coordinates)
-        if c.kind == "parameter"
-    )
-    noises = _noises(problem, intensity, std, errors, bounds)
-    natural = information[np.ix_(own, own)] / np.outer(units[own], units[own])
-    coordinates = tuple(searched.coordinates[i] for i in own)
-    weak = weak_directions(coordinates, values[own], natural, cov[np.ix_(own, own)])
-    simulated, one_step = _agreements(
-        problem, found, theta, Noise(intensity, std**2), unknowns, experiments, first
-    )
-    if validation:
-        held = _agreements(problem, found, theta, Noise(intensity, std**2), unknowns, validation, first)
-        simulated["validation"], one_step["validation"] = held[0]["estimation"], held[1]["estimation"]
-    substeps = (
-        () if np.isinf(problem.longest) else (f"linearised every {problem.longest:.3g} s between samples",)
-    )
-    return replace(
-        first,
-        status=found.reason,
-        message=message_of(found, parameters, noises, weak, [found]),
-        parameters=parameters,
-        theta={q.name: float(v) for q, v in zip(problem.model.explicit.flat.parameters, theta, strict=True)},
-        noises=noises,
-        initial_states=_initial_states(problem, found, first, errors),
-        correlation_names=tuple(c.name for c in coordinates),
-        correlation=correlation(cov[np.ix_(own, own)]),
-        weak_directions=weak,
-        log_likelihood=log_likelihood(searched, found),
-        start_log_likelihoods=(log_likelihood(searched, found),),
-        simulated=simulated,
-        one_step=one_step,
-        n_iterations=found.iterations,
-        notes=(*_still_true(first.notes), "maximum likelihood by the extended Kalman filter", *substeps),
-    )
+        table = np.array([np.nan if e is None else e for e in errors[p:]], dtype=float).reshape(states.shape)
+        started = zip(self.setup.experiments, states, table, strict=True)
+        substeps = f"linearised every {problem.longest:.3g} s between samples"
+        first = self.first.judged()[1]
+        told = replace(
+            first,
+            theta=theta,
+            noises=_noises(problem, intensity, std, errors, bounds),
+            initial_states=tuple(
+                FittedInitialState(e.name, explicit.state_names, x0, error) for e, x0, error in started
+            ),
+            notes=(
+                *first.notes,
+                "maximum likelihood by the extended Kalman filter",
+                *(() if np.isinf(problem.longest) else (substeps,)),
+            ),
+        )
+        return end, told
 
-
-def _still_true(notes: Sequence[str]) -> list[str]:
-    """Notes of the fit that came first, without that on its own likelihood."""
-    return [note for note in notes if not note.startswith(NOT_QUADRATIC)]
+    def agreements(self, experiments: tuple[Experiment, ...] | None = None) -> tuple[Agreement, Agreement]:
+        """From the initial state that fits each simulation best."""
+        problem, setup, hold = self.problem, self.setup, self.first.best.problem.hold
+        experiments = setup.experiments if experiments is None else experiments
+        theta, intensity, std = problem.unknowns.values(self.best.z[: problem.n_unknowns])
+        explicit, size = problem.model.explicit, problem.state_scale
+        held = TrajectoryProblem(
+            integrator(explicit),
+            experiments,
+            hold,
+            replace(setup.unknowns, coordinates=(), theta=theta),
+            size,
+            std,
+        )
+        asked = [initial_point(explicit, theta, e.inputs[0])[0] / size for e in experiments]
+        limit = np.full(len(asked) * size.size, STATE_RANGE)
+        x0 = fit_initial_states(held, np.concatenate(asked), -limit, limit)
+        fit = minimise(objective(held), x0, -limit, limit, AGREEMENT_ITERATIONS)
+        names = [y.name for y in explicit.flat.outputs]
+        simulation = None if fit is None else prediction_errors(held, fit.z)
+        measured = [e.outputs for e in experiments]
+        simulated = None if simulation is None else list(simulation.errors)
+        predicted, noise = [], Noise(intensity, std**2)
+        starts = (x0 if fit is None else fit.z).reshape(len(asked), -1) * size
+        wide = np.diag(size**2)
+        for e, start in zip(experiments, starts, strict=True):
+            data = record(problem.model, e.time, e.inputs, e.outputs, hold)
+            run = run_ekf(problem.model, data, theta, noise, Start(start, 1e-2 * wide), problem.longest)
+            predicted.append(run.innovations)
+        return agreement_of(names, measured, simulated), agreement_of(names, measured, predicted)
 
 
 def _noises(
@@ -461,52 +428,3 @@ def _noises(
     process = [fitted("process", i, w.name, intensity[i], w.unit) for i, w in enumerate(flat.noises)]
     measured = [fitted("measurement", j, y.name, std[j], y.unit) for j, y in enumerate(flat.outputs)]
     return (*process, *measured)
-
-
-def _initial_states(
-    problem: EkfProblem, found: Found, first: FitResult, errors: list
-) -> tuple[FittedInitialState, ...]:
-    n, p = problem.state_scale.size, problem.n_unknowns
-    table = np.array([np.nan if e is None else e for e in errors[p:]], dtype=float).reshape(-1, n)
-    states = zip(first.initial_states, problem.initial_states(found.z), table, strict=True)
-    return tuple(replace(state, values=x0, std_errors=std) for state, x0, std in states)
-
-
-def _agreements(
-    problem: EkfProblem,
-    found: Found,
-    theta: np.ndarray,
-    noise: Noise,
-    unknowns: Unknowns,
-    experiments: Sequence[Experiment],
-    first: FitResult,
-) -> tuple[dict[str, Agreement], dict[str, Agreement]]:
-    """Simulation and one-step prediction from the initial state that fits each simulation best."""
-    explicit = problem.model.explicit
-    nothing = Unknowns((), theta, unknowns.intensity, unknowns.measurement_std)
-    held = TrajectoryProblem(
-        integrator(explicit),
-        tuple(experiments),
-        first.hold,
-        nothing,
-        problem.state_scale,
-        np.sqrt(noise.variance),
-    )
-    asked = [initial_point(explicit, theta, e.inputs[0])[0] / problem.state_scale for e in experiments]
-    limit = np.full(len(asked) * problem.state_scale.size, STATE_RANGE)
-    x0 = fit_initial_states(held, np.concatenate(asked), -limit, limit)
-    fit = minimise(objective(held), x0, -limit, limit, AGREEMENT_ITERATIONS)
-    names = [y.name for y in explicit.flat.outputs]
-    simulation = None if fit is None else prediction_errors(held, fit.z)
-    measured = [e.outputs for e in experiments]
-    simulated = None if simulation is None else list(simulation.errors)
-    predicted = []
-    starts = (x0 if fit is None else fit.z).reshape(len(asked), -1) * problem.state_scale
-    wide = np.diag(problem.state_scale**2)
-    for experiment, start in zip(experiments, starts, strict=True):
-        data = record(problem.model, experiment.time, experiment.inputs, experiment.outputs, first.hold)
-        run = run_ekf(problem.model, data, theta, noise, Start(start, 1e-2 * wide), problem.longest)
-        predicted.append(run.innovations)
-    return {"estimation": agreement_of(names, measured, simulated)}, {
-        "estimation": agreement_of(names, measured, predicted)
-    }

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daest.errors import DataError, EstimationError
+from daest.errors import EstimationError
 from daest.systems.integrate import Hold, interval_inputs
 from daest.systems.integration import IntegrationError
 from daest.systems.local_linear import LocalModel
@@ -66,15 +66,6 @@ def record(
     """A recording in the model's order of signals: inputs (n_samples, n_u), outputs (n_samples, n_y)."""
     if time.size < 2:
         raise EstimationError("data-too-few-rows", "a filter needs at least two samples")
-    gaps = np.argwhere(~np.isfinite(inputs))
-    if gaps.size:
-        name = model.explicit.flat.inputs[gaps[0, 1]].name
-        raise DataError(
-            "data-input-gap",
-            f"input {name} has no value at {time[gaps[0, 0]]:g} s",
-            where=name,
-            remedy="fill the gap, or cut the recording there (--from, --to)",
-        )
     u0, u1 = interval_inputs(model.explicit, time, inputs, hold)
     last = np.hstack([inputs[-1:], u1[-1:, inputs.shape[1] :]])
     parts = (time, np.vstack([u0, last]), np.vstack([u1, last]), outputs)

@@ -20,14 +20,13 @@ from daest.estimation.gain_family import Levels
 from daest.estimation.gaussian import objective
 from daest.estimation.noise_levels import (
     Ending,
-    NonlinearSetup,
     average_along,
     free_gains,
     with_family,
     with_gain,
     without_family,
 )
-from daest.estimation.nonlinear_result import agreement, nonlinear_result
+from daest.estimation.nonlinear_result import NonlinearEnds
 from daest.estimation.nonlinear_search import best_ends, search_of
 from daest.estimation.nonlinear_start import (
     check_nonlinear_start,
@@ -38,11 +37,13 @@ from daest.estimation.nonlinear_start import (
 )
 from daest.estimation.observer import AverageModel
 from daest.estimation.optimum import best_point
-from daest.estimation.profile import Searched, Tell, silent, with_interval_check, with_profiles
+from daest.estimation.profile import Tell, silent
+from daest.estimation.result import assembled, fit_result
 from daest.estimation.search import minimise
+from daest.estimation.setup import Setup
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
-from daest.model.fit import Agreement, FitResult, IdentifyOptions, Method
+from daest.model.fit import Agreement, FitResult, IdentifyOptions
 from daest.model.flat import Dynamics
 from daest.systems.integrate import integrator
 
@@ -79,74 +80,31 @@ class WarmStart:
         return Levels(self.intensity, self.measurement_std)
 
 
-def identify_nonlinear(
-    explicit: Dynamics,
-    unknowns: Unknowns,
-    experiments: Sequence[Experiment],
-    method: Method,
-    intensity: np.ndarray,
-    estimate_intensity: np.ndarray,
-    given_std: np.ndarray,
-    options: IdentifyOptions,
-    validation: Sequence[Experiment] = (),
-    tell: Tell = silent,
-) -> FitResult:
-    """Fit `unknowns` (parameters) of a nonlinear model; experiments are in the model's order of signals.
-
-    intensity (n_w,) with NaN where unknown, estimate_intensity (n_w,) bool, given_std (n_y,) with NaN where
-    estimated. Raises EstimationError `identify-no-start`, `identify-no-influence`, `identify-unidentifiable`.
-    """
+def identify_nonlinear(explicit: Dynamics, setup: Setup, tell: Tell = silent) -> FitResult:
+    """Fit the unknown parameters of a nonlinear model. Raises EstimationError `identify-no-start`,
+    `identify-no-influence`, `identify-unidentifiable`."""
     began = time.perf_counter()
-    setup = _setup(explicit, unknowns, experiments, method, intensity, estimate_intensity, given_std, options)
-    problem, z = started(setup.problem)
-    problem, z = with_hold(problem, z, options)
-    check_nonlinear_start(problem, z, may_be_cut=method == "oe" and options.shooting != 1)
-    setup = replace(setup, problem=problem)
-    ends = best_ends(setup, z, options, tell)
-    best = ends[0]
-    result = nonlinear_result(
-        setup,
-        ends,
-        _agreements(best, validation, with_gain=False),
-        _agreements(best, validation, with_gain=True),
+    return fit_result(setup, nonlinear_ends(explicit, setup, tell), tell, began)
+
+
+def nonlinear_ends(explicit: Dynamics, setup: Setup, tell: Tell = silent) -> NonlinearEnds:
+    """The ends of the searches of `identify_nonlinear`, which raises the same."""
+    problem, z = started(_problem(explicit, setup))
+    problem, z = with_hold(problem, z, setup.options)
+    may_be_cut = setup.method == "oe" and setup.options.shooting != 1
+    check_nonlinear_start(problem, z, may_be_cut=may_be_cut)
+    return NonlinearEnds(setup, best_ends(setup, problem, z, tell))
+
+
+def _problem(explicit: Dynamics, setup: Setup) -> TrajectoryProblem:
+    return TrajectoryProblem(
+        integrator(explicit, setup.unknowns.parameter_names()),
+        setup.experiments,
+        setup.options.hold or "zoh",
+        setup.unknowns,
+        np.ones(explicit.n_states),
+        setup.given_std,
     )
-    searched = Searched(objective(best.problem), unknowns, *limits(best.problem), best.found)
-    if best.cut is None and options.second_look:
-        result = with_interval_check(result, searched)
-    if options.profile and best.cut is not None:
-        note = "no profile likelihood: the model is too unstable to be simulated from one initial state"
-        result = replace(result, notes=(*result.notes, note))
-    elif options.profile:
-        result = with_profiles(result, searched, options.profile, tell)
-    return replace(result, seconds=time.perf_counter() - began)
-
-
-def _setup(
-    explicit: Dynamics,
-    unknowns: Unknowns,
-    experiments: Sequence[Experiment],
-    method: Method,
-    intensity: np.ndarray,
-    estimate_intensity: np.ndarray,
-    given_std: np.ndarray,
-    options: IdentifyOptions,
-) -> NonlinearSetup:
-    model = integrator(explicit, unknowns.parameter_names())
-    problem = TrajectoryProblem(
-        model, tuple(experiments), options.hold or "zoh", unknowns, np.ones(explicit.n_states), given_std
-    )
-    return NonlinearSetup(problem, method, intensity, estimate_intensity, ())
-
-
-def _agreements(
-    end: Ending, validation: Sequence[Experiment], *, with_gain: bool, at_rest: Sequence[str] = ()
-) -> dict[str, Agreement]:
-    """With the data of the estimation and, where there are any, with those of the validation."""
-    found = {"estimation": agreement(end, end.problem.experiments, with_gain=with_gain)}
-    if validation:
-        rests = () if with_gain else at_rest
-        found["validation"] = agreement(end, tuple(validation), with_gain=with_gain, at_rest=rests)
-    return found
 
 
 @dataclass(frozen=True)
@@ -155,18 +113,21 @@ class Refit:
     search for initial states of its own, and most refits are followed by a further one."""
 
     fit: FitResult
-    end: Ending
-    at_rest: tuple[str, ...]
+    ends: NonlinearEnds
 
     def simulated(self, validation: Sequence[Experiment] = ()) -> FitResult:
         """The fit with its agreement in simulation."""
-        found = _agreements(self.end, validation, with_gain=False, at_rest=self.at_rest)
-        return replace(self.fit, simulated=found)
+        return replace(self.fit, simulated=self._agreements(validation, with_gain=False))
 
     def judged(self, validation: Sequence[Experiment] = ()) -> FitResult:
         """The fit with its agreement in simulation and in predictions of one step."""
-        one_step = _agreements(self.end, validation, with_gain=True)
-        return replace(self.simulated(validation), one_step=one_step)
+        return replace(self.simulated(validation), one_step=self._agreements(validation, with_gain=True))
+
+    def _agreements(self, validation: Sequence[Experiment], *, with_gain: bool) -> dict[str, Agreement]:
+        found = {"estimation": self.ends.agreement(None, with_gain=with_gain)}
+        if validation:
+            found["validation"] = self.ends.agreement(tuple(validation), with_gain=with_gain)
+        return found
 
 
 def search_on(
@@ -181,22 +142,21 @@ def search_on(
     similar model gives; every measurement noise is estimated, of the intensities those that
     `estimate_intensity` (n_w,) tells. Raises EstimationError `identify-no-start`."""
     began = time.perf_counter()
-    given_std = np.full(len(explicit.flat.outputs), np.nan)
-    setup = _setup(
-        explicit, unknowns, experiments, "pem", warm.intensity, estimate_intensity, given_std, options
-    )
-    end = _search_on(setup, warm, options)
-    fit = nonlinear_result(setup, [end], {}, {})
-    return Refit(replace(fit, seconds=time.perf_counter() - began), end, warm.at_rest)
+    n_y = len(explicit.flat.outputs)
+    std, is_estimated = np.full(n_y, np.nan), np.ones(n_y, dtype=bool)
+    known = (warm.intensity, estimate_intensity, std, is_estimated)
+    setup = Setup(unknowns, tuple(experiments), "pem", *known, options)
+    ends = NonlinearEnds(setup, [_search_on(setup, _problem(explicit, setup), warm)], warm.at_rest)
+    return Refit(replace(assembled(setup, ends, {}), seconds=time.perf_counter() - began), ends)
 
 
-def _search_on(setup: NonlinearSetup, warm: WarmStart, options: IdentifyOptions) -> Ending:
+def _search_on(setup: Setup, problem: TrajectoryProblem, warm: WarmStart) -> Ending:
     """Prediction-error search from the noise levels and initial states of a similar model.
 
     Parameters, initial states and noise levels are searched together, with the gains of one average
     linearisation after the other: roughly from every share of the noise, then on from the best end.
     """
-    problem = setup.problem
+    options = setup.options
     names = problem.model.explicit.state_names
     x0 = [np.array([state.get(name, 0.0) for name in names]) for state in warm.initial_states]
     problem, z = scaled(problem, np.concatenate([problem.unknowns.start, *x0]))
@@ -229,7 +189,7 @@ def _search_on(setup: NonlinearSetup, warm: WarmStart, options: IdentifyOptions)
 
 
 def _together(
-    setup: NonlinearSetup,
+    setup: Setup,
     problem: TrajectoryProblem,
     z: np.ndarray,
     levels: Levels,
@@ -250,12 +210,11 @@ def _together(
     return None if found is None else without_family(setup, wide, found)
 
 
-def _rescanned(setup: NonlinearSetup, end: Ending, warm: WarmStart) -> Levels:
+def _rescanned(setup: Setup, end: Ending, warm: WarmStart) -> Levels:
     """The levels of an end, or those of the similar model with less noise of the process if they are more
     likely: slopes lead to the nearest valley only, and what its parameters are worth shows with the noise
     that they leave."""
-    around = replace(setup, problem=end.problem)
-    problem, levels = with_gain(around, end.found.z, warm.levels, warm.levels, evaluations=0)
+    problem, levels = with_gain(setup, end.problem, end.found.z, warm.levels, warm.levels, evaluations=0)
     errors = prediction_errors(problem, end.found.z)
     least = end.found.evaluation.value - prior_penalty(problem.unknowns, end.found.z)
     if levels is None or errors is None or errors.negative_log_likelihood >= least:
@@ -263,7 +222,7 @@ def _rescanned(setup: NonlinearSetup, end: Ending, warm: WarmStart) -> Levels:
     return levels
 
 
-def _with_own_gain(setup: NonlinearSetup, end: Ending, warm: WarmStart) -> Ending:
+def _with_own_gain(setup: Setup, end: Ending, warm: WarmStart) -> Ending:
     """The end with the gain of the best noise levels at its own parameters.
 
     While parameters are searched, the linearisation behind the gains is held. A parameter that only changes

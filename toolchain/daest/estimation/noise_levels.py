@@ -19,9 +19,9 @@ from scipy.optimize import minimize
 from daest.estimation.gain_family import GainFamily, Levels, gain_family
 from daest.estimation.observer import AverageModel, Observer, average_model, observer
 from daest.estimation.search import Evaluation, Found
+from daest.estimation.setup import Setup
 from daest.estimation.shooting import Cut
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
-from daest.model.fit import Method
 from daest.systems.integrate import interval_inputs
 
 NOISE_EVALUATIONS = 40  # of the simplex search over noise levels in each round
@@ -29,28 +29,6 @@ NOISE_SPREAD = np.log(10.0)  # first step of that search
 STD_SHARE = 0.1  # of that step: a measurement noise shows better than a process noise
 NO_GAIN = 1e300  # stands for the value of levels without a gain; two infinities have no difference
 SCAN = (0.0, -2.3, -4.6, -9.2, -13.8)  # logs of common factors that a search over noise levels tries first
-
-
-@dataclass(frozen=True)
-class NonlinearSetup:
-    """What is searched: the problem without a gain, the method, and the noise levels known beforehand."""
-
-    problem: TrajectoryProblem
-    method: Method
-    intensity: np.ndarray  # (n_w,), NaN where unknown
-    estimate_intensity: np.ndarray  # (n_w,) bool
-    notes: tuple[str, ...]
-
-    @property
-    def given_std(self) -> np.ndarray:
-        """(n_y,), NaN where estimated."""
-        return self.problem.given_std
-
-    @property
-    def has_free_size(self) -> bool:
-        """Whether all levels can grow by a common factor."""
-        held = self.intensity[~self.estimate_intensity]
-        return bool(np.all(np.isnan(self.given_std)) and np.all(np.nan_to_num(held) == 0.0))
 
 
 @dataclass(frozen=True)
@@ -66,7 +44,8 @@ class Ending:
 
 
 def with_gain(
-    setup: NonlinearSetup,
+    setup: Setup,
+    problem: TrajectoryProblem,
     z: np.ndarray,
     known: Levels | None,
     around: Levels | None = None,
@@ -77,10 +56,9 @@ def with_gain(
     Searched from `around`, by default from `known` levels and a first guess where there are none. Where no
     level makes a gain, the problem as it is with `known`.
     """
-    problem = setup.problem
     average = average_along(problem, z)
     assert average is not None
-    family = free_gains(setup, average, around or _first_levels(setup, average, z, known))
+    family = free_gains(setup, average, around or _first_levels(setup, problem, average, z, known))
     if family is None:
         return problem, known
     tried: dict[bytes, _Tried | None] = {}
@@ -88,7 +66,7 @@ def with_gain(
     def at(logs: np.ndarray) -> _Tried | None:
         # The scan, the first corner of the simplex and the end of the search ask for the same.
         if logs.tobytes() not in tried:
-            tried[logs.tobytes()] = _try_levels(setup, family, z, logs)
+            tried[logs.tobytes()] = _try_levels(setup, problem, family, z, logs)
         return tried[logs.tobytes()]
 
     def value(logs: np.ndarray) -> float:
@@ -111,16 +89,18 @@ class _Tried:
     levels: Levels
 
 
-def _try_levels(setup: NonlinearSetup, family: GainFamily, z: np.ndarray, logs: np.ndarray) -> _Tried | None:
+def _try_levels(
+    setup: Setup, problem: TrajectoryProblem, family: GainFamily, z: np.ndarray, logs: np.ndarray
+) -> _Tried | None:
     found = family.at(logs)
-    errors = None if found is None else prediction_errors(gained(setup.problem, found), z)
+    errors = None if found is None else prediction_errors(gained(problem, found), z)
     if found is None or errors is None:
         return None
     value = errors.negative_log_likelihood + (0.0 if setup.has_free_size else _misfit(errors, found))
     return _Tried(value, found, at_size_of_innovations(setup, errors, family.levels_at(logs), found))
 
 
-def free_gains(setup: NonlinearSetup, average: AverageModel, levels: Levels) -> GainFamily | None:
+def free_gains(setup: Setup, average: AverageModel, levels: Levels) -> GainFamily | None:
     """The gains of an average linearisation over the noise levels that are searched, around `levels`."""
     std_free = np.flatnonzero(np.isnan(setup.given_std))[1 if setup.has_free_size else 0 :]
     return gain_family(average, levels, np.flatnonzero(setup.estimate_intensity), std_free)
@@ -132,7 +112,7 @@ def with_family(problem: TrajectoryProblem, family: GainFamily) -> TrajectoryPro
     return replace(problem, family=family, gain=None, given_std=np.full(problem.given_std.size, np.nan))
 
 
-def without_family(setup: NonlinearSetup, problem: TrajectoryProblem, found: Found) -> Ending:
+def without_family(setup: Setup, problem: TrajectoryProblem, found: Found) -> Ending:
     """The predictor with the gain at the end of a search over a family, and the levels behind it."""
     family, logs = problem.family, problem.logs(found.z)
     assert family is not None
@@ -179,7 +159,7 @@ def gained(problem: TrajectoryProblem, found: Observer) -> TrajectoryProblem:
     return replace(problem, gain=found.gain, given_std=np.full(problem.given_std.size, np.nan))
 
 
-def at_size_of_innovations(setup: NonlinearSetup, errors: Errors, levels: Levels, found: Observer) -> Levels:
+def at_size_of_innovations(setup: Setup, errors: Errors, levels: Levels, found: Observer) -> Levels:
     """The levels, with the common size that the innovations tell where it is free."""
     if not setup.has_free_size:
         return levels
@@ -208,9 +188,9 @@ def average_along(problem: TrajectoryProblem, z: np.ndarray) -> AverageModel | N
 
 
 def _first_levels(
-    setup: NonlinearSetup, average: AverageModel, z: np.ndarray, known: Levels | None
+    setup: Setup, problem: TrajectoryProblem, average: AverageModel, z: np.ndarray, known: Levels | None
 ) -> Levels:
-    rough = _rough_std(setup.problem, z)
+    rough = _rough_std(problem, z)
     intensity = setup.intensity if known is None else known.intensity
     intensity = np.where(np.isnan(intensity), _unit_intensity(average, rough), intensity)
     return Levels(intensity, np.where(np.isnan(setup.given_std), rough, setup.given_std))

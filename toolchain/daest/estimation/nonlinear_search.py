@@ -22,7 +22,6 @@ from daest.estimation.gates import FIT
 from daest.estimation.gaussian import objective as objective_of
 from daest.estimation.noise_levels import (
     Ending,
-    NonlinearSetup,
     assumed,
     at_size_of_innovations,
     average_along,
@@ -34,6 +33,7 @@ from daest.estimation.observer import observer
 from daest.estimation.optimum import Search, best_point, coloured, lost, rank
 from daest.estimation.profile import Tell
 from daest.estimation.search import Found
+from daest.estimation.setup import Setup
 from daest.estimation.shooting import Cut, default_segments, search_by_shooting, start_of
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.fit import IdentifyOptions
@@ -53,16 +53,17 @@ HILLS = 1  # looked over after a last search: each costs as much as several of a
 SAME_END = 1.0  # in log-likelihood, between the joined segments and the simulation that they lead to
 
 
-def best_ends(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions, tell: Tell) -> list[Ending]:
+def best_ends(setup: Setup, problem: TrajectoryProblem, z: np.ndarray, tell: Tell) -> list[Ending]:
     """The ends of the searches from z and from further starts, best first. Error `identify-no-start`."""
-    starts = [z, *further_starts(setup.problem, z, options)]
+    options = setup.options
+    starts = [z, *further_starts(problem, z, options)]
     if len(starts) == 1:
-        found = [_search_from(setup, z, options)]
+        found = [_search_from(setup, problem, z)]
     else:
         done = count(1)
         with workers(options.jobs, options.cluster) as pool:
             outcomes = pool.map(
-                partial(_search_from, setup, options=options),
+                partial(_search_from, setup, problem),
                 starts,
                 arrived=lambda *_: tell(f"searched from start point ({next(done)} of {len(starts)})"),
             )
@@ -84,54 +85,57 @@ def search_of(
     return Search(objective, problem.unknowns, lower, upper, home, max_iterations, gain, hills)
 
 
-def _search_from(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions) -> Ending | None:
-    simulated = _simulated(setup, z, options)
+def _search_from(setup: Setup, problem: TrajectoryProblem, z: np.ndarray) -> Ending | None:
+    options = setup.options
+    simulated = _simulated(setup, problem, z)
     if simulated is None or setup.method == "oe" or simulated.cut is not None:
         return simulated
-    setup = replace(setup, problem=simulated.problem)
+    problem = simulated.problem
     points = [simulated.found.z]
     if options.second_look and options.max_iterations:
-        points += _led(setup.problem, z)
-    end = _predicted(setup, z, points, options)
-    return None if end is None else replace(_settled(setup, end, z, options), notes=simulated.notes)
+        points += _led(problem, z)
+    end = _predicted(setup, problem, z, points)
+    return None if end is None else replace(_settled(setup, end, z), notes=simulated.notes)
 
 
 def _predicted(
-    setup: NonlinearSetup, home: np.ndarray, points: list[np.ndarray], options: IdentifyOptions
+    setup: Setup, problem: TrajectoryProblem, home: np.ndarray, points: list[np.ndarray]
 ) -> Ending | None:
     """The end of searching noise levels and parameters in turn from the most likely of some points."""
-    first, *others = sorted(points, key=lambda z: _rough_value(setup, z)) if len(points) > 1 else points
+    first, *others = (
+        sorted(points, key=lambda z: _rough_value(setup, problem, z)) if len(points) > 1 else points
+    )
     end: Ending | None = None
     for number in range(NOISE_ROUNDS):
         z = first if end is None else end.found.z
-        problem, levels = with_gain(setup, z, None if end is None else end.levels)
-        search = search_of(problem, home, options.max_iterations, LEADING_GAIN)
-        is_doubtful = partial(is_coloured, problem)
+        tried, levels = with_gain(setup, problem, z, None if end is None else end.levels)
+        search = search_of(tried, home, setup.options.max_iterations, LEADING_GAIN)
+        is_doubtful = partial(is_coloured, tried)
         found = best_point(search, [z], is_doubtful, () if number else others)
         if found is None:
             break
         gain = np.inf if end is None else end.found.evaluation.value - found.evaluation.value
         if gain < 0.0:
             break
-        end = Ending(problem, found, levels)
+        end = Ending(tried, found, levels)
         if gain < ENOUGH_GAIN:
             break
     return end
 
 
-def _rough_value(setup: NonlinearSetup, z: np.ndarray) -> float:
+def _rough_value(setup: Setup, problem: TrajectoryProblem, z: np.ndarray) -> float:
     """Negative log-likelihood at z with the best of a few noise levels."""
-    if average_along(setup.problem, z) is None:
+    if average_along(problem, z) is None:
         return np.inf
-    problem, _ = with_gain(setup, z, None, evaluations=0)
-    errors = prediction_errors(problem, z)
+    tried, _ = with_gain(setup, problem, z, None, evaluations=0)
+    errors = prediction_errors(tried, z)
     return np.inf if errors is None else errors.negative_log_likelihood
 
 
-def _simulated(setup: NonlinearSetup, z: np.ndarray, options: IdentifyOptions) -> Ending | None:
+def _simulated(setup: Setup, problem: TrajectoryProblem, z: np.ndarray) -> Ending | None:
     """The end of an output-error search: over the whole records, by multiple shooting where that is wanted,
     or by the better of both where the former fails or loses a parameter."""
-    problem, shooting = setup.problem, options.shooting
+    options, shooting = setup.options, setup.options.shooting
     # Of a model with events no prediction leans on the record, and no segment begins in a mode that is known.
     has_events = problem.model.explicit.flat.events is not None
     if has_events:
@@ -225,7 +229,7 @@ def _uncut(
     return Ending(problem, replace(cut.found, z=z), None, cut, (*note, unstable))
 
 
-def _settled(setup: NonlinearSetup, end: Ending, home: np.ndarray, options: IdentifyOptions) -> Ending:
+def _settled(setup: Setup, end: Ending, home: np.ndarray) -> Ending:
     """The end with the gain of its own levels at its own parameters, and the levels at the size of its
     innovations: a filter with these levels then is the predictor of the fit."""
     if end.levels is None:
@@ -236,7 +240,7 @@ def _settled(setup: NonlinearSetup, end: Ending, home: np.ndarray, options: Iden
     if found is None:
         return end
     problem = gained(end.problem, found)
-    again = best_point(search_of(problem, home, options.max_iterations), [end.found.z])
+    again = best_point(search_of(problem, home, setup.options.max_iterations), [end.found.z])
     if again is None:
         return end
     errors = prediction_errors(problem, again.z)

@@ -11,6 +11,7 @@ import numpy as np
 
 from daest.errors import DataError
 from daest.model.experiment import Experiment
+from daest.model.flat import Model
 from daest.model.linear import StateSpaceFamily
 from daest.systems.sample import stacked_inputs
 
@@ -51,14 +52,12 @@ class Record:
 
 
 def make_record(experiment: Experiment, family: StateSpaceFamily) -> Record:
-    """Signals in the model's order. Outputs that were not recorded count as missing.
+    """A recording `in_model_order`, ready for a linear predictor.
 
     Steps that are multiples of the shortest one (dropped rows) give a uniform grid: inputs are straight lines
-    between samples, and the added grid points have no outputs. Errors (DataError): `data-input-missing`,
-    `data-input-gap`.
+    between samples, and the added grid points have no outputs.
     """
-    ordered = in_model_order(experiment, family)
-    inputs, outputs = ordered.inputs, ordered.outputs
+    inputs, outputs = experiment.inputs, experiment.outputs
     time, recorded, period = _grid(experiment)
     if len(time) != experiment.n_samples:
         inputs = np.column_stack([np.interp(time, experiment.time, column) for column in inputs.T])
@@ -82,22 +81,22 @@ def observed_counts(records: Sequence[Record]) -> np.ndarray:
     return np.sum([r.n_observed for r in records], axis=0)
 
 
-def in_model_order(experiment: Experiment, family: StateSpaceFamily) -> Experiment:
+def in_model_order(experiment: Experiment, model: Model | StateSpaceFamily) -> Experiment:
     """The experiment with inputs and outputs in the order of the model; outputs not recorded are NaN.
 
     Errors (DataError): `data-input-missing`, `data-input-gap`.
     """
-    inputs = _in_order(experiment, family)
-    outputs = np.full((experiment.n_samples, len(family.outputs)), np.nan)
-    for column, output in enumerate(family.outputs):
+    inputs = _in_order(experiment, model)
+    outputs = np.full((experiment.n_samples, len(model.outputs)), np.nan)
+    for column, output in enumerate(model.outputs):
         if output.name in experiment.output_names:
             outputs[:, column] = experiment.outputs[:, experiment.output_names.index(output.name)]
     return replace(
         experiment,
         inputs=inputs,
         outputs=outputs,
-        input_names=tuple(v.name for v in family.inputs),
-        output_names=tuple(o.name for o in family.outputs),
+        input_names=tuple(v.name for v in model.inputs),
+        output_names=tuple(o.name for o in model.outputs),
     )
 
 
@@ -113,9 +112,9 @@ def part_of(experiment: Experiment, first: int, last: int) -> Experiment:
     )
 
 
-def _in_order(experiment: Experiment, family: StateSpaceFamily) -> np.ndarray:
+def _in_order(experiment: Experiment, model: Model | StateSpaceFamily) -> np.ndarray:
     columns = []
-    for variable in family.inputs:
+    for variable in model.inputs:
         if variable.name not in experiment.input_names:
             raise DataError(
                 "data-input-missing",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -145,6 +145,12 @@ class Case:
     measure: tuple[str, ...]
     options: FilterOptions
     tell: Callable[[str], None]
+
+    @property
+    def measured(self) -> Experiment:
+        """The recording without the outputs that are not used."""
+        rows = [self.experiment.output_names.index(name) for name in self.measure]
+        return replace(self.experiment, outputs=self.experiment.outputs[:, rows], output_names=self.measure)
 
 
 @dataclass(frozen=True)

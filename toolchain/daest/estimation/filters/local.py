@@ -18,6 +18,7 @@ from daest.estimation.filter_task import Noise, Record, Start, Task, record
 from daest.estimation.filters.case import Case
 from daest.estimation.interpreted import project
 from daest.estimation.nonlinear_smoother import smooth_ekf
+from daest.estimation.records import in_model_order
 from daest.model.estimates import InitialState
 from daest.model.flat import Dynamics
 from daest.systems.initialize import initial_point
@@ -47,9 +48,10 @@ def prepared(case: Case, inside: bool = False) -> Prepared:
     """The recording with a model on states that are good everywhere, its start and its substeps. `inside`: as
     in `local_model`. Raises EstimationError `filter-initial-state`, `filter-noise-correlated`."""
     explicit, theta, options = case.model.explicit, case.model.theta, case.options
-    experiment, initial = case.experiment, case.options.initial
-    time, noise = experiment.time, Noise(*case.model.independent_noise())
-    inputs = experiment.inputs[:, [experiment.input_names.index(v.name) for v in explicit.flat.inputs]]
+    initial = options.initial
+    noise = Noise(*case.model.independent_noise())
+    experiment = in_model_order(case.measured, explicit.flat)
+    time, inputs = experiment.time, experiment.inputs
     v0 = _first_slopes(explicit, time, inputs)
     x0, _ = initial_point(explicit, theta, inputs[0], v0, float(time[0]))
     mean, known_cov = (x0, None) if initial is None else _given_start(explicit, initial, x0)
@@ -59,7 +61,7 @@ def prepared(case: Case, inside: bool = False) -> Prepared:
         mean, known_cov = in_states_of(used, explicit, mean, known_cov, theta, time, inputs)
         notes += ("All differentiated variables are states, tied by the constraints of the model.",)
     model = local_model(used, inside=inside, compiled=options.compiled)
-    data = record(model, time, inputs, _outputs(case), options.hold)
+    data = record(model, time, inputs, experiment.outputs, options.hold)
     size = _sizes(used, mean, theta, time, inputs, options.hold, options.compiled)
     cov = np.diag(size**2)
     cov = cov if known_cov is None else np.where(np.isinf(known_cov), cov, known_cov)
@@ -77,15 +79,6 @@ def prepared(case: Case, inside: bool = False) -> Prepared:
 
 def _with_longest(ready: Prepared, longest: float, *notes: str) -> Prepared:
     return Prepared(replace(ready.task, longest=longest), (*ready.notes, *notes))
-
-
-def _outputs(case: Case) -> np.ndarray:
-    """(n_samples, n_y) in the order of the model, NaN where not measured or not used."""
-    names, experiment = case.model.output_names, case.experiment
-    table = np.full((experiment.time.size, len(names)), np.nan)
-    for name in case.measure:
-        table[:, names.index(name)] = experiment.outputs[:, experiment.output_names.index(name)]
-    return table
 
 
 def _doubts(explicit: Dynamics) -> tuple[str, ...]:
