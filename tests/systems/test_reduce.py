@@ -358,3 +358,35 @@ def test_equal_values_alone_are_no_combination():
     with pytest.raises(ModelError) as caught:
         reduce_index(b.build())
     assert caught.value.code == "singular-after-reduction"
+
+
+@pytest.mark.parametrize("name", ["pendulum", "cubic"])
+def test_newton_iterations_from_a_point_nearby_end_at_the_same_tears(name):
+    """Also from tears that are none, and from a guess at which the equations are singular or overflow."""
+    explicit = reduce_index(MODELS[name]())
+    rhs, outputs = explicit.near
+    arguments = random_arguments(explicit, np.random.default_rng(5))
+    n_tears = rhs.numel_in(6)
+    _, tears = rhs(*arguments, ca.DM.nan(n_tears, 1))
+    for guess in (tears, 1.01 * tears, ca.DM.zeros(n_tears), 1e200 * ca.DM.ones(n_tears)):
+        value, found = rhs(*arguments, guess)
+        np.testing.assert_allclose(value.full(), explicit.rhs(*arguments).full(), rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(found.full(), tears.full(), rtol=1e-9)
+        seen = outputs(*arguments, guess)[0].full()
+        np.testing.assert_allclose(seen, explicit.outputs(*arguments).full(), rtol=1e-9, atol=1e-9)
+
+
+def test_second_derivatives_through_newton_iterations():
+    explicit = reduce_index(MODELS["cubic"]())
+    arguments = random_arguments(explicit, np.random.default_rng(5))
+    symbols = explicit.rhs.mx_in()
+    slope = ca.jacobian(explicit.rhs(*symbols), symbols[4])
+    first = ca.Function("first", symbols, [ca.densify(slope)])
+    second = ca.Function("second", symbols, [ca.jacobian(ca.densify(slope), symbols[4])])
+    step, exact = 1e-6, second(*arguments).full()
+    for j in range(arguments[4].size):
+        shift = step * np.eye(arguments[4].size)[j]
+        high, low = (
+            first(*arguments[:4], arguments[4] + s, arguments[5]).full().ravel("F") for s in (shift, -shift)
+        )
+        np.testing.assert_allclose(exact[:, j], (high - low) / (2 * step), rtol=1e-5, atol=1e-6)

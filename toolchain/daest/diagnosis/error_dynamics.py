@@ -120,6 +120,7 @@ def _pushed(explicit: ExplicitModel) -> ExplicitModel:
         flat=replace(flat, parameters=(*flat.parameters, *extra), theta=whole),
         rhs=ca.Function("rhs", at, [rate]),
         outputs=ca.Function("outputs", at, [x]),
+        near=None,
     )
 
 

@@ -193,12 +193,18 @@ class Dynamics:
 
 @dataclass(frozen=True, kw_only=True)
 class ExplicitModel(Dynamics):
-    """The dynamics of a `FlatModel` by index reduction, with exact derivatives of every function."""
+    """The dynamics of a `FlatModel` by index reduction, with exact derivatives of every function.
+
+    `near` are `rhs` and `outputs` of a model with Newton iterations as functions of (x, u, v, w, theta, t,
+    guess) -> (value, tears): the iterations start from a guess (n_tears,), the tears of a point nearby, where
+    it is a number; None where there are none.
+    """
 
     flat: FlatModel
     n_differentiations: int  # how many equations were differentiated, counted with multiplicity
     structural_index: int
     largest_loop: int  # unknowns in the largest algebraic loop after tearing, 0 when there is none
+    near: tuple[ca.Function, ca.Function] | None = None
 
     @property
     def check_if_stopped(self) -> str:

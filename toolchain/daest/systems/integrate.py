@@ -195,8 +195,11 @@ def _of_equations(
         root, owners = functions.roots()
         events = functions, owners
     if compiled:
+        driven = rhs, sens, out
+        if explicit.near is not None and events is None:
+            driven = _near_functions(explicit, explicit.near, tuple(names))
         try:
-            library = _compile(rhs, sens, out, hold, root, "-O1" if runs_once else "-O3")
+            library = _compile(*driven, hold, root, "-O1" if runs_once else "-O3")
         except FmuError as error:
             if error.code != "no-c-compiler":
                 raise
@@ -271,6 +274,36 @@ def _model_functions(
     return rhs, parts.get("daest_sens") or _slopes_alone(rhs), parts["daest_out"], parts.get("daest_hold")
 
 
+def _near_functions(
+    explicit: ExplicitModel, near: tuple[ca.Function, ca.Function], names: tuple[str, ...]
+) -> tuple[ca.Function, ca.Function, ca.Function]:
+    """What `_model_functions` makes for the C code, of a model whose loops are solved from a guess, the last
+    argument; the first function tells its tears behind the slopes."""
+    known = [p.name for p in explicit.flat.parameters]
+    columns = [known.index(name) for name in names]
+    n_u, n_v, n_w = (explicit.rhs.numel_in(i) for i in (1, 2, 3))
+    x, ubar, t = ca.MX.sym("x", explicit.n_states), ca.MX.sym("u", n_u + n_v), ca.MX.sym("t")
+    theta, chosen = ca.MX.sym("theta", len(known)), ca.MX.sym("chosen", len(columns))
+    guess = ca.MX.sym("guess", near[0].numel_in(6))
+    whole = ca.MX(theta)
+    for position, column in enumerate(columns):
+        whole[column] = chosen[position]
+    (f, tears), (h, _) = (part(x, ubar[:n_u], ubar[n_u:], ca.MX.zeros(n_w), whole, t, guess) for part in near)
+    slopes = [ca.jacobian(f, x), ca.jacobian(f, chosen)]
+    results = {
+        "daest_rhs": [f, slopes[0], tears],
+        "daest_sens": slopes,
+        "daest_out": [h, ca.jacobian(h, x), ca.jacobian(h, chosen)],
+    }
+    parts = []
+    for name, expressions in results.items():
+        dense = list(map(ca.densify, expressions))
+        inner = ca.Function(f"inner_{name}", [x, ubar, chosen, theta, t, guess], dense)
+        values = inner.call([x, ubar, theta[columns], theta, t, guess], True, False)
+        parts.append(ca.Function(name, [x, ubar, theta, t, guess], values))
+    return parts[0], parts[1], parts[2]
+
+
 def _slopes_alone(rhs: ca.Function) -> ca.Function:
     """(x, ū, theta, t) -> ∂f/∂x and no columns: the code of `rhs` is not written twice."""
     arguments = rhs.mx_in()
@@ -297,6 +330,7 @@ def _compile(
         ("NU", rhs.numel_in(1)),
         ("NP", sens.numel_out(1) // max(rhs.numel_in(0), 1)),
         ("NY", out.numel_out(0)),
+        ("NT", rhs.numel_out(2) if rhs.n_out() > 2 else 0),
         ("NG", 0 if hold is None else hold.numel_out(0)),
         ("NR", 0 if root is None else root.numel_out(0)),
     ]

@@ -184,8 +184,12 @@ def assemble(
     symbols = [system.pick(states), flat.u, v, flat.w, flat.theta, flat.time]
     tears = [loop.tears for loop in definitions.loops]
     rates = _only_known(parts.rates, [*symbols, *tears])
-    rhs, variables, outputs, rate = _functions(
-        symbols, [parts.rhs, parts.variables, parts.outputs, rates], definitions
+    results = [parts.rhs, parts.variables, parts.outputs, rates]
+    near = _near_functions(symbols, results, definitions) if definitions.loops else []
+    rhs, variables, outputs, rate = (
+        [_from_scratch(name, function) for name, function in zip(RESULTS, near, strict=True)]
+        if near
+        else _functions(symbols, results)
     )
     chosen = [(system.aliases.variables[j], k) for j, k in states]
     return ExplicitModel(
@@ -201,6 +205,7 @@ def assemble(
         n_differentiations=int(in_source.equations.sum()),
         structural_index=in_source.structural_index,
         largest_loop=definitions.largest_loop,
+        near=(near[0], near[2]) if any(not loop.is_linear for loop in definitions.loops) else None,
     )
 
 
@@ -238,28 +243,46 @@ def _only_known(expression: ca.SX, known: list[ca.SX]) -> ca.SX:
     return cleaned
 
 
-def _functions(symbols: list[ca.SX], results: list[ca.SX], definitions: Definitions) -> list[ca.Function]:
-    """Functions of (x, u, v, w, theta, t) for `RESULTS`; MX functions with Newton iterations where loops
-    remain."""
-    dense = [ca.densify(expression) for expression in results]
-    if not definitions.loops:
-        return [
-            ca.Function(name, symbols, [expression], ARGUMENTS, ["value"])
-            for name, expression in zip(RESULTS, dense, strict=True)
-        ]
+def _functions(symbols: list[ca.SX], results: list[ca.SX]) -> list[ca.Function]:
+    """Functions of (x, u, v, w, theta, t) for `RESULTS`, of a model whose loops are all written out."""
+    return [
+        ca.Function(name, symbols, [ca.densify(expression)], ARGUMENTS, ["value"])
+        for name, expression in zip(RESULTS, results, strict=True)
+    ]
+
+
+def _near_functions(
+    symbols: list[ca.SX], results: list[ca.SX], definitions: Definitions
+) -> list[ca.Function]:
+    """MX functions of (x, u, v, w, theta, t, guess) -> (value, tears) for `RESULTS`, with the loops that
+    remain solved from the guess."""
     arguments = [ca.MX.sym(n, s.numel()) for n, s in zip(ARGUMENTS, symbols, strict=True)]
-    tears, known = ca.MX(0, 1), ca.SX(0, 1)
+    guess = ca.MX.sym("guess", sum(loop.guess.size for loop in definitions.loops))
+    tears, known, first = ca.MX(0, 1), ca.SX(0, 1), 0
     for number, loop in enumerate(definitions.loops):
         found = (_linear if loop.is_linear else _newton)(
             f"loop{number}", loop, definitions, [*symbols, known]
         )
-        tears = ca.vertcat(tears, found(*arguments, tears))
-        known = ca.vertcat(known, loop.tears)
+        last = first + loop.guess.size
+        tears = ca.vertcat(tears, found(guess[first:last], *arguments, tears))
+        known, first = ca.vertcat(known, loop.tears), last
     functions = []
-    for name, expression in zip(RESULTS, dense, strict=True):
-        inner = ca.Function(f"{name}_of_tears", [*symbols, known], [expression])
-        functions.append(ca.Function(name, arguments, [inner(*arguments, tears)], ARGUMENTS, ["value"]))
+    for name, expression in zip(RESULTS, results, strict=True):
+        inner = ca.Function(f"{name}_of_tears", [*symbols, known], [ca.densify(expression)])
+        value = inner(*arguments, tears)
+        functions.append(
+            ca.Function(
+                f"{name}_near", [*arguments, guess], [value, tears], [*ARGUMENTS, "guess"], ["value", "tears"]
+            )
+        )
     return functions
+
+
+def _from_scratch(name: str, near: ca.Function) -> ca.Function:
+    """The value of a function of `_near_functions` from the guess of the sample point."""
+    arguments = near.mx_in()[:-1]
+    value = near(*arguments, ca.DM.nan(near.numel_in(len(arguments)), 1))[0]
+    return ca.Function(name, arguments, [value], ARGUMENTS, ["value"])
 
 
 def _linear(
@@ -270,7 +293,7 @@ def _linear(
     right = -ca.substitute(residual, loop.tears, ca.SX.zeros(loop.tears.numel()))
     system = ca.Function(f"{name}_system", known, [ca.jacobian(residual, loop.tears), ca.densify(right)])
 
-    def solved(*at: ca.MX) -> ca.MX:
+    def solved(_: ca.MX, *at: ca.MX) -> ca.MX:
         matrix, value = system(*at)
         return ca.solve(matrix, value, "qr")
 
@@ -299,13 +322,14 @@ def _newton(
         "max_iter": NEWTON_STEPS,
     }
     solved = _guarded(name, problem, options, loop.guess / scale, scale)
-    return lambda *at: solved(ca.vertcat(*at)[inside])
+    return lambda near, *at: solved(near, ca.vertcat(*at)[inside])
 
 
 def _guarded(
     name: str, problem: dict[str, ca.SX], options: dict[str, Any], guess: np.ndarray, scale: np.ndarray
 ) -> ca.Function:
-    """Full Newton steps from the guess; where they do not arrive, damped ones. Where these do not either it
+    """(tears nearby, p) -> tears: full Newton steps from the tears nearby, where these are numbers, else from
+    the guess; where they do not arrive, from the guess, and then damped ones. Where these do not either it
     raises an error, and gives NaN as C code.
 
     The plugin that can be written out as C code does not tell there whether it arrived, so that the residual
@@ -314,7 +338,8 @@ def _guarded(
     z, p = ca.MX.sym("z", guess.size), ca.MX.sym("p", problem["p"].numel())
 
     def missed(at: ca.MX, tolerance: float) -> ca.MX:
-        return ca.logic_not(ca.norm_inf(inner(at, p)) <= tolerance)
+        # A sum, which is no number where a residual is none: CasADi's largest would pass over that.
+        return ca.logic_not(ca.norm_1(inner(at, p)) <= tolerance)
 
     attempt = ca.rootfinder(f"{name}_attempt", "fast_newton", problem, {**options, "error_on_fail": False})
     arrive = ca.rootfinder(name, "fast_newton", problem, options)
@@ -324,12 +349,36 @@ def _guarded(
     damped = ca.Function(f"{name}_damped", [z, p], [end + lost])
     kept = ca.Function(f"{name}_kept", [z, p], [z])
     either = ca.Function.if_else(f"{name}_either", damped, kept)
-    first = attempt(guess, p)
+    plain = attempt(guess, p)
+    anew = ca.Function(f"{name}_anew", [z, p], [either(missed(plain, NEWTON_MISSED), plain, p)])
+    or_anew = ca.Function.if_else(f"{name}_or_anew", anew, kept)
+    nearby = ca.MX.sym("nearby", guess.size)
+    is_known = ca.fabs(nearby) < np.inf  # no number is not
+    first = attempt(ca.if_else(is_known, nearby / scale, guess), p)
+    # What leads to the solution is not differentiated: ways that were not taken may have no number.
+    solution: Any = {
+        "never_inline": True,
+        "custom_jacobian": _slopes_of_solution(f"jac_{name}_found", problem),
+        "jac_penalty": 0,
+    }
+    found = ca.Function(
+        f"{name}_found", [nearby, p], [or_anew(missed(first, NEWTON_MISSED), first, p)], solution
+    )
+    return ca.Function(f"{name}_guarded", [nearby, p], [scale * found(nearby, p)])
+
+
+def _slopes_of_solution(name: str, problem: dict[str, ca.SX]) -> ca.Function:
+    """(anything nearby, p, z) -> ∂z/∂nearby = 0 and ∂z/∂p of the solution z of 0 = g(z, p): the theorem of
+    the implicit function."""
+    z, p, g = problem["x"], problem["p"], problem["g"]
+    n = z.numel()
+    by_p = ca.densify(-ca.solve(ca.densify(ca.jacobian(g, z)), ca.densify(ca.jacobian(g, p))))
     return ca.Function(
-        f"{name}_guarded",
-        [p],
-        [scale * either(missed(first, NEWTON_MISSED), first, p)],
-        {"never_inline": True},
+        name,
+        [ca.SX.sym("nearby", n), p, z],
+        [ca.SX(n, n), by_p],
+        ["i0", "i1", "out_o0"],
+        ["jac_o0_i0", "jac_o0_i1"],
     )
 
 

@@ -122,6 +122,7 @@ def _without_copies(explicit: ExplicitModel, invariants: ca.Function, orders: li
         variable_derivatives=reduced(explicit.variable_derivatives),
         outputs=reduced(explicit.outputs),
         invariants=held,
+        near=None,
     )
 
 
