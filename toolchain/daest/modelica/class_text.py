@@ -34,28 +34,43 @@ class ConnectClause:
 
 
 def class_tokens(source: bytes, head: ClassHead) -> list[Token]:
-    """The tokens of a class from its name to its `end`, without those of classes inside of it."""
-    inner = [h.start for h in class_heads(source) if h.name.startswith(head.name + ".")]
+    """The tokens of a class from its name to its `end`, without those of classes inside of it that have an
+    `end` of their own; of a short class, `model M = N(…)`, to its semicolon."""
+    inner = {h.start for h in class_heads(source) if h.name.startswith(head.name + ".")}
+    words = list(tokens(source, head.start))
+    last = words[0].text
+    if len(words) > 1 and words[1].text == "=":
+        return words[: _statement_end(words)]
     found: list[Token] = []
-    last = head.name.rpartition(".")[2]
-    skipped = ""  # the class inside that is being passed over
-    for token in tokens(source, head.start):
-        before = found[-1].text if found else ""
-        if not skipped and token.start in inner:
-            skipped = token.text
-        if not skipped and before == "end" and token.text == last:
-            return found[:-1]
-        if skipped and before == "end" and token.text == skipped:
-            skipped = ""
-            found[-1:] = []
-        elif skipped:
-            if token.text == "end":
-                found.append(token)
-            elif found and found[-1].text == "end":
-                found.pop()
-        else:
-            found.append(token)
+    i = 0
+    while i < len(words):
+        follows = words[i + 1].text if i + 1 < len(words) else ""
+        if words[i].text == "end" and follows == last:
+            return found
+        if words[i].start in inner and follows != "=":
+            i = _class_end(words, i)
+            continue
+        found.append(words[i])
+        i += 1
     return found
+
+
+def _class_end(words: Sequence[Token], at: int) -> int:
+    """Index behind the `end Name` of the class whose name stands at `at`."""
+    for i in range(at + 1, len(words) - 1):
+        if words[i].text == "end" and words[i + 1].text == words[at].text:
+            return i + 2
+    return len(words)
+
+
+def _statement_end(words: Sequence[Token]) -> int:
+    """Index of the semicolon that ends the statement at the first word."""
+    depth = 0
+    for i, word in enumerate(words):
+        depth += (word.text in _OPEN) - (word.text in _CLOSE)
+        if depth < 0 or (depth == 0 and word.text == ";"):
+            return i  # a bracket around a redeclared class ends it, too
+    return len(words)
 
 
 def extends_clauses(words: Sequence[Token]) -> list[Extends]:

@@ -16,8 +16,10 @@ from daest.modelica.compiler import Job, compile_source, modification, with_room
 from daest.modelica.dialect import Names, adapted, without_broken, without_quotes
 from daest.modelica.excerpt import adapted_text, excerpt
 from daest.modelica.library import Roots, chosen_libraries, library_name, library_roots, readable_roots
+from daest.modelica.modifications import check_modifications
 from daest.modelica.outline import class_heads, tokens
 from daest.modelica.parameters import is_parameter
+from daest.modelica.redeclared import with_named_classes
 from daest.modelica.source import read_source, select_class
 
 __all__ = ["compile_model", "compile_text", "declare", "with_values"]
@@ -50,7 +52,7 @@ def compile_text(
     """As `compile_model`, of a text that stands, or is going to stand, in file `path`."""
     text, names = without_quotes(text)
     name = _chosen_class(text, names, path, class_name)
-    text = without_broken(text, path, name)
+    text = with_named_classes(without_broken(text, path, name), path, name)
     folders = library_roots(libraries)
     part = _excerpt(folders, text, path)
     if part is not None:
@@ -101,6 +103,8 @@ def _chosen_class(text: bytes, names: Names, path: Path, wanted: str | None) -> 
 def _compile(job: Job, overrides: dict[str, float]) -> FlatModel:
     try:
         source = compile_source(job)
+        if not job.names.shown:
+            check_modifications(source, job.text, job.class_name, str(job.path))
         flat = assemble(source, str(job.path))
         structural = _structural(source, flat, overrides)
         if structural:

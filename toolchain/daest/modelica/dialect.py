@@ -56,7 +56,10 @@ _PLAIN = re.compile(rb"\s*\.?\s*" + _WORD + rb"(?:\s*\.\s*" + _WORD + rb")*\s*\)
 _OBJECT = re.compile(
     rb"\bclass(\s+)([A-Za-z_]\w*)((?:\s+\"(?:[^\"\\]|\\.)*\")?\s*)extends\s+ExternalObject\s*;"
 )
-_HEAD = re.compile(rb"(?:\bencapsulated\s+)?(?:\bpartial\s+)?\b(model|block|class|package)\s+([A-Za-z_]\w*)")
+# A class with an `end`; `model M = N` has none.
+_HEAD = re.compile(
+    rb"(?:\bencapsulated\s+)?(?:\bpartial\s+)?\b(model|block|class|package)\s+([A-Za-z_]\w*)\b(?!\s*=)"
+)
 # A base class; `redeclare model extends M` is none.
 _BASE = re.compile(
     rb"(?<!\bmodel )(?<!\bblock )(?<!\bfunction )(?<!\brecord )(?<!\bpackage )"

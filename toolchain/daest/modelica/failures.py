@@ -146,8 +146,10 @@ _BEYOND = (
     ),
     (
         "unresolved Flat reference",
-        "an equation between whole records, as Complex numbers",
-        f"Write one equation for each part (`v.re = …; v.im = …;`); {_FMU}",
+        "an equation for a component that its condition leaves out, or one between whole records, as Complex "
+        "numbers",
+        "Put the equation of a conditional component into its class (connections to it may stay), and write "
+        f"one for each part of a record (`v.re = …; v.im = …;`); {_FMU}",
     ),
 )
 
@@ -387,7 +389,10 @@ def _types(message: str, path: Path, text: bytes, class_name: str) -> ModelError
         file = str(path) if Path(position[1]).name == path.name else position[1]
         where = Place(file, int(position[2]), int(position[3]))
         first = first[: position.start()]
-    return ModelError("model-type", first, where=where, remedy="Make both sides of the same type and size.")
+    remedy = "Make both sides of the same type and size."
+    if "unknown modifier" in first:
+        remedy = "Check its spelling; what is redeclared in the place of the class must have it, too."
+    return ModelError("model-type", first, where=where, remedy=remedy)
 
 
 def _der_expression(message: str, path: Path, text: bytes, class_name: str) -> ModelError | None:
