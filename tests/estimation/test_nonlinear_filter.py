@@ -10,9 +10,10 @@ from daest.errors import EstimationError
 from daest.estimation.filter import run_filter
 from daest.model.estimates import FilterOptions, InitialState
 from daest.modelica.compile import compile_model
+from daest.systems.initialize import initial_point
 from daest.systems.integrate import integrate, integrator
 from daest.systems.reduce import reduce_index
-from daest.systems.redundant import needs_redundant_states, redundant_model, redundant_start
+from daest.systems.redundant import matching_states, needs_redundant_states, redundant_model
 from daest.systems.simulate import simulate
 from daest.systems.state_space import state_space_family
 
@@ -208,6 +209,12 @@ def full_turns(period=0.02, n=500, push=-8.0):
     return time, u, angle
 
 
+def start_of(chosen, redundant, theta, u0):
+    x0, xi = initial_point(chosen, theta, u0)
+    arguments = (u0, np.zeros(0), np.zeros(len(chosen.flat.noises)), theta, 0.0)
+    return matching_states(chosen, redundant, x0, xi, arguments)
+
+
 def test_pendulum_in_cartesian_coordinates_turns_over_on_its_constraint():
     flat, chosen, redundant = pendulum()
     assert needs_redundant_states(flat)
@@ -215,7 +222,7 @@ def test_pendulum_in_cartesian_coordinates_turns_over_on_its_constraint():
     time, u, angle = full_turns()
     assert np.ptp(angle[:, 0]) > 2 * np.pi  # a full turn and more
     theta = flat.theta_values
-    x0 = redundant_start(chosen, redundant, theta, u[0], np.zeros(0), 0.0)
+    x0 = start_of(chosen, redundant, theta, u[0])
     engine = integrator(redundant, ("m", "d"))
     found = integrate(engine, time, u, theta, x0, hold="zoh", sensitivities=True, rtol=1e-8)
     nothing = np.zeros((1, time.size))
@@ -248,7 +255,7 @@ def test_interpreted_projection_gives_the_same():
     flat, chosen, redundant = pendulum()
     time, u, _ = full_turns(n=40)
     theta = flat.theta_values
-    x0 = redundant_start(chosen, redundant, theta, u[0], np.zeros(0), 0.0)
+    x0 = start_of(chosen, redundant, theta, u[0])
     runs = [
         integrate(
             integrator(redundant, ("m",), compiled=compiled),

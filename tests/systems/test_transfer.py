@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from flat_models import SERVO, Draft, library_servo, report_servo, servo_polynomials
 
-from daest.errors import ModelError
 from daest.systems.linearize import linearize
 from daest.systems.split import split
-from daest.systems.transfer import poles, state_space_from_form, transfer_functions
+from daest.systems.transfer import poles, transfer_functions
 
 
 def functions(flat):
@@ -152,47 +151,6 @@ def test_improper_function_keeps_its_polynomial_part():
     # 2 s² + 1/(s + 1)
     np.testing.assert_allclose(g.num, [2.0, 2.0, 0.0, 1.0], atol=1e-12)
     np.testing.assert_allclose(g.den, [1.0, 1.0], rtol=1e-12)
-
-
-def test_state_space_of_the_servo():
-    flat = report_servo(noises={"w": "J1*motor.a = motor.flange_a.tau + motor.flange_b.tau"})
-    dae = linearize(flat)
-    ss = state_space_from_form(dae, split(dae))
-    assert set(ss.state_names) <= {v.name for v in dae.unknowns} and len(ss.state_names) == 4
-    assert ss.input_derivatives == ()
-    for s in (0.1j, 3.0 + 1.0j):
-        resolvent = np.linalg.inv(s * dae.E - dae.J)
-        inside = np.linalg.inv(s * np.eye(4) - ss.A)
-        np.testing.assert_allclose(ss.X @ inside @ ss.B + ss.U, resolvent @ dae.K, rtol=1e-8, atol=1e-9)
-        np.testing.assert_allclose(ss.X @ inside @ ss.G + ss.W, resolvent @ dae.B, rtol=1e-8, atol=1e-9)
-        np.testing.assert_allclose(ss.C @ inside @ ss.G + ss.H, dae.C @ resolvent @ dae.B, rtol=1e-8)
-
-
-def test_state_space_with_input_derivatives_and_constants():
-    flat = make(
-        "x = u + 3", "v = der(x)", "der(z) = -z + v + 1", unknowns="x v z", outputs={"y": "z + v", "x": "x"}
-    )
-    dae = linearize(flat)
-    ss = state_space_from_form(dae, split(dae))
-    assert ss.input_derivatives == ((0, 1),)
-    # With u = sin(t): the state z' = -z + cos t + 1 in whatever coordinates, checked through ξ at s = iω.
-    for s in (0.5j, 2.0j):
-        inside = np.linalg.inv(s * np.eye(1) - ss.A)
-        extended = np.array([[1.0], [s]])
-        xi = (ss.X @ inside @ ss.B + ss.U) @ extended
-        np.testing.assert_allclose(xi, np.linalg.solve(s * dae.E - dae.J, dae.K), rtol=1e-10)
-    rest = np.linalg.solve(ss.A, -ss.b)
-    np.testing.assert_allclose(ss.X @ rest + ss.x0, [3.0, 0.0, 1.0], atol=1e-12)
-    np.testing.assert_allclose(ss.C @ rest + ss.d, [1.0, 3.0], atol=1e-12)
-
-
-def test_differentiated_noise_is_refused():
-    dae = linearize(report_servo(noises={"w": "disc.phi = disc.flange_a.phi"}))
-    with pytest.raises(ModelError) as caught:
-        state_space_from_form(dae, split(dae))
-    assert caught.value.code == "noise-differentiated"
-    assert "damper.w_rel" in caught.value.what
-    assert "der(disc.phi)" in caught.value.remedy
 
 
 def test_model_without_dynamics():

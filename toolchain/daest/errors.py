@@ -133,14 +133,6 @@ EXPLANATIONS: dict[str, str] = {
         "One server at a time serves a folder; any number of pages may show it. Open the address that the "
         "message names, or end that server."
     ),
-    "arx-needs-uniform-samples": (
-        "An ARX model relates samples at a fixed distance, and the recording has uneven sample times. "
-        "Resample it."
-    ),
-    "arx-one-input": (
-        "The transfer function from data is estimated for models with one input, as in the report. Start "
-        "values by matching take several inputs."
-    ),
     "at-without-values": (
         "The file of --at must hold parameters (as results/fit.json does) or an operating point under the "
         "key at, values by the names of unknowns and inputs."

@@ -4,18 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from daest.errors import EstimationError
-from daest.estimation.checks import known_name
-from daest.estimation.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.coordinates import Unknowns
 from daest.estimation.linear_predictors import Problem
-from daest.estimation.records import Record, make_record
+from daest.estimation.records import Record
 from daest.estimation.search import Evaluation, minimise
-from daest.model.experiment import Experiment
 from daest.model.linear import StateSpace, StateSpaceFamily
 from daest.numerics.exponential import transition_integrals
 from daest.numerics.recursions import linear_recursion
@@ -59,24 +55,6 @@ class LongArx:
         return (delays @ self.b) / (1.0 - delays[:, 1:] @ self.a)[:, None]
 
 
-@dataclass(frozen=True)
-class TransferEstimate:
-    """G(s) = num(s) / den(s) from one input to one output, highest power first, den[0] = 1.
-
-    `fit_percent` is that of its simulation.
-    """
-
-    input: str
-    output: str
-    num: np.ndarray
-    den: np.ndarray
-    fit_percent: float
-
-    @property
-    def static_gain(self) -> float:
-        return float(self.num[-1] / self.den[-1])
-
-
 def fit_long_arx(record: Record, output: int, order: int | None = None) -> LongArx:
     """Least squares; the order is limited by the number of samples. Missing outputs are bridged by straight
     lines, which is good enough for start values. The record must have a period.
@@ -96,64 +74,29 @@ def fit_long_arx(record: Record, output: int, order: int | None = None) -> LongA
     return LongArx(solved[:order], b, float(record.period or 0.0), _fit(target, table @ solved))
 
 
-def fit_transfer_function(
-    family: StateSpaceFamily, experiment: Experiment, output: str, orders: tuple[int, int] | None = None
-) -> TransferEstimate:
-    """Transfer function from the only input of `family` to `output`, as (9) of the report.
+def transfer_function(
+    record: Record, output: int, orders: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """num and den (highest power first, den[0] = 1) from the only input to `output`, as (9) of the report,
+    and the percentage that its simulation fits.
 
-    `orders` (poles, zeros) are those of the physical model unless given. First a fit to the frequency
-    response of a long ARX model, then the refined instrumental-variable method on prefiltered signals
-    (Young & Jakeman), which is free of the bias that measurement noise gives a short ARX model. Error
-    `arx-one-input`.
+    First a fit of `orders` (poles, zeros) to the frequency response of a long ARX model, then the refined
+    instrumental-variable method on prefiltered signals (Young & Jakeman), which is free of the bias that
+    measurement noise gives a short ARX model.
     """
-    if len(family.inputs) != 1:
-        raise EstimationError(
-            "arx-one-input",
-            f"a transfer function needs a model with one input; this one has {len(family.inputs)}",
-            remedy="use start_values_from_arx, which takes several inputs",
-        )
-    j = known_name(output, [o.name for o in family.outputs], "output")
-    record = make_record(experiment, family)
-    _check_uniform(record)
-    theta = np.array([p.value for p in family.parameters])
-    return _transfer_function(family, record, j, orders or physical_orders(state_space(family, theta), j))
-
-
-def _transfer_function(
-    family: StateSpaceFamily, record: Record, output: int, orders: tuple[int, int]
-) -> TransferEstimate:
     omega, weight = _frequencies(record)
     response = fit_long_arx(record, output).response(omega)[:, 0]
     num, den = _rational_fit(omega, response, weight[:, 0], *orders)
-    num, den, fit = _refined(record, output, num, den, omega[0])
-    return TransferEstimate(family.inputs[0].name, family.outputs[output].name, num, den, fit)
-
-
-def start_values_from_arx(
-    family: StateSpaceFamily, experiment: Experiment, names: Sequence[str], seed: int = 0
-) -> dict[str, float]:
-    """Values of the parameters `names` whose transfer functions come nearest to ARX models of the data.
-
-    The report's way to k, (10)-(11), for any parameters: the sum over inputs, outputs and frequencies of
-    |G(iω, θ) - G_arx(iω)|², weighted by the input's power and relative to each output, is minimised from
-    the model's values and from seeded points around them. Cheap: no simulation. Other parameters keep
-    their values.
-    """
-    known = [p.name for p in family.parameters]
-    theta = np.array([p.value for p in family.parameters], dtype=float)
-    coordinates = []
-    for name in names:
-        parameter = family.parameters[known_name(name, known, "parameter")]
-        bounds = (parameter.min, parameter.max)
-        coordinates.append(parameter_coordinate(family, name, parameter.value, bounds))
-    unknowns = Unknowns(tuple(coordinates), theta, np.zeros(0), np.zeros(0))
-    z = _match(family, make_record(experiment, family), unknowns, seed)
-    values = unknowns.natural(unknowns.start if z is None else z)
-    return {c.name: float(v) for c, v in zip(coordinates, values, strict=True)}
+    return _refined(record, output, num, den, omega[0])
 
 
 def matched_start(problem: Problem, seed: int = 0) -> np.ndarray | None:
-    """Start point (in z) by matching ARX models of the longest record; None where that is not possible."""
+    """Start point (in z) by matching ARX models of the longest record; None where that is not possible.
+
+    The report's way to k, (10)-(11), for any parameters: the sum over inputs, outputs and frequencies of
+    |G(iω, θ) - G_arx(iω)|², weighted by the input's power and relative to each output, is minimised from the
+    model's values and from seeded points around them. Cheap: no simulation.
+    """
     record = max(problem.records, key=lambda r: r.n_samples)
     if record.period is None or not problem.family.inputs:
         return None
@@ -176,16 +119,6 @@ def physical_orders(ss: StateSpace, output: int) -> tuple[int, int]:
         size = float(np.linalg.norm(moment)) * float(np.linalg.norm(A))
         moment = A @ moment
     return poles, 0
-
-
-def _check_uniform(record: Record) -> None:
-    if record.period is None:
-        raise EstimationError(
-            "arx-needs-uniform-samples",
-            f"{record.name} has uneven sample times; an ARX model needs a uniform grid",
-            where=record.name,
-            remedy="resample the recording (--resample PERIOD)",
-        )
 
 
 def _bridged(record: Record, output: int) -> np.ndarray:
@@ -306,7 +239,6 @@ def _stable(den: np.ndarray, slowest: float) -> np.ndarray:
 
 
 def _match(family: StateSpaceFamily, record: Record, unknowns: Unknowns, seed: int) -> np.ndarray | None:
-    _check_uniform(record)
     omega, weight = _frequencies(record)
     outputs = [j for j in range(len(family.outputs)) if record.n_observed[j] > 4 * LONG_ORDER]
     if not outputs:
@@ -352,10 +284,10 @@ def _measured_response(
     """
     ss = state_space(family, theta)
     if len(family.inputs) == 1 and not ss.input_derivatives:
-        estimate = _transfer_function(family, record, output, physical_orders(ss, output))
-        if estimate.fit_percent > GOOD_FIT:
+        num, den, fit = transfer_function(record, output, physical_orders(ss, output))
+        if fit > GOOD_FIT:
             s = 1j * omega
-            return (np.polyval(estimate.num, s) / np.polyval(estimate.den, s))[:, None]
+            return (np.polyval(num, s) / np.polyval(den, s))[:, None]
     return fit_long_arx(record, output).response(omega)
 
 

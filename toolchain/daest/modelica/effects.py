@@ -43,7 +43,6 @@ OWN = "@."
 
 _MARK = re.compile(rb"__Daest\s*\(\s*effect\b")
 _CATALOGUE = "Daest__Catalogue"
-_SUPPORT = "support"
 _SIGNALS: tuple[Attachment, ...] = ("signal", "input", "output", "parameter")
 _ATTACHMENTS: tuple[Attachment, ...] = ("connector", "parallel", "series", *_SIGNALS)
 _ROLES: tuple[ParameterRole, ...] = ("size", "shape", "sharpness", "given")

@@ -97,11 +97,6 @@ class EventFunctions:
             dtype=bool,
         )
 
-    @cached_property
-    def is_pending(self) -> bool:
-        """Whether anything moves in proportion to time, or is sampled."""
-        return bool(np.any(self.timed)) or self.events.ticks.numel() > 0
-
     def clock(self, x: np.ndarray, ubar: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values at time zero and slopes along time of relations, then of whole parts."""
         value, slope = self.along_time(x, ubar, theta)

@@ -19,7 +19,6 @@ import numpy as np
 
 from daest.model.flat import Dynamics, ExplicitModel, FlatModel
 from daest.systems.expand import ExpandedSystem, SamplePoint, nudged, sample_point
-from daest.systems.initialize import initial_point
 from daest.systems.loops import Definitions, equations_at, solve_blocks
 from daest.systems.pantelides import check_structure, differentiations, flat_signature
 from daest.systems.reduce import ARGUMENTS, assemble, expressions_of, refuse_differentiated_noise
@@ -124,20 +123,6 @@ def _without_copies(explicit: ExplicitModel, invariants: ca.Function, orders: li
         invariants=held,
         near=None,
     )
-
-
-def redundant_start(
-    chosen: Dynamics,
-    redundant: Dynamics,
-    theta: np.ndarray,
-    u0: np.ndarray,
-    v0: np.ndarray,
-    t0: float,
-) -> np.ndarray:
-    """Consistent states (n_states,) of the redundant model, from the initial point of the model with chosen
-    states."""
-    x0, xi = initial_point(chosen, theta, u0, v0, t0)
-    return matching_states(chosen, redundant, x0, xi, (u0, v0, np.zeros(len(chosen.flat.noises)), theta, t0))
 
 
 def matching_states(

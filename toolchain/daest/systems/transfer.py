@@ -1,4 +1,4 @@
-"""Poles, transfer functions and state space of a linear DAE in standard form."""
+"""Poles and transfer functions of a linear DAE in standard form."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg as sla
 
-from daest.errors import ModelError
-from daest.model.linear import LinearDAE, Matrix, SparseForm, StandardForm, StateSpace
+from daest.model.linear import LinearDAE, Matrix, SparseForm, StandardForm
 from daest.numerics.exponential import balanced
 from daest.numerics.pencils import split_pencil
-from daest.systems.noise import NoiseGains, in_outputs, noise_gains, noise_report, verdict
+from daest.systems.noise import in_outputs, noise_gains
 
 EXACT = 1e-10
 """Part of the norm of a channel's scaled matrices up to which a coupling counts as zero: it must be rounding,
@@ -135,76 +134,3 @@ def _reachable(A: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray,
     small = np.abs(np.diag(H, -1)) <= EXACT * np.linalg.norm(H, 2)
     m = int(np.argmax(small)) + 1 if small.any() else n
     return H[:m, :m], (Q.T @ b)[:m], (c @ Q)[:m]
-
-
-def state_space_from_form(dae: LinearDAE, form: StandardForm | SparseForm) -> StateSpace:
-    """State space (6) with ū = (u, v): v holds the input derivatives that z2 = -Σ N^i D1 u^(i) really
-    contains.
-
-    Raises ModelError `noise-differentiated` when a noise of the model would be differentiated (Theorem 3.1).
-    """
-    gains = noise_gains(dae, form)
-    _refuse_differentiated(dae, form, gains)
-    n1, n_u = form.n_dynamic, len(dae.inputs)
-    P1, Q1 = _dense(form.left_dynamic), _dense(form.right_dynamic)
-    extra = [
-        (j, i) for i in range(1, len(gains.maps)) for j in range(n_u) if np.any(gains.part(i, dae.K[:, j]))
-    ]
-    orders = [(j, 0) for j in range(n_u)] + extra
-    U = _columns(dae.n, [gains.part(i, dae.K[:, j]) for j, i in orders])
-    W = _columns(dae.n, [gains.part(0, column) for column in dae.B.T])
-    x0 = gains.part(0, dae.offset)
-    C_U, C_W = (_columns(len(dae.outputs), [in_outputs(dae.C, v) for v in M.T]) for M in (U, W))
-    unused = np.zeros((len(dae.outputs), len(extra)))
-    return StateSpace(
-        state_names=_state_names(dae, Q1),
-        input_names=tuple(u.name for u in dae.inputs),
-        input_derivatives=tuple(extra),
-        noise_names=tuple(w.name for w in dae.noises),
-        output_names=tuple(y.name for y in dae.outputs),
-        unknown_names=tuple(v.name for v in dae.unknowns),
-        A=_dense(form.A),
-        B=np.hstack([P1 @ dae.K, np.zeros((n1, len(extra)))]),
-        G=P1 @ dae.B,
-        b=P1 @ dae.offset,
-        C=dae.C @ Q1,
-        D=C_U + np.hstack([dae.D, unused]),
-        H=C_W + dae.H,
-        d=dae.C @ x0 + dae.output_offset,
-        X=Q1,
-        U=U,
-        W=W,
-        x0=x0,
-    )
-
-
-def _columns(n_rows: int, columns: list[np.ndarray]) -> np.ndarray:
-    return np.column_stack(columns) if columns else np.zeros((n_rows, 0))
-
-
-def _refuse_differentiated(dae: LinearDAE, form: StandardForm | SparseForm, gains: NoiseGains) -> None:
-    for noise, column in zip(dae.noises, dae.B.T, strict=True):
-        if verdict(dae, gains, column, noise.name).admissible:
-            continue
-        report = noise_report(dae, form)
-        place = next(p for p in report.annotated if p.name == noise.name)
-        raise ModelError(
-            "noise-differentiated",
-            f"the white noise {noise.name} would be differentiated in {', '.join(place.differentiated)}",
-            where=noise.place or dae.equations[place.equations[0]].place,
-            remedy=place.advice,
-        )
-
-
-def _state_names(dae: LinearDAE, Q1: np.ndarray) -> tuple[str, ...]:
-    """The differentiated unknown that a state is, or z1[i] when it is none."""
-    is_state = np.asarray(abs(dae.E).sum(axis=0)).ravel() > 0
-    names = []
-    for i, unit in enumerate(np.eye(Q1.shape[1])):
-        rows = np.flatnonzero(np.all(unit == Q1, axis=1) & is_state)
-        names.append(min((dae.unknowns[r].name for r in rows), key=_depth, default=f"z1[{i + 1}]"))
-    return tuple(names)
-
-
-def _depth(name: str) -> tuple[int, str]:
-    return name.count("."), name
