@@ -34,6 +34,7 @@ from daest.diagnosis.proof import (
     Prepared,
     Reference,
     Trial,
+    at_full_size,
     best_accepted,
     clipping_trials,
     could_compete,
@@ -440,11 +441,14 @@ class _Search:
 def _refitted(search: _Search, prepared: Prepared) -> Proof:
     """The proof of a candidate. Where its refit fails, or loses its way, it is tried again: at places that
     the sensors do not tell from its own, from a small and gentle effect, and from a simulation's fit by
-    multiple shooting. Raises the error of the first attempt."""
+    multiple shooting. One that replaces a sensor is tried at its full size first. Raises the error of the
+    first attempt."""
     first: Exception | None = None
     best: Proof | None = None
+    full = at_full_size(search.stand.null, prepared)
+    at_full = [] if full is None else [full]
     with _quiet():
-        for attempt in _attempts(search, prepared):
+        for attempt in (*at_full, *_attempts(search, prepared)):
             try:
                 proof = _proved(search, attempt())
             except FAILURES as error:
@@ -452,7 +456,7 @@ def _refitted(search: _Search, prepared: Prepared) -> Proof:
                 continue
             if best is None or proof.delta_log_likelihood > best.delta_log_likelihood:
                 best = proof
-            if not has_lost_its_way(proof, prepared.simulation):
+            if attempt is not full and not has_lost_its_way(proof, prepared.simulation):
                 break
     if best is not None:
         return best

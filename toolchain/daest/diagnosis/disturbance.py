@@ -95,10 +95,9 @@ def smoothed_at(null: Null, run: NullObserver, index: int, experiment: int = 0) 
     S_inverse = run.root.T @ run.root
     errors = np.linalg.solve(run.root, observed.whitened.T).T
     # r[k-1] = C' S⁻¹ e[k] + closed' r[k], smoothed = predicted + P r[k-1]
-    weighted = errors @ S_inverse @ run.average.C
+    weighted = (observed.sensors * (errors @ S_inverse)) @ run.average.C
     backward = linear_recursion(found.closed_loop.T, weighted[::-1], np.zeros(weighted.shape[1]))[1:][::-1]
-    predicted = observed.filtered - errors @ run.gain.T
-    smoothed = predicted + backward @ found.predicted_cov
+    smoothed = observed.predicted + backward @ found.predicted_cov
     row = run.state_names.index(null.loads[index].name)
     std = float(np.sqrt(found.predicted_cov[row, row]))
     return SmoothedLoad(index, smoothed[:, row], std)

@@ -37,13 +37,22 @@ class ErrorDynamics:
     at_end: np.ndarray
     C: np.ndarray
 
-    def errors(self, gain: np.ndarray, drive: np.ndarray, direct: np.ndarray | None = None) -> np.ndarray:
+    def errors(
+        self,
+        gain: np.ndarray,
+        drive: np.ndarray,
+        direct: np.ndarray | None = None,
+        sensors: np.ndarray | None = None,
+    ) -> np.ndarray:
         """Errors of the predicted outputs (k, n_samples, n_y) from drives (k, 2, n_samples - 1, n) at the
-        starts and ends of the intervals, and `direct` errors (k, n_samples, n_y) of the predictions."""
+        starts and ends of the intervals, and `direct` errors (k, n_samples, n_y) of the predictions. The gain
+        follows the relative slopes of the `sensors` (n_samples, n_y)."""
+        s = np.ones((1, gain.shape[1])) if sensors is None or np.all(sensors == 1.0) else sensors[:-1]
         pushed = _times(drive[:, 0], self.at_start) + _times(drive[:, 1], self.at_end)
         if direct is not None:
-            pushed = pushed - _times(direct[:, :-1] @ gain.T, self.transition)
-        closed = self.transition - self.transition @ gain @ self.C[: self.transition.shape[0]]
+            pushed = pushed - _times((s * direct[:, :-1]) @ gain.T, self.transition)
+        seen = s[:, :, None] * self.C[: max(self.C.shape[0] - 1, 1)]
+        closed = self.transition - self.transition @ gain @ seen
         if closed.shape[0] == 1:
             states = linear_recursion(closed[0], pushed, np.zeros(closed.shape[1]))
         else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -175,6 +175,23 @@ def _inside(value: float, low: float | None, high: float | None) -> float:
     if high is not None and value >= high:
         return high - 0.1 * max(abs(value), abs(high), 1e-3)
     return value
+
+
+def at_full_size(null: Null, prepared: Prepared) -> Callable[[], Prepared] | None:
+    """Makes the candidate at its full size, with the parameters that the null's search began with; None for
+    one that is not a share in what a sensor shows.
+
+    Half a sensor of magnitude is worse than none, so that a search from a small share ends there; and beside
+    loads that imitate a sensor, the null's parameters may have gone anywhere."""
+    trial, effect = prepared.trial, prepared.trial.candidate.effect
+    is_share = all(p.max is not None and p.min == p.null and p.start == p.max for p in effect.sizes)
+    if trial.candidate.site.kind != "output" or not is_share or prepared.similar is not None:
+        return None
+    nulls = [p.null or 0.0 for p in effect.sizes]
+    sizes = tuple(low + CUT * (p.start - low) for p, low in zip(effect.sizes, nulls, strict=True))
+    full = replace(trial, sizes=sizes)
+    begun = {p.name: p.initial for p in null.fit.parameters if p.name in null.estimated}
+    return partial(prepare, null.flat.with_theta(begun), null.estimated, full)
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,7 @@ from daest.numerics.statistics import autoregression, chi2, norm
 from daest.systems.integrate import Correction, Integrator, Trajectory, integrate, integrator, interval_inputs
 from daest.systems.integration import IntegrationError
 from daest.systems.reduce import reduce_index
+from daest.systems.sensor_laws import slopes_along
 
 RANK = 1e-7  # singular values of the scaled nuisance directions below this are no direction
 DRAWS = 20_000  # of the largest score under the null
@@ -46,12 +47,13 @@ PIECE = 500
 class Observed:
     """The null's observer run over one experiment: predicted and filtered states (n_samples, n) by
     `state_names`, whitened innovations (n_samples, n_y) and their slopes (k, n_samples, n_y) over parameters
-    and initial states."""
+    and initial states; relative slopes of the sensors (n_samples, n_y) that the gain follows."""
 
     predicted: np.ndarray
     filtered: np.ndarray
     whitened: np.ndarray
     slopes: np.ndarray
+    sensors: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -94,15 +96,23 @@ def run_null(null: Null) -> NullObserver:
     table = table[np.all(np.isfinite(table), axis=1)]
     root = np.linalg.inv(np.linalg.cholesky(table.T @ table / table.shape[0]))
     observed = tuple(
-        Observed(
-            predicted=run.states,
-            filtered=run.states + np.where(np.isfinite(error), error, 0.0) @ gain.T,
-            whitened=np.where(np.isfinite(error), error, 0.0) @ root.T,
-            slopes=np.where(np.isfinite(error), run.sensitivities.transpose(2, 0, 1), 0.0) @ root.T,
-        )
-        for run, error in zip(runs, errors, strict=True)
+        _observed(null, *one, gain, root) for one in zip(null.experiments, runs, errors, strict=True)
     )
     return NullObserver(null, names, average, gain, gain is whole and bool(np.any(gain)), root, observed)
+
+
+def _observed(
+    null: Null, experiment: Experiment, run: Trajectory, error: np.ndarray, gain: np.ndarray, root: np.ndarray
+) -> Observed:
+    known = np.isfinite(error)
+    sensors = slopes_along(null.explicit, null.theta, experiment.time, run.states, _ubar(null, experiment))
+    return Observed(
+        predicted=run.states,
+        filtered=run.states + np.where(known, sensors * error, 0.0) @ gain.T,
+        whitened=np.where(known, error, 0.0) @ root.T,
+        slopes=np.where(known, run.sensitivities.transpose(2, 0, 1), 0.0) @ root.T,
+        sensors=sensors,
+    )
 
 
 def _followed(
@@ -273,7 +283,7 @@ def innovation_responses(
     """Responses (k, n_samples · n_y) of the whitened innovations of an experiment to drives g (k, 2,
     n_samples - 1, n) of the states' rates at the starts and ends of its intervals, and `direct` (k,
     n_samples, n_y) of the outputs, through the observer's error dynamics."""
-    change = run.dynamics[number].errors(run.gain, g, direct)
+    change = run.dynamics[number].errors(run.gain, g, direct, run.observed[number].sensors)
     change = np.where(np.isfinite(experiment.outputs), change, 0.0)
     return (change @ run.root.T).reshape(g.shape[0], -1)
 

@@ -17,6 +17,7 @@ from daest.model.flat import Dynamics
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.numerics.innovations import forgetting
 from daest.systems.sample import sample
+from daest.systems.sensor_laws import sensor_laws, steepest_slopes
 
 MOST_POINTS = 2000  # of a trajectory that the average is taken over
 
@@ -58,6 +59,10 @@ def average_model(
         np.array(value).reshape(rows, chosen.size, columns).mean(axis=1)
         for value, rows, columns in zip(values, (n, n, n_y), sizes, strict=True)
     )
+    laws = sensor_laws(explicit)
+    if laws is not None:
+        # The gain of a sensor's steepest slope, which follows the slope along the motion.
+        C = steepest_slopes(explicit, laws, theta, time[chosen], states[chosen], ubar[chosen])
     return AverageModel(A, G, C, float(np.median(np.diff(time))))
 
 

@@ -29,6 +29,7 @@ from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import HybridError
 from daest.systems.hybrid import Inputs, follow
 from daest.systems.integration import FAILURES, IntegrationError, pointer
+from daest.systems.sensor_laws import relative_slopes, sensor_laws
 from daest.systems.tolerances import SOLVER
 
 Hold = Literal["zoh", "foh"]
@@ -60,7 +61,8 @@ class Trajectory:
 @dataclass(frozen=True)
 class Correction:
     """Measurements (n_samples, n_y), NaN where missing, and the gain (n_states, n_y), or one per sample
-    (n_samples, n_states, n_y), that corrects the state at each sample: x += gain (y - h(x)). `gain_slopes`
+    (n_samples, n_states, n_y), that corrects the state at each sample: x += gain (y - h(x)), where a sensor
+    bends what it shows with the error times its relative slope (`sensor_laws`). `gain_slopes`
     (n, n_states, n_y): how it changes along n further directions of the sensitivities."""
 
     measurements: np.ndarray
@@ -140,6 +142,7 @@ class EquationIntegrator(Integrator):
     library: ctypes.CDLL | None  # None: interpreted by CasADi
     hold: ca.Function | None = None  # (x, ū, theta, t) -> g, ∂g/∂x, ∂g/∂θ_names by rows: invariants g = 0
     events: tuple[EventFunctions, np.ndarray] | None = None  # with the owner of each root function
+    bend: ca.Function | None = None  # (x, ū, theta, t) -> s, ∂s/∂x, ∂s/∂θ_names: see `sensor_laws`
 
     def __reduce__(self) -> tuple:
         # A library belongs to its process; another one loads it anew.
@@ -188,7 +191,7 @@ def _of_equations(
     known = _compiled_for_more(explicit, tuple(names)) if compiled else None
     if known is not None:
         return known
-    rhs, sens, out, hold = _model_functions(explicit, tuple(names))
+    rhs, sens, out, hold, bend = _model_functions(explicit, tuple(names))
     library, events, root = None, None, None
     if explicit.flat.events is not None:
         functions = EventFunctions(explicit)
@@ -199,11 +202,11 @@ def _of_equations(
         if explicit.near is not None and events is None:
             driven = _near_functions(explicit, explicit.near, tuple(names))
         try:
-            library = _compile(*driven, hold, root, "-O1" if runs_once else "-O3")
+            library = _compile(*driven, hold, root, bend, "-O1" if runs_once else "-O3")
         except FmuError as error:
             if error.code != "no-c-compiler":
                 raise
-    made = EquationIntegrator(explicit, tuple(names), rhs, sens, out, library, hold, events)
+    made = EquationIntegrator(explicit, tuple(names), rhs, sens, out, library, hold, events, bend)
     if library is not None and not runs_once:
         _compiled[_functions_of(explicit)] = made  # which keeps the functions: no others take their numbers
         while len(_compiled) > MOST_COMPILED:
@@ -216,7 +219,9 @@ _compiled: dict[tuple, EquationIntegrator] = {}
 
 def _functions_of(explicit: ExplicitModel) -> tuple:
     functions = (explicit.rhs, explicit.outputs, explicit.invariants)
-    return *(hash(f) for f in functions), *(p.name for p in explicit.flat.parameters)
+    laws = sensor_laws(explicit)
+    own = () if laws is None else laws.key
+    return *(hash(f) for f in functions), *(p.name for p in explicit.flat.parameters), own
 
 
 def _compiled_for_more(explicit: ExplicitModel, names: tuple[str, ...]) -> EquationIntegrator | None:
@@ -234,7 +239,7 @@ def _again(explicit: ExplicitModel, names: tuple[str, ...], compiled: bool) -> I
 
 def _model_functions(
     explicit: ExplicitModel, names: tuple[str, ...]
-) -> tuple[ca.Function, ca.Function, ca.Function, ca.Function | None]:
+) -> tuple[ca.Function, ca.Function, ca.Function, ca.Function | None, ca.Function | None]:
     known = [p.name for p in explicit.flat.parameters]
     missing = [name for name in names if name not in known]
     if missing:
@@ -258,6 +263,10 @@ def _model_functions(
     if explicit.invariants is not None:
         g = explicit.invariants(*at)
         results["daest_hold"] = [g, ca.jacobian(g, x).T, ca.jacobian(g, chosen).T]
+    laws = sensor_laws(explicit)
+    if laws is not None:
+        s, _ = relative_slopes(explicit, laws, at)
+        results["daest_bend"] = [s, ca.jacobian(s, x), ca.jacobian(s, chosen)]
     if not columns:
         del results["daest_sens"]
     inner = [
@@ -271,7 +280,8 @@ def _model_functions(
         for name, part in zip(results, inner, strict=True)
     }
     rhs = parts["daest_rhs"]
-    return rhs, parts.get("daest_sens") or _slopes_alone(rhs), parts["daest_out"], parts.get("daest_hold")
+    slopes = parts.get("daest_sens") or _slopes_alone(rhs)
+    return rhs, slopes, parts["daest_out"], parts.get("daest_hold"), parts.get("daest_bend")
 
 
 def _near_functions(
@@ -317,12 +327,13 @@ def _compile(
     out: ca.Function,
     hold: ca.Function | None,
     root: ca.Function | None,
+    bend: ca.Function | None,
     wanted: str,
 ) -> ctypes.CDLL | None:
     if root is not None and not root.numel_out(0):
         root = None
     generator = ca.CodeGenerator("model.c")
-    for function in (rhs, sens, out, hold, root):
+    for function in (rhs, sens, out, hold, root, bend):
         if function is not None:
             generator.add(function)
     constants = [
@@ -333,8 +344,10 @@ def _compile(
         ("NT", rhs.numel_out(2) if rhs.n_out() > 2 else 0),
         ("NG", 0 if hold is None else hold.numel_out(0)),
         ("NR", 0 if root is None else root.numel_out(0)),
+        ("NS", int(bend is not None)),
     ]
     every: dict[str, ca.Function | None] = {"RHS": rhs, "SENS": sens, "OUT": out, "HOLD": hold, "ROOT": root}
+    every |= {} if bend is None else {"BEND": bend}
     for prefix, part in every.items():
         sizes = [0 if part is None else getattr(part, f"sz_{work}")() for work in _WORK]
         constants += [(f"{prefix}_{w.upper()}", size) for w, size in zip(_WORK, sizes, strict=True)]
@@ -507,7 +520,7 @@ def _run_interpreted(model: EquationIntegrator, run: Run) -> Trajectory:
             sens[i] = C @ S
             sens[i][:, :n_p] += h_theta[:, :n_p]
         if run.correction is not None:
-            x, S = _correct(run, i, x, S, outputs[i], sens[i])
+            x, S = _correct(model, run, i, x, S, outputs[i], sens[i])
             x, S = _projected(model, run, u, run.time[i], x, S)
         if i + 1 == n:
             break
@@ -546,14 +559,28 @@ def _projected(
 
 
 def _correct(
-    run: Run, i: int, x: np.ndarray, S: np.ndarray, predicted: np.ndarray, predicted_sens: np.ndarray
+    model: EquationIntegrator,
+    run: Run,
+    i: int,
+    x: np.ndarray,
+    S: np.ndarray,
+    predicted: np.ndarray,
+    predicted_sens: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     assert run.correction is not None
     gain = run.correction.gain[i] if run.correction.gain.ndim == 3 else run.correction.gain
     measured = run.correction.measurements[i]
     there = np.isfinite(measured)
-    gain, innovation = gain[:, there], (measured - predicted)[there]
-    S = S - gain @ predicted_sens[there]
+    innovation, change = measured - predicted, predicted_sens
+    if model.bend is not None:
+        u = run.u0[i] if i + 1 < run.time.size else run.u_last[0]
+        slope, by_x, by_theta = (np.array(part) for part in model.bend(x, u, run.theta, run.time[i]))
+        bent = by_x @ S
+        bent[:, : run.by_parameter] += by_theta[:, : run.by_parameter]
+        change = slope * change - np.where(there, innovation, 0.0)[:, None] * bent
+        innovation = slope.ravel() * innovation
+    gain, innovation = gain[:, there], innovation[there]
+    S = S - gain @ change[there]
     if run.by_gain:
         S[:, -run.by_gain :] += (run.correction.slopes[:, :, there] @ innovation).T
     return x + gain @ innovation, S
