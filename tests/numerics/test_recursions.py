@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from daest.numerics.recursions import linear_recursion
+from daest.numerics import recursions
+from daest.numerics.recursions import linear_recursion, products_along, varying_recursion
 
 
 def plain_loop(A, drive, x0):
@@ -21,10 +22,16 @@ def matrix_with_radius(rng, n, radius):
     return A * (radius / np.max(np.abs(np.linalg.eigvals(A))))
 
 
+@pytest.fixture(params=[True, False], ids=["compiled", "in blocks"])
+def engine(request, monkeypatch):
+    if not request.param:
+        monkeypatch.setattr(recursions, "_library", lambda: None)
+
+
 @pytest.mark.parametrize("radius", [0.3, 0.99, 1.0, 1.02])
 @pytest.mark.parametrize("n_steps", [1, 7, 48, 49, 1000, 5003])
 @pytest.mark.parametrize("n", [1, 4, 11, 40])
-def test_states_equal_the_plain_loop(n, n_steps, radius):
+def test_states_equal_the_plain_loop(engine, n, n_steps, radius):
     rng = np.random.default_rng(n * n_steps)
     A = matrix_with_radius(rng, n, radius)
     drive = rng.standard_normal((n_steps, n))
@@ -77,3 +84,18 @@ def test_a_million_samples_take_a_fraction_of_a_second():
     linear_recursion(A, drive, np.zeros(4))
     # About 0.1 s on a free core; a Python step per sample would take more than 2 s.
     assert time.process_time() - started < 1.0
+
+
+def test_matrices_that_vary_equal_the_plain_loop(engine):
+    rng = np.random.default_rng(4)
+    for n, n_y in ((1, 1), (5, 2), (16, 16), (17, 3)):
+        A = 0.4 * rng.standard_normal((60, n, n)) / np.sqrt(n)
+        drive = rng.standard_normal((3, 60, n))
+        states = varying_recursion(A, drive)
+        x = np.zeros((3, n))
+        for k in range(60):
+            x = x @ A[k].T + drive[:, k]
+            np.testing.assert_allclose(states[:, k + 1], x, rtol=1e-12, atol=1e-12)
+        C = rng.standard_normal((61, n_y, n))
+        expected = np.einsum("kyn,rkn->rky", C, states)
+        np.testing.assert_allclose(products_along(states, C), expected, rtol=1e-12, atol=1e-12)

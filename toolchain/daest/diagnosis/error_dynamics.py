@@ -18,7 +18,7 @@ from daest.estimation.observer import AverageModel, jacobians
 from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel
 from daest.numerics.exponential import transition_integrals
-from daest.numerics.recursions import linear_recursion
+from daest.numerics.recursions import linear_recursion, products_along, varying_recursion
 from daest.systems.integrate import Correction, Hold, Integrator, integrate, integrator
 from daest.systems.linearize import has_affine_dynamics
 
@@ -56,7 +56,7 @@ class ErrorDynamics:
         if closed.shape[0] == 1:
             states = linear_recursion(closed[0], pushed, np.zeros(closed.shape[1]))
         else:
-            states = _varying_recursion(closed, pushed)
+            states = varying_recursion(closed, pushed)
         change = _times(states, self.C)
         return change if direct is None else change + direct
 
@@ -65,18 +65,7 @@ def _times(rows: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     """Every row (k, m, n) by the matrix of its sample (m, p, n) or by the one matrix (1, p, n)."""
     if matrices.shape[0] == 1:
         return rows @ matrices[0].T
-    return np.matmul(rows.transpose(1, 0, 2), matrices.transpose(0, 2, 1)).transpose(1, 0, 2)
-
-
-def _varying_recursion(closed: np.ndarray, drive: np.ndarray) -> np.ndarray:
-    """States (k, n_steps + 1, n) of x[i+1] = closed[i] x[i] + drive[i] from zero."""
-    states = np.zeros((closed.shape[0] + 1, *drive.shape[::2]))
-    steps = np.ascontiguousarray(drive.transpose(1, 0, 2))
-    back = np.ascontiguousarray(closed.transpose(0, 2, 1))
-    for i in range(closed.shape[0]):
-        np.matmul(states[i], back[i], out=states[i + 1])
-        states[i + 1] += steps[i]
-    return states.transpose(1, 0, 2)
+    return products_along(rows, matrices)
 
 
 def average_dynamics(average: AverageModel) -> ErrorDynamics:

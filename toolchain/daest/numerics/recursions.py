@@ -1,15 +1,24 @@
 """Linear recursions x[k+1] = A x[k] + drive[k] over many samples, without a Python step per sample.
 
-The samples are cut into blocks. What the drive of a block does to the block's last state is one matrix
-product over all blocks; the states at block starts then follow the same recursion with A^length and one
-sample per block (solved by the same function); a second product fills the blocks. Only powers A^i with i up
-to the number of samples occur, so an unstable A loses nothing that the plain loop would not lose.
+With a C compiler, `recursions.c` takes the steps of models with few states. Else the samples are cut into
+blocks. What the drive of a block does to the block's last state is one matrix product over all blocks; the
+states at block starts then follow the same recursion with A^length and one sample per block (solved by the
+same function); a second product fills the blocks. Only powers A^i with i up to the number of samples occur,
+so an unstable A loses nothing that the plain loop would not lose.
 """
 
 from __future__ import annotations
 
+import ctypes
+import functools
+from importlib import resources
+
 import numpy as np
 
+from daest.errors import FmuError
+from daest.numerics.compiler import build_shared, processor_flags
+
+MOST_COMPILED = 16  # states; of more, blocked products are faster
 SHORT = 48  # up to this many samples the plain loop is as fast as blocks
 BLOCK_COLUMNS = 32  # columns (states times samples) of a block: the product costs this many steps per number
 SHORTEST_BLOCK = 4  # samples; models with many states take wider blocks instead of shorter ones
@@ -33,8 +42,70 @@ def linear_recursion(A: np.ndarray, drive: np.ndarray, x0: np.ndarray) -> np.nda
     if n and n_steps:
         drive = np.broadcast_to(drive, (*lead, n_steps, n))
         with np.errstate(over="ignore", invalid="ignore"):
-            _fill(A, drive.reshape(-1, n_steps, n), states.reshape(-1, n_steps + 1, n))
+            _filled(A, drive.reshape(-1, n_steps, n), states.reshape(-1, n_steps + 1, n))
     return states
+
+
+def varying_recursion(A: np.ndarray, drive: np.ndarray) -> np.ndarray:
+    """States (k, n_steps + 1, n) of x[i+1] = A[i] x[i] + drive[i] from zero: A (n_steps, n, n), drive (k,
+    n_steps, n)."""
+    states = np.zeros((drive.shape[0], drive.shape[1] + 1, drive.shape[2]))
+    if _compiled(A, drive, states):
+        return states
+    for i in range(A.shape[0]):
+        states[:, i + 1] = states[:, i] @ A[i].T + drive[:, i]
+    return states
+
+
+def products_along(rows: np.ndarray, matrices: np.ndarray) -> np.ndarray:
+    """Every row (k, m, n) by the matrix of its sample (m, p, n): (k, m, p)."""
+    k, m, n = rows.shape
+    p = matrices.shape[1]
+    library = _library() if 0 < max(n, p) <= MOST_COMPILED and n and p else None
+    if library is None:
+        return np.matmul(rows.transpose(1, 0, 2), matrices.transpose(0, 2, 1)).transpose(1, 0, 2)
+    rows, matrices = (np.ascontiguousarray(part, dtype=float) for part in (rows, matrices))
+    out = np.empty((k, m, p))
+    sizes = (ctypes.c_long(size) for size in (k, m, n, p))
+    library.daest_products(*sizes, _at(rows), _at(matrices), ctypes.c_long(p * n), _at(out))
+    return out
+
+
+def _compiled(A: np.ndarray, drive: np.ndarray, states: np.ndarray) -> bool:
+    """Whether the compiled steps have filled states[:, 1:] (n_rhs, n_steps + 1, n); A (n, n), or one per
+    step."""
+    n_rhs, n_steps, n = drive.shape
+    library = _library() if 0 < n <= MOST_COMPILED and n_steps > SHORT else None
+    if library is None or not states.flags.c_contiguous:
+        return False
+    A, drive = (np.ascontiguousarray(part, dtype=float) for part in (A, drive))
+    stride = ctypes.c_long(0 if A.ndim == 2 else n * n)
+    sizes = (ctypes.c_long(size) for size in (n_rhs, n_steps, n))
+    library.daest_recursion(*sizes, _at(A), stride, _at(drive), _at(states))
+    return True
+
+
+def _at(array: np.ndarray) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+@functools.lru_cache(maxsize=1)
+def _library() -> ctypes.CDLL | None:
+    """The compiled steps; None without a C compiler."""
+    source = resources.files("daest.numerics").joinpath("recursions.c").read_text(encoding="utf-8")
+    try:
+        library = ctypes.CDLL(str(build_shared(source, "recursions", ("-O3", *processor_flags()))))
+    except FmuError as error:
+        if error.code != "no-c-compiler":
+            raise
+        return None
+    library.daest_recursion.restype = library.daest_products.restype = None
+    return library
+
+
+def _filled(A: np.ndarray, drive: np.ndarray, states: np.ndarray) -> None:
+    if not _compiled(A, drive, states):
+        _fill(A, drive, states)
 
 
 def _fill(A: np.ndarray, drive: np.ndarray, states: np.ndarray) -> None:
