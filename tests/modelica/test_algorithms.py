@@ -95,3 +95,61 @@ def test_a_switch_of_an_equation_that_chatters_is_named():
         run(text, np.linspace(0, 2, 11))
     assert caught.value.code == "events-chatter"
     assert "x < 0" in caught.value.what
+
+
+FUNCTIONS = """package Functions
+  record Pair
+    Real p;
+    Real q;
+  end Pair;
+  function turned "a record assigned field by field"
+    input Pair s;
+    output Pair d;
+  algorithm
+    d.p := s.q;
+    d.q := -s.p;
+  end turned;
+  function between "a curve through points, sizes by the inputs"
+    input Real x[:];
+    input Real y[size(x, 1)];
+    input Real u;
+    output Real v;
+  protected
+    Integer n = size(x, 1);
+  algorithm
+    v := y[n];
+    for i in n - 1:-1:1 loop
+      if u < x[i + 1] then
+        v := y[i] + (u - x[i])/(x[i + 1] - x[i])*(y[i + 1] - y[i]);
+      end if;
+    end for;
+  end between;
+  model All
+    parameter Integer n = 3;
+    parameter Real at[4] = {0, 1, 2, 3};
+    parameter Real value[4] = {0, 1, 4, 9};
+    Real curve = between(at, value, time);
+    Pair s(p(start = 1, fixed = true), q(start = 0, fixed = true));
+    Pair d = turned(s);
+    Real T[n](start = {0, 0, 1}, each fixed = true);
+  equation
+    der(s.p) = d.p;
+    der(s.q) = d.q;
+    der(T[1]) = T[2] - T[1];
+    for i in 2:n - 1 loop
+      der(T[i]) = T[i - 1] - 2*T[i] + T[i + 1];
+    end for;
+    der(T[n]) = T[n - 1] - T[n];
+  end All;
+end Functions;
+"""
+
+
+def test_functions_of_records_and_of_arrays_of_any_size():
+    t = np.array([0.25, 0.75, 1.5, 2.5])
+    found = run(FUNCTIONS, np.concatenate([[0], t]), "Functions.All")
+    np.testing.assert_allclose(found["curve"][1:], [0.25, 0.75, 2.5, 6.5], rtol=1e-12)
+    np.testing.assert_allclose(found["s.p"][1:], np.cos(t), atol=1e-8)
+    # A rod of three cells: the modes (1, 0, -1) and (1, -2, 1) decay with the rates 1 and 3.
+    slow, fast = -0.5 * np.exp(-t), np.exp(-3 * t) / 6
+    np.testing.assert_allclose(found["T[3]"][1:], 1 / 3 - slow + fast, rtol=1e-7)

@@ -36,9 +36,10 @@ from daest.modelica.function_text import (
     hidden,
     read_function,
     with_body,
+    with_products,
 )
 from daest.modelica.library import Roots, stamp
-from daest.modelica.outline import check_depth, place_of, within
+from daest.modelica.outline import check_depth, class_heads, place_of, within
 from daest.modelica.parse import ParseError
 
 T = TypeVar("T")
@@ -110,8 +111,30 @@ def compile_source(job: Job) -> s.FlatSource:
 
 
 def _compiled_source(job: Job) -> s.FlatSource:
+    try:
+        return _with_refused_functions(job)
+    except failures.BeyondCompiler as first:
+        # What the compiler does not take may stand in a function: it is shown none of them.
+        short = [h.name.rpartition(".")[2] for h in class_heads(job.text) if h.kind == "function"]
+        if not short:
+            raise
+        for text in dict.fromkeys((job.text, with_products(job.text, short))):
+            try:
+                return _with_refused_functions(replace(job, text=text), tuple(short))
+            except ModelError:
+                continue
+        raise first
+
+
+def _with_refused_functions(job: Job, names: tuple[str, ...] = ()) -> s.FlatSource:
+    """The flat form, with the functions that the compiler refuses, and `names`, hidden from it."""
     found: list[FunctionText] = []
     shown = job
+    for name in names:
+        function = find_function(shown.text, name)
+        if function is not None:
+            found.append(function)
+            shown = replace(shown, text=hidden(shown.text, function))
     while True:
         try:
             return _with_bodies(_with_algorithms(shown), found, job)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product as cartesian
 from typing import Protocol, TypeGuard
 
@@ -249,7 +249,9 @@ class Evaluator:
         return None
 
     def _subscripts(self, nodes: Sequence[s.Node]) -> tuple[Value | None, ...]:
-        return tuple(None if isinstance(node, s.Colon) else self.value(node) for node in nodes)
+        scope = self.scope
+        plain = replace(self, scope=scope.scope) if isinstance(scope, Redirected) else self
+        return tuple(None if isinstance(node, s.Colon) else plain.value(node) for node in nodes)
 
     def _indexed(self, base: Value, subscripts: Sequence[s.Node]) -> Value:
         return indexed(base, self._subscripts(subscripts))

@@ -30,6 +30,10 @@ class RefusedFunction(ModelError):
         self.name = name
 
 
+class BeyondCompiler(ModelError):
+    """The compiler reads the model, but does not take what one of its equations or functions does."""
+
+
 class RefusedAlgorithm(ModelError):
     """The compiler does not take an algorithm section of a model."""
 
@@ -86,7 +90,7 @@ def translated(
         if made is not None:
             return made
     if "failed in ToDae" in message:
-        return ModelError(
+        return BeyondCompiler(
             "model-compile",
             f"`{class_name}` is read and understood, but is beyond the compiler that is built in: "
             f"{_limit(_plain(message))}. The model may well be right",
@@ -154,6 +158,7 @@ _BEYOND = (
 )
 
 _LIMITS = (
+    ("expected Real, found Integer", "an Integer where a Real is wanted: write 1.0 for 1"),
     (
         "expression shape mismatch",
         "values that do not fit where they stand (three for an array of two, 1.5 for an Integer), or a "

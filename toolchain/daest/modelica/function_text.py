@@ -6,7 +6,8 @@ than a sum. Such a function is shown to it as an external one, and its algorithm
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, is_dataclass, replace
 
 from daest.modelica import syntax as s
@@ -67,6 +68,15 @@ def hidden(text: bytes, function: FunctionText) -> bytes:
         if byte not in b"\r\n":
             body[i] = next(blanks, ord(" "))
     return text[: function.algorithm] + bytes(body) + text[function.end :]
+
+
+def with_products(text: bytes, names: Iterable[str]) -> bytes:
+    """The file with `= f(…)` as `= 1*f(…)` for functions f: the compiler mistakes the size of what a function
+    of arrays gives where it is used alone. Lines keep their numbers."""
+    for name in names:
+        call = re.compile(rb"(=\s*)((?:[A-Za-z_]\w*\s*\.\s*)*" + name.encode() + rb"\s*\()")
+        text = call.sub(rb"\g<1>1*\g<2>", text)
+    return text
 
 
 def with_body(function: s.Function, found: FunctionText, text: bytes, source: int) -> s.Function:

@@ -319,10 +319,20 @@ class _Run:
         self.frame = after
 
     def _assign(self, target: s.Name, value: Value) -> None:
-        if not target.subscripts and target.name in self.frame:
-            self.frame[target.name] = value
+        head, dot, field = target.name.rpartition(".")
+        if dot and isinstance(self.frame.get(head, ""), Record | None):
+            before = self.frame[head]
+            fields = before.fields if isinstance(before, Record) else {}
+            self.frame[head] = Record({**fields, field: self._with_element(fields.get(field), target, value)})
             return
-        base = self.frame.get(target.name)
+        if target.name not in self.frame:
+            raise self._error(f"`{text(target)}` cannot be assigned", target)
+        self.frame[target.name] = self._with_element(self.frame[target.name], target, value)
+
+    def _with_element(self, base: Value | None, target: s.Name, value: Value) -> Value:
+        """`base` with what an assignment to the target makes of it."""
+        if not target.subscripts:
+            return value
         if not isinstance(base, np.ndarray):
             raise self._error(f"`{text(target)}` cannot be assigned", target)
         subscripts = [
@@ -333,7 +343,7 @@ class _Run:
         ]
         made = base.copy()
         _store(made, subscripts, value)
-        self.frame[target.name] = made
+        return made
 
     def _for(self, iterators: tuple[tuple[str, s.Node], ...], body: Sequence[s.Statement]) -> None:
         if not iterators:
@@ -429,6 +439,10 @@ def _merged_value(condition: ca.SX, yes: Value | None, no: Value | None) -> Valu
     if isinstance(yes, np.ndarray) and isinstance(no, np.ndarray) and yes.shape == no.shape:
         pairs = zip(yes.flat, no.flat, strict=True)
         return v.from_flat((_merged_element(condition, a, b) for a, b in pairs), yes.shape)
+    if isinstance(yes, Record) and isinstance(no, Record):
+        names = dict.fromkeys((*no.fields, *yes.fields))
+        merged = {name: _merged_value(condition, yes.fields.get(name), no.fields.get(name)) for name in names}
+        return Record({name: value for name, value in merged.items() if value is not None})
     return v.choose(condition, yes, no)
 
 
