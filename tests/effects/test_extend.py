@@ -14,7 +14,7 @@ from daest.errors import ModelError
 from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model, compile_text
 from daest.modelica.effects import find_effect
-from daest.modelica.extend import extend_model
+from daest.modelica.extend import CurveText, extend_by_curve, extend_model
 from daest.modelica.sites import find_site
 
 WRITABLE = [p for p in first_places() if p[1].kind != "parameter"]
@@ -163,21 +163,125 @@ def test_a_free_name_is_found(tmp_path) -> None:
     assert (made.class_name, made.component) == ("Rig_Unbalance2", "unbalance2")
 
 
+# --- bare equations ---------------------------------------------------------------------------------
+
+BARE = """\
+model Cart "Cart and tank heater, as equations"
+  parameter Real m(unit = "kg") = 2; parameter Real C(unit = "J/K") = 50; parameter Real n = 1;
+  input Real F(unit = "N"); input Real P(unit = "W") "Heater";
+  Real s(unit = "m", start = 0.1), v(unit = "m/s"), w[2](each unit = "rad/s");
+  Real T(unit = "degC", start = 20), x(unit = "m/s"), q(unit = "m/s");
+  output Real y(unit = "m"), z(unit = "degC") = T + 0*v;
+equation
+  der(s) = v "definition";
+  F - n*v - m*der(v) = if s > 7 then 0 else 3*s "momentum" annotation(Icon());
+  0 = P - 0.5*(T - 20) - C*der(T);
+  for i in 1:2 loop
+    0.3*der(w[i]) = F - w[i];
+  end for;
+  if n > 0.5 then
+    der(x) = F - x;
+  else
+    x = 1;
+  end if;
+  der(q) = sum({F, -q});
+  y = max(s, -9) + 0*F;
+end Cart;
+model Other "Extends a class with bare equations" extends Cart(m = 3); end Other;
+"""
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory) -> Path:
+    file = tmp_path_factory.mktemp("bare") / "Cart.mo"
+    file.write_text(BARE)
+    return file
+
+
 @pytest.mark.parametrize(
-    ("class_name", "place", "code", "says"),
+    ("class_name", "place", "model", "says"),
     [
-        ("Signals.DeadZone", "u", "effect-input-used", "0.2*der(w) = u - 0.1*w"),
-        ("Rotational.CoulombFriction", "6:w", "effect-not-writable", "cannot change an equation"),
-        ("Signals.DeadZone", "y", "effect-input-used", "given by an equation"),
-        ("General.DriftingParameter", "train.twist.k", "effect-not-writable", "parameter"),
-        ("Rotational.Backlash", "train.twist", "effect-fit", "no parameter c"),
-        ("Rotational.HardeningSpring", "train.twist", "effect-not-writable", "lies inside of a component"),
-        ("Rotational.LoadDependentFriction", "train.twist.end_a", "effect-not-writable", "no connect clause"),
+        (
+            "Translational.CoulombFriction",
+            "v",
+            "Cart",
+            '= (if s > 7 then 0 else 3*s) + v_term.total "momentum"',
+        ),
+        ("Translational.QuadraticDrag", "v", "Other", '3*s) + v_term.total "momentum" annotation(Icon());'),
+        ("Thermal.ConstantHeatGain", "T", "Cart", "0 + T_term.total = P - 0.5*(T - 20) - C*der(T);"),
+        ("Translational.CoulombFriction", "q", "Cart", "der(q) + q_term.total = sum({F, -q});"),
+        ("Signals.Saturation", "F", "Cart", "0.3*der(w[i]) = F_used - w[i];"),
+        ("Signals.Lag", "y", "Cart", 'output Real y(unit = "m") = max(s, -9) + 0*F, z('),
+        ("Signals.Offset", "z", "Other", "extends Other(z = offset.y);"),
     ],
 )
-def test_what_modelica_cannot_say(class_name, place, code, says) -> None:
+def test_bare_equations_are_opened(bare, class_name, place, model, says) -> None:
+    """The text is that of the same equations as `attach` gives, and a copy: the user's stays."""
+    flat = compile_model(bare, model)
+    effect = find_effect(class_name)
+    site = find_site(flat, place, effect)
+    values = {p.name: 0.7 * (p.start or 1.0) for p in effect.sizes[:1]}
+    made = extend_model(bare, model, effect, site, values=values)
+    assert says in made.text
+    assert bare.read_text() == BARE
+    merged = attach(flat, effect, site, values=values)
+    assert {p.name: p.value for p in made.flat.parameters} == {p.name: p.value for p in merged.parameters}
+    assert finite_poles(made.flat) == pytest.approx(finite_poles(merged), rel=1e-6, abs=1e-9)
+    assert characteristic(made.flat) == pytest.approx(characteristic(merged), rel=1e-6)
+
+
+def test_effects_in_two_steps_share_the_opened_equation(bare, tmp_path) -> None:
+    path, model, expected = bare, "Cart", compile_model(bare, "Cart")
+    for number, (class_name, place) in enumerate(
+        [
+            ("Translational.CoulombFriction", "v"),
+            ("Thermal.ConstantHeatGain", "T"),
+            ("Translational.QuadraticDrag", "v"),
+        ]
+    ):
+        effect = find_effect(class_name)
+        site = find_site(expected, place, effect)
+        expected = attach(expected, effect, site)
+        made = extend_model(path, model, effect, find_site(compile_model(path, model), site.name, effect))
+        path, model = tmp_path / f"step{number}.mo", made.class_name
+        path.write_text(made.text)
+    assert made.text.count("v_term(s = s)") == made.text.count("T_term(T = ") == 1
+    assert characteristic(made.flat) == pytest.approx(characteristic(expected), rel=1e-6)
+
+
+def test_a_curve_is_put_into_a_bare_equation(bare) -> None:
+    load = CurveText("v", "v", [-1.0, 0.0, 1.0], [-2.0, 0.0, 2.0])
+    made = extend_by_curve(bare, "Cart", load)
+    assert "connect(learned.flange, v_term.flange);" in made.added
+
+
+@pytest.mark.parametrize(
+    ("file", "class_name", "place", "code", "says"),
+    [
+        ("Cart", "Rotational.CoulombFriction", "w[1]", "effect-not-writable", "several equations"),
+        ("Cart", "Translational.CoulombFriction", "x", "effect-not-writable", "inside of if, for or when"),
+        ("Own", "General.DriftingParameter", "train.twist.k", "effect-not-writable", "parameter"),
+        ("Own", "Rotational.Backlash", "train.twist", "effect-fit", "no parameter c"),
+        (
+            "Own",
+            "Rotational.HardeningSpring",
+            "train.twist",
+            "effect-not-writable",
+            "lies inside of a component",
+        ),
+        (
+            "Own",
+            "Rotational.LoadDependentFriction",
+            "train.twist.end_a",
+            "effect-not-writable",
+            "no connect clause",
+        ),
+    ],
+)
+def test_what_modelica_cannot_say(bare, file, class_name, place, code, says) -> None:
+    path, model = (bare, "Cart") if file == "Cart" else (MODELS / "Own.mo", "Machine")
     with pytest.raises(ModelError) as caught:
-        extended(class_name, place, MODELS / "Own.mo", "Machine")
+        extended(class_name, place, path, model)
     assert caught.value.code == code and says in str(caught.value)
 
 

@@ -118,7 +118,11 @@ MSL_NAMES = json.loads((Path(__file__).parent / "msl_names.json").read_text())
 
 @pytest.mark.parametrize(
     "file",
-    [f for f in CLASS_FILES if not qualified_name(f).startswith(("Daest.Noise", "Daest.Hydraulic"))],
+    [
+        f
+        for f in CLASS_FILES
+        if not qualified_name(f).startswith(("Daest.Noise", "Daest.Hydraulic", "Daest.Terms"))
+    ],
     ids=qualified_name,
 )
 def test_names_are_those_of_the_standard_library(file: Path) -> None:
@@ -170,6 +174,17 @@ def test_circuit_at_rest() -> None:
     assert state["i_l"] == pytest.approx(0.75)  # signal and constant source add up
     assert state["i_3"] == pytest.approx(2.5)  # from the battery's positive pin
     assert state["battery.p.i"] == pytest.approx(-2.5)  # and so out of it
+
+
+@pytest.mark.parametrize("s", FREQUENCIES)
+def test_components_are_terms_of_equations(s: complex) -> None:
+    found = response(flat_of("Terms"), s)
+    assert found["F", "y_s"] == pytest.approx(1 / (2 * s**2 + 7), rel=1e-10)
+    assert found["F", "y_v"] == pytest.approx(1 / (2 * s + 11), rel=1e-10)
+    assert found["M", "y_phi"] == pytest.approx(1 / (3 * s**2 + 13), rel=1e-10)
+    assert found["M", "y_w"] == pytest.approx(1 / (3 * s + 17), rel=1e-10)
+    assert found["P", "y_T"] == pytest.approx(1 / (4 * s + 19), rel=1e-10)
+    assert found["Q", "y_p"] == pytest.approx(1 / (5 * s + 2), rel=1e-10)
 
 
 @pytest.mark.parametrize("s", FREQUENCIES)

@@ -481,9 +481,9 @@ EXPLANATIONS: dict[str, str] = {
     ),
     "effect-input-used": (
         "An effect on an input or output is written into the Modelica model by breaking the connection of "
-        "that signal. Here the signal stands in an equation or a binding, where nothing can be put in "
-        "between. Connect the input to a block or source, or compare the models without writing the "
-        "extension."
+        "that signal, or by opening the equations that use it in the copy that is written. Here they "
+        "stand in several classes, in a loop, a branch or a package, where nothing can be put in between. "
+        "Connect the input to a block or source, or compare the models without writing the extension."
     ),
     "effect-law-outside": (
         "An effect of the library is marked `outside`, so that it is tried at the inputs or outputs of FMUs "
@@ -499,8 +499,9 @@ EXPLANATIONS: dict[str, str] = {
         "equations only."
     ),
     "effect-not-writable": (
-        "The effect can be attached to the equations, but Modelica has no way to write it as an extension "
-        "of the model without changing the model itself."
+        "The effect can be attached to the equations, but it cannot be written as an extension of the model: "
+        "the place lies inside of a component, or in an equation of a loop, a branch or a package. Equations "
+        "of the model itself are opened for it in the copy that is written."
     ),
     "effect-parameter": (
         "The effect has no parameter of that name. daest effects NAME lists its parameters with their units."

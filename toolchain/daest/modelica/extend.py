@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
 
@@ -13,8 +14,8 @@ import casadi as ca
 from daest.errors import ModelError
 from daest.model.effects import Effect, Placement, Site
 from daest.model.flat import FlatModel
-from daest.model.parts import Output
 from daest.modelica.attach import attach, component_name, given_source, names_of
+from daest.modelica.balances import balances
 from daest.modelica.class_text import (
     ConnectClause,
     class_tokens,
@@ -25,6 +26,13 @@ from daest.modelica.class_text import (
 from daest.modelica.compile import compile_text
 from daest.modelica.compiler import modification
 from daest.modelica.effects import effect_model
+from daest.modelica.opened import (
+    NotOpened,
+    opened_balance,
+    opened_input,
+    opened_output,
+    term_connector,
+)
 from daest.modelica.outline import ClassHead, Token, class_heads, tokens, within
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import sites
@@ -98,6 +106,13 @@ class _Original:
     source: bytes
     head: ClassHead
     flat: FlatModel
+    libraries: Sequence[str | Path] = ()
+
+    def changed(self, source: bytes) -> _Original:
+        """With another text, of which a copy will be written."""
+        flat = compile_text(source, self.path, self.head.name, self.libraries)
+        head = next(h for h in class_heads(source) if h.name == self.head.name)
+        return replace(self, source=source, head=head, flat=flat)
 
     def clauses(self) -> list[ConnectClause]:
         """Connect clauses of the class and of the classes of the file that it extends."""
@@ -146,9 +161,10 @@ def extend_model(
     draft = _Draft(changes=_changes(parameters))
     draft.declarations.append(_declaration(placement, units_at(flat, effect, site)))
     _supply(draft, placement, flat)
-    _connect(draft, placement, original)
+    original = _connect(draft, placement, original)
     own_name = _class_name(original, effect.name, new_name)
-    about = f"{effect.name} at {site.name}"
+    place = f"in {site.aliases[0]}" if site.kind == "equation" else f"at {site.name}"
+    about = f"{effect.name} {_quoted(place)}"
     return _extension(original, draft, own_name, about, component, libraries, target)
 
 
@@ -167,19 +183,23 @@ def extend_by_curve(
     where the node cannot be reached from outside, and what compiling raises.
     """
     original = _original(Path(path), class_name, libraries)
-    nodes = [s for s in sites(original.flat) if s.kind == "node"]
+    nodes = [s for s in sites(original.flat) if s.kind in ("node", "equation")]
     node = next((s for s in nodes if load.place in (s.name, *s.connectors, *s.aliases)), None)
     if node is None or node.domain not in _LOADS:
         raise original.refusal(
-            f"a load at `{load.place}` cannot be written: it is no connector of the model",
-            "Add the curve to an equation by hand.",
+            f"a load at `{load.place}` cannot be written: it is no connector and no balance of the model",
+            "Choose a place of those that `daest effects --model` lists.",
         )
+    ends: tuple[str, ...] = (load.place, *node.connectors)
+    if node.kind == "equation":
+        original, end = _opened_balance(original, node)
+        ends = (end,)
     known = names_of(original.flat)
     component = next(n for n in _numbered(_LEARNED) if n not in known)
     draft = _Draft(changes=_changes(parameters))
     load_class, connector = _LOADS[node.domain]
     draft.declarations.append(_curve_declaration(load_class, component, load))
-    draft.connect(f"{component}.{connector}", _reachable(original, (load.place, *node.connectors)))
+    draft.connect(f"{component}.{connector}", _reachable(original, ends))
     own_name = _class_name(original, _LEARNED.capitalize(), None)
     about = f"a load at {load.place} over {load.x}"
     return _extension(original, draft, own_name, about, component, libraries, target)
@@ -189,7 +209,7 @@ def _original(path: Path, class_name: str | None, libraries: Sequence[str | Path
     source = read_source(path)
     chosen = select_class(source, path, class_name)
     head = next(h for h in class_heads(source) if h.name == chosen)
-    return _Original(path, source, head, compile_text(source, path, chosen, libraries))
+    return _Original(path, source, head, compile_text(source, path, chosen, libraries), libraries)
 
 
 def _changes(parameters: Mapping[str, float] | None) -> list[str]:
@@ -352,7 +372,8 @@ def _supply(draft: _Draft, placement: Placement, flat: FlatModel) -> None:
         draft.connect(wanted, f"{placement.name}.{name}")
 
 
-def _connect(draft: _Draft, placement: Placement, original: _Original) -> None:
+def _connect(draft: _Draft, placement: Placement, original: _Original) -> _Original:
+    """The model whose text the effect is put into: the original, or that with a place opened for it."""
     effect, site, name = placement.effect, placement.site, placement.name
     if site.kind == "node":
         draft.connect(f"{name}.{effect.connectors[0]}", _reachable(original, (site.name, *site.connectors)))
@@ -364,19 +385,46 @@ def _connect(draft: _Draft, placement: Placement, original: _Original) -> None:
     elif site.kind == "connector":
         _in_series(draft, placement, original)
     elif site.kind == "equation":
-        raise original.refusal(
-            f"{effect.name} in `{site.aliases[0]}` cannot be written: an extension cannot change an equation",
-            f"Add its law to the equation by hand: {effect.law}.",
-        )
+        original, end = _opened_balance(original, site)
+        draft.connect(f"{name}.{effect.connectors[0]}", _reachable(original, (end,)))
     elif site.kind == "input":
-        _behind_input(draft, placement, original)
+        original = _behind_input(draft, placement, original)
     elif site.kind == "output":
-        _before_output(draft, placement, original)
+        original = _before_output(draft, placement, original)
     else:
         raise original.refusal(
             f"{effect.name} at `{site.name}` cannot be written: a parameter does not change with time",
             "Declare it in the model as a variable.",
         )
+    return original
+
+
+def _opened_balance(original: _Original, site: Site) -> tuple[_Original, str]:
+    """The model with a connector at a bare equation, and that connector."""
+    flat = original.flat
+    balance = next(b for b in balances(flat) if b.name(flat) == site.name)
+    end = term_connector(flat, balance, site.domain)
+    if end is not None:
+        return original, end
+    shown = f"the equation {flat.equations[balance.row].text}"
+    with _opening(original, shown):
+        source, end = opened_balance(original.source, flat, balance, site.domain, names_of(flat))
+    return original.changed(source), end
+
+
+@contextmanager
+def _opening(original: _Original, shown: str, code: str = "effect-not-writable") -> Iterator[None]:
+    """Text that cannot be opened becomes a ModelError of what `shown` tells."""
+    try:
+        if within(original.source):
+            raise NotOpened("stands in a file of a package, which stays as it is")
+        yield
+    except NotOpened as reason:
+        raise original.refusal(
+            f"nothing can be put into {shown}: it {reason}",
+            "Write it as one equation of a model in a file of its own.",
+            code,
+        ) from None
 
 
 def _reachable(original: _Original, connectors: Iterable[str]) -> str:
@@ -410,49 +458,51 @@ def _in_series(draft: _Draft, placement: Placement, original: _Original) -> None
     draft.connect(f"{placement.name}.{second}", connector)
 
 
-def _behind_input(draft: _Draft, placement: Placement, original: _Original) -> None:
+def _behind_input(draft: _Draft, placement: Placement, original: _Original) -> _Original:
     name, flat = placement.site.name, original.flat
     clauses = [c for c in original.clauses() if name in c.pair]
     symbol = flat.u[[x.name for x in flat.inputs].index(name)]
     used = set(ca.jacobian_sparsity(flat.residual, symbol).row())
     equations = [flat.equations[i] for i in sorted(used) if flat.equations[i].kind != "connection"]
-    if equations or not clauses or ca.depends_on(flat.output_expressions, symbol):
-        shown = f": {equations[0].text}" if equations else ""
-        raise original.refusal(
-            f"the input `{name}` is used in an equation{shown}",
-            f"Connect it to a block (connect({name}, block.u)) and use the block's output.",
-            "effect-input-used",
-        )
-    draft.connect(name, f"{placement.name}.u")
+    is_in_outputs = bool(ca.depends_on(flat.output_expressions, symbol))
+    if equations or is_in_outputs or not clauses:
+        shown = f"the input `{name}`" + (f", used in {equations[0].text}" if equations else "")
+        with _opening(original, shown, "effect-input-used"):
+            source, variable = opened_input(original.source, flat, name, names_of(flat))
+        original = original.changed(source)
+        draft.changes.append(f"{variable} = {placement.name}.y")
+        draft.equations.append(f"{placement.name}.u = {name};")
+    else:
+        draft.connect(name, f"{placement.name}.u")
     for clause in clauses:
         draft.replace(clause)
         draft.connect(f"{placement.name}.y", clause.right if clause.left == name else clause.left)
+    return original
 
 
-def _before_output(draft: _Draft, placement: Placement, original: _Original) -> None:
+def _before_output(draft: _Draft, placement: Placement, original: _Original) -> _Original:
     name = placement.site.name
     clauses = [c for c in original.clauses() if name in c.pair]
-    output = next(y for y in original.flat.outputs if y.name == name)
-    bound = "" if clauses else _binding(output, original)
+    bound = "" if clauses else _binding(name, original)
     if not clauses and not bound:
-        raise original.refusal(
-            f"the output `{name}` is given by an equation",
-            f"Write it as a binding (output Real {name} = …) or as a connection.",
-            "effect-input-used",
-        )
+        with _opening(original, f"the output `{name}`", "effect-input-used"):
+            source = opened_output(original.source, original.flat, name)
+        original = original.changed(source)
+        bound = _binding(name, original)
     if bound:
         draft.changes.append(f"{name} = {placement.name}.y")
         draft.equations.append(f"{placement.name}.u = {bound};")
-        return
+        return original
     for clause in clauses:
         draft.replace(clause)
         draft.connect(clause.left if clause.right == name else clause.right, f"{placement.name}.u")
     draft.connect(f"{placement.name}.y", name)
+    return original
 
 
-def _binding(output: Output, original: _Original) -> str:
+def _binding(name: str, original: _Original) -> str:
     """The text of `expr` in `output Real y(…) = expr "…";`, empty where there is none."""
-    place = output.place
+    place = next(y for y in original.flat.outputs if y.name == name).place
     if place is None or place.line is None or place.file != str(original.path):
         return ""
     lines = original.source.split(b"\n")

@@ -70,8 +70,8 @@ def _equations(flat: FlatModel, domain: Domain | None = None) -> list[Site]:
         unit = flat.unknowns[balance.variable].unit
         own = balance.domain(flat) if unit else domain
         if own is not None:
-            text = flat.equations[balance.row].text
-            found.append(Site(balance.name(flat), "equation", own, aliases=(text,)))
+            aliases = (flat.equations[balance.row].text, flat.unknowns[balance.variable].name)
+            found.append(Site(balance.name(flat), "equation", own, aliases=aliases))
     return found
 
 
@@ -112,7 +112,9 @@ def find_site(flat: Model, name: str, effect: Effect | None = None) -> Site:
     if isinstance(flat, FlatModel):
         found += _pair_named(flat, wanted)
     if effect is not None and isinstance(flat, FlatModel):
-        found += [site for site in _equations(flat, effect.domain) if wanted == site.name]
+        # Without a unit the effect tells the domain; what was put in elsewhere changes the number of a row.
+        own, variable = _equations(flat, effect.domain), wanted.rpartition(":")[2]
+        found += [s for s in own if wanted == s.name] or [s for s in own if variable == s.aliases[1]]
     if effect is not None and effect.attach == "series":
         found += _first_connector(found, known)
     if not found:

@@ -1,0 +1,287 @@
+"""Bare equations, inputs and outputs opened for effects: the text of a model changed so that a class that
+extends it can put something in. Nothing in it changes as long as nothing is put in.
+
+- A balance such as `m*der(v) = F - d*v` takes up the sum of what is connected to a component of Daest.Terms:
+  `m*der(v) + v_term.total = F - d*v`.
+- The equations use an input through a variable of its own, whose binding an extension replaces.
+- An equation `y = …` of an output becomes its binding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import count
+
+from daest.errors import Place
+from daest.model.effects import Domain
+from daest.model.flat import FlatModel
+from daest.modelica.balances import Balance, needs_position
+from daest.modelica.class_text import class_tokens
+from daest.modelica.connectors import connectors_of
+from daest.modelica.outline import ClassHead, Token, class_heads
+
+ZERO_CELSIUS = 273.15
+_TERMS: dict[Domain, tuple[str, str, str]] = {
+    "translational": ("Force", "s", "flange"),
+    "rotational": ("Torque", "phi", "flange"),
+    "thermal": ("HeatFlow", "T", "port"),
+    "hydraulic": ("VolumeFlow", "p", "port"),
+}  # class in Daest.Terms, the potential that it is given, its connector
+_OF_SPEED: dict[Domain, tuple[str, str]] = {
+    "translational": ("ForceOfSpeed", "v"),
+    "rotational": ("TorqueOfSpeed", "w"),
+}
+_TOTAL = "total"  # the variable of a term that stands in the equation
+_SECTIONS = ("equation", "algorithm", "then", "else", "loop")
+_BLOCKS = ("if", "for", "when", "while")
+_OPEN, _CLOSE = ("(", "[", "{"), (")", "]", "}")
+
+
+class NotOpened(Exception):
+    """The text is of a form that cannot be opened; the message says why, as the end of "it …"."""
+
+
+@dataclass(frozen=True)
+class Edit:
+    """Bytes from `start` to `end` that become `text`."""
+
+    start: int
+    end: int
+    text: str
+
+
+def edited(source: bytes, edits: Iterable[Edit]) -> bytes:
+    """The text with edits that do not overlap."""
+    for edit in sorted(edits, key=lambda e: (e.start, e.end), reverse=True):
+        source = source[: edit.start] + edit.text.encode() + source[edit.end :]
+    return source
+
+
+# Balances ---------------------------------------------------------------------------------------------------
+
+
+def term_connector(flat: FlatModel, balance: Balance, domain: Domain) -> str | None:
+    """The connector of the component of Daest.Terms that stands in the equation already."""
+    text = flat.equations[balance.row].text
+    ends = [n for n, c in connectors_of(flat.unknowns).items() if c.domain == domain]
+    return next((n for n in ends if f"{n.rpartition('.')[0]}.{_TOTAL}" in text.split()), None)
+
+
+def opened_balance(
+    source: bytes, flat: FlatModel, balance: Balance, domain: Domain, taken: Iterable[str]
+) -> tuple[bytes, str]:
+    """The text with a component of Daest.Terms in the equation of `balance`, and the connector of that
+    component. Raises NotOpened."""
+    equation = flat.equations[balance.row]
+    if domain not in _TERMS:
+        raise NotOpened("balances a flow for which Daest.Terms has no class")
+    start = _offset(source, flat, equation.place)
+    if sum(e.place == equation.place for e in flat.equations) > 1:
+        raise NotOpened("stands for several equations (an array or a loop)")
+    _, words = _class_at(source, start)
+    left, right = _sides(words, start)
+    variable = flat.unknowns[balance.variable]
+    name = _free(f"{_plain(variable.name)}_term", taken)
+    side = left if balance.sign > 0 else right
+    edits = [
+        *_with_term(side, f"{name}.{_TOTAL}"),
+        _declared(source, words, _term(flat, balance, domain, name)),
+    ]
+    return edited(source, edits), f"{name}.{_TERMS[domain][2]}"
+
+
+def _term(flat: FlatModel, balance: Balance, domain: Domain, name: str) -> str:
+    variable, text = flat.unknowns[balance.variable], flat.equations[balance.row].text
+    kind, potential, _ = _TERMS[domain]
+    shown = variable.name
+    if needs_position(domain) and balance.position >= 0:
+        shown = flat.unknowns[balance.position].name
+    elif needs_position(domain):
+        kind, potential = _OF_SPEED[domain]
+    elif variable.unit == "degC":
+        shown = f"{shown} + {ZERO_CELSIUS}"
+    about = text.replace("\\", "\\\\").replace('"', '\\"')
+    return f'Daest.Terms.{kind} {name}({potential} = {shown}) "Term of {about}";'
+
+
+def _sides(words: Sequence[Token], start: int) -> tuple[list[Token], list[Token]]:
+    """The tokens left and right of the equality sign of the equation that begins at byte `start`."""
+    at = next((i for i, w in enumerate(words) if w.start == start), None)
+    if at is None or not _stands_alone(words, at):
+        raise NotOpened("stands inside of if, for or when")
+    statement = _statement(words, at)
+    depths = _depths(statement)
+    middle = [i for i, w in enumerate(statement) if w.text == "=" and depths[i] == 0]
+    if len(middle) != 1:
+        raise NotOpened("has no left and right side")
+    end = next(
+        (
+            i
+            for i, w in enumerate(statement)
+            if depths[i] == 0 and i > middle[0] and (w.kind == "text" or w.text == "annotation")
+        ),
+        len(statement),
+    )
+    return list(statement[: middle[0]]), list(statement[middle[0] + 1 : end])
+
+
+def _with_term(side: Sequence[Token], term: str) -> list[Edit]:
+    """`… + term`; a side that is an if-expression goes into brackets."""
+    depths = _depths(side)
+    is_open = any(w.text == "if" and depths[i] == 0 for i, w in enumerate(side))
+    first, last = side[0].start, side[-1].end
+    if not is_open:
+        return [Edit(last, last, f" + {term}")]
+    return [Edit(first, first, "("), Edit(last, last, f") + {term}")]
+
+
+# Inputs and outputs -----------------------------------------------------------------------------------------
+
+
+def opened_input(source: bytes, flat: FlatModel, name: str, taken: Iterable[str]) -> tuple[bytes, str]:
+    """The text whose equations use the input through a variable of its own, and the name of that variable.
+    Connect clauses stay. Raises NotOpened."""
+    symbol = next(v for v in flat.inputs if v.name == name)
+    start = _offset(source, flat, symbol.place)
+    head, words = _class_at(source, start)
+    others = [h for h in class_heads(source) if h.name != head.name and not h.name.startswith(head.name)]
+    if any(_uses(class_tokens(source, other), name, -1) for other in others if _extends(source, other, head)):
+        raise NotOpened("is used by equations of several classes")
+    used = _free(f"{name}_used", taken)
+    unit = f'(unit = "{symbol.unit}")' if symbol.unit else ""
+    line = f'Real {used}{unit} = {name} "{name} as the equations use it";'
+    edits = [Edit(w.start, w.end, used) for w in _uses(words, name, start)]
+    if not edits:
+        raise NotOpened("is used by no equation of the class that declares it")
+    return edited(source, [*edits, _declared(source, words, line)]), used
+
+
+def _uses(words: Sequence[Token], name: str, declared: int) -> list[Token]:
+    """Tokens that use the variable: not its declaration, a part of another name, the name of an argument, a
+    connection or an annotation."""
+    found: list[Token] = []
+    skipped = 0  # brackets of an annotation or a connection that are open
+    for i, word in enumerate(words):
+        before, after = words[i - 1].text if i else "", words[i + 1].text if i + 1 < len(words) else ""
+        if skipped or (word.text == "(" and before in ("annotation", "connect")):
+            skipped += (word.text in _OPEN) - (word.text in _CLOSE)
+            continue
+        is_argument = after == "=" and before in ("(", ",")
+        if word.text == name and before != "." and word.start != declared and not is_argument:
+            found.append(word)
+    return found
+
+
+def _extends(source: bytes, derived: ClassHead, base: ClassHead) -> bool:
+    words = class_tokens(source, derived)
+    last = base.name.rpartition(".")[2]
+    names = [[n.text for n in words[i : i + 8]] for i, w in enumerate(words) if w.text == "extends"]
+    return any(last in around for around in names)
+
+
+def opened_output(source: bytes, flat: FlatModel, name: str) -> bytes:
+    """The text in which the equation `name = …` is the binding of the output. Raises NotOpened."""
+    output = next(y for y in flat.outputs if y.name == name)
+    start = _offset(source, flat, output.place)
+    _, words = _class_at(source, start)
+    at = next(i for i, w in enumerate(words) if w.start == start)
+    starts = [i for i, w in enumerate(words) if w.text == name and i != at and _begins(words, i)]
+    if len(starts) != 1 or words[starts[0] + 1].text != "=" or not _stands_alone(words, starts[0]):
+        raise NotOpened(f"is not given by one equation `{name} = …`")
+    _, right = _sides(words, words[starts[0]].start)
+    statement = _statement(words, starts[0])
+    behind = next((w for w in words if w.start >= statement[-1].end), statement[-1])
+    text = source[right[0].start : right[-1].end].decode()
+    place = _behind_declarator(words, at)
+    begin = source.rfind(b"\n", 0, statement[0].start) + 1
+    first = begin if not source[begin : statement[0].start].strip() else statement[0].start
+    end = behind.end + (source[behind.end : behind.end + 1] == b"\n" and first == begin)
+    return edited(source, [Edit(place, place, f" = {text}"), Edit(first, end, "")])
+
+
+def _behind_declarator(words: Sequence[Token], at: int) -> int:
+    """The byte behind an identifier and its modification."""
+    end = at
+    while end + 1 < len(words) and words[end + 1].text in _OPEN:
+        depth = 0
+        for i in range(end + 1, len(words)):
+            depth += (words[i].text in _OPEN) - (words[i].text in _CLOSE)
+            if depth == 0:
+                end = i
+                break
+    return words[end].end
+
+
+# Text -------------------------------------------------------------------------------------------------------
+
+
+def _offset(source: bytes, flat: FlatModel, place: Place | None) -> int:
+    if place is None or place.line is None or place.file != flat.source:
+        raise NotOpened("stands in another file")
+    lines = source.split(b"\n")
+    before = len(lines[place.line - 1].decode("utf-8", "replace")[: (place.column or 1) - 1].encode())
+    return sum(len(line) + 1 for line in lines[: place.line - 1]) + before
+
+
+def _class_at(source: bytes, start: int) -> tuple[ClassHead, list[Token]]:
+    """The class that holds the token at byte `start`, and its tokens."""
+    for head in reversed(class_heads(source)):
+        if head.start < start:
+            words = class_tokens(source, head)
+            if any(w.start == start for w in words):
+                return head, words
+    raise NotOpened("cannot be found in the text")
+
+
+def _declared(source: bytes, words: Sequence[Token], line: str) -> Edit:
+    """A declaration as the first of the class, behind its name and description."""
+    at = 0
+    while at + 1 < len(words) and (words[at + 1].kind == "text" or words[at + 1].text == "+"):
+        at += 1
+    behind = words[at + 1].start if at + 1 < len(words) else words[at].end
+    before = source[source.rfind(b"\n", 0, behind) + 1 : behind].decode()
+    indent = "  " if before.strip() else before
+    return Edit(words[at].end, words[at].end, f"\n{indent}{line}")
+
+
+def _begins(words: Sequence[Token], at: int) -> bool:
+    """Whether a statement begins there."""
+    return at > 0 and (words[at - 1].text == ";" or words[at - 1].text in _SECTIONS)
+
+
+def _stands_alone(words: Sequence[Token], at: int) -> bool:
+    """Whether the statement is an equation of the class itself, not of a loop or a branch."""
+    depth = 0
+    section = ""
+    for i, word in enumerate(words[: at + 1]):
+        if word.text in ("equation", "algorithm"):
+            section = word.text if i == 0 or words[i - 1].text != "initial" else "initial"
+        if word.text in _BLOCKS and words[i - 1].text == "end":
+            depth -= 1
+        elif word.text in _BLOCKS and _begins(words, i):
+            depth += 1
+    return section == "equation" and depth == 0 and words[at].text not in (*_BLOCKS, "connect")
+
+
+def _statement(words: Sequence[Token], at: int) -> list[Token]:
+    end = next((i for i in range(at, len(words)) if words[i].text == ";"), len(words))
+    return list(words[at:end])
+
+
+def _depths(words: Sequence[Token]) -> list[int]:
+    depths, depth = [], 0
+    for word in words:
+        depth -= word.text in _CLOSE
+        depths.append(depth)
+        depth += word.text in _OPEN
+    return depths
+
+
+def _plain(name: str) -> str:
+    return "".join(c if c.isalnum() else "_" for c in name).strip("_")
+
+
+def _free(base: str, taken: Iterable[str]) -> str:
+    known = set(taken)
+    return next(n for k in count(1) if (n := base if k == 1 else f"{base}{k}") not in known)
