@@ -13,7 +13,7 @@ from daest.errors import DaestError
 from daest.model.diagnosis import Candidate
 from daest.model.effects import Effect, EffectParameter, Placement, Site
 from daest.model.flat import ExplicitModel, FlatModel
-from daest.modelica.attach import attach_all
+from daest.modelica.attach import attach_all, check_values
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import fits
 from daest.systems.reduce import reduce_index
@@ -67,8 +67,24 @@ def attachable(
     flat: FlatModel, candidates: Sequence[Candidate]
 ) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...], ExplicitModel]:
     """The candidates that leave a model that can be solved, the others with the reason, and that model."""
-    kept, refused, whole = _told_apart(flat, tuple(candidates))
-    return kept, refused, whole or reduce_index(attached(flat, kept))
+    possible, refused = _with_possible_values(candidates)
+    kept, others, whole = _told_apart(flat, possible)
+    return kept, (*refused, *others), whole or reduce_index(attached(flat, kept))
+
+
+def _with_possible_values(
+    candidates: Sequence[Candidate],
+) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...]]:
+    """The candidates whose values their effects take, which shows before any model is built."""
+    kept, refused = [], []
+    for candidate in candidates:
+        try:
+            check_values(candidate.effect, placement(candidate).values)
+        except DaestError as error:
+            refused.append((candidate.label, error.what))
+        else:
+            kept.append(candidate)
+    return tuple(kept), tuple(refused)
 
 
 def _told_apart(

@@ -39,6 +39,9 @@ class GrownStates:
 
     def without_effects(self, rates: np.ndarray) -> np.ndarray:
         """Rates (…, n) of the states without effects, from those of `explicit` (…, n_grown)."""
+        n = rates.shape[-1]
+        if self.common == list(range(n)) and np.array_equal(self.T, np.eye(n)):
+            return rates
         return rates[..., self.common] @ np.linalg.inv(self.T).T
 
 
