@@ -1,22 +1,27 @@
 """Speed of daest beside its peers, in one process run: the table of docs/speed.md.
 
-    python benchmarks/speed.py [--rows N] [--repeat N] [--table docs/speed.md]
+    python benchmarks/speed.py [--rows N] [--repeat N] [--only PART] [--table docs/speed.md]
 
 Figures are medians of processor time; each pair is measured in turn, so that both share the load of the
 machine. Processes are measured from outside, with all that they load. The peer of a command is the
-interpreter that loads numpy, scipy.linalg, scipy.sparse and casadi and does nothing.
+interpreter that loads numpy, scipy.linalg, scipy.sparse and casadi and does nothing. A diagnosis runs in a
+process of its own, once with an empty cache of compiled code and once more with what the first run compiled;
+the stages of the second are told with their shares, those of refits by their effect.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import resource
+import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,7 +48,17 @@ from daest.systems.local_linear import local_model
 
 PERIOD = 0.01
 EQUAL = 1e-9  # relative difference of two log-likelihoods of one problem
-EXAMPLE = Path(__file__).parents[1] / "examples" / "servo" / "Servo.mo"
+EXAMPLES = Path(__file__).parents[1] / "examples"
+EXAMPLE = EXAMPLES / "servo" / "Servo.mo"
+HIDDEN = EXAMPLES / "servo_hidden"
+# Functions of `daest.diagnosis.diagnose` that take the time of a diagnosis, and what the table calls them.
+STAGES = {
+    "begin": "the model as it is",
+    "screen": "screen",
+    "_dynamic": "effects with states of their own",
+    "_refitted": "refit with",
+}
+SIZES = (("Chain", 118), ("Chain", 588), ("Rigid", 286))  # models of `size.py`
 # States, samples, share of the values that are missing, runs.
 KALMAN = (
     (4, 1000, 0.0, 15),
@@ -247,6 +262,59 @@ def process_rows(folder: Path, repeat: int) -> Iterator[Row]:
         yield Row(f"`{name}`, whole process", "s", seconds, "loading the libraries", loads)
 
 
+def staged(told: Path) -> None:
+    """Diagnose in the current folder, one fit at a time, and write the processor time of the stages there."""
+    from daest.cli.main import run
+    from daest.diagnosis import diagnose
+
+    found: dict[str, float] = defaultdict(float)
+
+    def timed(name: str, function: Callable) -> Callable:
+        def run_timed(*arguments: object, **options: object) -> object:
+            start = time.process_time()
+            try:
+                return function(*arguments, **options)
+            finally:
+                which = f" {arguments[1].trial.candidate.label}" if name == "_refitted" else ""
+                found[STAGES[name] + which] += time.process_time() - start
+
+        return run_timed
+
+    for name in STAGES:
+        setattr(diagnose, name, timed(name, getattr(diagnose, name)))
+    try:
+        run(["diagnose", "--jobs", "1"])
+    finally:
+        told.write_text(json.dumps({"whole": time.process_time(), **found}), encoding="utf-8")
+
+
+def diagnosis_rows(folder: Path) -> Iterator[Row]:
+    work, told = folder / "servo_hidden", folder / "stages.json"
+    shutil.copytree(HIDDEN, work)
+    variables = {**os.environ, "DAEST_CACHE": str(folder / "cache")}
+    for name in ("first", "again"):
+        shutil.rmtree(work / "results", ignore_errors=True)
+        command = [sys.executable, str(Path(__file__).resolve()), "--staged", str(told)]
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run(command, cwd=work, env=variables, capture_output=True, check=False)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        yield Row(f"`daest diagnose` of examples/servo_hidden, {name}", "s", seconds)
+    stages = json.loads(told.read_text(encoding="utf-8"))
+    whole = stages.pop("whole")
+    for stage, seconds in sorted(stages.items(), key=lambda item: -item[1]):
+        yield Row(f"of it: {stage} ({100 * seconds / whole:.0f} %)", "s", seconds)
+
+
+def size_rows() -> Iterator[Row]:
+    import size
+
+    for name, n in SIZES:
+        dae = size.model(name, n)
+        (seconds,) = in_turn([lambda dae=dae: size.by_sparse_form(dae)], 1)
+        yield Row(f"noise verdict, {name}, {dae.n} equations", "s", seconds)
+
+
 def markdown(rows: list[Row]) -> str:
     names = ("numpy", "scipy", "casadi", "statsmodels", "pyarrow", "pandas")
     lines = [
@@ -268,18 +336,26 @@ def main() -> None:
     parser.add_argument("--rows", type=int, default=5_000_000, help="of the long CSV file")
     parser.add_argument("--repeat", type=int, default=3, help="of files and processes")
     parser.add_argument("--table", type=Path, help="write the table there as Markdown")
+    parser.add_argument("--only", choices=("kalman", "nonlinear", "table", "process", "diagnosis", "size"))
+    parser.add_argument("--staged", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
+    if options.staged is not None:
+        staged(options.staged)
+        return
     print(described(), flush=True)
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for found in (
-            kalman_rows(),
-            nonlinear_rows(),
-            table_rows(folder, options.rows, options.repeat),
-            process_rows(folder, options.repeat),
-        ):
-            for row in found:
+        parts = {
+            "kalman": kalman_rows(),
+            "nonlinear": nonlinear_rows(),
+            "table": table_rows(folder, options.rows, options.repeat),
+            "process": process_rows(folder, options.repeat),
+            "size": size_rows(),
+            "diagnosis": diagnosis_rows(folder),
+        }
+        for part, found in parts.items():
+            for row in found if options.only in (None, part) else ():
                 print("  ".join(row.cells()), flush=True)
                 rows.append(row)
     if options.table is not None:
