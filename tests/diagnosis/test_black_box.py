@@ -115,7 +115,7 @@ def test_what_can_be_foreseen():
 
 def test_a_constant_is_worth_a_refit_though_a_filter_takes_it_for_colour():
     def scored(p_value, share, absorbed=False):
-        return Scored(None, Screened(None, 0.0, (0.0,), p_value, absorbed, 1.0, share), share)
+        return Scored(None, Screened(None, 0.0, (0.0,), p_value, absorbed, 1.0, share))
 
     entry, slow = scored(0.5, 0.1), scored(0.5, 0.9)
     assert black_box._worth_a_refit([entry, slow]) == [slow]

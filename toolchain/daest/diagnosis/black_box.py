@@ -25,6 +25,7 @@ from scipy.optimize import least_squares
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import DiagnoseOptions, Progress
+from daest.diagnosis.screen import projected, scored
 from daest.diagnosis.trial import fitted_candidate
 from daest.errors import ConfigError, EstimationError, ModelError, NumericalError
 from daest.estimation.identify import identify
@@ -39,7 +40,7 @@ from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult, FittedParameter, IdentifyOptions
 from daest.model.flat import Model
 from daest.numerics.parallel import workers
-from daest.numerics.statistics import chi2, norm
+from daest.numerics.statistics import chi2, ljung_box
 from daest.systems.integrate import Hold, interval_inputs
 from daest.systems.integration import IntegrationError
 from daest.systems.linearize import has_affine_dynamics
@@ -97,12 +98,10 @@ class Case:
 
 @dataclass(frozen=True)
 class Scored:
-    """A trial with its entry in the screen; `share`: of the squared residual, as it is, that one step from
-    the null would explain."""
+    """A trial with its entry in the screen."""
 
     trial: Trial
     entry: Screened
-    share: float
 
 
 def diagnose_black_box(
@@ -136,7 +135,9 @@ def diagnose_black_box(
     trials = candidates(case, effects, options.places)
     progress(f"screening {len(trials)} effects at inputs and outputs")
     labels = [trial.label for trial in trials]
-    scored, screen = options.step("fmu screen", labels, flat, lambda: _screened(case, trials, residuals))
+    scored, screen = options.step(
+        "fmu screen", labels, flat, lambda: _screened(case, trials, residuals, options.seed)
+    )
     tried = _case(quiet, baseline, tuple(validation))
     refit = _Refit(case, tried, baseline, tuple(residuals), screen.n_screened)
     found = _proofs(refit, _worth_a_refit(scored), options, progress)
@@ -197,7 +198,8 @@ def _worth_a_refit(scored: Sequence[Scored]) -> list[Scored]:
     that would explain most of the residual as it is, which a filter for its colour would take for colour."""
     found = [s for s in scored if not s.entry.absorbed]
     by_score = found[:REFITTED] if found and found[0].entry.p_value < GATES.fmu_level else []
-    by_share = sorted((s for s in found if s.share >= GATES.fmu_min_share), key=lambda s: -s.share)[:REFITTED]
+    slow = [s for s in found if (s.entry.share or 0.0) >= GATES.fmu_min_share]
+    by_share = sorted(slow, key=lambda s: -(s.entry.share or 0.0))[:REFITTED]
     return [*by_score, *(s for s in by_share if not any(s is other for other in by_score))]
 
 
@@ -453,62 +455,44 @@ def _white(tables: Sequence[np.ndarray], filters: Sequence[np.ndarray]) -> np.nd
 
 
 def _screened(
-    case: Case, trials: Sequence[Trial], residuals: Sequence[np.ndarray]
+    case: Case, trials: Sequence[Trial], residuals: Sequence[np.ndarray], seed: int
 ) -> tuple[list[Scored], Screen]:
-    """All trials scored on the whitened residual, best first, p-values corrected for their number."""
+    """All trials on the whitened residual, as the screen of a model with equations, best first."""
     slopes, responses = _parameter_slopes(case), [_response(case, trial) for trial in trials]
     filters = _autoregression(residuals)
     spreads = _spreads(residuals, filters)
     weights = _weights(residuals, spreads)
-    e = _white(residuals, filters) * weights
-    base = np.array([_white([t[k] for t in slopes], filters) * weights for k in range(slopes[0].shape[0])])
-    basis = _orthonormal(base)
-    left = e - basis @ (basis.T @ e)
-    shares = _shares(responses, residuals, slopes, spreads)
-    seen_from = float(norm.isf(GATES.fmu_level / 2 / max(len(trials), 1))) + GATES.fmu_power_margin
-    found: list[tuple[Scored, np.ndarray]] = []
-    for trial, response, share in zip(trials, responses, shares, strict=True):
-        s = _white(response, filters) * weights
-        own = s - basis @ (basis.T @ s)
-        size, whole = float(np.linalg.norm(own)), float(np.linalg.norm(s))
-        absorbed = not np.isfinite(size) or size**2 <= GATES.fmu_absorbed_share * whole**2 or size == 0.0
-        score = 0.0 if absorbed else float(own @ left) / size
-        entry = Screened(
-            trial.candidate,
-            abs(score),
-            (0.0 if absorbed else score / size,),
-            min(1.0, len(trials) * 2 * float(norm.sf(abs(score)))),
-            absorbed,
-            np.inf if absorbed else seen_from / size,
-            share,
-        )
-        found.append((Scored(trial, entry, share), np.zeros_like(own) if absorbed else own / size))
-    found.sort(key=lambda pair: -pair[0].entry.score)
-    entries = tuple(scored.entry for scored, _ in found)
-    unit = np.array([direction for _, direction in found]).reshape(len(found), -1)
-    p_value = min((entry.p_value for entry in entries), default=1.0)
-    return [scored for scored, _ in found], Screen(entries, unit @ unit.T, p_value, len(entries), ())
+    directions = [[table[k] for table in slopes] for k in range(slopes[0].shape[0])]
 
+    def white(tables: Sequence[Sequence[np.ndarray]]) -> np.ndarray:
+        return _finite([_white(one, filters) * weights for one in tables])
 
-def _shares(
-    responses: Sequence[list[np.ndarray]], residuals: Sequence[np.ndarray], slopes: Sequence[np.ndarray],
-    spreads: np.ndarray,
-) -> list[float]:  # fmt: skip
-    """Shares of the squared residual, in units of `spreads`, that responses explain beyond the parameters."""
+    def plain(tables: Sequence[Sequence[np.ndarray]]) -> np.ndarray:
+        return _finite([np.concatenate([(part / spreads).ravel() for part in one]) for one in tables])
 
-    def row(tables: Sequence[np.ndarray]) -> np.ndarray:
-        return np.concatenate([(table / spreads).ravel() for table in tables])
-
-    basis = _orthonormal(np.array([row([t[k] for t in slopes]) for k in range(slopes[0].shape[0])]))
-    e = row(residuals)
-    left = e - basis @ (basis.T @ e)
+    told, rows = [trial.candidate for trial in trials], [slice(k, k + 1) for k in range(len(trials))]
+    base, least = white(directions), float(np.sqrt(GATES.fmu_absorbed_share))
+    screen = scored(told, rows, white([residuals])[0], base, base, white(responses), (), seed, least)
+    shares = _shares(plain(responses), plain([residuals]), plain(directions))
+    known = {id(c): (trial, share) for c, trial, share in zip(told, trials, shares, strict=True)}
     found = []
-    for response in responses:
-        own = row(response)
-        own = own - basis @ (basis.T @ own)
-        sizes = float(own @ own) * float(left @ left)
-        found.append(float(own @ left) ** 2 / sizes if np.isfinite(sizes) and sizes > 0 else 0.0)
-    return found
+    for entry in screen.entries:
+        trial, share = known[id(entry.candidate)]
+        found.append(Scored(trial, replace(entry, share=float(share))))
+    return found, replace(screen, entries=tuple(one.entry for one in found))
+
+
+def _finite(rows: Sequence[np.ndarray]) -> np.ndarray:
+    """Rows (k, m); one that is not finite everywhere is zero."""
+    table = np.array(rows).reshape(len(rows), -1)
+    return np.where(np.all(np.isfinite(table), axis=1, keepdims=True), table, 0.0)
+
+
+def _shares(responses: np.ndarray, residual: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Shares of the squared residual (1, m) that responses (k, m) explain beyond the parameters, (k,)."""
+    own, left = projected(responses, directions)[0], projected(residual, directions)[0][0]
+    sizes = np.sum(own**2, axis=1) * float(left @ left)
+    return np.where(sizes > 0.0, (own @ left) ** 2 / np.where(sizes > 0.0, sizes, 1.0), 0.0)
 
 
 def _spreads(residuals: Sequence[np.ndarray], filters: Sequence[np.ndarray]) -> np.ndarray:
@@ -524,16 +508,6 @@ def _weights(residuals: Sequence[np.ndarray], spreads: np.ndarray) -> np.ndarray
     """1 / standard deviation of the whitened residual of every output, in the order of `_white`."""
     parts = [np.full(e.shape[0] - MOST_ORDER, 1.0 / s) for e in residuals for s in spreads]
     return np.concatenate(parts)
-
-
-def _orthonormal(rows: np.ndarray) -> np.ndarray:
-    """Columns that span the rows (d, m); directions below 1e-9 of the largest are none."""
-    sizes = np.linalg.norm(rows, axis=1)
-    kept = rows[(sizes > 0) & np.isfinite(sizes)]
-    if not kept.size:
-        return np.zeros((rows.shape[1], 0))
-    u, s, _ = np.linalg.svd((kept / np.linalg.norm(kept, axis=1)[:, None]).T, full_matrices=False)
-    return u[:, s > 1e-9 * s[0]]
 
 
 # ----------------------------------------------------------------------------------------------- proof
@@ -801,19 +775,13 @@ def _decided(proof: Proof, best: Proof, close: Sequence[Proof]) -> Proof:
 
 def _is_white(residuals: Sequence[np.ndarray]) -> bool:
     """Ljung-Box of every output, all together at GATES.fmu_level."""
-    p_values = []
+    long = [e - e.mean(axis=0) for e in residuals if e.shape[0] > 2 * WHITE_LAGS]
+    p_values = [1.0]
     for j in range(residuals[0].shape[1]):
-        statistic, lags = 0.0, 0
-        for e in residuals:
-            x, n = e[:, j] - e[:, j].mean(), e.shape[0]
-            power = float(x @ x)
-            if n <= 2 * WHITE_LAGS or power == 0.0:
-                continue
-            r = np.array([x[k:] @ x[:-k] for k in range(1, WHITE_LAGS + 1)]) / power
-            statistic += n * (n + 2) * float(np.sum(r**2 / (n - np.arange(1, WHITE_LAGS + 1))))
-            lags += WHITE_LAGS
-        p_values.append(float(chi2.sf(statistic, lags)) if lags else 1.0)
-    return min(p_values) >= GATES.fmu_level / len(p_values)
+        moving = [e[:, j] for e in long if np.any(e[:, j])]
+        q = sum(ljung_box(x, np.ones(x.size, dtype=bool), WHITE_LAGS) for x in moving)
+        p_values.append(float(chi2.sf(q, WHITE_LAGS * len(moving))) if moving else 1.0)
+    return min(p_values) >= GATES.fmu_level / (len(p_values) - 1)
 
 
 def _limits_of_the_box(case: Case) -> str:

@@ -439,7 +439,7 @@ class Gates(Thresholds):
         0.01,
         "p-value",
         "of a score, corrected for the search, below which an effect at an FMU is refitted",
-        "distribution: normal, Bonferroni",
+        "distribution: of the largest of the correlated scores",
     )
     fmu_min_share: float = gate(
         0.2,
@@ -476,12 +476,6 @@ class Gates(Thresholds):
         "log-likelihood",
         "within which a candidate is as good as the best",
         BOXES,
-    )
-    fmu_power_margin: float = gate(
-        1.28,
-        "standard deviations",
-        "beyond the limit of a score, at which an effect is seen in 90 of 100 recordings",
-        "distribution: normal",
     )
 
 

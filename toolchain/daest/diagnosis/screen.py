@@ -192,7 +192,7 @@ def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed:
     responses, columns = _responses(null, run, explicit, usable)
     directions = nuisance(run, len(null.estimated))
     rescaling = np.vstack([directions, _loads_rescaled(null, run)])
-    return _scored(
+    return scored(
         usable,
         columns,
         run.whitened,
@@ -370,7 +370,7 @@ def _evaluate(function: ca.Function, arguments: Sequence[np.ndarray], values: np
     evaluate()
 
 
-def _scored(
+def scored(
     candidates: Sequence[Candidate],
     rows: Sequence[slice],
     white: np.ndarray,
@@ -379,11 +379,15 @@ def _scored(
     responses: np.ndarray,
     skipped: tuple[tuple[str, str], ...],
     seed: int,
+    absorbed_share: float = GATES.absorbed_share,
 ) -> Screen:
+    """The screen of candidates with `rows` of responses (k, m) to their sizes, tried on white residuals
+    (m,) beyond `directions` (d, m) of the parameters, which absorb a response that keeps no more than that
+    share beyond them, or beyond what `rescaling` (e, m) changes besides."""
     rest, share = projected(responses, directions)
     norms = np.linalg.norm(rest, axis=1)
-    only_rescales = projected(responses, rescaling)[1] < GATES.absorbed_share
-    seen = (share >= GATES.absorbed_share) & ~only_rescales & (norms > 0.0)
+    only_rescales = projected(responses, rescaling)[1] < absorbed_share
+    seen = (share >= absorbed_share) & ~only_rescales & (norms > 0.0)
     unit = np.where(seen[:, None], rest / np.where(norms > 0.0, norms, 1.0)[:, None], 0.0)
     spread = spread_under(white)(unit)
     z = np.where(seen, unit @ white / spread, 0.0)

@@ -163,8 +163,9 @@ def sensor_fault(effect: Effect) -> SensorFault:
 
 
 def tried_as(effect: Effect, unit: str) -> Effect:
-    """The effect as a diagnosis of an FMU tells it: one size, in the `unit` of the input or output."""
-    size = replace(effect.sizes[0], name="size", unit=unit, signal_unit="", null=0.0)
+    """The effect as a diagnosis of an FMU tells it: one size, in the `unit` of the input or output, of either
+    sign, as an input may turn the state that the law reads either way."""
+    size = replace(effect.sizes[0], name="size", unit=unit, signal_unit="", null=0.0, min=None, max=None)
     return replace(effect, parameters=(size,), outside=effect.outside)
 
 
