@@ -25,29 +25,32 @@ SLUG = re.compile(r"[a-z0-9]+(-[a-z0-9]+)+")
 
 
 @cache
-def trees():
-    """(file, syntax tree) of every module of the package outside errors.py, parsed once."""
+def nodes():
+    """(file, node) of every string constant and call of the package outside errors.py, read once."""
     paths = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "errors.py")
-    return [(path, ast.parse(path.read_text())) for path in paths]
+    return [
+        (path, node)
+        for path in paths
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Call) or (isinstance(node, ast.Constant) and isinstance(node.value, str))
+    ]
 
 
 def texts_of_source():
     """(file, line, text) of every string constant of the package outside errors.py that has the form of a
     code."""
-    for path, tree in trees():
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str) and SLUG.fullmatch(node.value):
-                yield path, node.lineno, node.value
+    for path, node in nodes():
+        if isinstance(node, ast.Constant) and SLUG.fullmatch(node.value):
+            yield path, node.lineno, node.value
 
 
 def codes_of_calls():
     """(place, pattern) of every code that is written out, or put together, in a call of an error class."""
-    for path, tree in trees():
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in CLASSES:
-                given = [*node.args[:1], *(k.value for k in node.keywords if k.arg == "code")]
-                for pattern in patterns_of(given[0]) if given else ():
-                    yield f"{path.relative_to(PACKAGE)}:{node.lineno}", pattern
+    for path, node in nodes():
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in CLASSES:
+            given = [*node.args[:1], *(k.value for k in node.keywords if k.arg == "code")]
+            for pattern in patterns_of(given[0]) if given else ():
+                yield f"{path.relative_to(PACKAGE)}:{node.lineno}", pattern
 
 
 def patterns_of(argument):

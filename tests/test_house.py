@@ -44,20 +44,31 @@ def files() -> dict[str, Path]:
 
 
 @cache
+def tree(module: str) -> ast.Module:
+    return ast.parse(files()[module].read_text(encoding="utf-8"))
+
+
+@cache
+def imports(module: str) -> list[ast.Import | ast.ImportFrom]:
+    """At whatever depth."""
+    return [node for node in ast.walk(tree(module)) if isinstance(node, ast.Import | ast.ImportFrom)]
+
+
+@cache
 def arrows() -> dict[str, dict[str, int]]:
     """What each module imports of the package, at whatever depth, with the line; `import daest` apart, which
     loads nothing."""
-    return {name: dict(_imports(path)) for name, path in files().items()}
+    return {name: dict(_imports(name)) for name in files()}
 
 
-def _imports(path: Path):
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+def _imports(module: str):
+    for node in imports(module):
         if isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}:{node.lineno}: a relative import"
+            assert node.level == 0, f"{module}:{node.lineno}: a relative import"
             for alias in node.names:
                 whole = f"{node.module}.{alias.name}"
                 yield from _own(whole if whole in files() else str(node.module), node.lineno)
-        elif isinstance(node, ast.Import):
+        else:
             for alias in node.names:
                 yield from _own(alias.name, node.lineno)
 
@@ -130,8 +141,8 @@ def test_names_come_from_the_file_that_defines_them():
     """`daest` itself apart, which names what is public."""
     astray = [
         f"{path.relative_to(PACKAGE)}:{node.lineno} imports {alias.name} by {node.module}"
-        for path in files().values()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for module, path in files().items()
+        for node in imports(module)
         if isinstance(node, ast.ImportFrom) and node.module in files() and path.parent != PACKAGE
         for alias in node.names
         if alias.name not in _defined(str(node.module)) and f"{node.module}.{alias.name}" not in files()
@@ -142,7 +153,7 @@ def test_names_come_from_the_file_that_defines_them():
 @cache
 def _defined(module: str) -> frozenset[str]:
     found: set[str] = set()
-    for node in ast.parse(files()[module].read_text(encoding="utf-8")).body:
+    for node in tree(module).body:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             found.add(node.name)
         elif isinstance(node, ast.Assign | ast.AnnAssign):
