@@ -1,6 +1,7 @@
 """A small project in the current folder, and a way to call commands."""
 
 import json
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from jsonschema import Draft202012Validator
 from lag_data import write_lag
 
 from daest.cli.main import run
+from daest.cli.output import Result
 from daest.cli.schema import schema_of
 
 
@@ -36,10 +38,36 @@ def folder(tmp_path, monkeypatch) -> Path:
     return tmp_path
 
 
+WIDTHS = (60, 80, 140)
+LONGEST_WORD = 32  # of a longer one, parts may stand on lines of their own
+
+
+@dataclass(frozen=True)
+class WatchedResult(Result):
+    """A result whose text is looked at in terminals of all widths, however it was asked for: no line is too
+    long, and no word and no number is cut or left out."""
+
+    def __post_init__(self):
+        texts = [self.text(width, False) for width in WIDTHS]
+        shown = [{word for word in text.split() if len(word) <= LONGEST_WORD} for text in texts]
+        for width, text, words in zip(WIDTHS, texts, shown, strict=True):
+            too_long = [line for line in text.splitlines() if len(line) > width]
+            assert not [line for line in too_long if len(longest(line)) + 24 < width], (
+                self.command,
+                too_long,
+            )
+            assert not shown[-1] - words, (self.command, width, shown[-1] - words)
+
+
+def longest(line):
+    return max(line.split(), key=len)
+
+
 @pytest.fixture
-def daest(capsys):
+def daest(capsys, monkeypatch):
     """Run a command line; returns exit code, stdout and stderr. Every JSON document is held against the
-    schema of its command, which knows every key."""
+    schema of its command, which knows every key, and every text is looked at in three widths."""
+    monkeypatch.setattr("daest.cli.output.Result", WatchedResult)
 
     def call(*arguments: str) -> tuple[int, str, str]:
         capsys.readouterr()

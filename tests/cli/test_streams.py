@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from daest.cli.streams import fitted
 from daest.files import whole_file
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="pipes and devices of POSIX")
@@ -179,3 +180,30 @@ def test_nothing_stays_of_a_file_that_is_written_when_its_process_is_killed(tmp_
             return
         threading.Event().wait(0.05)
     raise AssertionError(os.listdir(tmp_path))
+
+
+@pytest.mark.parametrize("width", [60, 80, 140])
+def test_messages_end_their_lines_between_words(width):
+    text = "error[data-unit]: " + "the column 'n [1/min]' of 7.9e-12 does not fit " * 5 + "\n  --> run.csv:1"
+    text += "\n  help: " + "write rpm for turns, or rad/min for angles, in the header " * 3
+    shown = fitted(text, width)
+    assert shown.split() == text.split()
+    lines = shown.splitlines()
+    assert max(map(len, lines)) <= width and "  --> run.csv:1" in lines
+    assert fitted("a/path/" * 40, width) == "a/path/" * 40
+
+
+@POSIX
+def test_a_terminal_gets_short_lines_and_a_pipe_whole_ones(tmp_path):
+    import pty
+
+    command = [sys.executable, "-m", "daest", "check", "no model here " * 8 + ".mo"]
+    surroundings = {**os.environ, "COLUMNS": "60"}
+    piped = subprocess.run(command, cwd=tmp_path, env=surroundings, stderr=subprocess.PIPE, text=True).stderr
+    near, far = pty.openpty()
+    subprocess.run(command, cwd=tmp_path, env=surroundings, stdin=far, stdout=far, stderr=far)
+    os.close(far)
+    shown = os.read(near, 10_000).decode()
+    os.close(near)
+    assert max(map(len, shown.splitlines())) <= 60 < max(map(len, piped.splitlines()))
+    assert shown.split() == piped.split()

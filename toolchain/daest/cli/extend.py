@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @click.command(
     "extend",
-    epilog=example("daest extend Servo.mo --effect CoulombFriction --at motor --set tau_c=0.006 -o new.mo"),
+    epilog=example("daest extend Servo.mo --effect CoulombFriction --at motor -o new.mo"),
 )
 @files("[MODEL]", "model", None)
 @click.option(

@@ -171,6 +171,7 @@ def _document(file: Path, draft: Any, checks: Sequence[DataCheck]) -> InitDocume
 
 
 def _text(document: Mapping[str, Any], width: int, color: bool) -> str:
+    from daest.report.console import Paragraph, rendered
     from daest.report.texts.check import clock_words
 
     lines = [f"wrote {document['file']} for {document['model']}"]
@@ -189,4 +190,4 @@ def _text(document: Mapping[str, Any], width: int, color: bool) -> str:
     doubt = " (the model marks none), please check" if document["proposed"] else ""
     lines.append(f"  estimated parameters: {marked}{doubt}")
     lines += [f"  {f['level']}[{f['code']}]: {f['recording']}: {f['text']}" for f in document["findings"]]
-    return "\n".join(lines) + "\n"
+    return rendered(map(Paragraph, lines), width, color)

@@ -20,7 +20,7 @@ from typing import Any, NoReturn
 import click
 
 from daest import __version__
-from daest.cli.streams import FULL, leave_stdout, prepare_streams
+from daest.cli.streams import FULL, leave_stdout, prepare_streams, say
 from daest.errors import ConfigError, DaestError, Place
 
 # Name -> one line of help; the module is daest.cli.NAME and holds `command`. In the order in which they are
@@ -113,7 +113,7 @@ def cli() -> None:
     """From a Modelica model and a recording to parameters, states and the physics that the model lacks."""
     from daest.numerics.compiler import tell_of_compilations
 
-    tell_of_compilations(lambda text: click.echo(text, err=True))
+    tell_of_compilations(say)
 
 
 def main() -> NoReturn:
@@ -154,7 +154,7 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _failed(error: DaestError) -> int:
-    click.echo(str(error), err=True)
+    say(str(error))
     _show_traceback()
     return 2
 
@@ -198,4 +198,4 @@ def _show_traceback() -> None:
 def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
     if issubclass(category, RuntimeWarning) and not _wants_traceback():
         return  # of NumPy on numbers that overflow: what comes of them is told in words of the model
-    click.echo(f"warning: {message}", err=True)
+    say(f"warning: {message}")

@@ -9,17 +9,20 @@ import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 
 from daest import files
-from daest.cli.streams import is_closed, leave_stdout
+from daest.cli.streams import is_closed, leave_stdout, say
 from daest.errors import ConfigError, Place, printable
 
 Document = dict[str, Any]
 UNWRITABLE = "output-unwritable"
+# Columns where nobody looks at a terminal (a pipe, a file, a test), so that output does not depend on it.
+PIPE_WIDTH = 100
 LATEST = "fit.json"  # in the results folder: the fit that was made last
 
 
@@ -41,14 +44,30 @@ def emit(
 
     `as_text(document, width=..., color=...)` renders the text form.
     """
+    result = Result(document, command, as_text)
     to_file = output is not None and str(output) != "-"
     if form == "json" or (to_file and str(output).endswith(".json")):
-        text = to_json(with_schema(document, command))
+        text = result.json()
     elif to_file:
-        text = as_text(document, width=100, color=False)
+        text = result.text(PIPE_WIDTH, False)
     else:
-        text = as_text(document, width=_terminal_width(), color=_is_terminal())
+        text = result.text(_terminal_width(), _is_terminal())
     write_text(text, output)
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a command has found, in the forms in which it is told."""
+
+    document: Mapping[str, Any]
+    command: str
+    as_text: Callable[..., str]
+
+    def json(self) -> str:
+        return to_json(with_schema(self.document, self.command))
+
+    def text(self, width: int, color: bool) -> str:
+        return self.as_text(self.document, width=width, color=color)
 
 
 def write_text(text: str, output: Path | None) -> None:
@@ -114,12 +133,12 @@ def keep_inputs(output: Path | None, inputs: Iterable[Path | None]) -> None:
 
 def note(text: str) -> None:
     """A remark for the reader, on stderr."""
-    click.echo(f"note: {printable(text)}", err=True)
+    say(f"note: {printable(text)}")
 
 
 def warn(code: str, text: str) -> None:
     """A doubt about the input that daest explain knows, on stderr."""
-    click.echo(f"warning[{code}]: {printable(text)}", err=True)
+    say(f"warning[{code}]: {printable(text)}")
 
 
 def _unwritable(path: Path | str, error: OSError, remedy: str) -> ConfigError:
@@ -136,10 +155,8 @@ def _is_terminal() -> bool:
 
 
 def _terminal_width() -> int:
-    # 100 columns where nobody looks at a terminal (a pipe, a file, a test), so that output does not depend
-    # on it.
     if not _is_terminal() and "COLUMNS" not in os.environ:
-        return 100
+        return PIPE_WIDTH
     return shutil.get_terminal_size().columns
 
 

@@ -115,10 +115,12 @@ def _document(output: Path, text: str, parts: Sequence[Section]) -> ReportDocume
 
 
 def _summary(document: Mapping[str, Any], width: int, color: bool) -> str:
+    from daest.report.console import Paragraph, indented, rendered
+
     missing = [part for part in document["parts"] if not part["present"]]
-    lines = [f"The report is in {document['path']} ({document['bytes'] / 1e6:.1f} MB)."]
-    lines += [f"  not in it: {part['title']}; {part['missing'].replace('`', '')}" for part in missing]
-    return "\n".join(lines) + "\n"
+    lines = [Paragraph(f"The report is in {document['path']} ({document['bytes'] / 1e6:.1f} MB).")]
+    lines += [indented(f"not in it: {part['title']}; {part['missing'].replace('`', '')}") for part in missing]
+    return rendered(lines, width, color)
 
 
 def _documents(project: Project) -> dict[str, dict[str, Any]]:

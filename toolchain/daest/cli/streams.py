@@ -6,7 +6,10 @@ import errno
 import io
 import os
 import sys
+import textwrap
 from typing import Any
+
+import click
 
 STANDARD = (0, 1, 2)  # file descriptors of stdin, stdout, stderr
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # what a write meets that has no room
@@ -33,6 +36,40 @@ class _Closed(io.StringIO):
 
     def write(self, text: str) -> int:
         return len(text)
+
+
+NARROWEST = 20  # columns; a terminal that tells fewer is not believed
+
+
+def say(text: str) -> None:
+    """A message on stderr. On a terminal its lines end between words; in a pipe they are whole, for programs
+    that look for something in them."""
+    click.echo(fitted(text, _columns()) if sys.stderr.isatty() else text, err=True)
+
+
+def fitted(text: str, width: int) -> str:
+    """The text in lines of at most `width`, unless a word alone is longer; what goes on stands further in."""
+    return "\n".join(part for line in text.split("\n") for part in _parts(line, width))
+
+
+def _parts(line: str, width: int) -> list[str]:
+    if len(line) <= width:
+        return [line]
+    margin = " " * (len(line) - len(line.lstrip()))
+    further = f"{margin}  "
+    return textwrap.wrap(
+        line.strip(), width, initial_indent=margin, subsequent_indent=further,
+        break_long_words=False, break_on_hyphens=False,
+    )  # fmt: skip
+
+
+def _columns() -> int:
+    """Of the terminal behind stderr."""
+    try:
+        columns = int(os.environ["COLUMNS"]) if "COLUMNS" in os.environ else os.get_terminal_size(2).columns
+    except (OSError, ValueError):
+        columns = 80
+    return max(columns, NARROWEST)
 
 
 def prepare_streams() -> None:

@@ -237,7 +237,7 @@ def _weak_text(direction: WeakDirection) -> str:
     listed = ", ".join(names[:-1]) + " and " + names[-1]
     if weights == {1.0}:
         return f"{listed} are known only up to a common factor ({size}); fix one of them from another source."
-    powers = " · ".join(f"{n}^{w:g}" for n, w in direction.combination.items())
+    powers = " · ".join(n if w == 1.0 else f"{n}^{w:g}" for n, w in direction.combination.items())
     return f"{listed} can move together as {powers} ({size}); fix one of them from another source."
 
 

@@ -1,6 +1,6 @@
 // Parameters: sliders, and the simulation that follows them.
 import {h, put, number, withUnit} from "./dom.js";
-import {draw, source, figureOf} from "./plots.js";
+import {draw, source, figuresOf} from "./plots.js";
 
 let told = null;      // the model, its parameters and recordings, as the simulating process tells them
 let values = {}, locked = new Set(), recording = 0, errors = {fit: null, now: null};
@@ -66,9 +66,9 @@ async function introduced(message) {
   const found = await fetch("api/sliders").then(one => one.json()).catch(() => ({plots: []}));
   const pictures = place.querySelector(".pictures");
   await draw(pictures, found.plots);
-  range = figureOf(pictures)?.model.x_range ?? null;
-  const settle = () => { clearTimeout(settle.timer); settle.timer = setTimeout(refresh, 200); };
-  range?.properties.start.change.connect(settle);
+  range = figuresOf(pictures)[0]?.model.x_range ?? null;
+  const moved = () => { clearTimeout(moved.timer); moved.timer = setTimeout(refresh, 200); };
+  range?.properties.start.change.connect(moved);
   whole();
 }
 
@@ -76,6 +76,32 @@ function whole() {
   const one = told.recordings[recording];
   range?.setv({start: one.start, end: one.stop});
   refresh();
+}
+
+// The values that a figure shows hold all curves. While a slider moves they only grow, and by more than is needed at
+// once: an axis that moves with the curve shows nothing, and the whole figure would be painted for every picture.
+// What the user has chosen stays.
+const ROOM = {rest: 0.08, moving: 0.4};
+const given = new WeakMap();
+function settle(moving) {
+  const pictures = place.querySelector(".pictures");
+  figuresOf(pictures).forEach(({model}, i) => {
+    const axis = model.y_range, last = given.get(axis);
+    if (last && (axis.start !== last.start || axis.end !== last.end)) return;
+    let low = Infinity, high = -Infinity;
+    for (const [name, keys] of [["measured", ["y"]], ["fit", ["y"]], ["now", ["y"]], ["band", ["low", "high"]]]) {
+      const data = source(pictures, `${name}-${i}`)?.data ?? {};
+      for (const key of keys) for (const value of data[key] ?? []) {
+        if (value < low) low = value;
+        if (value > high) high = value;
+      }
+    }
+    if (low > high || (moving && low >= axis.start && high <= axis.end)) return;
+    const margin = ROOM[moving ? "moving" : "rest"] * (high - low) || Math.abs(high) || 1;
+    const wanted = {start: low - margin, end: high + margin};
+    given.set(axis, wanted);
+    axis.setv({...wanted, reset_start: wanted.start, reset_end: wanted.end});
+  });
 }
 function refresh() { need = {now: true, fit: true, band: true}; pump(); }
 function reset() { values = Object.fromEntries(told.parameters.map(one => [one.name, one.value])); sliders(); need.now = true; pump(); header(place.children[0]); }
@@ -104,15 +130,17 @@ function drawn(message) {
     told.outputs.forEach((output, i) => { kept[i].textContent = withUnit(errors.now[output.name], output.unit); });
     place.querySelector("#simulate-line").textContent = simulateLine();  // the line that gives these errors
   }
+  settle(true);
   pump();
-  // Buttons change when the slider rests; while it moves, every frame counts.
+  // Buttons and axes change when the slider rests; while it moves, every frame counts.
   clearTimeout(drawn.timer);
-  drawn.timer = setTimeout(() => header(place.children[0]), 150);
+  drawn.timer = setTimeout(() => { header(place.children[0]); settle(false); }, 150);
 }
 function banded(message) {
   if (message.id !== asked) return;
   busy = false;
   message.bands?.forEach((one, i) => fill(place.querySelector(".pictures"), `band-${i}`, {x: one.low.x, low: one.low.y, high: one.high.y}));
+  settle(false);
   pump();
 }
 function fill(pictures, name, curve) {

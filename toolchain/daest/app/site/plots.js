@@ -44,8 +44,9 @@ export function source(place, name) {
   return null;
 }
 
-export function figureOf(place) {
-  return (views.get(place) ?? [])[0]?.parts[0] ?? null;
+// The figures of the first plot, from above.
+export function figuresOf(place) {
+  return (views.get(place) ?? [])[0]?.parts ?? [];
 }
 
 // Shows the stretch of time [s] in every figure of a plot; the ranges are linked.

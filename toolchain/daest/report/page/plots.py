@@ -194,6 +194,7 @@ def followed_figures(told: Mapping[str, Any]) -> list[Any]:
     for i, output in enumerate(told["outputs"]):
         shared = figures[0].x_range if figures else Range1d(whole["start"], whole["stop"])
         plot = _figure("", _titled(output["name"], output["unit"]), MIDDLE, shared)
+        plot.y_range = Range1d(-1.0, 1.0)  # the page sets it
         start = {"x": [whole["start"]], "y": [0.0]}  # an axis needs a value
         empty: dict[str, list[float]] = {"x": [], "low": [], "high": []}
         measured, fit, now = (ColumnDataSource(start, name=f"{n}-{i}") for n in ("measured", "fit", "now"))
@@ -202,10 +203,12 @@ def followed_figures(told: Mapping[str, Any]) -> list[Any]:
             "x", "low", "high", source=band, color=COLORS[2], alpha=0.3, legend_label="95 % of the fit"
         )
         plot.line("x", "y", source=fit, color=COLORS[2], line_width=1.4, legend_label="fit")
-        plot.line("x", "y", source=now, color=COLORS[0], line_width=2, legend_label="as set")
         plot.scatter(
             "x", "y", source=measured, size=3, color=MEASURED, line_color=None, legend_label="measured"
         )
+        # A layer of its own: while a slider is dragged, nothing else is painted again.
+        set_ = plot.line("x", "y", source=now, color=COLORS[0], line_width=2, legend_label="as set")
+        set_.level = "overlay"
         _legend(plot)
         figures.append(plot)
     return figures
