@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -37,7 +36,11 @@ def _chosen(code: str | None) -> dict[str, str]:
 
 
 def _text(document: Mapping[str, Any], width: int, color: bool) -> str:
-    return "\n".join(
-        f"{code}\n{textwrap.fill(text, width - 2, initial_indent='  ', subsequent_indent='  ')}\n"
+    from daest.report.console import Paragraph, indented, rendered
+
+    parts = [
+        part
         for code, text in document["codes"].items()
-    )
+        for part in (Paragraph(code), indented(text), Paragraph(""))
+    ]
+    return rendered(parts[:-1], width, color)

@@ -69,7 +69,9 @@ function show() {
   const chosen = part();
   for (const name of Object.keys(VIEWS)) document.getElementById(name).hidden = name !== chosen;
   for (const link of document.querySelectorAll("#parts a")) {
-    if (link.hash.slice(1) === chosen) link.setAttribute("aria-current", "page"); else link.removeAttribute("aria-current");
+    if (link.hash.slice(1) !== chosen) { link.removeAttribute("aria-current"); continue; }
+    if (!link.hasAttribute("aria-current")) link.scrollIntoView({block: "nearest", inline: "center"});  // a phone shows some
+    link.setAttribute("aria-current", "page");
   }
   document.title = state.title ? `${state.title}: daest` : "daest";
   document.getElementById("title").textContent = state.title ?? "daest";

@@ -66,7 +66,9 @@ async function introduced(message) {
   const found = await fetch("api/sliders").then(one => one.json()).catch(() => ({plots: []}));
   const pictures = place.querySelector(".pictures");
   await draw(pictures, found.plots);
-  range = figuresOf(pictures)[0]?.model.x_range ?? null;
+  const parts = figuresOf(pictures);
+  for (const {model} of parts) model.height = Math.max(model.height, Math.min(HIGHEST, Math.floor((innerHeight - BESIDE) / parts.length)));
+  range = parts[0]?.model.x_range ?? null;
   const moved = () => { clearTimeout(moved.timer); moved.timer = setTimeout(refresh, 200); };
   range?.properties.start.change.connect(moved);
   whole();
@@ -81,6 +83,7 @@ function whole() {
 // The values that a figure shows hold all curves. While a slider moves they only grow, and by more than is needed at
 // once: an axis that moves with the curve shows nothing, and the whole figure would be painted for every picture.
 // What the user has chosen stays.
+const HIGHEST = 480, BESIDE = 480;  // px: of a figure, and of what else a screen shows
 const ROOM = {rest: 0.08, moving: 0.4};
 const given = new WeakMap();
 function settle(moving) {

@@ -204,10 +204,10 @@ def followed_figures(told: Mapping[str, Any]) -> list[Any]:
         )
         plot.line("x", "y", source=fit, color=COLORS[2], line_width=1.4, legend_label="fit")
         plot.scatter(
-            "x", "y", source=measured, size=3, color=MEASURED, line_color=None, legend_label="measured"
+            "x", "y", source=measured, size=6, color=MEASURED, line_color=None, legend_label="measured"
         )
         # A layer of its own: while a slider is dragged, nothing else is painted again.
-        set_ = plot.line("x", "y", source=now, color=COLORS[0], line_width=2, legend_label="as set")
+        set_ = plot.line("x", "y", source=now, color=COLORS[0], line_width=1.5, legend_label="as set")
         set_.level = "overlay"
         _legend(plot)
         figures.append(plot)
