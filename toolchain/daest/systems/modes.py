@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from daest.errors import ModelError
+from daest.errors import DaestError, ModelError
 from daest.model.experiment import Experiment
-from daest.model.flat import FlatModel
+from daest.model.flat import ExplicitModel, FlatModel
 from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import settled_start
 from daest.systems.reduce import reduce_index
 
+MOST_MODES = 8  # modes that are tried as a first guess where the declared one is singular
 MOST_TURNS = 5  # reductions, each at the mode that the one before has found
 
 
@@ -35,7 +36,7 @@ def in_starting_mode(flat: FlatModel, recording: Any = None, theta: np.ndarray |
     values = flat.theta_values if theta is None else np.asarray(theta, dtype=float)
     t, u = _beginning(flat, recording)
     for _ in range(MOST_TURNS):
-        explicit = reduce_index(_with_memory(flat, values))
+        explicit, values = _reduced(flat, values)
         functions = EventFunctions(explicit)
         ubar = np.concatenate([u, np.zeros(explicit.rhs.numel_in(2))])
         start = values.copy()
@@ -44,6 +45,23 @@ def in_starting_mode(flat: FlatModel, recording: Any = None, theta: np.ndarray |
             break
         values = mode.theta
     return _with_memory(flat, values) if theta is None else _with_memory(_with_theta(flat, values), values)
+
+
+def _reduced(flat: FlatModel, values: np.ndarray) -> tuple[ExplicitModel, np.ndarray]:
+    """The reduced form at the mode in `values`, or, where that is singular, at the first other one that is
+    not: two brakes on one shaft that both hold leave their torques open, and may not be the start at all."""
+    assert flat.events is not None
+    slots = [one.slot for one in flat.events.relations]
+    rng = np.random.default_rng(0)
+    for turn in range(MOST_MODES):
+        try:
+            return reduce_index(_with_memory(flat, values)), values
+        except DaestError as error:
+            if error.code != "singular-after-reduction" or turn == MOST_MODES - 1:
+                raise
+            values = values.copy()
+            values[slots] = rng.integers(0, 2, len(slots))
+    raise AssertionError
 
 
 def _with_theta(flat: FlatModel, values: np.ndarray) -> FlatModel:
