@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from daest.errors import ModelError
 from daest.model.flat import FlatModel
 from daest.modelica.compile import compile_model
 
@@ -278,3 +279,36 @@ def test_a_parameter_without_value_takes_its_start_with_a_warning(compiled: Comp
     with pytest.warns(UserWarning, match="`q` has no value"):
         flat = compiled("model M parameter Real q(start = 3); Real x; equation x = q; end M;")
     assert flat.parameters[0].value == 3
+
+
+def test_a_literal_and_a_constant_by_import(compiled):
+    """The compiler does not find a literal of an enumeration by its import."""
+    flat = compiled(
+        """package P
+  type Init = enumeration(fixed, free);
+  constant Real g = 9.81;
+  model Part
+    parameter Init init = Init.free;
+    parameter Real start = if init == Init.fixed then 2 else 3;
+    Real x(start = start, fixed = true);
+  equation
+    der(x) = -x;
+  end Part;
+  model M
+    import P.Init.fixed;
+    import P.g;
+    Part p(init=fixed);
+    Real y = 2*g;
+  end M;
+end P;
+""",
+        "P.M",
+    )
+    assert {x.name: x.start for x in flat.unknowns}["p.x"] == 2
+
+
+def test_a_name_with_an_umlaut_is_shown(compiled):
+    with pytest.raises(ModelError) as caught:
+        compiled("model M\n  Real größe;\nequation\n  größe = 1;\nend M;\n")
+    assert str(caught.value.where).endswith(":2:10")
+    assert "outside of ASCII" in caught.value.what

@@ -72,8 +72,35 @@ def adapted(text: bytes) -> bytes:
     """The text as the compiler takes it. Lines keep their numbers."""
     if b"ExternalObject" in text:
         text = _without_objects(text)
-    text = _without_inner_bases(text.replace(_C_TABLES, _C_TABLES.upper()))
+    text = _with_full_imports(_without_inner_bases(text.replace(_C_TABLES, _C_TABLES.upper())))
     return _with_marked_rates(text) if b"der" in text else text
+
+
+_IMPORTED = re.compile(rb"\bimport\s+((?:[A-Za-z_]\w*\.)+([A-Za-z_]\w*))\s*;")
+
+
+_ENUMERATION = re.compile(rb"\benumeration\s*\([^()]*\)")
+
+
+def _with_full_imports(text: bytes) -> bytes:
+    """The text with imported constants and literals by their full names where they stand in expressions: the
+    compiler does not find a literal of an enumeration by its import."""
+    for full, name in _IMPORTED.findall(text):
+        value = re.compile(rb"(?<=[=<>+*/-])(\s*)" + name + rb"(?=\s*(?:[),;+*/<>-]|==|then\b|and\b|or\b))")
+        skipped = [match.span() for match in _SKIPPED.finditer(text)]
+        parts, last = [], 0
+        for match in value.finditer(text):
+            if not any(start <= match.start() < end for start, end in skipped):
+                parts += [text[last : match.start()], match[1], full]
+                last = match.end()
+        if not parts:
+            continue
+        text = b"".join([*parts, text[last:]])
+        clause = re.compile(rb"\bimport\s+" + re.escape(full) + rb"\s*;")
+        bare = clause.sub(b"", _SKIPPED.sub(b"", text)).replace(full, b"")
+        if not re.search(rb"(?<![.\w])" + name + rb"\b(?!\s*=)", _ENUMERATION.sub(b"", bare)):
+            text = clause.sub(lambda found: re.sub(rb"\S", b" ", found[0]), text)
+    return text
 
 
 def with_constructors(text: bytes, objects: Iterable[str]) -> bytes:

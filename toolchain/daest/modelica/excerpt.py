@@ -21,7 +21,7 @@ from daest.cache import cache_folder, keep_content, kept_content
 from daest.modelica.dialect import DER, DER_FILE, adapted, external_objects, with_constructors
 from daest.modelica.library import BYTE_ORDER_MARK, Roots, library_name, put_in_place, stamp
 
-_VERSION = "12"  # of what is kept; another one throws away what is there
+_VERSION = "15"  # of what is kept; another one throws away what is there
 _STRIP = re.compile(rb'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
 _NAME = re.compile(rb"(?<![\w.])\.?[A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*")
 _ALIAS = re.compile(

@@ -95,10 +95,9 @@ def translated(
             f"`{class_name}` is read and understood, but is beyond the compiler that is built in: "
             f"{_limit(_plain(message))}. The model may well be right",
             where=str(path),
-            remedy="Replace the component that has it (friction and clutches with tables by "
-            "Daest.Effects.Rotational.CoulombFriction or StribeckFriction); or export the model by your own "
-            "tool as an FMU, which all commands take; or, with OpenModelica installed, by "
-            "`daest export MODEL --compiler omc -o NAME.bmo`.",
+            remedy="Take out one component after the other until it compiles: the last one has it. Replace "
+            "that one (a table or an array by a formula, a record by its parts); "
+            f"{_FMU}",
         )
     return ModelError(
         "model-compile",
@@ -233,6 +232,15 @@ def _syntax(message: str, path: Path, text: bytes, class_name: str) -> ModelErro
 
 def syntax_fault(path: Path, text: bytes) -> ModelError | None:
     """The first place where the text is no Modelica, if there is one."""
+    strange = next((token for token in tokens(text) if token.kind == "other" and token.text > "~"), None)
+    if strange is not None:
+        return ModelError(
+            "model-syntax",
+            "a letter outside of ASCII stands in a name",
+            where=place_of(str(path), text, strange.start),
+            remedy="Names are made of a to z, A to Z, digits and _: write ae for ä and so on. Comments and "
+            "texts may hold any letters.",
+        )
     for diagnostic in _diagnostics(path, text):
         if diagnostic.rule != "syntax-error":
             continue
@@ -475,7 +483,10 @@ def _missing_class(message: str, path: Path, text: bytes, class_name: str) -> Mo
 
 
 def unknown_class(name: str, path: Path, text: bytes) -> ModelError:
-    """There is no class of that name in the file, or it is none that has equations."""
+    """There is no class of that name in the file, or it is none that has equations; or the file is broken."""
+    fault = syntax_fault(path, text)
+    if fault is not None:
+        return fault
     heads = class_heads(text)
     for head in heads:
         if head.name == name and not head.is_model:

@@ -14,6 +14,11 @@ from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import settled_start
 from daest.systems.reduce import reduce_index
 
+BOTH_STICK = (
+    "Look for two elements with friction (bearing, brake, clutch, gear with losses) on one rigid part: where "
+    "both stick, nothing tells which of them holds. Put a spring between them, or take one of them out; look "
+    "for two paths that impose the same constraint, too."
+)
 MOST_MODES = 8  # modes that are tried as a first guess where the declared one is singular
 MOST_TURNS = 5  # reductions, each at the mode that the one before has found
 
@@ -57,8 +62,10 @@ def _reduced(flat: FlatModel, values: np.ndarray) -> tuple[ExplicitModel, np.nda
         try:
             return reduce_index(_with_memory(flat, values)), values
         except DaestError as error:
-            if error.code != "singular-after-reduction" or turn == MOST_MODES - 1:
+            if error.code != "singular-after-reduction":
                 raise
+            if turn == MOST_MODES - 1:
+                raise ModelError(error.code, error.what, where=error.where, remedy=BOTH_STICK) from None
             values = values.copy()
             values[slots] = rng.integers(0, 2, len(slots))
     raise AssertionError
