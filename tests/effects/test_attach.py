@@ -65,7 +65,13 @@ def test_null_is_the_nominal_model(effect, site) -> None:
             "Electrical.BrushVoltageDrop",
             "Thermal.Radiation",
         ),
-        *("Hydraulic.Overflow", "Hydraulic.Orifice", "Signals.DeadZone", "Signals.Saturation"),
+        *(
+            "Hydraulic.Overflow",
+            "Hydraulic.Weir",
+            "Hydraulic.Orifice",
+            "Signals.DeadZone",
+            "Signals.Saturation",
+        ),
         *("General.DriftingParameter", "Signals.AbsoluteValueSensor"),
     ],
 )

@@ -41,7 +41,7 @@ EXPECTED = {
         ]
     ),
     "Thermal": frozenset(["Radiation", "MeasuredHeatGain", "MeasuredVentilation"]),
-    "Hydraulic": frozenset(["Orifice", "Overflow"]),
+    "Hydraulic": frozenset(["Orifice", "Overflow", "Weir"]),
     "Signals": frozenset(
         ["DeadZone", "Saturation", "Offset", "Gain", "Lag", "Delay", "AbsoluteValueSensor", "Drift"]
     ),

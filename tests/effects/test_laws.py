@@ -77,6 +77,7 @@ OTHERS: dict[str, tuple[str, Law]] = {
     "MeasuredVentilation": ("Q_flow", lambda v: v["k"] * v["u"] * v["dT"]),
     "Orifice": ("dp", lambda v: v["k"] * v["q"] * np.hypot(v["q"], v["q_s"])),
     "Overflow": ("q", lambda v: -v["k"] * ramp(v["p"] - v["p_max"], v["p_s"])),
+    "Weir": ("q", lambda v: v["k"] * ramp(v["p"] - v["p_max"], v["p_s"])),
     "Leak": ("q", lambda v: -v["G"] * v["p"]),
     "MeasuredFlow": ("q", lambda v: v["k"] * v["u"]),
     "DeadZone": (

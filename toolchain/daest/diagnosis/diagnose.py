@@ -445,8 +445,7 @@ def _refitted(search: _Search, prepared: Prepared) -> Proof:
     first attempt."""
     first: Exception | None = None
     best: Proof | None = None
-    full = at_full_size(search.stand.null, prepared)
-    at_full = [] if full is None else [full]
+    at_full = at_full_size(search.stand.null, prepared)
     with _quiet():
         for attempt in (*at_full, *_attempts(search, prepared)):
             try:
@@ -456,7 +455,7 @@ def _refitted(search: _Search, prepared: Prepared) -> Proof:
                 continue
             if best is None or proof.delta_log_likelihood > best.delta_log_likelihood:
                 best = proof
-            if attempt is not full and not has_lost_its_way(proof, prepared.simulation):
+            if attempt not in at_full and not has_lost_its_way(proof, prepared.simulation):
                 break
     if best is not None:
         return best

@@ -41,6 +41,7 @@ LOST = (
 )
 SATURATION = "Daest.Effects.Signals.Saturation"
 CUT = 0.99  # share of what is beyond the limit that a clipping sensor is taken to cut, at first
+NEARLY = 0.9  # share of its full size, at first, of a law whose kinks are rounded widely
 CLIPPED_WITHIN = 0.01  # of the limit, over which its edge is rounded in the screen
 GENTLE = 0.1  # of the size by the screen, from which a search is tried again
 CALM = 1e-6  # of the null's intensities of the loads, from which a search starts that needs none of them
@@ -177,21 +178,25 @@ def _inside(value: float, low: float | None, high: float | None) -> float:
     return value
 
 
-def at_full_size(null: Null, prepared: Prepared) -> Callable[[], Prepared] | None:
-    """Makes the candidate at its full size, with the parameters that the null's search began with; None for
-    one that is not a share in what a sensor shows.
+def at_full_size(null: Null, prepared: Prepared) -> tuple[Callable[[], Prepared], ...]:
+    """Makers of the candidate near its full size, with the parameters that the null's search began with,
+    rounded as in the screen and sharper; none for one that is not a share in what a sensor shows.
 
     Half a sensor of magnitude is worse than none, so that a search from a small share ends there; and beside
-    loads that imitate a sensor, the null's parameters may have gone anywhere."""
+    loads that imitate a sensor, the null's parameters may have gone anywhere. A sharp kink makes a likelihood
+    of many valleys."""
     trial, effect = prepared.trial, prepared.trial.candidate.effect
     is_share = all(p.max is not None and p.min == p.null and p.start == p.max for p in effect.sizes)
     if trial.candidate.site.kind != "output" or not is_share or prepared.similar is not None:
-        return None
-    nulls = [p.null or 0.0 for p in effect.sizes]
-    sizes = tuple(low + CUT * (p.start - low) for p, low in zip(effect.sizes, nulls, strict=True))
-    full = replace(trial, sizes=sizes)
+        return ()
     begun = {p.name: p.initial for p in null.fit.parameters if p.name in null.estimated}
-    return partial(prepare, null.flat.with_theta(begun), null.estimated, full)
+    flat, made = null.flat.with_theta(begun), []
+    for sharper, share in ((1.0, NEARLY), (SHARPER, CUT)):
+        nulls = [p.null or 0.0 for p in effect.sizes]
+        sizes = tuple(low + share * (p.start - low) for p, low in zip(effect.sizes, nulls, strict=True))
+        full = replace(trial, sizes=sizes)
+        made.append(partial(prepare, flat, null.estimated, full, sharper=sharper))
+    return tuple(made)
 
 
 @dataclass(frozen=True)
