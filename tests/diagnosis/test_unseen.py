@@ -10,6 +10,7 @@ from cart_data import recording
 from daest.diagnosis.unseen import (
     Foreseen,
     Innovations,
+    adds_up,
     compared,
     confirmed,
     foreseen,
@@ -113,6 +114,30 @@ def test_right_law_gains_the_likelihood_that_is_expected_of_it(size):
     wider = confirmed(Innovations(noise, 0.0), Innovations(0.5 * noise, -np.log(2.0)))
     assert wider.gain < -500.0
     assert confirmed(None, Innovations(noise, 0.0)).certainty == 0.0
+
+
+ANGLE = np.array([[0.0, 1.0], [0.0, -2.0]])  # d/dt of an angle that nothing holds, and of its speed
+HELD = np.array([[0.0, 1.0], [-9.0, -2.0]])
+FREE = np.array([[0.0, 1.0], [0.0, 0.0]])
+
+
+@pytest.mark.parametrize(
+    "A, seen, expected",
+    [(ANGLE, 0, True), (ANGLE, 1, False), (HELD, 0, False), (FREE, 1, True)],
+    ids=["angle", "its speed", "held", "free speed"],
+)
+def test_errors_add_up_where_the_outputs_see_what_keeps_them(A, seen, expected):
+    whole = np.zeros((3, 3))
+    whole[1:, 1:], whole[2, 0], whole[0, 0] = (
+        A,
+        1.0,
+        -1e-3,
+    )  # a load with a long memory is none of the model's
+    experiment = SimpleNamespace(time=np.linspace(0.0, 10.0, 11))
+    null = SimpleNamespace(experiments=[experiment], loads=[SimpleNamespace(name="load_1")])
+    average = SimpleNamespace(A=whole, C=np.eye(3)[[1 + seen]])
+    run = SimpleNamespace(null=null, average=average, state_names=("load_1", "phi", "w"))
+    assert adds_up(run) == expected
 
 
 RUB = """

@@ -358,7 +358,7 @@ def _on_unseen(
     if reference.adds_up or any(is_worse(one) for one in ahead):
         final = white
     else:
-        final = simulated(null, white, prepared.flat, null.experiments, validation)
+        final = simulated(null, white, prepared.flat, null.experiments, validation, refit)
     against, _, is_told = judged(ahead, reference.fit, final, reference.adds_up, told)
     return final, ahead, against, is_told
 

@@ -70,14 +70,17 @@ def simulated(
     flat: FlatModel,
     experiments: Sequence[Experiment],
     validation: Sequence[Experiment],
+    beside: Refit | None = None,
 ) -> FitResult:
-    """The better of `white` (of `settled`) and of the fit by simulation that starts there, judged by the
-    simulation of the validation data. Its uncertainty includes the choice, as far as that is one: the
-    distance to an estimate that simulates much worse counts little."""
+    """The better of `white` (of `settled`) and of the fit by simulation that starts there, or at the refit
+    `beside` coloured loads where that simulates better, judged by the simulation of the validation data. Its
+    uncertainty includes the choice, as far as that is one: the distance to an estimate that simulates much
+    worse counts little."""
     names = tuple(p.name for p in white.parameters)
     known = {p.name for p in flat.parameters}
     lost = _lost(null, white)
-    starts = [white.theta] + ([{**white.theta, **lost}] if lost else [])
+    begun = white.theta if beside is None else _better_in_simulation(white, beside)
+    starts = [begun] + ([{**begun, **lost}] if lost else [])
     times = {f"{load.name}.T": shortest_load(null.experiments) for load in null.loads}
     options = IdentifyOptions(
         method="oe",
@@ -108,6 +111,16 @@ def simulated(
         for p in found.parameters
     )
     return replace(found, parameters=chosen)
+
+
+def _better_in_simulation(white: FitResult, beside: Refit) -> dict[str, float]:
+    """The parameters of the one that simulates the recordings better: white loads may leave a model that
+    bends much, such as one whose sensor has lost the sign, in another valley."""
+    other = beside.simulated()
+    ratios = error_ratios(
+        {"validation": white.simulated["estimation"]}, {"validation": other.simulated["estimation"]}
+    )
+    return other.theta if ratios and float(np.mean(np.square(ratios))) < 1.0 else white.theta
 
 
 def _lost(null: Null, white: FitResult) -> dict[str, float]:

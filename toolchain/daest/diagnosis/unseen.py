@@ -27,6 +27,7 @@ from daest.systems.integration import IntegrationError
 HORIZONS = (1, 3, 10, 30, 100)  # samples, as far as LONGEST allows
 LONGEST = 0.1  # of the shortest recording
 TAKES_UP = 20  # samples for which the observer follows the data before it is left alone again
+UNSEEN = 1e-9  # share of a direction that is new to the outputs, below which it is rounding
 START_SAMPLES = 300  # that the initial state is fitted to
 START_PARTS = (0.02, 0.07, 0.25, 1.0)  # of these: windows over which the search for it grows
 FEWEST_AT_START = 4  # samples of such a window
@@ -192,15 +193,34 @@ def judged(
 
 
 def adds_up(run: NullObserver) -> bool:
-    """Whether the model has a mode that keeps errors for longer than the records are: an angle that nothing
-    holds, say."""
+    """Whether the outputs see a mode that keeps errors for longer than the records are: an angle that nothing
+    holds, say. Where only the speed is measured, such an angle does nothing to the simulation."""
     duration = max(float(e.time[-1] - e.time[0]) for e in run.null.experiments)
     loads = {load.name for load in run.null.loads}
     own = [i for i, name in enumerate(run.state_names) if name not in loads]
     if not own:
         return False
-    rates = np.linalg.eigvals(run.average.A[np.ix_(own, own)]).real
-    return bool(np.max(rates) > -1.0 / (GATES.steady_duration * duration))
+    seen = _seen_dynamics(run.average.A[np.ix_(own, own)], run.average.C[:, own])
+    rates = np.linalg.eigvals(seen).real
+    return bool(np.max(rates, initial=-np.inf) > -1.0 / (GATES.steady_duration * duration))
+
+
+def _seen_dynamics(A: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """A (n, n) on the smallest invariant subspace that outputs C (n_y, n) see, by Arnoldi's recursion."""
+    basis: list[np.ndarray] = []
+    waiting = list(C)
+    while waiting and len(basis) < A.shape[0]:
+        row = waiting.pop(0)
+        size = np.linalg.norm(row)
+        for _ in range(2):  # once more against rounding
+            for known in basis:
+                row = row - (known @ row) * known
+        rest = np.linalg.norm(row)
+        if rest > UNSEEN * size:
+            basis.append(row / rest)
+            waiting.append(basis[-1] @ A)
+    q = np.array(basis).reshape(len(basis), A.shape[0])
+    return q @ A @ q.T
 
 
 def _initial_state(null: Null, model: Integrator, experiment: Experiment, gain: np.ndarray) -> np.ndarray:
