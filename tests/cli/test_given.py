@@ -7,7 +7,7 @@ import pytest
 
 from daest.cli.diagnose import Search, opened
 from daest.cli.given import DATA_SUFFIXES, Files, ParameterOptions, kind_of
-from daest.cli.options import DataOptions
+from daest.cli.options import DataOptions, listed_names
 from daest.data.project import load_project
 from daest.data.read import READERS
 from daest.errors import ConfigError, EstimationError, ModelError
@@ -105,3 +105,7 @@ def test_later_commands_take_their_files_alike(folder, daest):
     assert code == 2 and "one effect, and ConstantLoad, Offset are given" in err
     code, _, err = daest("fleet", "Lag.mo")
     assert code == 2 and "error[data-not-given]" in err
+
+
+def test_names_with_commas_are_several():
+    assert listed_names(("k, T", "gear.ratio", "a[1,2],b")) == ("k", "T", "gear.ratio", "a[1,2]", "b")

@@ -19,6 +19,7 @@ from daest.cli.options import (
     example,
     format_option,
     gathered,
+    listed_names,
     model_options,
     output_option,
     plot_option,
@@ -304,7 +305,7 @@ def _aim(
         return effect_aim(project, flat, limits, recorded, wish.detect, wish.place, wish.size, folders)
     if wish.rivals or (not wish.parameters and survivors(project)):
         return rivals_of(project, flat, limits, recorded, folders, seed)
-    names = tuple(part.strip() for text in wish.parameters for part in text.split(",") if part.strip())
+    names = listed_names(wish.parameters)
     return parameter_aim(flat, limits, () if wish.alone else recorded, names, wish.criterion)
 
 

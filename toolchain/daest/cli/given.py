@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 from daest.cli import offered
-from daest.cli.options import Command, assignments, gathered, priors, set_option
+from daest.cli.options import Command, assignments, gathered, listed_names, priors, set_option
 from daest.errors import ConfigError
 from daest.model.prior import Prior
 
@@ -169,7 +169,9 @@ parameter_options = gathered(
         metavar="NAME",
         shell_complete=offered.parameters,
         multiple=True,
-        help="Estimate this parameter (default: those that the model or daest.toml marks).",
+        callback=lambda _ctx, _param, given: listed_names(given),
+        help="Estimate this parameter (several: repeat, or with commas; default: those that the model or "
+        "daest.toml marks).",
     ),
     click.option(
         "--prior",

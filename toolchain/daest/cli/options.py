@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -267,6 +268,14 @@ def require_cluster(address: str | None) -> None:
 
     with workers(1, address):
         return
+
+
+_COMMA = re.compile(r",(?![^\[]*\])")  # not that of an index: a[1,2] is one name
+
+
+def listed_names(texts: Iterable[str]) -> tuple[str, ...]:
+    """The names of an option that may be repeated, and may hold several with commas."""
+    return tuple(name.strip() for text in texts for name in _COMMA.split(text) if name.strip())
 
 
 def assignments(given: tuple[str, ...], option: str) -> dict[str, float]:
