@@ -344,7 +344,7 @@ def _compile(
         ("NT", rhs.numel_out(2) if rhs.n_out() > 2 else 0),
         ("NG", 0 if hold is None else hold.numel_out(0)),
         ("NR", 0 if root is None else root.numel_out(0)),
-        ("NS", int(bend is not None)),
+        ("BENT", int(bend is not None)),
     ]
     every: dict[str, ca.Function | None] = {"RHS": rhs, "SENS": sens, "OUT": out, "HOLD": hold, "ROOT": root}
     every |= {} if bend is None else {"BEND": bend}
