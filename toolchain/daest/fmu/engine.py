@@ -34,7 +34,7 @@ def engine_library(
     """The compiled integrator for FMUs of FMI 2 or 3 with n_x states, n_u inputs, n_y outputs, and n_p chosen
     parameters or sizes of the n_laws laws, which read n_columns columns (None: the inputs); None without a C
     compiler."""
-    sizes = {"FMI": fmi, "NX": n_x, "NU": n_u if n_columns is None else n_columns, "NS": n_u, "NL": n_laws}
+    sizes = {"FMI": fmi, "NX": n_x, "NU": n_u if n_columns is None else n_columns, "N_SET": n_u, "NL": n_laws}
     sizes |= {"NP": n_p, "NY": n_y, "NG": 0}
     work = [f"{part}_{kind}" for part in ("RHS", "SENS", "OUT", "HOLD") for kind in ("ARG", "RES", "IW", "W")]
     lines = [f"#define {name} {value}" for name, value in (sizes | dict.fromkeys(work, 0)).items()]

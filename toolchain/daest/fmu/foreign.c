@@ -5,7 +5,7 @@
  * sensitivities, one-sided ones for the Newton iteration.
  * Laws add a function of one variable of the FMU, or of one of u, and of a size to an input; the last of the chosen
  * parameters may be sizes: every instance has its own.
- * Constants: those of radau.c, FMI (2 or 3), NS (the first of u, which the FMU is given) and NL (laws).
+ * Constants: those of radau.c, FMI (2 or 3), N_SET (the first of u, which the FMU is given) and NL (laws).
  */
 #include <math.h>
 #include <stdbool.h>
@@ -46,7 +46,7 @@ static struct {
   Completed *completed; /* null where the FMU does not want to hear of steps */
 } fmu;
 static void *instance[1 + 2 * NP];
-static unsigned inputs[NS + 1], outputs[NY + 1];
+static unsigned inputs[N_SET + 1], outputs[NY + 1];
 static double parameter_step[NP + 1], size_of_state[NX];
 static double completed_at;
 static int has_slopes, is_first, has_refused;
@@ -115,14 +115,14 @@ static double law_value(int l, double variable, double size) {
 }
 
 static int add_laws(int i, const double *u) {
-  double whole[NS + 1];
-  for (int k = 0; k < NS; ++k) whole[k] = u[k];
+  double whole[N_SET + 1];
+  for (int k = 0; k < N_SET; ++k) whole[k] = u[k];
   for (int l = 0; l < NL; ++l) {
     double v = law[l].column < 0 ? 0.0 : u[law[l].column];
     if (law[l].reads_variable && REFUSED(fmu.get(instance[i], &law[l].reads, 1, &v LENGTH(1)))) return 1;
     whole[law[l].input] += law_value(l, v, law_size[i][l]);
   }
-  return REFUSED(fmu.set(instance[i], inputs, NS, whole LENGTH(NS)));
+  return REFUSED(fmu.set(instance[i], inputs, N_SET, whole LENGTH(N_SET)));
 }
 #endif
 
@@ -130,7 +130,7 @@ static int add_laws(int i, const double *u) {
 static int put(int i, const double *x, const double *u, double t) {
   void *c = instance[i];
   if (REFUSED(fmu.time(c, t))) return 1;
-  if (NS && REFUSED(fmu.set(c, inputs, NS, u LENGTH(NS)))) return 1;
+  if (N_SET && REFUSED(fmu.set(c, inputs, N_SET, u LENGTH(N_SET)))) return 1;
   if (REFUSED(fmu.states(c, x, NX)) || REFUSED(fmu.time(c, t))) return 1;
 #if NL > 0
   if (add_laws(i, u)) return 1;
@@ -261,7 +261,7 @@ void daest_bind(void *const *functions, void *const *given, const unsigned *inpu
   fmu.get = (Get *)functions[4];
   fmu.completed = (Completed *)functions[5];
   for (int i = 0; i < 1 + 2 * NP; ++i) instance[i] = given[i];
-  for (int i = 0; i < NS; ++i) inputs[i] = input_references[i];
+  for (int i = 0; i < N_SET; ++i) inputs[i] = input_references[i];
   for (int i = 0; i < NY; ++i) outputs[i] = output_references[i];
   for (int i = 0; i < NP; ++i) parameter_step[i] = steps[i];
   for (int i = 0; i < NX; ++i) size_of_state[i] = sizes[i];
