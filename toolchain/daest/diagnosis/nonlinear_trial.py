@@ -19,9 +19,10 @@ from daest.diagnosis.trial import (
     variables_along,
 )
 from daest.estimation.coordinates import Unknowns
+from daest.estimation.gates import FIT
 from daest.estimation.gaussian import objective
-from daest.estimation.nonlinear_start import head
 from daest.estimation.observer import Observer, average_model, observer
+from daest.estimation.records import part_of
 from daest.estimation.search import minimise
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
 from daest.model.comparison import Horizon
@@ -33,7 +34,6 @@ from daest.systems.integration import IntegrationError
 
 FIRST_SAMPLES = 50  # fitted first, so that a wrong start does not lead the whole simulation astray
 ITERATIONS = 15  # of the search for initial states
-STATE_RANGE = 1e3  # initial states are searched within this many times their size in a first simulation
 STARTS_AHEAD = 200  # samples of a recording from which longer predictions start
 
 
@@ -144,12 +144,12 @@ def _sizes(problem: TrajectoryProblem, starts: np.ndarray) -> np.ndarray:
 
 def _first_states(problem: TrajectoryProblem) -> np.ndarray:
     """Search vector of the initial states that fit the first samples."""
-    heads = replace(problem, experiments=tuple(head(e, FIRST_SAMPLES) for e in problem.experiments))
+    heads = replace(problem, experiments=tuple(part_of(e, 0, FIRST_SAMPLES) for e in problem.experiments))
     return _searched(heads, (_starts(problem) / problem.state_scale).ravel())
 
 
 def _searched(problem: TrajectoryProblem, z: np.ndarray) -> np.ndarray:
-    limit = np.full(z.size, STATE_RANGE)
+    limit = np.full(z.size, FIT.state_range)
     found = minimise(objective(problem), z, -limit, limit, ITERATIONS)
     return z if found is None else found.z
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daest.estimation.coordinates import Unknowns
+from daest.estimation.gates import FIT
 from daest.estimation.linear_predictors import Problem
 from daest.estimation.records import Record
 from daest.estimation.search import Evaluation, minimise
@@ -23,7 +24,6 @@ SAMPLES_PER_COEFFICIENT = 8
 FREQUENCIES = 80  # logarithmic, from LOWEST_CYCLES per record to HIGHEST_SHARE of the Nyquist frequency
 LOWEST_CYCLES = 3.0
 HIGHEST_SHARE = 0.8
-GOOD_FIT = 60.0  # percent of fit from which a transfer function of the physical order stands for the data
 REFINEMENTS = 30  # passes of the instrumental-variable refinement
 REFINED = 1e-6  # relative change of the denominator that ends it
 SLOWEST_POLE = (
@@ -285,7 +285,7 @@ def _measured_response(
     ss = state_space(family, theta)
     if len(family.inputs) == 1 and not ss.input_derivatives:
         num, den, fit = transfer_function(record, output, physical_orders(ss, output))
-        if fit > GOOD_FIT:
+        if fit > FIT.good_transfer:
             s = 1j * omega
             return (np.polyval(num, s) / np.polyval(den, s))[:, None]
     return fit_long_arx(record, output).response(omega)

@@ -77,6 +77,11 @@ class Unknowns:
     def upper(self) -> np.ndarray:
         return np.array([c.searched(c.upper) for c in self.coordinates])
 
+    @property
+    def spread(self) -> np.ndarray:
+        """How far a further start point may be from the given one: a factor of 10, or 3 linear scales."""
+        return np.array([np.log(10.0) if c.is_log else 3.0 for c in self.coordinates])
+
     def of_kind(self, kind: str) -> list[int]:
         return [i for i, c in enumerate(self.coordinates) if c.kind == kind]
 

@@ -40,7 +40,6 @@ from daest.systems.integrate import integrator
 from daest.systems.integration import IntegrationError
 from daest.systems.local_linear import LocalModel, local_model
 
-STATE_RANGE = 1e3  # initial states are searched within this many times their scale
 NOISE_RANGE = 1e6  # a noise is searched within this factor of its start, both ways
 MOST_HALVINGS = 4  # a model that needs finer steps is not smooth on the scale of its samples
 NEARLY_NONE = 1e-3  # of the intensity that outputs feel: no estimated noise starts below
@@ -161,8 +160,8 @@ def identify_by_ekf(explicit: Dynamics, setup: Setup, tell: Tell = silent) -> Fi
 def _limits(problem: EkfProblem) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of the search vector."""
     n_initial = len(problem.records) * problem.state_scale.size
-    lower = np.concatenate([problem.unknowns.lower, np.full(n_initial, -STATE_RANGE)])
-    upper = np.concatenate([problem.unknowns.upper, np.full(n_initial, STATE_RANGE)])
+    lower = np.concatenate([problem.unknowns.lower, np.full(n_initial, -FIT.state_range)])
+    upper = np.concatenate([problem.unknowns.upper, np.full(n_initial, FIT.state_range)])
     return lower, upper
 
 
@@ -395,7 +394,7 @@ class EkfEnds:
             std,
         )
         asked = [initial_point(explicit, theta, e.inputs[0])[0] / size for e in experiments]
-        limit = np.full(len(asked) * size.size, STATE_RANGE)
+        limit = np.full(len(asked) * size.size, FIT.state_range)
         x0 = fit_initial_states(held, np.concatenate(asked), -limit, limit)
         fit = minimise(objective(held), x0, -limit, limit, AGREEMENT_ITERATIONS)
         names = [y.name for y in explicit.flat.outputs]

@@ -237,6 +237,67 @@ class FitGates(Thresholds):
         "by which the root of the drop at the end of an interval may differ from that of a parabola",
         "analysis: with 15 % more or less, 1.2 to 4.9 % lie beyond it instead of 2.5 %",
     )
+    state_range: float = threshold(
+        1e3, "scales of a state", "within which its initial value is searched", JUDGEMENT
+    )
+    runaway: float = threshold(
+        1e14,
+        "condition number",
+        "of the covariance of simulation errors, beyond which the trajectory has run away",
+        ROUNDING,
+    )
+    poor_simulation: float = threshold(
+        0.5,
+        "share",
+        "of the spread of an output: a simulation that leaves more is tried by multiple shooting",
+        JUDGEMENT,
+    )
+    same_shooting: float = threshold(
+        1.0,
+        "log-likelihood",
+        "between joined segments and the simulation that they lead to, within which they are one",
+        JUDGEMENT,
+    )
+    continuous: float = threshold(
+        1e-6, "scales of a state", "of a gap between segments that counts as none", JUDGEMENT
+    )
+    nearly_continuous: float = threshold(
+        1e-4, "scales of a state", "of the largest gap of segments that are joined all the same", JUDGEMENT
+    )
+    leading_loss: float = threshold(
+        1.0,
+        "log-likelihood",
+        "that a predictor may be worse by than the one that leans more on the record",
+        JUDGEMENT,
+    )
+    round_gain: float = threshold(
+        0.2,
+        "log-likelihood",
+        "below which a round of noise levels and parameters in turn is the last",
+        JUDGEMENT,
+    )
+    good_transfer: float = threshold(
+        60.0,
+        "percent of fit",
+        "from which a transfer function of the physical order stands for the data in a start value",
+        JUDGEMENT,
+    )
+    grid: float = threshold(1e-3, "share", "of a step, within which samples lie on a uniform grid", JUDGEMENT)
+    same_step: float = threshold(
+        1e-8, "share", "of the median step, within which two steps share a sampled model", ROUNDING
+    )
+    filter_substeps: float = threshold(
+        0.02,
+        "standard deviations",
+        "of an estimate, rms: halving the substeps of a filter changes it by less",
+        JUDGEMENT,
+    )
+    start_width: float = threshold(
+        10.0,
+        "standard deviations",
+        "of the first smoothed state, with which a filter starts where its start is unknown",
+        "analysis: 1 % of the information, narrow enough for sigma points",
+    )
 
 
 FIT = FitGates()

@@ -55,8 +55,6 @@ from daest.systems.state_space import state_space
 HOLD_ITERATIONS = 10  # of the short output-error fits that compare the holds
 HOLD_SAMPLES = 4000  # of every recording that this comparison uses
 SIMULATION_ITERATIONS = 15  # of the output-error fit that a prediction-error fit starts from
-START_SPREAD = np.log(10.0)  # further start points: up to a factor 10 off, for linear scales 3 scales off
-LINEAR_SPREAD = 3.0
 DOUBT_STARTS = 2  # random start points that are tried then
 ENDS_ALIKE = 2  # of other starts: one may be led into the same wrong valley (1 of 200 random models)
 SCAN_DECADES = (-8, -6, -5, -4, -3, -2, -1, 0, 1, 2, 3)  # of the intensity that explains all of the residual
@@ -300,10 +298,9 @@ def _random_starts(unknowns: Unknowns, count: int, seed: int) -> list[np.ndarray
     """Random points: within the bounds where both are finite, else around the start."""
     rng = np.random.default_rng(seed)
     lower, upper, start = unknowns.lower, unknowns.upper, unknowns.start
-    spread = np.array([START_SPREAD if c.is_log else LINEAR_SPREAD for c in unknowns.coordinates])
     bounded = np.isfinite(lower) & np.isfinite(upper)
-    low = np.where(bounded, lower, np.maximum(start - spread, lower))
-    high = np.where(bounded, upper, np.minimum(start + spread, upper))
+    low = np.where(bounded, lower, np.maximum(start - unknowns.spread, lower))
+    high = np.where(bounded, upper, np.minimum(start + unknowns.spread, upper))
     return [rng.uniform(low, high) for _ in range(count)]
 
 

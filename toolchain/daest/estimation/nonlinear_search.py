@@ -41,16 +41,12 @@ from daest.numerics.parallel import workers
 
 NOISE_ROUNDS = 4  # of searching noise levels and parameters in turn
 ASSUMED = (1e2, 1.0, 1e-2, 1e-4)  # of the size of an assumed noise that moves outputs by their own noise
-ENOUGH_GAIN = 0.2  # in log-likelihood: a round that gains less is the last
 LEADING_SEARCHES = 2  # of its size and of parameters in turn
 FADING = 1e-2  # of its size, from each further round to the next
 LEADING_ROUNDS = 10
 LEADING_ITERATIONS, LEADING_GAIN = 15, 0.1  # of the search in each
-LEADING_LOSS = 1.0  # in log-likelihood, that a predictor with less noise may be worse by
 SIMULATION_ITERATIONS = 15  # of the simulation that a search of predictions starts from
-POOR = 0.5  # of the spread of an output: a simulation that leaves more is tried by multiple shooting
 HILLS = 1  # looked over after a last search: each costs as much as several of a linear one
-SAME_END = 1.0  # in log-likelihood, between the joined segments and the simulation that they lead to
 
 
 def best_ends(setup: Setup, problem: TrajectoryProblem, z: np.ndarray, tell: Tell) -> list[Ending]:
@@ -118,7 +114,7 @@ def _predicted(
         if gain < 0.0:
             break
         end = Ending(tried, found, levels)
-        if gain < ENOUGH_GAIN:
+        if gain < FIT.round_gain:
             break
     return end
 
@@ -180,7 +176,7 @@ def _led(problem: TrajectoryProblem, home: np.ndarray) -> Iterator[np.ndarray]:
         z, levels = (home, None) if end is None else end[1:]
         chosen = assumed(problem, z, levels if is_fading else None, (fading,) if is_fading else ASSUMED)
         found = chosen and best_point(search_of(chosen[0], home, LEADING_ITERATIONS, LEADING_GAIN), [z])
-        if chosen and found and (end is None or found.evaluation.value < end[0] + LEADING_LOSS):
+        if chosen and found and (end is None or found.evaluation.value < end[0] + FIT.leading_loss):
             problem = replace(problem, gain=chosen[0].gain)
             end = found.evaluation.value, found.z, chosen[1]
         elif is_fading and fading == FADING:
@@ -206,7 +202,7 @@ def _is_poor(end: Ending | None) -> bool:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # an output without a value
         left, spread = np.nanstd(np.concatenate(errors.errors), axis=0), np.nanstd(y, axis=0)
-    return bool(np.any(left > POOR * spread))
+    return bool(np.any(left > FIT.poor_simulation * spread))
 
 
 def _uncut(
@@ -223,7 +219,7 @@ def _uncut(
     if not cut.is_continuous:
         gaps = "multiple shooting did not close all gaps: searched on from there over the whole records"
         return None if found is None else Ending(problem, found, None, notes=(gaps,))
-    if found is not None and found.evaluation.value < cut.found.evaluation.value + SAME_END:
+    if found is not None and found.evaluation.value < cut.found.evaluation.value + FIT.same_shooting:
         return Ending(problem, found, None, notes=note)
     unstable = "too unstable to be simulated from one initial state: errors are those of the joined segments"
     return Ending(problem, replace(cut.found, z=z), None, cut, (*note, unstable))

@@ -8,10 +8,11 @@ import numpy as np
 
 from daest.estimation.checks import check_start, no_start
 from daest.estimation.gain_family import LONGEST_LOG
+from daest.estimation.gates import FIT
 from daest.estimation.gaussian import objective
+from daest.estimation.records import part_of
 from daest.estimation.search import Evaluation, minimise
 from daest.estimation.trajectories import TrajectoryProblem, integrated, prediction_errors
-from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import Hold
@@ -21,9 +22,6 @@ FIRST_LENGTH = 500  # samples of the fit that finds the initial state before the
 SHORT_LENGTH = 100  # samples that also must show a direction as flat before it is called unidentifiable
 INITIAL_ITERATIONS = 15
 HOLD_ITERATIONS = 6
-STATE_RANGE = 1e3  # initial states are searched within this many times their scale
-LOG_SPREAD = np.log(10.0)  # further start points: up to a factor 10 off, linear scales 3 scales off
-LINEAR_SPREAD = 3.0
 
 
 def started(problem: TrajectoryProblem) -> tuple[TrajectoryProblem, np.ndarray]:
@@ -56,29 +54,17 @@ def fit_initial_states(
     problem: TrajectoryProblem, z: np.ndarray, lower: np.ndarray, upper: np.ndarray
 ) -> np.ndarray:
     """z with the initial states within bounds that fit the first samples, parameters held."""
-    heads = tuple(head(e, FIRST_LENGTH) for e in problem.experiments)
+    heads = tuple(part_of(e, 0, FIRST_LENGTH) for e in problem.experiments)
     n = len(problem.unknowns.coordinates)
     short = replace(problem, experiments=heads).held_at(z)
     found = minimise(objective(short), z[n:], lower[n:], upper[n:], INITIAL_ITERATIONS)
     return z if found is None else np.concatenate([z[:n], found.z])
 
 
-def head(experiment: Experiment, n_samples: int) -> Experiment:
-    """The first samples, without columns that the model does not use."""
-    rows = slice(0, n_samples)
-    return replace(
-        experiment,
-        time=experiment.time[rows],
-        inputs=experiment.inputs[rows],
-        outputs=experiment.outputs[rows],
-        extra={},
-    )
-
-
 def limits(problem: TrajectoryProblem) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of the search vector."""
     n_initial = len(problem.experiments) * problem.n_states
-    initial = np.full(n_initial, STATE_RANGE)
+    initial = np.full(n_initial, FIT.state_range)
     logs = np.full(0 if problem.family is None else problem.family.n_logs, LONGEST_LOG)
     lower = np.concatenate([problem.unknowns.lower, -initial, -logs])
     upper = np.concatenate([problem.unknowns.upper, initial, logs])
@@ -106,7 +92,7 @@ def with_hold(
 def check_nonlinear_start(problem: TrajectoryProblem, z: np.ndarray, may_be_cut: bool) -> None:
     """Errors of `check_start`. An unstable simulation drowns every direction but one in its growth: a
     direction is flat only if a short piece agrees. Where the record may be cut, the piece is enough."""
-    short = replace(problem, experiments=tuple(head(e, SHORT_LENGTH) for e in problem.experiments))
+    short = replace(problem, experiments=tuple(part_of(e, 0, SHORT_LENGTH) for e in problem.experiments))
     observed = sum(int(np.isfinite(e.outputs).sum()) for e in problem.experiments)
     whole, piece = (_of_parameters(part, z) for part in (problem, short))
     if whole is None and may_be_cut:
@@ -136,7 +122,7 @@ def further_starts(problem: TrajectoryProblem, z: np.ndarray, options: IdentifyO
     """Random parameters around z, with initial states refitted."""
     rng = np.random.default_rng(options.seed)
     lower, upper = limits(problem)
-    spread = np.array([LOG_SPREAD if c.is_log else LINEAR_SPREAD for c in problem.unknowns.coordinates])
+    spread = problem.unknowns.spread
     result = []
     for _ in range(options.starts - 1):
         moved = z.copy()

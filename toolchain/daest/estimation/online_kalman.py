@@ -15,6 +15,7 @@ import numpy as np
 
 from daest.errors import EstimationError
 from daest.estimation.flat_start import WELL_CONDITIONED, solve_root, whitening
+from daest.estimation.gates import FIT
 from daest.estimation.kalman import reference_start
 from daest.estimation.online import checked_arrays
 from daest.estimation.stationary import stationary_filter, without_unseen
@@ -25,7 +26,6 @@ from daest.numerics.gaussian import undetermined
 from daest.numerics.innovations import forgetting
 from daest.systems.sample import Hold, sample
 
-STEP_RESOLUTION = 1e-8  # steps that differ by less than this part of the nominal period share a sampled model
 ROUNDING = 4.0 * float(np.finfo(float).eps)  # of the difference of two times, relative to them
 KEPT_MODELS = 64  # sampled models that are remembered; a stream with ever new steps samples anew
 LOG_2_PI = float(np.log(2.0 * np.pi))
@@ -100,9 +100,9 @@ class OnlineKalman:
 
     def sampled(self, step: float, time: float = 0.0) -> DiscreteModel:
         """The model over a step [s] at `time`, whose rounding it need not follow; equal steps share it."""
-        grid = STEP_RESOLUTION * self.period
+        grid = FIT.same_step * self.period
         is_nominal = abs(step - self.period) <= ROUNDING * abs(time)
-        number = round(1.0 / STEP_RESOLUTION) if is_nominal else max(round(step / grid), 1)
+        number = round(1.0 / FIT.same_step) if is_nominal else max(round(step / grid), 1)
         found = self._models.pop(number, None)
         if found is None:
             found = sample(

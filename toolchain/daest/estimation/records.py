@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daest.errors import DataError
+from daest.estimation.gates import FIT
 from daest.model.experiment import Experiment
 from daest.model.flat import Model
 from daest.model.linear import StateSpaceFamily
 from daest.systems.sample import stacked_inputs
 
-GRID_TOLERANCE = 1e-3  # of a step: samples this close to a uniform grid lie on it
 MAX_GRID_GROWTH = 4  # a grid that would have more than this many samples per recorded one is not used
 
 
@@ -149,6 +149,6 @@ def _grid(experiment: Experiment) -> tuple[np.ndarray, np.ndarray, float | None]
     if index[-1] + 1 > MAX_GRID_GROWTH * len(time):
         return time, every, None
     # Rounded time stamps may drift from the grid by a part of a step that the signals do not notice.
-    if np.any(np.abs(time - time[0] - unit * index) > GRID_TOLERANCE * unit):
+    if np.any(np.abs(time - time[0] - unit * index) > FIT.grid * unit):
         return time, every, None
     return time[0] + unit * np.arange(index[-1] + 1), index, float(unit)

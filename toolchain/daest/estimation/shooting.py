@@ -18,9 +18,10 @@ import casadi as ca
 import numpy as np
 
 from daest.estimation.coordinates import with_priors
+from daest.estimation.gates import FIT
 from daest.estimation.gaussian import objective
 from daest.estimation.identifiability import Scores, scores
-from daest.estimation.nonlinear_start import STATE_RANGE, head
+from daest.estimation.records import part_of
 from daest.estimation.search import Evaluation, Found, Objective, minimise
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
@@ -31,8 +32,6 @@ FIRST_WEIGHT = 10.0  # of squared gaps in units of the state scales: loose
 WEIGHT_GROWTH = 10.0
 ROUNDS = 14
 ITERATIONS = 15  # of each round but the last
-CONTINUOUS = 1e-6  # largest gap, in units of the state scales, that counts as none
-NEARLY_CONTINUOUS = 1e-4  # largest gap of segments that still are joined
 STATE_ITERATIONS = 15  # of the fits of segments to the data, parameters held
 MOST_SEGMENTS = 20  # unless told otherwise
 FEWEST_SAMPLES = 10  # of a segment
@@ -140,13 +139,13 @@ def search_by_shooting(
         gaps = _gaps(shooting, z)
         if gaps is None:
             return None
-        if np.max(np.abs(gaps), initial=0.0) < CONTINUOUS and found.reason == "converged":
+        if np.max(np.abs(gaps), initial=0.0) < FIT.continuous and found.reason == "converged":
             break
         multipliers = multipliers + weight * gaps
         weight *= WEIGHT_GROWTH
     assert found is not None
     gaps = _gaps(shooting, z)
-    closed = gaps is not None and np.max(np.abs(gaps), initial=0.0) <= NEARLY_CONTINUOUS
+    closed = gaps is not None and np.max(np.abs(gaps), initial=0.0) <= FIT.nearly_continuous
     plain = _tied(shooting, multipliers, 0.0 * weight)(z, True)
     return None if plain is None else Cut(shooting, replace(found, evaluation=plain), closed)
 
@@ -161,8 +160,8 @@ def start_of(shooting: Shooting, z: np.ndarray) -> np.ndarray:
 def _limits(shooting: Shooting) -> tuple[np.ndarray, np.ndarray]:
     problem = shooting.problem
     n_states = len(problem.experiments) * problem.n_states
-    lower = np.concatenate([problem.unknowns.lower, np.full(n_states, -STATE_RANGE)])
-    upper = np.concatenate([problem.unknowns.upper, np.full(n_states, STATE_RANGE)])
+    lower = np.concatenate([problem.unknowns.lower, np.full(n_states, -FIT.state_range)])
+    upper = np.concatenate([problem.unknowns.upper, np.full(n_states, FIT.state_range)])
     return lower, upper
 
 
@@ -193,11 +192,11 @@ def _fitted_state(
     """The initial state of one segment that fits it, and the states along it."""
     z = np.concatenate([parameters, x / alone.state_scale])
     p = parameters.size
-    lower, upper = z - STATE_RANGE, z + STATE_RANGE
+    lower, upper = z - FIT.state_range, z + FIT.state_range
     lower[:p] = upper[:p] = parameters
     found = minimise(objective(alone), z, lower, upper, STATE_ITERATIONS)
     if found is None:
-        short = replace(alone, experiments=(head(alone.experiments[0], FEWEST_SAMPLES),))
+        short = replace(alone, experiments=(part_of(alone.experiments[0], 0, FEWEST_SAMPLES),))
         found = minimise(objective(short), z, lower, upper, STATE_ITERATIONS)
     if found is None:
         return x, None

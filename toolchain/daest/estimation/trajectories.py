@@ -14,15 +14,13 @@ import numpy as np
 
 from daest.estimation.coordinates import Unknowns
 from daest.estimation.gain_family import GainFamily
+from daest.estimation.gates import FIT
 from daest.estimation.search import Objective
 from daest.estimation.ties import Beginning, with_ties
 from daest.model.experiment import Experiment
 from daest.systems.integrate import Correction, Hold, Integrator, Trajectory, integrate, interval_inputs
 from daest.systems.integration import IntegrationError
 from daest.systems.tolerances import SOLVER
-
-WORST_CONDITION = 1e14  # of the errors' covariance: beyond, the trajectory has run away
-SMALLEST_STD = 1e-9  # of an error, relative to the rms of its output: keeps noise-free data finite
 
 
 @dataclass(frozen=True)
@@ -132,7 +130,7 @@ def prediction_errors(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bo
     errors = tuple(e.outputs - t.outputs for e, t in zip(problem.experiments, trajectories, strict=True))
     with np.errstate(over="ignore", invalid="ignore"):
         covariance = _covariance(problem, errors)
-        if not np.all(np.isfinite(covariance)) or np.linalg.cond(covariance) > WORST_CONDITION:
+        if not np.all(np.isfinite(covariance)) or np.linalg.cond(covariance) > FIT.runaway:
             return None
         value = _negative_log_likelihood(errors, covariance)
     return Errors(errors, covariance, tuple(trajectories), value)
@@ -167,7 +165,7 @@ def integrated(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = Fa
 def _covariance(problem: TrajectoryProblem, errors: tuple[np.ndarray, ...]) -> np.ndarray:
     """Full for an observer with complete data; else diagonal, as output error assumes."""
     table = np.concatenate(errors)
-    floor = SMALLEST_STD * _sizes(problem.experiments)
+    floor = FIT.smallest_std * _sizes(problem.experiments)
     observed = np.isfinite(table)
     squares = np.where(observed, table, 0.0) ** 2
     found = np.sqrt(squares.sum(axis=0) / np.maximum(observed.sum(axis=0), 1))

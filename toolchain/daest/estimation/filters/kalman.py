@@ -16,6 +16,7 @@ import numpy as np
 from daest.errors import EstimationError
 from daest.estimation.filter_cost import LARGE, check_memory, filter_cost
 from daest.estimation.filters.case import Case, Estimates
+from daest.estimation.gates import FIT
 from daest.estimation.kalman import kalman_filter, steady_sample, unobservable_states
 from daest.estimation.large_filter import LargeResult, can_stream, large_filter
 from daest.estimation.modes import has_equal_steps, models_by_interval
@@ -27,7 +28,6 @@ from daest.model.linear import DiscreteModel, StateSpace
 from daest.numerics.gaussian import FREE_TOLERANCE, marginals
 from daest.systems.sample import sample, stacked_inputs
 
-STEP_RESOLUTION = 1e-8  # steps that differ by less than this part of the median step share one sampled model
 NAMED_AT_MOST = 8  # variables in a message
 # Time constants of a stationary filter that the record must hold for its start not to matter.
 FORGETTING_TIMES = 3.0
@@ -121,7 +121,7 @@ def sampled_models(
         raise EstimationError("data-too-few-rows", "a filter needs at least two samples")
     if has_equal_steps(time):
         return sample(ss, float((time[-1] - time[0]) / steps.size), hold, intensity, measurement_cov, noise)
-    grid = STEP_RESOLUTION * float(np.median(steps))
+    grid = FIT.same_step * float(np.median(steps))
     lengths, which = np.unique(np.round(steps / grid), return_inverse=True)
     models = [sample(ss, float(length * grid), hold, intensity, measurement_cov, noise) for length in lengths]
     return [models[i] for i in which]

@@ -16,6 +16,7 @@ from daest.errors import EstimationError
 from daest.estimation.ekf import run_ekf
 from daest.estimation.filter_task import Noise, Record, Start, Task, record
 from daest.estimation.filters.case import Case
+from daest.estimation.gates import FIT
 from daest.estimation.interpreted import project
 from daest.estimation.nonlinear_smoother import smooth_ekf
 from daest.estimation.records import in_model_order
@@ -27,11 +28,7 @@ from daest.systems.integration import IntegrationError
 from daest.systems.local_linear import local_model
 from daest.systems.redundant import good_everywhere, matching_states
 
-SUBSTEP_TOLERANCE = (
-    0.02  # change of the estimate, rms in its standard deviations, that a halved step may make
-)
 MOST_SUBSTEPS = 64  # per median sample interval
-START_WIDTH = 10.0  # standard deviations
 TINY = np.finfo(float).tiny
 START_SAMPLES = 200  # whose smoothed estimate is the centre of an unknown initial state
 
@@ -165,8 +162,8 @@ def _sizes(
 
 
 def _recentred(ready: Prepared, known_cov: np.ndarray | None) -> Prepared:
-    """An unknown start moves to the smoothed estimate of a first pass over the beginning, START_WIDTH times
-    as wide: wide enough to carry 1 % of the information, narrow enough for linearisation and sigma points."""
+    """An unknown start moves to the smoothed estimate of a first pass over the beginning, FIT.start_width
+    times as wide."""
     task, whole = ready.task, ready.task.data
     head = Record(*(part[:START_SAMPLES] for part in (whole.time, whole.u0, whole.u1, whole.outputs)))
     try:
@@ -180,26 +177,28 @@ def _recentred(ready: Prepared, known_cov: np.ndarray | None) -> Prepared:
     mean, cov = task.start.mean.copy(), task.start.cov.copy()
     mean[unknown] = joint.mean[0, :n][unknown]
     found = joint.cov[0, :n, :n][np.ix_(unknown, unknown)]
-    width = np.minimum(START_WIDTH, np.sqrt(np.diagonal(cov)[unknown] / np.maximum(np.diagonal(found), TINY)))
+    width = np.minimum(
+        FIT.start_width, np.sqrt(np.diagonal(cov)[unknown] / np.maximum(np.diagonal(found), TINY))
+    )
     cov[np.ix_(unknown, unknown)] = found * np.outer(width, width)
     if not (np.all(np.isfinite(mean)) and np.all(np.isfinite(cov))):
         return ready
     note = (
         "The initial state is unknown: it starts at a first smoothed estimate, with "
-        f"{START_WIDTH:g} times its standard deviation."
+        f"{FIT.start_width:g} times its standard deviation."
     )
     return Prepared(replace(task, start=Start(mean, cov)), (*ready.notes, note))
 
 
 def _with_substeps(ready: Prepared) -> Prepared:
-    """Halve the substeps until the extended filter's estimate changes by less than SUBSTEP_TOLERANCE."""
+    """Halve the substeps until the extended filter's estimate changes by less than FIT.filter_substeps."""
     task = ready.task
     period = float(np.median(task.data.steps))
     coarse, longest = _try_ekf(task, np.inf), np.inf
     for halvings in range(1, int(np.log2(MOST_SUBSTEPS)) + 1):
         finer = period / 2**halvings
         fine = _try_ekf(task, finer)
-        if coarse is not None and fine is not None and _change(coarse, fine) <= SUBSTEP_TOLERANCE:
+        if coarse is not None and fine is not None and _change(coarse, fine) <= FIT.filter_substeps:
             break
         coarse, longest = fine, finer
     else:
