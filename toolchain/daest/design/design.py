@@ -17,9 +17,9 @@ from daest.design.rivals import DetectAim, RivalAim
 from daest.design.safety import DRAWS, TOLERATED, Guard
 from daest.design.search import FREE, SHARE_OF_FAMILIES, Budget, best_of_families, free_input
 from daest.design.sensors import sensor_gains
-from daest.design.signals import FAMILIES, KEEPS_LOWEST, within
+from daest.design.signals import FAMILIES, KEEPS_LOWEST, slewed, within
 from daest.errors import DaestError, EstimationError
-from daest.model.design import Design, Expected, Limits, Played, PowerPoint, SensorGain
+from daest.model.design import FEWEST_STEPS, Design, Expected, Limits, Played, PowerPoint, SensorGain
 from daest.model.experiment import Experiment
 from daest.model.fit import WeakDirection
 from daest.systems.state_space import state_space, state_space_family
@@ -29,6 +29,10 @@ GROWN = 10.0  # logarithm of how much an unstable mode may grow over an experime
 LENGTHS = (0.5, 1.0, 2.0, 4.0)  # of the designed experiment, at which the power is told
 AMPLITUDES = (0.25, 0.5)  # likewise
 PROBES = ("steps", "multisine")  # families whose inputs show whether two rivals are one equation
+REPEATED = (
+    "the second half repeats the first, since daest diagnose keeps half of a recording for validation: what "
+    "is expected is told of one half"
+)
 LITTLE = 1.05  # times better: a sensor that brings less is not told
 MOST_TOLD = 8  # sensors
 
@@ -55,6 +59,7 @@ def design(task: Task, progress: Progress = lambda _: None) -> Design:
     `design-nothing`."""
     began = time.perf_counter()
     task, notes = _distinct(task)
+    whole, task = task.limits, _halved(task)
     aim, limits = task.aim, task.limits
     draws = DRAWS if limits.safe else 0
     guard = Guard(aim.driven, limits.safe, tuple(likely(aim.driven[0], task.recorded, task.seed, draws)))
@@ -62,8 +67,9 @@ def design(task: Task, progress: Progress = lambda _: None) -> Design:
     guard.require_room(limits)
     progress("trying the families of inputs")
     families, best = _searched(task, guard, began, progress)
-    inputs = guard.calmed(_inputs(best), limits)
-    notes += _notes(best, inputs)
+    every = _played(guard, _inputs(best), limits, whole)
+    inputs = every[: limits.time.size]
+    notes += _notes(best, inputs, is_repeated=whole != limits)
     progress("looking at what the best input would bring")
     expected = _required(aim.expected([inputs]))
     present = aim.expected(task.recorded) if task.recorded else None
@@ -76,16 +82,16 @@ def design(task: Task, progress: Progress = lambda _: None) -> Design:
         message="",
         value_of=aim.value_of,
         higher_is_better=aim.higher_is_better,
-        limits=limits,
-        inputs=inputs,
+        limits=whole,
+        inputs=every,
         families=tuple(families),
         expected=expected,
         present=present,
         together=together,
         open_directions=left_open,
         sensors=sensors,
-        safety=guard.told(inputs),
-        power=_powers(task, inputs) if isinstance(aim, DetectAim) else (),
+        safety=guard.told(every),
+        power=_powers(task, inputs, whole.length) if isinstance(aim, DetectAim) else (),
         notes=tuple(notes),
         seconds=time.perf_counter() - began,
     )
@@ -136,12 +142,43 @@ def _required(found: Expected | None) -> Expected:
     return found
 
 
-def _notes(best: Played, inputs: np.ndarray) -> list[str]:
+def _halved(task: Task) -> Task:
+    """The task of half the length where `daest diagnose` is to judge: it keeps half of every recording for
+    validation, and what it is to find must show in either half."""
+    if isinstance(task.aim, ParameterAim):
+        return task
+    half = 0.5 * task.limits.length
+    if half < FEWEST_STEPS * task.limits.period:
+        return task
+    return replace(task, limits=replace(task.limits, length=half))
+
+
+def _played(guard: Guard, inputs: np.ndarray, limits: Limits, whole: Limits) -> np.ndarray:
+    """The input of the length `whole`: itself, or played again from its beginning; so small that it is safe
+    and that the safe ranges hold with the probability that is asked for."""
+    if limits != whole:
+        again = np.tile(inputs, (2, 1))[: whole.time.size]
+        columns = zip(whole.inputs, again.T, strict=True)
+        again = np.column_stack([slewed(column, one.rate * whole.period) for one, column in columns])
+        safe = guard.kept_safe(again, whole)
+        if safe is None:
+            raise EstimationError(
+                "design-nothing",
+                "the designed input leaves a safe range when it is played a second time",
+                remedy="widen the safe ranges, or give a shorter --length",
+            )
+        inputs = safe
+    return guard.calmed(inputs, whole)
+
+
+def _notes(best: Played, inputs: np.ndarray, *, is_repeated: bool) -> list[str]:
+    twice = [REPEATED] if is_repeated else []
     if best.inputs is not None and np.array_equal(inputs, best.inputs):
-        return []
+        return twice
     return [
+        *twice,
         f"made smaller, so that the safe ranges hold with a probability of {100 * (1 - TOLERATED):.0f} % "
-        "over the uncertainty of the parameters"
+        "over the uncertainty of the parameters",
     ]
 
 
@@ -242,7 +279,7 @@ def _sensors(task: Task, inputs: np.ndarray, notes: list[str]) -> tuple[SensorGa
     return tuple(useful[:MOST_TOLD])
 
 
-def _powers(task: Task, inputs: np.ndarray) -> tuple[PowerPoint, ...]:
+def _powers(task: Task, inputs: np.ndarray, whole: float) -> tuple[PowerPoint, ...]:
     aim, limits = task.aim, task.limits
     assert isinstance(aim, DetectAim)
     middle = np.array([one.middle for one in limits.inputs])
@@ -252,7 +289,7 @@ def _powers(task: Task, inputs: np.ndarray) -> tuple[PowerPoint, ...]:
         played = middle + amplitude * (_of_length(inputs, length) - middle)
         expected = aim.expected([played])
         if expected is not None and expected.power is not None and expected.smallest_size is not None:
-            point = (length * limits.length, amplitude, expected.power, expected.smallest_size)
+            point = (length * whole, amplitude, expected.power, expected.smallest_size)
             found.append(PowerPoint(*point))
     return tuple(found)
 
@@ -308,7 +345,10 @@ def _promise(found: Design, aim: Aim) -> str:
     text += f" ({', '.join(unknown)} stay open)" if errors and unknown else ""
     if present is None:
         return text
-    return f"{text}; {present.value / expected.value:.2g} times better than the present recording"
+    better = present.value / expected.value
+    if better < 1.0:
+        return f"{text}; the present recording is {1.0 / better:.2g} times better"
+    return f"{text}; {better:.2g} times better than the present recording"
 
 
 def _percent(power: float | None) -> str:

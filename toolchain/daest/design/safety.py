@@ -44,18 +44,18 @@ class Guard:
         return not self.ranges or all(self._holds(self.reach(one, inputs)) for one in self.driven)
 
     def kept_safe(self, inputs: np.ndarray, limits: Limits) -> np.ndarray | None:
-        """The input, as much smaller around its middle as the safe ranges ask for; None where no size is
+        """The input, as much smaller around the rest as the safe ranges ask for; None where no size is
         safe."""
         if self.is_safe(inputs):
             return inputs
-        middle = np.array([one.middle for one in limits.inputs])
+        rest = np.array([one.rest for one in limits.inputs])
         low, high = SMALLEST, 1.0
-        if not self.is_safe(middle + low * (inputs - middle)):
+        if not self.is_safe(rest + low * (inputs - rest)):
             return None
         for _ in range(HALVINGS):
             share = 0.5 * (low + high)
-            low, high = (share, high) if self.is_safe(middle + share * (inputs - middle)) else (low, share)
-        return middle + low * (inputs - middle)
+            low, high = (share, high) if self.is_safe(rest + share * (inputs - rest)) else (low, share)
+        return rest + low * (inputs - rest)
 
     def probabilities(self, inputs: np.ndarray) -> np.ndarray:
         """Share of likely parameters with which the first model leaves each range, (n_ranges,); NaN where
@@ -77,26 +77,27 @@ class Guard:
 
     def calmed(self, inputs: np.ndarray, limits: Limits) -> np.ndarray:
         """The input, made smaller until the probability of leaving a range is tolerated."""
-        middle = np.array([one.middle for one in limits.inputs])
+        rest = np.array([one.rest for one in limits.inputs])
         for _ in range(MOST_CALMED):
             if not np.any(self.probabilities(inputs) > TOLERATED):
                 break
-            inputs = middle + CALMER * (inputs - middle)
+            inputs = rest + CALMER * (inputs - rest)
         return inputs
 
     def require_room(self, limits: Limits) -> None:
         """Raise EstimationError `design-unsafe` where the model leaves a safe range without being moved."""
-        rest = np.tile([one.middle for one in limits.inputs], (limits.time.size, 1))
+        rest = np.tile([one.rest for one in limits.inputs], (limits.time.size, 1))
         for explainer in self.driven:
             if not self.ranges:
                 break
             reach = self.reach(explainer, rest)
+            held = ", ".join(f"{one.rest:.4g}" for one in limits.inputs)
             for one, (low, high), inside in zip(self.ranges, reach, self._inside(reach), strict=True):
                 if not inside:
                     raise EstimationError(
                         "design-unsafe",
                         f"{one.name} leaves {one.low:.4g} to {one.high:.4g} {one.unit} although the inputs "
-                        f"rest in the middle of their ranges: it runs from {low:.4g} to {high:.4g}",
+                        f"rest at {held}: it runs from {low:.4g} to {high:.4g}",
                         where=one.name,
                         remedy="widen the safe range, move the ranges of the inputs, or design for the "
                         "reference of a controller that is in the model",

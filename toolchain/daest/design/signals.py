@@ -107,7 +107,7 @@ def within(limits: Limits, signal: np.ndarray, amplitude: float = 1.0, *, keeps_
         largest = one.rate * limits.period
         fastest = float(np.max(np.abs(np.diff(wanted)), initial=0.0))
         if fastest > largest:
-            wanted = wanted * (largest / fastest) if keeps_form else _slewed(wanted, largest)
+            wanted = wanted * (largest / fastest) if keeps_form else slewed(wanted, largest)
         columns.append(one.middle + wanted)
     return np.column_stack(columns)
 
@@ -118,11 +118,11 @@ def with_piece(limits: Limits, inputs: np.ndarray, column: int, piece: slice, le
     one, changed = limits.inputs[column], inputs.copy()
     changed[piece, column] = one.low + level * (one.high - one.low)
     if np.isfinite(one.rate):
-        changed[:, column] = _slewed(changed[:, column], one.rate * limits.period)
+        changed[:, column] = slewed(changed[:, column], one.rate * limits.period)
     return changed
 
 
-def _slewed(wanted: np.ndarray, largest: float) -> np.ndarray:
+def slewed(wanted: np.ndarray, largest: float) -> np.ndarray:
     """The signal that follows `wanted` in steps of at most `largest`."""
     result, value = np.empty_like(wanted), float(wanted[0])
     for k, target in enumerate(wanted.tolist()):

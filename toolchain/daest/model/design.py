@@ -35,6 +35,11 @@ class Range:
         return 0.5 * (self.low + self.high)
 
     @property
+    def rest(self) -> float:
+        """The value at which a machine is taken to rest: zero, or the middle of a range without it."""
+        return 0.0 if self.low <= 0.0 <= self.high else self.middle
+
+    @property
     def half(self) -> float:
         return 0.5 * (self.high - self.low)
 

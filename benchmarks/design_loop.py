@@ -1,0 +1,293 @@
+"""The loop of designed experiments: a recording that leaves something open, a designed one, and the diagnosis
+of both.
+
+    python benchmarks/design_loop.py open --runs 20     laws that a first recording cannot tell apart
+    python benchmarks/design_loop.py small --runs 10    dry friction too small for a first recording
+
+Every case is diagnosed with the whole library. Then the designed input is played for as long as the first
+one, and so are, instead of it, a multisine and a random binary input of the same power and range, each
+recorded with the same noise. The machines are integrated by scipy, which shares nothing with daest. `--json FILE` keeps
+the cases.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from design_study import of_power
+from scipy.integrate import solve_ivp
+
+from daest.design.design import Task, design
+from daest.design.effects import Rival, detect_aim, leaving, rival_aim
+from daest.design.signals import multisine, random_binary
+from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.options import DiagnoseOptions
+from daest.errors import DaestError
+from daest.model.design import Limits, Range
+from daest.model.diagnosis import Diagnosis
+from daest.model.experiment import Experiment
+from daest.modelica.compile import compile_model
+from daest.modelica.effects import effect_library, find_effects
+from daest.modelica.sites import find_site
+
+ROOT = Path(__file__).resolve().parents[1]
+SECONDS = 8.0  # of the search for an input
+SLIDE = """\
+model Slide "A mass on a spring and a damper, moved by a force"
+  parameter Real m(unit = "kg", min = 0) = 1.2 annotation(__Daest(estimate = true));
+  parameter Real c(unit = "N/m", min = 0) = 30 annotation(__Daest(estimate = true));
+  parameter Real d(unit = "N.s/m", min = 0) = 2 annotation(__Daest(estimate = true));
+  Daest.Blocks.Interfaces.RealInput F(unit = "N", start = 0);
+  Daest.Blocks.Interfaces.RealOutput s(unit = "m") annotation(__Daest(std = 0.002));
+  Daest.Mechanics.Translational.Sources.Force drive;
+  Daest.Mechanics.Translational.Components.Mass mass(m = m);
+  Daest.Mechanics.Translational.Components.SpringDamper spring(c = c, d = d);
+  Daest.Mechanics.Translational.Components.Fixed wall;
+  Daest.Mechanics.Translational.Sensors.PositionSensor ruler;
+equation
+  connect(F, drive.f);
+  connect(drive.flange, mass.flange_a);
+  connect(mass.flange_b, spring.flange_a);
+  connect(spring.flange_b, wall.flange);
+  connect(mass.flange_b, ruler.flange);
+  connect(ruler.s, s);
+end Slide;
+"""
+Law = Callable[[float, float], float]  # force against the motion at position and velocity
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A machine x'' m = u - d x' - c x - law(x, x'), of which position or speed is measured."""
+
+    name: str
+    values: tuple[float, float, float]  # m, d, c
+    measures_speed: bool
+    noise: float
+    period: float
+    input: Range
+    output: str
+    place: str
+
+    def output_of(self, law: Law, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        m, d, c = self.values
+        x, found = np.zeros(2), []
+        for force in u:
+            found.append(x[1] if self.measures_speed else x[0])
+
+            def rate(_: float, s: np.ndarray, force: float = force) -> list[float]:
+                return [s[1], (force - d * s[1] - c * s[0] - law(s[0], s[1])) / m]
+
+            x = solve_ivp(rate, (0.0, self.period), x, method="LSODA", rtol=1e-8, atol=1e-10).y[:, -1]
+        return np.array(found)[:, None] + self.noise * rng.standard_normal((len(u), 1))
+
+    def recorded(self, name: str, law: Law, u: np.ndarray, seed: Sequence[int]) -> Experiment:
+        y = self.output_of(law, u[:, 0], np.random.default_rng(list(seed)))
+        time = self.period * np.arange(len(u))
+        return Experiment(name, time, u, y, (self.input.name,), (self.output,))
+
+    def limits(self, n: int) -> Limits:
+        return Limits((self.input,), (n - 1) * self.period, self.period, hold="zoh")
+
+
+ROTOR = Plant(
+    "Rotor", (0.1, 0.12, 0.0), True, 0.05, 0.05, Range("tau", "N.m", -0.3, 0.3), "w", "rotor.flange_a"
+)
+SLIDER = Plant(
+    "Slide", (1.0, 1.6, 36.0), False, 0.002, 0.02, Range("F", "N", -4.0, 4.0), "s", "mass.flange_a"
+)
+
+
+def dry(size: float) -> Law:
+    return lambda _, v: size * np.tanh(v / 0.01)
+
+
+def constant(size: float) -> Law:
+    return lambda _, v: size
+
+
+def drag(size: float) -> Law:
+    return lambda _, v: size * v * abs(v)
+
+
+def hardening(size: float) -> Law:
+    return lambda x, _: size * x**3
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Cases of one law at one machine. `right` are names of the law in the library, an equal one included;
+    sizes are log-uniform, the first input holds levels for `hold` samples."""
+
+    plant: Plant
+    law: Callable[[float], Law]
+    right: tuple[str, ...]
+    sizes: tuple[float, float]
+    levels: tuple[float, float]
+    hold: int
+    n: int
+
+
+OPEN = (
+    Kind(ROTOR, dry, ("CoulombFriction",), (0.04, 0.12), (0.3, 0.6), 20, 481),
+    Kind(ROTOR, constant, ("ConstantLoad", "Offset"), (0.04, 0.12), (0.3, 0.6), 20, 481),
+    Kind(ROTOR, drag, ("QuadraticDrag",), (0.02, 0.05), (0.3, 0.6), 20, 481),
+    Kind(SLIDER, hardening, ("HardeningSpring",), (300.0, 1200.0), (2.4, 3.2), 40, 801),
+)
+SMALL = (Kind(ROTOR, dry, ("CoulombFriction",), (0.02, 0.05), (0.48, 0.56), 20, 481),)
+
+
+@cache
+def model(name: str) -> Any:
+    if name == "Rotor":
+        return compile_model(ROOT / "tests" / "design" / "models" / "Rotor.mo")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "Slide.mo"
+        path.write_text(SLIDE)
+        return compile_model(path)
+
+
+def diagnosed(plant: Plant, recordings: Sequence[Experiment]) -> Diagnosis:
+    options = DiagnoseOptions(hold="zoh", jobs=1)
+    return diagnose(model(plant.name), effect_library(()), recordings, (), options)
+
+
+def answer(found: Diagnosis) -> str:
+    """The law that stands out, else the verdict."""
+    best = next((p for p in found.proofs if p.verdict == "supported"), None)
+    return found.verdict if best is None else best.candidate.effect.name
+
+
+def left_open(found: Diagnosis) -> list[Rival]:
+    """The candidates that were not told apart, as `daest design --rivals` has them."""
+    rivals = []
+    for proof in found.proofs:
+        if proof.verdict == "not separable" and not proof.candidate.inputs:
+            told = proof.told
+            flat = leaving(proof.flat.with_theta(told.theta), told.simulated["estimation"].rms)
+            rivals.append(Rival(proof.candidate.label, flat, tuple(p.name for p in told.parameters)))
+    return rivals
+
+
+def first_of(kind: Kind, seed: Sequence[int]) -> tuple[float, np.ndarray, Experiment]:
+    rng = np.random.default_rng(list(seed))
+    size = float(np.exp(rng.uniform(*np.log(kind.sizes))))
+    levels = rng.uniform(*kind.levels, kind.n // kind.hold + 1)
+    u = levels.repeat(kind.hold)[: kind.n, None]
+    return size, u, kind.plant.recorded("first", kind.law(size), u, (*seed, 1))
+
+
+def played(kind: Kind, task: Task, first: Experiment, size: float, seed: Sequence[int]) -> dict[str, Any]:
+    """The answers after the designed input and after its peers of the same power."""
+    found = design(task)
+    allowed, rms = task.limits, float(np.std(found.inputs))
+    inputs = {
+        "designed": found.inputs,
+        "multisine": of_power(list(multisine(allowed, seed[-1]))[1], allowed, rms),
+        "random binary": of_power(list(random_binary(allowed, seed[-1]))[1], allowed, rms),
+    }
+    row: dict[str, Any] = {"family": found.families[0].family, "rms": rms, "power": found.expected.power}
+    for name, u in inputs.items():
+        second = kind.plant.recorded("second", kind.law(size), u, (*seed, 2))
+        row[name] = answer(diagnosed(kind.plant, [first, second]))
+    return row
+
+
+def opened(runs: int, seed: int) -> list[dict[str, Any]]:
+    """Cases whose first recording ends in "cannot tell", until there are `runs` of them."""
+    rows: list[dict[str, Any]] = []
+    number = 0
+    while sum("designed" in row for row in rows) < runs and number < 3 * runs:
+        kind, key = OPEN[number % len(OPEN)], (seed, number)
+        number += 1
+        size, u, first = first_of(kind, key)
+        before = diagnosed(kind.plant, [first])
+        row: dict[str, Any] = {
+            "plant": kind.plant.name,
+            "right": kind.right,
+            "size": size,
+            "first": answer(before),
+        }
+        left = left_open(before)
+        if before.verdict == "cannot tell" and len(left) > 1:
+            row["left"] = [r.label for r in left]
+            try:
+                aim, subjects = rival_aim(left, kind.plant.limits(kind.n), [u], 0.5 * GATES.same_bic, 0)
+                row |= played(
+                    kind,
+                    Task(aim, subjects, kind.plant.limits(kind.n), (u,), seconds=SECONDS),
+                    first,
+                    size,
+                    key,
+                )
+            except DaestError as problem:
+                row |= {"designed": problem.code, "multisine": None, "random binary": None}
+        rows.append(row)
+        print(json.dumps(row), flush=True)
+    return rows
+
+
+def small(runs: int, seed: int) -> list[dict[str, Any]]:
+    """Cases whose first recording does not show the effect, until there are `runs` of them."""
+    rows: list[dict[str, Any]] = []
+    number = 0
+    while sum("designed" in row for row in rows) < runs and number < 3 * runs:
+        kind, key = SMALL[number % len(SMALL)], (seed, number)
+        number += 1
+        size, u, first = first_of(kind, key)
+        before = diagnosed(kind.plant, [first])
+        row: dict[str, Any] = {
+            "plant": kind.plant.name,
+            "right": kind.right,
+            "size": size,
+            "first": answer(before),
+        }
+        if before.verdict == "nothing missing":
+            flat = model(kind.plant.name)
+            effect = next(e for e in find_effects(kind.right[0]) if e.domain == "rotational")
+            site = find_site(flat, kind.plant.place, effect)
+            aim, subjects = detect_aim(
+                flat.with_theta(before.baseline.theta), effect, site, kind.plant.limits(kind.n), [u], size=size,
+                evidence=GATES.min_bic_gain, n_candidates=50, chance=GATES.max_chance,
+            )  # fmt: skip
+            row |= played(
+                kind, Task(aim, subjects, kind.plant.limits(kind.n), (u,), seconds=SECONDS), first, size, key
+            )
+        rows.append(row)
+        print(json.dumps(row), flush=True)
+    return rows
+
+
+def summary(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    cases = [row for row in rows if "designed" in row]
+    names = ("designed", "multisine", "random binary")
+    right = {name: sum(row[name] in row["right"] for row in cases) for name in names}
+    return {"recorded first": len(rows), "cases": len(cases), "decided rightly": right}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("part", choices=["open", "small"])
+    parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    rows = {"open": opened, "small": small}[given.part](given.runs, given.seed)
+    print(json.dumps(summary(rows), indent=2))
+    if given.json:
+        given.json.write_text(json.dumps({**summary(rows), "rows": rows}, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
