@@ -6,8 +6,8 @@ of both.
 
 Every case is diagnosed with the whole library. Then the designed input is played for as long as the first
 one, and so are, instead of it, a multisine and a random binary input of the same power and range, each
-recorded with the same noise. The machines are integrated by scipy, which shares nothing with daest. `--json FILE` keeps
-the cases.
+recorded with the same noise. The machines are integrated by scipy, which shares nothing with daest.
+`--json FILE` keeps the cases.
 """
 
 from __future__ import annotations
@@ -254,9 +254,9 @@ def small(runs: int, seed: int) -> list[dict[str, Any]]:
         if before.verdict == "nothing missing":
             flat = model(kind.plant.name)
             effect = next(e for e in find_effects(kind.right[0]) if e.domain == "rotational")
-            site = find_site(flat, kind.plant.place, effect)
+            site, allowed = find_site(flat, kind.plant.place, effect), kind.plant.limits(kind.n)
             aim, subjects = detect_aim(
-                flat.with_theta(before.baseline.theta), effect, site, kind.plant.limits(kind.n), [u], size=size,
+                flat.with_theta(before.baseline.theta), effect, site, allowed, [u], size=size,
                 evidence=GATES.min_bic_gain, n_candidates=50, chance=GATES.max_chance,
             )  # fmt: skip
             row |= played(
