@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 
+from daest.report.page.modelica_text import added_lines, addition
 from daest.report.page.plots import (
     comparison_plots,
     filter_plot,
@@ -119,3 +120,11 @@ def test_the_window_that_is_shown_by_itself_is_the_one_with_the_largest_errors()
     assert telling_window(time, [gap]).start > 2700
     assert telling_window(time[:100], [large[:100]]) is None
     assert telling_window(time, [np.zeros(5000)]) == slice(0, 400)
+
+
+def test_only_what_is_new_stands_in_the_addition():
+    base = "model A\n  Real x;\nequation\n  x = 1;\n  x = 2;\nend A;\n"
+    text = base.replace("  x = 1;", "  x + t = 1;").replace("model A\n", "model A\n  Real t;\n\n  Real s;\n")
+    new = added_lines(text, base)
+    assert addition(text, new).splitlines() == ["  Real t;", "", "  Real s;", "  // ...", "  x + t = 1;"]
+    assert addition(text, []) == ""

@@ -15,6 +15,20 @@ def added_lines(text: str, base: str) -> list[int]:
     return [i + 1 for i in range(len(new)) if i not in kept and new[i].strip()]
 
 
+LEFT_OUT = "  // ..."  # unchanged lines between new ones
+
+
+def addition(text: str, new: list[int]) -> str:
+    """The lines `new` of the text, from 1; what is unchanged between them is a line of dots."""
+    lines, parts, last = text.splitlines(), list[str](), None
+    for number in new:
+        between: list[str] = lines[last : number - 1] if last is not None else []
+        parts += between if not any(line.strip() for line in between) else [LEFT_OUT]
+        parts.append(lines[number - 1])
+        last = number
+    return "\n".join(parts)
+
+
 def highlighted(text: str, new: list[int]) -> str:
     """HTML of a Modelica text with every character of it escaped; lines `new`, from 1, are marked."""
     from pygments import highlight

@@ -12,6 +12,7 @@ import numpy as np
 from bokeh.embed import json_item
 from bokeh.layouts import gridplot
 from bokeh.models import (
+    BasicTickFormatter,
     BoxAnnotation,
     ColumnDataSource,
     CrosshairTool,
@@ -50,6 +51,8 @@ MOST_IN_ALL = 120_000  # points of all series of a kind of plot
 DECADE = 10.0  # ratio of errors from which their axis is logarithmic
 DETAIL, LEAST_DETAIL = 0.08, 60  # share of a recording, and samples, of the window that is shown by itself
 NARROW, MIDDLE, TALL = 190, 240, 300  # px
+LEVEL_LABELS = 4  # names of steps that stand level below a figure; more of them lean
+LEAST_POWER = -5  # of ten, down to which a tick is written as a plain number
 
 
 @dataclass(frozen=True)
@@ -479,7 +482,9 @@ def staircase_plots(ledger: Document) -> Iterator[Plot]:
         plot.add_layout(_bar_labels(source))
         plot.y_range = Range1d(0.0, 1.2 * max((e for e in errors if e is not None), default=1.0) or 1.0)
         plot.xgrid.visible = False
-        plot.xaxis.major_label_orientation = 0.5
+        plot.yaxis.formatter = _plain_ticks()
+        if len(names) > LEVEL_LABELS:
+            plot.xaxis.major_label_orientation = 0.5
         plot.add_tools(HoverTool(tooltips=[("", "@step @place"), ("rms", "@error")]))
         label = f"Error of {output} on validation data from step to step: " + ", ".join(texts)
         yield Plot(f"plot-staircase-{i}", label, _item(plot))
@@ -559,7 +564,14 @@ def _figure(
         **options,
     )
     plot.toolbar.logo = None
+    for axis, scale in ((plot.xaxis[0], x_axis), (plot.yaxis[0], y_axis)):
+        if scale == "linear":
+            axis.formatter = _plain_ticks()
     return plot
+
+
+def _plain_ticks() -> Any:
+    return BasicTickFormatter(power_limit_low=LEAST_POWER)
 
 
 def _columns(pairs: Sequence[tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ from daest.report.console import number
 from daest.report.groups import component, owner
 from daest.report.page import plots
 from daest.report.page.material import Document, Material
-from daest.report.page.modelica_text import added_lines, highlighted
+from daest.report.page.modelica_text import added_lines, addition, highlighted
 from daest.report.page.plots import Plot
 
 TESTS = {
@@ -337,9 +337,13 @@ def _modelica(material: Material) -> Section:
     base, shown = material.base or "", []
     for name, text in texts.items():
         new = added_lines(text, base)
-        addition = "\n".join(text.splitlines()[new[0] - 1 : new[-1]]) if new else ""
         shown.append(
-            {"name": name, "addition": highlighted(addition, []), "whole": highlighted(text, new), "new": new}
+            {
+                "name": name,
+                "addition": highlighted(addition(text, new), []),
+                "whole": highlighted(text, new),
+                "new": new,
+            }
         )
         base = text if material.sources else base
     return Section("modelica", title, "", True, {"texts": shown})
