@@ -27,6 +27,24 @@ LONG = 1_200_000  # ms that a search may take on a busy machine
 SETTLE = 1500  # ms until a plot stands still
 
 
+FRAMES = 150  # pictures of the simulation that follows a slider
+DRAG = """async ([wanted, longest]) => {
+  const pictures = document.querySelector("#parameters .pictures"), slider = document.querySelector("input[data-parameter]");
+  let painted = 0, last = pictures.dataset.frames, moves = 0, ended = false;
+  const look = () => { if (pictures.dataset.frames !== last) { last = pictures.dataset.frames; painted += 1; } if (!ended) requestAnimationFrame(look); };
+  requestAnimationFrame(look);
+  const began = performance.now();
+  await new Promise(done => {
+    const timer = setInterval(() => {
+      slider.value = 500 + Math.round(250 * Math.sin(0.15 * moves++));
+      slider.dispatchEvent(new Event("input", {bubbles: true}));
+      if (painted >= wanted || performance.now() - began > longest) { clearInterval(timer); ended = true; done(); }
+    }, 16);
+  });
+  return {painted, seconds: (performance.now() - began) / 1000};
+}"""  # noqa: E501
+
+
 class Story:
     """The clicks on a page of `folder`, each with its picture in TARGET."""
 
@@ -65,7 +83,19 @@ class Story:
     def parameters(self) -> None:
         self.at("parameters")
         self.page.wait_for_selector("#parameters .pictures[data-frames]")
+        self.page.wait_for_timeout(SETTLE)
+        self.follow()
         self.shoot("parameters")
+
+    def follow(self) -> None:
+        """Move a slider to and fro, sixty times a second, and count what is painted meanwhile."""
+        found = self.page.evaluate(DRAG, [FRAMES, LONG])
+        rate = found["painted"] / found["seconds"]
+        print(
+            f"slider: {found['painted']} pictures in {found['seconds']:.1f} s, {rate:.1f} a second",
+            flush=True,
+        )
+        self.page.get_by_role("button", name="Back to the fit").click()
 
     def candidate(self) -> None:
         self.click("missing", "Search for what is missing", ".candidate")
