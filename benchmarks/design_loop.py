@@ -32,6 +32,7 @@ from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import DiagnoseOptions
 from daest.errors import DaestError
+from daest.machine import described
 from daest.model.design import Limits, Range
 from daest.model.diagnosis import Diagnosis
 from daest.model.experiment import Experiment
@@ -284,9 +285,10 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     rows = {"open": opened, "small": small}[given.part](given.runs, given.seed)
-    print(json.dumps(summary(rows), indent=2))
+    found = {**summary(rows), "machine": described()}
+    print(json.dumps(found, indent=2))
     if given.json:
-        given.json.write_text(json.dumps({**summary(rows), "rows": rows}, indent=1) + "\n", encoding="utf-8")
+        given.json.write_text(json.dumps({**found, "rows": rows}, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
