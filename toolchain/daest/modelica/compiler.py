@@ -113,7 +113,8 @@ def compile_source(job: Job) -> s.FlatSource:
 def _compiled_source(job: Job) -> s.FlatSource:
     try:
         return _with_refused_functions(job)
-    except failures.BeyondCompiler as first:
+    except failures.BeyondCompiler as problem_with_all:
+        first = problem_with_all
         # What the compiler does not take may stand in a function: it is shown none of them.
         short = [h.name.rpartition(".")[2] for h in class_heads(job.text) if h.kind == "function"]
         if not short:
@@ -121,9 +122,11 @@ def _compiled_source(job: Job) -> s.FlatSource:
         for text in dict.fromkeys((job.text, with_products(job.text, short))):
             try:
                 return _with_refused_functions(replace(job, text=text), tuple(short))
-            except ModelError:
-                continue
-        raise first
+            except ModelError as problem:
+                # That a hidden function is impure is said of the hiding, not of the model.
+                if "is impure" in first.what and isinstance(problem, failures.BeyondCompiler):
+                    first = problem
+        raise first from None
 
 
 def _with_refused_functions(job: Job, names: tuple[str, ...] = ()) -> s.FlatSource:

@@ -71,12 +71,27 @@ def hidden(text: bytes, function: FunctionText) -> bytes:
 
 
 def with_products(text: bytes, names: Iterable[str]) -> bytes:
-    """The file with `= f(…)` as `= 1*f(…)` for functions f: the compiler mistakes the size of what a function
-    of arrays gives where it is used alone. Lines keep their numbers."""
+    """The file with `= f(…)` as `= 1*f(…)` and with `pure function f` for functions f: the compiler mistakes
+    the size of what a function of arrays gives where it is used alone, and takes hidden functions for impure
+    ones. Lines keep their numbers."""
     for name in names:
         call = re.compile(rb"(=\s*)((?:[A-Za-z_]\w*\s*\.\s*)*" + name.encode() + rb"\s*\()")
-        text = call.sub(rb"\g<1>1*\g<2>", text)
+        text = _outside_of_tuples(call, text)
+        head = re.compile(
+            rb"(?<!\bend )(?<!pure )(?<!operator )\bfunction(\s+" + name.encode() + rb"\b(?!\s*=))"
+        )
+        text = head.sub(rb"pure function\g<1>", text)
     return text
+
+
+def _outside_of_tuples(call: re.Pattern[bytes], text: bytes) -> bytes:
+    """`= f(` as `= 1*f(`, but not behind `(a, b)`, which takes several results."""
+
+    def product(match: re.Match[bytes]) -> bytes:
+        before = text[: match.start()].rstrip()
+        return match[0] if before.endswith(b")") else match[1] + b"1*" + match[2]
+
+    return call.sub(product, text)
 
 
 def with_body(function: s.Function, found: FunctionText, text: bytes, source: int) -> s.Function:
