@@ -124,6 +124,7 @@ function drawn(message) {
   if (message.id !== asked) return;
   const pictures = place.querySelector(".pictures"), kind = busy;
   busy = false;
+  pump();  // the next values are simulated while these curves are drawn
   errors = {...errors, [kind]: message.rms};
   const cells = place.querySelectorAll("td[data-error]"), kept = cells.length === told.outputs.length ? cells : null;
   message.curves.forEach((curve, i) => fill(pictures, `${kind}-${i}`, curve));
@@ -134,7 +135,6 @@ function drawn(message) {
     place.querySelector("#simulate-line").textContent = simulateLine();  // the line that gives these errors
   }
   settle(true);
-  pump();
   // Buttons and axes change when the slider rests; while it moves, every frame counts.
   clearTimeout(drawn.timer);
   drawn.timer = setTimeout(() => { header(place.children[0]); settle(false); }, 150);
