@@ -22,8 +22,10 @@ from daest.diagnosis.proof import (
     _weak,
     _without_evidence,
     _wrong_law,
+    at_full_size,
     best_accepted,
     clipping_trials,
+    from_simulation,
     is_significant,
     prepare,
     prove,
@@ -282,6 +284,32 @@ def test_sensor_that_is_known_to_clip_is_tried():
     values = {p.name: p.value for p in prepare(stand.null.flat, stand.null.estimated, trial).flat.parameters}
     assert values[f"{trial.candidate.name}.limit"] == 2.5 and values[f"{trial.candidate.name}.share"] > 0.9
     assert clipping_trials(stand.null, own, {}) == ()
+
+
+def test_parameter_that_is_lost_beside_loads_is_found_again():
+    prepared, proof = proved()
+    assert proof.final is not None and from_simulation(prepared, proof) is None
+    theta = {**proof.fit.theta, "J": 1e-5 * proof.fit.theta["J"]}
+    again = from_simulation(prepared, replace(proof, fit=replace(proof.fit, theta=theta)))
+    assert again is not None and again.names == prepared.names
+    values = {p.name: p.value for p in again.flat.parameters}
+    assert {name: values[name] for name in again.names} == pytest.approx(
+        {name: proof.final.theta[name] for name in again.names}
+    )
+
+
+def test_sensor_is_tried_near_its_full_size_from_where_the_user_began():
+    stand = rubbing()
+    own = pairs(some_effects("Saturation", "CoulombFriction"), sites(model()))
+    (cut,) = clipping_trials(stand.null, own, {"phi": 2.5})
+    made = [one() for one in at_full_size(stand.null, prepare(stand.null.flat, stand.null.estimated, cut))]
+    values = [{p.name: p.value for p in one.flat.parameters} for one in made]
+    name = cut.candidate.name
+    assert [v[f"{name}.share"] for v in values] == pytest.approx([0.9, 0.99])
+    assert values[0][f"{name}.u_s"] > values[1][f"{name}.u_s"], "wide kinks first"
+    begun = {p.name: p.initial for p in stand.null.fit.parameters}
+    assert values[0]["J"] == begun["J"]
+    assert at_full_size(stand.null, proved()[0]) == (), "friction is no sensor"
 
 
 def test_without_a_load_everything_is_explained():

@@ -38,6 +38,7 @@ from daest.diagnosis.proof import (
     best_accepted,
     clipping_trials,
     could_compete,
+    from_simulation,
     has_lost_its_way,
     is_significant,
     moved,
@@ -457,10 +458,23 @@ def _refitted(search: _Search, prepared: Prepared) -> Proof:
                 best = proof
             if attempt not in at_full and not has_lost_its_way(proof, prepared.simulation):
                 break
-    if best is not None:
-        return best
+        if best is not None:
+            return _found_again(search, prepared, best)
     assert first is not None
     raise first
+
+
+def _found_again(search: _Search, prepared: Prepared, best: Proof) -> Proof:
+    """The proof, or that from its estimates without loads, where it has lost a parameter: the one that makes
+    the recordings and the unseen data likelier together."""
+    again = from_simulation(prepared, best)
+    if again is None:
+        return best
+    try:
+        proof = _proved(search, again)
+    except FAILURES:
+        return best
+    return max(best, proof, key=lambda p: p.delta_log_likelihood + p.confirmed.gain)
 
 
 def _attempts(search: _Search, prepared: Prepared) -> Iterator[Callable[[], Prepared]]:

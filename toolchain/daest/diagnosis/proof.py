@@ -13,7 +13,7 @@ from daest.diagnosis.free_forms import covers, free_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown, loads_of, period_of, refitted
 from daest.diagnosis.screen import NullObserver, law_response, run_null
-from daest.diagnosis.settled import settled, simulated
+from daest.diagnosis.settled import FAR, settled, simulated
 from daest.diagnosis.unseen import (
     Foreseen,
     Innovations,
@@ -29,7 +29,7 @@ from daest.estimation.identify_nonlinear import Refit
 from daest.model.diagnosis import Ahead, Candidate, Confirmed, FreeForm, Load, Proof, Screen
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, FittedParameter, error_ratios
-from daest.model.flat import ExplicitModel, FlatModel
+from daest.model.flat import ExplicitModel, FlatModel, with_equations
 from daest.modelica.attach import attach
 from daest.modelica.place_units import units_at
 from daest.numerics.statistics import chi2
@@ -197,6 +197,23 @@ def at_full_size(null: Null, prepared: Prepared) -> tuple[Callable[[], Prepared]
         full = replace(trial, sizes=sizes)
         made.append(partial(prepare, flat, null.estimated, full, sharper=sharper))
     return tuple(made)
+
+
+def from_simulation(prepared: Prepared, proof: Proof) -> Prepared | None:
+    """The candidate of `proof` at its estimates without loads, where the refit beside them has lost a
+    parameter that those keep: a load that is free enough does without an input, say, and nothing can be told
+    of a model that has none. None where nothing is lost."""
+    if proof.final is None:
+        return None
+    kept = {name: proof.final.theta[name] for name in prepared.names if name in proof.final.theta}
+    apart = [proof.fit.theta[name] / value for name, value in kept.items() if value]
+    if not any(0.0 < ratio < 1.0 / FAR for ratio in apart):
+        return None
+    flat = with_equations(proof.flat, "a refit")
+    known = {p.name: p for p in flat.parameters}
+    inside = {name: _inside(value, known[name].min, known[name].max) for name, value in kept.items()}
+    trial = replace(prepared.trial, candidate=proof.candidate)
+    return replace(prepared, trial=trial, flat=flat.with_theta(inside), simulation=None)
 
 
 @dataclass(frozen=True)
