@@ -33,7 +33,7 @@ export function view(place, state, page) {
   });
 }
 
-const probability = p => p === null || p === undefined ? "unknown" : p < 1e-3 ? `below 0.001 (${Number(p).toExponential(1)})` : number(p, 2);
+const probability = p => p === null || p === undefined ? "unknown" : p < 1e-3 ? (p > 0 ? `below 0.001 (${Number(p).toExponential(1)})` : "below 0.001") : number(p, 2);
 
 function evidence(rows, found) {
   if (!rows.length) return h("p", {}, "No effect came as far as a refit.");
