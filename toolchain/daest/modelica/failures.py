@@ -160,6 +160,7 @@ _LIMITS = (
     ("expected Real, found Integer", "an Integer where a Real is wanted: write 1.0 for 1"),
     (
         "expression shape mismatch",
+        "a slice of an array of components (`connect(c[1:n-1].p, d.p)`: write a for-loop over `c[i].p`), "
         "values that do not fit where they stand (three for an array of two, 1.5 for an Integer), or a "
         "parameter that is computed by a function of arrays or tables",
     ),
