@@ -332,7 +332,13 @@ def _modelica(material: Material) -> Section:
     if not texts:
         made_by = "`daest improve` makes it, and `daest diagnose` where it finds an effect"
         if material.ledger is not None:
+            unwritten = [s for s in material.ledger["steps"] if s["added"] and not s["model"]]
             made_by = "`daest improve` has found nothing to add"
+            if unwritten:
+                added = ", ".join(f"{s['added']} at {s['at']}" for s in unwritten)
+                made_by = (
+                    f"what `daest improve` has added ({added}) is not written: {unwritten[0]['model_reason']}"
+                )
         return Section("modelica", title, made_by, False)
     base, shown = material.base or "", []
     for name, text in texts.items():
