@@ -7,8 +7,8 @@ from typing import Literal, NotRequired, TypedDict, cast
 
 import numpy as np
 
-from daest.model.comparison import Comparison, Finding, Horizon, ModelTrial, ResidualTest, Verdict
-from daest.report.documents.parts import ByOutput
+from daest.model.comparison import Comparison, Finding, ModelTrial, ResidualTest, Verdict
+from daest.report.documents.parts import ByOutput, entry
 
 _Passed = TypedDict("_Passed", {"pass": bool | None})
 
@@ -122,21 +122,15 @@ def series(comparison: Comparison) -> dict[str, np.ndarray]:
 
 
 def _model(trial: ModelTrial) -> ModelEntry:
-    return {
-        "name": trial.name,
-        "n_parameters": trial.n_parameters,
-        "fit_percent": trial.simulation.fit_percent,
-        "rms": trial.simulation.rms,
-        "one_step": {"fit_percent": trial.one_step.fit_percent, "rms": trial.one_step.rms},
-        "growth": [_horizon(horizon) for horizon in trial.growth],
-        "log_likelihood": trial.log_likelihood,
-        "bic": trial.bic,
-        "tests": cast(Tests, {kind: _tests(by_output) for kind, by_output in trial.tests.items()}),
-        "feedback": _tests(trial.feedback),
-        "verdict": trial.verdict,
-        "where": [_finding(finding) for finding in trial.where],
-        "notes": list(trial.notes),
-    }
+    return entry(
+        ModelEntry,
+        trial,
+        fit_percent=trial.simulation.fit_percent,
+        rms=trial.simulation.rms,
+        tests=cast(Tests, {kind: _tests(by_output) for kind, by_output in trial.tests.items()}),
+        feedback=_tests(trial.feedback),
+        where=[_finding(finding) for finding in trial.where],
+    )
 
 
 def _tests(by_output: Mapping[str, ResidualTest]) -> dict[str, TestEntry]:
@@ -153,10 +147,6 @@ def _test(test: ResidualTest) -> TestEntry:
     if test.band is not None:
         entry["band"] = list(test.band)
     return entry
-
-
-def _horizon(horizon: Horizon) -> HorizonEntry:
-    return {"steps": horizon.steps, "seconds": horizon.seconds, "rms": horizon.rms}
 
 
 def _finding(finding: Finding) -> Where:

@@ -6,7 +6,8 @@ from typing import Annotated, NotRequired, TypedDict
 
 import numpy as np
 
-from daest.model.design import Design, Expected, Played, SensorGain
+from daest.model.design import Design, SensorGain
+from daest.report.documents.parts import entry
 
 
 class InputEntry(TypedDict):
@@ -98,11 +99,11 @@ def document(found: Design, file: str | None = None) -> DesignDocument:
         },
         "value_of": found.value_of,
         "higher_is_better": found.higher_is_better,
-        "predicted": _expected(found.expected),
-        "present": None if found.present is None else _expected(found.present),
-        "together": None if found.together is None else _expected(found.together),
-        "families": [_family(entry) for entry in found.families],
-        "sensors": [_sensor(entry) for entry in found.sensors],
+        "predicted": entry(ExpectedEntry, found.expected),
+        "present": None if found.present is None else entry(ExpectedEntry, found.present),
+        "together": None if found.together is None else entry(ExpectedEntry, found.together),
+        "families": [entry(FamilyEntry, one, name=one.family) for one in found.families],
+        "sensors": [_sensor(one) for one in found.sensors],
         "safe": {
             s.range.name: {
                 "limit": [s.range.low, s.range.high],
@@ -112,19 +113,8 @@ def document(found: Design, file: str | None = None) -> DesignDocument:
             }
             for s in found.safety
         },
-        "power": [
-            {
-                "length": p.length,
-                "amplitude": p.amplitude,
-                "power": p.power,
-                "smallest_size": _number(p.smallest_size),
-            }
-            for p in found.power
-        ],
-        "open_directions": [
-            {"combination": dict(d.combination), "relative_std": _number(d.relative_std)}
-            for d in found.open_directions
-        ],
+        "power": [entry(PowerEntry, p) for p in found.power],
+        "open_directions": [entry(DirectionEntry, d) for d in found.open_directions],
         "limits": {one.name: [one.low, one.high] for one in (*limits.inputs, *limits.safe)},
         "notes": list(found.notes),
         "seconds": found.seconds,
@@ -141,35 +131,15 @@ def table(found: Design) -> tuple[list[str], np.ndarray]:
     return header(found), np.column_stack([found.limits.time, found.inputs])
 
 
-def _expected(expected: Expected) -> ExpectedEntry:
+def _sensor(one: SensorGain) -> SensorEntry:
     return {
-        "value": _number(expected.value),
-        "power": expected.power,
-        "log_likelihood_ratio": dict(expected.log_likelihood_ratio),
-        "std_errors": dict(expected.std_errors),
-        "smallest_size": _number(expected.smallest_size),
-    }
-
-
-def _family(entry: Played) -> FamilyEntry:
-    return {
-        "name": entry.family,
-        "shape": entry.shape,
-        "value": _number(entry.value),
-        "rms": dict(entry.rms),
-        "reason": entry.reason,
-    }
-
-
-def _sensor(entry: SensorGain) -> SensorEntry:
-    return {
-        "variable": entry.variables[0],
-        "same_as": list(entry.variables[1:]),
-        "unit": entry.unit,
-        "std": entry.std,
-        "value": entry.value,
-        "gain": entry.gain,
-        "closes": entry.closes,
+        "variable": one.variables[0],
+        "same_as": list(one.variables[1:]),
+        "unit": one.unit,
+        "std": one.std,
+        "value": one.value,
+        "gain": one.gain,
+        "closes": one.closes,
     }
 
 

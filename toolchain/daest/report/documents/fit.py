@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal, NotRequired, TypedDict
 
 import numpy as np
@@ -12,12 +13,10 @@ from daest.model.fit import (
     Bound,
     FitResult,
     FittedNoise,
-    FittedParameter,
     Method,
-    Profile,
     ProfileEnd,
 )
-from daest.report.documents.parts import ByPart, Errors, errors_entry
+from daest.report.documents.parts import ByPart, Errors, entry, errors_entry
 
 
 class PriorEntry(TypedDict):
@@ -150,47 +149,28 @@ def document(result: FitResult) -> FitDocument:
     `theta` repeats all parameters of the model, so that later commands need no other file. The standard
     deviation of a direction that is not determined at all is None.
     """
-    return {
-        "status": result.status,
-        "message": result.message,
-        "method": result.method,
-        "parameters": {p.name: _parameter(p) for p in result.parameters},
-        "theta": dict(result.theta),
-        "noise": {
-            "process": {
-                n.name: {"intensity": n.value, **_noise(n)} for n in result.noises if n.kind == "process"
-            },
-            "measurement": {
-                n.name: {"std": n.value, **_noise(n)} for n in result.noises if n.kind == "measurement"
-            },
-        },
-        "noise_model": result.noise_model,
-        "initial_state": {
-            s.experiment: _states(s.names, s.values, s.std_errors) for s in result.initial_states
-        },
-        "correlation": {
-            "names": list(result.correlation_names),
-            "matrix": [[_number(v) for v in row] for row in result.correlation],
-        },
-        "weak_directions": [
-            {"combination": dict(d.combination), "relative_std": _number(d.relative_std)}
-            for d in result.weak_directions
-        ],
-        "weak_threshold": result.weak_threshold,
-        "log_likelihood": _number(result.log_likelihood),
-        "start_log_likelihoods": [_number(v) for v in result.start_log_likelihoods],
+    process = {n.name: entry(ProcessNoiseEntry, n, intensity=n.value) for n in _of_kind(result, "process")}
+    sensors = {n.name: entry(MeasurementNoiseEntry, n, std=n.value) for n in _of_kind(result, "measurement")}
+    return entry(
+        FitDocument,
+        result,
+        parameters={p.name: p for p in result.parameters},
+        noise={"process": process, "measurement": sensors},
+        initial_state={s.experiment: _states(s.names, s.values, s.std_errors) for s in result.initial_states},
+        correlation={"names": list(result.correlation_names), "matrix": _matrix(result.correlation)},
         **errors_entry(result.simulated),
-        "one_step": errors_entry(result.one_step),
-        "n_samples": result.n_samples,
-        "n_iterations": result.n_iterations,
-        "seconds": result.seconds,
-        "period": result.period,
-        "hold": result.hold,
-        "notes": list(result.notes),
-        "unseen_states": list(result.unseen_states),
-        "profiles": {p.name: _profile(p) for p in result.profiles},
-        "bootstrap": None if result.bootstrap is None else _bootstrap(result.bootstrap),
-    }
+        one_step=errors_entry(result.one_step),
+        profiles={p.name: p for p in result.profiles},
+        bootstrap=None if result.bootstrap is None else _bootstrap(result.bootstrap),
+    )
+
+
+def _of_kind(result: FitResult, kind: str) -> Iterator[FittedNoise]:
+    return (noise for noise in result.noises if noise.kind == kind)
+
+
+def _matrix(values: np.ndarray) -> list[list[float | None]]:
+    return [[_number(v) for v in row] for row in values]
 
 
 def _bootstrap(b: Bootstrap) -> BootstrapEntry:
@@ -207,41 +187,6 @@ def _bootstrap(b: Bootstrap) -> BootstrapEntry:
             }
             for i, name in enumerate(b.names)
         },
-    }
-
-
-def _profile(p: Profile) -> ProfileEntry:
-    return {
-        "level": p.level,
-        "lower": p.lower,
-        "upper": p.upper,
-        "lower_end": p.lower_end,
-        "upper_end": p.upper_end,
-        "threshold": p.threshold,
-        "values": p.values.tolist(),
-        "drops": p.drops.tolist(),
-    }
-
-
-def _parameter(p: FittedParameter) -> ParameterEntry:
-    return {
-        "value": p.value,
-        "std_error": _number(p.std_error),
-        "initial": p.initial,
-        "unit": p.unit,
-        "min": p.min,
-        "max": p.max,
-        "at_bound": p.at_bound,
-        "prior": None if p.prior is None else {"mean": p.prior.mean, "std": p.prior.std},
-    }
-
-
-def _noise(noise: FittedNoise) -> FittedNoiseEntry:
-    return {
-        "std_error": _number(noise.std_error),
-        "unit": noise.unit,
-        "estimated": noise.estimated,
-        "at_bound": noise.at_bound,
     }
 
 

@@ -6,6 +6,7 @@ import math
 from typing import Annotated, NotRequired, TypedDict
 
 from daest.model.fleet import Fleet, Machine
+from daest.report.documents.parts import entry
 
 
 class Estimated(TypedDict):
@@ -61,46 +62,21 @@ class FleetDocument(TypedDict):
 
 def document(fleet: Fleet, model: str, seconds: float) -> FleetDocument:
     """JSON-ready; numbers that do not exist are None."""
-    return {
-        "machines": [machine_entry(machine) for machine in fleet.machines],
-        "groups": [{"effect": g.effect, "at": g.at, "machines": list(g.machines)} for g in fleet.groups],
-        "spread": {
-            name: {
-                "mean": _number(s.mean),
-                "std": _number(s.std),
-                "mean_std_error": _number(s.mean_std_error),
-                "n": s.n,
-            }
-            for name, s in fleet.spread.items()
-        },
-        "odd": [
-            {"machine": o.machine, "parameter": o.parameter, "value": o.value, "distance": o.distance}
-            for o in fleet.odd
-        ],
-        "n_failed": sum(machine.status == "failed" for machine in fleet.machines),
-        "model": model,
-        "seconds": seconds,
-    }
+    return entry(
+        FleetDocument,
+        fleet,
+        machines=[machine_entry(machine) for machine in fleet.machines],
+        n_failed=sum(machine.status == "failed" for machine in fleet.machines),
+        model=model,
+        seconds=seconds,
+    )
 
 
 def machine_entry(machine: Machine) -> MachineEntry:
     """One machine."""
-    return {
-        "name": machine.name,
-        "status": machine.status,
-        "message": machine.message,
-        "parameters": {
-            name: {"value": _number(value), "std_error": _number(error)}
-            for name, (value, error) in machine.parameters.items()
-        },
-        "fit_percent": {output: _number(value) for output, value in machine.fit_percent.items()},
-        "verdict": machine.verdict,
-        "effect": machine.effect,
-        "at": machine.at,
-        "size": machine.size,
-        "size_unit": machine.size_unit,
-        "seconds": machine.seconds,
-    }
+    parameters = machine.parameters.items()
+    estimated = {name: {"value": _number(v), "std_error": _number(e)} for name, (v, e) in parameters}
+    return entry(MachineEntry, machine, parameters=estimated)
 
 
 def columns(fleet: Fleet) -> dict[str, list[object]]:

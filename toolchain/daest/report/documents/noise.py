@@ -8,8 +8,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from daest.model.linear import LinearDAE, Matrix
-from daest.model.noise import GenericVerdict, NoiseAlong, NoisePlace, NoisePlaceAlong, NoiseReport
-from daest.report.documents.parts import Decision, EquationEntry, decision_entry, equation_entry
+from daest.model.noise import NoiseAlong, NoisePlaceAlong, NoiseReport
+from daest.report.documents.parts import Decision, EquationEntry, decision_entry, entry, equation_entry
 
 ManyNames = Annotated[int, "how many such unknowns there are; of an equation at most 100 are named"]
 
@@ -139,20 +139,17 @@ def document(report: NoiseReport, along: NoiseAlong | None = None) -> NoiseDocum
 def along_document(along: NoiseAlong) -> Along:
     """The verdicts along a trajectory: all noises and places that were asked for, and of the equations those
     that are not admissible everywhere."""
-    return {
-        "times": list(along.times),
-        "unjudged": [{"time": time, "reason": reason} for time, reason in along.unjudged],
-        "structures": [{"n_dynamic": n, "index": index} for n, index in along.structures],
-        "same_everywhere": along.same_everywhere,
-        "equations": [
+    return entry(
+        Along,
+        along,
+        unjudged=[{"time": time, "reason": reason} for time, reason in along.unjudged],
+        structures=[{"n_dynamic": n, "index": index} for n, index in along.structures],
+        equations=[
             {"index": i, **_along(place)} for i, place in enumerate(along.places) if not place.admissible
         ],
-        "annotated": [{"equations": list(p.equations), **_along(p)} for p in along.annotated],
-        "asked": [{"equations": list(p.equations), **_along(p)} for p in along.asked],
-        "all_admissible": along.all_admissible,
-        "generic": None if along.generic is None else _generic(along.generic),
-        "generic_points": along.generic_points,
-    }
+        annotated=[{"equations": list(p.equations), **_along(p)} for p in along.annotated],
+        asked=[{"equations": list(p.equations), **_along(p)} for p in along.asked],
+    )
 
 
 def _along(place: NoisePlaceAlong) -> JudgedAlong:
@@ -170,43 +167,17 @@ def _along(place: NoisePlaceAlong) -> JudgedAlong:
 
 
 def _document(report: NoiseReport) -> NoiseDocument:
-    return {
-        "n_equations": len(report.equations),
-        "n_dynamic": report.n_dynamic,
-        "index": report.index,
-        "N_singular_values": list(report.N_singular_values),
-        "equations": [
-            {**equation_entry(i, equation), **_verdict(place)}
-            for i, (equation, place) in enumerate(zip(report.equations, report.places, strict=True))
+    equations = enumerate(zip(report.equations, report.places, strict=True))
+    return entry(
+        NoiseDocument,
+        report,
+        n_equations=len(report.equations),
+        equations=[
+            {**equation_entry(i, equation), **entry(Judged, place)} for i, (equation, place) in equations
         ],
-        "n_forbidden": report.n_forbidden,
-        "annotated": [_noise(place) for place in report.annotated],
-        "asked": [_noise(place) for place in report.asked],
-        "all_admissible": report.all_admissible,
-        "tolerance": report.tolerance,
-        "generic": None if report.generic is None else _generic(report.generic),
-        "differs": [
-            {
-                "what": difference.what,
-                "reason": difference.reason,
-                "equations": list(difference.equations),
-                "noises": list(difference.noises),
-            }
-            for difference in report.differences
-        ],
-        "undecided": list(report.undecided),
-        "decisions": [decision_entry(decision) for decision in report.decisions],
-    }
-
-
-def _generic(verdict: GenericVerdict) -> Generic:
-    return {
-        "of": verdict.of,
-        "index": verdict.index,
-        "n_dynamic": verdict.n_dynamic,
-        "forbidden": list(verdict.forbidden),
-        "noises": list(verdict.noises),
-    }
+        differs=report.differences,
+        decisions=[decision_entry(decision) for decision in report.decisions],
+    )
 
 
 def structure(dae: LinearDAE) -> Pattern:
@@ -220,19 +191,3 @@ def structure(dae: LinearDAE) -> Pattern:
 
 def _pattern(matrix: Matrix) -> list[list[int]]:
     return np.column_stack(sp.csr_array(matrix).nonzero()).tolist()
-
-
-def _noise(place: NoisePlace) -> JudgedNoise:
-    return {"name": place.name, "equations": list(place.equations), **_verdict(place)}
-
-
-def _verdict(place: NoisePlace) -> Judged:
-    return {
-        "admissible": place.admissible,
-        "projection_norm": place.projection_norm,
-        "order": place.order,
-        "differentiated": list(place.differentiated),
-        "n_differentiated": place.n_differentiated,
-        "white_outputs": list(place.white_outputs),
-        "advice": place.advice,
-    }

@@ -3,8 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, NotRequired, TypedDict
+from collections.abc import Hashable, Mapping
+from functools import cache
+from types import UnionType
+from typing import (
+    Annotated,
+    Any,
+    NotRequired,
+    TypedDict,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+    is_typeddict,
+)
+
+import numpy as np
 
 from daest.model.fit import Agreement, FittedParameter
 from daest.model.linear import RankDecision
@@ -12,6 +28,7 @@ from daest.model.parts import Equation
 from daest.numerics.ranks import warning
 
 ByOutput = dict[str, float | None]
+Entry = TypeVar("Entry")
 
 
 class EquationEntry(TypedDict):
@@ -66,6 +83,43 @@ class Uncertain(TypedDict):
     value: float
     std_error: float | None
     unit: str
+
+
+def entry(kind: type[Entry], value: object, **others: object) -> Entry:
+    """A result as the typed dictionary `kind` spells it: every key is one of `others`, or the field of
+    `value` that has its name; a key that is neither is left out. Values inside are spelt by their types, a
+    number that JSON has no word for is None.
+
+    Example: `entry(ProfileEntry, profile)`.
+    """
+    found = {}
+    for name, hint in _hints(cast(Hashable, kind)).items():
+        if name in others or hasattr(value, name):
+            found[name] = _spelt(hint, others[name] if name in others else getattr(value, name))
+    return cast(Entry, found)
+
+
+@cache
+def _hints(kind: Any) -> dict[str, Any]:
+    return get_type_hints(kind)
+
+
+def _spelt(hint: Any, value: Any) -> Any:
+    """A value as JSON has it, by the type of its key."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if value is None:
+        return None
+    if origin in (Union, UnionType):
+        return _spelt(next(one for one in inner if one is not type(None)), value)
+    if is_typeddict(hint):
+        return value if isinstance(value, dict) else entry(hint, value)
+    if origin is list:
+        return [_spelt(inner[0], one) for one in value]
+    if origin is dict:
+        return {key: _spelt(inner[1], one) for key, one in value.items()}
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def equation_entry(index: int, equation: Equation) -> EquationEntry:
