@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from daest.errors import DaestError
+from daest.machine import described
 from daest.modelica.compile import compile_text
 from daest.systems.simulate import simulate
 
@@ -342,6 +344,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", type=Path)
     chosen = parser.parse_args()
+    print(described(), file=sys.stderr)
     made = page()
     if chosen.write:
         chosen.write.write_text(made)
