@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from daest.data.prepare import Preparation, detrend, resample, split_all, sufficient_period
 from daest.errors import ConfigError, DataError
@@ -37,6 +38,25 @@ def test_straight_lines_through_a_resampled_input_are_the_input(frequency):
     basis = np.column_stack([np.sin(turns), np.cos(turns)])
     amplitude, quadrature = np.linalg.lstsq(basis, lines, rcond=None)[0]
     assert amplitude == pytest.approx(1.0, abs=3e-3) and abs(quadrature) < 3e-3
+
+
+def test_held_input_comes_half_a_period_later():
+    """dy/dt = u - y with u held between the samples of the recording: its exact response, filtered, is that
+    to the straight lines through the filtered input."""
+    h, n = 0.01, 6000
+    u = np.repeat(np.random.default_rng(3).standard_normal(n // 25), 25)
+    decay = np.exp(-h)
+    y = lfilter([0.0, 1.0 - decay], [1.0, -decay], u)
+    errors = []
+    for held in (True, False):
+        result = resample(recording(h * np.arange(n), u, y), 0.05, held)
+        keep = np.exp(-result.period)
+        old, new = (1.0 - keep) / result.period - keep, 1.0 - (1.0 - keep) / result.period
+        lines = result.inputs[:, 0]
+        y0, first = result.outputs[0, 0], [keep * result.outputs[0, 0] + old * lines[0]]
+        rest = lfilter([new, old], [1.0, -keep], lines[1:], zi=first)[0]
+        errors.append(np.sqrt(np.mean((np.append(y0, rest) - result.outputs[:, 0]) ** 2)))
+    assert errors[0] < 8e-4 < 4e-3 < errors[1]
 
 
 def moved(noise, period=0.001, n=20_000, band=1.0):

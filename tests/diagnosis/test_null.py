@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from hidden_plants import model, quiet, rotor_null, rotor_record, rubbing, some_effects
 
+from daest.data.prepare import resample
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.diagnose import begin, better_hold, examine, without_noises
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import fit_null, open_hold, refit
+from daest.diagnosis.null import fit_null, open_hold, refit, with_other_hold
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.trial import Candidate
 from daest.errors import EstimationError, ModelError
@@ -82,6 +83,18 @@ def test_hold_of_the_inputs_is_told_by_the_likelihood_with_loads():
     clear = replace(null, hold_lead=2.0 * GATES.clear_hold_gain)
     assert open_hold(clear) is None and open_hold(clear, gain=0.9 * clear.hold_lead) is None
     assert open_hold(clear, gain=1.1 * clear.hold_lead) == "foh" and open_hold(given, gain=1e9) is None
+
+
+def test_hold_of_recordings_that_were_made_coarser():
+    """Their inputs are straight lines either way, of which those of the right hold are half a sample away."""
+    record, _ = rotor_record(1000, seed=4, load=(0.1, 1.0))
+    straight, held = (resample(record, 2.0 * record.period, held) for held in (False, True))
+    places = [s for s in sites(model()) if s.kind == "node"]
+    null = fit_null(without_noises(model()), places, [straight], None, [held])
+    assert (null.recorded_hold, null.hold, null.other_hold) == ("zoh", "foh", "foh")
+    assert null.experiments == (held,) and null.other_experiments == (straight,)
+    other = with_other_hold(null)
+    assert (other.recorded_hold, other.hold, other.experiments) == ("foh", "foh", (straight,))
 
 
 def test_other_hold_is_taken_once_the_effect_shows_it():

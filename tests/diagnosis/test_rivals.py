@@ -13,7 +13,7 @@ from daest.diagnosis.candidates import pairs
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.null import fit_null
 from daest.diagnosis.proof import could_compete, prepare, prove, trials
-from daest.diagnosis.rivals import dynamic_trials, richer_laws, simpler_laws
+from daest.diagnosis.rivals import dynamic_trials, richer_laws, rounded, simpler_laws, simpler_ones
 from daest.diagnosis.screen import run_null, screen
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
@@ -58,6 +58,27 @@ def test_rich_law_starts_from_the_fit_of_the_simple_one():
     assert rich.trial.candidate.effect.name == "StribeckFriction"
     start = {p.name: p.value for p in rich.flat.parameters}
     assert start[f"{rich.trial.candidate.name}.tau_c"] == proof.fit.theta[f"{proof.candidate.name}.tau_c"]
+
+
+def test_kinks_are_as_round_as_the_recording_has_them():
+    """The friction of the plant is a tenth as round as the screen's: what estimates that says as much as a
+    richer law."""
+    _, run, rich = proved("StribeckFriction")
+    simple = proved("CoulombFriction")[2]
+    assert simpler_ones(rich, [rich, simple]) == [simple] and simpler_ones(simple, [rich, simple]) == []
+    (once_more,) = rounded(rubbing().null, [simple])
+    kink = f"{simple.candidate.name}.w_s"
+    assert once_more.names == (*rubbing().null.estimated, f"{simple.candidate.name}.tau_c", kink)
+    load = smoothed_load(rubbing().null, run, place_gains(rubbing().null, run))
+    stand = rubbing()
+    again = prove(stand.null, stand.baseline, once_more, stand.null.experiments, stand.validation, run, load)
+    assert again.fit.log_likelihood > simple.fit.log_likelihood - 0.5
+    assert again.fit.theta[f"{simple.candidate.name}.tau_c"] == pytest.approx(
+        simple.fit.theta[f"{simple.candidate.name}.tau_c"], rel=0.05
+    )
+    (sharper,) = richer_laws(stand.null, run, again, LAWS, [again])
+    at = {p.name: p.value for p in sharper.flat.parameters}
+    assert at[f"{sharper.trial.candidate.name}.w_s"] == again.fit.theta[kink]
 
 
 def test_unlike_responses_do_not_compete_once_nothing_is_left():

@@ -193,10 +193,12 @@ def opened(
     library = effect_library(folders)
     if loaded.has_equations:
         clipped = _clipped(estimation)
-        estimation, validation, hold, notes = _sufficient(flat, estimation, validation, project, data_choice)
+        drive = _sufficient(flat, estimation, validation, project, data_choice)
+        estimation, validation = drive.estimation, drive.validation
         fit = _earlier_fit(project, source, loaded, estimation)
-        options = replace(_options(flat, folders, search, hold, fit), clipped=clipped)
-        remarks = (*(() if fit is None else fit.remarks), *notes, *_straight(flat, hold))
+        options = replace(_options(flat, folders, search, drive.hold, fit), clipped=clipped, held=drive.held)
+        straight = _straight(flat, drive.hold) if drive.held is None else ()
+        remarks = (*(() if fit is None else fit.remarks), *drive.remarks, *straight)
         binary = b""
     else:
         names, hold = _named_effects(search, folders), data_choice.known_hold(project)
@@ -235,33 +237,53 @@ def _straight(flat: Model, hold: Hold | None) -> tuple[str, ...]:
     return remarks
 
 
+@dataclass(frozen=True)
+class _Drive:
+    """Recordings and what their inputs do between the samples; `held` are those to take instead if the inputs
+    of much finer recordings were held, where that is not known."""
+
+    estimation: list[Experiment]
+    validation: list[Experiment]
+    hold: Hold | None
+    held: tuple[list[Experiment], list[Experiment]] | None = None
+    remarks: tuple[str, ...] = ()
+
+
 def _sufficient(
     flat: Model,
     estimation: list[Experiment],
     validation: list[Experiment],
     project: Project,
     data_choice: DataOptions,
-) -> tuple[list[Experiment], list[Experiment], Hold | None, list[str]]:
-    """The recordings and the hold; coarser, and on straight lines, where the recordings are much finer than
-    their outputs move and no period is asked for, with a remark that says so."""
-    from daest.data.prepare import resample, sufficient_period
+) -> _Drive:
+    """The recordings; coarser, and on straight lines, where they are much finer than their outputs move and
+    no period is asked for, with a remark that says so."""
+    from daest.data.prepare import is_resampled, resample, sufficient_period
 
     hold = data_choice.known_hold(project)
     if data_choice.preparation(project).period is not None:
-        return estimation, validation, hold, []
+        known = hold if is_resampled(estimation[0]) else data_choice.hold or project.hold
+        return _Drive(estimation, validation, known)
     period = sufficient_period(estimation, validation)
     if period is not None:  # only then are the modes worth their linearisation
         period = sufficient_period(estimation, validation, _natural_frequencies(flat))
     if period is None:
-        return estimation, validation, hold, []
+        return _Drive(estimation, validation, hold)
     own = estimation[0].period
     remark = (
         f"nothing in the outputs moves as fast as the recordings are sampled ({own:.4g} s): diagnosed at "
         f"{period:.4g} s, behind an anti-alias filter (--resample {own:.4g} keeps them as they are)"
     )
     note(remark)
-    coarse = [[resample(e, period) for e in part] for part in (estimation, validation)]
-    return coarse[0], coarse[1], "foh", [remark]
+
+    def coarse(held: bool) -> tuple[list[Experiment], list[Experiment]]:
+        return [resample(e, period, held) for e in estimation], [
+            resample(e, period, held) for e in validation
+        ]
+
+    if hold is not None:
+        return _Drive(*coarse(hold == "zoh"), "foh", remarks=(remark,))
+    return _Drive(*coarse(False), None, coarse(True), (remark,))
 
 
 def _clipped(experiments: Sequence[Experiment]) -> dict[str, float]:

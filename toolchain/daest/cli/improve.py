@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from daest.cli.diagnose import Case, Search
     from daest.diagnosis.written import Written
     from daest.model.diagnosis import Improvement, Step
+    from daest.systems.sample import Hold
 
 FOLDER = "improve"
 LEDGER = "ledger.json"
@@ -137,7 +139,8 @@ def improved(case: Case, folder: Path, most_effects: int) -> tuple[dict[str, Any
         with passing_folder("daest-") as passing:
             models, names = written_steps(case.source, case.class_name, found, passing, case.folders)
             load = offered_load(case.source, case.class_name, found, models, names, passing, case.folders)
-        errors = {i: simulated(case, found.steps[i], written) for i, written in models.items()}
+        unseen = _unseen(case, found.recorded_hold)
+        errors = {i: simulated(unseen, found.steps[i], written) for i, written in models.items()}
     files = _files(models, found)
     document = {
         **with_names(improvement_document(found, files, load=load), names),
@@ -156,6 +159,12 @@ def improved(case: Case, folder: Path, most_effects: int) -> tuple[dict[str, Any
     if load is not None and load.extension is not None:
         texts[LOAD_FILE] = load.extension.text
     return document, texts
+
+
+def _unseen(case: Case, hold: Hold | None) -> Case:
+    """The case with the validation data of the recordings' hold."""
+    held = case.options.held
+    return case if held is None or hold != "zoh" else replace(case, validation=list(held[1]))
 
 
 def simulated(case: Case, step: Step, written: Written) -> dict[str, float | None] | None:

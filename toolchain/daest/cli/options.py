@@ -143,6 +143,7 @@ class DataOptions:
             period=given.period if self.period is None else self.period,
             detrend=given.detrend if self.detrend is None else self.detrend,
             split=given.split if self.split is None else self.split,
+            held=project.hold == "zoh",
         )
 
     def known_hold(self, project: Project) -> Hold | None:

@@ -45,6 +45,7 @@ FEWEST_KEPT = 1000  # samples for estimation that a coarser period leaves at lea
 FEWEST_IN_ONE = 300  # and in the shortest of all recordings, validation included
 # A resampled output counts as missing if missing samples carry more than this share of the filter's weight.
 MISSING_SHARE = 0.05
+_RESAMPLED = "resampled to"
 
 Detrend = Literal["none", "mean", "linear"]
 
@@ -53,13 +54,14 @@ Detrend = Literal["none", "mean", "linear"]
 class Preparation:
     """`start`, `stop` (s) cut the recording; `period` (s) resamples it; `detrend` removes mean or trend of
     inputs and outputs; `split` (0 to 1) is the share that is kept for estimation, the rest being
-    validation."""
+    validation. `held` tells that the inputs were held between the samples of the recording."""
 
     start: float | None = None
     stop: float | None = None
     period: float | None = None
     detrend: Detrend = "none"
     split: float | None = None
+    held: bool = False
 
     def __post_init__(self) -> None:
         if self.period is not None and not (np.isfinite(self.period) and self.period > 0):
@@ -96,7 +98,7 @@ def regular_times(time: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
 def prepare(experiment: Experiment, preparation: Preparation) -> Experiment:
     """Resampled and, unless a split follows, detrended; notes say so."""
     if preparation.period is not None:
-        experiment = resample(experiment, preparation.period)
+        experiment = resample(experiment, preparation.period, preparation.held)
     return experiment if preparation.split is not None else detrend(experiment, preparation.detrend)
 
 
@@ -189,18 +191,25 @@ def _bands(experiment: Experiment) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def resample(experiment: Experiment, period: float) -> Experiment:
+def is_resampled(experiment: Experiment) -> bool:
+    """Whether the signals have gone through the filter of `resample`."""
+    return any(note.startswith(_RESAMPLED) for note in experiment.notes)
+
+
+def resample(experiment: Experiment, period: float, held: bool = False) -> Experiment:
     """The recording at `period` seconds, behind one linear-phase low-pass filter for inputs and outputs
     alike.
 
     The filter is a Kaiser-windowed sinc without delay: new samples stand at old times, and because all
     signals go through the same filter a linear model that relates them before relates them afterwards.
     Straight lines between samples are smaller than the signal that they stand for, by sinc² of the
-    frequency times the period; the samples of the inputs are raised by as much, so that it is the straight
-    lines through them that are the filtered input. Samples nearer to an end than half the filter are
-    dropped rather than invented. Unevenly sampled records are first interpolated linearly on a grid of half
-    their median step. Raises ConfigError `option-resample` if `period` is shorter than the recording's own,
-    DataError `data-too-few-rows` if the record is shorter than the filter.
+    frequency times the period; the samples of the inputs are raised by as much, so that it is the
+    straight lines through them that are the filtered input. Inputs that were `held` come half a period of
+    the recording later than their samples, as the middle of a step does. Samples nearer to an end than
+    half the filter are dropped rather than invented. Unevenly sampled records are first interpolated
+    linearly on a grid of half their median step. Raises ConfigError `option-resample` if `period` is
+    shorter than the recording's own, DataError `data-too-few-rows` if the record is shorter than the
+    filter.
     """
     own = experiment.period or float(np.median(np.diff(experiment.time)))
     if period < own * (1 - GRID_TOLERANCE):
@@ -225,18 +234,19 @@ def resample(experiment: Experiment, period: float) -> Experiment:
         )
     times = _aligned(even, first, n_new, period)
     weights = _filter_matrix(even.time, times, period, _low_pass)
-    held = _filter_matrix(even.time, times, period, _low_pass_before_lines)
+    middles = even.time + (0.5 * own if held else 0.0)
+    driving = _filter_matrix(middles, times, period, _low_pass_before_lines)
     note = (
-        f"resampled to {period:.6g} s behind a linear-phase low-pass filter "
+        f"{_RESAMPLED} {period:.6g} s behind a linear-phase low-pass filter "
         f"(half gain at {0.5 * CUTOFF / period:.4g} Hz); {half_width:.3g} s dropped at either end"
     )
     return replace(
         experiment,
         time=times,
-        inputs=_apply(held, even.inputs),
+        inputs=_apply(driving, even.inputs),
         outputs=_apply(weights, even.outputs),
         # What the model does not use yet may become an input.
-        extra={name: _apply(held, values[:, None])[:, 0] for name, values in even.extra.items()},
+        extra={name: _apply(driving, values[:, None])[:, 0] for name, values in even.extra.items()},
         notes=(*experiment.notes, note),
     )
 

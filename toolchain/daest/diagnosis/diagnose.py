@@ -27,7 +27,16 @@ from daest.diagnosis.free_forms import free_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.learned import learned_load, said, with_formula
 from daest.diagnosis.next_experiment import Asked, computed
-from daest.diagnosis.null import Null, fit_null, grown, open_hold, refit, refitted, shortest_load
+from daest.diagnosis.null import (
+    Null,
+    fit_null,
+    grown,
+    open_hold,
+    refit,
+    refitted,
+    shortest_load,
+    with_other_hold,
+)
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import (
     GENTLE,
@@ -47,7 +56,7 @@ from daest.diagnosis.proof import (
     ranked,
     trials,
 )
-from daest.diagnosis.rivals import dynamic_trials, richer_laws, simpler_laws
+from daest.diagnosis.rivals import dynamic_trials, richer_laws, rounded, simpler_laws, simpler_ones
 from daest.diagnosis.screen import NullObserver, run_null, screen
 from daest.diagnosis.settled import FAILURES, settled, simulated
 from daest.diagnosis.unseen import adds_up, foreseen, innovations
@@ -121,7 +130,8 @@ def better_hold(stand: Stand, found: Diagnosis) -> Hold | None:
     hold = None if best is None else open_hold(null, best.delta_log_likelihood)
     if best is None or hold is None:
         return None
-    other = replace(null, hold=hold, experiments=fed(null.experiments, best.candidate))
+    other = with_other_hold(null)
+    other = replace(other, experiments=fed(other.experiments, best.candidate))
     names = tuple(p.name for p in best.fit.parameters)
     try:
         hopeless = best.fit.log_likelihood - GATES.hopeless_log_likelihood
@@ -150,7 +160,8 @@ def says_more(proofs: Sequence[Proof], stand: Stand) -> bool:
 class Stand:
     """What is examined: the model as the user declared it (`declared`), the null made from it (with the
     effects that were accepted so far), the null's fit on the same terms as those of its rivals (`baseline`),
-    the one without coloured loads (`reference`), and the validation data."""
+    the one without coloured loads (`reference`), and the validation data, with those for the other hold where
+    they differ."""
 
     declared: FlatModel
     null: Null
@@ -158,6 +169,7 @@ class Stand:
     validation: tuple[Experiment, ...]
     began: float
     reference: Reference | None = None
+    other_validation: tuple[Experiment, ...] | None = None
 
     @property
     def told(self) -> FitResult:
@@ -174,15 +186,21 @@ def begin(
 ) -> Stand:
     """Fit the model as it is, with unknown loads. Raises as `diagnose`."""
     began = time.perf_counter()
-    experiments, validation = _divided(tuple(experiments), tuple(validation))
+    both = _divided(tuple(experiments), tuple(validation))
+    drives: dict[Hold | None, tuple[tuple[Experiment, ...], tuple[Experiment, ...]]] = {}
+    if options.held is not None:
+        drives = {"foh": both, "zoh": _divided(*map(tuple, options.held))}
     progress("fitting the model as it is, with unknown loads")
 
     def fitted() -> Stand:
         nodes = [site for site in sites(flat) if site.kind in ("node", "equation")]
-        null = fit_null(without_noises(flat), nodes, experiments, options.hold)
-        baseline = refit(null.flat, null.explicit, null.estimated, null, validation=validation)
-        reference = reference_of(null, baseline, validation)
-        return Stand(flat, null, baseline, tuple(validation), began, reference)
+        held = drives["zoh"][0] if drives else None
+        null = fit_null(without_noises(flat), nodes, both[0], options.hold, held)
+        unseen = drives.get(null.recorded_hold, both)[1]
+        baseline = refit(null.flat, null.explicit, null.estimated, null, validation=unseen)
+        reference = reference_of(null, baseline, unseen)
+        other = drives[null.other_hold][1] if drives and null.other_hold else None
+        return Stand(flat, null, baseline, unseen, began, reference, other)
 
     return replace(options.step("null", (options.hold,), flat, fitted), began=began)
 
@@ -230,7 +248,7 @@ def _examined(
 
     # All together: what comes from an earlier run shares its symbols.
     names, began = [candidate.label for candidate in candidates], stand.began
-    parts = (stand.null.hold, names)
+    parts = (stand.null.recorded_hold, names)
     stand, candidates, run, found = options.step("screen", parts, stand.null.flat, screened)
     stand = replace(stand, began=began)
     if stand.reference is not None and stand.validation:
@@ -302,8 +320,9 @@ def _learned(stand: Stand, run: NullObserver, form: FreeForm) -> LearnedLoad | N
     hold = open_hold(null, learned.fit.log_likelihood - stand.baseline.log_likelihood)
     if hold is None:
         return learned
-    again = replace(null, hold=hold)
-    other = learned_load(again, run, stand.baseline, form, stand.validation, stand.reference)
+    validation = stand.validation if stand.other_validation is None else stand.other_validation
+    again = with_other_hold(null)
+    other = learned_load(again, run, stand.baseline, form, validation, stand.reference)
     if other is None or other.fit is None:
         return learned
     return other if other.fit.log_likelihood > learned.fit.log_likelihood + GATES.min_hold_gain else learned
@@ -635,6 +654,11 @@ def _proofs(
         if best is not None and best.verdict == "rejected":
             proofs += stages.proved(stages.prepared(simpler_laws(best, found, proofs)), proofs)[0]
         best = best_start(ranked(proofs))
+        if best is not None:
+            doubted = [best] if _leaves_something(best) else []
+            doubted += simpler_ones(best, proofs)
+            proofs = _with_better_kinks(proofs, stages.proved(rounded(null, doubted), ())[0])
+            best = best_start(ranked(proofs))
         if best is not None and _leaves_something(best):
             # They start from the best: a first pass that is worse has only not come back to it yet.
             again = stages.proved(richer_laws(null, run, best, library, proofs), ())[0]
@@ -656,6 +680,18 @@ def _with_second_tries(proofs: Sequence[Proof], again: Sequence[Proof]) -> list[
         if law(proof) in tried
     }
     return [*(p for p in proofs if law(p) not in tried), *likeliest.values()]
+
+
+def _with_better_kinks(proofs: Sequence[Proof], rounded: Sequence[Proof]) -> list[Proof]:
+    """All laws, those with estimated kinks in place of the same ones without where they are worth their
+    parameters."""
+    better = {
+        proof.candidate.name: proof
+        for proof in rounded
+        for before in proofs
+        if before.candidate.name == proof.candidate.name and proof.delta_bic > before.delta_bic
+    }
+    return [better.get(proof.candidate.name, proof) for proof in proofs]
 
 
 def _unproved(

@@ -20,7 +20,7 @@ from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import best_accepted
 from daest.diagnosis.unseen import is_better, is_likelier
 from daest.errors import EstimationError
-from daest.model.diagnosis import Improvement, Proof, Step
+from daest.model.diagnosis import Diagnosis, Improvement, Proof, Step
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
@@ -40,6 +40,10 @@ def improve(
     options = options or DiagnoseOptions()
     stand = begin(flat, experiments, validation, options, progress)
     steps = [Step(None, stand.told, None, "the model as it is")]
+
+    def ended(diagnosis: Diagnosis, reason: str) -> Improvement:
+        return Improvement(tuple(steps), diagnosis, reason, stand.null.recorded_hold)
+
     while True:
         try:
             diagnosis = examine(stand, library, options, progress)
@@ -47,10 +51,10 @@ def improve(
             last = steps[-1].diagnosis
             if error.code != "diagnose-no-candidate" or last is None:
                 raise
-            return Improvement(tuple(steps), last, "No other effect was to be searched for.")
+            return ended(last, "No other effect was to be searched for.")
         best = best_accepted(diagnosis.proofs)
         if best is None:
-            nothing = Improvement(tuple(steps), diagnosis, diagnosis.message)
+            nothing = ended(diagnosis, diagnosis.message)
             is_first = len(steps) == 1 and options.hold is None
             other = (better_hold(stand, diagnosis) or unsettled_hold(stand, diagnosis)) if is_first else None
             if other is None:
@@ -62,7 +66,7 @@ def improve(
             return found if says_more(proofs, stand) else nothing
         if not _helps(stand.told, best):
             reason = f"{best.candidate.label} is supported, but it does not lower the validation error."
-            return Improvement(tuple(steps), diagnosis, reason)
+            return ended(diagnosis, reason)
         hold = better_hold(stand, diagnosis)
         if hold is not None:
             progress(AGAIN[hold])
@@ -72,7 +76,7 @@ def improve(
         steps.append(Step(best, best.told, diagnosis, _remark(steps, best)))
         progress(f"added {best.candidate.label}")
         if len(steps) > most_effects:
-            return Improvement(tuple(steps), diagnosis, f"The limit of {most_effects} effects is reached.")
+            return ended(diagnosis, f"The limit of {most_effects} effects is reached.")
 
 
 def _helps(before: FitResult, best: Proof) -> bool:

@@ -36,7 +36,8 @@ GIVEN_LOADS = (5.0, 50.0)  # sampling periods, where the data do not determine a
 class Null:
     """`flat` is the model with the loads attached and all values at the estimate; `fit` the fit of that
     model. `other_hold` is that of the inputs which the user has not ruled out, and fits worse by `hold_lead`
-    in log-likelihood."""
+    in log-likelihood; `other_experiments` are those for it where the experiments are coarser than the
+    recordings, and their inputs straight lines either way. `recorded_hold` is that of the recordings."""
 
     flat: FlatModel
     explicit: ExplicitModel
@@ -47,6 +48,8 @@ class Null:
     hold: Hold
     other_hold: Hold | None = None
     hold_lead: float = 0.0
+    other_experiments: tuple[Experiment, ...] | None = None
+    recorded_hold: Hold | None = None
 
     @property
     def estimated(self) -> tuple[str, ...]:
@@ -78,9 +81,14 @@ class Null:
 
 
 def fit_null(
-    flat: FlatModel, nodes: Sequence[Site], experiments: Sequence[Experiment], hold: Hold | None
+    flat: FlatModel,
+    nodes: Sequence[Site],
+    experiments: Sequence[Experiment],
+    hold: Hold | None,
+    held: Sequence[Experiment] | None = None,
 ) -> Null:
-    """Fit the null to the experiments. The parameters that `flat` marks are estimated.
+    """Fit the null to the experiments; to those `held`, if they are given, where the inputs of the recordings
+    were. The parameters that `flat` marks are estimated.
 
     Without `hold`, the only possible or the more likely one is taken: the loads must be there when the holds
     are compared, for half a sample of delay is little beside a load, but a finding once the load is
@@ -95,13 +103,27 @@ def fit_null(
         raise _no_place(nodes)
     period = period_of(experiments)
     loaded = with_loads(flat, places, [FIRST_LOAD * period] * len(places))
-    fits = [_loaded_fit(loaded, experiments, one) for one in ((hold,) if hold else _possible_holds(loaded))]
-    best, *others = sorted(fits, key=lambda fit: -fit.log_likelihood)
-    null = _at_estimate(loaded, best, places, tuple(experiments))
+    drives: dict[Hold, tuple[Sequence[Experiment], Hold]] = {one: (experiments, one) for one in HOLDS}
+    if held is not None:
+        drives = {"foh": (experiments, "foh"), "zoh": (held, "foh")}
+    asked = (hold,) if hold else HOLDS if held is not None else _possible_holds(loaded)
+    fits = {one: _loaded_fit(loaded, *drives[one]) for one in asked}
+    best, *others = sorted(fits, key=lambda one: -fits[one].log_likelihood)
+    null = _at_estimate(loaded, fits[best], places, tuple(drives[best][0]))
+    null = replace(null, recorded_hold=best)
     if not others:
         return null
-    lead = best.log_likelihood - others[0].log_likelihood
-    return replace(null, other_hold=others[0].hold, hold_lead=lead)
+    lead = fits[best].log_likelihood - fits[others[0]].log_likelihood
+    apart = None if held is None else tuple(drives[others[0]][0])
+    return replace(null, other_hold=others[0], hold_lead=lead, other_experiments=apart)
+
+
+def with_other_hold(null: Null) -> Null:
+    """The null, not fitted again, with the other hold of the inputs of the recordings."""
+    assert null.other_hold is not None
+    if null.other_experiments is None:
+        return replace(null, hold=null.other_hold, recorded_hold=null.other_hold)
+    return replace(null, experiments=null.other_experiments, recorded_hold=null.other_hold)
 
 
 def open_hold(null: Null, gain: float = 0.0) -> Hold | None:

@@ -8,6 +8,7 @@ from typing import Any, Protocol, TypeVar
 
 from daest.diagnosis.proof import Prepared
 from daest.model.diagnosis import Proof
+from daest.model.experiment import Experiment
 from daest.model.flat import Model
 from daest.systems.sample import Hold
 
@@ -35,7 +36,8 @@ class DiagnoseOptions:
     parameter values of an earlier fit, which the data may contradict. Refits run in `jobs` processes where
     that is worth while, or on the Dask `cluster` at an address, with the same results; `keeper` knows those
     of an earlier run. `clipped` are the magnitudes at which outputs stay at a limit, by output: a sensor that
-    cuts is tried there first."""
+    cuts is tried there first. `held` are the experiments and the validation data to take for the hold "zoh"
+    where all of them are coarser than the recordings: straight lines then stand for what was held."""
 
     effects: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
@@ -47,6 +49,7 @@ class DiagnoseOptions:
     fitted: Mapping[str, float] = field(default_factory=dict)
     keeper: Keeper | None = None
     clipped: Mapping[str, float] = field(default_factory=dict)
+    held: tuple[Sequence[Experiment], Sequence[Experiment]] | None = None
 
     def step(self, name: str, parts: Sequence[Any], flat: Model, make: Callable[[], Step]) -> Step:
         """What `make` returns, now or in an earlier run that was interrupted."""

@@ -26,6 +26,7 @@ from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.diagnosis import Candidate, Proof, Screen
 from daest.model.effects import Effect
 from daest.model.fit import FitResult, IdentifyOptions
+from daest.model.flat import with_equations
 from daest.modelica.attach import attach
 from daest.systems.integrate import integrator
 from daest.systems.linearize import has_affine_dynamics
@@ -136,6 +137,36 @@ def _own(candidate: Candidate) -> tuple[str, ...]:
     return tuple(f"{candidate.name}.{p.name}" for p in candidate.effect.parameters if p.estimate)
 
 
+def simpler_ones(best: Proof, tried: Sequence[Proof]) -> list[Proof]:
+    """Simpler laws for the same at the place of `best` that are not much less likely than it."""
+    return [
+        p
+        for p in tried
+        if p.candidate.site == best.candidate.site
+        and _is_related(p.candidate.effect, best.candidate.effect)
+        and len(_own(p.candidate)) < len(_own(best.candidate))
+        and p.fit.log_likelihood > best.fit.log_likelihood - GATES.hopeless_log_likelihood
+    ]
+
+
+def rounded(null: Null, proofs: Sequence[Proof]) -> tuple[Prepared, ...]:
+    """The laws once more, with their kinks as round as the recordings have them.
+
+    A kink that is rounder or sharper than the machine's leaves something at every change of sign, which a
+    richer law, or a further round, would take for more than that.
+    """
+    found = []
+    for proof in proofs:
+        candidate = proof.candidate
+        kinks = [f"{candidate.name}.{p.name}" for p in candidate.effect.parameters if p.role == "sharpness"]
+        if kinks:
+            trial = Trial(candidate, (), _at_other_places(candidate, proof))
+            flat = with_equations(proof.flat, "a refit")
+            names = (*null.estimated, *_own(candidate), *kinks)
+            found.append(Prepared(trial, flat, names, similar=proof.fit))
+    return tuple(found)
+
+
 def richer_laws(
     null: Null, run: NullObserver, best: Proof, library: Sequence[Effect], tried: Sequence[Proof]
 ) -> tuple[Prepared, ...]:
@@ -218,7 +249,10 @@ def _in_place(null: Null, best: Proof, candidate: Candidate, size: float) -> Pre
         for p in effect.parameters
         if p.role == "sharpness" and p.name in candidate.shape
     }
-    values = {**candidate.shape, **sharp, effect.sizes[0].name: size}
+    fitted = {p.name: p.value for p in best.fit.parameters}
+    own = {name: f"{best.candidate.name}.{name}" for name in sharp}
+    kept = {name: fitted[full] for name, full in own.items() if full in fitted}
+    values = {**candidate.shape, **sharp, **kept, effect.sizes[0].name: size}
     try:
         flat = attach(null.flat, effect, candidate.site, candidate.name, values)
     except DaestError:

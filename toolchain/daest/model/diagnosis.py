@@ -296,11 +296,13 @@ class Step:
 
 @dataclass(frozen=True)
 class Improvement(Framed):
-    """The rounds, the diagnosis that ended them, and why they ended."""
+    """The rounds, the diagnosis that ended them, and why they ended; `recorded_hold` is that of the inputs
+    between the samples of the recordings."""
 
     steps: tuple[Step, ...]
     last: Diagnosis
     reason: str
+    recorded_hold: Literal["zoh", "foh"] | None = None
 
     def tables(self) -> tuple[Listing, ...]:
         rows = tuple(
