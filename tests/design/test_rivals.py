@@ -183,6 +183,13 @@ def test_design_for_an_effect_tells_power_against_length():
     assert sorted(whole) == [6.0, 12.0, 24.0, 48.0]
     sizes = [whole[length].smallest_size for length in sorted(whole)]
     assert sizes == sorted(sizes, reverse=True)
+    # Half of the recording validates: either half shows the effect, and what is expected is that of one.
+    half = found.inputs.shape[0] // 2 + 1
+    later = slice(found.inputs.shape[0] - half // 2, None)  # where the ramp from the end to the start is over
+    np.testing.assert_allclose(found.inputs[later], found.inputs[later.start - half : -half], atol=1e-12)
+    assert found.inputs.shape[0] == found.limits.time.size
+    assert any("validation" in note for note in found.notes)
+    assert found.expected.smallest_size == pytest.approx(aim.smallest([found.inputs[:half]]), rel=1e-6)
 
 
 def test_recordings_at_the_period_of_the_design():

@@ -168,3 +168,13 @@ def test_exchanged_pieces_keep_the_limits():
     changed = signals.with_piece(allowed, rest, 0, slice(100, 140), 1.0)
     assert changed.max() == 4.0 and changed[0] == 0.0
     assert np.max(np.abs(np.diff(changed[:, 0]))) <= 20.0 * allowed.period + 1e-12
+
+
+def test_a_machine_rests_at_zero():
+    """Not in the middle of a recorded range that is no more than nearly symmetric."""
+    assert Range("u", "V", -10.1, 8.8).rest == 0.0 and Range("u", "V", 1.0, 3.0).rest == 2.0
+    allowed = limits(low=-10.1, high=8.8, safe=(Range("y", "m", -0.1, 0.1),))
+    guard = Guard((driven("Cart"),), allowed.safe)
+    guard = guard.with_room(allowed)
+    calm = guard.kept_safe(np.full((allowed.time.size, 1), 8.8), allowed)
+    assert calm is not None and 0.0 < calm.max() < 8.8

@@ -34,6 +34,10 @@ REPEATED = (
     "is expected is told of one half"
 )
 LITTLE = 1.05  # times better: a sensor that brings less is not told
+BROAD = ("random binary", "multisine")  # families that excite all frequencies at once
+CERTAIN = (
+    0.999  # power from which an aim is reached: benchmarks/design_loop.py, where free inputs left more open
+)
 MOST_TOLD = 8  # sensors
 
 Progress = Callable[[str], None]
@@ -64,7 +68,7 @@ def design(task: Task, progress: Progress = lambda _: None) -> Design:
     draws = DRAWS if limits.safe else 0
     guard = Guard(aim.driven, limits.safe, tuple(likely(aim.driven[0], task.recorded, task.seed, draws)))
     _require_stable(task)
-    guard.require_room(limits)
+    guard = guard.with_room(limits)
     progress("trying the families of inputs")
     families, best = _searched(task, guard, began, progress)
     every = _played(guard, _inputs(best), limits, whole)
@@ -117,6 +121,9 @@ def _searched(task: Task, guard: Guard, began: float, progress: Progress) -> tup
             f"no input within these limits can be played ({reasons})",
             remedy="widen the limits: --limit, --rate, --band or --length",
         )
+    rich = _rich_enough(aim, families)
+    if rich is not None:
+        return [rich, *(one for one in families if one is not rich)], rich
     if task.is_short:
         return families, families[0]
     progress("improving the best of them by its gradient")
@@ -125,6 +132,20 @@ def _searched(task: Task, guard: Guard, began: float, progress: Progress) -> tup
     sign = -1.0 if aim.higher_is_better else 1.0
     families.sort(key=lambda p: (p.inputs is None, sign * p.value if p.inputs is not None else 0.0))
     return families, families[0]
+
+
+def _rich_enough(aim: Aim, families: Sequence[Played]) -> Played | None:
+    """A broad input that reaches the aim for certain, if there is one: what is gained beyond certainty is
+    worth less than that a broad input also excludes laws that are not among the rivals."""
+    if isinstance(aim, ParameterAim):
+        return None
+    for name in BROAD:
+        for one in families:
+            if one.family == name and one.inputs is not None:
+                expected = aim.expected([one.inputs])
+                if expected is not None and (expected.power or 0.0) >= CERTAIN:
+                    return one
+    return None
 
 
 def _inputs(best: Played) -> np.ndarray:

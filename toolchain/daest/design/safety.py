@@ -3,7 +3,7 @@ machine leaves them is told."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,11 +23,17 @@ MOST_CALMED = 12
 @dataclass(frozen=True)
 class Guard:
     """The models that are driven, the safe ranges of their variables, and likely search coordinates of the
-    first model (none where nothing is known)."""
+    first model (none where nothing is known). `rest` (n_u,): inputs at which the machine is safe; None: not
+    looked for."""
 
     driven: tuple[Explainer, ...]
     ranges: tuple[Range, ...]
     likely: tuple[np.ndarray, ...] = ()
+    rest: np.ndarray | None = None
+
+    def rest_of(self, limits: Limits) -> np.ndarray:
+        """The inputs (n_u,) around which others are made smaller: `rest`, else where machines rest."""
+        return np.array([one.rest for one in limits.inputs]) if self.rest is None else self.rest
 
     def columns(self, explainer: Explainer) -> list[int]:
         names = [*explainer.output_names, *explainer.variable_names]
@@ -48,7 +54,7 @@ class Guard:
         safe."""
         if self.is_safe(inputs):
             return inputs
-        rest = np.array([one.rest for one in limits.inputs])
+        rest = self.rest_of(limits)
         low, high = SMALLEST, 1.0
         if not self.is_safe(rest + low * (inputs - rest)):
             return None
@@ -77,27 +83,34 @@ class Guard:
 
     def calmed(self, inputs: np.ndarray, limits: Limits) -> np.ndarray:
         """The input, made smaller until the probability of leaving a range is tolerated."""
-        rest = np.array([one.rest for one in limits.inputs])
+        rest = self.rest_of(limits)
         for _ in range(MOST_CALMED):
             if not np.any(self.probabilities(inputs) > TOLERATED):
                 break
             inputs = rest + CALMER * (inputs - rest)
         return inputs
 
-    def require_room(self, limits: Limits) -> None:
-        """Raise EstimationError `design-unsafe` where the model leaves a safe range without being moved."""
-        rest = np.tile([one.rest for one in limits.inputs], (limits.time.size, 1))
+    def with_room(self, limits: Limits) -> Guard:
+        """The guard with the inputs at which the models stay in the safe ranges: at rest, else the middle of
+        the ranges of the inputs. Raises EstimationError `design-unsafe` where neither is safe."""
+        rest = np.array([one.rest for one in limits.inputs])
+        middle = np.array([one.middle for one in limits.inputs])
+        for held in (rest, middle):
+            if self.is_safe(np.tile(held, (limits.time.size, 1))):
+                return replace(self, rest=held)
+        self._refuse(rest, limits)
+        return self
+
+    def _refuse(self, held: np.ndarray, limits: Limits) -> None:
+        told = ", ".join(f"{value:.4g}" for value in held)
         for explainer in self.driven:
-            if not self.ranges:
-                break
-            reach = self.reach(explainer, rest)
-            held = ", ".join(f"{one.rest:.4g}" for one in limits.inputs)
+            reach = self.reach(explainer, np.tile(held, (limits.time.size, 1)))
             for one, (low, high), inside in zip(self.ranges, reach, self._inside(reach), strict=True):
                 if not inside:
                     raise EstimationError(
                         "design-unsafe",
                         f"{one.name} leaves {one.low:.4g} to {one.high:.4g} {one.unit} although the inputs "
-                        f"rest at {held}: it runs from {low:.4g} to {high:.4g}",
+                        f"rest at {told}: it runs from {low:.4g} to {high:.4g}",
                         where=one.name,
                         remedy="widen the safe range, move the ranges of the inputs, or design for the "
                         "reference of a controller that is in the model",
