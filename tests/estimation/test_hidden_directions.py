@@ -8,6 +8,7 @@ import hand_models as hand
 import numpy as np
 import pytest
 
+from daest.estimation import stationary
 from daest.estimation.coordinates import Coordinate, Unknowns, parameter_coordinate
 from daest.estimation.gaussian import objective
 from daest.estimation.linear_predictors import Problem
@@ -108,3 +109,11 @@ def test_observer_corrects_what_the_output_sees():
     assert angles.innovation_cov == pytest.approx(twist.innovation_cov, rel=1e-9)
     seen = np.array([*angles.gain[:2, 0], angles.gain[3, 0] - VALUES["r"] * angles.gain[2, 0]])
     assert seen == pytest.approx(twist.gain[:, 0], rel=1e-7)
+
+
+def test_directions_that_are_alike_to_rounding_are_told_once(monkeypatch):
+    """The lost time constant of a lag can make a subspace of which the columns depend on each other."""
+    alike = np.array([[1.0, 1.0], [0.0, 0.0], [0.5, 0.5]])
+    monkeypatch.setattr(stationary, "hidden_basis", lambda *_: alike)
+    told = stationary.unseen_directions(np.zeros((3, 3)), np.eye(1, 3), 0.1, ("a", "b", "c"))
+    assert told == ("a common change of a and c (in the ratio 1 : 0.5)",)

@@ -92,9 +92,11 @@ def unseen_directions(A: np.ndarray, C: np.ndarray, period: float, names: tuple[
     basis = hidden_basis(transition_integrals(A, period).transition, C)
     if not basis.shape[1]:
         return ()
-    # One state of its own for every direction keeps the others out of its text.
+    # One state of its own for every direction keeps the others out of its text. Of a model whose rates are
+    # far apart the directions may be alike to rounding.
     chosen = qr(basis.T, pivoting=True, mode="r")[1][: basis.shape[1]]
-    own = basis @ np.linalg.inv(basis[chosen])
+    own = basis @ np.linalg.pinv(basis[chosen])
+    own = own[:, np.any(own, axis=0)]
     return tuple(dict.fromkeys(combination_text(column, names) for column in own.T))
 
 
