@@ -13,7 +13,7 @@ from daest.diagnosis.candidates import pairs
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.null import fit_null
 from daest.diagnosis.proof import could_compete, prepare, prove, trials
-from daest.diagnosis.rivals import dynamic_trials, richer_laws, rounded, simpler_laws, simpler_ones
+from daest.diagnosis.rivals import dynamic_trials, no_richer_ones, richer_laws, rounded, simpler_laws
 from daest.diagnosis.screen import run_null, screen
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
@@ -65,7 +65,7 @@ def test_kinks_are_as_round_as_the_recording_has_them():
     richer law."""
     _, run, rich = proved("StribeckFriction")
     simple = proved("CoulombFriction")[2]
-    assert simpler_ones(rich, [rich, simple]) == [simple] and simpler_ones(simple, [rich, simple]) == []
+    assert no_richer_ones(rich, [rich, simple]) == [simple] and no_richer_ones(simple, [rich, simple]) == []
     (once_more,) = rounded(rubbing().null, [simple])
     kink = f"{simple.candidate.name}.w_s"
     assert once_more.names == (*rubbing().null.estimated, f"{simple.candidate.name}.tau_c", kink)

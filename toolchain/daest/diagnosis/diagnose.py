@@ -56,7 +56,7 @@ from daest.diagnosis.proof import (
     ranked,
     trials,
 )
-from daest.diagnosis.rivals import dynamic_trials, richer_laws, rounded, simpler_laws, simpler_ones
+from daest.diagnosis.rivals import dynamic_trials, no_richer_ones, richer_laws, rounded, simpler_laws
 from daest.diagnosis.screen import NullObserver, run_null, screen
 from daest.diagnosis.settled import FAILURES, settled, simulated
 from daest.diagnosis.unseen import adds_up, foreseen, innovations
@@ -656,7 +656,7 @@ def _proofs(
         best = best_start(ranked(proofs))
         if best is not None:
             doubted = [best] if _leaves_something(best) else []
-            doubted += simpler_ones(best, proofs)
+            doubted += no_richer_ones(best, proofs)
             proofs = _with_better_kinks(proofs, stages.proved(rounded(null, doubted), ())[0])
             best = best_start(ranked(proofs))
         if best is not None and _leaves_something(best):

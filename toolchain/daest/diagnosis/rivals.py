@@ -137,14 +137,15 @@ def _own(candidate: Candidate) -> tuple[str, ...]:
     return tuple(f"{candidate.name}.{p.name}" for p in candidate.effect.parameters if p.estimate)
 
 
-def simpler_ones(best: Proof, tried: Sequence[Proof]) -> list[Proof]:
-    """Simpler laws for the same at the place of `best` that are not much less likely than it."""
+def no_richer_ones(best: Proof, tried: Sequence[Proof]) -> list[Proof]:
+    """Other laws for the same at the place of `best`, with no more parameters, that are not much less likely
+    than it."""
     return [
         p
         for p in tried
         if p.candidate.site == best.candidate.site
         and _is_related(p.candidate.effect, best.candidate.effect)
-        and len(_own(p.candidate)) < len(_own(best.candidate))
+        and len(_own(p.candidate)) <= len(_own(best.candidate))
         and p.fit.log_likelihood > best.fit.log_likelihood - GATES.hopeless_log_likelihood
     ]
 

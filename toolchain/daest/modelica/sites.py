@@ -114,7 +114,9 @@ def find_site(flat: Model, name: str, effect: Effect | None = None) -> Site:
     if effect is not None and isinstance(flat, FlatModel):
         # Without a unit the effect tells the domain; what was put in elsewhere changes the number of a row.
         own, variable = _equations(flat, effect.domain), wanted.rpartition(":")[2]
-        found += [s for s in own if wanted == s.name] or [s for s in own if variable == s.aliases[1]]
+        found += [s for s in own if wanted == s.name] or [
+            s for s in own if variable == s.aliases[1] and fits(effect, s)
+        ]
     if effect is not None and effect.attach == "series":
         found += _first_connector(found, known)
     if not found:
