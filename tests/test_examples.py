@@ -318,7 +318,7 @@ def test_emps_improves_by_dry_friction_and_by_damping_that_knows_the_direction(
     assert damped["added"].startswith("Asymmetric")
     errors = [step["rms"]["validation"]["position"] for step in ledger["steps"]]
     assert errors == sorted(errors, reverse=True) and len(set(errors)) == len(errors)
-    assert errors[1] < 6e-3 < errors[0]
+    assert errors[2] < 5e-3 < errors[0]  # 25 s of dead reckoning from a start that is not known
     told = (EXAMPLES / "emps" / "README.md").read_text()
     assert all(f"{1e3 * error:#.3g} mm" in told for error in errors)
 
