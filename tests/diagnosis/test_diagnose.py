@@ -306,7 +306,8 @@ def test_other_hold_is_tried_where_something_is_missing_and_nothing_accepted():
 
 
 def test_effect_with_states_is_tried_until_it_is_better_than_its_simulation(monkeypatch):
-    trial = SimpleNamespace(candidate=SimpleNamespace(effect=SimpleNamespace(is_dynamic=True)), alike=())
+    effect, site = SimpleNamespace(is_dynamic=True, sizes=()), SimpleNamespace(kind="node")
+    trial = SimpleNamespace(candidate=SimpleNamespace(effect=effect, site=site), alike=())
     null, tried = SimpleNamespace(flat=None, estimated=()), []
     ends = {"loads": 50.0, "calm": 90.0, "small": 130.0}
 

@@ -426,8 +426,9 @@ class _Runner:
             raise HybridError(
                 "events-chatter",
                 f"at t = {t:g} s the switch `{what}` goes to and fro without end",
-                remedy="Give it a hysteresis (on above one value, off below a smaller one), or let the "
-                "motion come to rest: a mode that holds it, as friction that sticks.",
+                remedy="Give it a hysteresis (on above one value, off below a smaller one), let the motion "
+                "come to rest (a mode that holds it, as friction that sticks), or round the jump, as "
+                "tanh(v/v_small) rounds sign(v).",
             )
 
     def _slopes_before(
