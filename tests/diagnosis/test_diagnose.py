@@ -315,7 +315,7 @@ def test_effect_with_states_is_tried_until_it_is_better_than_its_simulation(monk
         tried.append(start if start == "small" else "calm" if start.simulation else "loads")
         end = ends[tried[-1]]
         fit = SimpleNamespace(log_likelihood=end)
-        return SimpleNamespace(delta_log_likelihood=end - 100.0, fit=fit)
+        return SimpleNamespace(delta_log_likelihood=end - 100.0, fit=fit, final=None)
 
     def end(simulation):
         tried.clear()

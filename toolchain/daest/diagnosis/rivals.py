@@ -161,7 +161,8 @@ def rounded(null: Null, proofs: Sequence[Proof]) -> tuple[Prepared, ...]:
         candidate = proof.candidate
         kinks = [f"{candidate.name}.{p.name}" for p in candidate.effect.parameters if p.role == "sharpness"]
         if kinks:
-            trial = Trial(candidate, (), _at_other_places(candidate, proof))
+            sizes = tuple(proof.fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
+            trial = Trial(candidate, sizes, _at_other_places(candidate, proof))
             flat = with_equations(proof.flat, "a refit")
             names = (*null.estimated, *_own(candidate), *kinks)
             found.append(Prepared(trial, flat, names, similar=proof.fit))
