@@ -224,6 +224,12 @@ def test_weak_candidate_is_not_accepted_beside_a_far_more_likely_one():
     assert any("far better" in p.reason and "it is shaky" in p.reason for p in (first, second))
     # What unseen data speak against stands in nobody's way.
     assert ranked([proof, replace(strong, is_open=False)])[0].verdict == "supported"
+    # Nor does what foresees unseen data clearly worse.
+    told = strong.told
+    seen = told.simulated["validation"]
+    worse = replace(seen, rms={name: 1.5 * rms for name, rms in seen.rms.items()})
+    poor = replace(told, simulated={**told.simulated, "validation": worse})
+    assert ranked([proof, replace(strong, fit=poor, final=poor)])[0].verdict == "supported"
 
 
 def test_size_that_was_not_estimated_is_no_claim():

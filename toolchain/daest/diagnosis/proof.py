@@ -619,8 +619,13 @@ def best_accepted(proofs: Sequence[Proof]) -> Proof | None:
 
 
 def _far_more_likely(order: Sequence[Proof], best: Proof) -> Proof | None:
-    """A refused candidate beside which the best accepted one explains little."""
-    refused = [p for p in order if p.verdict == "rejected" and p.is_open]
+    """A refused candidate beside which the best accepted one explains little; not one that foresees unseen
+    data clearly worse: it owes its likelihood to what does not last."""
+    refused = [
+        p
+        for p in order
+        if p.verdict == "rejected" and p.is_open and not _unseen_ratio(p, best) < GATES.max_rival_error
+    ]
     strongest = max(refused, key=lambda p: p.delta_log_likelihood, default=None)
     if (
         strongest is None
