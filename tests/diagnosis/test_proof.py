@@ -229,7 +229,8 @@ def test_weak_candidate_is_not_accepted_beside_a_far_more_likely_one():
     seen = told.simulated["validation"]
     worse = replace(seen, rms={name: 1.5 * rms for name, rms in seen.rms.items()})
     poor = replace(told, simulated={**told.simulated, "validation": worse})
-    assert ranked([proof, replace(strong, fit=poor, final=poor)])[0].verdict == "supported"
+    shaky = replace(strong, fit=poor, final=poor, adds_up=False)
+    assert ranked([replace(proof, adds_up=False), shaky])[0].verdict == "supported"
 
 
 def test_size_that_was_not_estimated_is_no_claim():
