@@ -78,7 +78,9 @@ def search_of(
     lower, upper = limits(problem)
     objective = objective_of(problem)
     gain, hills = (FIT.converged_gain, HILLS) if enough is None else (enough, 0)
-    return Search(objective, problem.unknowns, lower, upper, home, max_iterations, gain, hills)
+    return Search(
+        objective, problem.unknowns, lower, upper, home, max_iterations, gain, hills, trusts_parabola=True
+    )
 
 
 def _search_from(setup: Setup, problem: TrajectoryProblem, z: np.ndarray) -> Ending | None:

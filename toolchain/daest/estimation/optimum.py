@@ -45,6 +45,7 @@ class Search:
     max_iterations: int
     converged_gain: float = FIT.converged_gain
     hills: int = MOST_PROBED  # parameters that are moved over the hills beside the best end
+    trusts_parabola: bool = False  # no hill is looked for where the likelihood is as its parabola has it
 
     def minimum(self, z: np.ndarray, iterations: int | None = None) -> Found | None:
         count = self.max_iterations if iterations is None else iterations
@@ -88,36 +89,49 @@ def _over_the_hill(search: Search, found: Found) -> np.ndarray | None:
     """A more likely point beyond a hill, or None.
 
     Time constants that trade places make valleys that look alike. Parameters are moved both ways, those that
-    the data know least first; where the likelihood is another one than its parabola foretells, the parameter
-    is held there while the others follow. If it is pulled on from there, not back, the search goes on.
+    the data know least first, and first where the likelihood is another one than its parabola foretells. A
+    parameter is held there while the others follow; if it is pulled on from there, not back, the search goes
+    on.
     """
     directions = profile_directions(search, found)
     own = [(d, std) for d, std in directions if _unknown(search, d).kind == "parameter"]
-    for direction, std in sorted(own, key=lambda pair: -pair[1])[: search.hills]:
-        size = min(max(HILL, HILL_STDS * std), LONGEST_PROBE)
-        for move in (-size, size):
-            there = _followed(search, found, direction, std, move)
-            near = there and _elsewhere(search, found, there.z)
-            freed = near and search.minimum(near.z)
-            if freed and freed.evaluation.value < found.evaluation.value - FIT.worthwhile_gain:
-                return freed.z
+    own = sorted(own, key=lambda pair: -pair[1])[: search.hills]
+    moves = [(d, std, side * _size(std)) for d, std in own for side in (-1.0, 1.0)]
+    foretold = [_is_foretold(search, found, direction, std, move) for direction, std, move in moves]
+    order = [i for i, known in enumerate(foretold) if not known]
+    if not search.trusts_parabola:
+        order += [i for i, known in enumerate(foretold) if known]
+    for i in order:
+        direction, _, move = moves[i]
+        there = _followed(search, found, direction, move)
+        near = there and _elsewhere(search, found, there.z)
+        freed = near and search.minimum(near.z)
+        if freed and freed.evaluation.value < found.evaluation.value - FIT.worthwhile_gain:
+            return freed.z
     return None
 
 
-def _is_foretold(search: Search, found: Found, z: np.ndarray, rise: float) -> bool:
-    """Whether the objective rises to z about as much as the parabola at the end of the search has it."""
-    there = search.objective(z, False)
+def _size(std: float) -> float:
+    return float(min(max(HILL, HILL_STDS * std), LONGEST_PROBE))
+
+
+def _is_foretold(search: Search, found: Found, direction: np.ndarray, std: float, move: float) -> bool:
+    """Whether the objective rises along the direction about as much as the parabola at the end has it."""
+    there = search.objective(_moved(search, found, direction, move), False)
+    rise = (move / std) ** 2 / 2 if std > 0.0 else np.inf
     if there is None:
         return True
-    return rise / FIT.foretold < there.value - found.evaluation.value < rise * FIT.foretold
+    return bool(rise / FIT.foretold < there.value - found.evaluation.value < rise * FIT.foretold)
 
 
-def _followed(search: Search, found: Found, direction: np.ndarray, std: float, move: float) -> Found | None:
-    """Where the others follow the unknown of `direction`, held moved; None where the likelihood there is the
-    one foretold, or no better and pulling back against `move`."""
-    z = np.clip(found.z + move * direction, search.lower, search.upper)
-    if _is_foretold(search, found, z, (move / std) ** 2 / 2):
-        return None
+def _moved(search: Search, found: Found, direction: np.ndarray, move: float) -> np.ndarray:
+    return np.clip(found.z + move * direction, search.lower, search.upper)
+
+
+def _followed(search: Search, found: Found, direction: np.ndarray, move: float) -> Found | None:
+    """Where the others follow the unknown of `direction`, held moved; None where that is no better and pulled
+    back against `move`."""
+    z = _moved(search, found, direction, move)
     i = int(np.argmax(direction == 1.0))
     lower, upper = search.lower.copy(), search.upper.copy()
     lower[i] = upper[i] = z[i]
