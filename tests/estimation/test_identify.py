@@ -353,7 +353,7 @@ def test_starts_that_agree_end_the_search_for_a_better_optimum():
     experiment = replace(quiet, outputs=quiet.outputs + slow)
     result = identify(rig(), [experiment], IdentifyOptions(method="oe", hold="foh"))
     assert any("not white" in note for note in result.notes)
-    assert len(result.start_log_likelihoods) == 3 and "3 of 3 starts" in result.message
+    assert len(result.start_log_likelihoods) == 4 and "4 of 4 starts" in result.message
     every = identify(rig(), [experiment], IdentifyOptions(method="oe", hold="foh", starts=3))
     assert len(every.start_log_likelihoods) >= 3
 

@@ -55,8 +55,8 @@ from daest.systems.state_space import state_space
 HOLD_ITERATIONS = 10  # of the short output-error fits that compare the holds
 HOLD_SAMPLES = 4000  # of every recording that this comparison uses
 SIMULATION_ITERATIONS = 15  # of the output-error fit that a prediction-error fit starts from
-DOUBT_STARTS = 2  # random start points that are tried then
-ENDS_ALIKE = 2  # of other starts: one may be led into the same wrong valley (1 of 200 random models)
+DOUBT_STARTS = 3  # random start points that are tried then
+ENDS_ALIKE = 3  # of other starts: two may be led into the same wrong valley (1 of 200 random models)
 SCAN_DECADES = (-8, -6, -5, -4, -3, -2, -1, 0, 1, 2, 3)  # of the intensity that explains all of the residual
 LOWEST_DECADE = -10  # bound of the search: less noise than that is none
 LONGEST_GROWTH = 1000  # periods over which process noise is let grow to see what it does to the outputs
