@@ -16,7 +16,7 @@ from daest.errors import ModelError
 from daest.model.diagnosis import Candidate, Improvement, LearnedLoad, Proof
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
-from daest.modelica.attach import names_of
+from daest.modelica.attach import free_name, names_of
 from daest.modelica.change import declare
 from daest.modelica.compile import compile_model
 from daest.modelica.extend import CurveText, Extension, extend_by_curve, extend_model
@@ -147,11 +147,7 @@ def _identifier(column: str, flat: FlatModel) -> str:
     base = re.sub(r"\W", "_", column, flags=re.ASCII)
     base = base if base[:1].isalpha() else f"u_{base}"
     taken = names_of(flat) - {v.name for v in flat.inputs}
-    name, number = base, 1
-    while name in taken:
-        number += 1
-        name = f"{base}{number}"
-    return name
+    return free_name(base, taken)
 
 
 def written_steps(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import count
 
 import casadi as ca
 
@@ -25,7 +26,7 @@ from daest.near import near_names
 
 __all__ = ["attach", "attach_all", "component_name"]
 
-_ZERO_CELSIUS = 273.15
+ZERO_CELSIUS = 273.15
 _VARIABLES = {domain: names for names, domain in DOMAINS.items()}
 
 
@@ -63,13 +64,13 @@ def attach_all(
 
 def component_name(effect: Effect, taken: Iterable[str]) -> str:
     """The name of the effect's component: `coulombFriction`, or `coulombFriction2` where that is taken."""
+    return free_name(effect.name[0].lower() + effect.name[1:], taken)
+
+
+def free_name(base: str, taken: Iterable[str]) -> str:
+    """`base`, or the first of base2, base3, … that is not taken."""
     known = set(taken)
-    base = effect.name[0].lower() + effect.name[1:]
-    name, number = base, 1
-    while name in known:
-        number += 1
-        name = f"{base}{number}"
-    return name
+    return next(name for n in count(1) if (name := base if n == 1 else f"{base}{n}") not in known)
 
 
 def names_of(flat: FlatModel) -> set[str]:
@@ -375,7 +376,7 @@ class _Assembly:
         potential, symbol = member.local(own, 0)
         variable = self.flat.unknowns[balance.variable]
         if not needs_position(member.effect.domain):
-            shift, shown = (_ZERO_CELSIUS, f" + {_ZERO_CELSIUS}") if variable.unit == "degC" else (0.0, "")
+            shift, shown = (ZERO_CELSIUS, f" + {ZERO_CELSIUS}") if variable.unit == "degC" else (0.0, "")
             self._tie(potential, symbol, f"{variable.name}{shown}", self.xi[balance.variable] + shift)
         elif balance.position >= 0:
             position = self.flat.unknowns[balance.position].name

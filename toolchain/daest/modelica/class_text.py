@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from daest.modelica.outline import ClassHead, Token, class_heads, tokens
 
-_OPEN, _CLOSE = ("(", "[", "{"), (")", "]", "}")
+OPEN, CLOSE = ("(", "[", "{"), (")", "]", "}")
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def _statement_end(words: Sequence[Token]) -> int:
     """Index of the semicolon that ends the statement at the first word."""
     depth = 0
     for i, word in enumerate(words):
-        depth += (word.text in _OPEN) - (word.text in _CLOSE)
+        depth += (word.text in OPEN) - (word.text in CLOSE)
         if depth < 0 or (depth == 0 and word.text == ";"):
             return i  # a bracket around a redeclared class ends it, too
     return len(words)
@@ -76,7 +76,7 @@ def _statement_end(words: Sequence[Token]) -> int:
 def extends_clauses(words: Sequence[Token]) -> list[Extends]:
     """The extends clauses among the tokens of a class; that behind its name included."""
     found: list[Extends] = []
-    for i, depth in _depths(words):
+    for i, depth in depths(words):
         if depth == 0 and words[i].text == "extends" and i + 1 < len(words):
             end = i + 1
             while end < len(words) and (words[end].kind == "name" or words[end].text == "."):
@@ -91,7 +91,7 @@ def _broken(words: Sequence[Token], at: int) -> tuple[frozenset[str], ...]:
     if at >= len(words) or words[at].text != "(":
         return ()
     found: list[frozenset[str]] = []
-    end = _closing(words, at)
+    end = closing(words, at)
     for i in range(at, end):
         if words[i].text == "break" and words[i + 1].text == "connect":
             found.append(frozenset(_arguments(words, i + 2)))
@@ -101,12 +101,12 @@ def _broken(words: Sequence[Token], at: int) -> tuple[frozenset[str], ...]:
 def connect_clauses(words: Sequence[Token]) -> list[ConnectClause]:
     """The connect clauses among the tokens of a class (those to be broken do not count)."""
     found: list[ConnectClause] = []
-    for i, depth in _depths(words):
+    for i, depth in depths(words):
         if depth == 0 and words[i].text == "connect" and i + 1 < len(words) and words[i + 1].text == "(":
             arguments = _arguments(words, i + 1)
-            end = _closing(words, i + 1)
+            end = closing(words, i + 1)
             while end < len(words) and words[end].text != ";":
-                end = _closing(words, end) if words[end].text in _OPEN else end + 1
+                end = closing(words, end) if words[end].text in OPEN else end + 1
             if len(arguments) == 2 and end < len(words):
                 found.append(ConnectClause(arguments[0], arguments[1], words[i].start, words[end].end))
     return found
@@ -124,20 +124,20 @@ def find_base(heads: Sequence[ClassHead], derived: ClassHead, base: str) -> Clas
     return None
 
 
-def _depths(words: Sequence[Token]) -> Iterator[tuple[int, int]]:
+def depths(words: Sequence[Token]) -> Iterator[tuple[int, int]]:
     """Index and bracket depth of every token."""
     depth = 0
     for i, token in enumerate(words):
-        depth -= token.text in _CLOSE
+        depth -= token.text in CLOSE
         yield i, depth
-        depth += token.text in _OPEN
+        depth += token.text in OPEN
 
 
-def _closing(words: Sequence[Token], at: int) -> int:
+def closing(words: Sequence[Token], at: int) -> int:
     """Index behind the bracket that closes the one at `at`."""
     depth = 0
     for i in range(at, len(words)):
-        depth += (words[i].text in _OPEN) - (words[i].text in _CLOSE)
+        depth += (words[i].text in OPEN) - (words[i].text in CLOSE)
         if depth == 0:
             return i + 1
     return len(words)
@@ -147,8 +147,8 @@ def _arguments(words: Sequence[Token], at: int) -> list[str]:
     """The arguments, as text without white space, of the call whose bracket opens at `at`."""
     arguments = [""]
     depth = 0
-    for token in words[at + 1 : _closing(words, at) - 1]:
-        depth += (token.text in _OPEN) - (token.text in _CLOSE)
+    for token in words[at + 1 : closing(words, at) - 1]:
+        depth += (token.text in OPEN) - (token.text in CLOSE)
         if token.text == "," and depth == 0:
             arguments.append("")
         else:

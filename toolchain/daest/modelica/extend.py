@@ -6,7 +6,6 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from itertools import count
 from pathlib import Path
 
 import casadi as ca
@@ -14,7 +13,7 @@ import casadi as ca
 from daest.errors import ModelError
 from daest.model.effects import Effect, Placement, Site
 from daest.model.flat import FlatModel
-from daest.modelica.attach import attach, component_name, given_source, names_of
+from daest.modelica.attach import attach, component_name, free_name, given_source, names_of
 from daest.modelica.balances import balances
 from daest.modelica.class_text import (
     ConnectClause,
@@ -33,7 +32,7 @@ from daest.modelica.opened import (
     opened_output,
     term_connector,
 )
-from daest.modelica.outline import ClassHead, Token, class_heads, tokens, within
+from daest.modelica.outline import ClassHead, Token, class_heads, offset_of, tokens, within
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import sites
 from daest.modelica.source import read_source, select_class
@@ -194,8 +193,7 @@ def extend_by_curve(
     if node.kind == "equation":
         original, end = _opened_balance(original, node)
         ends = (end,)
-    known = names_of(original.flat)
-    component = next(n for n in _numbered(_LEARNED) if n not in known)
+    component = free_name(_LEARNED, names_of(original.flat))
     draft = _Draft(changes=_changes(parameters))
     load_class, connector = _LOADS[node.domain]
     draft.declarations.append(_curve_declaration(load_class, component, load))
@@ -260,12 +258,7 @@ def _class_name(original: _Original, suffix: str, wanted: str | None) -> str:
             )
         return wanted
     base = f"{original.head.name.rpartition('.')[2]}_{suffix}"
-    return next(name for name in _numbered(base) if name not in taken)
-
-
-def _numbered(base: str) -> Iterator[str]:
-    """base, base2, base3, …"""
-    return (base if number == 1 else f"{base}{number}" for number in count(1))
+    return free_name(base, taken)
 
 
 def _is_identifier(name: str) -> bool:
@@ -505,9 +498,7 @@ def _binding(name: str, original: _Original) -> str:
     place = next(y for y in original.flat.outputs if y.name == name).place
     if place is None or place.line is None or place.file != str(original.path):
         return ""
-    lines = original.source.split(b"\n")
-    before = len(lines[place.line - 1].decode()[: (place.column or 1) - 1].encode())
-    start = sum(len(line) + 1 for line in lines[: place.line - 1]) + before
+    start = offset_of(original.source, place)
     return _bound_text(original.source, list(_declared(original.source, start)))
 
 

@@ -12,17 +12,15 @@ from functools import cached_property
 
 from daest.errors import ModelError
 from daest.modelica import syntax as s
-from daest.modelica.class_text import class_tokens, extends_clauses, find_base
+from daest.modelica.class_text import CLOSE, OPEN, class_tokens, closing, extends_clauses, find_base
 from daest.modelica.expressions import split_path
-from daest.modelica.outline import ClassHead, Token, class_heads, place_of, tokens
+from daest.modelica.outline import KINDS, ClassHead, Token, class_heads, place_of, tokens
 from daest.near import near_names
 
-_OPEN, _CLOSE = ("(", "[", "{"), (")", "]", "}")
 _PREFIXES = (
     *("final", "inner", "outer", "replaceable", "redeclare", "flow", "stream", "discrete"),
     *("parameter", "constant", "input", "output", "each"),
 )
-_KINDS = ("model", "block", "class", "package", "function", "record", "connector", "type", "operator")
 _OTHERS = (
     "import",
     "extends",
@@ -174,7 +172,7 @@ def _plain(name: str) -> str:
 def _outside(words: Sequence[Token]) -> Iterator[str]:
     depth = 0
     for word in words:
-        depth += (word.text in _OPEN) - (word.text in _CLOSE)
+        depth += (word.text in OPEN) - (word.text in CLOSE)
         if depth == 0 and word.kind == "name":
             yield word.text
 
@@ -194,7 +192,7 @@ def _components(words: Sequence[Token]) -> Iterator[tuple[str, tuple[_Modificati
         at = 0
         while at < len(statement) and statement[at].text in _PREFIXES:
             at += 1
-        if at >= len(statement) or statement[at].text in (*_KINDS, *_OTHERS):
+        if at >= len(statement) or statement[at].text in (*KINDS, *_OTHERS):
             continue
         while at < len(statement) and (statement[at].kind == "name" or statement[at].text == "."):
             at += 1
@@ -206,16 +204,16 @@ def _components(words: Sequence[Token]) -> Iterator[tuple[str, tuple[_Modificati
 def _listed(words: Sequence[Token], at: int) -> Iterator[tuple[str, tuple[_Modification, ...]]]:
     """`a(…) = 1, b[3](…)` from word `at` on, behind the class and its size."""
     if at < len(words) and words[at].text == "[":
-        at = _closing(words, at)
+        at = closing(words, at)
     while at < len(words) and words[at].kind == "name":
         name, at = words[at].text, at + 1
         if at < len(words) and words[at].text == "[":
-            at = _closing(words, at)
+            at = closing(words, at)
         if at < len(words) and words[at].text == "(":
             yield name, _modifications(words, at)
         depth = 0
         while at < len(words) and not (depth == 0 and words[at].text == ","):
-            depth += (words[at].text in _OPEN) - (words[at].text in _CLOSE)
+            depth += (words[at].text in OPEN) - (words[at].text in CLOSE)
             at += 1
         at += 1
 
@@ -225,7 +223,7 @@ def _declarations(words: Sequence[Token]) -> Iterator[list[Token]]:
     statement: list[Token] = []
     depth = 0
     for word in words[1:]:
-        depth += (word.text in _OPEN) - (word.text in _CLOSE)
+        depth += (word.text in OPEN) - (word.text in CLOSE)
         if not statement and word.text in ("equation", "algorithm", "initial"):
             return
         if (not statement and word.kind == "text") or (
@@ -243,7 +241,7 @@ def _modifications(words: Sequence[Token], at: int) -> tuple[_Modification, ...]
     """The modifications in the bracket at `at`, () if there is none. Redeclarations are left out."""
     if at >= len(words) or words[at].text != "(":
         return ()
-    end = _closing(words, at) - 1
+    end = closing(words, at) - 1
     found: list[_Modification] = []
     at += 1
     while at < end:
@@ -261,17 +259,7 @@ def _modifications(words: Sequence[Token], at: int) -> tuple[_Modification, ...]
             found.append(_Modification(name, first, _modifications(words, at)))
         depth = 0
         while at < end and not (depth == 0 and words[at].text == ","):
-            depth += (words[at].text in _OPEN) - (words[at].text in _CLOSE)
+            depth += (words[at].text in OPEN) - (words[at].text in CLOSE)
             at += 1
         at += 1
     return tuple(found)
-
-
-def _closing(words: Sequence[Token], at: int) -> int:
-    """Index behind the bracket that closes the one at `at`."""
-    depth = 0
-    for i in range(at, len(words)):
-        depth += (words[i].text in _OPEN) - (words[i].text in _CLOSE)
-        if depth == 0:
-            return i + 1
-    return len(words)

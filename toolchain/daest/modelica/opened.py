@@ -11,17 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import count
 
 from daest.errors import Place
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
+from daest.modelica.attach import ZERO_CELSIUS, free_name
 from daest.modelica.balances import Balance, needs_position
-from daest.modelica.class_text import class_tokens
+from daest.modelica.class_text import CLOSE, OPEN, class_tokens, closing, depths
 from daest.modelica.connectors import connectors_of
-from daest.modelica.outline import ClassHead, Token, class_heads
+from daest.modelica.outline import ClassHead, Token, class_heads, offset_of
 
-ZERO_CELSIUS = 273.15
 _TERMS: dict[Domain, tuple[str, str, str]] = {
     "translational": ("Force", "s", "flange"),
     "rotational": ("Torque", "phi", "flange"),
@@ -35,7 +34,6 @@ _OF_SPEED: dict[Domain, tuple[str, str]] = {
 _TOTAL = "total"  # the variable of a term that stands in the equation
 _SECTIONS = ("equation", "algorithm", "then", "else", "loop")
 _BLOCKS = ("if", "for", "when", "while")
-_OPEN, _CLOSE = ("(", "[", "{"), (")", "]", "}")
 
 
 class NotOpened(Exception):
@@ -82,7 +80,7 @@ def opened_balance(
     _, words = _class_at(source, start)
     left, right = _sides(words, start)
     variable = flat.unknowns[balance.variable]
-    name = _free(f"{_plain(variable.name)}_term", taken)
+    name = free_name(f"{_plain(variable.name)}_term", taken)
     side = left if balance.sign > 0 else right
     edits = [
         *_with_term(side, f"{name}.{_TOTAL}"),
@@ -111,15 +109,15 @@ def _sides(words: Sequence[Token], start: int) -> tuple[list[Token], list[Token]
     if at is None or not _stands_alone(words, at):
         raise NotOpened("stands inside of if, for or when")
     statement = _statement(words, at)
-    depths = _depths(statement)
-    middle = [i for i, w in enumerate(statement) if w.text == "=" and depths[i] == 0]
+    depth = dict(depths(statement))
+    middle = [i for i, w in enumerate(statement) if w.text == "=" and depth[i] == 0]
     if len(middle) != 1:
         raise NotOpened("has no left and right side")
     end = next(
         (
             i
             for i, w in enumerate(statement)
-            if depths[i] == 0 and i > middle[0] and (w.kind == "text" or w.text == "annotation")
+            if depth[i] == 0 and i > middle[0] and (w.kind == "text" or w.text == "annotation")
         ),
         len(statement),
     )
@@ -128,8 +126,8 @@ def _sides(words: Sequence[Token], start: int) -> tuple[list[Token], list[Token]
 
 def _with_term(side: Sequence[Token], term: str) -> list[Edit]:
     """`… + term`; a side that is an if-expression goes into brackets."""
-    depths = _depths(side)
-    is_open = any(w.text == "if" and depths[i] == 0 for i, w in enumerate(side))
+    depth = dict(depths(side))
+    is_open = any(w.text == "if" and depth[i] == 0 for i, w in enumerate(side))
     first, last = side[0].start, side[-1].end
     if not is_open:
         return [Edit(last, last, f" + {term}")]
@@ -148,7 +146,7 @@ def opened_input(source: bytes, flat: FlatModel, name: str, taken: Iterable[str]
     others = [h for h in class_heads(source) if h.name != head.name and not h.name.startswith(head.name)]
     if any(_uses(class_tokens(source, other), name, -1) for other in others if _extends(source, other, head)):
         raise NotOpened("is used by equations of several classes")
-    used = _free(f"{name}_used", taken)
+    used = free_name(f"{name}_used", taken)
     unit = f'(unit = "{symbol.unit}")' if symbol.unit else ""
     line = f'Real {used}{unit} = {name} "{name} as the equations use it";'
     edits = [Edit(w.start, w.end, used) for w in _uses(words, name, start)]
@@ -165,7 +163,7 @@ def _uses(words: Sequence[Token], name: str, declared: int) -> list[Token]:
     for i, word in enumerate(words):
         before, after = words[i - 1].text if i else "", words[i + 1].text if i + 1 < len(words) else ""
         if skipped or (word.text == "(" and before in ("annotation", "connect")):
-            skipped += (word.text in _OPEN) - (word.text in _CLOSE)
+            skipped += (word.text in OPEN) - (word.text in CLOSE)
             continue
         is_argument = after == "=" and before in ("(", ",")
         if word.text == name and before != "." and word.start != declared and not is_argument:
@@ -202,15 +200,10 @@ def opened_output(source: bytes, flat: FlatModel, name: str) -> bytes:
 
 def _behind_declarator(words: Sequence[Token], at: int) -> int:
     """The byte behind an identifier and its modification."""
-    end = at
-    while end + 1 < len(words) and words[end + 1].text in _OPEN:
-        depth = 0
-        for i in range(end + 1, len(words)):
-            depth += (words[i].text in _OPEN) - (words[i].text in _CLOSE)
-            if depth == 0:
-                end = i
-                break
-    return words[end].end
+    end = at + 1
+    while end < len(words) and words[end].text in OPEN:
+        end = closing(words, end)
+    return words[end - 1].end
 
 
 # Text -------------------------------------------------------------------------------------------------------
@@ -219,9 +212,7 @@ def _behind_declarator(words: Sequence[Token], at: int) -> int:
 def _offset(source: bytes, flat: FlatModel, place: Place | None) -> int:
     if place is None or place.line is None or place.file != flat.source:
         raise NotOpened("stands in another file")
-    lines = source.split(b"\n")
-    before = len(lines[place.line - 1].decode("utf-8", "replace")[: (place.column or 1) - 1].encode())
-    return sum(len(line) + 1 for line in lines[: place.line - 1]) + before
+    return offset_of(source, place)
 
 
 def _class_at(source: bytes, start: int) -> tuple[ClassHead, list[Token]]:
@@ -269,19 +260,5 @@ def _statement(words: Sequence[Token], at: int) -> list[Token]:
     return list(words[at:end])
 
 
-def _depths(words: Sequence[Token]) -> list[int]:
-    depths, depth = [], 0
-    for word in words:
-        depth -= word.text in _CLOSE
-        depths.append(depth)
-        depth += word.text in _OPEN
-    return depths
-
-
 def _plain(name: str) -> str:
     return "".join(c if c.isalnum() else "_" for c in name).strip("_")
-
-
-def _free(base: str, taken: Iterable[str]) -> str:
-    known = set(taken)
-    return next(n for k in count(1) if (n := base if k == 1 else f"{base}{k}") not in known)

@@ -12,7 +12,7 @@ from typing import Literal
 
 from daest.errors import ModelError, Place
 
-_KINDS = ("model", "block", "class", "package", "function", "record", "connector", "type", "operator")
+KINDS = ("model", "block", "class", "package", "function", "record", "connector", "type", "operator")
 _COMPILABLE = ("model", "block", "class")
 
 
@@ -64,7 +64,7 @@ def class_heads(source: bytes) -> tuple[ClassHead, ...]:
             continue
         if token.text == "end" and _ends_class(words, i, stack, base):
             stack.pop()
-        elif token.text in _KINDS and (head := _definition(words, i, stack, base)) is not None:
+        elif token.text in KINDS and (head := _definition(words, i, stack, base)) is not None:
             found.append(head)
             if not _is_short(words, i):
                 stack.append(head.name.rpartition(".")[2])
@@ -81,7 +81,7 @@ def _definition(words: list[Token], i: int, stack: list[str], base: int) -> Clas
     at = i + 1
     if at < len(words) and words[at].text == "extends":
         at += 1
-    if at >= len(words) or words[at].kind != "name" or words[at].text in _KINDS:
+    if at >= len(words) or words[at].kind != "name" or words[at].text in KINDS:
         return None
     before = [token.text for token in words[max(0, i - 4) : i]]
     if before and before[-1] in ("end", "."):
@@ -139,6 +139,13 @@ def place_of(file: str, source: bytes, offset: int) -> Place:
     line_start = source.rfind(b"\n", 0, offset) + 1
     column = len(source[line_start:offset].decode("utf-8", "replace")) + 1
     return Place(file, source.count(b"\n", 0, offset) + 1, column)
+
+
+def offset_of(source: bytes, place: Place) -> int:
+    """The byte offset of a place with a line, the inverse of `place_of`."""
+    lines = source.split(b"\n")
+    before = lines[(place.line or 1) - 1].decode("utf-8", "replace")[: (place.column or 1) - 1]
+    return sum(len(line) + 1 for line in lines[: (place.line or 1) - 1]) + len(before.encode())
 
 
 def check_depth(file: str, source: bytes) -> None:

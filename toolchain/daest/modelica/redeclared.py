@@ -13,12 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from daest.errors import ModelError
-from daest.modelica.class_text import class_tokens, find_base
+from daest.modelica.class_text import CLOSE, OPEN, class_tokens, closing, find_base
 from daest.modelica.modifications import check_class_modification
 from daest.modelica.outline import ClassHead, Token, class_heads, place_of, tokens
 
 _KINDS = ("model", "block", "class", "package", "function", "record", "connector", "type")
-_OPEN, _CLOSE = ("(", "[", "{"), (")", "]", "}")
 _WORDS = ("true", "false", "each", "final", "if", "then", "else", "elseif", "and", "or", "not", "redeclare")
 _NAME = "D__{}"
 
@@ -95,7 +94,7 @@ def _redeclared(words: Sequence[Token]) -> Iterator[_Modified]:
     """`redeclare model Law = Quadratic(…)` inside of modifications."""
     depth = 0
     for i, word in enumerate(words):
-        depth += (word.text in _OPEN) - (word.text in _CLOSE)
+        depth += (word.text in OPEN) - (word.text in CLOSE)
         if depth == 0 or word.text != "redeclare":
             continue
         at = i + 1
@@ -105,7 +104,7 @@ def _redeclared(words: Sequence[Token]) -> Iterator[_Modified]:
             continue
         opening = _name_end(words, at + 3)
         if opening < len(words) and words[opening].text == "(":
-            yield _Modified(words[at].text, at + 3, opening, _closing(words, opening))
+            yield _Modified(words[at].text, at + 3, opening, closing(words, opening))
 
 
 def _constrained(words: Sequence[Token]) -> Iterator[_Modified]:
@@ -118,7 +117,7 @@ def _constrained(words: Sequence[Token]) -> Iterator[_Modified]:
         opening = named + 1
         if opening >= len(words) or words[named].kind != "name" or words[opening].text != "(":
             continue
-        end = _closing(words, opening)
+        end = closing(words, opening)
         if end < len(words) and words[end].text == "constrainedby":
             yield _Modified("", i + 1, opening, end)
 
@@ -132,16 +131,6 @@ def _name_end(words: Sequence[Token], at: int) -> int:
             break
         at += 1
     return at
-
-
-def _closing(words: Sequence[Token], at: int) -> int:
-    """Index behind the bracket that closes the one at `at`."""
-    depth = 0
-    for i in range(at, len(words)):
-        depth += (words[i].text in _OPEN) - (words[i].text in _CLOSE)
-        if depth == 0:
-            return i + 1
-    return len(words)
 
 
 def _variable(words: Sequence[Token], one: _Modified) -> int | None:
