@@ -203,12 +203,16 @@ def played(kind: Kind, task: Task, first: Experiment, size: float, seed: Sequenc
     return row
 
 
-def opened(runs: int, seed: int) -> list[dict[str, Any]]:
-    """Cases whose first recording ends in "cannot tell", until there are `runs` of them."""
+Second = Callable[[Kind, Diagnosis, Experiment, float, np.ndarray, Sequence[int]], dict[str, Any]]
+
+
+def cases(kinds: Sequence[Kind], runs: int, seed: int, second: Second) -> list[dict[str, Any]]:
+    """A row for every case, until there are `runs` of them to which `second` adds the answers after the
+    second recording; it adds none where the first recording decides."""
     rows: list[dict[str, Any]] = []
     number = 0
     while sum("designed" in row for row in rows) < runs and number < 3 * runs:
-        kind, key = OPEN[number % len(OPEN)], (seed, number)
+        kind, key = kinds[number % len(kinds)], (seed, number)
         number += 1
         size, u, first = first_of(kind, key)
         before = diagnosed(kind.plant, [first])
@@ -218,54 +222,42 @@ def opened(runs: int, seed: int) -> list[dict[str, Any]]:
             "size": size,
             "first": answer(before),
         }
-        left = left_open(before)
-        if before.verdict == "cannot tell" and len(left) > 1:
-            row["left"] = [r.label for r in left]
-            try:
-                aim, subjects = rival_aim(left, kind.plant.limits(kind.n), [u], 0.5 * GATES.same_bic, 0)
-                row |= played(
-                    kind,
-                    Task(aim, subjects, kind.plant.limits(kind.n), (u,), seconds=SECONDS),
-                    first,
-                    size,
-                    key,
-                )
-            except DaestError as problem:
-                row |= {"designed": problem.code, "multisine": None, "random binary": None}
+        row |= second(kind, before, first, size, u, key)
         rows.append(row)
         print(json.dumps(row), flush=True)
     return rows
 
 
-def small(runs: int, seed: int) -> list[dict[str, Any]]:
-    """Cases whose first recording does not show the effect, until there are `runs` of them."""
-    rows: list[dict[str, Any]] = []
-    number = 0
-    while sum("designed" in row for row in rows) < runs and number < 3 * runs:
-        kind, key = SMALL[number % len(SMALL)], (seed, number)
-        number += 1
-        size, u, first = first_of(kind, key)
-        before = diagnosed(kind.plant, [first])
-        row: dict[str, Any] = {
-            "plant": kind.plant.name,
-            "right": kind.right,
-            "size": size,
-            "first": answer(before),
-        }
-        if before.verdict == "nothing missing":
-            flat = model(kind.plant.name)
-            effect = next(e for e in find_effects(kind.right[0]) if e.domain == "rotational")
-            site, allowed = find_site(flat, kind.plant.place, effect), kind.plant.limits(kind.n)
-            aim, subjects = detect_aim(
-                flat.with_theta(before.baseline.theta), effect, site, allowed, [u], size=size,
-                evidence=GATES.min_bic_gain, n_candidates=50, chance=GATES.max_chance,
-            )  # fmt: skip
-            row |= played(
-                kind, Task(aim, subjects, kind.plant.limits(kind.n), (u,), seconds=SECONDS), first, size, key
-            )
-        rows.append(row)
-        print(json.dumps(row), flush=True)
-    return rows
+def told_apart(
+    kind: Kind, before: Diagnosis, first: Experiment, size: float, u: np.ndarray, key: Sequence[int]
+) -> dict[str, Any]:
+    """Where the first recording ends in "cannot tell": an input for the rivals."""
+    left = left_open(before)
+    if before.verdict != "cannot tell" or len(left) < 2:
+        return {}
+    row: dict[str, Any] = {"left": [r.label for r in left]}
+    allowed = kind.plant.limits(kind.n)
+    try:
+        aim, subjects = rival_aim(left, allowed, [u], 0.5 * GATES.same_bic, 0)
+        task = Task(aim, subjects, allowed, (u,), seconds=SECONDS)
+        return row | played(kind, task, first, size, key)
+    except DaestError as problem:
+        return row | {"designed": problem.code, "multisine": None, "random binary": None}
+
+
+def detected(
+    kind: Kind, before: Diagnosis, first: Experiment, size: float, u: np.ndarray, key: Sequence[int]
+) -> dict[str, Any]:
+    """Where the first recording does not show the effect: an input that does."""
+    if before.verdict != "nothing missing":
+        return {}
+    flat, allowed = model(kind.plant.name), kind.plant.limits(kind.n)
+    effect = next(e for e in find_effects(kind.right[0]) if e.domain == "rotational")
+    aim, subjects = detect_aim(
+        flat.with_theta(before.baseline.theta), effect, find_site(flat, kind.plant.place, effect), allowed,
+        [u], size=size, evidence=GATES.min_bic_gain, n_candidates=50, chance=GATES.max_chance,
+    )  # fmt: skip
+    return played(kind, Task(aim, subjects, allowed, (u,), seconds=SECONDS), first, size, key)
 
 
 def summary(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -284,7 +276,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
-    rows = {"open": opened, "small": small}[given.part](given.runs, given.seed)
+    kinds, second = {"open": (OPEN, told_apart), "small": (SMALL, detected)}[given.part]
+    rows = cases(kinds, given.runs, given.seed, second)
     found = {**summary(rows), "machine": described()}
     print(json.dumps(found, indent=2))
     if given.json:
