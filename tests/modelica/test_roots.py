@@ -134,6 +134,26 @@ def test_a_compilation_is_kept_until_a_file_changes(tmp_path, monkeypatch):
     assert time_constant(tmp_path / "M.mo", tmp_path / "lib") == 25.0
 
 
+def test_a_copy_in_another_folder_is_not_compiled_again(tmp_path, monkeypatch):
+    text = "model M\n  Real x(start = 1);\nequation\n  der(x) = -x;\nend M;\n"
+    needy = text.replace("Real", "Length")
+    for folder in ("first", "second"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "M.mo").write_text(text)
+        (tmp_path / folder / "N.mo").write_text(needy.replace("M", "N"))
+        (tmp_path / folder / "Length.mo").write_text(f'type Length = Real(unit = "{folder[0]}");\n')
+    calls = []
+    session = compiler._session
+    monkeypatch.setattr(compiler, "_session", lambda *job: calls.append(1) or session(*job))
+    for folder in ("first", "second"):
+        place = daest.compile_model(tmp_path / folder / "M.mo").equations[0].place
+        assert place is not None and place.file == str(tmp_path / folder / "M.mo")
+    assert len(calls) == 1
+    # What stands beside a file counts where the file needs it.
+    for folder in ("first", "second"):
+        assert daest.compile_model(tmp_path / folder / "N.mo").unknowns[0].unit == folder[0]
+
+
 def test_what_is_kept_does_not_grow_without_end(tmp_path, monkeypatch):
     (tmp_path / "M.mo").write_text("model M\n  Real x(start = 1);\nequation\n  der(x) = -x;\nend M;\n")
     daest.compile_model(tmp_path / "M.mo")

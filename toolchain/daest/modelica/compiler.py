@@ -106,8 +106,15 @@ def with_room(work: Callable[[], T]) -> T:
 def compile_source(job: Job) -> s.FlatSource:
     """The flat form of a job, also when its equations and unknowns differ in number. Raises ModelError."""
     check_depth(str(job.path), job.text)
-    what = f"{job.class_name}({job.modification})"
-    return kept_or_compiled(job.text, what, job.path, job.roots.folders, lambda: _compiled_source(job))
+    may_stand_alone = _file_name(job).parent == _ALONE
+    alone, beside = _kept_file(job, is_alone=True), _kept_file(job, is_alone=False)
+    for file in (alone, beside) if may_stand_alone else (beside,):
+        kept = _read(file)
+        if kept is not None:
+            return replace(kept, texts={**kept.texts, **{n: (str(job.path), job.text) for n in kept.own}})
+    source = _compiled_source(job)
+    _write(alone if may_stand_alone and _needs_no_neighbour(source, job) else beside, source)
+    return source
 
 
 def _compiled_source(job: Job) -> s.FlatSource:
@@ -402,33 +409,27 @@ KEPT_BYTES = 200_000_000
 """Size of all flat sources that are kept; those that were not used for longest leave."""
 
 
-def kept_or_compiled(
-    text: bytes,
-    what: str,
-    path: Path,
-    roots: Iterable[Path],
-    compiled: Callable[[], s.FlatSource],
-) -> s.FlatSource:
-    """`compiled()`, or what it returned last time for the same text, class (`what`), files and versions.
+def _kept_file(job: Job, is_alone: bool) -> Path:
+    """Where the flat source of a job is kept. A file that stands alone means the same in every folder; else
+    its place and the .mo files beside it count, too.
 
-    `roots` are library folders and files; .mo files beside `path` count too. A cache that cannot be read or
-    written makes no difference.
+    A cache that cannot be read or written makes no difference.
     """
-    file = cache_folder() / "flat" / f"{_key(text, what, path, roots)}.pickle"
-    kept = _read(file)
-    if kept is not None:
-        return kept
-    source = compiled()
-    _write(file, source)
-    return source
-
-
-def _key(text: bytes, what: str, path: Path, roots: Iterable[Path]) -> str:
     room = Path(__file__).resolve().parent
     code = [(file.name, file.stat().st_size, file.stat().st_mtime_ns) for file in sorted(room.glob("*.py"))]
-    beside = stamp(sorted(path.resolve().parent.glob("*.mo")))
-    parts = [what, str(path), version("rumoca"), repr(code), beside, stamp(roots)]
-    return hashlib.sha256("\0".join(parts).encode() + text).hexdigest()
+    folder = job.path.resolve().parent
+    place = [job.path.name] if is_alone else [str(job.path), stamp(sorted(folder.glob("*.mo")))]
+    what = f"{job.class_name}({job.modification})"
+    parts = [what, *place, version("rumoca"), repr(code), stamp(job.roots.folders)]
+    key = hashlib.sha256("\0".join(parts).encode() + job.text).hexdigest()
+    return cache_folder() / "flat" / f"{key}.pickle"
+
+
+def _needs_no_neighbour(source: s.FlatSource, job: Job) -> bool:
+    """Whether the compiler read no file of the folder of the job's own."""
+    folder = job.path.resolve().parent
+    others = [Path(name) for number, (name, _) in source.texts.items() if number not in source.own]
+    return not any(other.resolve().parent == folder for other in others)
 
 
 def _read(file: Path) -> s.FlatSource | None:
