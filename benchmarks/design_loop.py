@@ -7,7 +7,7 @@ of both.
 Every case is diagnosed with the whole library. Then the designed input is played for as long as the first
 one, and so are, instead of it, a multisine and a random binary input of the same power and range, each
 recorded with the same noise. The machines are integrated by scipy, which shares nothing with daest.
-`--json FILE` keeps the cases.
+`--json FILE` keeps a line for each case; a run that finds the file goes on after them, and `--minutes` ends it early.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -206,25 +207,34 @@ def played(kind: Kind, task: Task, first: Experiment, size: float, seed: Sequenc
 Second = Callable[[Kind, Diagnosis, Experiment, float, np.ndarray, Sequence[int]], dict[str, Any]]
 
 
-def cases(kinds: Sequence[Kind], runs: int, seed: int, second: Second) -> list[dict[str, Any]]:
-    """A row for every case, until there are `runs` of them to which `second` adds the answers after the
-    second recording; it adds none where the first recording decides."""
-    rows: list[dict[str, Any]] = []
-    number = 0
-    while sum("designed" in row for row in rows) < runs and number < 3 * runs:
-        kind, key = kinds[number % len(kinds)], (seed, number)
-        number += 1
-        size, u, first = first_of(kind, key)
-        before = diagnosed(kind.plant, [first])
-        row: dict[str, Any] = {
-            "plant": kind.plant.name,
-            "right": kind.right,
-            "size": size,
-            "first": answer(before),
-        }
-        row |= second(kind, before, first, size, u, key)
-        rows.append(row)
-        print(json.dumps(row), flush=True)
+def case(kind: Kind, second: Second, key: Sequence[int]) -> dict[str, Any]:
+    """One case. `second` adds the answers after the second recording; it adds none where the first decides."""
+    size, u, first = first_of(kind, key)
+    before = diagnosed(kind.plant, [first])
+    row: dict[str, Any] = {
+        "plant": kind.plant.name,
+        "right": kind.right,
+        "size": size,
+        "key": key,
+        "first": answer(before),
+    }
+    return row | second(kind, before, first, size, u, key)
+
+
+def cases(
+    kinds: Sequence[Kind], runs: int, seed: int, second: Second, kept: Path | None, minutes: float
+) -> list[dict[str, Any]]:
+    """A row for every case, until `runs` of them have a second recording or the time is over; rows that were
+    kept are not made again."""
+    rows = [json.loads(line) for line in kept.read_text().splitlines()] if kept and kept.exists() else []
+    until = time.monotonic() + 60.0 * minutes
+    while sum("designed" in row for row in rows) < runs and len(rows) < 3 * runs and time.monotonic() < until:
+        number = len(rows)
+        rows.append(case(kinds[number % len(kinds)], second, (seed, number)))
+        print(json.dumps(rows[-1]), flush=True)
+        if kept:
+            with kept.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(rows[-1]) + "\n")
     return rows
 
 
@@ -275,13 +285,11 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--minutes", type=float, default=float("inf"))
     given = parser.parse_args()
     kinds, second = {"open": (OPEN, told_apart), "small": (SMALL, detected)}[given.part]
-    rows = cases(kinds, given.runs, given.seed, second)
-    found = {**summary(rows), "machine": described()}
-    print(json.dumps(found, indent=2))
-    if given.json:
-        given.json.write_text(json.dumps({**found, "rows": rows}, indent=1) + "\n", encoding="utf-8")
+    rows = cases(kinds, given.runs, given.seed, second, given.json, given.minutes)
+    print(json.dumps({**summary(rows), "machine": described()}, indent=2))
 
 
 if __name__ == "__main__":

@@ -23,6 +23,11 @@ _NAMED = re.compile(
 _DEFINED = re.compile(r"^static [^\n(\[]*\b(casadi_\w+)(?:\[[^\n]*;\n|\([^\n]*\}\n|\(.*?^\}\n)", re.S | re.M)
 _INNER = re.compile(r"^(static int casadi_f\d+\([^)]*\)) \{", re.M)
 _HELPER = re.compile(r"^(?=(?:casadi_real|casadi_int|void|int) casadi_\w+\()", re.M)
+_CONSTANT = re.compile(
+    r"""/\*.*?\*/|"(?:\\.|[^"\\\n])*"|\bR_\([^()]*\)"""
+    r"""|(?<![\w.])((?:\d+\.\d*|\.\d+)(?:[eE][-+]?\d+)?|\d+[eE][-+]?\d+)(?![\w.])""",
+    re.S,
+)
 _PROLOGUE_ENDS = "#define CASADI_SYMBOL_EXPORT\n  #endif\n#endif\n"
 
 
@@ -133,12 +138,23 @@ def chosen_values(flat: FlatModel, only: Sequence[str]) -> tuple[str, ...]:
 
 
 def estimator_files(model: EstimatorModel, *, is_float: bool = False) -> dict[str, str]:
-    """Name -> text of the C files."""
-    return {
+    """Name -> text of the C files. In single precision every constant of the estimator is single, too: a
+    double one would draw the arithmetic around it into double precision, which small controllers only
+    emulate. The program that replays a file stays in double precision."""
+    found = {
         **model.form.program(),
         "estimator_sizes.h": _sizes(model, is_float),
         "estimator_model.c": _model(model),
     }
+    if not is_float:
+        return found
+    return {name: text if name == "main.c" else _in_single_precision(text) for name, text in found.items()}
+
+
+def _in_single_precision(text: str) -> str:
+    """The C text with the suffix f at every floating constant that has none; comments, strings and what the
+    macro R_ suffixes stay as they are."""
+    return _CONSTANT.sub(lambda found: found[0] if found[1] is None else f"{found[1]}f", text)
 
 
 def _sizes(model: EstimatorModel, is_float: bool) -> str:
@@ -200,7 +216,7 @@ def generated(functions: Sequence[ca.Function]) -> str:
     body = _INNER.sub(r"\1 {\n  (void)arg, (void)res, (void)iw, (void)w, (void)mem;", body)
     body = _without_unused("\n".join([body, *named]))
     math = "#ifdef ESTIMATOR_FLOAT\n#include <tgmath.h>\n#else\n#include <math.h>\n#endif"
-    return "\n".join([math, "#define casadi_real est_real", _INTEGER, body])
+    return "\n".join([math, "#define casadi_real est_real", _INTEGER, _LOCAL_POINTERS, body])
 
 
 def _without_unused(text: str) -> str:
@@ -214,6 +230,10 @@ def _without_unused(text: str) -> str:
             text = text.replace(definition, "")
 
 
+# CasADi leaves pointers to local numbers in the list of arguments that it was given, where nobody reads them.
+_LOCAL_POINTERS = """#if defined(__GNUC__) && !defined(__clang__) && __GNUC__ >= 12
+#pragma GCC diagnostic ignored "-Wdangling-pointer"
+#endif"""
 _INTEGER = "#ifndef casadi_int\n#define casadi_int long long int\n#endif"
 
 

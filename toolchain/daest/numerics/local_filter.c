@@ -152,7 +152,11 @@ static void add_applied(const real *a, const real *v, real *out) {
 
 static void symmetric(real *a) {
   for (int i = 0; i < NX; ++i)
-    for (int j = 0; j < i; ++j) a[i * NX + j] = a[j * NX + i] = 0.5 * (a[i * NX + j] + a[j * NX + i]);
+    for (int j = 0; j < i; ++j) {
+      const real mean = 0.5 * (a[i * NX + j] + a[j * NX + i]);
+      a[i * NX + j] = mean;
+      a[j * NX + i] = mean;
+    }
 }
 
 /* ---- one substep of the linearised model ---- */
@@ -209,7 +213,7 @@ static void series(Substep *s, real step, const real *D) {
     for (int i = 0; i < NX; ++i) H[i * NX + i] = 1.0;
     for (int k = s->order; k > 0; --k) {
       multiply(A, s->horner[k + 1], s->horner[k]);
-      for (int i = 0; i < XX; ++i) s->horner[k][i] *= step / k;
+      for (int i = 0; i < XX; ++i) s->horner[k][i] *= step / (real)k;
       for (int i = 0; i < NX; ++i) s->horner[k][i * NX + i] += 1.0;
     }
     memcpy(out->phi, s->horner[1], sizeof out->phi);
@@ -223,9 +227,9 @@ static void series(Substep *s, real step, const real *D) {
     apply(A, s->f_term[k - 1], s->f_term[k]);
     apply(A, s->ramp_term[k - 1], s->ramp_term[k]);
     for (int i = 0; i < NX; ++i) {
-      out->from_f[i] += s->f_term[k][i] *= step / k;
-      out->ramp_rate[i] += s->ramp_term[k][i] *= step / k;
-      out->from_ramp[i] += s->ramp_term[k][i] * step / (k + 1);
+      out->from_f[i] += s->f_term[k][i] *= step / (real)k;
+      out->ramp_rate[i] += s->ramp_term[k][i] *= step / (real)k;
+      out->from_ramp[i] += s->ramp_term[k][i] * step / (real)(k + 1);
     }
   }
   if (!s->with_Q) return;
@@ -235,7 +239,7 @@ static void series(Substep *s, real step, const real *D) {
     multiply(A, s->Q_term[k - 1], product);
     for (int i = 0; i < NX; ++i)
       for (int j = 0; j < NX; ++j)
-        out->Q[i * NX + j] += s->Q_term[k][i * NX + j] = (product[i * NX + j] + product[j * NX + i]) * step / k;
+        out->Q[i * NX + j] += s->Q_term[k][i * NX + j] = (product[i * NX + j] + product[j * NX + i]) * step / (real)k;
   }
 }
 
@@ -282,7 +286,7 @@ static void integrals(Substep *s) {
 static int order_of(real size) {
   real term = 1.0;
   for (int k = 1; k < ORDER; ++k)
-    if ((term *= size / (k + 1)) < LEFT_OUT) return k;
+    if ((term *= size / (real)(k + 1)) < LEFT_OUT) return k;
   return ORDER;
 }
 
@@ -315,7 +319,7 @@ static void solve_tangent(const Substep *s, const Slopes *d, const real *dD, Sol
   for (int k = s->order; k > 0; --k) {
     multiply(d->A, s->horner[k + 1], product);
     add_product(A, H, product);
-    for (int i = 0; i < XX; ++i) H[i] = product[i] * step / k;
+    for (int i = 0; i < XX; ++i) H[i] = product[i] * step / (real)k;
   }
   memcpy(out->phi, H, sizeof out->phi);
   for (int i = 0; i < NX; ++i) {
@@ -332,16 +336,16 @@ static void solve_tangent(const Substep *s, const Slopes *d, const real *dD, Sol
     apply(A, ramp_term, dramp);
     add_applied(d->A, s->ramp_term[k - 1], dramp);
     for (int i = 0; i < NX; ++i) {
-      out->from_f[i] += f_term[i] = df[i] * step / k;
-      out->ramp_rate[i] += ramp_term[i] = dramp[i] * step / k;
-      out->from_ramp[i] += ramp_term[i] * step / (k + 1);
+      out->from_f[i] += f_term[i] = df[i] * step / (real)k;
+      out->ramp_rate[i] += ramp_term[i] = dramp[i] * step / (real)k;
+      out->from_ramp[i] += ramp_term[i] * step / (real)(k + 1);
     }
     if (!s->with_Q) continue;
     multiply(A, Q_term, product);
     add_product(d->A, s->Q_term[k - 1], product);
     for (int i = 0; i < NX; ++i)
       for (int j = 0; j < NX; ++j)
-        out->Q[i * NX + j] += Q_term[i * NX + j] = (product[i * NX + j] + product[j * NX + i]) * step / k;
+        out->Q[i * NX + j] += Q_term[i * NX + j] = (product[i * NX + j] + product[j * NX + i]) * step / (real)k;
   }
   for (int l = 0; l < s->doublings; ++l) {
     const Solution *a = &s->level[l];
@@ -547,9 +551,9 @@ static int advance(Substep *work, Model *m, const Interval *s, real *x, real *P,
   Substep *mean = work, *spread = work + 1;
   real slope[AT_LEAST_ONE(NU)], end[NX], half[XX];
   const real *over = s->is_averaged ? P : 0;
-  Piece piece = {.slope = slope, .h = s->dt / n};
+  Piece piece = {.slope = slope, .h = s->dt / (real)n};
   int is_point = P && !transition && !noise && !(along && along->n);
-  for (int i = 0; is_point && i < XX; ++i) is_point = P[i] == 0.0;
+  for (int i = 0; is_point && i < XX; ++i) is_point = P[i] <= 0.0 && P[i] >= 0.0;
   mean->with_Q = 0;
   spread->with_Q = 1;
   mean->with_phi = along && along->n;
@@ -557,10 +561,10 @@ static int advance(Substep *work, Model *m, const Interval *s, real *x, real *P,
   if (noise) memset(noise, 0, sizeof(real) * NX * NW);
   for (int k = 0; k < n; ++k) {
     for (int i = 0; i < NU; ++i) {
-      piece.ua[i] = s->u0[i] + (s->u1[i] - s->u0[i]) * k / n;
-      piece.ub[i] = s->u0[i] + (s->u1[i] - s->u0[i]) * (k + 1) / n;
+      piece.ua[i] = s->u0[i] + (s->u1[i] - s->u0[i]) * (real)k / (real)n;
+      piece.ub[i] = s->u0[i] + (s->u1[i] - s->u0[i]) * (real)(k + 1) / (real)n;
     }
-    piece.t = s->t + k * piece.h;
+    piece.t = s->t + (real)k * piece.h;
     if (call_flow(daest_flow, m, x, piece.ua, slope, piece.t, over, 0, 0, 0, &mean->at)) return NOT_FINITE;
     if (solve_substep(mean, m->q, piece.h)) return NOT_FINITE;
     const Solution *moved = LEVEL(mean, mean->doublings), *whole = LEVEL(spread, 0);

@@ -2,7 +2,11 @@
  * by `scale`. R = dg/dx (NG x NX, row-major). K = W R' (R W R')^-1 (NX x NG) with W = diag(scale^2) is left for the
  * projection of tangents, T = I - K R, and L (NG x NG) with L L' = R W R'; *moved is the largest step relative to the
  * scale. Returns 0 where R has dependent rows. */
+#ifdef ESTIMATOR_FLOAT
+#include <tgmath.h>
+#else
 #include <math.h>
+#endif
 
 #ifndef real
 #define real double

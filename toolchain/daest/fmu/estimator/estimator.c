@@ -178,7 +178,7 @@ static int sampled(Estimator *e, est_real h) {
 static void decomposed(const est_real *root, int p, est_real *W, est_real *V, est_real *size) {
     for (int i = 0; i < p; ++i)
         for (int j = 0; j < p; ++j) W[i * p + j] = root[i * (p + 1) + j], V[i * p + j] = i == j;
-    for (int sweep = 0; sweep < SWEEPS; ++sweep) {
+    for (int sweep = 0; NP > 1 && sweep < SWEEPS; ++sweep) {
         int rotated = 0;
         for (int a = 0; a < p; ++a)
             for (int b = a + 1; b < p; ++b) {
@@ -188,7 +188,7 @@ static void decomposed(const est_real *root, int p, est_real *W, est_real *V, es
                     bb += W[i * p + b] * W[i * p + b];
                     ab += W[i * p + a] * W[i * p + b];
                 }
-                if (FABS(ab) <= R_(1e-16) * SQRT(aa * bb) || ab == 0) continue;
+                if (!(FABS(ab) > R_(1e-16) * SQRT(aa * bb))) continue;
                 rotated = 1;
                 const est_real zeta = (bb - aa) / (2 * ab);
                 const est_real t = (zeta >= 0 ? 1 : -1) / (FABS(zeta) + SQRT(1 + zeta * zeta));
@@ -260,7 +260,7 @@ static void add_row(est_real *root, int p, est_real *row) {
     for (int j = 0; j < p; ++j) {
         est_real *own = root + j * (p + 1);
         const est_real length = SQRT(own[j] * own[j] + row[j] * row[j]);
-        if (length == 0) continue;
+        if (!(length > 0)) continue;
         const est_real c = own[j] / length, s = row[j] / length;
         for (int k = j; k <= p; ++k) {
             const est_real old = own[k];
@@ -305,7 +305,7 @@ static void masked(const est_real *R, const int *valid, est_real *out) {
 static int update(Estimator *e) {
     EstUpdate *up = &e->up;
     const EstMatrices *m = &e->m;
-    const int p = e->n_known, q = p + e->n_open;
+    const int p = NP > 0 ? e->n_known : 0, q = NQ > 0 ? p + e->n_open : 0;
     est_real R[EST_ARRAY(EST_NY * EST_NY)], S[EST_ARRAY(EST_NY * EST_NY)], PC[EST_ARRAY(EST_NX * EST_NY)];
     est_real row[EST_NP + 1];
     int n_valid = 0;
@@ -345,11 +345,11 @@ static int update(Estimator *e) {
 static void predict(Estimator *e, const est_real *u) {
     const EstSampled *s = &e->s;
     const EstUpdate *up = &e->up;
-    const int p = e->n_known, q = p + e->n_open;
+    const int p = NP > 0 ? e->n_known : 0, q = NQ > 0 ? p + e->n_open : 0;
     est_real PC[EST_ARRAY(EST_NX * EST_NY)], reach[EST_ARRAY(EST_NX * EST_NY)], gain[EST_ARRAY(EST_NX * EST_NY)];
     est_real half[EST_ARRAY(EST_NX * EST_NX)], closed[EST_ARRAY(EST_NX * EST_NX)], R[EST_ARRAY(EST_NY * EST_NY)];
     est_real P[EST_ARRAY(EST_NX * EST_NX)], KR[EST_ARRAY(EST_NX * EST_NY)], KS[EST_ARRAY(EST_NX * EST_NX)];
-    est_real S12[EST_ARRAY(EST_NX * EST_NY)], mean[EST_ARRAY(EST_NX)], sens[EST_ARRAY(EST_NX * EST_NQ)];
+    est_real S12[EST_ARRAY(EST_NX * EST_NY)], mean[EST_ARRAY(EST_NX)], sens[EST_ARRAY(EST_NX * EST_NQ)] = {0};
     times_t(e->cov, up->C, NX, NX, NY, PC);
     times(s->Phi, PC, NX, NX, NY, reach);
     for (int i = 0; i < NX; ++i)
@@ -410,7 +410,7 @@ static void collapse(Estimator *e) {
 /* Innovations given what the past says of delta; how many of them there are. */
 static void innovations(Estimator *e) {
     const EstUpdate *up = &e->up;
-    const int p = e->n_known, q = p + e->n_open;
+    const int p = NP > 0 ? e->n_known : 0, q = NQ > 0 ? p + e->n_open : 0;
     est_real delta[EST_ARRAY(EST_NQ)], factor[EST_ARRAY(EST_NQ * EST_NQ)], free[EST_ARRAY(EST_NQ * EST_NQ)];
     est_real spread[EST_ARRAY(EST_NY * EST_NQ)], S[EST_ARRAY(EST_NY * EST_NY)], PC[EST_ARRAY(EST_NX * EST_NY)];
     est_real R[EST_ARRAY(EST_NY * EST_NY)], white[EST_ARRAY(EST_NY * EST_NY)], more[EST_ARRAY(EST_NY * EST_NY)];
@@ -454,7 +454,7 @@ static void tell(Estimator *e) {
     const EstUpdate *up = &e->up;
     const EstSampled *s = &e->s;
     const EstMatrices *m = &e->m;
-    const int p = e->n_known, q = p + e->n_open;
+    const int p = NP > 0 ? e->n_known : 0, q = NQ > 0 ? p + e->n_open : 0;
     est_real reach[EST_ARRAY((EST_NX + EST_NW) * EST_NY)], half[EST_ARRAY((EST_NX + EST_NW) * EST_NY)];
     est_real mean[EST_ARRAY(EST_NX + EST_NW)], load[EST_ARRAY((EST_NX + EST_NW) * EST_NQ)];
     est_real delta[EST_ARRAY(EST_NQ)], factor[EST_ARRAY(EST_NQ * EST_NQ)], free[EST_ARRAY(EST_NQ * EST_NQ)];
@@ -528,7 +528,7 @@ int estimator_step(Estimator *e, double time, const est_real *u, const est_real 
         e->ubar[NU + j] = e->has_sample ? (u[sources[j]] - e->ubar[sources[j]]) / step : 0;
     for (int j = 0; j < NU; ++j) e->ubar[j] = u[j];
     for (int j = 0; j < NY; ++j) {
-        e->valid[j] = valid[j] != 0 && y[j] - y[j] == 0;
+        e->valid[j] = valid[j] != 0 && isfinite(y[j]);
         e->y[j] = e->valid[j] ? y[j] : 0;
     }
     e->time = time;
