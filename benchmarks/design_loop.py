@@ -7,7 +7,8 @@ of both.
 Every case is diagnosed with the whole library. Then the designed input is played for as long as the first
 one, and so are, instead of it, a multisine and a random binary input of the same power and range, each
 recorded with the same noise. The machines are integrated by scipy, which shares nothing with daest.
-`--json FILE` keeps a line for each case; a run that finds the file goes on after them, and `--minutes` ends it early.
+`--json FILE` keeps a line for each case; a run that finds the file goes on after them, and `--minutes`
+ends it early.
 """
 
 from __future__ import annotations
@@ -208,7 +209,7 @@ Second = Callable[[Kind, Diagnosis, Experiment, float, np.ndarray, Sequence[int]
 
 
 def case(kind: Kind, second: Second, key: Sequence[int]) -> dict[str, Any]:
-    """One case. `second` adds the answers after the second recording; it adds none where the first decides."""
+    """One case. `second` adds the answers after the second recording, none where the first one decides."""
     size, u, first = first_of(kind, key)
     before = diagnosed(kind.plant, [first])
     row: dict[str, Any] = {

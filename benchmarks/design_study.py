@@ -3,6 +3,7 @@
     python benchmarks/design_study.py errors --runs 60         predicted against obtained standard errors
     python benchmarks/design_study.py rivals --runs 20         laws that a first recording cannot tell apart
     python benchmarks/design_study.py power --runs 40          predicted against obtained power
+    python benchmarks/design_study.py feedback --runs 40       standard errors of an unstable plant, held
     python benchmarks/design_study.py peers                    a D-optimal input beside pydex
 
 `--json FILE` keeps the result.
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,6 +34,7 @@ from daest.machine import described
 from daest.model.design import Limits, Range
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
+from daest.modelica.closed_loop import closed_loop
 from daest.modelica.compile import compile_model
 from daest.modelica.effects import find_effects
 from daest.modelica.sites import find_site
@@ -95,6 +98,79 @@ def errors(runs: int, seed: int) -> dict:
         print(noise, found.families[0].family, result[f"noise {noise:g}"], flush=True)
     return {
         "obtained over predicted": result,
+        "runs": runs,
+        "standard error of a ratio": (2.0 * runs) ** -0.5,
+    }
+
+
+FALL = """\
+model Fall "Runs away when left alone; a force without a pattern acts on it"
+  parameter Real a(unit = "1/s") = 3 annotation(__Daest(estimate = true));
+  parameter Real b = 2 annotation(__Daest(estimate = true));
+  input Real u(start = 0);
+  input Real w annotation(__Daest(noise = true, intensity = 0.01));
+  output Real y annotation(__Daest(std = 0.05));
+  Real x(start = 0);
+equation
+  der(x) = a*x + b*u + w;
+  y = x;
+end Fall;
+"""
+HOLD = """\
+model Hold
+  input Real y;
+  input Real r;
+  output Real u = 4*(r - y);
+end Hold;
+"""
+
+
+def held(reference, rng):
+    """Command and output of the sampled loop: the controller acts on what the noisy sensor says."""
+    a, b, x, rows = 3.0, 2.0, 0.0, []
+    grown = np.exp(a * PERIOD)
+    spread = np.sqrt(0.01 * (grown**2 - 1.0) / (2.0 * a))
+    for r in reference:
+        y = x + 0.05 * rng.standard_normal()
+        u = 4.0 * (r - y)
+        rows.append((u, y))
+        x = grown * x + (grown - 1.0) / a * b * u + spread * rng.standard_normal()
+    return np.array(rows)
+
+
+def feedback(runs: int, seed: int) -> dict:
+    """An unstable plant: its controller's reference is designed, the plant is estimated from command and
+    output."""
+    with tempfile.TemporaryDirectory() as folder:
+        models = []
+        for name, text in (("Fall", FALL), ("Hold", HOLD)):
+            path = Path(folder) / f"{name}.mo"
+            path.write_text(text)
+            models.append(compile_model(path))
+    plant, controller = models
+    allowed = Limits(
+        (Range("r", "", -1.0, 1.0),), 20.0, PERIOD, (Range("u", "", -4.0, 4.0),), (0.0, 5.0), "zoh"
+    )
+    subject = Subject(closed_loop(plant, controller), ("a", "b"), unknown_noise=True)
+    driven = explainer(subject, allowed.period, "zoh")
+    p = len(driven.coordinates)
+    aim = ParameterAim(driven, (0, 1), "D", np.zeros((p, p)))
+    found = design(Task(aim, (subject,), allowed, seconds=5.0, commanded=("u",)))
+    values, reached = [], []
+    for run in range(runs):
+        rows = held(found.inputs[:, 0], np.random.default_rng([seed, run]))
+        one = Experiment("r", allowed.time, rows[:, :1], rows[:, 1:], ("u",), ("y",))
+        fit = identify(plant, [one], IdentifyOptions(hold="zoh", method="pem", second_look=False))
+        values.append([q.value for q in fit.parameters])
+        reached.append(np.abs(rows[:, 0]).max())
+    spread = dict(zip(("a", "b"), np.std(values, axis=0, ddof=1), strict=True))
+    predicted = {name: found.expected.std_errors[name] for name in spread}
+    return {
+        "predicted": predicted,
+        "obtained over predicted": {name: float(spread[name] / predicted[name]) for name in spread},
+        "mean": np.mean(values, axis=0).tolist(),
+        "largest command, median": float(np.median(reached)),
+        "family": found.families[0].family,
         "runs": runs,
         "standard error of a ratio": (2.0 * runs) ** -0.5,
     }
@@ -285,12 +361,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("part", choices=["errors", "rivals", "power", "peers"])
+    parser.add_argument("part", choices=["errors", "rivals", "power", "feedback", "peers"])
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
-    parts = {"errors": errors, "rivals": rivals, "power": power}
+    parts = {"errors": errors, "rivals": rivals, "power": power, "feedback": feedback}
     result = peers() if given.part == "peers" else parts[given.part](given.runs, given.seed)
     text = json.dumps({**result, "machine": described()}, indent=2)
     print(text)

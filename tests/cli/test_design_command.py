@@ -120,11 +120,29 @@ end Fall;
 """
 
 
+HOLD = """\
+model Hold
+  input Real y;
+  input Real r(unit = "m");
+  output Real u = 8*(r - y);
+end Hold;
+"""
+
+
 def test_models_that_no_experiment_suits(folder, daest):
     (folder / "Fall.mo").write_text(UNSTABLE)
     own = ("--length", "10", "--period", "0.05", "--seconds", "1")
     status, _, err = daest("design", "--model", "Fall.mo", "--limit", "u=-1,1", *own)
-    assert status == 2 and "error[design-unstable]" in err and "controller" in err
+    assert status == 2 and "error[design-unstable]" in err and "--controller" in err
+    (folder / "Hold.mo").write_text(HOLD)
+    (folder / "fall.csv").write_text(
+        "time,u,y\n" + "".join(f"{0.05 * k},{k % 3 - 1},0\n" for k in range(200))
+    )
+    loop = ("--controller", "Hold.mo", "--limit", "r=-1,1", "-o", "input.csv")
+    status, out, err = daest("design", "fall.csv", "--model", "Fall.mo", *loop, *own)
+    assert status == 0 and "no column 'r'" in err, err
+    assert played(folder / "input.csv")[0] == "time [s],r [m]"
+    assert "u          -1 to 1" in out  # what was recorded is what the machine can play
     alone = UNSTABLE.replace("Fall", "Alone").replace("  input Real u(start = 0);\n", "").replace("+ u", "")
     (folder / "Alone.mo").write_text(alone)
     status, _, err = daest("design", "--model", "Alone.mo", *own)

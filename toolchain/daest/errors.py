@@ -292,6 +292,11 @@ EXPLANATIONS: dict[str, str] = {
         "A value in daest.toml contradicts another: a start outside its bounds, min above max, both a split "
         "and validation files."
     ),
+    "controller-fit": (
+        "The model of a controller is tied to the model of the machine by names. Its outputs are called like "
+        "the inputs that it moves, its inputs like the variables that it reads; a further input is its "
+        "reference, which the experiment plays."
+    ),
     "data-all-missing": (
         "An output column holds no value at all in the part of the recording that is used. Remove the "
         "column from the mapping or choose another window."
@@ -431,12 +436,12 @@ EXPLANATIONS: dict[str, str] = {
     ),
     "design-unsafe": (
         "The model leaves a safe range although nothing is played. Widen the range, move those of the "
-        "inputs, or put the controller that holds the machine there into the model and design its reference."
+        "inputs, or give the controller that holds the machine there (--controller) and design its reference."
     ),
     "design-unstable": (
         "Left to itself the model runs away long before the experiment ends: what is expected of it then "
-        "holds for no machine. Put the controller into the model, with its reference as the input, and "
-        "design that; or give safe ranges."
+        "holds for no machine. Give the controller (--controller FILE.mo) and design its reference; or give "
+        "safe ranges."
     ),
     "diagnose-fmu-search": (
         "Nothing can be put between the parts of an FMU without equations. Only effects that act at its "

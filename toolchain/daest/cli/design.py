@@ -35,11 +35,13 @@ if TYPE_CHECKING:
 
     from daest.data.project import Project
     from daest.design.design import Task
+    from daest.design.effects import Loop
     from daest.model.design import Criterion, Design, Limits
     from daest.model.experiment import Experiment
     from daest.model.flat import Model
 
 RESULT = "design.json"
+NOT_THERE = "data-unknown-column"  # of recordings that do not hold the reference
 STEPS_OF_PERIOD = 4  # digits of a period that is read off a recording
 
 
@@ -61,6 +63,7 @@ class Wish:
     sensors: tuple[str, ...] = ()
     seconds: float = 20.0
     alone: bool = False
+    controller: Path | None = None
 
 
 wish_options = gathered(
@@ -105,6 +108,12 @@ wish_options = gathered(
         help="A sensor that could be added, and its noise.",
     ),
     click.option(
+        "--controller",
+        type=click.Path(path_type=Path),
+        metavar="FILE",
+        help="Modelica model of the controller that stays in the loop: its reference is designed.",
+    ),
+    click.option(
         "--alone", is_flag=True, help="Design --parameters as if there were no recording to add to."
     ),
     click.option(
@@ -140,6 +149,9 @@ def command(
     period and the length where no option does, and what is known already. Parameters and noise are those of
     results/fit.json. Without --rivals, --parameters or --detect the aim is what results/diagnosis.json leaves
     open, else all parameters.
+
+    A machine that runs away when left alone is designed for in the loop of --controller: what is played is
+    its reference.
     """
     from daest.design.design import design
     from daest.report.csv_text import csv_text
@@ -193,27 +205,56 @@ def _task(
     if fit is not None:
         note(f"parameters and noise of {fit.path}")
         flat = with_settings(fitted(flat, fit.document), settings)
-    measured, recordings = _recordings(flat, project, files.data, data_options)
+    loop = _loop(wish, model_options, project)
+    measured, driven, recordings, played = _recordings(flat, loop, project, files.data, data_options)
     hold = data_options.known_hold(project) or (fit.document.get("hold") if fit else None) or "foh"
-    limits = _limits(measured, recordings, wish, hold)
-    recorded = _recorded_inputs(measured, recordings, limits)
+    limits = _limits(driven, recordings, wish, hold)
+    recorded = _recorded_inputs(driven, played, limits)
     folders = (*model_options.libraries, *project.libraries)
-    aim, subjects = _aim(project, loaded, measured, limits, recorded, wish, folders, seed)
+    aim, subjects = _aim(project, measured, loop, limits, recorded, wish, folders, seed)
     sensors = assignments(wish.sensors, "--sensor")
-    return Task(aim, subjects, limits, recorded, sensors, seed, wish.seconds)
+    commanded = tuple(v.name for v in measured.inputs if v not in driven.inputs)
+    return Task(aim, subjects, limits, recorded, sensors, seed, wish.seconds, commanded)
+
+
+def _loop(wish: Wish, options: ModelOptions, project: Project) -> Loop:
+    """Puts a model into the loop of --controller; without one the model stays as it is."""
+    if wish.controller is None:
+        return lambda flat: flat
+    from daest.cli.models import model_source
+    from daest.model.flat import with_equations
+    from daest.modelica.closed_loop import closed_loop
+    from daest.modelica.compile import compile_model
+
+    controller = compile_model(
+        model_source(project, wish.controller), None, (*options.libraries, *project.libraries)
+    )
+    return lambda flat: closed_loop(with_equations(flat, "the loop of a controller"), controller)
 
 
 def _recordings(
-    flat: Model, project: Project, data: Sequence[Path], options: DataOptions
-) -> tuple[Model, list[Experiment]]:
-    """The model with the outputs that are measured, and the recordings; without recordings all outputs count
-    as measured."""
+    flat: Model, loop: Loop, project: Project, data: Sequence[Path], options: DataOptions
+) -> tuple[Model, Model, list[Experiment], list[Experiment]]:
+    """The model with the outputs that are measured, the same in the loop of its controller, the recordings,
+    and those of them that hold what is played; without recordings all outputs count as measured."""
     from daest.cli.recordings import training_data
+    from daest.errors import DataError
+    from daest.modelica.change import with_outputs
 
+    driven = loop(flat)
     if not data and not project.estimate:
-        return flat, []
-    flat, estimation, validation = training_data(flat, project, data, options, others=False)
-    return flat, [*estimation, *validation]
+        return flat, driven, [], []
+    try:
+        kept, estimation, validation = training_data(driven, project, data, options, others=False)
+        recordings = played = [*estimation, *validation]
+    except DataError as problem:
+        if driven is flat or problem.code != NOT_THERE:
+            raise
+        note(f"{problem.what}: what the recording tells of the parameters is not counted")
+        kept, estimation, validation = training_data(flat, project, data, options, others=False)
+        recordings, played = [*estimation, *validation], []
+    names = [y.name for y in kept.outputs]
+    return with_outputs(flat, names), with_outputs(driven, names), recordings, played
 
 
 def _limits(flat: Model, recordings: Sequence[Experiment], wish: Wish, hold: str) -> Limits:
@@ -230,6 +271,9 @@ def _limits(flat: Model, recordings: Sequence[Experiment], wish: Wish, hold: str
         inputs.append(Range(variable.name, variable.unit, low, high, rates.pop(variable.name, rate)))
     units = {v.name: v.unit for v in flat.unknowns} | {y.name: y.unit for y in flat.outputs}
     _require_known([*given, *rates], units, flat)
+    played = {v.name for v in flat.inputs}
+    moved = dict.fromkeys(n for e in recordings for n in e.input_names if n not in played)  # by a controller
+    given = {name: _shown(name, recordings)[:2] for name in moved} | given
     safe = tuple(Range(name, units[name], low, high) for name, (low, high) in given.items())
     longest = max((e.time[-1] - e.time[0] for e in recordings), default=None)
     length = wish.length if wish.length is not None else longest
@@ -245,10 +289,10 @@ def _limits(flat: Model, recordings: Sequence[Experiment], wish: Wish, hold: str
 
 
 def _shown(name: str, recordings: Sequence[Experiment]) -> tuple[float, float, float]:
-    """Lowest and highest value and fastest change of an input in the recordings; NaN without any."""
+    """Lowest and highest value and fastest change of an input in the recordings; NaN where none holds it."""
     import numpy as np
 
-    columns = [(e.time, e.inputs[:, e.input_names.index(name)]) for e in recordings]
+    columns = [(e.time, e.inputs[:, e.input_names.index(name)]) for e in recordings if name in e.input_names]
     if not columns:
         return float("nan"), float("nan"), float("inf")
     rates = [float(np.max(np.abs(np.diff(u) / np.diff(t)), initial=0.0)) for t, u in columns]
@@ -285,8 +329,8 @@ def _recorded_inputs(flat: Model, recordings: Sequence[Experiment], limits: Limi
 
 def _aim(
     project: Project,
-    loaded: Model,
     flat: Model,
+    loop: Loop,
     limits: Limits,
     recorded: tuple[np.ndarray, ...],
     wish: Wish,
@@ -302,11 +346,11 @@ def _aim(
             remedy="give one of them",
         )
     if wish.detect is not None:
-        return effect_aim(project, flat, limits, recorded, wish.detect, wish.place, wish.size, folders)
+        return effect_aim(project, flat, limits, recorded, wish.detect, wish.place, wish.size, folders, loop)
     if wish.rivals or (not wish.parameters and survivors(project)):
-        return rivals_of(project, flat, limits, recorded, folders, seed)
+        return rivals_of(project, flat, limits, recorded, folders, seed, loop)
     names = listed_names(wish.parameters)
-    return parameter_aim(flat, limits, () if wish.alone else recorded, names, wish.criterion)
+    return parameter_aim(loop(flat), limits, () if wish.alone else recorded, names, wish.criterion)
 
 
 def _range(text: str) -> tuple[str, tuple[float, float]]:

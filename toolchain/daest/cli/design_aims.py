@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from daest.data.project import Project
     from daest.design.aims import ParameterAim
-    from daest.design.effects import Rival
+    from daest.design.effects import Loop, Rival
     from daest.design.prepared import Subject
     from daest.design.rivals import DetectAim, RivalAim
     from daest.model.design import Criterion, Limits
@@ -75,17 +75,18 @@ def rivals_of(
     recorded: Sequence[np.ndarray],
     folders: Sequence[Path],
     seed: int,
+    loop: Loop,
 ) -> tuple[RivalAim, tuple[Subject, ...]]:
-    """The aim of telling apart what results/diagnosis.json leaves. Raises EstimationError
-    `design-no-rivals`."""
+    """The aim of telling apart what results/diagnosis.json leaves, each in the loop of the controller. Raises
+    EstimationError `design-no-rivals`."""
     from daest.design.effects import rival_aim
     from daest.diagnosis.gates import GATES
 
-    found = [_rival(flat, entry, folders) for entry in survivors(project)]
+    found = [_rival(flat, entry, folders, loop) for entry in survivors(project)]
     return rival_aim([r for r in found if r is not None], limits, recorded, 0.5 * GATES.same_bic, seed)
 
 
-def _rival(flat: Model, entry: Mapping[str, Any], folders: Sequence[Path]) -> Rival | None:
+def _rival(flat: Model, entry: Mapping[str, Any], folders: Sequence[Path], loop: Loop) -> Rival | None:
     """The candidate as a model, with the values and the noise of its fit; None where it cannot be built."""
     from daest.cli.results import parameter_values
     from daest.design.effects import Rival, leaving, with_effect
@@ -105,7 +106,7 @@ def _rival(flat: Model, entry: Mapping[str, Any], folders: Sequence[Path]) -> Ri
         return None
     grown = grown.with_theta(parameter_values({"parameters": entry.get("model_parameters", {})}))
     names = [*entry.get("model_parameters", {}), *(f"{COMPONENT}.{name}" for name in entry["parameters"])]
-    return Rival(label, leaving(grown, entry["rms"]["estimation"]), tuple(names))
+    return Rival(label, leaving(loop(grown), entry["rms"]["estimation"]), tuple(names))
 
 
 def effect_aim(
@@ -117,6 +118,7 @@ def effect_aim(
     place: str | None,
     size: float | None,
     folders: Sequence[Path],
+    loop: Loop,
 ) -> tuple[DetectAim, tuple[Subject, ...]]:
     """The aim of seeing an effect. Raises ModelError `effect-unknown`, `effect-place`, `effect-fit`."""
     from daest.design.effects import detect_aim
@@ -136,6 +138,7 @@ def effect_aim(
         evidence=GATES.min_bic_gain,
         n_candidates=screen.get("n_screened") or SCREENED,
         chance=GATES.max_chance,
+        loop=loop,
     )
 
 

@@ -46,7 +46,8 @@ Progress = Callable[[str], None]
 @dataclass(frozen=True)
 class Task:
     """What is to be designed: the aim, the models that it drives, the limits, the inputs of the recordings
-    that there are (each (n, n_u) at the period of the limits), and the noise of possible sensors by name."""
+    that there are (each (n, n_u) at the period of the limits), and the noise of possible sensors by name.
+    `commanded`: variables that a controller sets."""
 
     aim: Aim
     subjects: tuple[Subject, ...]
@@ -55,6 +56,7 @@ class Task:
     sensor_noise: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
     seconds: float = SECONDS
+    commanded: tuple[str, ...] = ()
     is_short: bool = False  # families alone, and nothing of sensors and of both recordings together
 
 
@@ -214,8 +216,8 @@ def _require_stable(task: Task) -> None:
                 "design-unstable",
                 f"the model is unstable: a motion grows e-fold within {1.0 / rate:.3g} s, and the experiment "
                 f"takes {task.limits.length:.4g} s",
-                remedy="put the controller into the model, with its reference as the input, and design "
-                "that; or give safe ranges with --limit NAME=LOW,HIGH",
+                remedy="give the controller that holds the machine, --controller FILE.mo, and its reference "
+                "is designed; or give safe ranges with --limit NAME=LOW,HIGH",
             )
 
 
@@ -292,7 +294,7 @@ def _what_no_input_tells(
 
 
 def _sensors(task: Task, inputs: np.ndarray, notes: list[str]) -> tuple[SensorGain, ...]:
-    found = sensor_gains(task.aim, task.subjects, task.limits, inputs, task.sensor_noise)
+    found = sensor_gains(task.aim, task.subjects, task.limits, inputs, task.sensor_noise, task.commanded)
     unknown = [name for name in task.sensor_noise if not any(name in one.variables for one in found)]
     if unknown:
         notes.append(f"no sensor at {', '.join(unknown)}: it does not move, or is no variable of the model")

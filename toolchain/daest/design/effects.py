@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from daest.model.effects import Effect, Placement, Site
 from daest.model.flat import FlatModel, Model
 from daest.modelica.attach import attach_all
 
+Loop = Callable[[Model], Model]  # puts a model into the loop of its controller
 DRAWS = 4  # likely parameters of each rival beside the fitted ones, for the expectation
 
 
@@ -106,9 +107,10 @@ def detect_aim(
     n_candidates: int,
     chance: float,
     shape: Mapping[str, float] | None = None,
+    loop: Loop = lambda flat: flat,
 ) -> tuple[DetectAim, tuple[Subject, ...]]:
     """The aim of seeing `effect` at a place. `size` is that of its first size parameter (default: the
-    smallest that the recordings show, else its start value).
+    smallest that the recordings show, else its start value). `loop` closes that of a controller.
 
     It is seen where twice the log-likelihood ratio exceeds both `evidence` plus the price of its parameters
     by BIC, and what a search over n candidates finds by `chance`.
@@ -124,7 +126,7 @@ def detect_aim(
     values = {**(shape or {}), **dict(zip((p.name for p in sizes), starts.tolist(), strict=True))}
     whole = with_effect(flat, effect, site, values, {})
     names = tuple(f"{COMPONENT}.{p.name}" for p in sizes)
-    subjects = (Subject(flat, estimated_names(flat)), Subject(whole, names))
+    subjects = (Subject(loop(flat), estimated_names(flat)), Subject(loop(whole), names))
     null, other = (explainer(subject, limits.period, limits.hold) for subject in subjects)
     n_data = max(sum(inputs.shape[0] for inputs in recorded), limits.time.size) * len(flat.outputs)
     price = evidence + len(sizes) * np.log(n_data)

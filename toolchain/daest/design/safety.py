@@ -113,7 +113,7 @@ class Guard:
                         f"rest at {told}: it runs from {low:.4g} to {high:.4g}",
                         where=one.name,
                         remedy="widen the safe range, move the ranges of the inputs, or design for the "
-                        "reference of a controller that is in the model",
+                        "reference of a controller (--controller FILE.mo)",
                     )
 
     def _holds(self, reach: np.ndarray) -> bool:

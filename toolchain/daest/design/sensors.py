@@ -13,12 +13,14 @@ from daest.design.prepared import Subject, explainer, with_rows
 from daest.errors import DaestError
 from daest.model.design import Limits, SensorGain
 from daest.modelica.change import declare
+from daest.modelica.closed_loop import CONTROLLER
 
 ASIDE = 0.03  # change of the search coordinates at which variables are compared
 EQUAL = 1e-9  # of its largest value: signals that differ by less are the same
 STILL = 1e-9  # of its size: a variable that moves less does not move
 MOST_SENSORS = 40
 COMPONENT = "effect"  # of a rival: what is inside of it is no variable of the machine
+KNOWN = (COMPONENT, CONTROLLER)  # components that no sensor is put into
 USUAL_NOISE = 0.01  # of the motion, where the present sensors tell none
 
 
@@ -28,11 +30,13 @@ def sensor_gains(
     limits: Limits,
     inputs: np.ndarray,
     noise: Mapping[str, float],
+    commanded: Sequence[str] = (),
 ) -> tuple[SensorGain, ...]:
     """The aim with one more sensor, best first, for every variable that moves with these inputs. Its noise is
     that of `noise` by name, else it has the share of the motion that the present sensors' noise has on
-    average. Empty where the models have no such variables in common."""
-    groups = _groups(aim.driven[0], inputs, noise)
+    average. Empty where the models have no such variables in common. `commanded`: variables that a
+    controller sets, and which are known therefore."""
+    groups = _groups(aim.driven[0], inputs, noise, commanded)
     names = [group[0] for group in groups]
     moved = dict(zip(names, _motion(aim.driven[0], inputs, names), strict=True))
     share = _usual_share(aim.driven[0], subjects[0], inputs)
@@ -83,9 +87,11 @@ def _widened(subject: Subject, stds: Mapping[str, float], limits: Limits) -> Exp
     )
 
 
-def _groups(driven: Explainer, inputs: np.ndarray, noise: Mapping[str, float]) -> list[tuple[str, ...]]:
-    """Variables that move and are neither inputs nor outputs, those that are the same but for their sign
-    together; those with a given noise first.
+def _groups(
+    driven: Explainer, inputs: np.ndarray, noise: Mapping[str, float], commanded: Sequence[str]
+) -> list[tuple[str, ...]]:
+    """Variables that move and are neither inputs, commanded nor outputs, those that are the same but for
+    their sign together; those with a given noise first.
 
     What is proportional is not the same: where the factor is unknown, a sensor tells it. They are compared
     at other parameters than those of the fit, where a factor may happen to be one.
@@ -94,11 +100,12 @@ def _groups(driven: Explainer, inputs: np.ndarray, noise: Mapping[str, float]) -
     at = driven.start(inputs, home + ASIDE * np.cos(np.arange(home.size)))
     values, taken = driven.variables(inputs, at), np.hstack([inputs, driven.outputs(inputs, at)])
     names = list(driven.variable_names)
+    taken = np.hstack([taken, values[:, [names.index(name) for name in commanded]]])
     groups: list[list[int]] = []
     for column, name in enumerate(names):
         own = values[:, column]
         is_wanted = name in noise or not any(_are_same(own, other) for other in taken.T)
-        if name.startswith(f"{COMPONENT}.") or not _moves(own) or not is_wanted:
+        if name.partition(".")[0] in KNOWN or not _moves(own) or not is_wanted:
             continue
         group = next((g for g in groups if _are_same(values[:, g[0]], own)), None)
         if group is None:
