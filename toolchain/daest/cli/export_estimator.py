@@ -112,7 +112,7 @@ def export_estimator(
         written = _write_c(model, options.folder, options.is_float)
     else:
         written = _write_fmu(model, source, output, options, platforms)
-    emit(documents.estimator_document(written), "export", form, None, texts.text)
+    emit(documents.document(written), "export", form, None, texts.text)
 
 
 def _fitted(project: Project, source: Path, flat: Model) -> tuple[Model, dict[str, Any]]:

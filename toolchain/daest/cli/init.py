@@ -136,7 +136,8 @@ def _relative(path: Path, file: Path) -> str:
 
 
 def _document(file: Path, draft: Any, checks: Sequence[DataCheck]) -> InitDocument:
-    from daest.report.documents.check import finding_entry
+    from daest.report.documents.parts import entry
+    from daest.report.documents.project import Clock, RecordedFinding
 
     is_complete = all(match.column is not None for match in (*draft.inputs, *draft.outputs))
     return {
@@ -150,18 +151,9 @@ def _document(file: Path, draft: Any, checks: Sequence[DataCheck]) -> InitDocume
         "noises": [noise.name for noise in draft.flat.noises],
         "time": draft.time,
         "units": dict(draft.units),
-        "recordings": [
-            {
-                "name": check.name,
-                "n_samples": check.n_samples,
-                "start": check.start,
-                "stop": check.stop,
-                "period": check.period,
-            }
-            for check in checks
-        ],
+        "recordings": [entry(Clock, check) for check in checks],
         "findings": [
-            {**finding_entry(finding), "recording": check.name}
+            entry(RecordedFinding, finding, recording=check.name)
             for check in checks
             for finding in check.findings
             # What has no column yet cannot be used, which is no fault of the recording.

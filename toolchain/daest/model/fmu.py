@@ -111,6 +111,12 @@ class ExportResult:
     parameters: tuple[str, ...]
     validation: tuple[str, ...]
     seconds: float
+    fmi_version: str = "3.0"
+
+    @property
+    def n_states(self) -> int:
+        """States that the integrator of whoever imports the FMU sees."""
+        return len(self.states)
 
 
 @dataclass(frozen=True)

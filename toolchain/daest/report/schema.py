@@ -1,7 +1,7 @@
 """JSON Schemas (draft 2020-12) of documents, from the typed dictionaries that describe them.
 
-A key is required unless it is `NotRequired`; other keys may stand beside those that a dictionary names. The
-second argument of `Annotated` becomes the description.
+A key is required unless it is `NotRequired`; other keys may stand beside those that a dictionary names. A
+text in `Annotated` becomes the description.
 """
 
 from __future__ import annotations
@@ -63,7 +63,8 @@ def _value(hint: Any, definitions: dict[str, tuple[type, Schema]]) -> Schema:
     if is_typeddict(hint):
         return _reference(hint, definitions)
     if origin is Annotated:
-        return {**_value(arguments[0], definitions), "description": arguments[1]}
+        words = next((one for one in arguments[1:] if isinstance(one, str)), None)
+        return {**_value(arguments[0], definitions), **({"description": words} if words else {})}
     if origin is Literal:
         return {"enum": list(arguments)}
     if origin is list:

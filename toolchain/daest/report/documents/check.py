@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, TypedDict
 
-from daest.model.quality import ColumnSummary, DataCheck, Finding, Level, Role
+from daest.model.quality import DataCheck, Level, Role
+from daest.report.documents.parts import Of, entry
 
 
 class ColumnEntry(TypedDict):
@@ -13,18 +14,18 @@ class ColumnEntry(TypedDict):
     unit: str | None
     role: Role | None
     n_values: int
-    min: float | None
-    max: float | None
+    min: Annotated[float | None, Of("low")]
+    max: Annotated[float | None, Of("high")]
     resolution: Annotated[float | None, "step of the values where they stand on a lattice"]
-    noise_std: Annotated[float | None, "of white noise where it shows"]
+    noise_std: Annotated[float | None, Of("noise"), "of white noise where it shows"]
 
 
 class FindingEntry(TypedDict):
     code: Annotated[str, "a code of daest explain"]
     level: Level
     column: str | None
-    text: str
-    time: float | None
+    text: Annotated[str, Of("sentence")]
+    time: Annotated[float | None, Of("at")]
     count: int
 
 
@@ -48,43 +49,6 @@ class CheckDocument(TypedDict):
 def document(checks: Sequence[DataCheck]) -> CheckDocument:
     """JSON-ready findings of every recording; `n_warnings` counts those of all."""
     return {
-        "recordings": [_recording(check) for check in checks],
+        "recordings": [entry(RecordingEntry, check) for check in checks],
         "n_warnings": sum(len(check.warnings) for check in checks),
-    }
-
-
-def _recording(check: DataCheck) -> RecordingEntry:
-    return {
-        "name": check.name,
-        "n_samples": check.n_samples,
-        "start": check.start,
-        "stop": check.stop,
-        "period": check.period,
-        "columns": [_column(column) for column in check.columns],
-        "findings": [finding_entry(finding) for finding in check.findings],
-    }
-
-
-def _column(column: ColumnSummary) -> ColumnEntry:
-    return {
-        "name": column.name,
-        "unit": column.unit,
-        "role": column.role,
-        "n_values": column.n_values,
-        "min": column.low,
-        "max": column.high,
-        "resolution": column.resolution,
-        "noise_std": column.noise,
-    }
-
-
-def finding_entry(finding: Finding) -> FindingEntry:
-    """A finding; `text` is a whole sentence."""
-    return {
-        "code": finding.code,
-        "level": finding.level,
-        "column": finding.column,
-        "text": finding.sentence,
-        "time": finding.at,
-        "count": finding.count,
     }

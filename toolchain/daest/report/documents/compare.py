@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Literal, NotRequired, TypedDict, cast
+from typing import Annotated, Literal, NotRequired, TypedDict
 
 import numpy as np
 
-from daest.model.comparison import Comparison, Finding, ModelTrial, ResidualTest, Verdict
-from daest.report.documents.parts import ByOutput, entry
+from daest.model.comparison import Comparison, Verdict
+from daest.report.documents.parts import ByOutput, Of, entry
 
-_Passed = TypedDict("_Passed", {"pass": bool | None})
+_Passed = TypedDict("_Passed", {"pass": Annotated[bool | None, Of("passed")]})
 
 
 class TestEntry(_Passed):
@@ -21,10 +20,12 @@ class TestEntry(_Passed):
 
 
 class Tests(TypedDict):
-    whiteness: dict[str, TestEntry]
-    input_independence: dict[str, TestEntry]
+    """Tests by output; none where nothing can be tested."""
+
+    whiteness: NotRequired[dict[str, TestEntry]]
+    input_independence: NotRequired[dict[str, TestEntry]]
     variable_independence: NotRequired[dict[str, TestEntry]]
-    nis: dict[str, TestEntry]
+    nis: NotRequired[dict[str, TestEntry]]
 
 
 class Where(TypedDict):
@@ -34,10 +35,10 @@ class Where(TypedDict):
     unit: NotRequired[str]
     low: float | None
     high: float | None
-    share_of_error: float
-    expected_share: NotRequired[float]
+    share_of_error: Annotated[float, Of("share")]
+    expected_share: NotRequired[Annotated[float, Of("expected")]]
     error: NotRequired[Literal["one-step", "simulation"]]
-    data: NotRequired[str | None]
+    data: NotRequired[Annotated[str | None, Of("experiment")]]
     p_value: NotRequired[float]
     text: str
 
@@ -56,8 +57,8 @@ class OneStep(TypedDict):
 class ModelEntry(TypedDict):
     name: str
     n_parameters: int
-    fit_percent: ByOutput
-    rms: ByOutput
+    fit_percent: Annotated[ByOutput, Of("simulation.fit_percent")]
+    rms: Annotated[ByOutput, Of("simulation.rms")]
     one_step: NotRequired[OneStep]
     growth: NotRequired[list[HorizonEntry]]
     log_likelihood: NotRequired[float | None]
@@ -70,10 +71,10 @@ class ModelEntry(TypedDict):
 
 
 class Row(TypedDict):
-    model: str
-    rms: ByOutput
-    fit_percent: ByOutput
-    one_step_rms: NotRequired[ByOutput]
+    model: Annotated[str, Of("name")]
+    rms: Annotated[ByOutput, Of("simulation.rms")]
+    fit_percent: Annotated[ByOutput, Of("simulation.fit_percent")]
+    one_step_rms: NotRequired[Annotated[ByOutput, Of("one_step.rms")]]
     bic: NotRequired[float | None]
     verdict: Verdict | None
 
@@ -84,27 +85,17 @@ class CompareDocument(TypedDict):
     data: list[str]
     outputs: dict[str, str]
     models: list[ModelEntry]
-    table: list[Row]
+    table: Annotated[list[Row], Of("models")]
 
 
 def document(comparison: Comparison) -> CompareDocument:
     """JSON content of `daest compare`: one entry per model, and `table`, the simulation error of each."""
-    return {
-        "data": [experiment.name for experiment in comparison.experiments],
-        "outputs": dict(zip(comparison.output_names, comparison.output_units, strict=True)),
-        "models": [_model(trial) for trial in comparison.models],
-        "table": [
-            {
-                "model": trial.name,
-                "rms": trial.simulation.rms,
-                "fit_percent": trial.simulation.fit_percent,
-                "one_step_rms": trial.one_step.rms,
-                "bic": trial.bic,
-                "verdict": trial.verdict,
-            }
-            for trial in comparison.models
-        ],
-    }
+    return entry(
+        CompareDocument,
+        comparison,
+        data=[experiment.name for experiment in comparison.experiments],
+        outputs=dict(zip(comparison.output_names, comparison.output_units, strict=True)),
+    )
 
 
 def series(comparison: Comparison) -> dict[str, np.ndarray]:
@@ -119,48 +110,3 @@ def series(comparison: Comparison) -> dict[str, np.ndarray]:
             if trial.residuals:
                 arrays[f"{r}.{m}.residuals"] = trial.residuals[r]
     return arrays
-
-
-def _model(trial: ModelTrial) -> ModelEntry:
-    return entry(
-        ModelEntry,
-        trial,
-        fit_percent=trial.simulation.fit_percent,
-        rms=trial.simulation.rms,
-        tests=cast(Tests, {kind: _tests(by_output) for kind, by_output in trial.tests.items()}),
-        feedback=_tests(trial.feedback),
-        where=[_finding(finding) for finding in trial.where],
-    )
-
-
-def _tests(by_output: Mapping[str, ResidualTest]) -> dict[str, TestEntry]:
-    return {output: _test(test) for output, test in by_output.items()}
-
-
-def _test(test: ResidualTest) -> TestEntry:
-    entry: TestEntry = {
-        "statistic": test.statistic,
-        "limit": test.limit,
-        "p_value": test.p_value,
-        "pass": test.passed,
-    }
-    if test.band is not None:
-        entry["band"] = list(test.band)
-    return entry
-
-
-def _finding(finding: Finding) -> Where:
-    return {
-        "output": finding.output,
-        "kind": finding.kind,
-        "variable": finding.variable,
-        "unit": finding.unit,
-        "low": finding.low,
-        "high": finding.high,
-        "share_of_error": finding.share,
-        "expected_share": finding.expected,
-        "error": finding.error,
-        "data": finding.experiment,
-        "p_value": finding.p_value,
-        "text": finding.text,
-    }

@@ -6,8 +6,8 @@ from typing import Annotated, NotRequired, TypedDict
 
 import numpy as np
 
-from daest.model.design import Design, SensorGain
-from daest.report.documents.parts import entry
+from daest.model.design import Design, Safety
+from daest.report.documents.parts import Of, entry
 
 
 class InputEntry(TypedDict):
@@ -27,7 +27,7 @@ class ExpectedEntry(TypedDict):
 
 
 class FamilyEntry(TypedDict):
-    name: str
+    name: Annotated[str, Of("family")]
     shape: str
     value: Annotated[float | None, "see value_of"]
     rms: Annotated[dict[str, float], "standard deviation of each input: what the input costs"]
@@ -46,7 +46,7 @@ class SensorEntry(TypedDict):
 
 class SafeEntry(TypedDict):
     limit: list[float]
-    unit: str
+    unit: Annotated[str, Of("range.unit")]
     reaches: list[float]
     probability: Annotated[float | None, "of leaving the limit, over the uncertainty of the parameters"]
 
@@ -71,7 +71,7 @@ class DesignDocument(TypedDict):
     input: InputEntry
     value_of: Annotated[str, "what the values are"]
     higher_is_better: bool
-    predicted: ExpectedEntry
+    predicted: Annotated[ExpectedEntry, Of("expected")]
     present: Annotated[ExpectedEntry | None, "the same of the recordings that there are"]
     together: Annotated[ExpectedEntry | None, "of these and the designed one"]
     families: list[FamilyEntry]
@@ -87,38 +87,21 @@ class DesignDocument(TypedDict):
 
 def document(found: Design, file: str | None = None) -> DesignDocument:
     limits = found.limits
-    return {
-        "aim": found.aim,
-        "message": found.message,
-        "input": {
-            "columns": header(found),
-            "period": limits.period,
-            "length": limits.length,
-            "hold": limits.hold,
-            "file": file,
-        },
-        "value_of": found.value_of,
-        "higher_is_better": found.higher_is_better,
-        "predicted": entry(ExpectedEntry, found.expected),
-        "present": None if found.present is None else entry(ExpectedEntry, found.present),
-        "together": None if found.together is None else entry(ExpectedEntry, found.together),
-        "families": [entry(FamilyEntry, one, name=one.family) for one in found.families],
-        "sensors": [_sensor(one) for one in found.sensors],
-        "safe": {
-            s.range.name: {
-                "limit": [s.range.low, s.range.high],
-                "unit": s.range.unit,
-                "reaches": [s.lowest, s.highest],
-                "probability": _number(s.probability),
-            }
-            for s in found.safety
-        },
-        "power": [entry(PowerEntry, p) for p in found.power],
-        "open_directions": [entry(DirectionEntry, d) for d in found.open_directions],
-        "limits": {one.name: [one.low, one.high] for one in (*limits.inputs, *limits.safe)},
-        "notes": list(found.notes),
-        "seconds": found.seconds,
-    }
+    return entry(
+        DesignDocument,
+        found,
+        input=entry(InputEntry, limits, columns=header(found), file=file),
+        sensors=[
+            entry(SensorEntry, s, variable=s.variables[0], same_as=s.variables[1:]) for s in found.sensors
+        ],
+        safe={s.range.name: _safe(s) for s in found.safety},
+        limits={one.name: [one.low, one.high] for one in (*limits.inputs, *limits.safe)},
+    )
+
+
+def _safe(one: Safety) -> SafeEntry:
+    limit, reaches = [one.range.low, one.range.high], [one.lowest, one.highest]
+    return entry(SafeEntry, one, limit=limit, reaches=reaches)
 
 
 def header(found: Design) -> list[str]:
@@ -129,19 +112,3 @@ def header(found: Design) -> list[str]:
 def table(found: Design) -> tuple[list[str], np.ndarray]:
     """Header and rows (n_samples, 1 + n_u) of the file to be played."""
     return header(found), np.column_stack([found.limits.time, found.inputs])
-
-
-def _sensor(one: SensorGain) -> SensorEntry:
-    return {
-        "variable": one.variables[0],
-        "same_as": list(one.variables[1:]),
-        "unit": one.unit,
-        "std": one.std,
-        "value": one.value,
-        "gain": one.gain,
-        "closes": one.closes,
-    }
-
-
-def _number(value: float | None) -> float | None:
-    return None if value is None or not np.isfinite(value) else float(value)

@@ -11,7 +11,6 @@ from daest.diagnosis.written import Written
 from daest.model.diagnosis import (
     CandidateVerdict,
     Diagnosis,
-    Formula,
     FreeForm,
     Improvement,
     LearnedLoad,
@@ -26,9 +25,10 @@ from daest.report.documents.parts import (
     ByPart,
     Errors,
     MadeOf,
+    Of,
     Uncertain,
+    entry,
     errors_entry,
-    uncertain_entry,
 )
 
 SCREENED = 20  # entries of the screen that are listed
@@ -39,7 +39,11 @@ AS_IT_IS = (
 )
 
 
-_Class = TypedDict("_Class", {"class": NotRequired[str]})
+_Class = TypedDict("_Class", {"class": NotRequired[Annotated[str, Of("candidate.effect.class_name")]]})
+
+
+Effect = Annotated[str, Of("candidate.effect.name")]
+Site = Annotated[str, Of("candidate.site.name")]
 
 
 class Baseline(Errors):
@@ -54,10 +58,10 @@ class AheadEntry(TypedDict):
 
 
 class CandidateEntry(_Class):
-    effect: str
-    at: str
-    equivalent_places: list[str]
-    inputs: NotRequired[dict[str, str]]
+    effect: Effect
+    at: Site
+    equivalent_places: Annotated[list[str], Of("equivalent")]
+    inputs: NotRequired[Annotated[dict[str, str], Of("candidate.inputs")]]
     parameters: dict[str, Uncertain]
     model_parameters: NotRequired[dict[str, Uncertain]]
     settings: NotRequired[
@@ -83,13 +87,13 @@ class CandidateEntry(_Class):
 
 
 class ScreenedEntry(TypedDict):
-    effect: str
-    at: str
+    effect: Effect
+    at: Site
     score: float | None
     p_value: float | None
     sizes: dict[str, float | None]
     detectable: float | None
-    unit: str
+    unit: Annotated[str, Of("candidate.size_unit")]
     share: NotRequired[
         Annotated[float | None, "of the squared residual that it would explain (FMUs without equations)"]
     ]
@@ -135,8 +139,10 @@ class Learned(TypedDict):
     sign_width: NotRequired[Annotated[float | None, "the load is multiplied by tanh(sign_of/sign_width)"]]
     model_parameters: NotRequired[dict[str, Uncertain]]
     formula: NotRequired[Annotated[FormulaEntry | None, "short formula for the curve; null: there is none"]]
-    rms_before: Annotated[ByOutput, "errors of the simulation on validation data without the load"]
-    rms: Annotated[ByOutput, "errors with the load"]
+    rms_before: Annotated[
+        ByOutput, Of("before"), "errors of the simulation on validation data without the load"
+    ]
+    rms: Annotated[ByOutput, Of("after"), "errors with the load"]
 
 
 class Curve(TypedDict):
@@ -171,10 +177,10 @@ class DiagnoseDocument(MadeOf):
 
 
 class StepEntry(TypedDict):
-    added: str | None
-    at: str | None
-    component: NotRequired[str | None]
-    equivalent_places: NotRequired[list[str]]
+    added: Annotated[str | None, Of("candidate.effect.name")]
+    at: Annotated[str | None, Of("candidate.site.name")]
+    component: NotRequired[Annotated[str | None, Of("candidate.name")]]
+    equivalent_places: NotRequired[Annotated[list[str], Of("equivalent")]]
     fit_percent: ByPart
     rms: ByPart
     disturbance: NotRequired[Curve | None]
@@ -209,33 +215,21 @@ def document(
     diagnosis: Diagnosis, models: Mapping[str, Written] | None = None, load: Written | None = None
 ) -> DiagnoseDocument:
     """`models`: the extended models by candidate name; `load`: the model with the learned load."""
-    return {
-        "verdict": diagnosis.verdict,
-        "message": diagnosis.message,
-        "baseline": _baseline(diagnosis),
-        "candidates": [
-            *(_candidate(p, (models or {}).get(p.candidate.name)) for p in diagnosis.proofs),
-            *(_without_refit(u) for u in diagnosis.unproved),
-        ],
-        "screen": {
-            "p_value": diagnosis.screen.p_value,
-            "n_screened": diagnosis.screen.n_screened,
-            "best": [_screened(entry) for entry in diagnosis.screen.entries[:SCREENED]],
-            "skipped": [{"candidate": label, "reason": reason} for label, reason in diagnosis.screen.skipped],
-        },
-        "places": [
-            {
-                "group": list(g.group),
-                "log_likelihood_gain": g.log_likelihood_gain,
-                "size": g.size,
-                "unit": g.unit,
-            }
-            for g in diagnosis.places
-        ],
-        "disturbance": _disturbance(diagnosis, load),
-        "next_experiment": diagnosis.next_experiment,
-        "seconds": diagnosis.seconds,
-    }
+    written = models or {}
+    candidates = [_candidate(proof, written.get(proof.candidate.name)) for proof in diagnosis.proofs]
+    return entry(
+        DiagnoseDocument,
+        diagnosis,
+        baseline=_baseline(diagnosis),
+        candidates=[*candidates, *(_without_refit(one) for one in diagnosis.unproved)],
+        screen=entry(
+            ScreenEntry,
+            diagnosis.screen,
+            best=[_screened(one) for one in diagnosis.screen.entries[:SCREENED]],
+            skipped=[{"candidate": label, "reason": reason} for label, reason in diagnosis.screen.skipped],
+        ),
+        disturbance=_disturbance(diagnosis, load),
+    )
 
 
 def _baseline(diagnosis: Diagnosis) -> Baseline:
@@ -243,146 +237,85 @@ def _baseline(diagnosis: Diagnosis) -> Baseline:
     return {**errors, "remark": AS_IT_IS} if diagnosis.has_loads else {**errors}
 
 
-def _screened(entry: Screened) -> ScreenedEntry:
-    candidate = entry.candidate
-    return {
-        "effect": candidate.effect.name,
-        "at": candidate.site.name,
-        "score": entry.score,
-        "p_value": entry.p_value,
-        "sizes": dict(zip((p.name for p in candidate.effect.sizes), entry.sizes, strict=True)),
-        "detectable": entry.detectable,
-        "unit": candidate.size_unit,
-        "share": entry.share,
-    }
+def _screened(one: Screened) -> ScreenedEntry:
+    sizes = zip((p.name for p in one.candidate.effect.sizes), one.sizes, strict=True)
+    return entry(ScreenedEntry, one, sizes=dict(sizes))
 
 
 def _disturbance(diagnosis: Diagnosis, load: Written | None) -> Disturbance | None:
-    curve = _curve(diagnosis.disturbance)
-    if curve is None:
+    form = diagnosis.disturbance
+    if form is None:
         return None
-    return {
-        **curve,
-        "learned": None if diagnosis.learned is None else _learned(diagnosis.learned),
-        "model": None if load is None else load.text,
-        "model_reason": "" if load is None else load.reason,
-    }
+    return entry(
+        Disturbance,
+        form,
+        **_curve(form),
+        learned=None if diagnosis.learned is None else _learned(diagnosis.learned),
+        model=None if load is None else load.text,
+        model_reason="" if load is None else load.reason,
+    )
 
 
 def _learned(learned: LearnedLoad) -> Learned:
     """The curve as it stands in the model; a value that the data do not determine has no error."""
     curve, fit = learned.curve, learned.fit
-    std = [float(s) if np.isfinite(s) else None for s in curve.std]
-    values = [[float(x), float(y), s] for x, y, s in zip(curve.x, curve.y, std, strict=True)]
-    physical = {} if fit is None else {n.name: n for n in fit.parameters if ".y[" not in n.name}
-    return {
-        "refitted": fit is not None,
-        "curve": values,
-        "period": curve.period or None,
-        "sign_width": curve.sign_width or None,
-        "model_parameters": {name: uncertain_entry(p) for name, p in physical.items()},
-        "formula": None if learned.formula is None else _formula(learned.formula),
-        "rms_before": dict(learned.before),
-        "rms": dict(learned.after),
-    }
+    return entry(
+        Learned,
+        learned,
+        refitted=fit is not None,
+        curve=np.column_stack([curve.x, curve.y, curve.std]),
+        period=curve.period or None,
+        sign_width=curve.sign_width or None,
+        model_parameters=[] if fit is None else [p for p in fit.parameters if ".y[" not in p.name],
+    )
 
 
-def _formula(found: Formula) -> FormulaEntry:
-    return {
-        "text": found.text,
-        "coefficients": [
-            {"term": c.term, "value": c.value, "std_error": c.std_error, "unit": c.unit}
-            for c in found.coefficients
-        ],
-        "n_numbers": found.n_numbers,
-        "left": found.left,
-    }
-
-
-def _curve(curve: FreeForm | None) -> Curve | None:
-    if curve is None:
-        return None
-    return {
-        "place": curve.place,
-        "variable": curve.variable,
-        "unit": curve.unit,
-        "variable_unit": curve.variable_unit,
-        "sign_of": curve.sign_of or None,
-        "label": curve.label,
-        "p_value": curve.p_value,
-        "curve": [list(map(float, row)) for row in zip(curve.x, curve.w, curve.std, strict=True)],
-    }
+def _curve(form: FreeForm) -> dict[str, object]:
+    """What the entry of a free form has besides its fields."""
+    return {"sign_of": form.sign_of or None, "curve": np.column_stack([form.x, form.w, form.std])}
 
 
 def _candidate(proof: Proof, model: Written | None) -> CandidateEntry:
-    candidate = proof.candidate
-    prefix = f"{candidate.name}."
-    return {
-        "effect": candidate.effect.name,
-        "class": candidate.effect.class_name,
-        "at": candidate.site.name,
-        "equivalent_places": list(proof.equivalent),
-        "inputs": dict(candidate.inputs),
-        "parameters": {
-            p.name.removeprefix(prefix): uncertain_entry(p)
-            for p in proof.told.parameters
-            if p.name.startswith(prefix)
-        },
-        "model_parameters": {
-            p.name: uncertain_entry(p) for p in proof.told.parameters if not p.name.startswith(prefix)
-        },
-        "settings": {
-            name.removeprefix(prefix): value
-            for name, value in proof.told.theta.items()
-            if name.startswith(prefix)
-        },
+    prefix = f"{proof.candidate.name}."
+    fitted = {p.name.removeprefix(prefix): p for p in proof.told.parameters if p.name.startswith(prefix)}
+    settings = {n.removeprefix(prefix): v for n, v in proof.told.theta.items() if n.startswith(prefix)}
+    return entry(
+        CandidateEntry,
+        proof,
+        parameters=fitted,
+        model_parameters=[p for p in proof.told.parameters if not p.name.startswith(prefix)],
+        settings=settings,
         **errors_entry(proof.told.simulated),
-        "delta_log_likelihood": proof.delta_log_likelihood,
-        "delta_bic": proof.delta_bic,
-        "p_value": proof.p_value,
-        "explained": proof.explained,
-        "ahead": [
-            {"seconds": a.seconds, "samples": a.samples, "ratio": a.ratio, "certainty": a.certainty}
-            for a in proof.ahead
-        ],
-        "refitted": True,
-        "verdict": proof.verdict,
-        "reason": proof.reason,
-        "not_separable_from": list(proof.not_separable_from),
-        "model": None if model is None else model.text,
-        "model_reason": "" if model is None else model.reason,
-    }
+        refitted=True,
+        model=None if model is None else model.text,
+        model_reason="" if model is None else model.reason,
+    )
 
 
 def _without_refit(one: Unproved) -> CandidateEntry:
     """A leader of the screen that was not refitted, with the sizes that the screen gives it."""
     candidate = one.candidate
     sizes = zip(candidate.effect.sizes, one.sizes, strict=True)
-    return {
-        "effect": candidate.effect.name,
-        "class": candidate.effect.class_name,
-        "at": candidate.site.name,
-        "equivalent_places": list(one.equivalent),
-        "inputs": dict(candidate.inputs),
-        "parameters": {
+    return entry(
+        CandidateEntry,
+        one,
+        parameters={
             p.name: {"value": size, "std_error": None, "unit": candidate.units.get(p.name, p.unit)}
             for p, size in sizes
         },
-        "model_parameters": {},
-        "fit_percent": {"estimation": {}},
-        "rms": {"estimation": {}},
-        "delta_log_likelihood": None,
-        "delta_bic": None,
-        "p_value": one.p_value,
-        "explained": None,
-        "ahead": [],
-        "refitted": False,
-        "verdict": "rejected",
-        "reason": one.reason,
-        "not_separable_from": [],
-        "model": None,
-        "model_reason": "",
-    }
+        model_parameters={},
+        fit_percent={"estimation": {}},
+        rms={"estimation": {}},
+        delta_log_likelihood=None,
+        delta_bic=None,
+        explained=None,
+        ahead=[],
+        refitted=False,
+        verdict="rejected",
+        not_separable_from=[],
+        model=None,
+        model_reason="",
+    )
 
 
 def improvement_document(
@@ -393,30 +326,24 @@ def improvement_document(
 ) -> Ledger:
     """`files`: name of the written model by step; `models` and `load` as in `document`, for the last
     round."""
-    return {
-        "steps": [_step(step, (files or {}).get(i)) for i, step in enumerate(improvement.steps)],
-        "final": document(improvement.last, models, load),
-        "reason": improvement.reason,
-    }
+    steps = [_step(step, (files or {}).get(i)) for i, step in enumerate(improvement.steps)]
+    return entry(Ledger, improvement, steps=steps, final=document(improvement.last, models, load))
 
 
 def _step(step: Step, model: str | None) -> StepEntry:
+    """A round; the first has the model as it was, and therefore no effect."""
     proof = step.proof
-    row: StepEntry = {
-        "added": None if proof is None else proof.candidate.effect.name,
-        "at": None if proof is None else proof.candidate.site.name,
-        "component": None if proof is None else proof.candidate.name,
-        "equivalent_places": [] if proof is None else list(proof.equivalent),
+    form = None if step.diagnosis is None else step.diagnosis.disturbance
+    none: dict[str, object] = dict.fromkeys(("added", "at", "component"))
+    none |= {"equivalent_places": [], "verdict": "baseline"}
+    return entry(
+        StepEntry,
+        proof,
+        **(none if proof is None else {}),
         **errors_entry(step.fit.simulated),
-        "disturbance": None if step.diagnosis is None else _curve(step.diagnosis.disturbance),
-        "verdict": "baseline" if proof is None else proof.verdict,
-        "remark": step.remark,
-        "log_likelihood": step.fit.log_likelihood,
-        "parameters": {p.name: uncertain_entry(p) for p in step.fit.parameters},
-        "model": model,
-    }
-    if proof is not None:
-        row["delta_bic"] = proof.delta_bic
-        row["p_value"] = proof.p_value
-        row["explained"] = proof.explained
-    return row
+        disturbance=None if form is None else entry(Curve, form, **_curve(form)),
+        remark=step.remark,
+        log_likelihood=step.fit.log_likelihood,
+        parameters=step.fit.parameters,
+        model=model,
+    )

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, NotRequired, TypedDict
 
 from daest.model.effects import Effect, EffectParameter, Site
+from daest.report.documents.parts import Of, entry
 
-_Class = TypedDict("_Class", {"class": str})
-_From = TypedDict("_From", {"from": NotRequired[str | None]})
+_Class = TypedDict("_Class", {"class": Annotated[str, Of("class_name")]})
+_From = TypedDict("_From", {"from": NotRequired[Annotated[str | None, Of("given_from")]]})
 
 
 class EffectParameterEntry(_From):
@@ -21,7 +22,7 @@ class EffectParameterEntry(_From):
     min: float | None
     max: float | None
     grid: NotRequired[list[float]]
-    grid_relative_to: NotRequired[str | None]
+    grid_relative_to: NotRequired[Annotated[str | None, Of("scale_of")]]
     estimate: bool
 
 
@@ -40,7 +41,7 @@ class EffectEntry(_Class):
     sits: str
     connectors: NotRequired[list[str]]
     inputs: list[str]
-    dynamic: bool
+    dynamic: Annotated[bool, Of("is_dynamic")]
     n_states: NotRequired[int]
     parameters: list[EffectParameterEntry]
     documentation: NotRequired[str]
@@ -89,37 +90,19 @@ def extension_document(
     effect: Effect, site: Site, class_name: str, component: str, text: str, path: str | None
 ) -> ExtendDocument:
     """What `daest extend --format json` prints: the new class, its text, and the file if one was written."""
-    return {
-        "class": class_name,
-        "effect": effect.name,
-        "at": site.name,
-        "component": component,
-        "parameters": [f"{component}.{p.name}" for p in effect.parameters if p.estimate],
-        "path": path,
-        "model": text,
-    }
+    names = [f"{component}.{p.name}" for p in effect.parameters if p.estimate]
+    made = {"class": class_name, "effect": effect.name, "at": site.name, "path": path, "model": text}
+    return entry(ExtendDocument, effect, component=component, parameters=names, **made)
 
 
 def _effect(effect: Effect, places: Mapping[str, Sequence[Site]] | None) -> EffectEntry:
-    sites = None if places is None else places.get(effect.class_name, ())
-    return {
-        "name": effect.name,
-        "class": effect.class_name,
-        "domain": effect.domain,
-        "description": effect.description,
-        "law": effect.law,
-        "attach": effect.attach,
-        "sits": _sits(effect),
-        "connectors": list(effect.connectors),
-        "inputs": list(effect.inputs),
-        "dynamic": effect.is_dynamic,
-        "n_states": effect.n_states,
-        "parameters": [_parameter(p) for p in effect.parameters],
-        "documentation": effect.documentation,
-        "places": None
-        if sites is None
-        else [{"name": s.name, "kind": s.kind, "aliases": list(s.aliases)} for s in sites],
-    }
+    return entry(
+        EffectEntry,
+        effect,
+        sits=_sits(effect),
+        parameters=[_parameter(p) for p in effect.parameters],
+        places=None if places is None else places.get(effect.class_name, ()),
+    )
 
 
 def _sits(effect: Effect) -> str:
@@ -128,17 +111,5 @@ def _sits(effect: Effect) -> str:
 
 
 def _parameter(parameter: EffectParameter) -> EffectParameterEntry:
-    return {
-        "name": parameter.name,
-        "unit": parameter.unit,
-        "description": parameter.description,
-        "role": parameter.role,
-        "start": parameter.start,
-        "null": parameter.null,
-        "min": parameter.min,
-        "max": parameter.max,
-        "grid": list(parameter.grid),
-        "grid_relative_to": parameter.scale_of or None,
-        "from": parameter.given_from or None,
-        "estimate": parameter.estimate,
-    }
+    others = {"grid_relative_to": parameter.scale_of or None, "from": parameter.given_from or None}
+    return entry(EffectParameterEntry, parameter, **others)

@@ -5,18 +5,19 @@ from __future__ import annotations
 from typing import Annotated, NotRequired, TypedDict
 
 from daest.model.fmu import EstimatorExport, ExportResult
+from daest.report.documents.parts import Of, entry
 
 
 class ExportDocument(TypedDict):
     """An exported FMU, or estimator."""
 
     path: str
-    model: str
+    model: Annotated[str, Of("model_name")]
     fmi_version: str | None
     platforms: list[str]
     n_states: NotRequired[int]
     n_equations: NotRequired[int]
-    index: NotRequired[int]
+    index: NotRequired[Annotated[int, Of("structural_index")]]
     n_differentiations: NotRequired[int]
     states: NotRequired[list[str]]
     inputs: list[str]
@@ -26,42 +27,10 @@ class ExportDocument(TypedDict):
     parameters: NotRequired[list[str]]
     validation: Annotated[list[str], "messages of the validator; none is good"]
     seconds: float
-    estimates: NotRequired[Annotated[list[str], "variables that an exported estimator tells"]]
+    estimates: NotRequired[Annotated[list[str], Of("values"), "variables that an exported estimator tells"]]
 
 
-def document(result: ExportResult) -> ExportDocument:
-    """JSON-ready summary of a written FMU. `index` is the structural index of the DAE that travels inside;
-    `validation` lists the validator's messages, none for a conforming file."""
-    return {
-        "path": str(result.path),
-        "model": result.model_name,
-        "fmi_version": "3.0",
-        "platforms": list(result.platforms),
-        "n_states": len(result.states),
-        "n_equations": result.n_equations,
-        "index": result.structural_index,
-        "n_differentiations": result.n_differentiations,
-        "states": list(result.states),
-        "inputs": list(result.inputs),
-        "input_derivatives": list(result.input_derivatives),
-        "noises": list(result.noises),
-        "outputs": list(result.outputs),
-        "parameters": list(result.parameters),
-        "validation": list(result.validation),
-        "seconds": result.seconds,
-    }
-
-
-def estimator_document(result: EstimatorExport) -> ExportDocument:
-    """JSON-ready summary of an exported estimator."""
-    return {
-        "path": str(result.path),
-        "model": result.model_name,
-        "fmi_version": result.fmi_version,
-        "platforms": list(result.platforms),
-        "inputs": list(result.inputs),
-        "outputs": list(result.outputs),
-        "estimates": list(result.values),
-        "validation": list(result.validation),
-        "seconds": result.seconds,
-    }
+def document(result: ExportResult | EstimatorExport) -> ExportDocument:
+    """JSON-ready summary of a written FMU or estimator. `index` is the structural index of the DAE that
+    travels inside; `validation` lists the validator's messages, none for a conforming file."""
+    return entry(ExportDocument, result, path=str(result.path))

@@ -11,6 +11,7 @@ from daest.errors import EstimationError
 from daest.model.estimates import FilterResult
 from daest.model.experiment import Experiment
 from daest.near import near_names
+from daest.report.documents.parts import entry
 
 
 class Nis(TypedDict):
@@ -69,39 +70,18 @@ class ColumnEntry(TypedDict):
 def document(result: FilterResult) -> FilterDocument:
     """JSON content: the summary; the estimates themselves are in `table`. Numbers that do not exist are
     None."""
-    nis, noise, effective = result.nis, result.process_noise, result.effective_sample_size
-    return {
-        "kind": result.kind,
-        "smoothed": result.smoothed,
-        "measure": list(result.measure),
-        "hold": result.hold,
-        "noise": result.noise,
-        "n_samples": int(result.time.size),
-        "log_likelihood": _number(result.log_likelihood),
-        "nis": {
-            "mean": _number(nis.mean),
-            "low": _number(nis.low),
-            "high": _number(nis.high),
-            "inside": nis.inside,
-            "n_innovations": nis.n_innovations,
-        },
-        "compared": {
-            name: {"fit_percent": _number(c.fit_percent), "rms": _number(c.rms), "n_samples": c.n_samples}
-            for name, c in result.compared.items()
-        },
-        "process_noise": {
-            "names": list(noise.names),
-            "units": list(noise.units),
-            "rms": [_number(v) for v in np.sqrt(np.mean(noise.values**2, axis=0))],
-            "std": [_number(v) for v in np.median(noise.std, axis=0)],
-        },
-        "steady_after": result.steady_after,
-        "effective_sample_size": None
+    noise, effective = result.process_noise, result.effective_sample_size
+    rms, std = np.sqrt(np.mean(noise.values**2, axis=0)), np.median(noise.std, axis=0)
+    return entry(
+        FilterDocument,
+        result,
+        n_samples=result.time.size,
+        process_noise=entry(ProcessNoise, noise, rms=rms, std=std),
+        effective_sample_size=None
         if effective is None
         else {"median": float(np.median(effective)), "least": float(effective.min())},
-        "undetermined": [result.names[i] for i in np.flatnonzero(np.isinf(result.std[-1]))],
-        "messages": list(result.messages),
-    }
+        undetermined=[result.names[i] for i in np.flatnonzero(np.isinf(result.std[-1]))],
+    )
 
 
 def shown(result: FilterResult, experiment: Experiment, only: Sequence[str] = ()) -> list[str]:
@@ -177,7 +157,3 @@ def _position(names: Sequence[str], name: str) -> int:
         where=name,
         remedy=f"similar names: {', '.join(near)}" if near else "without --only the table names all of them",
     )
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
-from typing import Annotated, Any, Literal, NotRequired, TypedDict
+from typing import Annotated, Literal, NotRequired, TypedDict
 
 import numpy as np
 
@@ -12,11 +10,11 @@ from daest.model.fit import (
     Bootstrap,
     Bound,
     FitResult,
-    FittedNoise,
+    FittedInitialState,
     Method,
     ProfileEnd,
 )
-from daest.report.documents.parts import ByPart, Errors, entry, errors_entry
+from daest.report.documents.parts import ByPart, Errors, Of, entry, errors_entry
 
 
 class PriorEntry(TypedDict):
@@ -43,11 +41,11 @@ class FittedNoiseEntry(TypedDict):
 
 
 class ProcessNoiseEntry(FittedNoiseEntry):
-    intensity: float
+    intensity: Annotated[float, Of("value")]
 
 
 class MeasurementNoiseEntry(FittedNoiseEntry):
-    std: float
+    std: Annotated[float, Of("value")]
 
 
 class NoiseEntry(TypedDict):
@@ -61,8 +59,8 @@ class StateEntry(TypedDict):
 
 
 class Correlation(TypedDict):
-    names: list[str]
-    matrix: list[list[float | None]]
+    names: Annotated[list[str], Of("correlation_names")]
+    matrix: Annotated[list[list[float | None]], Of("correlation")]
 
 
 class WeakDirectionEntry(TypedDict):
@@ -149,54 +147,25 @@ def document(result: FitResult) -> FitDocument:
     `theta` repeats all parameters of the model, so that later commands need no other file. The standard
     deviation of a direction that is not determined at all is None.
     """
-    process = {n.name: entry(ProcessNoiseEntry, n, intensity=n.value) for n in _of_kind(result, "process")}
-    sensors = {n.name: entry(MeasurementNoiseEntry, n, std=n.value) for n in _of_kind(result, "measurement")}
     return entry(
         FitDocument,
         result,
-        parameters={p.name: p for p in result.parameters},
-        noise={"process": process, "measurement": sensors},
-        initial_state={s.experiment: _states(s.names, s.values, s.std_errors) for s in result.initial_states},
-        correlation={"names": list(result.correlation_names), "matrix": _matrix(result.correlation)},
+        noise={kind: [n for n in result.noises if n.kind == kind] for kind in ("process", "measurement")},
+        initial_state={start.experiment: _states(start) for start in result.initial_states},
+        correlation=entry(Correlation, result),
         **errors_entry(result.simulated),
         one_step=errors_entry(result.one_step),
-        profiles={p.name: p for p in result.profiles},
         bootstrap=None if result.bootstrap is None else _bootstrap(result.bootstrap),
     )
 
 
-def _of_kind(result: FitResult, kind: str) -> Iterator[FittedNoise]:
-    return (noise for noise in result.noises if noise.kind == kind)
-
-
-def _matrix(values: np.ndarray) -> list[list[float | None]]:
-    return [[_number(v) for v in row] for row in values]
-
-
 def _bootstrap(b: Bootstrap) -> BootstrapEntry:
-    return {
-        "level": b.level,
-        "n": len(b.estimates),
-        "n_failed": b.n_failed,
-        "parameters": {
-            name: {
-                "lower": float(b.lower[i]),
-                "upper": float(b.upper[i]),
-                "mean": float(np.mean(b.estimates[:, i])),
-                "std": float(np.std(b.estimates[:, i], ddof=1)),
-            }
-            for i, name in enumerate(b.names)
-        },
-    }
+    spread = {"lower": b.lower, "upper": b.upper, "mean": np.mean(b.estimates, axis=0)}
+    spread["std"] = np.std(b.estimates, axis=0, ddof=1)
+    by_name = {name: {key: values[i] for key, values in spread.items()} for i, name in enumerate(b.names)}
+    return entry(BootstrapEntry, b, n=len(b.estimates), parameters=by_name)
 
 
-def _states(names: tuple[str, ...], values: np.ndarray, errors: np.ndarray) -> dict[str, StateEntry]:
-    return {
-        name: {"value": _number(value), "std_error": _number(error)}
-        for name, value, error in zip(names, values, errors, strict=True)
-    }
-
-
-def _number(value: Any) -> float | None:
-    """A float, None for what JSON cannot say."""
-    return None if value is None or not math.isfinite(value) else float(value)
+def _states(start: FittedInitialState) -> dict[str, dict[str, float]]:
+    found = zip(start.names, start.values, start.std_errors, strict=True)
+    return {name: {"value": value, "std_error": error} for name, value, error in found}

@@ -75,7 +75,7 @@ def document(fleet: Fleet, model: str, seconds: float) -> FleetDocument:
 def machine_entry(machine: Machine) -> MachineEntry:
     """One machine."""
     parameters = machine.parameters.items()
-    estimated = {name: {"value": _number(v), "std_error": _number(e)} for name, (v, e) in parameters}
+    estimated = {name: {"value": value, "std_error": error} for name, (value, error) in parameters}
     return entry(MachineEntry, machine, parameters=estimated)
 
 

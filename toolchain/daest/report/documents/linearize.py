@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Literal, NotRequired, TypedDict
 
 import numpy as np
 import scipy.sparse as sp
 
 from daest.model.linear import LinearDAE, Matrix, SparseForm, StandardForm
-from daest.report.documents.parts import Decision, EquationEntry, decision_entry, equation_entry
+from daest.report.documents.parts import (
+    Decision,
+    EquationEntry,
+    Of,
+    decision_entry,
+    entry,
+    equation_entry,
+)
 from daest.systems.linearize import ThetaEntry
 from daest.systems.transfer import HIGHEST_ORDER, TransferFunction, poles
 
@@ -70,7 +77,7 @@ class LinearizeDocument(TypedDict):
     H: NotRequired[MatrixEntry]
     offset: NotRequired[list[float | None]]
     output_offset: NotRequired[list[float | None]]
-    n_equations: int
+    n_equations: Annotated[int, Of("n")]
     n_dynamic: int
     index: int
     poles: list[list[float]]
@@ -98,75 +105,39 @@ def document(
     mapping `cross_checks`.
     """
     differences = dict(cross_check or {})
-    is_large = sp.issparse(dae.E)
-    return {
-        "equations": [equation_entry(i, equation) for i, equation in enumerate(dae.equations)],
-        "unknowns": [v.name for v in dae.unknowns],
-        "inputs": [v.name for v in dae.inputs],
-        "outputs": [v.name for v in dae.outputs],
-        "noises": [v.name for v in dae.noises],
-        "units": _units(dae),
-        "parameters": [
-            {
-                "name": p.name,
-                "value": p.value,
-                "unit": p.unit,
-                "min": p.min,
-                "max": p.max,
-                "estimate": p.estimate,
-            }
-            for p in dae.parameters
-            if not p.is_memory
-        ],
-        "matrix_format": "triplets" if is_large else "rows",
-        "E": _matrix(dae.E, is_large),
-        "J": _matrix(dae.J, is_large),
-        "K": _matrix(dae.K, is_large),
-        "B": _matrix(dae.B, is_large),
-        "C": _matrix(dae.C, is_large),
-        "D": _matrix(dae.D, is_large),
-        "H": _matrix(dae.H, is_large),
-        "offset": dae.offset.tolist(),
-        "output_offset": dae.output_offset.tolist(),
-        "n_equations": dae.n,
-        "n_dynamic": form.n_dynamic,
-        "index": form.index,
-        "poles": [[float(p.real), float(p.imag)] for p in poles(form)],
-        "transfer_functions": [
-            {"input": g.input, "output": g.output, "num": list(g.num), "den": list(g.den)} for g in functions
-        ],
-        "theta": [_dependence(entry) for entry in theta],
-        "source": dae.source,
-        "is_affine": dae.is_affine,
-        "cross_check": differences.get("largest"),
-        "cross_checks": {pair: value for pair, value in differences.items() if pair != "largest"},
-        "decisions": [decision_entry(decision) for decision in form.decisions],
-        "notes": _notes(dae, form),
-    }
+    matrices = {name: _matrix(getattr(dae, name)) for name in "EJKBCDH"}
+    return entry(
+        LinearizeDocument,
+        dae,
+        equations=[equation_entry(i, equation) for i, equation in enumerate(dae.equations)],
+        **{
+            part: [v.name for v in getattr(dae, part)] for part in ("unknowns", "inputs", "outputs", "noises")
+        },
+        units=dict(_units(dae)),
+        parameters=[p for p in dae.parameters if not p.is_memory],
+        matrix_format="triplets" if sp.issparse(dae.E) else "rows",
+        **matrices,
+        n_dynamic=form.n_dynamic,
+        index=form.index,
+        poles=[[p.real, p.imag] for p in poles(form)],
+        transfer_functions=functions,
+        theta=theta,
+        cross_check=differences.pop("largest", None),
+        cross_checks=differences,
+        decisions=[decision_entry(decision) for decision in form.decisions],
+        notes=_notes(dae, form),
+    )
 
 
-def _dependence(entry: ThetaEntry) -> Dependence:
-    return {
-        "matrix": entry.matrix,
-        "row": entry.row,
-        "column": entry.column,
-        "expression": entry.expression,
-        "parameters": list(entry.parameters),
-    }
+def _units(dae: LinearDAE) -> Iterator[tuple[str, str]]:
+    for part in (dae.unknowns, dae.inputs, dae.outputs, dae.noises):
+        yield from ((one.name, one.unit) for one in part)
 
 
-def _units(dae: LinearDAE) -> dict[str, str]:
-    return {
-        **{v.name: v.unit for v in (*dae.unknowns, *dae.inputs)},
-        **{y.name: y.unit for y in dae.outputs},
-        **{w.name: w.unit for w in dae.noises},
-    }
-
-
-def _matrix(matrix: Matrix, is_large: bool) -> Rows | Triplets:
+def _matrix(matrix: Matrix) -> np.ndarray | Triplets:
     """Rows of numbers; of large models the entries that are not zero, as shape, row, column and value."""
-    if not is_large:
-        return np.asarray(matrix, dtype=float).tolist()
+    if not sp.issparse(matrix):
+        return np.asarray(matrix, dtype=float)
     entries = sp.coo_array(matrix)
     kept = entries.data != 0.0
     row, column = (index[kept].tolist() for index in entries.coords)

@@ -7,9 +7,16 @@ from typing import Annotated, Literal, NotRequired, TypedDict
 import numpy as np
 import scipy.sparse as sp
 
-from daest.model.linear import LinearDAE, Matrix
-from daest.model.noise import NoiseAlong, NoisePlaceAlong, NoiseReport
-from daest.report.documents.parts import Decision, EquationEntry, decision_entry, entry, equation_entry
+from daest.model.linear import LinearDAE
+from daest.model.noise import NoiseAlong, NoiseReport
+from daest.report.documents.parts import (
+    Decision,
+    EquationEntry,
+    Of,
+    decision_entry,
+    entry,
+    equation_entry,
+)
 
 ManyNames = Annotated[int, "how many such unknowns there are; of an equation at most 100 are named"]
 
@@ -38,13 +45,13 @@ class JudgedAlong(TypedDict):
     equations: NotRequired[list[int]]
     name: str
     admissible: Annotated[bool, "at every point"]
-    admissible_at_start: bool
+    admissible_at_start: Annotated[bool, Of("at_start")]
     forbidden_share: Annotated[float, "share of the points"]
     first_time: Annotated[float | None, "s"]
     largest_norm: float
-    differentiated: list[str]
-    n_differentiated: ManyNames
-    advice: str
+    differentiated: Annotated[list[str], Of("verdict.differentiated")]
+    n_differentiated: Annotated[ManyNames, Of("verdict.n_differentiated")]
+    advice: Annotated[str, Of("verdict.advice")]
 
 
 class Unjudged(TypedDict):
@@ -105,7 +112,9 @@ class NoiseDocument(TypedDict):
         Generic | None, "the verdict by exact arithmetic; null where the numbers are results of rounding"
     ]
     differs: Annotated[
-        list[Differs], "where the verdict at these values is another one than `generic`, and why"
+        list[Differs],
+        Of("differences"),
+        "where the verdict at these values is another one than `generic`, and why",
     ]
     undecided: Annotated[list[str], "what rounding errors could turn; empty where exact arithmetic decides"]
     decisions: list[Decision]
@@ -130,7 +139,16 @@ def document(report: NoiseReport, along: NoiseAlong | None = None) -> NoiseDocum
     `generic` is the exact verdict, `differs` tells where and why the one here is another, `undecided` what
     rounding errors could turn. `along` holds the verdicts at the points of a trajectory, where they were
     asked for."""
-    judged = _document(report)
+    equations = enumerate(zip(report.equations, report.places, strict=True))
+    judged = entry(
+        NoiseDocument,
+        report,
+        n_equations=len(report.equations),
+        equations=[
+            {**equation_entry(i, equation), **entry(Judged, place)} for i, (equation, place) in equations
+        ],
+        decisions=[decision_entry(decision) for decision in report.decisions],
+    )
     if along is not None:
         judged["along"] = along_document(along)
     return judged
@@ -145,49 +163,12 @@ def along_document(along: NoiseAlong) -> Along:
         unjudged=[{"time": time, "reason": reason} for time, reason in along.unjudged],
         structures=[{"n_dynamic": n, "index": index} for n, index in along.structures],
         equations=[
-            {"index": i, **_along(place)} for i, place in enumerate(along.places) if not place.admissible
+            entry(JudgedAlong, place, index=i) for i, place in enumerate(along.places) if not place.admissible
         ],
-        annotated=[{"equations": list(p.equations), **_along(p)} for p in along.annotated],
-        asked=[{"equations": list(p.equations), **_along(p)} for p in along.asked],
-    )
-
-
-def _along(place: NoisePlaceAlong) -> JudgedAlong:
-    return {
-        "name": place.name,
-        "admissible": place.admissible,
-        "admissible_at_start": place.at_start,
-        "forbidden_share": place.forbidden_share,
-        "first_time": place.first_time,
-        "largest_norm": place.largest_norm,
-        "differentiated": list(place.verdict.differentiated),
-        "n_differentiated": place.verdict.n_differentiated,
-        "advice": place.verdict.advice,
-    }
-
-
-def _document(report: NoiseReport) -> NoiseDocument:
-    equations = enumerate(zip(report.equations, report.places, strict=True))
-    return entry(
-        NoiseDocument,
-        report,
-        n_equations=len(report.equations),
-        equations=[
-            {**equation_entry(i, equation), **entry(Judged, place)} for i, (equation, place) in equations
-        ],
-        differs=report.differences,
-        decisions=[decision_entry(decision) for decision in report.decisions],
     )
 
 
 def structure(dae: LinearDAE) -> Pattern:
     """Unknowns with their units, and the places [row, column] of E and J that are not zero."""
-    return {
-        "unknowns": [{"name": v.name, "unit": v.unit} for v in dae.unknowns],
-        "E": _pattern(dae.E),
-        "J": _pattern(dae.J),
-    }
-
-
-def _pattern(matrix: Matrix) -> list[list[int]]:
-    return np.column_stack(sp.csr_array(matrix).nonzero()).tolist()
+    places = {name: np.column_stack(sp.csr_array(getattr(dae, name)).nonzero()) for name in ("E", "J")}
+    return entry(Pattern, dae, **places)

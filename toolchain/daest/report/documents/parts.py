@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Mapping
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, reduce
 from types import UnionType
 from typing import (
     Annotated,
@@ -22,7 +23,7 @@ from typing import (
 
 import numpy as np
 
-from daest.model.fit import Agreement, FittedParameter
+from daest.model.fit import Agreement
 from daest.model.linear import RankDecision
 from daest.model.parts import Equation
 from daest.numerics.ranks import warning
@@ -85,23 +86,51 @@ class Uncertain(TypedDict):
     unit: str
 
 
-def entry(kind: type[Entry], value: object, **others: object) -> Entry:
-    """A result as the typed dictionary `kind` spells it: every key is one of `others`, or the field of
-    `value` that has its name; a key that is neither is left out. Values inside are spelt by their types, a
-    number that JSON has no word for is None.
+@dataclass(frozen=True)
+class Of:
+    """Marks a key whose field has another name: `Annotated[float, Of("std")]`, or `Of("effect.name")` for the
+    name of the effect of a value."""
 
-    Example: `entry(ProfileEntry, profile)`.
+    path: str
+
+
+def entry(kind: type[Entry], value: object, /, **others: object) -> Entry:
+    """A result as the typed dictionary `kind` spells it: every key is one of `others`, or the field of
+    `value` that has its name or that its `Of` names. A key that is not required is left out where it is
+    neither, or where it is None and may not be null.
+
+    Values inside are spelt by their types: a dictionary of values that have names is keyed by the names, and
+    a number that JSON has no word for is None. Raises AttributeError where a required key has no field.
+
+    Example:
+
+    >>> from daest.model.diagnosis import Ahead
+    >>> from daest.report.documents.diagnose import AheadEntry
+    >>> entry(AheadEntry, Ahead(10, 0.1, 0.5, 3.2), certainty=float("nan"))
+    {'seconds': 0.1, 'samples': 10, 'ratio': 0.5, 'certainty': None}
     """
     found = {}
-    for name, hint in _hints(cast(Hashable, kind)).items():
-        if name in others or hasattr(value, name):
-            found[name] = _spelt(hint, others[name] if name in others else getattr(value, name))
+    for name, path, hint, is_required, is_nullable in _keys(cast(Hashable, kind)):
+        if name not in others and not is_required and not hasattr(value, path[0]):
+            continue
+        own = others[name] if name in others else reduce(getattr, path, value)
+        if own is not None or is_required or is_nullable:
+            found[name] = _spelt(hint, own)
     return cast(Entry, found)
 
 
 @cache
-def _hints(kind: Any) -> dict[str, Any]:
-    return get_type_hints(kind)
+def _keys(kind: Any) -> list[tuple[str, list[str], Any, bool, bool]]:
+    """Of each key its name, the way to its field, its type, whether it must be there, and whether it may be
+    null."""
+    keys = []
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        is_required = get_origin(hint) is not NotRequired
+        inner = hint if is_required else get_args(hint)[0]
+        bare, *marks = get_args(inner) if get_origin(inner) is Annotated else (inner,)
+        path = next((mark.path for mark in marks if isinstance(mark, Of)), name)
+        keys.append((name, path.split("."), inner, is_required, type(None) in get_args(bare)))
+    return keys
 
 
 def _spelt(hint: Any, value: Any) -> Any:
@@ -109,14 +138,24 @@ def _spelt(hint: Any, value: Any) -> Any:
     origin, inner = get_origin(hint), get_args(hint)
     if value is None:
         return None
+    if origin is Annotated:
+        return _spelt(inner[0], value)
     if origin in (Union, UnionType):
         return _spelt(next(one for one in inner if one is not type(None)), value)
+    if isinstance(value, np.ndarray):
+        known = np.isfinite(value)
+        if known.all():
+            return value.tolist()
+        spelt = value.astype(object)
+        spelt[~known] = None
+        return spelt.tolist()
     if is_typeddict(hint):
-        return value if isinstance(value, dict) else entry(hint, value)
+        return entry(hint, None, **value) if isinstance(value, dict) else entry(hint, value)
     if origin is list:
         return [_spelt(inner[0], one) for one in value]
     if origin is dict:
-        return {key: _spelt(inner[1], one) for key, one in value.items()}
+        pairs = value.items() if isinstance(value, Mapping) else ((one.name, one) for one in value)
+        return {key: _spelt(inner[1], one) for key, one in pairs}
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value
@@ -126,26 +165,13 @@ def equation_entry(index: int, equation: Equation) -> EquationEntry:
     """`index` counts from 0, as the rows of E do; `place` is `file:line`, None where it is not known."""
     place = equation.place
     where = None if place is None else f"{place.file}:{place.line}" if place.line is not None else place.file
-    return {
-        "index": index,
-        "text": equation.text,
-        "kind": equation.kind,
-        "origin": equation.origin,
-        "place": where,
-    }
+    return entry(EquationEntry, equation, index=index, place=where)
 
 
 def decision_entry(decision: RankDecision) -> Decision:
     """A rank decision; `gap` is None where nothing but zeros was dropped, `warning` None where it is
     clear."""
-    return {
-        "what": decision.what,
-        "singular_values": list(decision.singular_values),
-        "threshold": decision.threshold,
-        "rank": decision.rank,
-        "gap": decision.gap if math.isfinite(decision.gap) else None,
-        "warning": warning(decision) or None,
-    }
+    return entry(Decision, decision, warning=warning(decision) or None)
 
 
 def errors_entry(parts: Mapping[str, Agreement]) -> Errors:
@@ -159,7 +185,3 @@ def errors_entry(parts: Mapping[str, Agreement]) -> Errors:
         errors["fit_percent"]["validation"] = dict(validation.fit_percent)
         errors["rms"]["validation"] = dict(validation.rms)
     return errors
-
-
-def uncertain_entry(parameter: FittedParameter) -> Uncertain:
-    return {"value": parameter.value, "std_error": parameter.std_error, "unit": parameter.unit}

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Literal, NotRequired, TypedDict
+from typing import Annotated, Literal, NotRequired, TypedDict
 
 import numpy as np
 
 from daest.model.simulation import Simulation
+from daest.report.documents.parts import Of, entry
 
 
 class SimulateDocument(TypedDict):
     """Trajectories of a model."""
 
-    model: str
+    model: Annotated[str, Of("model_name")]
     method: str
     hold: Literal["zoh", "foh"]
-    noise: bool
+    noise: Annotated[bool, Of("with_noise")]
     seed: int | None
     n_samples: int
-    inputs: list[str]
-    outputs: list[str]
-    states: NotRequired[list[str]]
+    inputs: Annotated[list[str], Of("input_names")]
+    outputs: Annotated[list[str], Of("output_names")]
+    states: NotRequired[Annotated[list[str], Of("state_names")]]
     units: dict[str, str]
     time: list[float]
     trajectories: dict[str, list[float | None]]
@@ -31,20 +32,8 @@ def document(simulation: Simulation) -> SimulateDocument:
     """What `daest simulate --format json` prints: names, units, method, outputs and states by name.
 
     Trajectories are lists of numbers, null where a value is not finite."""
-    return {
-        "model": simulation.model_name,
-        "method": simulation.method,
-        "hold": simulation.hold,
-        "noise": simulation.with_noise,
-        "seed": simulation.seed,
-        "n_samples": simulation.n_samples,
-        "inputs": list(simulation.input_names),
-        "outputs": list(simulation.output_names),
-        "states": list(simulation.state_names),
-        "units": dict(simulation.units),
-        "time": simulation.time.tolist(),
-        "trajectories": _trajectories(simulation),
-    }
+    names = (*simulation.input_names, *simulation.output_names, *simulation.state_names)
+    return entry(SimulateDocument, simulation, trajectories={name: simulation[name] for name in names})
 
 
 def table(simulation: Simulation, all_variables: bool = False) -> tuple[list[str], np.ndarray]:
@@ -61,12 +50,3 @@ def table(simulation: Simulation, all_variables: bool = False) -> tuple[list[str
 
 def _titled(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
-
-
-def _trajectories(simulation: Simulation) -> dict[str, list[float | None]]:
-    names = (*simulation.input_names, *simulation.output_names, *simulation.state_names)
-    return {name: _numbers(simulation[name]) for name in dict.fromkeys(names)}
-
-
-def _numbers(values: np.ndarray) -> list[float | None]:
-    return [float(v) if np.isfinite(v) else None for v in values]
