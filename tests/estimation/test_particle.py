@@ -22,6 +22,10 @@ class GrowthModel:
     Smith)."""
 
     process_variance: float = 10.0
+    has_memory: bool = False
+
+    def select(self, rows):
+        pass
 
     def mean(self, k, x):
         return x / 2 + 25 * x / (1 + x**2) + 8 * np.cos(1.2 * (k + 1))

@@ -549,8 +549,8 @@ EXPLANATIONS: dict[str, str] = {
     ),
     "events-not-supported": (
         "The model has when-clauses, reinit, pre or sample. Simulation follows them, linearize and noise "
-        "take the mode of the start, identify fits the whole simulation (oe); predictions from sample to "
-        "sample, filters, comparison, diagnosis and export do not follow events yet."
+        "take the mode of the start, identify fits the whole simulation (oe); filters follow them, too. "
+        "Fits of predictions from sample to sample, comparison and diagnosis do not follow events yet."
     ),
     "events-sample-interval": (
         "sample(start, interval) was given an interval that is not positive. Give a positive time in seconds."
@@ -576,6 +576,11 @@ EXPLANATIONS: dict[str, str] = {
     "files-too-many": (
         "More files were given than the command reads. Models (.mo, .bmo, .fmu) and recordings may stand in "
         "any order; the help of the command (-h) says how many of each it takes."
+    ),
+    "filter-events": (
+        "A linear filter was asked for a model that changes at events (when, reinit, pre, sample). It knows "
+        "one linear model, and the events change it. The extended, the unscented and the particle filter "
+        "follow the events between samples: --kind ekf, ukf or particle."
     ),
     "filter-initial-state": (
         "The initial state of a filter does not have the size of the model's state, or gives an unknown "

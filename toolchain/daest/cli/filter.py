@@ -141,7 +141,7 @@ def command(
     keep_inputs(output, files.all)
     prepared = _prepared(project, model, model_options, data, data_options, settings)
     flat, experiment = prepared.flat, prepared.experiment
-    chosen = kind or ("time-varying" if is_affine_model(flat) else "ekf")
+    chosen = kind or ("time-varying" if flat.events is None and is_affine_model(flat) else "ekf")
     options = FilterOptions(
         measure=measure or None, smooth=smooth, hold=prepared.hold, n_particles=particles, seed=seed
     )
@@ -170,7 +170,7 @@ def _estimated(flat: Model, experiment: Experiment, kind: str, options: FilterOp
     from daest.systems.linearize import is_affine_model
     from daest.systems.state_space import state_space_family
 
-    if not FILTERS[kind].is_linear:
+    if not FILTERS[kind].is_linear or flat.events is not None:
         return run_filter(flat, experiment, kind, options)
     if not is_affine_model(flat):
         note(f"the {kind} filter sees the model linearised at its operating point; --kind ekf does not")
@@ -218,12 +218,9 @@ def _prepared(
     from daest.cli.models import model_source, with_settings
     from daest.cli.recordings import unseen_data
     from daest.cli.results import find_fit, fitted
-    from daest.model.flat import events_refused
 
     source = model_source(project, model)
     flat = model_options.load(project, source)
-    if flat.events is not None:
-        raise events_refused("a filter")
     fit = find_fit(project, source, flat)
     if fit is None:
         note("no fit found: the parameters and the noise of the model are used")

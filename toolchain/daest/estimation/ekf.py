@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from daest.estimation import interpreted
+from daest.estimation import hybrid_filter, interpreted
 from daest.estimation.filter_task import Directions, Noise, Record, Start, Task, raise_failure
 from daest.systems.local_linear import LocalModel, pointer
 
@@ -49,7 +49,8 @@ class EkfRun:
     missing; sight (n_samples, n_y, n): ∂h/∂x at the prediction; transition (n_samples, n, n):
     ∂x̂(k+1|k)/∂x̂(k|k), at the last sample the identity; noise (n_samples, n, n_w): covariance of the state
     at the end of the interval with the mean of the noise over it; turn (n_samples, n, n): projection of the
-    filtered estimate onto invariants of the model, the identity where there are none.
+    filtered estimate onto invariants of the model, the identity where there are none; modes (n_samples,
+    n_theta): parameters with the mode after the measurement, None for a model without events.
     """
 
     predicted: np.ndarray
@@ -63,6 +64,7 @@ class EkfRun:
     noise: np.ndarray
     turn: np.ndarray
     log_likelihood: float
+    modes: np.ndarray | None = None
 
 
 def ekf_likelihood(
@@ -102,11 +104,17 @@ def run_ekf(
         np.empty((samples, 0, n_y)),
     )
     call = Task.of(model, data, theta, noise, start, longest)
-    run = interpreted.ekf if model.library is None else _compiled_ekf
-    run(call, white, log_variance, None, nothing, nothing, details)
+    modes = None
+    if model.engine is not None:
+        modes = hybrid_filter.ekf(call, white, log_variance, details)
+    else:
+        run = interpreted.ekf if model.library is None else _compiled_ekf
+        run(call, white, log_variance, None, nothing, nothing, details)
     names = [f.name for f in fields(EkfRun)][: len(details)]
     return EkfRun(
-        **dict(zip(names, details, strict=True)), log_likelihood=_log_likelihood(white, log_variance, data)
+        **dict(zip(names, details, strict=True)),
+        log_likelihood=_log_likelihood(white, log_variance, data),
+        modes=modes,
     )
 
 

@@ -19,7 +19,9 @@ from daest.model.estimates import (
     ProcessNoiseEstimate,
 )
 from daest.model.experiment import Experiment
+from daest.model.flat import FlatModel
 from daest.numerics.statistics import chi2
+from daest.systems.modes import in_starting_mode
 
 COVERAGE = 0.95  # of the band for the normalised innovations
 
@@ -56,8 +58,9 @@ def run_filter(
     What the data cannot tell has NaN and inf in the result and is named in its messages. Raises
     EstimationError `filter-kind-unknown`, `filter-unknown-output`, `filter-noise-unknown`,
     `filter-linear-model`, `filter-noise-correlated`, `filter-too-large`, `filter-initial-state`,
-    `filter-singular-innovation`, `output-white-noise`, `particle-collapse` and those of `kalman_filter`;
-    FmuError `fmu-co-simulation-only`; IntegrationError where the model has no finite value on the way.
+    `filter-singular-innovation`, `filter-events`, `output-white-noise`, `particle-collapse` and
+    those of `kalman_filter`; FmuError `fmu-co-simulation-only`; IntegrationError where the model has no
+    finite value on the way.
 
     Example: the angular velocity from the angle alone.
 
@@ -65,13 +68,23 @@ def run_filter(
         result.to_frame()[["omega", "omega.std"]]
     """
     options = options or FilterOptions()
+    if isinstance(model, FlatModel):
+        model = in_starting_mode(model, theta=options.theta)
     ready = FilterModel.of(model, options)
     if ready.flat is not None:
         ready.flat.refuse_hidden_states("filter")
-    name = kind or ("time-varying" if ready.is_affine else "ekf")
+    has_events = ready.flat is not None and ready.flat.events is not None
+    name = kind or ("time-varying" if ready.is_affine and not has_events else "ekf")
     if name not in FILTERS:
         raise EstimationError(
             "filter-kind-unknown", f"there is no filter {name}", remedy=f"there are {', '.join(FILTERS)}"
+        )
+    if has_events and FILTERS[name].is_linear:
+        raise EstimationError(
+            "filter-events",
+            f"the {name} filter sees one linear model, and the model changes at events (when, reinit, "
+            "pre, sample)",
+            remedy="use ekf, ukf or particle, which follow the events",
         )
     estimate = import_module(f"daest.estimation.filters.{FILTERS[name].file}").estimate
 

@@ -234,7 +234,7 @@ class Flow:
         over = P if self.is_averaged else np.zeros_like(P)
         f, A, ramp, G = self.along.jets(model.flow, model.dflow, x, (u, slope, theta, t), shapes, over)
         self._check(A, f, i)
-        increment = _solved(f, A, ramp, np.zeros_like(A), h)[1]
+        increment = solved(f, A, ramp, np.zeros_like(A), h)[1]
         end = x + increment
         ahead = (u + slope * h, slope, theta, t + h)
         _, A_end, _, G_end = self.along.jets(model.flow, model.dflow, end, ahead, shapes, over)
@@ -242,7 +242,7 @@ class Flow:
         self._check(A, f, i)
         weighted = G * self.along.intensity[0]
         weighted[1:] += G[0] * self.along.intensity[1:, None, :]
-        phi, _, Q, psi = _solved(f, A, ramp, _product(weighted, _transposed(G)), h)
+        phi, _, Q, psi = solved(f, A, ramp, _product(weighted, _transposed(G)), h)
         self.transition = phi[0] @ self.transition
         self.noise = phi[0] @ self.noise + psi[0] @ G[0] * self.task.noise.intensity / dt
         return end, _symmetric(_product(_product(phi, P), _transposed(phi)) + Q)
@@ -252,7 +252,7 @@ class Flow:
             raise_failure(NOT_FINITE, self.task.model, self.task.data, i)
 
 
-def _solved(
+def solved(
     f: np.ndarray, A: np.ndarray, ramp: np.ndarray, D: np.ndarray, h: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """exp(A h), the increment of the mean, ∫ exp(Aτ) D exp(Aτ)ᵀ dτ and ∫ exp(Aτ) dτ over h, all as jets."""
@@ -347,11 +347,11 @@ def ukf(task: Task, weights: np.ndarray, tables: list[np.ndarray]) -> None:
     x, P, _ = project(task, task.start.mean, task.start.cov, data.u0[0], float(data.time[0]))
     for i, time in enumerate(data.time):
         predicted = (x, P)
-        points = points_hold(task, i, _sigma_points(x, P, spread))
+        points = points_hold(task, i, sigma_points(x, P, spread))
         seen, _ = evaluate(model.see, points, (data.u0[i], task.theta, time), [(n_y,), (n_y, n)])
         mean = mean_weight @ seen
         S = (seen - mean).T * cov_weight @ (seen - mean) + np.diag(task.noise.variance)
-        x, P, log_density, nis = _gaussian_update(
+        x, P, log_density, nis = gaussian_update(
             task, i, x, P, (points - x).T * cov_weight @ (seen - mean), data.outputs[i] - mean, S
         )
         x, P, _ = project(task, x, P, data.u0[i], time)
@@ -363,7 +363,7 @@ def ukf(task: Task, weights: np.ndarray, tables: list[np.ndarray]) -> None:
             table[i] = value
 
 
-def _sigma_points(x: np.ndarray, P: np.ndarray, spread: float) -> np.ndarray:
+def sigma_points(x: np.ndarray, P: np.ndarray, spread: float) -> np.ndarray:
     steps = spread * square_root(P).T
     return np.vstack([x, x + steps, x - steps])
 
@@ -381,7 +381,7 @@ def square_root(P: np.ndarray) -> np.ndarray:
     return L
 
 
-def _gaussian_update(
+def gaussian_update(
     task: Task, i: int, x: np.ndarray, P: np.ndarray, cross: np.ndarray, innovation: np.ndarray, S: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float, float]:
     there = np.isfinite(task.data.outputs[i])
@@ -410,7 +410,7 @@ def _unscented_flow(
     cov_weight: np.ndarray,
 ) -> tuple[np.ndarray, ...]:
     n = x.size
-    before = points_hold(task, i, _sigma_points(x, P, spread))
+    before = points_hold(task, i, sigma_points(x, P, spread))
     # Points that were moved onto invariants have another covariance, which is what a smoother must see.
     P = P if task.model.hold is None else (before - x).T * cov_weight @ (before - x)
     centre = Flow(task, is_averaged=False)  # the points carry the distribution

@@ -33,7 +33,12 @@ SMALLEST_CHUNK = 1000  # particles per thread: waking one takes as long as hundr
 
 
 class PointModel(Protocol):
-    """A discrete-time model x[k+1] = mean(x[k]) + root z, y = h(x) + e with z, e independent and Gaussian."""
+    """A discrete-time model x[k+1] = mean(x[k]) + root z, y = h(x) + e with z, e independent and Gaussian.
+
+    `has_memory`: particles keep more than their state, so that their future does not follow from it alone.
+    """
+
+    has_memory: bool
 
     def advance(self, k: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Means (m, n) and roots (m, n, n) of the covariances of the states at sample k + 1; NaN means where
@@ -47,6 +52,10 @@ class PointModel(Protocol):
 
     def see(self, k: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Outputs (m, n_y) at sample k, and their slopes ∂h/∂x (m, n_y, n)."""
+        ...
+
+    def select(self, rows: np.ndarray) -> None:
+        """Particles were drawn again: each is now what that of its row was."""
         ...
 
 
@@ -133,6 +142,7 @@ def run_particles(
         tables.store(k, cloud)
         if cloud.effective[-1] < RESAMPLE_BELOW * n_particles:
             _resample(cloud, rng)
+            model.select(cloud.ancestors)
         else:
             cloud.ancestors = np.arange(n_particles)
     return tables.run(cloud)
@@ -258,35 +268,41 @@ def _resample(cloud: _Cloud, rng: np.random.Generator) -> None:
 @dataclass(frozen=True)
 class Trajectories:
     """States (n_samples, m, n) of m equally weighted trajectories given the whole record. `is_simulated`
-    False: the transition has no density, and the trajectories are the ancestral lines of the filter."""
+    False: the transition has no density, and the trajectories are the ancestral lines of the filter. `rows`
+    (n_samples, m): the particles of each sample that they consist of."""
 
     states: np.ndarray
     is_simulated: bool
+    rows: np.ndarray
 
 
 def smooth_particles(model: PointModel, run: ParticleRun, seed: int | None = None) -> Trajectories:
-    """Backward simulation; ancestral lines where the process noise does not reach every state."""
+    """Backward simulation; ancestral lines where the process noise does not reach every state, or particles
+    keep more than their state."""
     rng = np.random.default_rng(seed)
     n_samples, m, n = run.points.shape
     count = min(m, MOST_TRAJECTORIES)
     chosen = systematic(run.weights[-1], rng)[rng.permutation(m)[:count]]
-    states = np.empty((n_samples, count, n))
-    states[-1] = run.points[-1, chosen]
+    states, rows = np.empty((n_samples, count, n)), np.empty((n_samples, count), dtype=int)
+    states[-1], rows[-1] = run.points[-1, chosen], chosen
+    if model.has_memory:
+        return _ancestral(run, states, rows)
     if n_samples > 1:
         _, roots = model.advance(n_samples - 2, run.points[-2])
         if not np.all(np.diagonal(roots, axis1=1, axis2=2) > 0.0):
-            return _ancestral(run, chosen, states)
+            return _ancestral(run, states, rows)
     for k in range(n_samples - 2, -1, -1):
         means, roots = model.advance(k, run.points[k])
-        states[k] = run.points[k, _backward(means, roots, run.weights[k], states[k + 1], rng)]
-    return Trajectories(states, True)
+        rows[k] = _backward(means, roots, run.weights[k], states[k + 1], rng)
+        states[k] = run.points[k, rows[k]]
+    return Trajectories(states, True, rows)
 
 
-def _ancestral(run: ParticleRun, chosen: np.ndarray, states: np.ndarray) -> Trajectories:
+def _ancestral(run: ParticleRun, states: np.ndarray, rows: np.ndarray) -> Trajectories:
     for k in range(run.points.shape[0] - 1, 0, -1):
-        chosen = run.ancestors[k, chosen]
-        states[k - 1] = run.points[k - 1, chosen]
-    return Trajectories(states, False)
+        rows[k - 1] = run.ancestors[k, rows[k]]
+        states[k - 1] = run.points[k - 1, rows[k - 1]]
+    return Trajectories(states, False, rows)
 
 
 def _backward(
@@ -311,8 +327,10 @@ class ContinuousPoints:
     """A continuous-time model between the samples of a record, as a PointModel: mean and covariance of each
     particle by local linearisation, in as many threads as there are processors."""
 
+    has_memory = False
+
     def __init__(self, task: Task) -> None:
-        self.task = task
+        self.task, self.start = task, task.start
         self._pool = ThreadPoolExecutor(max_workers=os.cpu_count() or 1)
 
     def advance(self, k: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -374,7 +392,12 @@ class ContinuousPoints:
         raise_failure(status, task.model, data, k)
         return held
 
-    def inside(self, k: int, points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def select(self, rows: np.ndarray) -> None:
+        pass
+
+    def inside(
+        self, k: int, points: np.ndarray, weights: np.ndarray, rows: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation (n_v,) of the internal variables at sample k over weighted points."""
         task, data, t = self.task, self.task.data, float(self.task.data.time[k])
         assert task.model.inside is not None

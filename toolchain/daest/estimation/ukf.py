@@ -8,11 +8,11 @@ path of the mean. On an affine model this is the Kalman filter.
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daest.estimation import interpreted
+from daest.estimation import hybrid_filter, interpreted
 from daest.estimation.filter_task import Noise, Record, Start, Task, raise_failure
 from daest.systems.local_linear import LocalModel, pointer
 
@@ -41,7 +41,8 @@ class UkfRun:
 
     innovations (n_samples, n_y), NaN where missing, with covariances (n_samples, n_y, n_y); nis (n_samples,):
     normalised squares; cross (n_samples, n, n): covariance of the filtered state with the next predicted one;
-    noise (n_samples, n, n_w): covariance of the state at the end of the interval with the mean of the noise.
+    noise (n_samples, n, n_w): covariance of the state at the end of the interval with the mean of the noise;
+    modes as in `ekf.EkfRun`.
     """
 
     predicted: np.ndarray
@@ -54,6 +55,7 @@ class UkfRun:
     nis: np.ndarray
     cross: np.ndarray
     noise: np.ndarray
+    modes: np.ndarray | None = None
 
     @property
     def log_likelihood(self) -> float:
@@ -79,6 +81,9 @@ def run_ukf(
     tables = [np.zeros((samples, *shape)) for shape in shapes]
     task = Task.of(model, data, theta, noise, start, longest)
     weights = (points or SigmaPoints()).weights(n)
+    if model.engine is not None:
+        modes = hybrid_filter.ukf(task, weights, tables)
+        return replace(UkfRun(*tables), modes=modes)
     (interpreted.ukf if model.library is None else _compiled)(task, weights, tables)
     return UkfRun(*tables)
 

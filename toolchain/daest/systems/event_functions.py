@@ -11,6 +11,7 @@ import numpy as np
 
 from daest.model.events import Events
 from daest.model.flat import ExplicitModel
+from daest.numerics.evaluator import Evaluator
 
 PARTS = ("values", "wholes", "conditions", "assigned", "sources", "restarted", "samples", "starts")
 
@@ -51,17 +52,16 @@ class EventFunctions:
         ticks: np.ndarray,
     ) -> EventPoint:
         """Everything at one instant."""
-        parts = self.whole(x, ubar, theta, t, active, ticks)
-        made = [np.asarray(part.full()) for part in parts]
+        made = self._at(x, ubar, theta, t, active, ticks)
         return EventPoint(*[m if name in _TABLES else m.ravel() for name, m in zip(PARTS, made, strict=True)])
 
     def variables(self, x: np.ndarray, ubar: np.ndarray, theta: np.ndarray, t: float) -> np.ndarray:
         """ξ (n,)."""
-        return self._variables(x, ubar, theta, t)[0].full().ravel()
+        return self._variables(x, ubar, theta, t)[0].ravel()
 
     def slopes(self, x: np.ndarray, ubar: np.ndarray, theta: np.ndarray, t: float) -> np.ndarray:
         """∂ξ/∂x (n, n_states)."""
-        return self._variables(x, ubar, theta, t)[1].full()
+        return self._variables(x, ubar, theta, t)[1]
 
     def derivatives(
         self,
@@ -74,9 +74,10 @@ class EventFunctions:
     ) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
         """Slopes of restarts, assignments, memories, relations, whole parts and samples along x, ū, θ and
         t."""
-        found = [part.full() for part in self._slopes(x, ubar, theta, t, active, ticks)]
+        found = self._slopes(x, ubar, theta, t, active, ticks)
         names = ("restarted", "assigned", "sources", "values", "wholes", "samples")
-        return {name: tuple(found[4 * i : 4 * i + 4]) for i, name in enumerate(names)}
+        rows = [found[4 * i : 4 * i + 4] for i in range(len(names))]
+        return {name: (row[0], row[1], row[2], row[3]) for name, row in zip(names, rows, strict=True)}
 
     # Which switches need to be watched ----------------------------------------------------------------------
 
@@ -99,8 +100,8 @@ class EventFunctions:
 
     def clock(self, x: np.ndarray, ubar: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values at time zero and slopes along time of relations, then of whole parts."""
-        value, slope = self.along_time(x, ubar, theta)
-        return value.full().ravel(), slope.full().ravel()
+        value, slope = self._clock(x, ubar, theta)
+        return value.ravel(), slope.ravel()
 
     def roots(self) -> tuple[ca.Function, np.ndarray]:
         """(x, ū, θ, t) -> functions whose signs tell when a relation or a whole part changes, and which one
@@ -182,18 +183,27 @@ class EventFunctions:
         return ca.Function("events", [*symbols, *switches], [ca.densify(parts[name]) for name in PARTS])
 
     @cached_property
-    def _slopes(self) -> ca.Function:
+    def _at(self) -> Evaluator:
+        return Evaluator(self.whole)
+
+    @cached_property
+    def _clock(self) -> Evaluator:
+        return Evaluator(self.along_time)
+
+    @cached_property
+    def _slopes(self) -> Evaluator:
         symbols, switches, parts = self._whole()
         parts["restarted"] = parts["restarted"][:, 1]
         parts["samples"] = ca.vec(parts["samples"].T)
         names = ("restarted", "assigned", "sources", "values", "wholes", "samples")
         slopes = [ca.densify(ca.jacobian(parts[name], symbol)) for name in names for symbol in symbols]
-        return ca.Function("event_slopes", [*symbols, *switches], slopes)
+        return Evaluator(ca.Function("event_slopes", [*symbols, *switches], slopes))
 
     @cached_property
-    def _variables(self) -> ca.Function:
+    def _variables(self) -> Evaluator:
         _, symbols, xi, _ = self._point()
-        return ca.Function("variables", symbols, [ca.densify(xi), ca.densify(ca.jacobian(xi, symbols[0]))])
+        slopes = ca.densify(ca.jacobian(xi, symbols[0]))
+        return Evaluator(ca.Function("variables", symbols, [ca.densify(xi), slopes]))
 
     @cached_property
     def along_time(self) -> ca.Function:

@@ -34,6 +34,10 @@ class Mode:
     conditions: np.ndarray
     ticks_done: np.ndarray  # how often each sample has been taken
 
+    def copy(self) -> Mode:
+        """A mode that changes on its own."""
+        return Mode(self.theta.copy(), self.conditions.copy(), self.ticks_done.copy())
+
 
 @dataclass
 class Slopes:

@@ -22,6 +22,7 @@ import casadi as ca
 import numpy as np
 
 from daest.model.flat import ExplicitModel
+from daest.numerics.evaluator import Evaluator
 from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import EventUpdate, Forced, HybridError, Mode, Slopes, settled_start
 from daest.systems.integration import FAILURES, IntegrationError, pointer
@@ -158,12 +159,14 @@ def follow(
 ) -> HybridRun:
     """The trajectory at `inputs.time`. `mode` None: the start is settled at x0. Sensitivities have the
     directions of `Integrator`."""
-    runner = _Runner(model, inputs, rtol, atol, max_steps, directions)
+    runner = Runner(model, inputs, rtol, atol, max_steps, directions)
     return runner.run(theta, x0, mode)
 
 
-class _Runner:
-    """One run: where it is, and what is written."""
+class Runner:
+    """One run: where it is, and what is written. `mode` is that of the instant it has reached."""
+
+    mode: Mode
 
     def __init__(
         self,
@@ -183,11 +186,12 @@ class _Runner:
             )
         self.model, self.inputs, self.rtol, self.atol = model, inputs, rtol, atol
         self.functions, self.owners = model.events
-        self.schedule = Schedule(self.functions)
+        self.schedule, self._rates = Schedule(self.functions), Evaluator(model.rhs)
         self.max_steps, self.directions = max_steps, directions
         n, n_states, n_y = inputs.time.size, model.explicit.n_states, model.out.numel_out(0)
         self.states, self.outputs = np.full((n, n_states), np.nan), np.full((n, n_y), np.nan)
         self.sens = np.empty((n, n_y, directions))
+        self.theta = np.empty((n, len(model.explicit.flat.parameters)))
         self.n_steps = self.n_events = self.dense = 0
         self.last_event = -np.inf
         self.instants: list[tuple[float, str]] = []
@@ -199,8 +203,7 @@ class _Runner:
         if mode is None:
             x, mode = settled_start(self.functions, theta, self.inputs.at(t, 0), t, x0)
         self.mode = mode
-        self._first_ticks(x, t)
-        self.theta = np.empty((time.size, mode.theta.size))
+        self.first_ticks(x, t)
         n_states = x.size
         S = np.zeros((n_states, self.directions))
         if self.directions:
@@ -208,14 +211,14 @@ class _Runner:
         while True:
             due = self.schedule.next(x, self.inputs.at(t, self.inputs.interval(t)), mode, t)
             if due <= t + SAME_INSTANT * max(1.0, abs(t)):
-                x, S = self._timed_event(x, S, t, self.inputs.interval(t))
+                x, S = self.timed_event(x, S, t, self.inputs.interval(t))
                 continue
             stop = min(due, float(time[-1]))
-            i, t, x, S, left = self._segment(i, t, stop, x, S)
+            i, t, x, S, left = self.segment(i, t, stop, x, S)
             if left is not None:
-                x, S = self._state_event(x, S, t, left)
+                x, S = self.state_event(x, S, t, left)
             elif t >= due:
-                x, S = self._timed_event(x, S, t, max(self.inputs.interval(t), 0))
+                x, S = self.timed_event(x, S, t, max(self.inputs.interval(t), 0))
             if t >= time[-1]:
                 self._write_last(i, t, x, S)
                 break
@@ -229,7 +232,7 @@ class _Runner:
             tuple(self.instants),
         )
 
-    def _first_ticks(self, x: np.ndarray, t: float) -> None:
+    def first_ticks(self, x: np.ndarray, t: float) -> None:
         """Samples before the record begins are past."""
         for k, (start, interval) in enumerate(self.schedule.samples(x, self.inputs.at(t, 0), self.mode, t)):
             if not interval > 0:
@@ -243,7 +246,7 @@ class _Runner:
 
     # One smooth piece ---------------------------------------------------------------------------------------
 
-    def _segment(
+    def segment(
         self, i: int, t: float, stop: float, x: np.ndarray, S: np.ndarray
     ) -> tuple[int, float, np.ndarray, np.ndarray, np.ndarray | None]:
         """From t to `stop`, or to the first root before: the next sample, time, states, sensitivities, and
@@ -300,7 +303,7 @@ class _Runner:
         common = (
             ctypes.c_long(n), *map(pointer, arrays), ctypes.c_int(d), pointer(start),
         )  # fmt: skip
-        side = np.ascontiguousarray(np.append(self._sides(), 0.0))
+        side = np.ascontiguousarray(np.append(self.sides(), 0.0))
         status = library.daest_follow(
             *common, ctypes.c_double(self.rtol), pointer(self.atol), ctypes.c_long(self.max_steps),
             *map(pointer, (side, states, outputs, sens)), ctypes.byref(steps), pointer(reached),
@@ -315,7 +318,7 @@ class _Runner:
     def _without_states(self, knots: np.ndarray, u0: np.ndarray, u1: np.ndarray) -> _Piece:
         """A model that has only time and inputs: roots are looked for at `SCANNED` instants of each interval,
         and bisected."""
-        roots, side = self.functions.roots()[0], self._sides()
+        roots, side = self.functions.roots()[0], self.sides()
         empty = np.zeros(0)
         outputs = np.full((knots.size, self.outputs.shape[1]), np.nan)
 
@@ -345,7 +348,7 @@ class _Runner:
                 return piece(float(high), i + 1, left_at(i, high))
         return piece(float(knots[-1]), knots.size, None)
 
-    def _sides(self) -> np.ndarray:
+    def sides(self) -> np.ndarray:
         """The sign that each root function keeps: what it tells is so, or is not yet."""
         events, n = self.functions.events, len(self.functions.events.relations)
         found = np.empty(self.owners.size)
@@ -358,11 +361,13 @@ class _Runner:
 
     # Events -------------------------------------------------------------------------------------------------
 
-    def _state_event(
-        self, x: np.ndarray, S: np.ndarray, t: float, left: np.ndarray
+    def state_event(
+        self, x: np.ndarray, S: np.ndarray, t: float, left: np.ndarray, interval: int | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
+        """States and sensitivities after an event at which the root functions `left` leave their sides, under
+        the inputs of `interval` (None: the one that ends there)."""
         events, n = self.functions.events, len(self.functions.events.relations)
-        interval = self._interval_before(t)
+        interval = self._interval_before(t) if interval is None else interval
         ubar = self.inputs.at(t, interval)
         none = np.zeros(events.active.numel()), np.zeros(events.ticks.numel())
         point = self.functions.at(x, ubar, self.mode.theta, t, *none)
@@ -382,7 +387,7 @@ class _Runner:
         slopes = self._slopes_before(x, S, t, ubar, interval, first)
         return self._after(x, t, ubar, interval, none[1], forced, slopes)
 
-    def _timed_event(
+    def timed_event(
         self, x: np.ndarray, S: np.ndarray, t: float, interval: int
     ) -> tuple[np.ndarray, np.ndarray]:
         events = self.functions.events
@@ -445,7 +450,7 @@ class _Runner:
             theta[known.index(name), k] = 1.0
         none = np.zeros(functions.events.active.numel()), np.zeros(functions.events.ticks.numel())
         rate = self.inputs.rate(interval)
-        f = self._rate(x, ubar, t)
+        f = self.rate(x, ubar, t)
         slopes = Slopes(S, theta, np.zeros(self.directions), rate)
         found = functions.derivatives(x, ubar, self.mode.theta, t, *none)
         if owner >= 0:
@@ -464,8 +469,9 @@ class _Runner:
         slopes.states = S + np.outer(f, slopes.time)
         return slopes
 
-    def _rate(self, x: np.ndarray, ubar: np.ndarray, t: float) -> np.ndarray:
-        return self.model.rhs(x, ubar, self.mode.theta, t)[0].full().ravel()
+    def rate(self, x: np.ndarray, ubar: np.ndarray, t: float) -> np.ndarray:
+        """ẋ (n_states,) in the mode of the instant."""
+        return self._rates(x, ubar, self.mode.theta, t)[0].ravel()
 
     def _after(
         self,
@@ -480,7 +486,7 @@ class _Runner:
         x = EventUpdate(self.functions, x, self.mode, ubar, t, ticks, forced, slopes).settled()
         if slopes is None:
             return x, np.zeros((x.size, 0))
-        return x, slopes.states - np.outer(self._rate(x, ubar, t), slopes.time)
+        return x, slopes.states - np.outer(self.rate(x, ubar, t), slopes.time)
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from daest.errors import EstimationError, FmuError, ModelError
 from daest.model.flat import Dynamics, ExplicitModel, events_refused
 from daest.numerics.compiler import build_shared, effort, processor_flags
 from daest.systems.gaussian_average import averaged
+from daest.systems.integrate import EquationIntegrator, integrator
 
 _WORK = ("arg", "res", "iw", "w")
 
@@ -44,6 +45,7 @@ class LocalModel:
     dhold: ca.Function | None
     inside: ca.Function | None  # (x, ū, theta, t) -> internal variables
     library: ctypes.CDLL | None
+    engine: EquationIntegrator | None = None  # that follows the events of a model which has some
 
     @property
     def n_states(self) -> int:
@@ -92,8 +94,8 @@ def _of_equations(
     inside: bool = False,
     compiled: bool = True,
 ) -> LocalModel:
-    if explicit.flat.events is not None:
-        raise events_refused("a filter")
+    if explicit.flat.events is not None and tangents:
+        raise events_refused("a likelihood of predictions")
     parts = _Parts.of(explicit, tuple(names))
     _refuse_direct_noise(explicit)
     flow, see = parts.flow(), parts.see()
@@ -115,6 +117,10 @@ def _of_equations(
     model = LocalModel(
         explicit, tuple(names), outer(flow), outer(see), dflow, dsee, hold, dhold, variables, library=None
     )
+    if explicit.flat.events is not None:
+        engine = integrator(explicit)
+        assert isinstance(engine, EquationIntegrator)
+        return replace(model, engine=engine)
     return replace(model, library=_library(model)) if compiled else model
 
 

@@ -24,15 +24,16 @@ def estimate(case: Case, name: str) -> Estimates:
     """Raises EstimationError `output-white-noise`, `filter-singular-innovation`, and those of `prepared`."""
     ready = prepared(case)
     task, smooth = ready.task, case.options.smooth
-    innovations, nis, log_likelihood, joint = (_extended if name == "ekf" else _unscented)(task, smooth)
+    run = _extended if name == "ekf" else _unscented
+    innovations, nis, log_likelihood, joint, modes = run(task, smooth)
     joint = joint if task.model.hold is None or not smooth else _held(task, joint)
-    values, std = _inside(task, joint)
+    values, std = _inside(task, joint, modes)
     n = task.model.n_states
     own = np.diagonal(joint.cov, axis1=1, axis2=2)[:, n:]
     return Estimates(
-        names=internal_names(task.model.explicit),
-        values=values,
-        std=std,
+        names=(*internal_names(task.model.explicit), *discrete_names(task)),
+        values=np.hstack([values, discrete_values(task, modes)]),
+        std=np.hstack([std, np.full((len(std), len(discrete_names(task))), np.nan)]),
         noise_values=joint.mean[:, n:],
         noise_std=np.sqrt(np.maximum(own, 0.0)),
         innovations=innovations[:, [case.model.output_names.index(n) for n in case.measure]],
@@ -43,18 +44,32 @@ def estimate(case: Case, name: str) -> Estimates:
     )
 
 
-def _extended(task: Task, smooth: bool) -> tuple[np.ndarray, np.ndarray, float, Joint]:
-    """Innovations, their squares per sample, log p(y), and the estimates."""
+def discrete_names(task: Task) -> tuple[str, ...]:
+    """Boolean and Integer variables that events assign."""
+    events = task.model.explicit.flat.events
+    return () if events is None else tuple(one.name for one in events.assignments if one.slot >= 0)
+
+
+def discrete_values(task: Task, modes: np.ndarray | None) -> np.ndarray:
+    """Their values in the modes of a filter (n_samples, n_discrete)."""
+    events = task.model.explicit.flat.events
+    if events is None or modes is None:
+        return np.empty((task.data.time.size, 0))
+    return modes[:, [one.slot for one in events.assignments if one.slot >= 0]]
+
+
+def _extended(task: Task, smooth: bool) -> tuple[np.ndarray, np.ndarray, float, Joint, np.ndarray | None]:
+    """Innovations, their squares per sample, log p(y), the estimates, and the modes (`EkfRun.modes`)."""
     run = run_ekf(task.model, task.data, task.theta, task.noise, task.start, task.longest)
     joint = smooth_ekf(run, task.data, task.noise) if smooth else _filtered(task, run)
     white = run.innovations / np.sqrt(run.variances)
-    return run.innovations, np.nansum(white**2, axis=1), run.log_likelihood, joint
+    return run.innovations, np.nansum(white**2, axis=1), run.log_likelihood, joint, run.modes
 
 
-def _unscented(task: Task, smooth: bool) -> tuple[np.ndarray, np.ndarray, float, Joint]:
+def _unscented(task: Task, smooth: bool) -> tuple[np.ndarray, np.ndarray, float, Joint, np.ndarray | None]:
     run = run_ukf(task.model, task.data, task.theta, task.noise, task.start, task.longest)
     joint = smooth_ukf(run, task.data, task.noise) if smooth else _filtered(task, run)
-    return run.innovations, run.nis, run.log_likelihood, joint
+    return run.innovations, run.nis, run.log_likelihood, joint, run.modes
 
 
 def _filtered(task: Task, run: EkfRun | UkfRun) -> Joint:
@@ -72,7 +87,7 @@ def _held(task: Task, joint: Joint) -> Joint:
     return Joint(mean, cov)
 
 
-def _inside(task: Task, joint: Joint) -> tuple[np.ndarray, np.ndarray]:
+def _inside(task: Task, joint: Joint, modes: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     """Internal variables and their standard deviations (n_samples, n_v), by their slopes at the estimate."""
     explicit, n = task.model.explicit, task.model.n_states
     kind: Any = ca.SX if explicit.is_symbolic else ca.MX
@@ -87,9 +102,8 @@ def _inside(task: Task, joint: Joint) -> tuple[np.ndarray, np.ndarray]:
         count = rows.stop - rows.start
         ubar, mean = task.data.u0[rows], joint.mean[rows]
         columns = [mean[:, :n].T, ubar[:, :n_u].T, ubar[:, n_u:].T, mean[:, n:].T]
-        found = function.map(count)(
-            *columns, ca.repmat(ca.DM(task.theta), 1, count), task.data.time[rows][None]
-        )
+        theta = ca.repmat(ca.DM(task.theta), 1, count) if modes is None else ca.DM(modes[rows].T)
+        found = function.map(count)(*columns, theta, task.data.time[rows][None])
         values[rows] = np.array(found[0]).T
         explicit.raise_failure()
         J = np.array(found[1]).reshape(n_v, count, -1).transpose(1, 0, 2)

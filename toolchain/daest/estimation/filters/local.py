@@ -21,7 +21,9 @@ from daest.estimation.interpreted import project
 from daest.estimation.nonlinear_smoother import smooth_ekf
 from daest.estimation.records import in_model_order
 from daest.model.estimates import InitialState
-from daest.model.flat import Dynamics
+from daest.model.flat import Dynamics, ExplicitModel
+from daest.systems.event_functions import EventFunctions
+from daest.systems.event_update import settled_start
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import Hold, integrate, integrator
 from daest.systems.integration import IntegrationError
@@ -30,6 +32,10 @@ from daest.systems.redundant import good_everywhere, matching_states
 
 MOST_SUBSTEPS = 64  # per median sample interval
 TINY = np.finfo(float).tiny
+MODES_FOLLOWED = (
+    "The model has events: the filter follows each of them, covariances pass it with the slopes of the "
+    "jump, and its mode is that of the estimate."
+)
 START_SAMPLES = 200  # whose smoothed estimate is the centre of an unknown initial state
 
 
@@ -50,10 +56,11 @@ def prepared(case: Case, inside: bool = False) -> Prepared:
     experiment = in_model_order(case.measured, explicit.flat)
     time, inputs = experiment.time, experiment.inputs
     v0 = _first_slopes(explicit, time, inputs)
-    x0, _ = initial_point(explicit, theta, inputs[0], v0, float(time[0]))
+    x0 = _first_state(explicit, theta, inputs[0], v0, float(time[0]))
     mean, known_cov = (x0, None) if initial is None else _given_start(explicit, initial, x0)
     notes = _doubts(explicit)
-    used = good_everywhere(explicit)
+    has_events = explicit.flat.events is not None
+    used = explicit if has_events else good_everywhere(explicit)
     if used is not explicit:
         mean, known_cov = in_states_of(used, explicit, mean, known_cov, theta, time, inputs)
         notes += ("All differentiated variables are states, tied by the constraints of the model.",)
@@ -69,6 +76,8 @@ def prepared(case: Case, inside: bool = False) -> Prepared:
     found = Prepared(Task.of(model, data, theta, noise, start, np.inf), notes)
     if known_cov is None or not np.all(np.isfinite(known_cov)):
         found = _recentred(found, known_cov)
+    if has_events:
+        return found
     if options.longest is not None:
         return _with_longest(found, options.longest)
     return _with_substeps(found)
@@ -80,12 +89,23 @@ def _with_longest(ready: Prepared, longest: float, *notes: str) -> Prepared:
 
 def _doubts(explicit: Dynamics) -> tuple[str, ...]:
     """What a filter of a model without equations may pass over."""
+    if explicit.flat.events is not None:
+        return (MODES_FOLLOWED,)
     if not explicit.may_jump:
         return ()
     return (
         "The FMU may have events: discrete variables fit the estimate at each point, but states that jump, "
         "clocks and delays are not followed.",
     )
+
+
+def _first_state(
+    explicit: Dynamics, theta: np.ndarray, u0: np.ndarray, v0: np.ndarray, time: float
+) -> np.ndarray:
+    """The start of the model itself."""
+    if isinstance(explicit, ExplicitModel) and explicit.flat.events is not None:
+        return settled_start(EventFunctions(explicit), theta, np.concatenate([u0, v0]), time)[0]
+    return initial_point(explicit, theta, u0, v0, time)[0]
 
 
 def _first_slopes(explicit: Dynamics, time: np.ndarray, inputs: np.ndarray) -> np.ndarray:

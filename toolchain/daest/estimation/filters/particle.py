@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from daest.estimation.filter_task import Task
 from daest.estimation.filters.case import Case, Estimates
+from daest.estimation.filters.gaussian import discrete_names
 from daest.estimation.filters.local import prepared
+from daest.estimation.hybrid_filter import HybridPoints
 from daest.estimation.particle import ContinuousPoints, ParticleRun, run_particles, smooth_particles
 from daest.systems.local_linear import internal_names
 
@@ -14,34 +17,35 @@ def estimate(case: Case, name: str) -> Estimates:
     """Raises EstimationError `particle-collapse` and those of `prepared`."""
     ready, options = prepared(case, inside=True), case.options
     task = ready.task
-    points, time = ContinuousPoints(task), task.data.time
+    points, time = points_of(task), task.data.time
     run = run_particles(
         points,
         task.data.outputs,
         task.noise.variance,
-        task.start,
+        points.start,
         options.n_particles,
         options.seed,
         options.proposal,
         time,
     )
     notes = (*ready.notes, *_notes(run, time))
-    states, weights = run.points, run.weights
+    states, weights, rows = run.points, run.weights, None
     if options.smooth:
         found = smooth_particles(points, run, options.seed)
-        states = found.states
+        states, rows = found.states, found.rows
         weights = np.full(states.shape[:2], 1.0 / states.shape[1])
         if not found.is_simulated:
-            notes += (
-                "Process noise does not reach every state: smoothed by the ancestral lines of the particles.",
-            )
-    inside = [points.inside(k, states[k], weights[k]) for k in range(time.size)]
+            why = "Particles have modes" if points.has_memory else "Process noise does not reach every state"
+            notes += (f"{why}: smoothed by the ancestral lines of the particles.",)
+    inside = [
+        points.inside(k, states[k], weights[k], None if rows is None else rows[k]) for k in range(time.size)
+    ]
     values, std = (np.array(part) for part in zip(*inside, strict=True))
     steps = np.append(task.data.steps, task.data.steps[-1])
     noise_std = np.sqrt(task.noise.intensity / steps[:, None])
     unknown = np.full_like(noise_std, np.nan)
     return Estimates(
-        names=internal_names(task.model.explicit),
+        names=(*internal_names(task.model.explicit), *discrete_names(task)),
         values=values,
         std=std,
         noise_values=unknown if options.smooth else np.zeros_like(noise_std),
@@ -53,6 +57,11 @@ def estimate(case: Case, name: str) -> Estimates:
         effective=run.effective,
         messages=notes,
     )
+
+
+def points_of(task: Task) -> ContinuousPoints | HybridPoints:
+    """The particles of a task, which keep a mode each where the model has events."""
+    return ContinuousPoints(task) if task.model.engine is None else HybridPoints(task)
 
 
 def _notes(run: ParticleRun, time: np.ndarray) -> tuple[str, ...]:
