@@ -12,6 +12,8 @@ from daest.fmu.binary_model import binary_model
 from daest.fmu.laws import STEPS, Law
 from daest.fmu.outside import input_law, program_of, sensor_fault
 from daest.modelica.effects import effect_library, find_effect
+from daest.systems.integrate import Run
+from daest.systems.tolerances import SOLVER
 
 TIME = np.linspace(0.0, 2.0, 41)
 FORCE = 9.81 + 3.0 * np.sin(3.0 * TIME)
@@ -57,12 +59,14 @@ def followed(path, name, size, by_size):
     column = 1 if law.reads in ("recorded", "signal") else None
     reads = 1 if law.reads == "state" else None
     laws = (Law(program_of(law.function(LARGEST)), 0, reads, column, size),)
-    drive = flat.form.drive(TIME, u[:-1], u[1:], u[-1], (5,))
-    drive = type(drive)(**{**drive.__dict__, "laws": laws})
-    found = flat.form.integrate_with_laws(
-        flat, ("d",), drive, np.array([0.1, 0.7, 9.81]), np.array([1.0, 0.0]), np.ones(2),
-        np.array([STEP * size]) if by_size else None,
+    theta, x0, scale, rtol = np.array([0.1, 0.7, 9.81]), np.array([1.0, 0.0]), np.ones(2), SOLVER.search_rtol
+    atol = rtol * SOLVER.atol_of_scale * scale
+    directions = 4 if by_size else 0
+    run = Run(
+        TIME, u[:-1], u[1:], u[-1], theta, x0, directions, 1, 0, rtol, atol, scale, None, 10_000, None
     )  # fmt: skip
+    steps = np.array([STEP * size])
+    found = flat.form.integrate(flat, ("d",), run, laws=laws, size_steps=steps)
     return flat.form.method, found
 
 

@@ -14,13 +14,12 @@ a little like many laws.
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import cast
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.gates import GATES
@@ -28,9 +27,14 @@ from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.screen import projected, scored
 from daest.diagnosis.trial import fitted_candidate
 from daest.errors import ConfigError, EstimationError, ModelError, NumericalError
+from daest.estimation.coordinates import Coordinate, Unknowns, parameter_coordinate
+from daest.estimation.gaussian import objective
 from daest.estimation.identify import identify
-from daest.fmu.binary_model import BinaryModel
-from daest.fmu.drive import Drive
+from daest.estimation.nonlinear_start import fit_initial_states, limits
+from daest.estimation.result import agreement_of
+from daest.estimation.search import minimise
+from daest.estimation.trajectories import TrajectoryProblem, integrated
+from daest.fmu.binary_model import BinaryDynamics, BinaryIntegrator, BinaryModel
 from daest.fmu.laws import Law
 from daest.fmu.laws import Step as LawStep
 from daest.fmu.outside import InputLaw, SensorFault, input_law, program_of, sensor_fault, tried_as
@@ -39,9 +43,11 @@ from daest.model.effects import Effect, Site
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult, FittedParameter, IdentifyOptions
 from daest.model.flat import Model
+from daest.model.parts import Parameter, Variable
 from daest.numerics.parallel import workers
 from daest.numerics.statistics import chi2, ljung_box
-from daest.systems.integrate import Hold, interval_inputs
+from daest.systems.initialize import initial_point
+from daest.systems.integrate import Hold, Run, Trajectory
 from daest.systems.integration import IntegrationError
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import dynamics
@@ -52,7 +58,9 @@ SHARES = (1.0, 0.3, 0.0)  # of the size that one step from the null gives, where
 STEP = 1e-3  # size of an effect against that of its input, when its response is computed
 MOST_STATES = 12  # whose laws are tried
 WHITE_LAGS = 20
-MOST_EVALUATIONS = 15  # of a refit
+MOST_ITERATIONS = 15  # of a refit
+START_ITERATIONS = 30  # of a search for initial states
+ENOUGH_GAIN = 1e-3  # predicted gain in log-likelihood that ends both
 REFIT_SECONDS = 3.0  # times that of the model as it is
 CUT = 0.2  # of the largest value: what cuts a signal has no slope at 0, and its response is computed for this
 TRANSLATIONAL = ("N", "m", "m/s", "m/s2")  # units by which the one of two effects of a name is told
@@ -83,8 +91,8 @@ class Trial:
 
 @dataclass(frozen=True)
 class Case:
-    """The FMU at fitted values with its recordings: `columns` are recorded signals that are no inputs,
-    `sizes` (n_x,) the largest values of the states."""
+    """The FMU at fitted values with its recordings, behind whose inputs stand the recorded signals `columns`.
+    `names` are the parameters that are refitted, `sizes` (n_x,) the largest values of the states."""
 
     flat: BinaryModel
     hold: Hold
@@ -225,31 +233,32 @@ def _refuse_gaps(experiments: Sequence[Experiment]) -> None:
             )
 
 
-def _case(flat: BinaryModel, baseline: FitResult, experiments: tuple[Experiment, ...]) -> Case:
+def _case(flat: BinaryModel, baseline: FitResult, experiments: Sequence[Experiment]) -> Case:
     theta = np.array([baseline.theta[p.name] for p in flat.parameters])
     fitted = {s.experiment: s.values for s in baseline.initial_states}
-    starts = []
-    for e in experiments:
-        u = np.zeros(len(flat.form.form.drivers))
-        u[: e.inputs.shape[1]] = e.inputs[0]
-        known = fitted.get(e.name)
-        starts.append(flat.form.start(flat, theta, u, float(e.time[0]), {}) if known is None else known)
-    case = Case(
-        flat,
-        baseline.hold,
-        experiments,
-        tuple(p.name for p in baseline.parameters),
-        theta,
-        tuple(starts),
-        tuple(
-            c
-            for c in experiments[0].extra
-            if all(np.all(np.isfinite(e.extra.get(c, np.nan))) for e in experiments)
-        ),
-        np.ones(len(flat.form.form.states)),
+    starts = [
+        initial_point(dynamics(flat), theta, e.inputs[0], t0=float(e.time[0]))[0]
+        if e.name not in fitted
+        else fitted[e.name]
+        for e in experiments
+    ]
+    columns = tuple(
+        c
+        for c in experiments[0].extra
+        if all(np.all(np.isfinite(e.extra.get(c, np.nan))) for e in experiments)
     )
-    runs = [_course(case, i).states for i in range(len(experiments))]
-    case = replace(case, sizes=np.max([np.max(np.abs(x), axis=0) for x in runs], axis=0))
+    driven = tuple(
+        replace(
+            e,
+            inputs=np.column_stack([e.inputs, *(e.extra[c] for c in columns)]),
+            input_names=(*e.input_names, *columns),
+        )
+        for e in experiments
+    )
+    names, n_x = tuple(p.name for p in baseline.parameters), len(flat.form.form.states)
+    case = Case(flat, baseline.hold, driven, names, theta, tuple(starts), columns, np.ones(n_x))
+    runs = integrated(*_problem(case))
+    case = replace(case, sizes=np.max([np.max(np.abs(run.states), axis=0) for run in runs], axis=0))
     return case if all(e.name in fitted for e in experiments) else _with_fitted_starts(case)
 
 
@@ -306,52 +315,66 @@ def _trial(
 # ------------------------------------------------------------------------------------------ simulation
 
 
+SIZE = "size of the effect"  # that is tried: the parameter behind those of the FMU
+
+
 @dataclass(frozen=True)
-class _Course:
-    """A simulation of one recording: outputs (n, n_y), states (n, n_x), slopes (n, n_y, d) of the outputs by
-    the parameters of the case, the size of the trial if there is one, and the initial states."""
+class _Tried(BinaryIntegrator):
+    """An FMU with one effect of a size at an input or output, or without: the recorded columns stand behind
+    the inputs of `explicit`, and the size behind its parameters."""
 
-    outputs: np.ndarray
-    states: np.ndarray
-    slopes: np.ndarray
+    case: Case
+    trial: Trial | None
 
+    def trajectory(self, run: Run) -> Trajectory:
+        flat, trial = self.case.flat, self.trial
+        n, n_u, behind = len(flat.parameters), len(flat.inputs), len(self.explicit.flat.inputs)
 
-def _course(
-    case: Case, i: int, trial: Trial | None = None, size: float = 0.0, slopes: bool = False
-) -> _Course:
-    """Recording i with `size` of the trial. Raises IntegrationError."""
-    form, n_x = case.flat.form, case.starts[i].size
-    laws = () if trial is None or trial.fault is not None else (_law(case, trial, size),)
-    read = tuple((*form.form.states, *form.form.variables)[row] for row in form.output_rows(case.flat))
-    request = replace(_request(case, case.experiments[i]), read=read, laws=laws)
-    steps = np.array([_size_step(case, trial)]) if laws and trial is not None else np.zeros(0)
-    scale = np.maximum(np.abs(case.starts[i]), 1.0)
-    states, outputs, found = form.integrate_with_laws(
-        case.flat, case.names, request, case.theta, case.starts[i], scale, steps if slopes else None
-    )
-    if trial is None or trial.fault is None:
-        return _Course(outputs, states, found)
-    time = case.experiments[i].time
-    sensed = outputs + size * _fault(outputs, time, trial)
-    if slopes:
-        by_size = _fault(outputs, time, trial)[:, :, None]
-        constant = _fault(np.zeros_like(outputs), time, trial)
-        faults = [_fault(found[:, :, d], time, trial) - constant for d in range(found.shape[2])]
-        found = found + size * np.stack(faults, axis=2)
-        at = found.shape[2] - n_x
-        found = np.concatenate([found[:, :, :at], by_size, found[:, :, at:]], axis=2)
-    return _Course(sensed, states, found)
+        def with_columns_last(u: np.ndarray) -> np.ndarray:
+            return np.hstack([u[..., :n_u], u[..., behind:], u[..., n_u:behind]])
+
+        size = float(run.theta[n]) if trial is not None else 0.0
+        laws = () if trial is None or trial.fault is not None else (_law(self.case, trial, size),)
+        steps = np.array([_size_step(self.case, trial)]) if laws and trial is not None else None
+        own = [name for name in self.names if name != SIZE] if run.by_parameter else []
+        u0, u1, u_last = map(with_columns_last, (run.u0, run.u1, np.ravel(run.u_last)))
+        alone = replace(run, u0=u0, u1=u1, u_last=u_last, theta=run.theta[:n])
+        states, outputs, slopes = flat.form.integrate(flat, own, alone, laws=laws, size_steps=steps)
+        if trial is None or trial.fault is None:
+            return Trajectory(states, outputs, slopes, n_steps=0)
+        added = _fault(outputs, run.time, trial)
+        if run.directions:
+            constant = _fault(np.zeros_like(outputs), run.time, trial)
+            bent = [_fault(slopes[:, :, d], run.time, trial) - constant for d in range(slopes.shape[2])]
+            slopes = slopes + size * np.stack(bent, axis=2)
+            slopes = np.insert(slopes, slopes.shape[2] - run.x0.size, added, axis=2)
+        return Trajectory(states, outputs + size * added, slopes, n_steps=0)
 
 
-def _request(case: Case, e: Experiment) -> Drive:
-    """What drives a recording: inputs, and the recorded columns that are none behind them."""
-    u0, u1 = interval_inputs(dynamics(case.flat), e.time, e.inputs, case.hold)
-    last = np.hstack([e.inputs[-1], u1[-1, e.inputs.shape[1] :]])
-    columns = np.column_stack([e.extra[name] for name in case.columns] or [np.zeros((e.time.size, 0))])
-    ends = columns[:-1] if case.hold == "zoh" else columns[1:]
-    return case.flat.form.drive(
-        e.time, np.hstack([u0, columns[:-1]]), np.hstack([u1, ends]), np.hstack([last, columns[-1]]), ()
-    )
+def _problem(
+    case: Case, trial: Trial | None = None, size: float = 0.0, names: Sequence[str] | None = None
+) -> tuple[TrajectoryProblem, np.ndarray]:
+    """The output error of the FMU with `size` of the trial, over the parameters `names` (default: those of
+    the case) and the size, and the point where it stands."""
+    flat, names = case.flat, tuple(case.names if names is None else names)
+    values = dict(zip((p.name for p in flat.parameters), case.theta, strict=True))
+    bounds = {p.name: (p.min, p.max) for p in flat.parameters}
+    unknown = [parameter_coordinate(flat, name, values[name], bounds[name]) for name in names]
+    theta, parameters = case.theta, flat.parameters
+    if trial is not None:
+        scale = abs(size) or _size_step(case, trial)
+        n = len(parameters)
+        unknown.append(Coordinate(SIZE, "parameter", n, size, False, scale, -np.inf, np.inf))
+        theta, parameters = np.append(theta, size), (*parameters, Parameter(SIZE, size))
+        names = (*names, SIZE)
+    inputs = (*flat.inputs, *(Variable(name) for name in case.columns))
+    explicit = replace(dynamics(flat), flat=replace(flat, inputs=inputs, parameters=parameters))
+    free = np.full(len(flat.outputs), np.nan)
+    unknowns = Unknowns(tuple(unknown), theta, np.zeros(0), free)
+    scales = np.where(case.sizes > 0.0, case.sizes, 1.0)
+    model = _Tried(cast(BinaryDynamics, explicit), names, case, trial)
+    problem = TrajectoryProblem(model, case.experiments, case.hold, unknowns, scales, free)
+    return problem, np.concatenate([unknowns.start, *(x0 / scales for x0 in case.starts)])
 
 
 def _fault(y: np.ndarray, time: np.ndarray, trial: Trial) -> np.ndarray:
@@ -374,15 +397,17 @@ def _law(case: Case, trial: Trial, size: float) -> Law:
 
 
 def _residuals(case: Case, trial: Trial | None = None, size: float = 0.0) -> list[np.ndarray]:
-    return [e.outputs - _course(case, i, trial, size).outputs for i, e in enumerate(case.experiments)]
+    """y - ŷ of every recording, (n, n_y). Raises IntegrationError."""
+    runs = integrated(*_problem(case, trial, size))
+    return [e.outputs - run.outputs for e, run in zip(case.experiments, runs, strict=True)]
 
 
 def _parameter_slopes(case: Case) -> list[np.ndarray]:
     """∂ŷ/∂(parameters, initial states of all recordings), (d, n, n_y) per recording."""
     p, n_x = len(case.names), case.starts[0].size
     tables = []
-    for i in range(len(case.experiments)):
-        own = _course(case, i, slopes=True).slopes.transpose(2, 0, 1)
+    for i, run in enumerate(integrated(*_problem(case), with_slopes=True)):
+        own = run.sensitivities.transpose(2, 0, 1)
         table = np.zeros((p + n_x * len(case.experiments), *own.shape[1:]))
         table[:p] = own[:p]
         table[p + i * n_x : p + (i + 1) * n_x] = own[p:]
@@ -392,19 +417,15 @@ def _parameter_slopes(case: Case) -> list[np.ndarray]:
 
 def _response(case: Case, trial: Trial) -> list[np.ndarray]:
     """∂ŷ/∂size per recording at size 0, (n, n_y); of a saturation, which has none there, a difference."""
-    alone = replace(case, names=())
-    tables = []
-    for i, e in enumerate(case.experiments):
-        try:
-            if trial.cuts:
-                cut = CUT * trial.cuts
-                found = _course(alone, i, trial, cut).outputs - _course(alone, i).outputs
-                tables.append(found / (cut or 1.0))
-                continue
-            tables.append(_course(alone, i, trial, slopes=True).slopes[:, :, 0])
-        except IntegrationError:
-            tables.append(np.zeros(e.outputs.shape))
-    return tables
+    cut = CUT * trial.cuts
+    try:
+        if cut:
+            pairs = zip(_residuals(case), _residuals(case, trial, cut), strict=True)
+            return [(without - with_it) / cut for without, with_it in pairs]
+        runs = integrated(*_problem(case, trial, names=()), with_slopes=True)
+        return [run.sensitivities[:, :, 0] for run in runs]
+    except IntegrationError:
+        return [np.zeros(e.outputs.shape) for e in case.experiments]
 
 
 def _size_step(case: Case, trial: Trial) -> float:
@@ -516,14 +537,14 @@ def _weights(residuals: Sequence[np.ndarray], spreads: np.ndarray) -> np.ndarray
 @dataclass(frozen=True)
 class _Refit:
     """What every refit needs: the FMU at its fit with the recordings and the validation data, and the
-    residuals of that fit. `without`: rms errors of the validation data as the FMU is."""
+    residuals of that fit. `without`: rms errors of the validation data as the FMU is, by output."""
 
     case: Case
     validation: Case
     baseline: FitResult
     residuals: tuple[np.ndarray, ...]
     n_trials: int
-    without: tuple[float, ...] = ()
+    without: Mapping[str, float | None] = field(default_factory=dict)
 
 
 def _proofs(
@@ -533,7 +554,8 @@ def _proofs(
     if not scored:
         return []
     try:
-        task = replace(task, without=tuple(_rms(_with_fitted_starts(task.validation))))
+        alone = _with_fitted_starts(task.validation)
+        task = replace(task, without=_agreement(alone, _residuals(alone)).rms)
     except IntegrationError:
         return []
     for one in scored:
@@ -556,10 +578,9 @@ def _proof(task: _Refit, one: Scored) -> Proof:
     gain = _log_likelihood(errors) - _log_likelihood(task.residuals)
     n = sum(e.size for e in errors)
     tried = _with_fitted_starts(replace(task.validation, theta=fitted.theta), trial, size)
-    with_effect = _rms(tried, trial, size)
-    better = float(np.mean([1 - a / b for a, b in zip(with_effect, task.without, strict=True) if b > 0]))
-    names = [o.name for o in case.flat.outputs]
-    left = [float(r) for r in np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))]
+    unseen = _agreement(tried, _residuals(tried, trial, size))
+    shares = [(unseen.rms[name], error) for name, error in task.without.items()]
+    better = float(np.mean([1 - (a or 0.0) / b for a, b in shares if b]))
     share = _foreseen(errors, task.residuals) / (_foreseen(task.residuals, errors) or 1.0)
     reason = ""
     if 2 * gain <= np.log(n) + 2 * np.log(task.n_trials):
@@ -579,10 +600,7 @@ def _proof(task: _Refit, one: Scored) -> Proof:
         parameters=(*known, fitted_size),
         theta={**theta, own: size},
         log_likelihood=baseline.log_likelihood + gain,
-        simulated={
-            "estimation": Agreement({}, dict(zip(names, left, strict=True))),
-            "validation": Agreement({}, dict(zip(names, with_effect, strict=True))),
-        },
+        simulated={"estimation": _agreement(case, errors), "validation": unseen},
         one_step={},
     )
     return Proof(
@@ -609,101 +627,47 @@ def _foreseen(errors: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> flo
 
 
 def _refitted(case: Case, trial: Trial, size: float) -> tuple[Case, float, float | None, list[np.ndarray]]:
-    """Parameters, initial states and size together by least squares weighted with the residual's spread."""
-    known = [p.name for p in case.flat.parameters]
-    columns = [known.index(name) for name in case.names]
-    n_p, n_x = len(columns), case.starts[0].size
-    starts = [
-        np.maximum(np.abs(x), 1e-3 * max(1.0, float(np.max(np.abs(x), initial=0.0)))) for x in case.starts
-    ]
-    sizes = [abs(float(case.theta[c])) or 1.0 for c in columns]
-    scales = np.concatenate([sizes, [abs(size) or _size_step(case, trial)], *starts])
-    spread = np.std(np.concatenate(_residuals(case)), axis=0)
-    spread = np.where(spread > 0, spread, 1.0)
-
-    def at(z: np.ndarray) -> tuple[Case, float]:
-        values = z * scales
-        theta = case.theta.copy()
-        theta[columns] = values[:n_p]
-        x0 = tuple(np.split(values[n_p + 1 :], len(case.experiments)))
-        return replace(case, theta=theta, starts=x0), float(values[n_p])
-
-    def errors(z: np.ndarray) -> np.ndarray:
-        moved, own = at(z)
-        try:
-            found = _residuals(moved, trial, own)
-        except IntegrationError:
-            found = [np.full(e.outputs.shape, 1e3 * np.max(np.abs(e.outputs))) for e in case.experiments]
-        return np.concatenate([(e / spread).ravel() for e in found])
-
-    def jacobian(z: np.ndarray) -> np.ndarray:
-        moved, own = at(z)
-        blocks = []
-        for i in range(len(case.experiments)):
-            slopes = _course(moved, i, trial, own, slopes=True).slopes / spread[None, :, None]
-            block = np.zeros((slopes.shape[0] * slopes.shape[1], z.size))
-            first = n_p + 1 + i * n_x
-            block[:, : n_p + 1] = slopes[:, :, : n_p + 1].reshape(len(block), -1)
-            block[:, first : first + n_x] = slopes[:, :, n_p + 1 :].reshape(len(block), -1)
-            blocks.append(-block * scales)
-        return np.vstack(blocks)
-
+    """Parameters, initial states and size together, with the standard error of the size."""
     # One step from the null may be far off, and even unstable: a part of it, or none, is the better start.
-    sizes_at = [share * size for share in SHARES]
+    sizes = [share * size for share in SHARES]
     if trial.cuts:
-        sizes_at = [share * trial.cuts for share in (0.5 * CUT, CUT, 2.0 * CUT)]
-    starts_at = [np.concatenate([case.theta[columns], [at], *case.starts]) for at in sizes_at]
-    z0 = min((z / scales for z in starts_at), key=lambda z: float(np.sum(errors(z) ** 2)))
-    bounds = np.full((2, z0.size), np.inf) * np.array([[-1.0], [1.0]])
-    for k, c in enumerate(columns):
-        low, high = case.flat.parameters[c].min, case.flat.parameters[c].max
-        bounds[0, k] = -np.inf if low is None else low / scales[k]
-        bounds[1, k] = np.inf if high is None else high / scales[k]
-    # The solver needs room between the start and a bound.
-    room = 1e-6 * np.where(np.isfinite(bounds), np.abs(bounds) + 1.0, 0.0)
-    z0 = np.clip(z0, bounds[0] + room[0], bounds[1] - room[1])
-    found = least_squares(errors, z0, jacobian, bounds=tuple(bounds), max_nfev=MOST_EVALUATIONS)
-    fitted, size = at(found.x)
-    cov = np.linalg.pinv(found.jac.T @ found.jac) * 2 * found.cost / max(found.fun.size - z0.size, 1)
-    std_error = float(np.sqrt(max(cov[n_p, n_p], 0.0)) * scales[n_p])
-    return fitted, size, std_error, _residuals(fitted, trial, size)
+        sizes = [share * trial.cuts for share in (0.5 * CUT, CUT, 2.0 * CUT)]
+    problem, z = _problem(case, trial, size)
+    n = len(problem.unknowns.coordinates)
+    at_size = [
+        np.concatenate([z[: n - 1], [problem.unknowns.coordinates[-1].searched(s)], z[n:]]) for s in sizes
+    ]
+    judge = objective(problem)
+
+    def value(at: np.ndarray) -> float:
+        there = judge(at, False)
+        return np.inf if there is None else there.value
+
+    found = minimise(judge, min(at_size, key=value), *limits(problem), MOST_ITERATIONS, ENOUGH_GAIN)
+    if found is None:
+        raise IntegrationError("the model cannot be simulated with the effect", 0.0)
+    own = problem.unknowns.coordinates[-1]
+    variance = float(np.linalg.pinv(found.evaluation.information)[n - 1, n - 1])
+    fitted = replace(case, theta=problem.theta(found.z)[:-1], starts=tuple(problem.initial_states(found.z)))
+    size = own.natural(found.z[n - 1])
+    return fitted, size, float(np.sqrt(max(variance, 0.0))) * own.scale, _residuals(fitted, trial, size)
 
 
 def _with_fitted_starts(case: Case, trial: Trial | None = None, size: float = 0.0) -> Case:
     """The initial states that fit every recording best, parameters held."""
     if not case.starts or not case.starts[0].size:
         return case
-    alone = replace(case, names=())
-    starts = []
-    for i, e in enumerate(case.experiments):
-        n_x, spread = case.starts[i].size, np.std(e.outputs, axis=0)
-        spread = np.where(spread > 0, spread, 1.0)
-
-        def at(x0: np.ndarray, i: int = i) -> Case:
-            moved = list(alone.starts)
-            moved[i] = x0
-            return replace(alone, starts=tuple(moved))
-
-        def errors(
-            x0: np.ndarray, i: int = i, e: Experiment = e, at: Any = at, spread: np.ndarray = spread
-        ) -> np.ndarray:
-            return ((e.outputs - _course(at(x0), i, trial, size).outputs) / spread).ravel()
-
-        def jacobian(
-            x0: np.ndarray, i: int = i, at: Any = at, n_x: int = n_x, spread: np.ndarray = spread
-        ) -> np.ndarray:
-            slopes = _course(at(x0), i, trial, size, slopes=True).slopes[:, :, -n_x:]
-            return -(slopes / spread[None, :, None]).reshape(-1, n_x)
-
-        # No trust region around a start that knows nothing of this recording.
-        found = least_squares(errors, case.starts[i], jacobian, method="lm", x_scale="jac", max_nfev=30)
-        starts.append(found.x)
-    return replace(case, starts=tuple(starts))
+    problem, z = _problem(case, trial, size)
+    n = len(problem.unknowns.coordinates)
+    lower, upper = limits(problem)
+    z = fit_initial_states(problem, z, lower, upper)
+    held = problem.held_at(z)
+    found = minimise(objective(held), z[n:], lower[n:], upper[n:], START_ITERATIONS, ENOUGH_GAIN)
+    return case if found is None else replace(case, starts=tuple(held.initial_states(found.z)))
 
 
-def _rms(case: Case, trial: Trial | None = None, size: float = 0.0) -> list[float]:
-    errors = np.concatenate(_residuals(case, trial, size))
-    return [float(r) for r in np.sqrt(np.mean(errors**2, axis=0))]
+def _agreement(case: Case, errors: Sequence[np.ndarray]) -> Agreement:
+    return agreement_of([o.name for o in case.flat.outputs], [e.outputs for e in case.experiments], errors)
 
 
 def _log_likelihood(errors: Sequence[np.ndarray]) -> float:

@@ -16,7 +16,7 @@ from daest.fmu.binary_functions import PointFunction, parameter_function, raise_
 from daest.fmu.description import base_and_order
 from daest.fmu.drive import Drive
 from daest.fmu.engine import Followed, Plan, engine_library
-from daest.fmu.laws import law_table
+from daest.fmu.laws import Law, law_table
 from daest.fmu.load import load_fmu
 from daest.fmu.points import DIFFERENCE_FLOOR, central_differences, difference, long_points, moved_points
 from daest.fmu.runner import Points, Runner, Simulated, refused
@@ -218,41 +218,28 @@ class BinaryForm:
         x = self._start_states(theta, drivers, time)
         return np.array([given.get(name, value) for name, value in zip(names, x, strict=True)])
 
-    def integrate(self, flat: Model, names: tuple[str, ...], drive: Run, with_states: bool) -> Integrated:
+    def integrate(
+        self, flat: Model, names: Sequence[str], run: Run, with_states: bool = False,
+        laws: tuple[Law, ...] = (), size_steps: np.ndarray | None = None,
+    ) -> Integrated:  # fmt: skip
         """By the compiled integrator where the FMU has no events, else (or where that gives up) by CVODE.
-        `with_states` puts the states behind the outputs."""
+        `with_states` puts the states behind the outputs. The slopes are those by the parameters `names`, by
+        the sizes of the `laws`, with small changes `size_steps` (n_laws,), and by the initial states. Raises
+        IntegrationError, at once where a law makes the model run away."""
         known = [p.name for p in flat.parameters]
-        columns = tuple(known.index(name) for name in names) if drive.directions else ()
+        columns = tuple(known.index(name) for name in names) if run.directions else ()
+        steps = np.zeros(len(laws)) if size_steps is None else size_steps
         task = _Task(
-            flat, columns, drive.theta, drive.x0, drive.rtol, drive.atol, drive.scale,
-            drive.directions > 0, np.zeros(0), True,
+            flat, columns, run.theta, run.x0, run.rtol, run.atol, run.scale,
+            run.directions > 0, steps, not laws,
         )  # fmt: skip
         references = (*self.form.states, *self.form.variables)
         read = [references[row] for row in self.output_rows(flat)]
         read += self.form.states if with_states else ()
-        request = self.drive(drive.time, drive.u0, drive.u1, drive.u_last, read)
-        if drive.correction is not None:
-            request = replace(request, measurements=drive.correction.measurements, gain=drive.correction.gain)
+        request = replace(self.drive(run.time, run.u0, run.u1, run.u_last, read), laws=laws)
+        if run.correction is not None:
+            request = replace(request, measurements=run.correction.measurements, gain=run.correction.gain)
         return self._integrated(task, request)
-
-    def integrate_with_laws(
-        self, flat: Model, names: Sequence[str], request: Drive, theta: np.ndarray, x0: np.ndarray,
-        state_scale: np.ndarray, size_steps: np.ndarray | None, rtol: float = SOLVER.search_rtol,
-    ) -> Integrated:  # fmt: skip
-        """States, what `request` reads, and its slopes by the parameters `names`, by the sizes of the laws
-        and by the initial states; no slopes where `size_steps` (n_laws,), small changes of the sizes, is
-        None. Raises IntegrationError, at once where a law makes the model run away."""
-        known = [p.name for p in flat.parameters]
-        columns = () if size_steps is None else tuple(known.index(name) for name in names)
-        scale = np.maximum(np.abs(state_scale), TINY)
-        steps = np.zeros(len(request.laws)) if size_steps is None else size_steps
-        atol = rtol * SOLVER.atol_of_scale * scale
-        return self._integrated(
-            _Task(
-                flat, columns, theta, x0, rtol, atol, scale, size_steps is not None, steps, not request.laws
-            ),
-            request,
-        )
 
     def _integrated(self, task: _Task, request: Drive) -> Integrated:
         is_possible = self._has_no_events and not (self.model.only_once and task.has_slopes)
