@@ -55,14 +55,11 @@ from daest.systems.reduce import dynamics
 REFITTED = 3  # candidates by their score, and as many by the share of the residual that they would explain
 MOST_ORDER = 8  # of the autoregression that whitens the residual
 SHARES = (1.0, 0.3, 0.0)  # of the size that one step from the null gives, where a refit starts
-STEP = 1e-3  # size of an effect against that of its input, when its response is computed
 MOST_STATES = 12  # whose laws are tried
 WHITE_LAGS = 20
 MOST_ITERATIONS = 15  # of a refit
 START_ITERATIONS = 30  # of a search for initial states
-ENOUGH_GAIN = 1e-3  # predicted gain in log-likelihood that ends both
 REFIT_SECONDS = 3.0  # times that of the model as it is
-CUT = 0.2  # of the largest value: what cuts a signal has no slope at 0, and its response is computed for this
 TRANSLATIONAL = ("N", "m", "m/s", "m/s2")  # units by which the one of two effects of a name is told
 NO_TEXT = "an FMU cannot be extended from outside; the law is told above"
 
@@ -417,7 +414,7 @@ def _parameter_slopes(case: Case) -> list[np.ndarray]:
 
 def _response(case: Case, trial: Trial) -> list[np.ndarray]:
     """∂ŷ/∂size per recording at size 0, (n, n_y); of a saturation, which has none there, a difference."""
-    cut = CUT * trial.cuts
+    cut = GATES.fmu_cut * trial.cuts
     try:
         if cut:
             pairs = zip(_residuals(case), _residuals(case, trial, cut), strict=True)
@@ -431,10 +428,10 @@ def _response(case: Case, trial: Trial) -> list[np.ndarray]:
 def _size_step(case: Case, trial: Trial) -> float:
     """A size at which the effect is small against its input or output."""
     if trial.fault is not None:
-        return STEP
+        return GATES.fmu_size_step
     spread = max(float(np.std(e.inputs[:, trial.number])) for e in case.experiments)
     spread = spread or max(float(np.max(np.abs(e.inputs[:, trial.number]))) for e in case.experiments) or 1.0
-    return STEP * spread / (trial.unit_value or 1.0)
+    return GATES.fmu_size_step * spread / (trial.unit_value or 1.0)
 
 
 # ---------------------------------------------------------------------------------------------- screen
@@ -631,7 +628,7 @@ def _refitted(case: Case, trial: Trial, size: float) -> tuple[Case, float, float
     # One step from the null may be far off, and even unstable: a part of it, or none, is the better start.
     sizes = [share * size for share in SHARES]
     if trial.cuts:
-        sizes = [share * trial.cuts for share in (0.5 * CUT, CUT, 2.0 * CUT)]
+        sizes = [share * trial.cuts for share in (0.5 * GATES.fmu_cut, GATES.fmu_cut, 2.0 * GATES.fmu_cut)]
     problem, z = _problem(case, trial, size)
     n = len(problem.unknowns.coordinates)
     at_size = [
@@ -643,7 +640,7 @@ def _refitted(case: Case, trial: Trial, size: float) -> tuple[Case, float, float
         there = judge(at, False)
         return np.inf if there is None else there.value
 
-    found = minimise(judge, min(at_size, key=value), *limits(problem), MOST_ITERATIONS, ENOUGH_GAIN)
+    found = minimise(judge, min(at_size, key=value), *limits(problem), MOST_ITERATIONS, GATES.fmu_refit_gain)
     if found is None:
         raise IntegrationError("the model cannot be simulated with the effect", 0.0)
     own = problem.unknowns.coordinates[-1]
@@ -662,7 +659,7 @@ def _with_fitted_starts(case: Case, trial: Trial | None = None, size: float = 0.
     lower, upper = limits(problem)
     z = fit_initial_states(problem, z, lower, upper)
     held = problem.held_at(z)
-    found = minimise(objective(held), z[n:], lower[n:], upper[n:], START_ITERATIONS, ENOUGH_GAIN)
+    found = minimise(objective(held), z[n:], lower[n:], upper[n:], START_ITERATIONS, GATES.fmu_refit_gain)
     return case if found is None else replace(case, starts=tuple(held.initial_states(found.z)))
 
 

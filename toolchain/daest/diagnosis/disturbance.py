@@ -17,8 +17,6 @@ from daest.numerics.recursions import linear_recursion
 from daest.systems.integrate import Correction, Integrator, integrate, integrator
 from daest.systems.integration import IntegrationError
 
-HARDLY_ANY = 1e-8  # of a load's intensity stands for none: a model with integrators has no gain without noise
-
 
 @dataclass(frozen=True)
 class SmoothedLoad:
@@ -38,7 +36,7 @@ def place_gains(null: Null, run: NullObserver) -> tuple[PlaceGain, ...]:
     for load in null.loads:
         without = np.array(
             [
-                q * HARDLY_ANY if w.name == f"{load.name}.w" else q
+                q * GATES.hardly_any_load if w.name == f"{load.name}.w" else q
                 for w, q in zip(null.flat.noises, null.intensity, strict=True)
             ]
         )

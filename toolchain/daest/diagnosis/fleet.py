@@ -12,6 +12,7 @@ import numpy as np
 from daest.data.prepare import Preparation, split_all
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.trial import fitted_candidate
 from daest.errors import DaestError
@@ -26,9 +27,7 @@ from daest.numerics.parallel import Outcome, workers
 
 HALF = 0.5  # of every recording estimates, where nothing else is said
 BATCH = 256  # recordings that are in memory at a time
-FAR = 5.0  # robust standard deviations from the middle of the fleet that make a machine odd
 FEWEST = 8  # machines that have a middle
-NORMAL = 1.4826  # standard deviations of a normal distribution in its median absolute deviation
 FAILED = "failed"
 HOLDS = "not falsified"
 
@@ -219,11 +218,12 @@ def _odd(machines: Sequence[Machine]) -> tuple[Odd, ...]:
         if values.size < FEWEST:
             continue
         middle = float(np.median(values))
-        width = NORMAL * float(np.median(np.abs(values - middle)))
+        width = GATES.normal_deviation * float(np.median(np.abs(values - middle)))
         total = np.sqrt(width**2 + np.where(np.isfinite(errors), errors, 0.0) ** 2)
         distance = np.abs(values - middle) / np.where(total > 0, total, np.inf)
         found += [
-            Odd(names[i], name, float(values[i]), float(distance[i])) for i in np.flatnonzero(distance > FAR)
+            Odd(names[i], name, float(values[i]), float(distance[i]))
+            for i in np.flatnonzero(distance > GATES.odd_machine)
         ]
     return tuple(sorted(found, key=lambda odd: -odd.distance))
 

@@ -16,15 +16,13 @@ from itertools import combinations
 
 import numpy as np
 
+from daest.diagnosis.gates import GATES
 from daest.model.diagnosis import Coefficient, Curve, Formula
 from daest.quantities import parse_unit
 
 MOST_TERMS = 3
 WELL_FITTED = 12  # sums of two terms that are tried with a third
 FEWEST_BEYOND = 2  # certain values of the curve more than a formula has numbers
-LEAST_ERROR = 0.01  # of the largest value of the curve: what is known better is not told better
-RANK = 1e-6  # of the largest singular value: terms that are nearer to each other are one
-MOST_LEFT = 0.3  # of the curve's size: a formula that leaves more says nothing
 
 _X = re.compile(r"\bx\b")
 
@@ -66,7 +64,7 @@ def formula(
         return None
     std = curve.std[certain]
     shared = np.eye(x.size) if correlation is None else correlation[np.ix_(certain, certain)]
-    cov = shared * np.outer(std, std) + (LEAST_ERROR * scale) ** 2 * np.eye(x.size)
+    cov = shared * np.outer(std, std) + (GATES.curve_error * scale) ** 2 * np.eye(x.size)
     try:
         weights = np.linalg.inv(np.linalg.cholesky(cov))
     except np.linalg.LinAlgError:
@@ -76,7 +74,7 @@ def formula(
         return None
     rest = y - sum(c * term.values(x) for c, term in zip(found.values, found.terms, strict=True))
     left = float(np.linalg.norm(weights @ rest) / np.linalg.norm(weights @ y))
-    if left > MOST_LEFT:
+    if left > GATES.max_formula_left:
         return None
     spread = max(1.0, found.chi_squared / max(x.size - len(found.terms), 1))
     errors = np.sqrt(spread * np.diag(found.cov))
@@ -123,7 +121,7 @@ def _fitted(
     if np.any(size == 0.0):
         return None
     u, s, vt = np.linalg.svd(table / size, full_matrices=False)
-    if s[-1] < RANK * s[0]:
+    if s[-1] < GATES.formula_rank * s[0]:
         return None
     values = (vt.T / s) @ (u.T @ wanted) / size
     cov = (vt.T / s**2) @ vt / np.outer(size, size)

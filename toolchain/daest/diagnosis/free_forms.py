@@ -31,11 +31,8 @@ KNOTS = 8  # of a curve, with equally many samples between each two
 HARMONICS = 3  # of an angle that turns round
 TURN = 2.0 * np.pi
 N_ANGLES = 16  # at which the curve over a turn is shown
-TWO_VARIABLES = 0.9  # weight of the gain of a form over two variables
 SPEED_UNITS = ("rad/s", "m/s")
 ANGLE_UNIT = "rad"
-RANK = 1e-8  # of the largest eigenvalue: directions of a form that its own basis does not tell apart
-SOFT = 0.05  # of a speed's rms over which its sign changes
 AT_ONCE = 64  # courses that are sent along a recording together: what fits into memory
 JUMP = 3.0  # times that, where the curve is shown beside its jump
 
@@ -85,7 +82,7 @@ def free_forms(null: Null, run: NullObserver, variables: Iterable[str] | None = 
 
 def _rank(form: FreeForm) -> float:
     """One variable is said before two where it says nearly as much."""
-    return -form.log_likelihood_gain * (TWO_VARIABLES if form.sign_of else 1.0)
+    return -form.log_likelihood_gain * (GATES.two_variables if form.sign_of else 1.0)
 
 
 def covers(null: Null, run: NullObserver, form: FreeForm, response: np.ndarray) -> float:
@@ -107,9 +104,9 @@ def _score(rest: np.ndarray, white: np.ndarray) -> float:
 
 def _frame(responses: np.ndarray) -> np.ndarray:
     """F (r, k), such that the rows of F · responses are orthonormal and span the responses (k, m), but for
-    directions whose eigenvalue is below RANK times the largest."""
+    directions whose eigenvalue is below GATES.form_rank times the largest."""
     size, turn = np.linalg.eigh(responses @ responses.T)
-    usable = size > RANK * size.max(initial=0.0)
+    usable = size > GATES.form_rank * size.max(initial=0.0)
     return (turn[:, usable] / np.sqrt(size[usable])).T
 
 
@@ -148,7 +145,7 @@ def _bases(
     variables: Mapping[str, np.ndarray], whole: Mapping[str, np.ndarray], units: Mapping[str, str]
 ) -> dict[tuple[str, str], Basis]:
     widths = {
-        n: SOFT * float(np.sqrt(np.mean(whole[n] ** 2)))
+        n: GATES.soft_sign * float(np.sqrt(np.mean(whole[n] ** 2)))
         for n in variables
         if units.get(n) in SPEED_UNITS and np.min(whole[n]) < 0.0 < np.max(whole[n])
     }

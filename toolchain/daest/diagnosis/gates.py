@@ -477,6 +477,111 @@ class Gates(Thresholds):
         "within which a candidate is as good as the best",
         BOXES,
     )
+    fmu_refit_gain: float = gate(
+        1e-3,
+        "log-likelihood",
+        "that ends the refits of an FMU and the searches for its initial states",
+        JUDGEMENT,
+    )
+    fmu_size_step: float = gate(
+        1e-3, "share", "of an input or output that an effect is where its response is computed", JUDGEMENT
+    )
+    fmu_cut: float = gate(
+        0.2,
+        "share",
+        "of the largest value that is cut off where the response of a cut is computed",
+        JUDGEMENT,
+    )
+    hardly_any_load: float = gate(
+        1e-8, "share", "of the intensity of a load that stands for none, so that a gain exists", JUDGEMENT
+    )
+    odd_machine: float = gate(
+        5.0,
+        "robust standard deviations",
+        "from the middle of the fleet, from which a machine is odd",
+        JUDGEMENT,
+    )
+    normal_deviation: float = gate(
+        1.4826,
+        "standard deviations",
+        "of a normal distribution in its median absolute deviation",
+        "distribution: normal",
+    )
+    curve_error: float = gate(
+        0.01, "share", "of the largest value of a curve, below which no error of it is believed", JUDGEMENT
+    )
+    formula_rank: float = gate(
+        1e-6, "share", "of the largest singular value, below which terms of a formula are one", ROUNDING
+    )
+    two_variables: float = gate(
+        0.9, "weight", "of the gain of a form over two variables beside that of a form over one", JUDGEMENT
+    )
+    form_rank: float = gate(
+        1e-8,
+        "share",
+        "of the largest eigenvalue, below which a form does not tell its directions apart",
+        ROUNDING,
+    )
+    learned_sharper: float = gate(
+        0.3,
+        "share",
+        "of the speed over which a form rounds its sign that a learned load rounds it over",
+        JUDGEMENT,
+    )
+    same_knot: float = gate(
+        1e-3, "share", "of the range of a variable, within which two knots are one", JUDGEMENT
+    )
+    wide_interval: float = gate(
+        1.0 / 16.0,
+        "share",
+        "of the range of a variable, above which an interval between knots may be divided",
+        JUDGEMENT,
+    )
+    integrator_rate: float = gate(
+        1e-9, "share", "of the fastest rate of a model, below which a mode counts as an integrator", ROUNDING
+    )
+    compared_beyond: float = gate(
+        3.0,
+        "factor",
+        "by which the frequencies at which places are compared reach beyond the rates of the model",
+        JUDGEMENT,
+    )
+    shortest_load: float = gate(
+        2.0,
+        "sampling periods",
+        "below which the time constant of a load is that of white noise",
+        "analysis: of the sampled model",
+    )
+    longest_load: float = gate(
+        0.25,
+        "share",
+        "of the record, above which the time constant of a load is that of a constant",
+        "analysis: of the record",
+    )
+    start_apart: float = gate(
+        0.07, "share", "of a start value by which parameters are moved apart that do the same", JUDGEMENT
+    )
+    max_regressors: float = gate(
+        0.1, "share", "of the samples that a test of residuals has as regressors", JUDGEMENT
+    )
+    test_rank: float = gate(
+        1e-8,
+        "share",
+        "of the largest eigenvalue of a normalised covariance, below which one is rounding",
+        ROUNDING,
+    )
+    nuisance_rank: float = gate(
+        1e-7,
+        "share",
+        "of the largest singular value, below which a direction of the parameters is none",
+        ROUNDING,
+    )
+    soft_sign: float = gate(
+        0.05, "share", "of the rms of a speed over which the sign of a form changes", JUDGEMENT
+    )
+    max_formula_left: float = gate(
+        0.3, "share", "of the size of a curve that its formula may leave", JUDGEMENT
+    )
 
 
 GATES = Gates()

@@ -16,7 +16,8 @@ import numpy as np
 
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.formulas import formula
-from daest.diagnosis.free_forms import SOFT, TURN, internal_variables
+from daest.diagnosis.free_forms import TURN, internal_variables
+from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, period_of, refit
 from daest.diagnosis.proof import Reference
 from daest.diagnosis.screen import NullObserver
@@ -34,10 +35,7 @@ from daest.systems.reduce import reduce_index
 from daest.systems.sample import Hold
 
 COMPONENT = "learned"
-SHARPER = 0.3  # the sign changes over this part of the speed that the free form rounds it over
-NARROWEST = 1e-3  # of the range of the variable: knots that are nearer to each other are one
 MOST_KNOTS = 20
-WIDE = 1.0 / 16.0  # of the range of the variable: intervals that are narrower stay whole
 BAND = 1.96  # standard deviations to either side of a 95 % band
 UNCERTAIN = " No value of the curve is certain: it shares its course with parameters refitted with it."
 FEWEST_BETWEEN = 20  # samples between two knots that get another one between them
@@ -198,8 +196,10 @@ def _curve(form: FreeForm, course: Mapping[str, np.ndarray]) -> Curve:
     """The form's curve at distinct knots."""
     sign_width = 0.0
     if form.sign_of:
-        sign_width = SHARPER * SOFT * float(np.sqrt(np.mean(course[form.sign_of] ** 2)))
-    kept = np.append(True, np.diff(form.x) > NARROWEST * np.ptp(form.x))
+        sign_width = (
+            GATES.learned_sharper * GATES.soft_sign * float(np.sqrt(np.mean(course[form.sign_of] ** 2)))
+        )
+    kept = np.append(True, np.diff(form.x) > GATES.same_knot * np.ptp(form.x))
     return Curve(
         variable=form.variable,
         sign_of=form.sign_of,
@@ -222,7 +222,7 @@ def _finer(curve: Curve, course: np.ndarray) -> Curve:
     added = [
         float(np.median(inside))
         for (a, b), inside in zip(pairwise(ends), between, strict=True)
-        if inside.size >= FEWEST_BETWEEN and b - a > WIDE * np.ptp(curve.x)
+        if inside.size >= FEWEST_BETWEEN and b - a > GATES.wide_interval * np.ptp(curve.x)
     ]
     x = np.union1d(curve.x, added)
     y = np.interp(x, curve.x, curve.y, period=curve.period or None)

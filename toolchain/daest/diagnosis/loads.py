@@ -23,8 +23,6 @@ from daest.modelica.place_units import flow_unit
 from daest.modelica.places import resolve_place
 from daest.systems.state_space import state_space, state_space_family
 
-SLOWEST = 1e-9  # of the fastest rate of the model: slower modes count as integrators
-BEYOND = 3.0  # factor by which the compared frequencies reach beyond the model's own rates
 N_FREQUENCIES = 9
 SELDOM_LOADED = ("electrical",)
 
@@ -93,12 +91,12 @@ def _driven_by(flat: FlatModel, row: int) -> StateSpace | None:
 def _response(space: StateSpace) -> np.ndarray:
     """C (iω - A)⁻¹ G at frequencies around the model's own, real and imaginary parts of all outputs."""
     rates = np.abs(np.linalg.eigvals(space.A)) if space.A.size else np.zeros(0)
-    rates = rates[rates > SLOWEST * np.max(rates, initial=0.0)]
+    rates = rates[rates > GATES.integrator_rate * np.max(rates, initial=0.0)]
     low, high = (rates.min(), rates.max()) if rates.size else (1.0, 1.0)
     eye = np.eye(space.A.shape[0])
     parts = [
         space.C @ np.linalg.solve(1j * omega * eye - space.A, space.G[:, 0])
-        for omega in np.geomspace(low / BEYOND, high * BEYOND, N_FREQUENCIES)
+        for omega in np.geomspace(low / GATES.compared_beyond, high * GATES.compared_beyond, N_FREQUENCIES)
     ]
     whole = np.concatenate(parts)
     return np.concatenate([whole.real, whole.imag])

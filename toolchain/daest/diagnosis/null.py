@@ -24,11 +24,8 @@ from daest.model.parts import Parameter
 from daest.systems.reduce import reduce_index
 from daest.systems.sample import Hold
 
-SHORTEST_LOAD = 2.0  # sampling periods: a faster load is white noise
-LONGEST_LOAD = 0.25  # of the record: a slower one is a constant
 FIRST_LOAD = 20.0  # sampling periods, start of the search
 HOLDS: tuple[Hold, ...] = ("foh", "zoh")
-APART = 0.07  # of a start value, by which each is moved more than the one before where they do the same
 GIVEN_LOADS = (5.0, 50.0)  # sampling periods, where the data do not determine a time constant
 
 
@@ -144,13 +141,13 @@ def period_of(experiments: Sequence[Experiment]) -> float:
 
 def shortest_load(experiments: Sequence[Experiment]) -> float:
     """Time constant [s] of a load that is white noise to these samples."""
-    return SHORTEST_LOAD * period_of(experiments)
+    return GATES.shortest_load * period_of(experiments)
 
 
 def _time_constants(experiments: Sequence[Experiment]) -> tuple[float, float]:
     """The shortest and the longest that a load can have [s]."""
     duration = float(sum(e.time[-1] - e.time[0] for e in experiments))
-    return shortest_load(experiments), LONGEST_LOAD * duration
+    return shortest_load(experiments), GATES.longest_load * duration
 
 
 def _no_place(nodes: Sequence[Site]) -> EstimationError:
@@ -188,7 +185,9 @@ def _moved_apart(flat: FlatModel) -> FlatModel:
     return replace(
         flat,
         parameters=tuple(
-            replace(p, value=_inside(p, p.value * (1.0 + APART * next(number)))) if p.estimate else p
+            replace(p, value=_inside(p, p.value * (1.0 + GATES.start_apart * next(number))))
+            if p.estimate
+            else p
             for p in flat.parameters
         ),
     )

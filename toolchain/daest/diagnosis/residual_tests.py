@@ -23,8 +23,6 @@ INPUT_LAGS = (0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # samples
 FEEDBACK_LAGS = 10
 VARIABLE_LAGS = (0, 4)  # samples after the prediction of the variable
 MOST_VARIABLES = 6
-MOST_REGRESSORS = 0.1  # of the samples
-RANK_TOLERANCE = 1e-8  # of the largest eigenvalue of a normalised covariance: smaller ones are rounding
 SHORTEST = 20  # observed samples below which nothing is tested
 
 
@@ -193,7 +191,7 @@ def _independence(sequences: Sequences, j: int, regressors: np.ndarray) -> RawTe
     phi = regressors * seen
     size = np.sqrt(np.mean(phi**2, axis=1))
     phi = phi[size > 0.0] / size[size > 0.0, None]
-    phi = phi[: max(int(MOST_REGRESSORS * seen.sum()), 1)]
+    phi = phi[: max(int(GATES.max_regressors * seen.sum()), 1)]
     if not phi.size or not np.any(e):
         return None
     A, cov = autoregression(e[:, None])
@@ -213,7 +211,7 @@ def _quadratic(g: np.ndarray, variance: np.ndarray) -> RawTest | None:
         return None
     g, size = g[kept] / size[kept], size[kept]
     values, vectors = np.linalg.eigh(variance[np.ix_(kept, kept)] / np.outer(size, size))
-    used = values > RANK_TOLERANCE * values[-1]
+    used = values > GATES.test_rank * values[-1]
     return _chi_square(float(np.sum((vectors[:, used].T @ g) ** 2 / values[used])), int(used.sum()))
 
 
@@ -253,7 +251,7 @@ def _feedback(sequences: Sequences, j: int) -> RawTest | None:
     told = np.linalg.lstsq(past.T, rows.T, rcond=None)[0].T @ past
     news = rows - told
     # What is left of an input that its own past tells completely is rounding.
-    is_new = np.sqrt(np.mean(news**2, axis=1)) > np.sqrt(RANK_TOLERANCE) * size
+    is_new = np.sqrt(np.mean(news**2, axis=1)) > np.sqrt(GATES.test_rank) * size
     return _independence(sequences, j, news[is_new]) if is_new.any() else None
 
 

@@ -35,7 +35,6 @@ from daest.systems.integration import IntegrationError
 from daest.systems.reduce import reduce_index
 from daest.systems.sensor_laws import slopes_along
 
-RANK = 1e-7  # singular values of the scaled nuisance directions below this are no direction
 DRAWS = 20_000  # of the largest score under the null
 RTOL = 1e-5
 HALVINGS = 8  # of a gain with which the observer runs away
@@ -461,7 +460,7 @@ def projected(responses: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray
     scale = np.linalg.norm(directions, axis=1)
     used = directions[scale > 0.0] / scale[scale > 0.0, None]
     values, vectors = np.linalg.eigh(used @ used.T)
-    kept = values > RANK**2 * values.max(initial=0.0)
+    kept = values > GATES.nuisance_rank**2 * values.max(initial=0.0)
     basis = (vectors[:, kept] / np.sqrt(values[kept])).T @ used
     rest = responses - (responses @ basis.T) @ basis
     size = np.linalg.norm(responses, axis=1)

@@ -25,10 +25,6 @@ FREQUENCIES = 80  # logarithmic, from LOWEST_CYCLES per record to HIGHEST_SHARE 
 LOWEST_CYCLES = 3.0
 HIGHEST_SHARE = 0.8
 REFINEMENTS = 30  # passes of the instrumental-variable refinement
-REFINED = 1e-6  # relative change of the denominator that ends it
-SLOWEST_POLE = (
-    1e-3  # of the lowest frequency: poles of the prefilter are at least this far in the left half plane
-)
 MATCH_WEIGHT = 1e4  # of the relative squared mismatch, so that the search stops at 1e-5 of it
 MATCH_STARTS = 20
 SHORT_MATCH = 8  # iterations from every start; the best MATCH_FINALISTS then go on
@@ -185,7 +181,7 @@ def _refined(
     poles, zeros = den.size - 1, num.size - 1
     best = (num, den, -np.inf)
     for _ in range(REFINEMENTS):
-        den = _stable(den, SLOWEST_POLE * lowest)
+        den = _stable(den, FIT.slowest_pole * lowest)
         u_filtered, free = _filtered(record.inputs[:, 0], den, float(record.period or 0.0))
         model_y = u_filtered[:, poles - zeros :] @ num
         nuisance = np.linalg.lstsq(free[seen], (y - model_y)[seen], rcond=None)[0]
@@ -204,7 +200,9 @@ def _refined(
         solved = np.linalg.lstsq(moments[:, :-1], moments[:, -1], rcond=None)[0] / scale
         before, den = den, np.concatenate([[1.0], solved[:poles]])
         num = solved[poles : poles + zeros + 1]
-        if not np.all(np.isfinite(solved)) or np.all(np.abs(den - before) <= REFINED * np.abs(den)):
+        if not np.all(np.isfinite(solved)) or np.all(
+            np.abs(den - before) <= FIT.refined_denominator * np.abs(den)
+        ):
             break
     return best
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from daest.errors import DaestError, EstimationError
 from daest.estimation.fitted import fitted_model
+from daest.estimation.gates import FIT
 from daest.estimation.identify import identify
 from daest.estimation.profile import Tell, silent
 from daest.estimation.records import in_model_order
@@ -29,7 +30,6 @@ from daest.systems.redundant import good_everywhere
 from daest.systems.simulate import simulate
 
 LEVEL = 0.95
-LEAST_DONE = 0.5  # share of the refits that must come to an end
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def with_bootstrap(
         )
         found = [outcome.get() for outcome in outcomes]
     rows = [row for row in found if row is not None]
-    if len(rows) < LEAST_DONE * n:
+    if len(rows) < FIT.least_refitted * n:
         raise EstimationError(
             "bootstrap-failed",
             f"{n - len(rows)} of {n} refits of simulated recordings came to no end",

@@ -13,14 +13,13 @@ import numpy as np
 
 from daest.errors import EstimationError
 from daest.estimation.coordinates import Coordinate, Unknowns
+from daest.estimation.gates import FIT
 from daest.estimation.identifiability import flat_directions, without_influence
 from daest.estimation.search import Evaluation
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.model.linear import StateSpaceFamily
 from daest.near import near_names
-
-SAME_INPUT = 1e-9  # an input is constant when it stays within this part of its size
 
 
 def known_name(name: str, known: list[str], what: str) -> int:
@@ -133,14 +132,12 @@ def no_start(reason: str = "") -> EstimationError:
 
 
 def _is_constant(signal: np.ndarray) -> bool:
-    return float(np.ptp(signal)) <= SAME_INPUT * float(np.max(np.abs(signal), initial=0.0))
+    return float(np.ptp(signal)) <= FIT.constant_input * float(np.max(np.abs(signal), initial=0.0))
 
 
 POINTS = 5  # random points on each switching surface
 NEWTON = 20  # steps onto it
 NEAR, NEARER = 1e-5, 1e-8  # distances from it, in units of the random points; a jump is the same at both
-KEPT = 0.5  # of the difference over NEAR that is left over NEARER, where there is a jump
-SMALLEST = 1e-9  # jump of a residual that counts
 
 
 def check_jumps(flat: FlatModel) -> None:
@@ -184,7 +181,7 @@ def _jumping_rows(
         return np.abs(sides[0] - sides[1])
 
     near, nearer = difference(NEAR), difference(NEARER)
-    return np.flatnonzero((nearer > SMALLEST) & (nearer > KEPT * near))
+    return np.flatnonzero((nearer > FIT.least_jump) & (nearer > FIT.jump_kept * near))
 
 
 def _switches(expressions: ca.SX) -> Iterator[Any]:

@@ -40,9 +40,7 @@ from daest.systems.integrate import integrator
 from daest.systems.integration import IntegrationError
 from daest.systems.local_linear import LocalModel, local_model
 
-NOISE_RANGE = 1e6  # a noise is searched within this factor of its start, both ways
 MOST_HALVINGS = 4  # a model that needs finer steps is not smooth on the scale of its samples
-NEARLY_NONE = 1e-3  # of the intensity that outputs feel: no estimated noise starts below
 START_SAMPLES, START_SUBSTEPS = 2000, 4  # of the record, and per sample, when starts are compared
 AGREEMENT_ITERATIONS = 20  # of the search for the initial states that a simulation is judged from
 ROUNDS = 2  # of searching with a step of the linearisation that is checked afterwards
@@ -175,7 +173,7 @@ def _problem(
     model = local_model(explicit, unknowns.parameter_names(), tangents=True)
     records = tuple(record(model, e.time, e.inputs, e.outputs, best.problem.hold) for e in setup.experiments)
     x0 = best.problem.initial_states(best.found.z)
-    least = NEARLY_NONE * felt_intensity(model, records[0], theta, x0[0], std)
+    least = FIT.least_felt_noise * felt_intensity(model, records[0], theta, x0[0], std)
     intensity = np.where(estimate_intensity, np.maximum(intensity, least), intensity)
     coordinates = [replace(c, initial=v) for c, v in zip(unknowns.coordinates, values, strict=True)]
     coordinates += [
@@ -223,7 +221,7 @@ def _given_start(problem: EkfProblem, z: np.ndarray, setup: Setup) -> np.ndarray
 
 
 def _noise(name: str, kind: str, index: int, value: float) -> Coordinate:
-    bounds = (value / NOISE_RANGE, value * NOISE_RANGE)
+    bounds = (value / FIT.noise_range, value * FIT.noise_range)
     return Coordinate(name, kind, index, value, True, 1.0, *bounds)  # type: ignore[arg-type]
 
 

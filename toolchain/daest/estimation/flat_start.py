@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from daest.estimation.gates import FIT
 from daest.model.estimates import FilterPass, FlatStart, GaussianSequence, Varying
-
-RANK_TOLERANCE = 1e-9  # of the whitened regression on x[0], relative to its largest singular value
-WELL_CONDITIONED = 1e3  # below this condition number the normal equations of the regression are accurate
 
 
 def whitening(S: np.ndarray) -> np.ndarray:
@@ -24,7 +22,7 @@ def flat_start(forward: FilterPass) -> FlatStart:
     """Regression of the whitened innovations on δ, after every sample.
 
     While it is ill-conditioned, by QR (square root of the information) and a singular value decomposition
-    that leaves out directions below RANK_TOLERANCE; afterwards by cumulated normal equations.
+    that leaves out directions below FIT.start_rank; afterwards by cumulated normal equations.
     """
     n_kept, _, q = forward.sensitivity.shape
     p = forward.n_observable
@@ -41,7 +39,7 @@ def flat_start(forward: FilterPass) -> FlatStart:
         stacked = np.vstack([root, np.column_stack([rows[k], right[k]])])
         root = np.asarray(np.linalg.qr(stacked, mode="r"))[:p]
         mean[k, :p], factor[k, :p, :p], free[k, :p, :p], condition = solve_root(root[:, :p], root[:, p])
-        if condition <= WELL_CONDITIONED:
+        if condition <= FIT.well_conditioned:
             _cumulate(root, rows, right, k + 1, mean, factor, p)
             break
     return FlatStart(mean, factor, free)
@@ -112,7 +110,7 @@ def solve_root(R: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray
     rest = np.zeros(p)
     rest[: right.shape[0]] = right
     left, values, directions = np.linalg.svd(full)
-    kept = values > RANK_TOLERANCE * values[0] if p else np.zeros(0, dtype=bool)
+    kept = values > FIT.start_rank * values[0] if p else np.zeros(0, dtype=bool)
     inverse = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
     factor = directions.T * inverse
     condition = values[0] / values[-1] if p and np.all(kept) else (np.inf if p else 1.0)

@@ -1,4 +1,4 @@
-"""The thresholds of a fit: when its search has ended, what it tells of the unknowns, and when it is in doubt.
+"""The thresholds of fits and filters: when searches end, what is told of the unknowns, and what is in doubt.
 
 The page on trust shows them. Counts that only limit how long a search takes, and the points that it tries,
 are no thresholds and stand where they are used. z are the coordinates of the search.
@@ -297,6 +297,163 @@ class FitGates(Thresholds):
         "standard deviations",
         "of the first smoothed state, with which a filter starts where its start is unknown",
         "analysis: 1 % of the information, narrow enough for sigma points",
+    )
+    warm_gain: float = threshold(
+        0.02,
+        "log-likelihood",
+        "that the next step promises, below which a search from a similar model ends",
+        JUDGEMENT,
+    )
+    rough_gain: float = threshold(
+        1.0,
+        "log-likelihood",
+        "that the next step promises, below which the first, rough search of a refit ends",
+        JUDGEMENT,
+    )
+    refit_round_gain: float = threshold(
+        1.0, "log-likelihood", "below which a round of a refit is the last", JUDGEMENT
+    )
+    explained_noise: float = threshold(
+        1e-6, "share", "of the noise intensity of a similar model, which stands for next to none", JUDGEMENT
+    )
+    noise_range: float = threshold(
+        1e6,
+        "factor",
+        "about its start, both ways, within which a noise is searched by the extended filter",
+        JUDGEMENT,
+    )
+    least_felt_noise: float = threshold(
+        1e-3, "share", "of the intensity that outputs feel, below which no estimated noise starts", JUDGEMENT
+    )
+    settled_covariance: float = threshold(
+        1e-11,
+        "standard deviations",
+        "distance to the stationary covariance at which a transient ends",
+        ROUNDING,
+    )
+    died_out: float = threshold(
+        1e-13,
+        "share",
+        "of the size of every state, below which an unknown direction or the mean has died out",
+        ROUNDING,
+    )
+    settled_smoother: float = threshold(
+        1e-12,
+        "share",
+        "distance of the information of the future to its stationary value at which a transient ends",
+        ROUNDING,
+    )
+    equal_periods: float = threshold(
+        1e-7, "share", "of the mean step, within which two steps are one", ROUNDING
+    )
+    model_period: float = threshold(
+        1e-6,
+        "share",
+        "difference of a step of the record to the period of its model that is allowed",
+        ROUNDING,
+    )
+    named_state: float = threshold(
+        0.05,
+        "share",
+        "of the largest part of a combination of states, from which a state is named in it",
+        JUDGEMENT,
+    )
+    agreement_gain: float = threshold(
+        0.1,
+        "log-likelihood",
+        "that ends the search for the initial states that an agreement is judged from",
+        "analysis: 1e-5 of the error",
+    )
+    fading: float = threshold(
+        1e-2,
+        "share",
+        "of its size that an assumed noise keeps from each further round to the next",
+        JUDGEMENT,
+    )
+    resampled_below: float = threshold(
+        0.5,
+        "share",
+        "of the particles that are effective, below which they are drawn anew",
+        "Arulampalam et al. (2002): half",
+    )
+    collapsed_below: float = threshold(
+        5.0,
+        "effective particles",
+        "below which the estimate of a sample is that of a few lucky ones",
+        JUDGEMENT,
+    )
+    profile_gain: float = threshold(
+        1e-4, "log-likelihood", "that ends the searches over the other unknowns of a profile", JUDGEMENT
+    )
+    open_interval: float = threshold(
+        100.0,
+        "scales of z",
+        "from which on one side an interval of a linear coordinate counts as open",
+        JUDGEMENT,
+    )
+    constant_input: float = threshold(
+        1e-9, "share", "of its size, within which an input is constant", ROUNDING
+    )
+    jump_kept: float = threshold(
+        0.5,
+        "share",
+        "of a difference of residuals that is left at a thousandth of the distance where there is a jump",
+        "analysis: 0.001 of a slope is left",
+    )
+    least_jump: float = threshold(1e-9, "residual", "that counts as a jump at a switching surface", ROUNDING)
+    singular_pivot: float = threshold(
+        1e-14, "share", "of its diagonal, below which the pivot of a covariance is rounding", ROUNDING
+    )
+    refined_denominator: float = threshold(
+        1e-6,
+        "share",
+        "by which a pass changes the denominator, below which a refinement has ended",
+        JUDGEMENT,
+    )
+    slowest_pole: float = threshold(
+        1e-3,
+        "share",
+        "of the lowest frequency that poles of the prefilter stand in the left half plane at least",
+        JUDGEMENT,
+    )
+    unmeasured_noise: float = threshold(
+        1e-3,
+        "share",
+        "of the noise of the outputs that stands for the noise of states, which have no measurements",
+        JUDGEMENT,
+    )
+    std_step: float = threshold(
+        0.1,
+        "share",
+        "of the first step of a search over process noises that measurement noises take",
+        JUDGEMENT,
+    )
+    least_refitted: float = threshold(
+        0.5, "share", "of the refits of a bootstrap that must come to an end", JUDGEMENT
+    )
+    forgotten_start: float = threshold(
+        1e-20, "share", "of the scale of a state, below which the initial state is forgotten", ROUNDING
+    )
+    steady_gain: float = threshold(
+        0.01, "share", "of the stationary gain, within which a gain counts as steady", JUDGEMENT
+    )
+    start_rank: float = threshold(
+        1e-9,
+        "share",
+        "of the largest singular value of the regression on the initial state, below which it shows nothing",
+        ROUNDING,
+    )
+    well_conditioned: float = threshold(
+        1e3,
+        "condition number",
+        "below which normal equations of the regression on the initial state are accurate",
+        ROUNDING,
+    )
+    root_died_out: float = threshold(
+        1e-9,
+        "share",
+        "of the size of every state, below which a direction of a root of a covariance has died out",
+        ROUNDING,
     )
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from daest.estimation.checks import no_start
 from daest.estimation.coordinates import Unknowns, prior_penalty
 from daest.estimation.gain_family import Levels
+from daest.estimation.gates import FIT
 from daest.estimation.gaussian import objective
 from daest.estimation.noise_levels import (
     Ending,
@@ -52,12 +53,8 @@ from daest.systems.integrate import integrator
 # a cold search takes near zero.
 WARM_RTOL, WARM_ATOL_OF_SCALE = 1e-4, 0.1
 ROUGH_ITERATIONS = 8
-ROUGH_GAIN = 1.0
-WARM_GAIN = 0.02  # predicted gain in log-likelihood at which a warm search ends
 WARM_ROUNDS = 4
 LEVEL_ITERATIONS = 15  # of the last search over noise levels alone
-ENOUGH_GAIN = 1.0  # in log-likelihood: a round that gains less is the last
-NEARLY_NONE = 1e-6  # of the noise intensity of a similar model
 
 
 @dataclass(frozen=True)
@@ -73,7 +70,7 @@ class WarmStart:
     initial_states: tuple[Mapping[str, float], ...]
     at_rest: tuple[str, ...] = ()
     hopeless: float = -np.inf
-    shares: tuple[float, ...] = (1.0, NEARLY_NONE)
+    shares: tuple[float, ...] = (1.0, FIT.explained_noise)
 
     @property
     def levels(self) -> Levels:
@@ -166,7 +163,7 @@ def _search_on(setup: Setup, problem: TrajectoryProblem, warm: WarmStart) -> End
     for share in warm.shares:
         intensity = np.where(setup.estimate_intensity, share * warm.intensity, warm.intensity)
         levels = Levels(intensity, warm.measurement_std)
-        end = _together(setup, problem, z, levels, average, ROUGH_ITERATIONS, ROUGH_GAIN)
+        end = _together(setup, problem, z, levels, average, ROUGH_ITERATIONS, FIT.rough_gain)
         ends += [] if end is None else [end]
     if not ends:
         raise no_start()
@@ -175,15 +172,15 @@ def _search_on(setup: Setup, problem: TrajectoryProblem, warm: WarmStart) -> End
     for number in range(WARM_ROUNDS if is_hopeful else 0):
         average = average_along(best.problem, best.found.z)
         levels = (best.levels or warm.levels) if number else _rescanned(setup, best, warm)
-        end = _together(setup, problem, best.found.z, levels, average, options.max_iterations, WARM_GAIN)
+        end = _together(setup, problem, best.found.z, levels, average, options.max_iterations, FIT.warm_gain)
         gain = -np.inf if end is None else best.found.evaluation.value - end.found.evaluation.value
         if end is None or gain < 0.0:
             break
         best = end
-        if gain < ENOUGH_GAIN:
+        if gain < FIT.refit_round_gain:
             break
     if -best.found.evaluation.value >= warm.hopeless:
-        search = search_of(best.problem, z, options.max_iterations, WARM_GAIN)
+        search = search_of(best.problem, z, options.max_iterations, FIT.warm_gain)
         best = replace(best, found=best_point(search, [best.found.z]) or best.found)
     return _with_own_gain(setup, best, warm)
 
@@ -238,7 +235,7 @@ def _with_own_gain(setup: Setup, end: Ending, warm: WarmStart) -> Ending:
     lower, upper = limits(wide)
     n = end.found.z.size
     lower[:n] = upper[:n] = end.found.z
-    found = minimise(objective(wide), start, lower, upper, LEVEL_ITERATIONS, WARM_GAIN)
+    found = minimise(objective(wide), start, lower, upper, LEVEL_ITERATIONS, FIT.warm_gain)
     if found is None:
         return end
     own = without_family(setup, wide, found)

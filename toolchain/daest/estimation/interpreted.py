@@ -13,13 +13,13 @@ import casadi as ca
 import numpy as np
 
 from daest.estimation.filter_task import NOT_FINITE, SINGULAR_INNOVATION, Directions, Task, raise_failure
+from daest.estimation.gates import FIT
 from daest.numerics.projection import MOST_STEPS, pull
 from daest.systems.integration import IntegrationError
 from daest.systems.local_linear import LocalModel
 from daest.systems.tolerances import SOLVER
 
 ORDER, RADIUS, MOST_DOUBLINGS = 10, 0.25, 60  # of the Taylor series, as in local_linear.c
-SINGULAR_PIVOT = 1e-14  # of its diagonal: the rounding of a covariance
 
 
 def ekf(
@@ -374,7 +374,7 @@ def square_root(P: np.ndarray) -> np.ndarray:
     L = np.zeros_like(P)
     for j in range(P.shape[-1]):
         pivot = P[..., j, j] - np.sum(L[..., j, :j] ** 2, axis=-1)
-        open_ = pivot > SINGULAR_PIVOT * P[..., j, j]
+        open_ = pivot > FIT.singular_pivot * P[..., j, j]
         diagonal = np.sqrt(np.where(open_, pivot, 1.0))
         rest = P[..., j:, j] - np.einsum("...ik,...k->...i", L[..., j:, :j], L[..., j, :j])
         L[..., j:, j] = np.where(open_[..., None], rest / diagonal[..., None], 0.0)

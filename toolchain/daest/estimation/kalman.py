@@ -1,6 +1,6 @@
 """Kalman filter of the sampled DAE, Gerdin & Schön (47) and (54): time-varying and stationary.
 
-The covariance runs through a compiled Joseph step until it is within COVARIANCE_TOLERANCE of the solution of
+The covariance runs through a compiled Joseph step until it is near (FIT.settled_covariance) the solution of
 the Riccati equation, or of the limit that its own changes foretell; from there the gain is constant and the
 states follow a linear recursion over whole blocks. A missing output or another step length starts a new
 transient. An unknown initial state is exact, no large prior: the pass runs from a proper reference start (the
@@ -17,13 +17,13 @@ import numpy as np
 
 from daest.errors import EstimationError
 from daest.estimation.flat_start import (
-    RANK_TOLERANCE,
     correct,
     flat_evidence,
     flat_start,
     one_earlier,
     whitening,
 )
+from daest.estimation.gates import FIT
 from daest.estimation.modes import (
     LONG_RUN,
     Models,
@@ -51,13 +51,9 @@ from daest.numerics.gaussian import CHUNK, FREE_TOLERANCE, undetermined
 from daest.numerics.kalman_pass import KalmanSteps, StepMatrices, Stop, constant_gain, kalman_steps
 from daest.numerics.riccati import predictor_gain, unobservable_subspace
 
-# Distance to the stationary covariance, in standard deviations, that ends a transient.
-COVARIANCE_TOLERANCE = 1e-11
-SENSITIVITY_FLOOR = 1e-20  # of A, relative to the scale of a state: the initial state is forgotten
 SETTLING = 1000  # samples after which the Riccati equation is asked where a covariance has not settled
 CHUNK_NUMBERS = 1 << 28  # of covariances in a block of steps: 2 GB, of which only those used are touched
 GAIN_BLOCK = 4096  # samples whose gains are compared with the stationary one at a time
-STEADY_SHARE = 0.01  # distance of the gain to the stationary gain that counts as steady
 
 
 @dataclass(frozen=True)
@@ -164,7 +160,7 @@ def reference_start(model: DiscreteModel, initial: InitialState) -> PassStart:
     P = np.zeros_like(model.transition) if stationary is None else stationary.predicted_cov
     size = np.sqrt(np.diagonal(P))
     information = information_scale(model)
-    scale = np.where(size > SENSITIVITY_FLOOR * information, size, information)
+    scale = np.where(size > FIT.forgotten_start * information, size, information)
     cov = np.where(unknown[:, None] | unknown[None, :], 0.0, initial.cov)
     if np.all(unknown):
         cov = P + np.diag(scale**2 - size**2)
@@ -185,7 +181,7 @@ def observable_first(rows: np.ndarray) -> tuple[np.ndarray, int]:
         return np.eye(q), 0
     rows = rows / np.linalg.norm(rows, axis=1, keepdims=True)
     _, values, directions = np.linalg.svd(rows)
-    rank = int(np.sum(values > RANK_TOLERANCE * values[0]))
+    rank = int(np.sum(values > FIT.start_rank * values[0]))
     return (np.eye(q), q) if rank == q else (directions.T, rank)
 
 
@@ -314,7 +310,7 @@ class _Plan:
         targets = np.zeros(shape)
         for m in np.flatnonzero(known):
             targets[m] = self._known[int(m)].predicted_cov  # type: ignore[union-attr]
-        return Stop(COVARIANCE_TOLERANCE, self.begins_long[begin:end], targets, known)
+        return Stop(FIT.settled_covariance, self.begins_long[begin:end], targets, known)
 
     def hear(self, count: int, is_stationary: bool) -> None:
         """That `count` steps were done, and whether the last was stationary."""
@@ -335,14 +331,14 @@ def _run_ends(index: np.ndarray) -> np.ndarray:
 
 
 def _is_close(P: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Whether P (..., n, n) is the target to COVARIANCE_TOLERANCE in standard deviations."""
+    """Whether P (..., n, n) is the target to FIT.settled_covariance in standard deviations."""
     size = np.sqrt(np.maximum(np.diagonal(P, axis1=-2, axis2=-1), np.diagonal(target)))
-    limit = COVARIANCE_TOLERANCE * size[..., :, None] * size[..., None, :]
+    limit = FIT.settled_covariance * size[..., :, None] * size[..., None, :]
     return np.all(np.abs(P - target) <= limit, axis=(-2, -1))
 
 
 def _is_forgotten(A: np.ndarray, scale: np.ndarray) -> bool:
-    return bool(np.all(np.abs(A) <= SENSITIVITY_FLOOR * scale[:, None]))
+    return bool(np.all(np.abs(A) <= FIT.forgotten_start * scale[:, None]))
 
 
 def _stationary_phase(
@@ -591,7 +587,7 @@ def unobservable_states(result: KalmanResult) -> np.ndarray:
 
 
 def steady_sample(result: KalmanResult) -> int | None:
-    """First sample with all outputs whose gain is within STEADY_SHARE of the stationary gain, or None.
+    """First sample with all outputs whose gain is within FIT.steady_gain of the stationary gain, or None.
 
     The distance is the Frobenius norm with states and innovations in their stationary standard deviations.
     """
@@ -611,7 +607,7 @@ def steady_sample(result: KalmanResult) -> int | None:
     )
     size = np.sqrt(np.diagonal(target.predicted_cov))
     weight = np.sqrt(np.diagonal(target.innovation_cov)) / np.where(size > 0, size, np.inf)[:, None]
-    limit = STEADY_SHARE * np.linalg.norm(target.gain * weight)
+    limit = FIT.steady_gain * np.linalg.norm(target.gain * weight)
     index = forward.modes.index
     for begin in range(0, index.size, GAIN_BLOCK):
         block = begin + np.flatnonzero(index[begin : begin + GAIN_BLOCK] == mode)

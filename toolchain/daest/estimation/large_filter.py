@@ -18,10 +18,9 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from daest.estimation.flat_start import RANK_TOLERANCE, whitening
+from daest.estimation.flat_start import whitening
+from daest.estimation.gates import FIT
 from daest.estimation.kalman import (
-    SENSITIVITY_FLOOR,
-    STEADY_SHARE,
     filtered_moments,
     information_scale,
     observable_first,
@@ -43,13 +42,7 @@ SHORTENED = 64
 
 UNKNOWN = 1e3
 """A standard deviation of this many times the size of a variable says nothing of it. It is not accurate
-either: directions that the outputs show by less than `RANK_TOLERANCE` count as not shown."""
-
-FORGOTTEN = 1e-13
-"""Part of the size of every state below which an unknown direction, or the mean, has died out."""
-
-ROOT_FORGOTTEN = 1e-9
-"""The same of the root of a covariance, whose square is added to the stationary one."""
+either: directions that the outputs show by less than `FIT.start_rank` count as not shown."""
 
 
 @dataclass(frozen=True)
@@ -116,8 +109,8 @@ def large_filter(
 
 def _shortened(unknown: _Unknown, scale: np.ndarray) -> _Unknown:
     """The same by fewer columns, none for directions that have died out."""
-    root = _turned(unknown.root, scale, ROOT_FORGOTTEN)
-    return _Unknown(unknown.mean, root, _turned(unknown.free, scale, FORGOTTEN))
+    root = _turned(unknown.root, scale, FIT.root_died_out)
+    return _Unknown(unknown.mean, root, _turned(unknown.free, scale, FIT.died_out))
 
 
 def _turned(columns: np.ndarray, scale: np.ndarray, negligible: float) -> np.ndarray:
@@ -174,7 +167,7 @@ class _Run:
     @property
     def is_forgotten(self) -> bool:
         unknown = self.unknown
-        dead = bool(np.all(np.abs(unknown.mean) <= FORGOTTEN * self.scale))
+        dead = bool(np.all(np.abs(unknown.mean) <= FIT.died_out * self.scale))
         return dead and unknown.root.shape[1] == 0 and unknown.free.shape[1] == 0
 
     def observe(self, k: int) -> None:
@@ -198,7 +191,7 @@ class _Run:
         unknown = self.unknown
         seen, shares = c @ unknown.free, c @ unknown.root
         size = float(np.linalg.norm(seen))
-        if size > RANK_TOLERANCE * self._largest:
+        if size > FIT.start_rank * self._largest:
             direction = seen.copy()  # the reflection that leaves `seen` in the first column alone
             direction[0] += np.copysign(size, seen[0])
             direction /= np.linalg.norm(direction)
@@ -230,7 +223,7 @@ class _Run:
         return self.by_state @ unknown - self.by_innovation @ (self.model.output @ unknown)
 
     def _is_steady(self) -> bool:
-        """Whether the gain is within `STEADY_SHARE` of the stationary one, in standard deviations."""
+        """Whether the gain is within `FIT.steady_gain` of the stationary one, in standard deviations."""
         model, target, unknown = self.model, self.target, self.unknown
         if np.any(np.linalg.norm(unknown.free, axis=1) > FREE_TOLERANCE * self.scale):
             return False
@@ -240,7 +233,7 @@ class _Run:
         size = np.sqrt(np.diagonal(target.predicted_cov))
         weight = np.sqrt(np.diagonal(target.innovation_cov)) / np.where(size > 0, size, np.inf)[:, None]
         distance = np.linalg.norm((gain - target.gain) * weight)
-        return bool(distance <= STEADY_SHARE * np.linalg.norm(target.gain * weight))
+        return bool(distance <= FIT.steady_gain * np.linalg.norm(target.gain * weight))
 
     def finish(self, begin: int) -> None:
         """The samples from `begin` on, which know nothing of the start any more."""
@@ -278,7 +271,7 @@ class _Run:
 def _state_scale(model: DiscreteModel, P: np.ndarray) -> np.ndarray:
     """The size of every state: its stationary standard deviation, or what a few outputs tell of it alone."""
     size, information = np.sqrt(np.diagonal(P)), information_scale(model)
-    return np.where(size > SENSITIVITY_FLOOR * information, size, information)
+    return np.where(size > FIT.forgotten_start * information, size, information)
 
 
 def _squares(columns: np.ndarray) -> np.ndarray:

@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from daest.errors import EstimationError
+from daest.estimation.gates import FIT
 from daest.model.estimates import Modes
 from daest.model.experiment import Experiment
 from daest.model.linear import DiscreteModel
 
 Models = DiscreteModel | Sequence[DiscreteModel] | Mapping[float, DiscreteModel]
 
-STEP_TOLERANCE = 1e-6  # relative difference between a step of the record and the period of its model
 LONG_RUN = 64  # samples with the same matrices that are worth a treatment of their own
 
 
@@ -38,7 +38,7 @@ def models_by_interval(model: Models, time: np.ndarray) -> tuple[list[DiscreteMo
     one = len(models) == 1
     periods = np.full(1, models[0].period) if one else np.array([m.period for m in models])[which]
     deviation = np.abs(steps - periods)
-    late = np.flatnonzero(deviation > STEP_TOLERANCE * periods)
+    late = np.flatnonzero(deviation > FIT.model_period * periods)
     late = late[deviation[late] > 1e-9 * np.abs(time[1:][late])]  # times themselves are rounded
     if late.size:
         k = int(late[0])

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from daest.estimation.gain_family import GainFamily, Levels, gain_family
+from daest.estimation.gates import FIT
 from daest.estimation.observer import AverageModel, Observer, average_model, observer
 from daest.estimation.search import Evaluation, Found
 from daest.estimation.setup import Setup
@@ -26,7 +27,6 @@ from daest.systems.integrate import interval_inputs
 
 NOISE_EVALUATIONS = 40  # of the simplex search over noise levels in each round
 NOISE_SPREAD = np.log(10.0)  # first step of that search
-STD_SHARE = 0.1  # of that step: a measurement noise shows better than a process noise
 NO_GAIN = 1e300  # stands for the value of levels without a gain; two infinities have no difference
 SCAN = (0.0, -2.3, -4.6, -9.2, -13.8)  # logs of common factors that a search over noise levels tries first
 
@@ -205,7 +205,7 @@ def _searched_logs(value: object, n_intensity: int, n_std: int, evaluations: int
     best = min(scanned, key=value)
     if not evaluations or value(best) >= NO_GAIN:
         return best
-    steps = NOISE_SPREAD * np.diag([1.0] * n_intensity + [STD_SHARE] * n_std)
+    steps = NOISE_SPREAD * np.diag([1.0] * n_intensity + [FIT.std_step] * n_std)
     options = {
         "maxfev": evaluations,
         "initial_simplex": np.vstack([best, best - steps]),

@@ -9,6 +9,7 @@ import numpy as np
 
 from daest.estimation.coordinates import prior_precisions
 from daest.estimation.gain_family import Levels
+from daest.estimation.gates import FIT
 from daest.estimation.gaussian import objective
 from daest.estimation.identifiability import (
     Scores,
@@ -44,7 +45,6 @@ SWITCHES = (
     "the model changes at events, so that its likelihood may have valleys of its own between them, and "
     "intervals that are too narrow in a wrong one: compare the ends from several starts (--starts 8)"
 )
-AGREEMENT_GAIN = 0.1  # predicted gain in log-likelihood that ends it: 1e-5 of the error
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class NonlinearEnds:
                 rests = np.tile(names_at_rest, len(experiments))
                 lower, upper, z = (np.where(rests, 0.0, part) for part in (lower, upper, z))
             z = fit_initial_states(problem, z, lower, upper)
-        found = minimise(objective(problem), z, lower, upper, AGREEMENT_ITERATIONS, AGREEMENT_GAIN)
+        found = minimise(objective(problem), z, lower, upper, AGREEMENT_ITERATIONS, FIT.agreement_gain)
         errors = None if found is None else prediction_errors(problem, found.z)
         return agreement_of(names, measured, None if errors is None else errors.errors)
 

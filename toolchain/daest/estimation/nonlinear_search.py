@@ -42,7 +42,6 @@ from daest.numerics.parallel import workers
 NOISE_ROUNDS = 4  # of searching noise levels and parameters in turn
 ASSUMED = (1e2, 1.0, 1e-2, 1e-4)  # of the size of an assumed noise that moves outputs by their own noise
 LEADING_SEARCHES = 2  # of its size and of parameters in turn
-FADING = 1e-2  # of its size, from each further round to the next
 LEADING_ROUNDS = 10
 LEADING_ITERATIONS, LEADING_GAIN = 15, 0.1  # of the search in each
 SIMULATION_ITERATIONS = 15  # of the simulation that a search of predictions starts from
@@ -172,7 +171,7 @@ def _led(problem: TrajectoryProblem, home: np.ndarray) -> Iterator[np.ndarray]:
     if not problem.n_states:
         return
     end: tuple[float, np.ndarray, Levels] | None = None
-    fading = FADING
+    fading = FIT.fading
     for number in range(LEADING_ROUNDS):
         is_fading = end is not None and number >= LEADING_SEARCHES
         z, levels = (home, None) if end is None else end[1:]
@@ -181,8 +180,8 @@ def _led(problem: TrajectoryProblem, home: np.ndarray) -> Iterator[np.ndarray]:
         if chosen and found and (end is None or found.evaluation.value < end[0] + FIT.leading_loss):
             problem = replace(problem, gain=chosen[0].gain)
             end = found.evaluation.value, found.z, chosen[1]
-        elif is_fading and fading == FADING:
-            fading = float(np.sqrt(FADING))
+        elif is_fading and fading == FIT.fading:
+            fading = float(np.sqrt(FIT.fading))
         else:
             break
     if end is not None:

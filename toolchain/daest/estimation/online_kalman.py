@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from daest.errors import EstimationError
-from daest.estimation.flat_start import WELL_CONDITIONED, solve_root, whitening
+from daest.estimation.flat_start import solve_root, whitening
 from daest.estimation.gates import FIT
 from daest.estimation.kalman import reference_start
 from daest.estimation.online import checked_arrays
@@ -389,7 +389,7 @@ def _collapsed(memory: KalmanMemory) -> KalmanMemory:
     if p == 0:
         return memory
     mean, factor, _, condition = solve_root(memory.root[:, :p], memory.root[:, p])
-    if condition > WELL_CONDITIONED:
+    if condition > FIT.well_conditioned:
         return memory
     A = memory.sensitivity[:, :p]
     spread = A @ factor

@@ -21,13 +21,12 @@ import numpy as np
 from daest.errors import EstimationError
 from daest.estimation import interpreted
 from daest.estimation.filter_task import Start, Task, raise_failure
+from daest.estimation.gates import FIT
 from daest.estimation.interpreted import square_root
 from daest.systems.local_linear import pointer
 
 Proposal = Literal["bootstrap", "ekf"]
 
-RESAMPLE_BELOW = 0.5  # effective sample size, as a share of the particles
-COLLAPSED_BELOW = 5.0  # effective particles: the estimate of such a sample is that of a few lucky ones
 MOST_TRAJECTORIES = 200  # of the backward simulation
 SMALLEST_CHUNK = 1000  # particles per thread: waking one takes as long as hundreds of them
 
@@ -92,7 +91,7 @@ class ParticleRun:
     @property
     def collapsed(self) -> np.ndarray:
         """Samples at which hardly any particle explains the measurement."""
-        return np.flatnonzero(self.effective < COLLAPSED_BELOW)
+        return np.flatnonzero(self.effective < FIT.collapsed_below)
 
 
 @dataclass
@@ -140,7 +139,7 @@ def run_particles(
         )
         _weigh(cloud, log_weights, k if time is None else float(time[k]))
         tables.store(k, cloud)
-        if cloud.effective[-1] < RESAMPLE_BELOW * n_particles:
+        if cloud.effective[-1] < FIT.resampled_below * n_particles:
             _resample(cloud, rng)
             model.select(cloud.ancestors)
         else:

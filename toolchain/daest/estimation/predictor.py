@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from daest.estimation.gates import FIT
 from daest.estimation.records import Record
 from daest.model.linear import StateSpace
 from daest.numerics.innovations import (
@@ -24,7 +25,6 @@ from daest.numerics.recursions import linear_recursion
 from daest.systems.sample import Hold, Noise, SampledDerivatives, sample, sample_derivatives
 
 MAX_DISTINCT_STEPS = 24  # up to this many different steps are sampled one by one; more are interpolated
-STEP_ROUNDING = 1e-7  # steps [relative to the mean] that differ by less are the same
 CHEBYSHEV_NODES = 20  # per octave of step lengths; e^(A h) is smooth in h, so the error is at rounding level
 
 
@@ -91,7 +91,7 @@ def recursion(
     if record.period is not None or record.n_samples < 2:
         return _one_step(ss, record.period or 1.0, hold, noise, derivatives)
     steps = np.diff(record.time)
-    rounded = np.rint(steps / (STEP_ROUNDING * np.mean(steps))).astype(np.int64)
+    rounded = np.rint(steps / (FIT.equal_periods * np.mean(steps))).astype(np.int64)
     _, first, which = np.unique(rounded, return_index=True, return_inverse=True)
     if first.size <= MAX_DISTINCT_STEPS:
         weights = np.eye(first.size)[which]

@@ -37,10 +37,8 @@ MOST_POINTS = 25  # on each side
 MOST_HALVINGS = 6  # of a step to where the objective has no value
 MOST_REFINEMENTS = 8
 LOG_RANGE = np.log(1e3)  # an interval that is wider than this on one side counts as open
-LINEAR_RANGE = 100.0  # the same for a linear coordinate, in its scale
 LARGEST_MOVE = 1.0  # in z, of another unknown along the tangent
 ITERATIONS = 30
-CONVERGED_GAIN = 1e-4  # in log-likelihood, of the searches over the other unknowns
 
 Tell = Callable[[str], None]
 
@@ -172,7 +170,7 @@ class _Side:
         return min(standard * root / STEPS_TO_END, self._range() / STEPS_TO_END)
 
     def _range(self) -> float:
-        return LOG_RANGE if self.search.unknowns.coordinates[self.index].is_log else LINEAR_RANGE
+        return LOG_RANGE if self.search.unknowns.coordinates[self.index].is_log else FIT.open_interval
 
     def _at_bound(self, z: float) -> bool:
         bound = self.search.lower if self.direction < 0 else self.search.upper
@@ -233,7 +231,7 @@ def held_minimum(search: Searched, here: Found, index: int, value: float) -> Fou
     if not valued:
         return None
     start = starts[min(valued)[1]]
-    return minimise(search.objective, start, lower, upper, ITERATIONS, CONVERGED_GAIN)
+    return minimise(search.objective, start, lower, upper, ITERATIONS, FIT.profile_gain)
 
 
 def tangent(information: np.ndarray, index: int) -> np.ndarray:

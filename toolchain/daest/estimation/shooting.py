@@ -35,7 +35,6 @@ ITERATIONS = 15  # of each round but the last
 STATE_ITERATIONS = 15  # of the fits of segments to the data, parameters held
 MOST_SEGMENTS = 20  # unless told otherwise
 FEWEST_SAMPLES = 10  # of a segment
-UNMEASURED = 1e-3  # stands for the noise of states, which have no measurements, relative to the outputs
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ def shooting_of(problem: TrajectoryProblem, n_segments: int) -> Shooting:
         segments += [_segment(experiment, a, b, b == cuts[-1], explicit.state_names) for a, b in ends]
         groups.append(tuple(range(first, len(segments))))
     sizes = np.concatenate([e.outputs for e in problem.experiments])
-    small = UNMEASURED * np.exp(np.mean(np.log(np.nanstd(sizes, axis=0) + np.finfo(float).tiny)))
+    small = FIT.unmeasured_noise * np.exp(np.mean(np.log(np.nanstd(sizes, axis=0) + np.finfo(float).tiny)))
     cut = replace(
         problem,
         model=integrator(_with_states(explicit), problem.model.names, compiled=problem.model.is_compiled),

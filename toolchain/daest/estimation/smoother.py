@@ -20,14 +20,13 @@ import numpy as np
 import scipy.linalg
 
 from daest.estimation.flat_start import correct
+from daest.estimation.gates import FIT
 from daest.estimation.kalman import filtered_loads
 from daest.estimation.modes import LONG_RUN, by_index
 from daest.model.estimates import FilterPass, FlatStart, KalmanResult, SmootherResult
 from daest.numerics.gaussian import CHUNK, backward_step, run
 from daest.numerics.recursions import linear_recursion
 from daest.numerics.riccati import is_stable
-
-INFORMATION_TOLERANCE = 1e-12  # relative distance of N to its stationary value that ends a transient
 
 
 @dataclass(frozen=True)
@@ -151,7 +150,7 @@ class _Terms:
         if limit is None:
             return False
         size = np.sqrt(np.maximum(np.diagonal(limit), np.diagonal(N)))
-        return bool(np.all(np.abs(N - limit) <= INFORMATION_TOLERANCE * np.outer(size, size)))
+        return bool(np.all(np.abs(N - limit) <= FIT.settled_smoother * np.outer(size, size)))
 
     def drive(self, begin: int, end: int, columns: int) -> np.ndarray:
         """Cᵀ S⁻¹ [ν -V] for samples begin … end - 1, (n_samples, n, columns)."""

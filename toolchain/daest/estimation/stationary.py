@@ -8,13 +8,12 @@ import numpy as np
 from scipy.linalg import qr
 
 from daest.errors import EstimationError
+from daest.estimation.gates import FIT
 from daest.model.linear import DiscreteModel
 from daest.numerics.exponential import balanced, transition_integrals
 from daest.numerics.gaussian import FREE_TOLERANCE
 from daest.numerics.innovations import UNDAMPED_MARGIN, forgetting, hidden_basis
 from daest.numerics.riccati import filter_riccati, predictor_gain, undamped_modes, unobservable_subspace
-
-NAMED_SHARE = 0.05  # a state is named when it takes this part of the largest share of a combination
 
 
 @dataclass(frozen=True)
@@ -113,7 +112,7 @@ def unseen_note(directions: tuple[str, ...]) -> tuple[str, ...]:
 def combination_text(vector: np.ndarray, names: tuple[str, ...]) -> str:
     """A direction of the state space in words, for example `a common change of phi and psi (1 : 0.5)`."""
     size = np.abs(vector)
-    kept = np.flatnonzero(size > NAMED_SHARE * np.max(size))
+    kept = np.flatnonzero(size > FIT.named_state * np.max(size))
     if kept.size == 1:
         return names[kept[0]]
     largest = vector[np.argmax(size)]
