@@ -8,12 +8,22 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import shutil
 import sys
+import time
 from pathlib import Path
 
 from daest.files import whole_file
 
 _DIGEST = 32  # bytes of SHA-256
+
+MOST_BYTES = 400_000_000
+"""A folder of the cache holds at most this much, if nothing else is said."""
+
+RECENT_SECONDS = 600.0
+"""What was used within this time stays, although there is too much: another process may be reading it."""
+
+_FEW, _OFTEN = 100, 50  # the size of so few entries is asked whenever one is added, of more only so often
 
 
 def cache_folder() -> Path:
@@ -44,6 +54,54 @@ def keep_content(file: Path, content: bytes) -> None:
         file.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(file) as temporary:
             temporary.write_bytes(hashlib.sha256(content).digest() + content)
+
+
+def was_used(path: Path) -> None:
+    """Let a file or folder of the cache stay longer."""
+    with contextlib.suppress(OSError):
+        os.utime(path)
+
+
+def forget_unused(folder: Path, most_entries: int, most_bytes: int = MOST_BYTES) -> None:
+    """Take away what was not used for longest where a folder of the cache has more files and folders, or more
+    bytes in them, than these; to be called when something was added.
+
+    It goes down to three quarters, so that it is not called for nothing every time.
+    """
+    try:
+        paths = [Path(entry.path) for entry in os.scandir(folder)]
+    except OSError:
+        return
+    if _FEW < len(paths) <= most_entries and len(paths) % _OFTEN:
+        return
+    now = time.time()
+    found = sorted((_last_use(path, now), _size(path), path) for path in paths)
+    entries, size = len(found), sum(each for _, each, _ in found)
+    if entries <= most_entries and size <= most_bytes:
+        return
+    for used, its_size, path in found:
+        if (entries <= 0.75 * most_entries and size <= 0.75 * most_bytes) or now - used < RECENT_SECONDS:
+            return
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
+        entries, size = entries - 1, size - its_size
+
+
+def _last_use(path: Path, otherwise: float) -> float:
+    try:
+        return path.stat().st_mtime
+    except OSError:  # it has gone in the meantime
+        return otherwise
+
+
+def _size(path: Path) -> int:
+    with contextlib.suppress(OSError):
+        if not path.is_dir():
+            return path.stat().st_size
+        return sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
+    return 0
 
 
 def put_whole(made: Path, file: Path) -> None:

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import casadi as ca
 import numpy as np
 
-from daest.cache import cache_folder, keep_content, kept_content
+from daest.cache import cache_folder, forget_unused, keep_content, kept_content
 from daest.diagnosis.proof import Prepared
 from daest.errors import ConfigError, DaestError
 from daest.model.diagnosis import Proof
@@ -93,8 +93,7 @@ class KeptProofs:
         if time.monotonic() - began > WORTH_KEEPING:
             with contextlib.suppress(DaestError, OSError):
                 keep_content(file, packed(made))
-                for old in sorted(folder.glob("*.pickle"), key=lambda f: -f.stat().st_mtime)[MOST_STEPS:]:
-                    old.unlink(missing_ok=True)
+                forget_unused(folder, MOST_STEPS)
         return made
 
     def _path(self, prepared: Prepared) -> Path:

@@ -22,13 +22,13 @@ import subprocess
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
-from daest.cache import cache_folder, hash_of, keep_content, kept_content
+from daest.cache import cache_folder, forget_unused, hash_of, keep_content, kept_content
 from daest.litter import die_with_parent
 
 T = TypeVar("T")
@@ -38,6 +38,7 @@ STACK_BYTES = 128 * 1024 * 1024
 FOLDER_VARIABLE = "XDG_CACHE_HOME"  # where the compiler looks for the place of its cache
 _LENGTH = struct.Struct("<Q")  # of a message, in front of it
 _BEGUN = b""  # what is sent when a question has been read
+MOST_KEPT = 3000  # files in a folder of the compiler's cache: the Standard Library has some 500
 _ANSWERS = 200  # after so many the process is replaced: native code may keep memory
 
 
@@ -347,11 +348,12 @@ def _ending(status: int) -> str:
 
 
 @contextmanager
-def checked_cache() -> Iterator[None]:
+def checked_cache(is_read: bool = True) -> Iterator[None]:
     """The compiler keeps what it has read of libraries in the folder of `daest.cache`, and finds there only
-    what it left."""
+    what it left. A compilation that reads no library reads nothing there, either."""
     folder = compiler_cache()
-    hashes = _checked(folder)
+    hashes, folders = _checked(folder) if is_read else ({}, [])
+    changes = _last_changes(folders)
     before = os.environ.get(FOLDER_VARIABLE)
     os.environ[FOLDER_VARIABLE] = str(folder)
     try:
@@ -361,7 +363,8 @@ def checked_cache() -> Iterator[None]:
             del os.environ[FOLDER_VARIABLE]
         else:
             os.environ[FOLDER_VARIABLE] = before
-    _remember(folder, hashes)
+    if _last_changes(folders) != changes:
+        _remember(folder, hashes)
 
 
 def compiler_cache() -> Path:
@@ -379,43 +382,65 @@ def throw_cache_away() -> None:
 _Known = dict[str, tuple[str, list[int]]]
 
 
-def _entries(folder: Path) -> Iterator[tuple[str, list[int]]]:
-    """Paths of the compiler's files, and what changes when one of them is written to."""
-    waiting = [str(folder)]
-    while waiting:
-        with contextlib.suppress(OSError), os.scandir(waiting.pop()) as entries:
+def _entries(folder: Path) -> tuple[dict[str, list[int]], list[str]]:
+    """Paths of the compiler's files, with what changes when one of them is written to, and all folders."""
+    files: dict[str, list[int]] = {}
+    folders = [str(folder)]
+    for each in folders:
+        with contextlib.suppress(OSError), os.scandir(each) as entries:
             for entry in entries:
                 if entry.is_dir(follow_symlinks=False):
-                    waiting.append(entry.path)
+                    folders.append(entry.path)
                 elif entry.name.endswith(".bin"):
                     state = entry.stat(follow_symlinks=False)
-                    yield entry.path, [state.st_size, state.st_ino, state.st_mtime_ns, state.st_ctime_ns]
+                    files[entry.path] = [state.st_size, state.st_ino, state.st_mtime_ns, state.st_ctime_ns]
+    return files, folders
+
+
+def _last_changes(folders: Iterable[str]) -> list[int]:
+    """When files were last added to folders or taken from them."""
+    changes = []
+    for folder in folders:
+        with contextlib.suppress(OSError):
+            changes.append(os.stat(folder).st_mtime_ns)
+    return changes
 
 
 def _index(folder: Path) -> Path:
     return folder / "hashes"
 
 
-def _checked(folder: Path) -> _Known:
-    """The files that are as they were left; others are removed."""
+def _checked(folder: Path) -> tuple[_Known, list[str]]:
+    """The files that are as they were left, the others being removed; and all folders."""
     content = kept_content(_index(folder))
     known: _Known = {} if content is None else json.loads(content)
     good: _Known = {}
-    for path, state in _entries(folder):
+    files, folders = _entries(folder)
+    if len(files) > MOST_KEPT:
+        _forget_old(files)
+        files, folders = _entries(folder)
+    for path, state in files.items():
         hashed, before = known.get(path, ("", []))
         with contextlib.suppress(OSError):
             if hashed and (state == before or hash_of(Path(path)) == hashed):
                 good[path] = (hashed, state)
             else:
                 os.unlink(path)
-    return good
+    return good, folders
 
 
 def _remember(folder: Path, known: _Known) -> None:
     found = dict(known)
-    for path, state in _entries(folder):
+    files, _ = _entries(folder)
+    for path, state in files.items():
         if path not in found:
             with contextlib.suppress(OSError):
                 found[path] = (hash_of(Path(path)), state)
     if found != known:
         keep_content(_index(folder), json.dumps(found).encode())
+        _forget_old(files)
+
+
+def _forget_old(files: Iterable[str]) -> None:
+    for folder in set(map(os.path.dirname, files)):
+        forget_unused(Path(folder), MOST_KEPT)

@@ -15,7 +15,14 @@ from daest.modelica.change import declare, with_values
 from daest.modelica.compiler import Job, compile_source, modification, with_room
 from daest.modelica.dialect import Names, adapted, without_broken, without_quotes
 from daest.modelica.excerpt import adapted_text, excerpt
-from daest.modelica.library import Roots, chosen_libraries, library_name, library_roots, readable_roots
+from daest.modelica.library import (
+    Roots,
+    chosen_libraries,
+    library_entries,
+    library_name,
+    library_roots,
+    readable_roots,
+)
 from daest.modelica.modifications import check_modifications
 from daest.modelica.outline import class_heads, tokens
 from daest.modelica.parameters import is_parameter
@@ -56,7 +63,8 @@ def compile_text(
     folders = library_roots(libraries)
     part = _excerpt(folders, text, path)
     if part is not None:
-        job = Job(path, adapted_text(text, part), name, part, names=names)
+        own = adapted_text(text, part) if part.folders else text
+        job = Job(path, own, name, part, names=names)
         try:
             return with_room(lambda: _compile(job, dict(overrides or {})))
         except ModelError as problem:
@@ -72,15 +80,19 @@ _MISSING = ("model-unknown-class", "model-unknown-name", "model-kind")
 
 
 def _excerpt(folders: Sequence[Path], text: bytes, path: Path) -> Roots | None:
-    """The part of the user's libraries that the text needs; None where it uses the bundled one alone."""
+    """The part of the libraries that the text needs; None where it uses all of the bundled one alone."""
     bundled = [folder for folder in folders if (folder / "Daest" / "package.mo").is_file()]
     others = [folder for folder in folders if folder not in bundled]
     entries = [entry for _, chosen, _ in chosen_libraries(others, text, path) for entry in chosen]
     known = {library_name(entry) for entry in entries}
     words = {token.text for token in tokens(text) if token.kind == "name"}
-    if not known & words:
-        return excerpt([], bundled, text, path) if adapted(text) != text else None
-    return excerpt(entries, bundled, text, path)
+    if known & words:
+        return excerpt(entries, bundled, text, path)
+    if adapted(text) != text:
+        return excerpt([], bundled, text, path)
+    # A text that names no library is compiled in no time where the compiler has not to look at any.
+    is_named = any(library_name(entry) in words for folder in bundled for entry in library_entries(folder))
+    return None if is_named else Roots((), {})
 
 
 def _chosen_class(text: bytes, names: Names, path: Path, wanted: str | None) -> str:

@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 
 import rumoca
 
-from daest.cache import cache_folder, keep_content, kept_content
+from daest.cache import cache_folder, forget_unused, keep_content, kept_content, was_used
 from daest.errors import ModelError
 from daest.modelica import adapter, failures
 from daest.modelica import syntax as s
@@ -107,7 +107,7 @@ def compile_source(job: Job) -> s.FlatSource:
     """The flat form of a job, also when its equations and unknowns differ in number. Raises ModelError."""
     check_depth(str(job.path), job.text)
     may_stand_alone = _file_name(job).parent == _ALONE
-    alone, beside = _kept_file(job, is_alone=True), _kept_file(job, is_alone=False)
+    alone, beside = _kept_files(job)
     for file in (alone, beside) if may_stand_alone else (beside,):
         kept = _read(file)
         if kept is not None:
@@ -357,7 +357,7 @@ def _session(job: Job, text: str, name: str, file: Path) -> tuple[dict[str, Any]
 
 
 def _apart(job: Job, text: str, name: str, file: Path) -> tuple[dict[str, Any], list[Any]]:
-    with checked_cache():
+    with checked_cache(is_read=bool(job.roots.folders) or file.parent != _ALONE):
         return run_apart(_compiled_here, job, text, name, file)
 
 
@@ -405,24 +405,25 @@ def _texts(files: list[Any], job: Job) -> dict[int, tuple[str, bytes]]:
     }
 
 
-KEPT_BYTES = 200_000_000
-"""Size of all flat sources that are kept; those that were not used for longest leave."""
+KEPT_SOURCES, KEPT_BYTES = 2000, 200_000_000
+"""Number and size of all flat sources that are kept; those that were not used for longest leave."""
 
 
-def _kept_file(job: Job, is_alone: bool) -> Path:
-    """Where the flat source of a job is kept. A file that stands alone means the same in every folder; else
-    its place and the .mo files beside it count, too.
+def _kept_files(job: Job) -> tuple[Path, Path]:
+    """Where the flat source of a job is kept: if it stands alone, so that it means the same in every folder;
+    and else, when its place and the .mo files beside it count, too.
 
     A cache that cannot be read or written makes no difference.
     """
     room = Path(__file__).resolve().parent
     code = [(file.name, file.stat().st_size, file.stat().st_mtime_ns) for file in sorted(room.glob("*.py"))]
-    folder = job.path.resolve().parent
-    place = [job.path.name] if is_alone else [str(job.path), stamp(sorted(folder.glob("*.mo")))]
     what = f"{job.class_name}({job.modification})"
-    parts = [what, *place, version("rumoca"), repr(code), stamp(job.roots.folders)]
-    key = hashlib.sha256("\0".join(parts).encode() + job.text).hexdigest()
-    return cache_folder() / "flat" / f"{key}.pickle"
+    parts = [what, job.path.name, version("rumoca"), repr(code), stamp(job.roots.folders)]
+    key = hashlib.sha256("\0".join(parts).encode() + job.text)
+    alone = key.hexdigest()
+    folder = job.path.resolve().parent
+    key.update(f"\0{job.path}\0{stamp(sorted(folder.glob('*.mo')))}".encode())
+    return cache_folder() / "flat" / f"{alone}.pickle", cache_folder() / "flat" / f"{key.hexdigest()}.pickle"
 
 
 def _needs_no_neighbour(source: s.FlatSource, job: Job) -> bool:
@@ -438,24 +439,13 @@ def _read(file: Path) -> s.FlatSource | None:
         return None
     try:
         kept = pickle.loads(content)
-        os.utime(file)
     except Exception:  # an unreadable entry of the cache, whatever is wrong with it, is no entry
         return None
+    was_used(file)
     return kept if isinstance(kept, s.FlatSource) else None
 
 
 def _write(file: Path, source: s.FlatSource) -> None:
     with contextlib.suppress(OSError, RecursionError):
         keep_content(file, pickle.dumps(source, protocol=pickle.HIGHEST_PROTOCOL))
-        _make_room(file.parent)
-
-
-def _make_room(folder: Path) -> None:
-    with os.scandir(folder) as entries:
-        found = [(e.stat(), e.path) for e in entries if e.name.endswith(".pickle")]
-    size = sum(status.st_size for status, _ in found)
-    for status, path in sorted(found, key=lambda f: f[0].st_mtime):
-        if size <= KEPT_BYTES:
-            return
-        os.unlink(path)
-        size -= status.st_size
+        forget_unused(file.parent, KEPT_SOURCES, KEPT_BYTES)

@@ -19,7 +19,7 @@ from typing import Any
 
 import casadi as ca
 
-from daest.cache import cache_folder, keep_content, kept_content
+from daest.cache import cache_folder, forget_unused, keep_content, kept_content, was_used
 from daest.errors import ModelError, Place
 from daest.model.effects import Attachment, Domain, Effect, EffectParameter, ParameterRole
 from daest.model.flat import FlatModel
@@ -47,6 +47,7 @@ _SIGNALS: tuple[Attachment, ...] = ("signal", "input", "output", "parameter")
 _ATTACHMENTS: tuple[Attachment, ...] = ("connector", "parallel", "series", *_SIGNALS)
 _ROLES: tuple[ParameterRole, ...] = ("size", "shape", "sharpness", "given")
 _SIGNAL_UNITS = ("", "u", "u/s")
+MOST_KEPT = 100  # catalogues of effects in the cache
 _KEYS = ("effect", "attach", "law", "dynamic", "inputs", "outside")
 _DOCUMENTATION = re.compile(r'Documentation\s*\(\s*info\s*=\s*"((?:[^"\\]|\\.)*)"', re.DOTALL)
 _TAG = re.compile(r"<[^>]*>")
@@ -192,9 +193,11 @@ def _stored(
     content = kept_content(kept)
     if content is not None:
         with contextlib.suppress(Exception):  # written by another version: it is made again
+            was_used(kept)
             return pickle.loads(content)
     entries = _read(roots, files, libraries)
     keep_content(kept, pickle.dumps(entries))
+    forget_unused(kept.parent, MOST_KEPT)
     return entries
 
 

@@ -12,14 +12,13 @@ import hashlib
 import os
 import pickle
 import re
-import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from daest.cache import cache_folder, keep_content, kept_content
+from daest.cache import cache_folder, forget_unused, keep_content, kept_content, was_used
 from daest.modelica.dialect import DER, DER_FILE, adapted, external_objects, with_constructors
-from daest.modelica.library import BYTE_ORDER_MARK, Roots, library_name, put_in_place, stamp
+from daest.modelica.library import BYTE_ORDER_MARK, MOST_KEPT, Roots, library_name, put_in_place, stamp
 
 _VERSION = "15"  # of what is kept; another one throws away what is there
 _STRIP = re.compile(rb'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
@@ -30,7 +29,6 @@ _ALIAS = re.compile(
 )
 _IMPORT = re.compile(rb"\bimport\s+([A-Za-z_][\w.]*?)(?:\.(\*)|\.\{([^}]*)\})?\s*;")
 _EXTENDS = re.compile(rb"\bextends\s+\.?([A-Za-z_][\w.]*)")
-_KEPT = 60  # excerpts in the cache
 
 
 @dataclass(frozen=True)
@@ -263,19 +261,14 @@ def _written(
             )
         _write(draft / f"{DER}.mo", DER_FILE.encode())
         put_in_place(draft, root)
-        _forget_old(root.parent)
+        forget_unused(root.parent, MOST_KEPT)
+    was_used(root)
     return root, origins, tuple(objects)
 
 
 def _write(file: Path, content: bytes) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_bytes(content)
-
-
-def _forget_old(folder: Path) -> None:
-    made = sorted(folder.glob("excerpt-*"), key=lambda f: -f.stat().st_mtime)
-    for old in made[_KEPT:]:
-        shutil.rmtree(old, ignore_errors=True)
 
 
 def adapted_text(text: bytes, roots: Roots) -> bytes:

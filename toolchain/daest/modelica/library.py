@@ -5,6 +5,7 @@ each library, no byte order marks.
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import os
 import re
@@ -13,7 +14,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from daest.cache import cache_folder
+from daest.cache import cache_folder, forget_unused, was_used
 from daest.errors import ModelError
 
 _PACKAGE = Path(__file__).resolve().parent.parent
@@ -64,6 +65,8 @@ def _bundled() -> Path | None:
 
 _COPIES = 3  # version of the copies of libraries in the cache: older ones hold folders without package.mo
 
+MOST_KEPT = 200  # copies, excerpts and indices of libraries in the cache
+
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 _USES = re.compile(rb'\b([A-Za-z_]\w*)\s*\(\s*version\s*=\s*"([^"]*)"')
@@ -108,7 +111,7 @@ def readable_roots(folders: Sequence[Path], text: bytes, path: Path) -> Roots:
     made: list[Path] = []
     origins: dict[str, Path] = {}
     for folder, chosen, is_whole in chosen_libraries(folders, text, path):
-        if is_whole and not any(map(_has_mark, _modelica_files(folder))) and not _stray_folders(chosen):
+        if is_whole and _is_readable(folder, stamp([folder])):
             made.append(folder)
         elif chosen := [entry for entry in chosen if entry.name != path.name]:
             made.append(_copied(chosen, origins))
@@ -195,43 +198,56 @@ def _version(entries: Sequence[Path], wanted: str | None, path: Path) -> Path:
     return (own or exact or near or sorted(entries, key=lambda e: (not _library(e)[1], _library(e)[1])))[-1]
 
 
-def _modelica_files(folder: Path) -> Iterable[Path]:
-    """All .mo files of a library folder or a single file, in order."""
-    return [folder] if folder.is_file() else sorted(folder.rglob("*.mo"))
+def _modelica_files(folder: Path) -> list[os.DirEntry[str]]:
+    """All .mo files below a folder, in the order of their paths."""
+    files: list[os.DirEntry[str]] = []
+    waiting = [str(folder)]
+    while waiting:
+        with os.scandir(waiting.pop()) as entries:
+            for entry in entries:
+                if entry.is_dir(follow_symlinks=False):
+                    waiting.append(entry.path)
+                elif entry.name.endswith(".mo"):
+                    files.append(entry)
+    return sorted(files, key=lambda entry: entry.path)
 
 
-def _stray_folders(entries: Iterable[Path]) -> list[Path]:
-    """Folders inside of libraries that hold .mo files, or folders with some, but no package.mo: they are no
+@functools.lru_cache(maxsize=64)
+def _is_readable(folder: Path, fingerprint: str) -> bool:
+    """Whether the compiler reads a folder of libraries as it is; `fingerprint` tells that it has changed."""
+    libraries = [entry for entry in library_entries(folder) if entry.is_dir()]
+    marked = (entry.path for entry in _modelica_files(folder) if _has_mark(entry.path))
+    return not any(map(_stray_folders, libraries)) and not any(marked)
+
+
+def _stray_folders(library: Path) -> list[Path]:
+    """Folders inside of a library that hold .mo files, or folders with some, but no package.mo: they are no
     packages."""
-    folders = {
-        folder
-        for entry in entries
-        if entry.is_dir()
-        for file in entry.rglob("*.mo")
-        for folder in file.parents
-        if folder.is_relative_to(entry)
-    }
-    return [folder for folder in folders if not (folder / "package.mo").is_file()]
+    found: set[Path] = set()
+    for folder in {Path(entry.path).parent for entry in _modelica_files(library)}:
+        while folder not in found and folder != library.parent:
+            found.add(folder)
+            folder = folder.parent
+    return [folder for folder in found if not (folder / "package.mo").is_file()]
 
 
-def _has_mark(file: Path) -> bool:
+def _has_mark(file: str) -> bool:
     try:
-        with file.open("rb") as opened:
+        with open(file, "rb") as opened:
             return opened.read(3) == BYTE_ORDER_MARK
-    except OSError:  # a link to nowhere: the compiler says what it thinks of it
+    except OSError:
         return False
 
 
-def stamp(folders: Iterable[Path]) -> str:
-    """A fingerprint of the names, sizes and times of all .mo files."""
+def stamp(entries: Iterable[Path]) -> str:
+    """A fingerprint of the names, sizes and times of files, and of all .mo files of folders."""
     digest = hashlib.sha256()
-    for folder in folders:
-        for file in _modelica_files(folder):
-            try:
-                status = file.stat()
-            except OSError:
-                continue
-            digest.update(f"{file}\0{status.st_size}\0{status.st_mtime_ns}\n".encode())
+    for path in entries:
+        with contextlib.suppress(OSError):
+            for file in [path] if path.is_file() else _modelica_files(path):
+                with contextlib.suppress(OSError):
+                    status = file.stat()
+                    digest.update(f"{os.fspath(file)}\0{status.st_size}\0{status.st_mtime_ns}\n".encode())
     return digest.hexdigest()
 
 
@@ -246,6 +262,8 @@ def _copied(entries: Sequence[Path], origins: dict[str, Path]) -> Path:
         for entry in entries:
             _copy_library(entry, draft / _library(entry)[0])
         put_in_place(draft, root)
+        forget_unused(root.parent, MOST_KEPT)
+    was_used(root)
     return root
 
 
@@ -254,8 +272,9 @@ def _copy_library(source: Path, target: Path) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         target.with_suffix(".mo").write_bytes(source.read_bytes().removeprefix(BYTE_ORDER_MARK))
         return
-    strays = _stray_folders([source])
-    for file in [*_modelica_files(source), *source.rglob("package.order")]:
+    strays = _stray_folders(source)
+    files = [Path(entry.path) for entry in _modelica_files(source)]
+    for file in [*files, *source.rglob("package.order")]:
         if any(file.is_relative_to(stray) for stray in strays):
             continue
         place = target / file.relative_to(source)

@@ -22,7 +22,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 
-from daest.cache import cache_folder, is_whole, put_whole
+from daest.cache import cache_folder, forget_unused, is_whole, put_whole, was_used
 from daest.errors import FmuError
 from daest.litter import passing_folder, removed_at_the_end, run_program
 
@@ -37,6 +37,8 @@ ASKED_LINES, OPTIMISED_LINES = 12_000, 40_000
 EFFORT_VARIABLE, EFFORTS = "DAEST_COMPILER_EFFORT", ("-O0", "-O1", "-O2", "-O3")
 # Longer code is not compiled: it would take minutes and gigabytes.
 MOST_LINES = 400_000
+# Compiled libraries that are kept; those that were not used for longest leave.
+MOST_KEPT = 3000
 # A compilation of more lines than this takes seconds and is told.
 TOLD_LINES = 6_000
 
@@ -195,6 +197,7 @@ def build_shared(
     folder = cache_folder() / "compiled" / key
     library = folder / f"{name}{where.suffix}"
     if is_whole(library):
+        was_used(folder)
         return library
     n_lines = sum(text.count("\n") for text in texts.values())
     if n_lines > TOLD_LINES:
@@ -206,6 +209,7 @@ def build_shared(
             (work / file_name).write_text(text, encoding="utf-8")
         built = _compile(compiler, where, flags, work, name)
         put_whole(built, library)
+    forget_unused(folder.parent, MOST_KEPT)
     return library
 
 
