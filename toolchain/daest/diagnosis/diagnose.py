@@ -83,7 +83,7 @@ IN_VAIN: dict[Hold, str] = {
     "zoh": "nothing was accepted: once more with inputs that are held between the samples",
     "foh": "nothing was accepted: once more with inputs that run straight between the samples",
 }
-FIRST_TRIALS = 2  # are refitted in any case
+FIRST_TRIALS = 2  # are refitted in any case, one after the other
 MOST_PLACES = 5  # that the sensors see alike, where a refit is tried again
 ITERATIONS = 15  # of the simulation's fit from which one is tried again
 REFIT_SECONDS = 3.0  # times that of the model as it is: a refit has more parameters, and is judged besides
@@ -448,14 +448,14 @@ def fed(experiments: Sequence[Experiment], candidate: Candidate) -> tuple[Experi
 
 @dataclass(frozen=True)
 class _Search:
-    """What every refit of a round needs; `hopeless` is the log-likelihood below which none is pursued."""
+    """What every refit of a round needs; the `leader` is the best supported candidate of the stages before."""
 
     stand: Stand
     run: NullObserver
     load: SmoothedLoad | None
     form: FreeForm | None
     n_screened: int
-    hopeless: float = -np.inf
+    leader: Proof | None = None
 
 
 def _refitted(search: _Search, prepared: Prepared) -> Proof:
@@ -544,7 +544,7 @@ def _proved(search: _Search, prepared: Prepared) -> Proof:
         search.run,
         search.load,
         search.n_screened,
-        search.hopeless,
+        search.leader,
         search.form,
         stand.reference,
     )
@@ -598,10 +598,7 @@ class _Stages:
     ) -> tuple[list[Proof], list[Any]]:
         """Proofs of the candidates that can be refitted, and the results of the tasks `beside` them. What
         cannot be refitted is put down in `failed`."""
-        supported = [p.fit.log_likelihood for p in before if p.verdict == "supported"]
-        search = replace(
-            self.search, hopeless=max(supported, default=-np.inf) - GATES.hopeless_log_likelihood
-        )
+        search = replace(self.search, leader=_leader(before))
         keeper = self.options.keeper
         known = {i: p for i, one in enumerate(stage) if keeper and (p := keeper.found(one))}
         missing = [i for i in range(len(stage)) if i not in known]
@@ -621,6 +618,12 @@ class _Stages:
             else:
                 known[i] = outcome.get()
         return [known[i] for i in sorted(known)], [outcome.get() for outcome in outcomes[: len(beside)]]
+
+
+def _leader(proofs: Sequence[Proof]) -> Proof | None:
+    """The most likely candidate that is supported."""
+    supported = [p for p in proofs if p.verdict == "supported"]
+    return max(supported, key=lambda p: p.fit.log_likelihood, default=None)
 
 
 def _proofs(
@@ -643,7 +646,8 @@ def _proofs(
         stages = _Stages(_Search(stand, run, load, form, found.n_screened), pool, options, progress)
         chosen = stages.prepared(wanted[: options.most_trials])
         first = partial(_dynamic, null, candidates)
-        proofs, (dynamic,) = stages.proved([*stages.prepared(given), *chosen[:FIRST_TRIALS]], (), [first])
+        proofs, (dynamic,) = stages.proved([*stages.prepared(given), *chosen[:1]], (), [first])
+        proofs += stages.proved(chosen[1:FIRST_TRIALS], proofs)[0]
         proofs = stages.proved(dynamic, proofs)[0] + proofs
         best = best_accepted(ranked(proofs))
         rest = [p for p in chosen[FIRST_TRIALS:] if could_compete(p.trial, best, found)]

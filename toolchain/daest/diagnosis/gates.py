@@ -129,6 +129,13 @@ class Gates(Thresholds):
         "below the best accepted candidate, at which a refit is not pursued",
         JUDGEMENT,
     )
+    clear_unseen_error: float = gate(
+        0.1,
+        "share",
+        "by which a candidate so far below simulates an output of unseen data worse, after a first pass, to be "
+        "no rival",
+        JUDGEMENT,
+    )
     same_bic: float = gate(
         6.0,
         "BIC",

@@ -203,24 +203,26 @@ def _fit_from(loaded: FlatModel, experiments: Sequence[Experiment], hold: Hold) 
     times = [p.name for p in loaded.parameters if p.name.startswith("load_")]
     bounds = dict.fromkeys(times, _time_constants(experiments))
     physical = tuple(p.name for p in loaded.parameters if p.estimate)
+    # What is missing colours the residuals: other starts would be tried in vain.
+    given = IdentifyOptions(method="pem", hold=hold, second_look=False)
     try:
-        options = IdentifyOptions(method="pem", estimate=(*physical, *bounds), bounds=bounds, hold=hold)
+        options = replace(given, estimate=(*physical, *bounds), bounds=bounds)
         return identify(loaded, experiments, options)
     except EstimationError as error:
         if not str(error.where).startswith("load_"):
             raise
         # Nothing in the data tells the time constants apart: the most likely of a few.
-        return _with_given_time_constants(loaded, physical, experiments, hold)
+        return _with_given_time_constants(loaded, physical, experiments, given)
 
 
 def _with_given_time_constants(
-    loaded: FlatModel, physical: tuple[str, ...], experiments: Sequence[Experiment], hold: Hold
+    loaded: FlatModel, physical: tuple[str, ...], experiments: Sequence[Experiment], given: IdentifyOptions
 ) -> FitResult:
     fits = []
     for periods in GIVEN_LOADS:
         T = min(periods * period_of(experiments), _time_constants(experiments)[1])
         fixed = {p.name: T for p in loaded.parameters if p.name.startswith("load_")}
-        options = IdentifyOptions(method="pem", estimate=physical, fix=fixed, hold=hold)
+        options = replace(given, estimate=physical, fix=fixed)
         fits.append(identify(loaded, experiments, options))
     return max(fits, key=lambda fit: fit.log_likelihood)
 

@@ -237,12 +237,13 @@ def prove(
     run: NullObserver,
     load: SmoothedLoad | None,
     n_screened: int = 1,
-    hopeless: float = -np.inf,
+    leader: Proof | None = None,
     form: FreeForm | None = None,
     reference: Reference | None = None,
 ) -> Proof:
     """Refit one candidate and judge it against the null refitted the same way, and by unseen data against the
-    `reference`.
+    `reference`. The `leader` is the best supported candidate so far: one that is far behind it, and does not
+    simulate unseen data better, is judged in brief.
 
     `run` is the null's observer, `load` its largest load and `form` the curve that it follows best;
     `experiments` are the null's with the signals that the effect needs; `n_screened` candidates were
@@ -250,6 +251,7 @@ def prove(
     """
     explicit = reduce_index(prepared.flat)
     fed = replace(null, experiments=tuple(experiments))
+    hopeless = least_hope(leader)
     refit = _refit(fed, prepared, explicit, hopeless, null_fit.log_likelihood)
     fit = refit.fit
     gain = fit.log_likelihood - null_fit.log_likelihood
@@ -266,6 +268,8 @@ def prove(
     ahead: tuple[Ahead, ...] = ()
     told = Confirmed()
     is_open = is_curve = is_told = False
+    if not reason and leader is not None and fit.log_likelihood < hopeless:
+        final, ahead, reason = _in_brief(fed, refit, prepared, explicit, validation, leader, reference)
     if not reason:
         after = after or run_null(with_effect)
         if reference is not None and validation:
@@ -282,7 +286,7 @@ def prove(
         reason = against or _weak(prepared, fit)
         if not reason and not is_curve and not is_told:
             reason = _unexplained(explained, ratios)
-    else:
+    elif final is None:
         fit = refit.simulated(validation)
     left = None if reason else _left(null, with_effect, after or run_null(with_effect))
     if left is not None:
@@ -311,6 +315,46 @@ def prove(
         confirmed=told,
         adds_up=reference is not None and reference.adds_up,
     )
+
+
+def least_hope(leader: Proof | None) -> float:
+    """The log-likelihood below which the refit of another candidate is not pursued."""
+    return -np.inf if leader is None else leader.fit.log_likelihood - GATES.hopeless_log_likelihood
+
+
+def _in_brief(
+    null: Null,
+    refit: Refit,
+    prepared: Prepared,
+    explicit: ExplicitModel,
+    validation: Sequence[Experiment],
+    leader: Proof,
+    reference: Reference | None,
+) -> tuple[FitResult | None, tuple[Ahead, ...], str]:
+    """A first pass without coloured loads, what it does to the prediction of unseen data, and why a candidate
+    that is far less likely than the `leader` is no rival of it by unseen data either (`_unseen_ratio`); None
+    and empty where it may be one."""
+    if reference is None or not validation:
+        return None, (), ""
+    found = settled(null, refit.fit, prepared.flat, explicit, null.experiments, validation, is_rough=True)
+    if found is None:
+        return None, (), ""
+    rough, observer = found
+    ahead: tuple[Ahead, ...] = ()
+    if leader.adds_up:
+        ahead = compared(reference.foreseen, foreseen(observer, validation), period_of(null.experiments))
+        errors = [{a.samples: a.ratio for a in part} for part in (leader.ahead, ahead)]
+        horizon = max(set(errors[0]) & set(errors[1]), default=None)
+        may_be_rival = horizon is None or errors[1][horizon] < errors[0][horizon]
+    else:
+        ratios = error_ratios(leader.told.simulated, rough.simulated)
+        is_worse_in_one = max(ratios, default=0.0) > 1.0 + GATES.clear_unseen_error
+        may_be_rival = not ratios or (not is_worse_in_one and np.mean(np.square(ratios)) < 1.0)
+    if may_be_rival:
+        return None, (), ""
+    behind = leader.fit.log_likelihood - refit.fit.log_likelihood
+    reason = f"{leader.candidate.label} explains the data far better (log-likelihood {behind:.0f})"
+    return rough, ahead, reason
 
 
 def _refit(

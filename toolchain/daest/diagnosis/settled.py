@@ -43,10 +43,12 @@ def settled(
     explicit: ExplicitModel,
     experiments: Sequence[Experiment],
     validation: Sequence[Experiment],
+    *,
+    is_rough: bool = False,
 ) -> tuple[FitResult, NullObserver] | None:
     """The fit of `flat`, a model that contains the null's loads and has the dynamics `explicit`, with white
     loads in their place, started from `fit`; and its observer over the experiments. None where no search
-    from there succeeds."""
+    from there succeeds. A rough one ends with the first pass of its search."""
     names = tuple(p.name for p in fit.parameters)
     times = {f"{load.name}.T": shortest_load(null.experiments) for load in null.loads}
     started = flat.with_theta({**fit.theta, **times})
@@ -54,10 +56,10 @@ def settled(
     found: Refit | None = None
     for _ in range(1 + SECOND_CHANCES):
         try:
-            found = _fit(null, started, explicit, names, experiments, found.fit if found else None)
+            found = _fit(null, started, explicit, names, experiments, found.fit if found else None, is_rough)
         except FAILURES:
             return None
-        if found.fit.status != "iteration limit":
+        if is_rough or found.fit.status != "iteration limit":
             break
     assert found is not None
     run = run_null(grown(null, started, explicit, found.fit, experiments))
@@ -143,6 +145,7 @@ def _fit(
     names: Sequence[str],
     experiments: Sequence[Experiment],
     before: FitResult | None,
+    is_rough: bool,
 ) -> Refit:
     known = {p.name: p for p in flat.parameters}
     start = {name: known[name].value if before is None else before.theta[name] for name in names}
@@ -164,7 +167,14 @@ def _fit(
         experiments,
         np.array([w.name in levels for w in flat.noises], dtype=bool),
         IdentifyOptions(hold=null.hold, max_iterations=ITERATIONS),
-        WarmStart(intensity, std, states, at_rest=tuple(load.name for load in null.loads), shares=(1.0,)),
+        WarmStart(
+            intensity,
+            std,
+            states,
+            at_rest=tuple(load.name for load in null.loads),
+            hopeless=np.inf if is_rough else -np.inf,
+            shares=(1.0,),
+        ),
     )
 
 

@@ -263,12 +263,24 @@ def _ends_alike(one: Pair, other: Pair) -> bool:
 
 def _simulated_from(setup: Setup, problem: Problem, z: np.ndarray) -> Found | None:
     """The end of the output-error search: the whole search, or where that of the likelihood begins."""
-    simulation, unknowns = objective(problem), problem.unknowns
+    unknowns = problem.unknowns
     if setup.method == "oe":
-        most = setup.options.max_iterations
-        search = Search(simulation, unknowns, unknowns.lower, unknowns.upper, unknowns.start, most)
-        return best_point(search, [z])
-    return minimise(simulation, z, unknowns.lower, unknowns.upper, SIMULATION_ITERATIONS)
+        return best_point(_searched(setup, problem, unknowns.start), [z])
+    return minimise(objective(problem), z, unknowns.lower, unknowns.upper, SIMULATION_ITERATIONS)
+
+
+def _searched(setup: Setup, problem: Problem, home: np.ndarray) -> Search:
+    """The search over the unknowns of `problem`. Without a second look it believes the parabola at its end."""
+    unknowns, options = problem.unknowns, setup.options
+    return Search(
+        objective(problem),
+        unknowns,
+        unknowns.lower,
+        unknowns.upper,
+        home,
+        options.max_iterations,
+        trusts_parabola=not options.second_look,
+    )
 
 
 def _search_from(setup: Setup, simulation: Problem, z: np.ndarray, simulated: Found | None) -> Pair:
@@ -283,9 +295,7 @@ def _search_from(setup: Setup, simulation: Problem, z: np.ndarray, simulated: Fo
     unknowns = noisy.unknowns
     given = setup.unknowns.start
     home = np.concatenate([given, unknowns.start[given.size :]])
-    search = Search(
-        objective(noisy), unknowns, unknowns.lower, unknowns.upper, home, setup.options.max_iterations
-    )
+    search = _searched(setup, noisy, home)
 
     def is_doubtful(found: Found) -> bool:
         return _is_doubtful((noisy, found), FIT.suspicious_level)
