@@ -12,6 +12,7 @@ from daest.diagnosis.candidates import pairs
 from daest.diagnosis.diagnose import _with_second_tries, begin, reference_of
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.free_forms import covers, free_forms
+from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import grown
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.proof import (
@@ -47,7 +48,7 @@ def screened():
 
 
 @cache
-def proved(name="CoulombFriction"):
+def proved(name="CoulombFriction", lead=None):
     stand = rubbing()
     trial = next(t for t in trials(screened(), 1.0, 5) if t.candidate.effect.name == name)
     prepared = prepare(stand.null.flat, stand.null.estimated, trial)
@@ -61,8 +62,26 @@ def proved(name="CoulombFriction"):
         run,
         smoothed_load(stand.null, run, place_gains(stand.null, run)),
         screened().n_screened,
+        leader=None if lead is None else further_ahead(proved()[1], lead),
         reference=stand.reference,
     )
+
+
+def further_ahead(proof, lead):
+    fit = replace(proof.fit, log_likelihood=proof.fit.log_likelihood + lead)
+    return replace(proof, fit=fit, ahead=tuple(replace(a, ratio=0.5 * a.ratio) for a in proof.ahead))
+
+
+def test_candidate_far_behind_a_supported_one_is_judged_after_a_first_pass():
+    lead = 2.0 * GATES.hopeless_log_likelihood
+    (_, full), (_, brief) = proved(), proved("CoulombFriction", lead)
+    behind = full.fit.log_likelihood + lead - brief.fit.log_likelihood
+    assert brief.verdict == "rejected" and not brief.is_open and brief.left is None
+    assert brief.reason == (
+        f"{full.candidate.label} explains the data far better (log-likelihood {behind:.0f})"
+    )
+    before, after = (p.final.theta[f"{p.candidate.name}.tau_c"] for p in (full, brief))
+    assert after == pytest.approx(before, rel=0.02)
 
 
 def test_size_of_coulomb_friction_and_parameters_are_right():

@@ -448,7 +448,7 @@ def fed(experiments: Sequence[Experiment], candidate: Candidate) -> tuple[Experi
 
 @dataclass(frozen=True)
 class _Search:
-    """What every refit of a round needs; the `leader` is the best supported candidate of the stages before."""
+    """What every refit of a round needs; the `leader` is the best supported candidate of earlier stages."""
 
     stand: Stand
     run: NullObserver

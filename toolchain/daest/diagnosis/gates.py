@@ -132,8 +132,7 @@ class Gates(Thresholds):
     clear_unseen_error: float = gate(
         0.1,
         "share",
-        "by which a candidate so far below simulates an output of unseen data worse, after a first pass, to be "
-        "no rival",
+        "by which a candidate so far below must simulate an output of unseen data worse to be no rival",
         JUDGEMENT,
     )
     same_bic: float = gate(

@@ -349,7 +349,7 @@ def _in_brief(
     else:
         ratios = error_ratios(leader.told.simulated, rough.simulated)
         is_worse_in_one = max(ratios, default=0.0) > 1.0 + GATES.clear_unseen_error
-        may_be_rival = not ratios or (not is_worse_in_one and np.mean(np.square(ratios)) < 1.0)
+        may_be_rival = not ratios or (not is_worse_in_one and float(np.mean(np.square(ratios))) < 1.0)
     if may_be_rival:
         return None, (), ""
     behind = leader.fit.log_likelihood - refit.fit.log_likelihood

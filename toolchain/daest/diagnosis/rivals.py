@@ -21,11 +21,11 @@ from daest.diagnosis.proof import SHARPER, Prepared, Trial
 from daest.diagnosis.screen import NullObserver
 from daest.errors import DaestError
 from daest.estimation.coordinates import Unknowns
-from daest.estimation.identify import identify
+from daest.estimation.identify import searched
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.diagnosis import Candidate, Proof, Screen
 from daest.model.effects import Effect
-from daest.model.fit import FitResult, IdentifyOptions
+from daest.model.fit import IdentifyOptions
 from daest.model.flat import with_equations
 from daest.modelica.attach import attach
 from daest.systems.integrate import integrator
@@ -42,6 +42,8 @@ FIRST_GAIN = 1.0  # ... where it has gained more than this in log-likelihood
 START_SHARES = (1.0, 30.0)  # of the library's start value, for sizes whose scale the machine decides
 RTOL = 1e-4
 
+Simulation = tuple[float, dict[str, float]]  # log-likelihood and all parameters of a fit by simulation
+
 
 def dynamic_trials(null: Null, candidates: Sequence[Candidate]) -> tuple[Prepared, ...]:
     """The dynamic effects that improve the simulation most, started from their output-error fits. Only for
@@ -54,7 +56,7 @@ def dynamic_trials(null: Null, candidates: Sequence[Candidate]) -> tuple[Prepare
     simulation = _best_simulation(null)
     if simulation is None:
         return ()
-    nominal = simulation.log_likelihood
+    nominal = simulation[0]
     found: list[tuple[float, Prepared]] = []
     for candidate in candidates:
         if not candidate.effect.is_dynamic or candidate.inputs:
@@ -78,7 +80,7 @@ def _is_same(value: float, prepared: Prepared, other: tuple[float, Prepared]) ->
     return effects[0] == effects[1] and abs(value - other[0]) < GATES.same_fit
 
 
-def _best_dynamic(null: Null, candidate: Candidate, simulation: FitResult) -> tuple[float, Prepared] | None:
+def _best_dynamic(null: Null, candidate: Candidate, simulation: Simulation) -> tuple[float, Prepared] | None:
     effect, names = candidate.effect, (*null.estimated, *_own(candidate))
     try:
         flat = attach(null.flat, effect, candidate.site, candidate.name, _sizes(effect, 1.0))
@@ -88,21 +90,26 @@ def _best_dynamic(null: Null, candidate: Candidate, simulation: FitResult) -> tu
         family = state_space_family(explicit)
     except DaestError:
         return None
-    options, first = _options(null, names), []
+    (nominal, known), options, first = simulation, _options(null, names), []
     for share in START_SHARES:
-        start = {name: simulation.theta[name] for name in null.estimated}
+        start = {name: known[name] for name in null.estimated}
         start |= {f"{candidate.name}.{name}": size for name, size in _sizes(effect, share).items()}
         with suppress(DaestError):
             short = replace(options, start=start, max_iterations=FIRST_ITERATIONS)
-            first.append(identify(family, null.experiments, short))
-    best = max(first, key=lambda fit: fit.log_likelihood, default=None)
-    if best is None or best.log_likelihood - simulation.log_likelihood < FIRST_GAIN:
+            first.append(searched(family, null.experiments, short))
+    best = max(first, key=_likelihood, default=None)
+    if best is None or best[0] - nominal < FIRST_GAIN:
         return None
     with suppress(DaestError):
-        fit = identify(family, null.experiments, replace(options, start={n: best.theta[n] for n in names}))
-        best = max(best, fit, key=lambda fit: fit.log_likelihood)
-    values = tuple(best.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
-    return best.log_likelihood, Prepared(Trial(candidate, values, ()), flat.with_theta(best.theta), names)
+        further = replace(options, start={n: best[1][n] for n in names})
+        best = max(best, searched(family, null.experiments, further), key=_likelihood)
+    value, theta = best
+    values = tuple(theta[f"{candidate.name}.{p.name}"] for p in effect.sizes)
+    return value, Prepared(Trial(candidate, values, ()), flat.with_theta(theta), names)
+
+
+def _likelihood(found: Simulation) -> float:
+    return found[0]
 
 
 def _sizes(effect: Effect, share: float) -> dict[str, float]:
@@ -119,18 +126,16 @@ def _options(null: Null, names: Sequence[str]) -> IdentifyOptions:
     )
 
 
-def _best_simulation(null: Null) -> FitResult | None:
+def _best_simulation(null: Null) -> Simulation | None:
     """The better of two fits of the model as it is by simulation, from the null's parameters and from those
     that its search began with; None where neither succeeds."""
     begun = {p.name: p.initial for p in null.fit.parameters if p.name in null.estimated}
-    found = []
+    family, found = state_space_family(null.explicit), []
     for start in ({}, begun):
-        try:
+        with suppress(DaestError):
             options = replace(_options(null, null.estimated), start=start)
-            found.append(identify(null.flat, null.experiments, options))
-        except DaestError:
-            continue
-    return max(found, key=lambda fit: fit.log_likelihood, default=None)
+            found.append(searched(family, null.experiments, options))
+    return max(found, key=_likelihood, default=None)
 
 
 def _own(candidate: Candidate) -> tuple[str, ...]:

@@ -172,8 +172,8 @@ def _fit(
             std,
             states,
             at_rest=tuple(load.name for load in null.loads),
-            hopeless=np.inf if is_rough else -np.inf,
             shares=(1.0,),
+            is_rough=is_rough,
         ),
     )
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from daest.estimation.checks import check_jumps
+from daest.estimation.coordinates import log_likelihood
 from daest.estimation.ekf_likelihood import identify_by_ekf
 from daest.estimation.identify_nonlinear import identify_nonlinear
 from daest.estimation.linear_fit import linear_ends
@@ -53,6 +54,19 @@ def identify(
     notes = (*([] if family.is_affine else [LINEARISED]), *setup.notes)
     setup = replace(setup, notes=(*notes, *([ELIMINATED] if setup.options.shooting else [])))
     return fit_result(setup, linear_ends(family, setup, tell), tell, began)
+
+
+def searched(
+    family: StateSpaceFamily, experiments: Sequence[Experiment], options: IdentifyOptions
+) -> tuple[float, dict[str, float]]:
+    """The log-likelihood and all parameters at the end of the search of `identify` for a linear model: no
+    uncertainty, no agreement. Raises as `identify`."""
+    setup = setup_of(family, experiments, (), options)
+    ends = linear_ends(family, setup, silent)
+    unknowns, best = ends.problem.unknowns, ends.found[0]
+    theta = unknowns.values(best.z)[0]
+    names = (p.name for p in family.parameters)
+    return log_likelihood(unknowns, best), dict(zip(names, theta.tolist(), strict=True))
 
 
 def _nonlinear_fit(model: Model, setup: Setup, tell: Tell, began: float) -> FitResult:

@@ -63,7 +63,7 @@ class WarmStart:
     the initial state of every experiment by state name. A first pass that ends below the log-likelihood
     `hopeless` is the last. The simulations that validate begin with the states `at_rest` at zero: they stand
     for noise. `shares` of the intensity are started from: what the similar model called noise may now be
-    explained, so that next to none is the other start."""
+    explained, so that next to none is the other start. A search that `is_rough` ends with its first pass."""
 
     intensity: np.ndarray  # (n_w,)
     measurement_std: np.ndarray  # (n_y,)
@@ -71,6 +71,7 @@ class WarmStart:
     at_rest: tuple[str, ...] = ()
     hopeless: float = -np.inf
     shares: tuple[float, ...] = (1.0, FIT.explained_noise)
+    is_rough: bool = False
 
     @property
     def levels(self) -> Levels:
@@ -168,6 +169,8 @@ def _search_on(setup: Setup, problem: TrajectoryProblem, warm: WarmStart) -> End
     if not ends:
         raise no_start()
     best = min(ends, key=lambda e: e.found.evaluation.value)
+    if warm.is_rough:
+        return best
     is_hopeful = -best.found.evaluation.value > warm.hopeless
     for number in range(WARM_ROUNDS if is_hopeful else 0):
         average = average_along(best.problem, best.found.z)

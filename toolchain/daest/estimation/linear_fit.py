@@ -270,7 +270,7 @@ def _simulated_from(setup: Setup, problem: Problem, z: np.ndarray) -> Found | No
 
 
 def _searched(setup: Setup, problem: Problem, home: np.ndarray) -> Search:
-    """The search over the unknowns of `problem`. Without a second look it believes the parabola at its end."""
+    """The search over the unknowns of `problem`. Without a second look it trusts its parabola."""
     unknowns, options = problem.unknowns, setup.options
     return Search(
         objective(problem),

@@ -36,9 +36,9 @@ class IdentifyOptions:
     takes the better one. `starts` searches from that many start points, seeded by `seed`, in `jobs` processes
     where that is worth while, or on the Dask `cluster` at an address, with the same result; without
     `second_look` a fit that leaves coloured residuals is not tried again from elsewhere, hills beside its end
-    are looked over only where they show, and the ends of its intervals are not looked at. `likelihood` is that
-    of the one-step predictions of a nonlinear model ("pem"): by an observer with a constant gain, or by the
-    extended Kalman filter, which suits smooth models and estimates the noise exactly. `split` in (0, 1)
+    are looked over only where they show, and the ends of its intervals are not looked at. `likelihood` is
+    that of the one-step predictions of a nonlinear model ("pem"): by an observer with a constant gain, or by
+    the extended Kalman filter, which suits smooth models and estimates the noise exactly. `split` in (0, 1)
     keeps that first part of every experiment for the estimation and the rest for the validation. `profile`
     names parameters whose profile likelihood is wanted, ("all",) every estimated one; the gain of an observer
     is held in it.

@@ -198,11 +198,12 @@ def _of_equations(
         root, owners = functions.roots()
         events = functions, owners
     if compiled:
-        driven = rhs, sens, out
-        if explicit.near is not None and events is None:
-            driven = _near_functions(explicit, explicit.near, tuple(names))
+        near = explicit.near if events is None else None
+        driven = (rhs, sens, out) if near is None else _near_functions(explicit, near, tuple(names))
         try:
-            library = _compile(*driven, hold, root, bend, "-O1" if runs_once else "-O3")
+            library = _compile(
+                _rates_alone(explicit, near), *driven, hold, root, bend, "-O1" if runs_once else "-O3"
+            )
         except FmuError as error:
             if error.code != "no-c-compiler":
                 raise
@@ -314,6 +315,21 @@ def _near_functions(
     return parts[0], parts[1], parts[2]
 
 
+def _rates_alone(explicit: ExplicitModel, near: tuple[ca.Function, ca.Function] | None) -> ca.Function:
+    """(x, ū, theta, t) -> f, which most evaluations of an implicit step ask for; of a model whose loops are
+    solved from a guess (x, ū, theta, t, guess) -> f, tears."""
+    kind: Any = ca.SX if explicit.is_symbolic and near is None else ca.MX
+    n_u, n_v, n_w, n_theta = (explicit.rhs.numel_in(i) for i in (1, 2, 3, 4))
+    x, ubar = kind.sym("x", explicit.n_states), kind.sym("u", n_u + n_v)
+    theta, t = kind.sym("theta", n_theta), kind.sym("t")
+    at = (x, ubar[:n_u], ubar[n_u:], kind.zeros(n_w), theta, t)
+    if near is None:
+        return ca.Function("daest_rate", [x, ubar, theta, t], [ca.densify(explicit.rhs(*at))])
+    guess = ca.MX.sym("guess", near[0].numel_in(6))
+    f, tears = near[0](*at, guess)
+    return ca.Function("daest_rate", [x, ubar, theta, t, guess], [ca.densify(f), tears])
+
+
 def _slopes_alone(rhs: ca.Function) -> ca.Function:
     """(x, ū, theta, t) -> ∂f/∂x and no columns: the code of `rhs` is not written twice."""
     arguments = rhs.mx_in()
@@ -322,6 +338,7 @@ def _slopes_alone(rhs: ca.Function) -> ca.Function:
 
 
 def _compile(
+    rate: ca.Function,
     rhs: ca.Function,
     sens: ca.Function,
     out: ca.Function,
@@ -333,7 +350,7 @@ def _compile(
     if root is not None and not root.numel_out(0):
         root = None
     generator = ca.CodeGenerator("model.c")
-    for function in (rhs, sens, out, hold, root, bend):
+    for function in (rate, rhs, sens, out, hold, root, bend):
         if function is not None:
             generator.add(function)
     constants = [
@@ -346,7 +363,14 @@ def _compile(
         ("NR", 0 if root is None else root.numel_out(0)),
         ("BENT", int(bend is not None)),
     ]
-    every: dict[str, ca.Function | None] = {"RHS": rhs, "SENS": sens, "OUT": out, "HOLD": hold, "ROOT": root}
+    every: dict[str, ca.Function | None] = {
+        "RATE": rate,
+        "RHS": rhs,
+        "SENS": sens,
+        "OUT": out,
+        "HOLD": hold,
+        "ROOT": root,
+    }
     every |= {} if bend is None else {"BEND": bend}
     for prefix, part in every.items():
         sizes = [0 if part is None else getattr(part, f"sz_{work}")() for work in _WORK]
