@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 
 from daest.machine import described
-from daest.model.simulation import Simulation
+from daest.model.experiment import Simulation
 
 LIMIT = 600  # seconds a model
 SAMPLES, SPAN = 51, 1.0  # of the simulation, in seconds

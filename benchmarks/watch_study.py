@@ -31,9 +31,8 @@ from daest.estimation.change import Usual, threshold_for
 from daest.estimation.online_filter import online_filter
 from daest.estimation.watch import QUIET, Watch
 from daest.machine import described
-from daest.model.estimates import FilterOptions
+from daest.model.estimates import FilterOptions, Sample
 from daest.model.experiment import Experiment
-from daest.model.stream import Sample
 from daest.modelica.compile import compile_model
 from daest.modelica.effects import effect_library
 from daest.numerics.compiler import build_shared

@@ -11,7 +11,7 @@ from daest.cli.options import DataOptions, listed_names
 from daest.data.project import load_project
 from daest.data.read import READERS
 from daest.errors import ConfigError, EstimationError, ModelError
-from daest.model.prior import Prior
+from daest.model.parts import Prior
 from daest.modelica.compile import compile_model
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from daest.data.project import ParameterSetting, load_project
 from daest.errors import ConfigError
-from daest.model.prior import Prior
+from daest.model.parts import Prior
 
 FULL = """\
 [model]

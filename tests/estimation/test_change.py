@@ -15,7 +15,7 @@ from daest.estimation.change import (
     usual_of,
 )
 from daest.estimation.watch import QUIET, Watch
-from daest.model.stream import Estimate
+from daest.model.estimates import Estimate
 
 THRESHOLD_OF_TWO = 9.57  # nats: of two outputs and 30 000 samples between false alarms
 

@@ -8,7 +8,7 @@ import pytest
 from nonlinear_models import experiment_of, friction_servo, oscillator, setup_of
 from scipy.stats import chi2
 
-from daest.estimation.coordinates import Coordinate, Unknowns
+from daest.estimation.coordinates import Coordinate, Unknowns, objective
 from daest.estimation.ekf_likelihood import (
     EkfProblem,
     identify_by_ekf,
@@ -16,7 +16,6 @@ from daest.estimation.ekf_likelihood import (
 )
 from daest.estimation.filter_task import record
 from daest.estimation.gates import FIT
-from daest.estimation.gaussian import objective
 from daest.estimation.identify_nonlinear import identify_nonlinear
 from daest.model.fit import IdentifyOptions
 from daest.systems.local_linear import local_model

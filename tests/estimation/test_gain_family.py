@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from nonlinear_models import experiment_of, oscillator
 
-from daest.estimation.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.coordinates import Unknowns, objective, parameter_coordinate
 from daest.estimation.gain_family import Levels, gain_family
-from daest.estimation.gaussian import objective
 from daest.estimation.noise_levels import average_along
 from daest.estimation.observer import observer
 from daest.estimation.trajectories import TrajectoryProblem

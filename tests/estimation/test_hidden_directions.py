@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from daest.estimation import stationary
-from daest.estimation.coordinates import Coordinate, Unknowns, parameter_coordinate
-from daest.estimation.gaussian import objective
+from daest.estimation.coordinates import Coordinate, Unknowns, objective, parameter_coordinate
 from daest.estimation.linear_predictors import Problem
 from daest.estimation.observer import AverageModel, observer
 from daest.estimation.records import make_record

@@ -12,7 +12,7 @@ from dense_gaussian import DenseRecord
 from scipy.integrate import solve_ivp
 
 from daest.estimation.coordinates import Coordinate, Unknowns, parameter_coordinate
-from daest.estimation.gaussian import objective as objective_of
+from daest.estimation.coordinates import objective as objective_of
 from daest.estimation.kalman import log_likelihood
 from daest.estimation.linear_predictors import Problem, predict, simulate
 from daest.estimation.predictor import NoiseLevels, _interpolation, recursion

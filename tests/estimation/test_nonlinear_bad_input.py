@@ -9,9 +9,8 @@ import pytest
 from nonlinear_models import experiment_of, explicit_from
 
 from daest.errors import DataError, EstimationError, ModelError, NumericalError
-from daest.estimation.coordinates import Coordinate, Unknowns
+from daest.estimation.coordinates import Coordinate, Unknowns, objective
 from daest.estimation.filter import run_filter
-from daest.estimation.gaussian import objective
 from daest.estimation.identify import identify
 from daest.estimation.search import minimise
 from daest.estimation.trajectories import TrajectoryProblem

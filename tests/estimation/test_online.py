@@ -11,9 +11,8 @@ from test_filter import random_dae
 from daest.estimation.filter import run_filter
 from daest.estimation.online_gaussian import online_gaussian
 from daest.estimation.online_kalman import online_kalman
-from daest.model.estimates import FilterOptions, InitialState
+from daest.model.estimates import FilterOptions, InitialState, Sample
 from daest.model.experiment import Experiment
-from daest.model.stream import Sample
 
 INTENSITY, STD = np.array([0.3, 0.2]), np.array([0.2, 0.4])
 KNOWN = InitialState.known(np.array([0.3, -0.2, 0.1]), 0.5)

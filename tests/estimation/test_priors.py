@@ -11,13 +11,13 @@ from nonlinear_models import experiment_of, explicit_from, oscillator, setup_of
 
 from daest.errors import EXPLANATIONS, EstimationError
 from daest.estimation.coordinates import Unknowns, coordinate_with_prior, parameter_coordinate, with_priors
-from daest.estimation.gaussian import objective as objective_of
+from daest.estimation.coordinates import objective as objective_of
 from daest.estimation.identify import identify
 from daest.estimation.identify_nonlinear import identify_nonlinear
 from daest.estimation.linear_predictors import Problem
 from daest.estimation.records import make_record
 from daest.model.fit import IdentifyOptions, NoiseChoice
-from daest.model.prior import Prior
+from daest.model.parts import Prior
 from daest.systems.sample import sample
 from daest.systems.simulate import simulate
 from daest.systems.state_space import state_space

@@ -7,8 +7,7 @@ import pytest
 from nonlinear_models import experiment_of, oscillator, time_grid
 from scipy.integrate import solve_ivp
 
-from daest.estimation.coordinates import Unknowns, parameter_coordinate
-from daest.estimation.gaussian import objective
+from daest.estimation.coordinates import Unknowns, objective, parameter_coordinate
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors, whitened
 from daest.systems.integrate import integrator
 

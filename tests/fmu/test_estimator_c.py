@@ -14,9 +14,8 @@ from daest.estimation.filter import run_filter
 from daest.estimation.online_filter import online_filter
 from daest.fmu.estimator_code import estimator_files
 from daest.fmu.estimator_nonlinear import arithmetic
-from daest.model.estimates import FilterOptions, InitialState
+from daest.model.estimates import FilterOptions, InitialState, Sample
 from daest.model.experiment import Experiment
-from daest.model.stream import Sample
 from daest.modelica.compile import compile_model
 
 COMPILER = shutil.which("gcc") or shutil.which("cc")

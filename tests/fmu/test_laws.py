@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from daest.errors import ModelError
 from daest.fmu import binary_form
 from daest.fmu.binary_model import binary_model
-from daest.fmu.laws import STEPS, Law
+from daest.fmu.drive import STEPS, Law
 from daest.fmu.outside import input_law, program_of, sensor_fault
 from daest.modelica.effects import effect_library, find_effect
 from daest.systems.integrate import Run

@@ -13,7 +13,7 @@ from daest.fmu import serialization
 from daest.fmu.export import export_fmu
 from daest.fmu.linearize import cross_check_fmu, linearize_fmu, matrices_apart
 from daest.fmu.load import symbolic_model
-from daest.fmu.portable import portable
+from daest.fmu.serialization import portable
 from daest.modelica.compile import compile_model
 from daest.systems.linearize import linearize
 

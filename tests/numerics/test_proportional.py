@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from daest.numerics.grouped import column, column_norms, product, ungrouped
 from daest.numerics.laurent import expand_at_infinity, inverse_columns
 from daest.numerics.proportional import proportional_rows
+from daest.numerics.sparse_columns import column, column_norms, product, ungrouped
 
 
 def constrained(seed: int, n_bodies: int = 6) -> tuple[sp.csr_array, sp.csr_array]:

@@ -11,20 +11,17 @@ import scipy.sparse as sp
 
 from daest.model.comparison import Comparison, Horizon, ModelTrial, ResidualTest
 from daest.model.estimates import FilterResult, NisSummary, OutputComparison, ProcessNoiseEstimate
-from daest.model.experiment import Experiment
+from daest.model.experiment import Experiment, Simulation
 from daest.model.fit import Agreement, FitResult, FittedParameter
 from daest.model.linear import LinearDAE
 from daest.model.noise import NoisePlace, NoiseReport
 from daest.model.parts import Equation, Variable
-from daest.model.simulation import Simulation
 from daest.report.comparison_figure import comparison_figure
 from daest.report.diagnosis_figures import staircase_figure
 from daest.report.figures import save, shown_range
-from daest.report.filter_figure import filter_figure
-from daest.report.fit_figure import fit_figure
 from daest.report.frequency_figure import linear_figure
 from daest.report.groups import component, grouped, owner, stretches
-from daest.report.simulation_figure import simulation_figure
+from daest.report.result_figures import filter_figure, fit_figure, simulation_figure
 from daest.report.structure_figure import noise_figure
 from daest.systems.transfer import TransferFunction
 

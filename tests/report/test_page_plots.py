@@ -7,7 +7,6 @@ import json
 import numpy as np
 import pytest
 
-from daest.report.page.modelica_text import added_lines, addition
 from daest.report.page.plots import (
     comparison_plots,
     filter_plot,
@@ -16,6 +15,7 @@ from daest.report.page.plots import (
     residual_plots,
     telling_window,
 )
+from daest.report.page.sections import added_lines, addition
 
 N = 200_000
 SPIKE = 123_457

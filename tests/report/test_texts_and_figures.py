@@ -6,9 +6,9 @@ import pytest
 from daest.model.comparison import Comparison, ModelTrial
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement
+from daest.report.arrays import csv_text
 from daest.report.comparison_figure import comparison_figure
 from daest.report.console import indented, listed, number, percent, rendered, table
-from daest.report.csv_text import csv_text
 from daest.report.documents import compare as documents
 from daest.report.figures import save
 from daest.report.texts import compare as texts

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daest.report.page.thinning import thinned
+from daest.report.page.plots import thinned
 
 
 @given(st.integers(0, 5000), st.integers(200, 2000), st.integers(0, 2**31))

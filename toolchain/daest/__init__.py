@@ -68,7 +68,7 @@ _PUBLIC = {
     "resample": "daest.data.prepare",
     # estimates
     "IdentifyOptions": "daest.model.fit",
-    "Prior": "daest.model.prior",
+    "Prior": "daest.model.parts",
     "identify": "daest.front",
     "fitted_model": "daest.estimation.fitted",
     "InitialState": "daest.model.estimates",

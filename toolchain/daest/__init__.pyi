@@ -28,7 +28,7 @@ from daest.model.estimates import FilterOptions as FilterOptions
 from daest.model.estimates import InitialState as InitialState
 from daest.model.experiment import Experiment as Experiment
 from daest.model.fit import IdentifyOptions as IdentifyOptions
-from daest.model.prior import Prior as Prior
+from daest.model.parts import Prior as Prior
 from daest.modelica.attach import attach as attach
 from daest.modelica.change import declare as declare
 from daest.modelica.change import with_values as with_values

@@ -34,13 +34,11 @@ from daest.model.comparison import Comparison
 from daest.model.diagnosis import Diagnosis, Improvement
 from daest.model.effects import Effect
 from daest.model.estimates import FilterOptions, FilterResult
-from daest.model.experiment import Experiment
+from daest.model.experiment import DataCheck, Experiment, Simulation
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import Model, with_equations
 from daest.model.linear import LinearDAE, StateSpaceFamily
 from daest.model.noise import NoiseReport
-from daest.model.quality import DataCheck
-from daest.model.simulation import Simulation
 from daest.modelica.change import with_outputs, with_values
 from daest.modelica.effects import effect_library
 from daest.near import near_names

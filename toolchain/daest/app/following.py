@@ -19,7 +19,7 @@ from daest.diagnosis.compare import follower
 from daest.diagnosis.trial import Candidate, agreement
 from daest.model.experiment import Experiment
 from daest.model.parts import Parameter
-from daest.report.page.thinning import thinned
+from daest.report.page.plots import thinned
 
 MOST_POINTS = 1200  # of a curve: more than a screen has columns for a smallest and a largest value each
 BAND = 1.96  # standard deviations to either side of a 95 % band

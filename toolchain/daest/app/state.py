@@ -22,7 +22,7 @@ from daest.app.story import (
 )
 from daest.data.project import FILE_NAME, Project, load_project
 from daest.errors import DaestError
-from daest.report.page.modelica_text import added_lines
+from daest.report.page.sections import added_lines
 
 HOME = "results/app"  # from the folder of the project on
 REPORT = "report.html"

@@ -25,8 +25,8 @@ from daest.errors import ConfigError, DaestError
 if TYPE_CHECKING:
     from daest.data.prepare import Preparation
     from daest.data.project import Project
+    from daest.model.experiment import DataCheck, Finding, Role
     from daest.model.flat import Model
-    from daest.model.quality import DataCheck, Finding, Role
 
 
 @click.command("check", epilog=example("daest check run1.csv", "daest check Servo.mo run1.csv --from 10"))
@@ -113,7 +113,7 @@ def _against(path: Path, project: Project, flat: Model, window: Preparation) -> 
 
 
 def _unusable(problem: DaestError) -> Finding:
-    from daest.model.quality import Finding
+    from daest.model.experiment import Finding
 
     text = f"cannot be used with the model: {problem.what}"
     if problem.remedy:

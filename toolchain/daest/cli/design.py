@@ -154,9 +154,9 @@ def command(
     its reference.
     """
     from daest.design.design import design
-    from daest.report.csv_text import csv_text
-    from daest.report.design_figure import design_figure
+    from daest.report.arrays import csv_text
     from daest.report.documents import design as documents
+    from daest.report.result_figures import design_figure
     from daest.report.texts import design as texts
 
     project = model_options.project()

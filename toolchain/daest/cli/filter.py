@@ -131,9 +131,9 @@ def command(
     from daest.cli.models import model_source
     from daest.cli.results import keep, made_from, unseen_files
     from daest.model.estimates import FilterOptions
-    from daest.report.csv_text import csv_text
+    from daest.report.arrays import csv_text
     from daest.report.documents import filter as documents
-    from daest.report.filter_figure import filter_figure
+    from daest.report.result_figures import filter_figure
     from daest.report.texts import filter as texts
     from daest.systems.linearize import is_affine_model
 

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from daest.data.project import Hold, Project
     from daest.data.stream import LineFormat
     from daest.estimation.online import Memory, OnlineFilter
+    from daest.model.estimates import Estimate, Sample
     from daest.model.experiment import Experiment
     from daest.model.flat import Model
-    from daest.model.stream import Estimate, Sample
 
 TOLD = 10  # bad lines that are told one by one; the rest is counted
 KEEP_EVERY = 1.0  # seconds between two writings of the memory
@@ -126,7 +126,7 @@ class Stream:
 
     def estimates_of(self, experiment: Experiment) -> Iterator[Estimate]:
         """The estimates of a whole recording, from the start of the filter."""
-        from daest.model.stream import Sample
+        from daest.model.estimates import Sample
 
         memory = self.online.begin()
         for k, at in enumerate(experiment.time.tolist()):

@@ -12,7 +12,7 @@ import click
 from daest.cli import offered
 from daest.cli.options import Command, assignments, gathered, listed_names, priors, set_option
 from daest.errors import ConfigError
-from daest.model.prior import Prior
+from daest.model.parts import Prior
 
 if TYPE_CHECKING:
     from daest.model.fit import IdentifyOptions

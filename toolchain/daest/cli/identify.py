@@ -223,7 +223,7 @@ def keep_fit(project: Project, found: Identified) -> None:
 
 
 def _draw_profiles(found: Identified, plot: Path) -> None:
-    from daest.report.profile_figure import profile_figure
+    from daest.report.result_figures import profile_figure
 
     draw(plot, lambda: profile_figure(found.result))
 
@@ -231,7 +231,7 @@ def _draw_profiles(found: Identified, plot: Path) -> None:
 def _draw(found: Identified, plot: Path) -> None:
     from daest.diagnosis.compare import compare_models
     from daest.diagnosis.trial import fitted_candidate
-    from daest.report.fit_figure import fit_figure
+    from daest.report.result_figures import fit_figure
 
     candidate = fitted_candidate(found.flat, found.result)
     comparison = compare_models([candidate], found.validation or found.estimation)

@@ -14,8 +14,8 @@ from daest.cli.options import ModelOptions, example, format_option, model_option
 from daest.cli.output import emit, whole_file
 
 if TYPE_CHECKING:
+    from daest.model.experiment import DataCheck
     from daest.model.flat import Model
-    from daest.model.quality import DataCheck
     from daest.report.documents.project import InitDocument
 
 

@@ -18,7 +18,7 @@ import click
 from daest.cli import offered
 from daest.cli.output import whole_file
 from daest.errors import ConfigError
-from daest.model.prior import Prior
+from daest.model.parts import Prior
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

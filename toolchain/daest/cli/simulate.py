@@ -26,7 +26,7 @@ from daest.cli.output import emit, keep_inputs, note, write_text
 from daest.cli.progress import progress
 
 if TYPE_CHECKING:
-    from daest.model.simulation import Simulation
+    from daest.model.experiment import Simulation
 
 # Names of variables without finite values that are told.
 MOST_LOST = 5
@@ -66,7 +66,7 @@ def command(
     from daest.cli.models import model_source, with_settings
     from daest.cli.recordings import driving_data
     from daest.cli.results import find_fit, fitted
-    from daest.report.simulation_figure import simulation_figure
+    from daest.report.result_figures import simulation_figure
     from daest.systems.simulate import simulate
 
     project = model_options.project()
@@ -90,7 +90,7 @@ def command(
 def _write(
     result: Simulation, form: str, output: Path | None, all_variables: bool, remarks: Sequence[str]
 ) -> None:
-    from daest.report.csv_text import csv_text
+    from daest.report.arrays import csv_text
     from daest.report.documents import simulate as documents
 
     note(f"{result.n_samples} samples, {result.method}, hold {result.hold}")

@@ -30,7 +30,7 @@ from daest.errors import DaestError
 
 if TYPE_CHECKING:
     from daest.estimation.watch import Alarm, Watch
-    from daest.model.stream import Sample
+    from daest.model.estimates import Sample
 
 AVERAGE_RUN = 100_000.0  # samples between false alarms, where nothing else is asked for
 WINDOW = 2000  # samples after a change from which it is diagnosed
@@ -265,7 +265,7 @@ def _tell_diagnosis(
     tell: Tell,
 ) -> None:
     """What is missing in the samples since the change. A diagnosis that fails is told as one."""
-    from daest.estimation.recent import recording_of
+    from daest.estimation.watch import recording_of
 
     samples = [sample for sample in recent if sample.time >= alarm.since]
     if len(samples) < FEWEST:

@@ -12,8 +12,7 @@ from daest.data.faults import Samples, Series, absurd, clock_findings, column_fi
 from daest.data.prepare import GRID_TOLERANCE
 from daest.data.read import find_time
 from daest.data.table import Table, column_unit, in_seconds, unit_findings
-from daest.model.experiment import Experiment
-from daest.model.quality import ColumnSummary, DataCheck, Finding, Role
+from daest.model.experiment import ColumnSummary, DataCheck, Experiment, Finding, Role
 
 # Samples below which no fault can be told from the signal, and hardly two parameters be estimated.
 FEW_SAMPLES = 20

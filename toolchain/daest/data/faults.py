@@ -18,7 +18,7 @@ from itertools import combinations
 import numpy as np
 
 from daest.errors import DataError
-from daest.model.quality import Finding, Level, Role
+from daest.model.experiment import Finding, Level, Role
 from daest.quantities import conversion
 
 FEWEST = 50  # values below which nothing is said but that a column is constant

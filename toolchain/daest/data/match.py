@@ -12,7 +12,7 @@ import numpy as np
 from daest.data.read import Signal
 from daest.data.table import Column, Table, column_unit, stem, time_unit, told_unit, with_seconds
 from daest.errors import DataError
-from daest.model.quality import Finding
+from daest.model.experiment import Finding
 from daest.quantities import conversion, may_count_turns
 
 How = Literal["name", "similar name", "part of its name", "description", "unit", "being the only one left"]

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from daest.errors import DaestError
-from daest.model.experiment import Experiment
+from daest.model.experiment import Experiment, Finding
 from daest.model.flat import Model
-from daest.model.quality import Finding
 
 # Every unknown parameter is moved by this factor, up and down, because beyond a resonance that stands
 # elsewhere a healthy output moves against the model's, too.

@@ -16,7 +16,7 @@ from daest.data.table import raise_collected
 from daest.data.toml_faults import fault
 from daest.errors import ConfigError, DaestError, Place
 from daest.files import FOLDER, why_no_file
-from daest.model.prior import Prior
+from daest.model.parts import Prior
 from daest.near import nearest
 
 FILE_NAME = "daest.toml"

@@ -27,7 +27,7 @@ from daest.data.table import (
     told_unit,
 )
 from daest.errors import DataError, Place
-from daest.model.stream import Sample
+from daest.model.estimates import Sample
 from daest.quantities import Conversion, conversion
 
 SEPARATORS = (",", ";", "\t", "|")

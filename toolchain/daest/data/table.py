@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from daest.errors import DaestError, DataError, Place
-from daest.model.quality import Finding, Level
+from daest.model.experiment import Finding, Level
 from daest.quantities import conversion, dimensions, is_known_unit
 
 # `x[1]` is an array element, `x[1] [V]` and `T[degC]` carry a unit: a unit stands behind a space, or is no

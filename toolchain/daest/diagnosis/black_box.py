@@ -27,16 +27,15 @@ from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.screen import projected, scored
 from daest.diagnosis.trial import fitted_candidate
 from daest.errors import ConfigError, EstimationError, ModelError, NumericalError
-from daest.estimation.coordinates import Coordinate, Unknowns, parameter_coordinate
-from daest.estimation.gaussian import objective
+from daest.estimation.coordinates import Coordinate, Unknowns, objective, parameter_coordinate
 from daest.estimation.identify import identify
 from daest.estimation.nonlinear_start import fit_initial_states, limits
 from daest.estimation.result import agreement_of
 from daest.estimation.search import minimise
 from daest.estimation.trajectories import TrajectoryProblem, integrated
 from daest.fmu.binary_model import BinaryDynamics, BinaryIntegrator, BinaryModel
-from daest.fmu.laws import Law
-from daest.fmu.laws import Step as LawStep
+from daest.fmu.drive import Law
+from daest.fmu.drive import Step as LawStep
 from daest.fmu.outside import InputLaw, SensorFault, input_law, program_of, sensor_fault, tried_as
 from daest.model.diagnosis import Candidate, Diagnosis, Proof, Screen, Screened, VerdictName
 from daest.model.effects import Effect, Site

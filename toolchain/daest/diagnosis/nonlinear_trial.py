@@ -18,9 +18,8 @@ from daest.diagnosis.trial import (
     inputs_and_slopes,
     variables_along,
 )
-from daest.estimation.coordinates import Unknowns
+from daest.estimation.coordinates import Unknowns, objective
 from daest.estimation.gates import FIT
-from daest.estimation.gaussian import objective
 from daest.estimation.observer import Observer, average_model, observer
 from daest.estimation.records import part_of
 from daest.estimation.search import minimise

@@ -1,4 +1,4 @@
-"""Coordinates of the search: which unknowns there are, and the scale that each is searched in.
+"""What is searched: unknowns with the scale of each, priors over them, and the objective that is minimised.
 
 What is known of parameters beforehand: Gaussian densities over their search coordinates.
 
@@ -11,16 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Protocol, TypeVar
 
 import numpy as np
 
 from daest.errors import EstimationError
 from daest.estimation.gates import FIT
-from daest.estimation.search import Evaluation, Found
+from daest.estimation.search import Evaluation, Found, Objective
 from daest.model.flat import Model
 from daest.model.linear import StateSpaceFamily
-from daest.model.prior import Prior
+from daest.model.parts import Prior
 
 
 @dataclass(frozen=True)
@@ -220,3 +220,50 @@ def coordinate_with_prior(coordinate: Coordinate, prior: Prior | None) -> Coordi
             remedy="give another mean, or other bounds (min, max)",
         )
     return replace(coordinate, prior=prior)
+
+
+class Prediction(Protocol):
+    """Predictions of all recordings at one point of a search."""
+
+    @property
+    def negative_log_likelihood(self) -> float: ...
+
+
+Predicted = TypeVar("Predicted", bound=Prediction)
+
+
+class Predictor(Protocol[Predicted]):
+    """A model and recordings, and how the one predicts the other. A search vector z begins with the
+    coordinates of `unknowns`; initial states that are not eliminated follow."""
+
+    @property
+    def unknowns(self) -> Unknowns: ...
+
+    def predict(self, z: np.ndarray, with_slopes: bool = False) -> Predicted | None:
+        """Predictions at z; None where there are none, as where numbers overflow."""
+
+    def derivatives(self, found: Predicted, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient (p,) and Fisher information (p, p) of the negative log-likelihood along z, of predictions
+        with slopes."""
+
+    def tied(self, likelihood: Objective) -> Objective:
+        """The objective with what ties initial states (`estimation.ties`); itself where they are free."""
+
+
+def objective(predictor: Predictor[Predicted]) -> Objective:
+    """Negative log-likelihood, priors and ties over the search vector, with gradient and information; None
+    where there is no finite value."""
+
+    @np.errstate(all="ignore")  # where numbers overflow, there is no value
+    def evaluate(z: np.ndarray, with_slopes: bool) -> Evaluation | None:
+        found = predictor.predict(z, with_slopes)
+        if found is None or not np.isfinite(found.negative_log_likelihood):
+            return None
+        if not with_slopes:
+            return Evaluation(found.negative_log_likelihood)
+        gradient, information = predictor.derivatives(found, z)
+        if not (np.all(np.isfinite(gradient)) and np.all(np.isfinite(information))):
+            return None
+        return Evaluation(found.negative_log_likelihood, gradient, information)
+
+    return with_priors(predictor.tied(evaluate), predictor.unknowns)

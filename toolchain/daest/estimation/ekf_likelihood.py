@@ -15,12 +15,11 @@ from functools import partial
 import numpy as np
 
 from daest.errors import EstimationError
-from daest.estimation.coordinates import Coordinate, Unknowns, log_likelihood
+from daest.estimation.coordinates import Coordinate, Unknowns, log_likelihood, objective
 from daest.estimation.ekf import EkfLikelihood, ekf_likelihood, run_ekf
 from daest.estimation.ekf_start import best_start, felt_intensity, with_lost_ones
 from daest.estimation.filter_task import Directions, Noise, Record, Start, record
 from daest.estimation.gates import FIT
-from daest.estimation.gaussian import objective
 from daest.estimation.identifiability import covariance, std_errors, without_influence
 from daest.estimation.identify_nonlinear import nonlinear_ends
 from daest.estimation.nonlinear_result import NonlinearEnds

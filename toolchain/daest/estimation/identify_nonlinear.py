@@ -15,10 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daest.estimation.checks import no_start
-from daest.estimation.coordinates import Unknowns, prior_penalty
+from daest.estimation.coordinates import Unknowns, objective, prior_penalty
 from daest.estimation.gain_family import Levels
 from daest.estimation.gates import FIT
-from daest.estimation.gaussian import objective
 from daest.estimation.noise_levels import (
     Ending,
     average_along,

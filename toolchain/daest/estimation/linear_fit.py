@@ -17,9 +17,8 @@ import numpy as np
 
 from daest.estimation.arx import matched_start
 from daest.estimation.checks import check_start
-from daest.estimation.coordinates import Coordinate, Unknowns, prior_precisions
+from daest.estimation.coordinates import Coordinate, Unknowns, objective, prior_precisions
 from daest.estimation.gates import FIT
-from daest.estimation.gaussian import objective
 from daest.estimation.identifiability import (
     Scores,
     Uncertainty,

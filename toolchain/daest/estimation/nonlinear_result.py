@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daest.estimation.coordinates import prior_precisions
+from daest.estimation.coordinates import objective, prior_precisions
 from daest.estimation.gain_family import Levels
 from daest.estimation.gates import FIT
-from daest.estimation.gaussian import objective
 from daest.estimation.identifiability import (
     Scores,
     covariance,

@@ -17,9 +17,9 @@ from itertools import count
 import numpy as np
 
 from daest.estimation.checks import no_start
+from daest.estimation.coordinates import objective as objective_of
 from daest.estimation.gain_family import Levels
 from daest.estimation.gates import FIT
-from daest.estimation.gaussian import objective as objective_of
 from daest.estimation.noise_levels import (
     Ending,
     assumed,

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from daest.estimation.checks import check_start, no_start
+from daest.estimation.coordinates import objective
 from daest.estimation.gain_family import LONGEST_LOG
 from daest.estimation.gates import FIT
-from daest.estimation.gaussian import objective
 from daest.estimation.records import part_of
 from daest.estimation.search import Evaluation, minimise
 from daest.estimation.trajectories import TrajectoryProblem, integrated, prediction_errors

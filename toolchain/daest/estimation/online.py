@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from daest.model.stream import Estimate, Sample
+from daest.model.estimates import Estimate, Sample
 
 Memory = Any  # a frozen dataclass of arrays and numbers that belongs to one kind of filter
 

@@ -21,9 +21,8 @@ from daest.estimation.filters.local import in_states_of
 from daest.estimation.interpreted import project
 from daest.estimation.online import checked_arrays
 from daest.estimation.ukf import run_ukf
-from daest.model.estimates import InitialState
+from daest.model.estimates import Estimate, InitialState, Sample
 from daest.model.flat import Dynamics
-from daest.model.stream import Estimate, Sample
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import Hold, interval_inputs
 from daest.systems.local_linear import LocalModel, internal_function, internal_names, local_model

@@ -19,9 +19,8 @@ from daest.estimation.gates import FIT
 from daest.estimation.kalman import reference_start
 from daest.estimation.online import checked_arrays
 from daest.estimation.stationary import stationary_filter, without_unseen
-from daest.model.estimates import FilterKind, InitialState
+from daest.model.estimates import Estimate, FilterKind, InitialState, Sample
 from daest.model.linear import DiscreteModel, StateSpace
-from daest.model.stream import Estimate, Sample
 from daest.numerics.gaussian import undetermined
 from daest.numerics.innovations import forgetting
 from daest.systems.sample import Hold, sample

@@ -14,7 +14,7 @@ from daest.estimation.records import in_model_order, part_of
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions, Method, NoiseChoice
 from daest.model.linear import StateSpaceFamily
-from daest.model.prior import prior_unused
+from daest.model.parts import prior_unused
 from daest.systems.sample import slope_note
 
 

@@ -17,9 +17,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from daest.estimation.coordinates import with_priors
+from daest.estimation.coordinates import objective, with_priors
 from daest.estimation.gates import FIT
-from daest.estimation.gaussian import objective
 from daest.estimation.identifiability import Scores, scores
 from daest.estimation.records import part_of
 from daest.estimation.search import Evaluation, Found, Objective, minimise

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from daest.data.prepare import regular_times
 from daest.estimation.change import (
     CHARTS,
     ChartState,
@@ -13,7 +17,9 @@ from daest.estimation.change import (
     start_of_charts,
     update_charts,
 )
-from daest.model.stream import Estimate
+from daest.estimation.online import OnlineFilter
+from daest.model.estimates import Estimate, Sample
+from daest.model.experiment import Experiment
 
 QUIET = 500  # samples after an alarm in which crossings belong to it
 
@@ -65,3 +71,18 @@ class Watch:
         after = WatchState(charts, 0)
         output, chart = self.output_names[found.output], CHARTS[found.chart]
         return after, Alarm(estimate.time, output, chart, found.statistic, found.since)
+
+
+def recording_of(samples: Sequence[Sample], online: OnlineFilter) -> Experiment:
+    """The samples, in the names of the filter that they came to."""
+    time, notes = regular_times(np.array([sample.time for sample in samples]))
+    return Experiment(
+        "stream",
+        time,
+        np.array([sample.inputs for sample in samples]),
+        np.array([sample.outputs for sample in samples]),
+        online.input_names,
+        online.output_names,
+        {},
+        tuple(notes),
+    )

@@ -14,9 +14,8 @@ from daest.errors import FmuError, ModelError
 from daest.fmu import words
 from daest.fmu.binary_functions import PointFunction, parameter_function, raise_failure
 from daest.fmu.description import base_and_order
-from daest.fmu.drive import Drive
+from daest.fmu.drive import Drive, Law, law_table
 from daest.fmu.engine import Followed, Plan, engine_library
-from daest.fmu.laws import Law, law_table
 from daest.fmu.load import load_fmu
 from daest.fmu.points import DIFFERENCE_FLOOR, central_differences, difference, long_points, moved_points
 from daest.fmu.runner import Points, Runner, Simulated, refused

@@ -20,7 +20,7 @@ from daest.errors import FmuError
 from daest.files import whole_file
 from daest.fmu import description, serialization, sources
 from daest.fmu.layout import Layout, layout
-from daest.fmu.portable import portable
+from daest.fmu.serialization import portable
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.model.fmu import ExportResult
 from daest.numerics.compiler import Platform, build_shared, native_platform, platform_named

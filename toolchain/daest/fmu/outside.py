@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from daest.errors import ModelError
-from daest.fmu.laws import CONSTANT, MOST_STEPS, SIZE, STEPS, VARIABLE, Step
+from daest.fmu.drive import CONSTANT, MOST_STEPS, SIZE, STEPS, VARIABLE, Step
 from daest.model.effects import Effect, EffectParameter
 from daest.modelica.connectors import connectors_of
 from daest.modelica.effects import EffectModel, effect_model

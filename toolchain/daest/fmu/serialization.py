@@ -11,7 +11,9 @@ import dataclasses
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -19,6 +21,47 @@ import casadi as ca
 from daest.errors import FmuError, Place
 from daest.model.flat import FlatModel
 from daest.model.parts import DerivedParameter, Equation, NoiseInput, Output, Parameter, Variable
+
+_TABLES = (
+    "unknowns",
+    "inputs",
+    "noises",
+    "parameters",
+    "outputs",
+    "equations",
+    "initial_equations",
+    "derived_parameters",
+)
+
+
+def portable(flat: FlatModel) -> FlatModel:
+    """The same model with places such as `Servo.mo:12` and `Daest/Blocks/Gain.mo:7`.
+
+    An FMU is handed on, and the folders of the machine that wrote it are nobody's business; nor should they
+    make two FMUs of the same model differ.
+    """
+    short = cache(portable_file)
+    tables: dict[str, Any] = {
+        name: tuple(_with_short_place(item, short) for item in getattr(flat, name)) for name in _TABLES
+    }
+    return dataclasses.replace(flat, source=short(flat.source) if flat.source else "", **tables)
+
+
+def portable_file(file: str) -> str:
+    """A file of a Modelica library from its library's folder on; any other by its name alone."""
+    path = Path(file)
+    top = path.parent
+    while (top / "package.mo").is_file() and top != top.parent:
+        top = top.parent
+    return path.relative_to(top).as_posix()
+
+
+def _with_short_place(item: Any, short: Callable[[str], str]) -> Any:
+    if item.place is None:
+        return item
+    place: Place = item.place
+    return dataclasses.replace(item, place=dataclasses.replace(place, file=short(place.file)))
+
 
 FOLDER = "extra/org.daest.symbolic-model"
 WORDS = "flat.json"

@@ -19,10 +19,9 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from daest.fmu.drive import Drive
+from daest.fmu.drive import Drive, Law
 from daest.fmu.engine import Followed, Plan, follow
 from daest.fmu.instance import CALLS, Binary, Instance, Log, Refusal
-from daest.fmu.laws import Law
 from daest.fmu.sandbox import Walls, confine
 from daest.fmu.trajectory import Recorded, Stopped, run
 from daest.fmu.wire import read_message, write_message

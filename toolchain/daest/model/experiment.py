@@ -1,12 +1,13 @@
-"""Experiment: one recording, in the model's names and units."""
+"""Recordings in the names and units of a model, simulations, and what a look at a recording found."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
-from daest.model.shown import Timed, Trajectories
+from daest.model.shown import Framed, Listing, Timed, Trajectories
 
 UNIFORM = 1e-6  # relative deviation of a step from the sampling period
 TIME_RESOLUTION = 1e-9  # of written times, relative to the last one
@@ -60,3 +61,124 @@ class Experiment(Timed):
             **self.extra,
         }
         return Trajectories(self.name, self.time, values, {})
+
+
+@dataclass(frozen=True)
+class Simulation(Timed):
+    """Trajectories at `time` (n_samples,) in seconds, one row per sample, columns in the order of the names.
+
+    `variables` are all internal variables ξ. With noise, `noises` (n_samples, n_w) is the mean of w(t) over
+    the interval that a sample starts, `variables` contain it where the model lets w enter directly, and
+    `outputs` have measurement noise added; without, `noises` is zero. `method` says how the states were
+    computed, `hold` what the inputs do between samples, `seed` what repeats a noisy run.
+    """
+
+    model_name: str
+    time: np.ndarray
+    inputs: np.ndarray
+    states: np.ndarray
+    outputs: np.ndarray
+    variables: np.ndarray
+    noises: np.ndarray
+    input_names: tuple[str, ...]
+    state_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    variable_names: tuple[str, ...]
+    noise_names: tuple[str, ...]
+    units: dict[str, str]  # by name, of everything named above
+    hold: Literal["zoh", "foh"]
+    method: str
+    with_noise: bool = False
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        n = self.time.shape[0]
+        for name in ("input", "state", "output", "variable", "noise"):
+            values, names = getattr(self, f"{name}s"), getattr(self, f"{name}_names")
+            if values.shape != (n, len(names)):
+                raise ValueError(f"{name}s have shape {values.shape}, expected {(n, len(names))}")
+
+    @property
+    def n_samples(self) -> int:
+        return self.time.shape[0]
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Trajectory (n_samples,) of an output, input, internal variable or state, looked for in this
+        order."""
+        for kind in ("output", "input", "variable", "state", "noise"):
+            names = getattr(self, f"{kind}_names")
+            if name in names:
+                return getattr(self, f"{kind}s")[:, names.index(name)]
+        raise KeyError(name)
+
+    def trajectories(self) -> Trajectories:
+        values = {
+            **dict(zip(self.variable_names, self.variables.T, strict=True)),
+            **dict(zip(self.input_names, self.inputs.T, strict=True)),
+            **dict(zip(self.output_names, self.outputs.T, strict=True)),
+        }
+        return Trajectories(self.model_name, self.time, values, self.units)
+
+
+Level = Literal["warning", "note"]
+Role = Literal["input", "output"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was seen. A `warning` is probably a fault of the recording, a `note` something to know.
+
+    `code` is explained by `daest explain`; `column` is None for what concerns no single one; `at` is the
+    first time (s) and `count` how many samples, runs or steps there are. `text` is a sentence without its
+    subject, which is the column, else `subject`.
+    """
+
+    code: str
+    level: Level
+    column: str | None
+    text: str
+    at: float | None = None
+    count: int = 1
+    subject: str = "the clock"
+
+    @property
+    def sentence(self) -> str:
+        """The text with its subject."""
+        return f"{self.column or self.subject} {self.text}"
+
+
+@dataclass(frozen=True)
+class ColumnSummary:
+    """A column in numbers: `resolution` is the step of its values where they stand on a lattice, `noise` the
+    standard deviation of white noise where it shows, both in the unit of the column, else None."""
+
+    name: str
+    unit: str | None
+    role: Role | None
+    n_values: int
+    low: float | None
+    high: float | None
+    resolution: float | None
+    noise: float | None
+
+
+@dataclass(frozen=True)
+class DataCheck(Framed):
+    """A recording, its clock (period in s, None where uneven) and what was found."""
+
+    name: str
+    n_samples: int
+    start: float
+    stop: float
+    period: float | None
+    columns: tuple[ColumnSummary, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def warnings(self) -> tuple[Finding, ...]:
+        return tuple(finding for finding in self.findings if finding.level == "warning")
+
+    def tables(self) -> tuple[Listing, ...]:
+        title = f"{self.name}: {self.n_samples} samples, {self.start:.6g} s to {self.stop:.6g} s"
+        rows = tuple((f.code, f.level, f.column, f.sentence, f.at, f.count) for f in self.findings)
+        return (Listing(title, ("code", "level", "column", "text", "time", "count"), rows),)

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from daest.model.prior import Prior
+from daest.model.parts import Prior
 from daest.model.shown import Framed, Listing
 
 Method = Literal["oe", "pem"]

@@ -15,7 +15,7 @@ from daest.model.parts import Equation, Variable
 from daest.modelica import syntax as s
 from daest.modelica import values as v
 from daest.modelica.balance import unbalanced
-from daest.modelica.buses import without_empty_members
+from daest.modelica.connectors import without_empty_members
 from daest.modelica.events import Kept, finished, kept
 from daest.modelica.expressions import refusal
 from daest.modelica.functions import run_algorithm

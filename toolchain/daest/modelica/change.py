@@ -13,8 +13,7 @@ import casadi as ca
 
 from daest.errors import ModelError
 from daest.model.flat import FlatModel, Model
-from daest.model.parts import NoiseInput, Output, Parameter
-from daest.model.prior import Prior, prior_unused
+from daest.model.parts import NoiseInput, Output, Parameter, Prior, prior_unused
 from daest.modelica.places import resolve_place
 from daest.near import near_names
 

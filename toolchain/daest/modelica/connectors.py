@@ -1,12 +1,15 @@
-"""Connectors of physical domains, known by the names of their two variables."""
+"""Connectors of physical domains, known by the names of their two variables; and members of expandable
+connectors that nothing uses: they are no variables of the model (Language Specification 9.1.3)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 from daest.model.effects import Domain
 from daest.model.parts import Variable
+from daest.modelica import syntax as s
+from daest.modelica.parameters import is_parameter, referenced_names
 
 # (potential, flow) -> domain, as in the Modelica Standard Library; hydraulic connectors carry a volume flow.
 DOMAINS: dict[tuple[str, str], Domain] = {
@@ -46,3 +49,44 @@ def connectors_of(unknowns: Sequence[Variable]) -> dict[str, Connector]:
             if flow == wanted and f"{name}.{potential}" in position:
                 found[name] = Connector(name, domain, position[f"{name}.{potential}"], i)
     return found
+
+
+def without_empty_members(source: s.FlatSource) -> s.FlatSource:
+    """The source without members of expandable connectors that are connected to each other alone."""
+    members = {x.name for x in source.variables if x.is_bus_member and x.binding is None}
+    if not members:
+        return source
+    pairs = [pair for e in source.equations if (pair := _ends(e)) is not None]
+    used = set(_used(source)) & members
+    used |= {one for pair in pairs if not set(pair) <= members for one in pair}
+    waiting = pairs
+    while waiting:
+        reached = [pair for pair in waiting if used & set(pair)]
+        used |= {one for pair in reached for one in pair}
+        waiting = [pair for pair in waiting if pair not in reached] if reached else []
+    empty = members - used
+    if not empty:
+        return source
+    return replace(
+        source,
+        variables=tuple(x for x in source.variables if x.name not in empty),
+        equations=tuple(e for e in source.equations if not set(_ends(e) or ()) & empty),
+    )
+
+
+def _ends(equation: s.FlatEquation) -> tuple[str, str] | None:
+    """The variables that a connection equates."""
+    left, right = equation.left, equation.right
+    if equation.kind == "connection" and isinstance(left, s.Name) and isinstance(right, s.Name):
+        return left.name, right.name
+    return None
+
+
+def _used(source: s.FlatSource) -> Iterable[str]:
+    """Names in all that is no connection."""
+    for equation in source.equations:
+        if _ends(equation) is None:
+            yield from referenced_names((equation.left, equation.right))
+    yield from referenced_names(tuple(x.binding for x in source.variables if not is_parameter(x)))
+    others = (source.initial_equations, source.algorithms, source.initial_algorithms, source.whens)
+    yield from referenced_names(others)

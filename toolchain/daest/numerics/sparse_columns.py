@@ -1,9 +1,12 @@
-"""Sizes and scales of the columns of large sparse matrices, without copies of their structure."""
+"""Sizes and scales of the columns of large sparse matrices, without copies of their structure, and products
+with matrices whose rows and columns come in groups of multiples."""
 
 from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
+
+from daest.model.linear import GroupedMatrix
 
 
 def compressed(dense: np.ndarray) -> sp.csc_array:
@@ -41,3 +44,39 @@ def _reduced(operation: np.ufunc, values: np.ndarray, matrix: sp.csc_array) -> n
     if used.size:
         found[used] = operation.reduceat(values, matrix.indptr[used])
     return found
+
+
+def ungrouped(matrix: sp.csc_array) -> GroupedMatrix:
+    """The matrix with every row and every column a group of its own."""
+    n_rows, n_columns = matrix.shape
+    return GroupedMatrix(matrix, np.arange(n_rows), np.ones(n_rows), np.arange(n_columns), np.ones(n_columns))
+
+
+def product(matrix: GroupedMatrix, b: np.ndarray) -> np.ndarray:
+    """matrix · b for a column b (n,) with few entries that are not zero."""
+    core, value = matrix.core, np.zeros(matrix.core.shape[0] + 1)
+    for k in np.flatnonzero((b != 0.0) & (matrix.column_group >= 0)):
+        span = column_span(core, int(matrix.column_group[k]))
+        value[core.indices[span]] += core.data[span] * (matrix.column_factor[k] * b[k])
+    return matrix.row_factor * value[matrix.row_group]  # row -1 is the zero at the end
+
+
+def column(matrix: GroupedMatrix, k: int) -> np.ndarray:
+    """Column k (n,)."""
+    unit = np.zeros(matrix.column_group.size)
+    unit[k] = 1.0
+    return product(matrix, unit)
+
+
+def column_norms(matrix: GroupedMatrix, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Lengths of the columns of diag(left) · matrix · diag(right)."""
+    used = matrix.row_group >= 0
+    squares = np.square(matrix.row_factor * left)[used]
+    weights = np.sqrt(np.bincount(matrix.row_group[used], squares, minlength=matrix.core.shape[0]))
+    norms = scaled_norms(matrix.core, weights, np.ones(matrix.core.shape[1]))
+    return np.append(norms, 0.0)[matrix.column_group] * np.abs(matrix.column_factor * right)
+
+
+def column_span(matrix: sp.csc_array, k: int) -> slice:
+    """Where the entries of column k stand."""
+    return slice(int(matrix.indptr[k]), int(matrix.indptr[k + 1]))

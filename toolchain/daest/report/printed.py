@@ -10,10 +10,10 @@ from typing import Any
 from daest.model.comparison import Comparison
 from daest.model.diagnosis import Diagnosis, Improvement
 from daest.model.estimates import FilterResult
+from daest.model.experiment import DataCheck
 from daest.model.fit import FitResult
 from daest.model.linear import LinearDAE
 from daest.model.noise import NoiseReport
-from daest.model.quality import DataCheck
 from daest.model.shown import TEXTS
 from daest.report.documents import check as check_document
 from daest.report.documents import compare as compare_document

@@ -11,11 +11,10 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from daest.model.linear import GroupedMatrix, LinearDAE, RankDecision, SparseForm, StandardForm
-from daest.numerics.grouped import product
 from daest.numerics.pencils import Scaling
 from daest.numerics.ranks import decide_rank
 from daest.numerics.sparse_basis import independent_block
-from daest.numerics.sparse_columns import largest_entries
+from daest.numerics.sparse_columns import largest_entries, product
 
 LARGEST_RANK = 2000
 """Rank of N up to which the singular values of a sparse form are computed: dense algebra of this size."""

@@ -19,9 +19,9 @@ from daest.errors import ConfigError
 from daest.model.linear import GroupedMatrix, LinearDAE, RankDecision, SparseForm, StandardForm, Structure
 from daest.model.noise import NoisePlace, NoiseReport
 from daest.near import near_names
-from daest.numerics.grouped import column, column_norms, product, ungrouped
 from daest.numerics.pencils import Scaling, unit_scaling
 from daest.numerics.ranks import decide_rank, default_tolerance
+from daest.numerics.sparse_columns import column, column_norms, product, ungrouped
 from daest.systems.exact_structure import generic_structure
 from daest.systems.generic_verdict import compared
 from daest.systems.nilpotent import Nilpotent, RowSpace, nilpotent_part

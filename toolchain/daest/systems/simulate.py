@@ -13,10 +13,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from daest.errors import DaestError, ModelError, NumericalError
-from daest.model.experiment import Experiment
+from daest.model.experiment import Experiment, Simulation
 from daest.model.flat import Dynamics, ExplicitModel, FlatModel, Model, events_refused
 from daest.model.linear import DiscreteModel, StateSpace
-from daest.model.simulation import Simulation
 from daest.numerics.exponential import covariance_integral, transition_integrals
 from daest.numerics.projection import pull
 from daest.numerics.recursions import linear_recursion

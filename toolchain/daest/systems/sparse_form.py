@@ -14,7 +14,6 @@ import scipy.sparse as sp
 
 from daest.errors import NumericalError
 from daest.model.linear import GroupedMatrix, LinearDAE, RankDecision, SparseForm
-from daest.numerics.grouped import ungrouped
 from daest.numerics.laurent import (
     Expansion,
     apply_inverse,
@@ -27,6 +26,7 @@ from daest.numerics.pencils import Scaling, apply_scaling, unit_scaling
 from daest.numerics.proportional import proportional_rows
 from daest.numerics.sparse_basis import independent_block
 from daest.numerics.sparse_columns import scaled as in_units
+from daest.numerics.sparse_columns import ungrouped
 
 NEGLIGIBLE = 1e-12
 """Part of the largest entry of its row or column up to which an entry of Q1 or A is a rounding error."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, TypedDict
 
-from daest.model.quality import DataCheck, Level, Role
+from daest.model.experiment import DataCheck, Level, Role
 from daest.report.documents.parts import Of, entry
 
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, NotRequired, TypedDict
 
 import numpy as np
 
-from daest.model.simulation import Simulation
+from daest.model.experiment import Simulation
 from daest.report.documents.parts import Of, entry
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import SequenceMatcher
 from typing import Any
 
 from daest.model.flat import Model
@@ -12,8 +13,41 @@ from daest.report.console import number
 from daest.report.groups import component, owner
 from daest.report.page import plots
 from daest.report.page.material import Document, Material
-from daest.report.page.modelica_text import added_lines, addition, highlighted
 from daest.report.page.plots import Plot
+
+CLASS = "modelica"  # of the enclosing element
+
+
+def added_lines(text: str, base: str) -> list[int]:
+    """Numbers, from 1, of the lines of `text` that `base` does not have."""
+    old, new = base.splitlines(), text.splitlines()
+    blocks = SequenceMatcher(None, old, new, autojunk=False).get_matching_blocks()
+    kept = {line for _, start, size in blocks for line in range(start, start + size)}
+    return [i + 1 for i in range(len(new)) if i not in kept and new[i].strip()]
+
+
+LEFT_OUT = "  // ..."  # unchanged lines between new ones
+
+
+def addition(text: str, new: list[int]) -> str:
+    """The lines `new` of the text, from 1; what is unchanged between them is a line of dots."""
+    lines, parts, last = text.splitlines(), list[str](), None
+    for row in new:
+        between: list[str] = lines[last : row - 1] if last is not None else []
+        parts += between if not any(line.strip() for line in between) else [LEFT_OUT]
+        parts.append(lines[row - 1])
+        last = row
+    return "\n".join(parts)
+
+
+def highlighted(text: str, new: list[int]) -> str:
+    """HTML of a Modelica text with every character of it escaped; lines `new`, from 1, are marked."""
+    from pygments import highlight
+    from pygments.formatters import HtmlFormatter
+    from pygments.lexers import ModelicaLexer
+
+    return highlight(text, ModelicaLexer(), HtmlFormatter(cssclass=CLASS, hl_lines=new))
+
 
 TESTS = {
     "whiteness": "whiteness",
