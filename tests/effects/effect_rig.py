@@ -64,7 +64,7 @@ def characteristic(flat: FlatModel) -> np.ndarray:
     """∏ (s - pole) at points off the poles: well conditioned where poles coincide, as those of free bodies
     do."""
     points = np.array([0.7 + 0.3j, 2.0j, -0.4 + 5.0j])
-    return np.array([np.prod(s - finite_poles(flat)) for s in points])
+    return np.prod(points[:, None] - finite_poles(flat), axis=1)
 
 
 def law(flat: FlatModel, component: str, result: str, **given: float) -> float:

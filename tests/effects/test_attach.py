@@ -4,6 +4,7 @@ say."""
 from __future__ import annotations
 
 import time
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -21,6 +22,7 @@ from daest.systems.simulate import simulate
 POLE_TOLERANCE = 1e-8
 
 
+@cache
 def nominal_poles() -> np.ndarray:
     return finite_poles(rig())
 
