@@ -345,7 +345,8 @@ def compiled(plant: str) -> FlatModel:
 def one_run(task: tuple[str, int, int]) -> Run:
     name, seed, samples = task
     plant_name, _, effect = name.partition(" ")
-    plant, rng = PLANTS[plant_name], np.random.default_rng([seed, 7])
+    number = next(k for k, case in enumerate(CASES) if case.name == name)
+    plant, rng = PLANTS[plant_name], np.random.default_rng([seed, 7, number])
     faults = tuple(sorted(rng.choice(FAULTS, 2, replace=False).tolist()))
     size = SIZES[seed % len(SIZES)] if effect != NOTHING else 0.0
     record = recording(plant, effect, size, faults, samples, seed)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from daest.errors import DataError
-from daest.quantities import conversion, parse_unit
+from daest.quantities import conversion, parse_unit, spoken_duration
 
 
 @pytest.mark.parametrize(
@@ -100,3 +100,8 @@ def test_turns_a_minute_are_not_guessed():
         conversion("1/min", "rad/s")
     assert "rpm" in raised.value.remedy
     assert conversion("1/min", "1/s").scale == pytest.approx(1 / 60, rel=1e-15)
+
+
+def test_durations_are_told_in_units_that_suit_them():
+    said = [spoken_duration(s) for s in (0.05, 60.0, 300.0, 1.8e4, 7200.0, 864000.0)]
+    assert said == ["0.05 s", "60 s", "5 min", "5 h", "2 h", "10 d"]

@@ -9,7 +9,8 @@ import pytest
 from hidden_plants import model, quiet, rotor_record, rubbing, some_effects
 
 from daest.diagnosis.candidates import pairs
-from daest.diagnosis.diagnose import _with_second_tries, begin, reference_of
+from daest.diagnosis.clipping import Clip, with_clipped_sensors
+from daest.diagnosis.diagnose import _with_better_kinks, _with_second_tries, begin, reference_of
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.free_forms import covers, free_forms
 from daest.diagnosis.gates import GATES
@@ -19,6 +20,7 @@ from daest.diagnosis.proof import (
     Trial,
     _inside,
     _too_short,
+    _undetermined,
     _unexplained,
     _weak,
     _without_evidence,
@@ -304,12 +306,50 @@ def test_one_equation_under_two_names_is_one_answer():
 def test_sensor_that_is_known_to_clip_is_tried():
     stand = rubbing()
     own = pairs(some_effects("Saturation", "CoulombFriction"), sites(model()))
-    (trial,) = clipping_trials(stand.null, own, {"phi": -2.5})
+    (trial,) = clipping_trials(stand.null, own, {"phi": Clip(2.5)})
     assert trial.candidate.effect.name == "Saturation" and trial.candidate.site.name == "phi"
     assert trial.candidate.shape["limit"] == 2.5
     values = {p.name: p.value for p in prepare(stand.null.flat, stand.null.estimated, trial).flat.parameters}
     assert values[f"{trial.candidate.name}.limit"] == 2.5 and values[f"{trial.candidate.name}.share"] > 0.9
     assert clipping_trials(stand.null, own, {}) == ()
+    assert clipping_trials(stand.null, own, {"phi": Clip(2.5, is_certain=True)}) == ()
+
+
+def test_sensor_that_is_certain_to_clip_is_a_part_of_the_model():
+    saturation = some_effects("Saturation")
+    found = with_clipped_sensors(model(), saturation, {"phi": Clip(2.5, True), "w": Clip(1.0, True)})
+    (law,) = found.laws
+    assert law.site.name == "phi" and law.shape["limit"] == 2.5
+    parameters = {p.name: p for p in found.flat.parameters}
+    assert parameters[f"{law.name}.share"].value == 1.0
+    assert [name for name, p in parameters.items() if p.estimate and name.startswith(law.name)] == [
+        f"{law.name}.limit"
+    ]
+    assert with_clipped_sensors(found.flat, saturation, {"phi": Clip(2.5, True)}).laws == ()
+    assert with_clipped_sensors(model(), saturation, {"phi": Clip(2.5)}).laws == ()
+    assert with_clipped_sensors(model(), (), {"phi": Clip(2.5, True)}).laws == ()
+
+
+def test_law_of_which_nothing_is_known_is_no_finding():
+    _, proof = proved()
+    own = f"{proof.candidate.name}.tau_c"
+
+    def told(**changes):
+        fit = proof.fit
+        parameters = [replace(p, **changes) if p.name == own else p for p in fit.parameters]
+        return replace(fit, parameters=tuple(parameters))
+
+    assert _undetermined(proof.candidate, proof.fit) == ""
+    assert _undetermined(proof.candidate, told(at_bound="max", std_error=None)) == ""
+    vague = _undetermined(proof.candidate, told(value=0.15, std_error=0.06))
+    assert vague == "the data determine none of its parameters (tau_c = 0.15 ± 0.06 N.m)"
+    assert "tau_c = 0.15 N.m" in _undetermined(proof.candidate, told(value=0.15, std_error=None))
+    # One parameter that is known is enough: a level from which a law acts, say.
+    rich = next(e for e in some_effects("StribeckFriction"))
+    size = next(p for p in proof.fit.parameters if p.name == own)
+    shapes = (replace(size, name=f"{proof.candidate.name}.w_st", value=0.1, std_error=0.01),)
+    vaguer = replace(proof.fit, parameters=(replace(size, std_error=None), *shapes))
+    assert _undetermined(replace(proof.candidate, effect=rich), vaguer) == ""
 
 
 def test_parameter_that_is_lost_beside_loads_is_found_again():
@@ -327,7 +367,7 @@ def test_parameter_that_is_lost_beside_loads_is_found_again():
 def test_sensor_is_tried_near_its_full_size_from_where_the_user_began():
     stand = rubbing()
     own = pairs(some_effects("Saturation", "CoulombFriction"), sites(model()))
-    (cut,) = clipping_trials(stand.null, own, {"phi": 2.5})
+    (cut,) = clipping_trials(stand.null, own, {"phi": Clip(2.5)})
     made = [one() for one in at_full_size(stand.null, prepare(stand.null.flat, stand.null.estimated, cut))]
     values = [{p.name: p.value for p in one.flat.parameters} for one in made]
     name = cut.candidate.name
@@ -528,3 +568,13 @@ def test_lag_shorter_than_anything_in_the_model_is_no_finding(T, is_short):
     assert not is_short or "0.1 s is short beside" in _too_short(run.null, lag, fit)
     friction = pairs(some_effects("CoulombFriction"), sites(model()))[0]
     assert _too_short(run.null, friction, SimpleNamespace(theta={f"{friction.name}.tau_c": 0.1})) == ""
+
+
+def test_kink_too_sharp_for_any_observer_does_not_take_the_place_of_a_rounder_one():
+    _, proof = proved()
+    sharp = replace(proof, delta_bic=proof.delta_bic + 50.0)
+    assert _with_better_kinks([proof], [sharp]) == [sharp]
+    refused = replace(sharp, verdict="rejected", reason="unseen data are foreseen 5 times worse over 1 s")
+    assert _with_better_kinks([proof], [refused]) == [proof]
+    both = replace(proof, verdict="rejected")
+    assert _with_better_kinks([both], [refused]) == [refused]

@@ -24,8 +24,17 @@ from scipy.stats import kstest
 from daest.diagnosis.candidates import attachable, pairs, with_shapes
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import loads_of
-from daest.diagnosis.screen import _followed, _responses, nuisance, projected, run_null, screen
+from daest.diagnosis.screen import (
+    _already_there,
+    _followed,
+    _responses,
+    nuisance,
+    projected,
+    run_null,
+    screen,
+)
 from daest.errors import EstimationError
+from daest.modelica.attach import attach
 from daest.modelica.sites import sites
 from daest.systems.integrate import Correction, integrate, integrator
 from daest.systems.reduce import reduce_index
@@ -161,6 +170,17 @@ def test_no_candidate_is_an_error():
     with pytest.raises(EstimationError) as caught:
         screen(null, run, ())
     assert caught.value.code == "diagnose-no-candidate"
+
+
+def test_law_that_the_model_estimates_already_is_not_looked_for_again():
+    null = true_null()
+    (first, *_) = candidates("CoulombFriction")
+    flat = attach(null.flat, first.effect, first.site, "rubs")
+    held = replace(null, flat=flat)
+    assert set(_already_there(held, [first])) == {""}  # its values are given: others may be right
+    size = replace(null.fit.parameters[0], name="rubs.tau_c")
+    fitted = replace(held, fit=replace(null.fit, parameters=(*null.fit.parameters, size)))
+    assert _already_there(fitted, [first]) == ["the model contains it already: `rubs` is estimated"]
 
 
 def test_effects_with_states_alone_leave_the_screen_empty():

@@ -23,7 +23,7 @@ from daest.data.read import Signal, measured_names, read_experiments, read_sourc
 from daest.diagnosis import compare as comparing
 from daest.diagnosis import diagnose as diagnosing
 from daest.diagnosis import improve as improving
-from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.options import MOST_EFFECTS, DiagnoseOptions
 from daest.diagnosis.trial import Candidate, fitted_candidate
 from daest.errors import ConfigError
 from daest.estimation import identify as identifying
@@ -285,7 +285,7 @@ def improve(
     *arguments: Any,
     validation: AnyData = (),
     options: DiagnoseOptions | None = None,
-    most_effects: int = 4,
+    most_effects: int = MOST_EFFECTS,
     progress: Callable[[str], None] = silent,
     source: Source | None = None,
     **choices: Any,

@@ -145,6 +145,14 @@ def may_count_turns(given: str, chosen: str) -> bool:
     return is_count and parse_unit(chosen) in (counts, {"turn": 1, per: -1}, {"rad": 1, per: -1})
 
 
+def spoken_duration(seconds: float) -> str:
+    """A duration for a text: in seconds below two minutes, else in minutes, hours or days."""
+    for length, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2.0 * length:
+            return f"{seconds / length:.3g} {unit}"
+    return f"{seconds:.3g} s"
+
+
 def _tokens(text: str) -> list[str]:
     text = text.strip().translate(_SUPERSCRIPTS)
     tokens, position = [], 0

@@ -35,6 +35,7 @@ from daest.errors import DaestError, EstimationError, FmuError, ModelError
 if TYPE_CHECKING:
     from daest.cli.results import KeptFit
     from daest.data.project import Hold, Project
+    from daest.diagnosis.clipping import Clip
     from daest.diagnosis.options import DiagnoseOptions
     from daest.diagnosis.written import Written
     from daest.model.diagnosis import Diagnosis
@@ -286,20 +287,26 @@ def _sufficient(
     return _Drive(*coarse(False), None, coarse(True), (remark,))
 
 
-def _clipped(experiments: Sequence[Experiment]) -> dict[str, float]:
-    """The magnitude at which outputs stay at a limit of their sensors, by output."""
+def _clipped(experiments: Sequence[Experiment]) -> dict[str, Clip]:
+    """The limits of their sensors at which outputs stay, by output."""
     import numpy as np
 
     from daest.data.check import check_experiment
+    from daest.data.faults import Samples
+    from daest.diagnosis.clipping import Clip
 
-    found: dict[str, float] = {}
+    found: dict[str, Clip] = {}
     for experiment in experiments:
         for finding in check_experiment(experiment).findings:
             if finding.code != "check-saturation" or finding.column not in experiment.output_names:
                 continue
             values = experiment.outputs[:, experiment.output_names.index(finding.column)]
             at = values[int(np.argmin(np.abs(experiment.time - (finding.at or 0.0))))]
-            found[finding.column] = max(found.get(finding.column, 0.0), abs(float(at)))
+            known = np.isfinite(values)
+            noise = Samples(finding.column, "output", experiment.time[known], values[known]).noise
+            clip = Clip(abs(float(at)), noise is not None)
+            others = [found[finding.column]] if finding.column in found else []
+            found[finding.column] = max(clip, *others, key=lambda one: one.limit)
     return found
 
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 FOLDER = "improve"
 LEDGER = "ledger.json"
 PICTURE = "staircase.png"
-MOST_EFFECTS = 4
+MOST_EFFECTS = 6
 CLOSE = 0.05  # relative difference of errors up to which a written model counts as the one that was fitted
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -22,6 +22,7 @@ from scipy.linalg import LinAlgWarning
 from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.black_box import diagnose_black_box
 from daest.diagnosis.candidates import pairs
+from daest.diagnosis.clipping import share_at_limit, with_clipped_sensors
 from daest.diagnosis.disturbance import SmoothedLoad, place_gains, smoothed_load
 from daest.diagnosis.free_forms import free_forms
 from daest.diagnosis.gates import GATES
@@ -64,13 +65,23 @@ from daest.errors import DaestError, EstimationError
 from daest.estimation.identify import identify
 from daest.estimation.records import part_of
 from daest.fmu.binary_model import BinaryModel
-from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen, Unproved
+from daest.model.diagnosis import (
+    Candidate,
+    Diagnosis,
+    FreeForm,
+    LearnedLoad,
+    Proof,
+    Screen,
+    Unproved,
+    VerdictName,
+)
 from daest.model.effects import Effect, Site
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions, error_ratios
 from daest.model.flat import FlatModel, Model, events_refused, with_equations
 from daest.modelica.sites import sites
 from daest.numerics.parallel import Outcome, Workers, workers
+from daest.numerics.statistics import chi2
 from daest.systems.reduce import reduce_index
 from daest.systems.sample import Hold
 
@@ -109,16 +120,18 @@ def diagnose(
     flat = with_equations(flat, "a diagnosis from inside")
     if flat.events is not None:
         raise events_refused("a diagnosis")
-    stand = begin(flat, experiments, validation, options, progress)
-    found = examine(stand, library, options, progress)
+    stand, limits = limited(begin(flat, experiments, validation, options, progress), library, options)
+    found = beside_limits(examine(stand, library, options, progress), stand, limits)
     better, other = better_hold(stand, found), unsettled_hold(stand, found)
     hold = better or other
     if hold is None:
         return found
+    first = stand
     progress(AGAIN[hold] if better else IN_VAIN[hold])
     again = replace(options, hold=hold)
-    second = examine(begin(flat, experiments, validation, again, progress), library, again, progress)
-    best = second if better or says_more(second.proofs, stand) else found
+    stand, limits = limited(begin(flat, experiments, validation, again, progress), library, again)
+    second = beside_limits(examine(stand, library, again, progress), stand, limits)
+    best = second if better or says_more(second.proofs, first) else found
     return replace(best, seconds=found.seconds + second.seconds)
 
 
@@ -203,6 +216,78 @@ def begin(
         return Stand(flat, null, baseline, unseen, began, reference, other)
 
     return replace(options.step("null", (options.hold,), flat, fitted), began=began)
+
+
+def limited(
+    stand: Stand, library: Sequence[Effect], options: DiagnoseOptions
+) -> tuple[Stand, tuple[Proof, ...]]:
+    """The stand with the limits of the sensors that are certain to clip, and the proofs of these."""
+    clips = {name: clip for name, clip in options.clipped.items() if clip.is_certain}
+    found = with_clipped_sensors(stand.declared, library, clips)
+    if not found.laws:
+        return stand, ()
+
+    def fitted() -> Stand:
+        nodes = [site for site in sites(stand.declared) if site.kind in ("node", "equation")]
+        null = fit_null(without_noises(found.flat), nodes, stand.null.experiments, stand.null.hold)
+        known = stand.null
+        null = replace(
+            null,
+            other_hold=known.other_hold,
+            hold_lead=known.hold_lead,
+            other_experiments=known.other_experiments,
+            recorded_hold=known.recorded_hold,
+        )
+        baseline = refit(null.flat, null.explicit, null.estimated, null, validation=stand.validation)
+        reference = reference_of(null, baseline, stand.validation)
+        return replace(stand, null=null, baseline=baseline, reference=reference)
+
+    parts = (stand.null.hold, stand.null.recorded_hold, *(law.name for law in found.laws))
+    grown = replace(options.step("limited", parts, found.flat, fitted), began=stand.began)
+    gain = grown.baseline.log_likelihood - stand.baseline.log_likelihood
+    n_observed = sum(int(np.isfinite(e.outputs).sum()) for e in stand.null.experiments)
+    n_own = len(found.laws)
+    proofs = tuple(
+        Proof(
+            candidate=law,
+            flat=grown.null.flat,
+            fit=grown.baseline,
+            delta_log_likelihood=gain,
+            delta_bic=2.0 * gain - n_own * float(np.log(n_observed)),
+            p_value=float(chi2.sf(2.0 * max(gain, 0.0), n_own)),
+            explained=0.0,
+            equivalent=(),
+            not_separable_from=(),
+            verdict="supported",
+            reason="",
+            final=grown.told,
+        )
+        for law in found.laws
+    )
+    return grown, proofs
+
+
+def limit_told(stand: Stand, proof: Proof) -> str:
+    """How the recordings show that a sensor cuts."""
+    output = proof.candidate.site.name
+    limit = proof.candidate.shape["limit"]
+    share = share_at_limit(stand.null.experiments, output, limit)
+    return f"{output} stays at {limit:.6g} in {100.0 * share:.2g} % of the samples, where its noise ends"
+
+
+def beside_limits(found: Diagnosis, stand: Stand, limits: Sequence[Proof]) -> Diagnosis:
+    """The diagnosis of a model that was given the limits of its sensors, with these told."""
+    if not limits:
+        return found
+    told = "; ".join(limit_told(stand, proof) for proof in limits)
+    text = f"The recordings show that a sensor cuts: {told}. The model was given that limit"
+    if found.verdict in ("nothing missing", "parameters off"):
+        name: VerdictName = "supported"
+        labels = ", ".join(proof.candidate.label for proof in limits)
+        message = f"{labels}; supported. {text}; beside it: {found.message}"
+    else:
+        name, message = found.verdict, f"{found.message} {text}, and what is said is beside it."
+    return replace(found, verdict=name, message=message, proofs=(*limits, *found.proofs))
 
 
 def reference_of(null: Null, fit: FitResult, validation: Sequence[Experiment]) -> Reference | None:
@@ -359,6 +444,30 @@ def accept(stand: Stand, proof: Proof) -> Stand:
         if ratios and np.mean(np.square(ratios)) < 1.0:
             reference = replace(reference, fit=proof.final)
     return Stand(stand.declared, model, proof.fit, validation, time.perf_counter(), reference)
+
+
+def proved_again(stand: Stand, proof: Proof, values: Mapping[str, float]) -> Proof:
+    """The proof of the same effect beside another model, that of `stand`, started from the parameter `values`
+    of a fit. Raises what refits raise."""
+    null, candidate = stand.null, proof.candidate
+    with _quiet():
+        run = run_null(null)
+        load = smoothed_load(null, run, place_gains(null, run))
+        form = next(iter(free_forms(null, run)), None)
+        if stand.reference is not None and stand.validation:
+            known = replace(stand.reference, innovations=innovations(run, stand.validation))
+            stand = replace(stand, reference=known)
+        own = {p.name: values.get(f"{candidate.name}.{p.name}") for p in candidate.effect.parameters}
+        shape = {name: v for name in candidate.shape if (v := own[name]) is not None}
+        trial = Trial(
+            replace(candidate, shape={**candidate.shape, **shape}),
+            tuple(own[p.name] or p.start for p in candidate.effect.sizes),
+            (),
+        )
+        flat = null.flat.with_theta({n: values[n] for n in null.estimated if n in values})
+        prepared = prepare(flat, null.estimated, trial, sharper=1.0)
+        found = _refitted(_Search(stand, run, load, form, 1), prepared)
+    return replace(found, equivalent=proof.equivalent, not_separable_from=proof.not_separable_from)
 
 
 def without_noises(flat: FlatModel) -> FlatModel:
@@ -688,14 +797,22 @@ def _with_second_tries(proofs: Sequence[Proof], again: Sequence[Proof]) -> list[
 
 def _with_better_kinks(proofs: Sequence[Proof], rounded: Sequence[Proof]) -> list[Proof]:
     """All laws, those with estimated kinks in place of the same ones without where they are worth their
-    parameters."""
+    parameters, and are not refused for what the others are not: a kink may become so sharp that no observer
+    follows it."""
     better = {
         proof.candidate.name: proof
         for proof in rounded
         for before in proofs
-        if before.candidate.name == proof.candidate.name and proof.delta_bic > before.delta_bic
+        if before.candidate.name == proof.candidate.name
+        and proof.delta_bic > before.delta_bic
+        and (_is_standing(proof) or not _is_standing(before))
     }
     return [better.get(proof.candidate.name, proof) for proof in proofs]
+
+
+def _is_standing(proof: Proof) -> bool:
+    """Whether unseen data do not speak against a law."""
+    return proof.verdict != "rejected" or proof.is_open
 
 
 def _unproved(

@@ -1,23 +1,34 @@
-"""Improve: diagnose, put the best effect in, and again, until nothing is missing or nothing helps."""
+"""Improve: diagnose, put the best effect in, and again, until nothing is missing or nothing helps.
+
+Where a round leaves several effects that it cannot tell apart, each of the best is pursued until a further
+effect decides between them. After every addition, effects that were added before and are not needed beside
+it are taken out again.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from daest.diagnosis.diagnose import (
     AGAIN,
     IN_VAIN,
+    Stand,
     accept,
     begin,
     better_hold,
     examine,
+    limit_told,
+    limited,
+    proved_again,
     says_more,
     unsettled_hold,
 )
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.options import DiagnoseOptions, Progress
-from daest.diagnosis.proof import best_accepted
+from daest.diagnosis.options import MOST_EFFECTS, DiagnoseOptions, Progress
+from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.unseen import is_better, is_likelier
 from daest.errors import EstimationError
 from daest.model.diagnosis import Diagnosis, Improvement, Proof, Step
@@ -25,6 +36,50 @@ from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
 from daest.model.flat import FlatModel
+from daest.systems.sample import Hold
+
+MOST_PATHS = 2  # hypotheses that are pursued side by side
+
+
+@dataclass(frozen=True)
+class _Path:
+    """A hypothesis: the model with the effects of `steps`. `last` and `reason` are those of its end."""
+
+    stand: Stand
+    steps: tuple[Step, ...]
+    last: Diagnosis | None = None
+    reason: str = ""
+
+    @property
+    def bic(self) -> float:
+        """Up to a constant that all paths share."""
+        fit = self.stand.baseline
+        n = sum(int(np.isfinite(e.outputs).sum()) for e in self.stand.null.experiments)
+        return float(len(fit.parameters) * np.log(n) - 2.0 * fit.log_likelihood)
+
+    def ended(self, last: Diagnosis, reason: str) -> _Path:
+        return replace(self, last=last, reason=reason)
+
+
+class _OtherHoldError(Exception):
+    """The inputs are better taken with the other hold: all is to be done again."""
+
+    def __init__(self, hold: Hold) -> None:
+        super().__init__(hold)
+        self.hold = hold
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What the rounds of all paths share; `root` is the model as it is, with the limits of its sensors, and
+    `first` the steps up to it."""
+
+    root: Stand
+    first: tuple[Step, ...]
+    library: Sequence[Effect]
+    options: DiagnoseOptions
+    most_effects: int
+    progress: Progress
 
 
 def improve(
@@ -33,50 +88,170 @@ def improve(
     experiments: Sequence[Experiment],
     validation: Sequence[Experiment] = (),
     options: DiagnoseOptions | None = None,
-    most_effects: int = 4,
+    most_effects: int = MOST_EFFECTS,
     progress: Progress = lambda _: None,
 ) -> Improvement:
     """Add effects one by one. Every round goes into the ledger, also the last one, which adds nothing."""
     options = options or DiagnoseOptions()
-    stand = begin(flat, experiments, validation, options, progress)
-    steps = [Step(None, stand.told, None, "the model as it is")]
+    asis = begin(flat, experiments, validation, options, progress)
+    stand, limits = limited(asis, library, options)
+    steps = [Step(None, asis.told, None, "the model as it is")]
+    steps += [
+        Step(one, one.told, None, f"seen in the recordings: {limit_told(stand, one)}") for one in limits
+    ]
+    task = _Task(stand, tuple(steps), library, options, most_effects, progress)
+    try:
+        found = _searched(task)
+    except _OtherHoldError as other:
+        progress(AGAIN[other.hold])
+        again = replace(options, hold=other.hold)
+        return improve(flat, library, experiments, validation, again, most_effects, progress)
+    assert found.last is not None
+    nothing = Improvement(found.steps, found.last, found.reason, found.stand.null.recorded_hold)
+    if len(found.steps) > len(steps) or options.hold is not None:
+        return nothing
+    hold = better_hold(stand, found.last) or unsettled_hold(stand, found.last)
+    if hold is None:
+        return nothing
+    progress(IN_VAIN[hold])
+    again = replace(options, hold=hold)
+    other_way = improve(flat, library, experiments, validation, again, most_effects, progress)
+    proofs = [step.proof for step in other_way.steps if step.proof is not None]
+    return other_way if says_more(proofs, stand) else nothing
 
-    def ended(diagnosis: Diagnosis, reason: str) -> Improvement:
-        return Improvement(tuple(steps), diagnosis, reason, stand.null.recorded_hold)
 
-    while True:
+def _searched(task: _Task) -> _Path:
+    """The best path, followed to its end. Raises _OtherHoldError, and what `examine` raises."""
+    paths = [_Path(task.root, task.first)]
+    while any(path.last is None for path in paths):
+        grown = [
+            one for path in paths for one in ([path] if path.last is not None else _continued(task, path))
+        ]
+        paths = _leading(grown)
+    return paths[0]
+
+
+def _continued(task: _Task, path: _Path) -> list[_Path]:
+    """The path with one more effect, several times where its round leaves several that are not separable; or
+    ended."""
+    stand = path.stand
+    try:
+        diagnosis = examine(stand, task.library, task.options, task.progress)
+    except EstimationError as error:
+        last = path.steps[-1].diagnosis
+        if error.code != "diagnose-no-candidate" or last is None:
+            raise
+        return [path.ended(last, "No other effect was to be searched for.")]
+    accepted = [proof for proof in diagnosis.proofs if proof.verdict != "rejected"]
+    if not accepted:
+        return [path.ended(diagnosis, diagnosis.message)]
+    helpful = [proof for proof in accepted if _helps(stand.told, proof)]
+    if not helpful:
+        labels = accepted[0].candidate.label
+        return [path.ended(diagnosis, f"{labels} is supported, but it does not lower the validation error.")]
+    hold = better_hold(stand, diagnosis)
+    if hold is not None:
+        raise _OtherHoldError(hold)
+    return [_extended(task, path, proof, diagnosis) for proof in helpful[:MOST_PATHS]]
+
+
+def _extended(task: _Task, path: _Path, proof: Proof, diagnosis: Diagnosis) -> _Path:
+    remark = f"not separable from {', '.join(proof.not_separable_from)}" if proof.not_separable_from else ""
+    step = Step(proof, proof.told, diagnosis, remark or "supported")
+    task.progress(f"added {proof.candidate.label}")
+    grown = _Path(accept(path.stand, proof), (*path.steps, step))
+    grown = _without_superfluous(task, grown)
+    if len(grown.steps) - len(task.first) >= task.most_effects:
+        return grown.ended(diagnosis, f"The limit of {task.most_effects} effects is reached.")
+    return grown
+
+
+def _without_superfluous(task: _Task, path: _Path) -> _Path:
+    """The path without the effects that the last one has made superfluous, one at a time."""
+    for number in _doubtful(path.steps):
+        shorter = _without(task, path, number)
+        if shorter is None or shorter.bic > path.bic + GATES.min_bic_gain or _is_worse(path, shorter):
+            continue
+        label = _label(path.steps[number])
+        task.progress(f"{label} is no longer needed")
+        last = shorter.steps[-1]
+        said = f"{last.remark}; {label} is no longer needed and was taken out"
+        return replace(shorter, steps=(*shorter.steps[:-1], replace(last, remark=said)))
+    return path
+
+
+def _doubtful(steps: Sequence[Step]) -> list[int]:
+    """Earlier steps whose effects have lost the certainty of all their sizes."""
+    sizes = {p.name: p for p in steps[-1].fit.parameters}
+    found = []
+    for number, step in enumerate(steps[:-1]):
+        if step.proof is None or step.diagnosis is None:
+            continue
+        candidate = step.proof.candidate
+        now = [(p, sizes.get(f"{candidate.name}.{p.name}")) for p in candidate.effect.sizes]
+        if all(
+            one is None
+            or one.std_error is None
+            or abs(one.value - (p.null or 0.0)) < GATES.still_needed * one.std_error
+            for p, one in now
+        ):
+            found.append(number)
+    return found
+
+
+def _without(task: _Task, path: _Path, number: int) -> _Path | None:
+    """The path built again from the model as it is, without one of its effects; None where that fails."""
+    values = path.steps[-1].fit.theta
+    shorter = _Path(task.root, task.first)
+    for step in (*path.steps[len(task.first) : number], *path.steps[number + 1 :]):
+        assert step.proof is not None
         try:
-            diagnosis = examine(stand, library, options, progress)
-        except EstimationError as error:
-            last = steps[-1].diagnosis
-            if error.code != "diagnose-no-candidate" or last is None:
-                raise
-            return ended(last, "No other effect was to be searched for.")
-        best = best_accepted(diagnosis.proofs)
-        if best is None:
-            nothing = ended(diagnosis, diagnosis.message)
-            is_first = len(steps) == 1 and options.hold is None
-            other = (better_hold(stand, diagnosis) or unsettled_hold(stand, diagnosis)) if is_first else None
-            if other is None:
-                return nothing
-            progress(IN_VAIN[other])
-            again = replace(options, hold=other)
-            found = improve(flat, library, experiments, validation, again, most_effects, progress)
-            proofs = [step.proof for step in found.steps if step.proof is not None]
-            return found if says_more(proofs, stand) else nothing
-        if not _helps(stand.told, best):
-            reason = f"{best.candidate.label} is supported, but it does not lower the validation error."
-            return ended(diagnosis, reason)
-        hold = better_hold(stand, diagnosis)
-        if hold is not None:
-            progress(AGAIN[hold])
-            again = replace(options, hold=hold)
-            return improve(flat, library, experiments, validation, again, most_effects, progress)
-        stand = accept(stand, best)
-        steps.append(Step(best, best.told, diagnosis, _remark(steps, best)))
-        progress(f"added {best.candidate.label}")
-        if len(steps) > most_effects:
-            return ended(diagnosis, f"The limit of {most_effects} effects is reached.")
+            proof = proved_again(shorter.stand, step.proof, values)
+            stand = accept(shorter.stand, proof)
+        except FAILURES:
+            return None
+        again = replace(step, proof=proof, fit=proof.told)
+        shorter = _Path(stand, (*shorter.steps, again))
+    return shorter
+
+
+def _leading(paths: Sequence[_Path]) -> list[_Path]:
+    """The paths that may still turn out to be the best, the best first; at most MOST_PATHS."""
+    best = paths[0]
+    for path in paths[1:]:
+        best = path if _is_ahead(path, best) else best
+    others = [path for path in paths if path is not best and not _is_ahead(best, path)]
+    others.sort(key=lambda path: path.bic)
+    return [best, *others[: MOST_PATHS - 1]]
+
+
+def _is_ahead(one: _Path, other: _Path) -> bool:
+    """Whether a hypothesis is clearly better: by the errors of its simulation of unseen data, or, where these
+    do not differ clearly, by its likelihood."""
+    if _ratio(other, one) < GATES.max_rival_error:
+        return True
+    if _ratio(one, other) < GATES.max_rival_error:
+        return False
+    return one.bic < other.bic - GATES.min_bic_gain
+
+
+def _is_worse(path: _Path, other: _Path) -> bool:
+    """Whether the other model simulates unseen data worse."""
+    return _ratio(path, other) > 1.0 / GATES.max_round_ratio
+
+
+def _ratio(before: _Path, after: _Path) -> float:
+    """Errors on unseen data of the second model relative to those of the first; 1 where the whole simulation
+    is dead reckoning, or unknown."""
+    reference = before.stand.reference
+    if reference is not None and reference.adds_up:
+        return 1.0
+    ratios = error_ratios(before.stand.told.simulated, after.stand.told.simulated)
+    return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 1.0
+
+
+def _label(step: Step) -> str:
+    return "" if step.proof is None else step.proof.candidate.label
 
 
 def _helps(before: FitResult, best: Proof) -> bool:
@@ -87,23 +262,3 @@ def _helps(before: FitResult, best: Proof) -> bool:
     ratios = error_ratios(before.simulated, best.told.simulated)
     falls = bool(ratios) and min(ratios) < GATES.max_round_ratio and max(ratios) < 1.0 / GATES.max_round_ratio
     return falls or any(is_better(one) for one in best.ahead) or is_likelier(best.confirmed)
-
-
-def _remark(steps: Sequence[Step], best: Proof) -> str:
-    """What else is to be said of the round: rivals not separated, effects no longer needed."""
-    said = []
-    if best.not_separable_from:
-        said.append(f"not separable from {', '.join(best.not_separable_from)}")
-    sizes = {p.name: p for p in best.told.parameters}
-    for step in steps:
-        if step.proof is None:
-            continue
-        for parameter in step.proof.candidate.effect.sizes:
-            now = sizes.get(f"{step.proof.candidate.name}.{parameter.name}")
-            if (
-                now
-                and now.std_error
-                and abs(now.value - (parameter.null or 0.0)) < GATES.still_needed * now.std_error
-            ):
-                said.append(f"{step.proof.candidate.label} is no longer needed")
-    return "; ".join(said) or "supported"

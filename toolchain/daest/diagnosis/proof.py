@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from daest.diagnosis.clipping import SATURATION, Clip
 from daest.diagnosis.disturbance import SmoothedLoad, smoothed_at
 from daest.diagnosis.free_forms import covers, free_forms
 from daest.diagnosis.gates import GATES
@@ -33,13 +34,13 @@ from daest.model.flat import ExplicitModel, FlatModel, with_equations
 from daest.modelica.attach import attach
 from daest.modelica.place_units import units_at
 from daest.numerics.statistics import chi2
+from daest.quantities import spoken_duration
 from daest.systems.reduce import reduce_index
 
 LONGER = 2  # searches that go on where one has come to its limit
 LOST = (
     5.0  # log-likelihood below that of the null, which a law contains, from which a search has lost its way
 )
-SATURATION = "Daest.Effects.Signals.Saturation"
 CUT = 0.99  # share of what is beyond the limit that a clipping sensor is taken to cut, at first
 NEARLY = 0.9  # share of its full size, at first, of a law whose kinks are rounded widely
 CLIPPED_WITHIN = 0.01  # of the limit, over which its edge is rounded in the screen
@@ -93,15 +94,17 @@ def moved(trial: Trial, number: int) -> Trial:
 
 
 def clipping_trials(
-    null: Null, candidates: Sequence[Candidate], clipped: Mapping[str, float]
+    null: Null, candidates: Sequence[Candidate], clipped: Mapping[str, Clip]
 ) -> tuple[Trial, ...]:
-    """Sensors that cut at the limits where the recordings are known to stay: `clipped`, by output."""
+    """Sensors that may cut at the limits where the recordings are known to stay: `clipped`, by output."""
     found = []
     for candidate in candidates:
-        limit = clipped.get(candidate.site.name)
-        if candidate.effect.class_name != SATURATION or candidate.site.kind != "output" or not limit:
+        clip = clipped.get(candidate.site.name)
+        if candidate.effect.class_name != SATURATION or candidate.site.kind != "output":
             continue
-        reach = max(abs(limit), 1e-12)
+        if clip is None or clip.is_certain or not clip.limit:
+            continue
+        reach = max(abs(clip.limit), 1e-12)
         shape = {
             p.name: reach * (CLIPPED_WITHIN if p.role == "sharpness" else 1.0)
             for p in candidate.effect.parameters
@@ -282,8 +285,9 @@ def prove(
         # A law that says all that the load has to do with any variable need not explain more of the load.
         says_all = form is not None and form.p_value < GATES.rest_level and gain >= form.log_likelihood_gain
         is_curve = says_all and explained >= GATES.min_curve_explained
-        is_open = not against
-        reason = against or _weak(prepared, fit)
+        undetermined = "" if against else _undetermined(prepared.trial.candidate, final or fit)
+        is_open = not against and not undetermined
+        reason = against or undetermined or _weak(prepared, fit)
         if not reason and not is_curve and not is_told:
             reason = _unexplained(explained, ratios)
     elif final is None:
@@ -490,7 +494,8 @@ def _too_short(null: Null, candidate: Candidate, fit: FitResult) -> str:
     if max(times) * fastest >= GATES.min_lag:
         return ""
     return (
-        f"{max(times):.3g} s is short beside the fastest time constant of the model ({1.0 / fastest:.3g} s): "
+        f"{spoken_duration(max(times))} is short beside the fastest time constant of the model "
+        f"({spoken_duration(1.0 / fastest)}): "
         "a lag, a delay or a flexible part would do as well"
     )
 
@@ -563,6 +568,31 @@ def _weak(prepared: Prepared, fit: FitResult) -> str:
             return ""
         reasons.append(reason)
     return "; ".join(reasons) or "its size was not estimated"
+
+
+def _undetermined(candidate: Candidate, told: FitResult) -> str:
+    """Why the law is not the one that the data show, where they determine none of its parameters: it then
+    stands for any law that does the same in these data. Empty where at least one of them is known."""
+    nulls = {p.name: p.null or 0.0 for p in candidate.effect.sizes}
+    law = {f"{candidate.name}.{p.name}" for p in candidate.effect.parameters if p.role in ("size", "shape")}
+    own = [p for p in told.parameters if p.name in law]
+    unknown = [_told_size(p) for p in own if not _is_known(p, nulls.get(p.name.rpartition(".")[2], 0.0))]
+    if not own or len(unknown) < len(own):
+        return ""
+    return f"the data determine none of its parameters ({', '.join(unknown)})"
+
+
+def _is_known(parameter: FittedParameter, null: float) -> bool:
+    if parameter.at_bound == "max" and null < parameter.value:
+        return True  # as much of the effect as there can be
+    error = parameter.std_error
+    return error is not None and abs(parameter.value - null) >= GATES.min_significance * error
+
+
+def _told_size(parameter: FittedParameter) -> str:
+    error = "" if parameter.std_error is None else f" ± {parameter.std_error:.2g}"
+    unit = "" if parameter.unit == "1" else parameter.unit
+    return f"{parameter.name.rpartition('.')[2]} = {parameter.value:.4g}{error} {unit}".rstrip()
 
 
 def _unexplained(explained: float, ratios: Sequence[float]) -> str:
@@ -706,18 +736,15 @@ def _unseen_ratio(best: Proof, one: Proof) -> float:
 
 
 def _is_vague(richer: Proof, simple: Proof) -> bool:
-    """Whether a law at the place of a simple one goes beyond it by parameters that the data do not
-    determine: they may stand for the way in which the simple law is rounded."""
+    """Whether a law at the place of a simple one goes beyond it by parameters of which the data leave one
+    undetermined: it may stand for the way in which the simple law is rounded."""
     known = {p.name.rpartition(".")[2] for p in _own_sizes(simple)}
     more = [p for p in _own_sizes(richer) if p.name.rpartition(".")[2] not in known]
     return (
         richer.candidate.site == simple.candidate.site
         and len(_own_sizes(richer)) > len(known)
         and simple.delta_log_likelihood > GATES.min_vague_gain * richer.delta_log_likelihood
-        and (
-            any(p.at_bound or p.std_error is None for p in more)
-            or all(abs(p.value) < GATES.min_significance * (p.std_error or np.inf) for p in more)
-        )
+        and any(p.at_bound or abs(p.value) < GATES.min_significance * (p.std_error or np.inf) for p in more)
     )
 
 

@@ -29,6 +29,7 @@ from daest.estimation.observer import AverageModel, average_model, observer
 from daest.model.diagnosis import Candidate, Screen, Screened
 from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel
+from daest.modelica.attach import components_with
 from daest.numerics.statistics import autoregression, chi2, norm
 from daest.systems.integrate import Correction, Integrator, Trajectory, integrate, integrator, interval_inputs
 from daest.systems.integration import IntegrationError
@@ -170,9 +171,16 @@ def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed:
 
     Raises EstimationError `diagnose-no-candidate`.
     """
-    static = [c for c in candidates if not c.effect.is_dynamic and not c.effect.n_states]
+    present = _already_there(null, candidates)
+    static = [
+        c
+        for c, there in zip(candidates, present, strict=True)
+        if not there and not c.effect.is_dynamic and not c.effect.n_states
+    ]
     skipped = [
-        (c.label, "has states of its own: refitted, not screened") for c in candidates if c not in static
+        (c.label, there or "has states of its own: refitted, not screened")
+        for c, there in zip(candidates, present, strict=True)
+        if c not in static
     ]
     first, filtered = null.experiments[0], run.observed[0].filtered
     states = dict(zip(run.state_names, filtered.T, strict=True))
@@ -201,6 +209,15 @@ def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed:
         (*skipped, *refused, *refused_shapes),
         seed,
     )
+
+
+def _already_there(null: Null, candidates: Sequence[Candidate]) -> list[str]:
+    """Of every candidate, which component of the model says what a second one at the same place would say:
+    one with the same equations whose parameters are estimated. Empty where there is none."""
+    fitted = {name.partition(".")[0] for name in null.estimated}
+    found = components_with(null.flat, [(c.effect, c.site) for c in candidates])
+    peers = [next((name for name in names if name in fitted), "") for names in found]
+    return [f"the model contains it already: `{peer}` is estimated" if peer else "" for peer in peers]
 
 
 def _loads_rescaled(null: Null, run: NullObserver) -> np.ndarray:

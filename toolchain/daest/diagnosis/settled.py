@@ -62,8 +62,18 @@ def settled(
         if is_rough or found.fit.status != "iteration limit":
             break
     assert found is not None
+    if _has_run_away(found.fit, experiments):
+        return None
     run = run_null(grown(null, started, explicit, found.fit, experiments))
     return replace(found.simulated(validation), parameters=_uncertain(found.fit, fit, run)), run
+
+
+def _has_run_away(fit: FitResult, experiments: Sequence[Experiment]) -> bool:
+    """Whether a search ended where no observer follows the data: there the noise of a sensor is beyond all
+    that it shows."""
+    spread = np.nanstd(np.concatenate([e.outputs for e in experiments]), axis=0)
+    noise = np.array([n.value for n in fit.noises if n.kind == "measurement"])
+    return bool(np.any(noise > GATES.observer_runaway * spread))
 
 
 def simulated(

@@ -20,6 +20,7 @@ from daest.diagnosis.screen import RTOL, NullObserver
 from daest.model.diagnosis import Ahead, Confirmed
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
+from daest.quantities import spoken_duration
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import Correction, Integrator, integrate, integrator
 from daest.systems.integration import IntegrationError
@@ -183,7 +184,8 @@ def judged(
     is_clear = bool(better) or whole < GATES.max_clear_ratio or speaks
     if worse:
         one = max(worse, key=lambda a: a.ratio)
-        return f"unseen data are foreseen {one.ratio:.3g} times worse over {one.seconds:.3g} s", False, False
+        over = spoken_duration(one.seconds)
+        return f"unseen data are foreseen {one.ratio:.3g} times worse over {over}", False, False
     most = 1.0 + (GATES.max_simulated_loss if speaks else GATES.same_unseen_error)
     if ratios and whole > most and not (adds_up and is_clear):
         return f"the simulation of unseen data gets {whole:.3g} times worse", False, False

@@ -16,6 +16,7 @@ from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Unproved, 
 from daest.model.fit import Agreement, FitResult, FittedParameter, error_ratios
 from daest.model.flat import FlatModel
 from daest.numerics.statistics import whiteness_p_value
+from daest.quantities import spoken_duration
 
 
 @dataclass(frozen=True)
@@ -174,7 +175,8 @@ def _importance(evidence: Evidence, proof: Proof) -> str:
     parts = []
     if proof.ahead:
         best = min(proof.ahead, key=lambda one: one.ratio)
-        parts.append(f"{_removed(best.ratio)} of the error of predictions {best.seconds:.3g} s ahead")
+        ahead = spoken_duration(best.seconds)
+        parts.append(f"{_removed(best.ratio)} of the error of predictions {ahead} ahead")
     ratio = _error_ratio(evidence, proof)
     if np.isfinite(ratio):
         parts.append(f"{_removed(ratio)} of that of the whole simulation")

@@ -18,6 +18,7 @@ import numpy as np
 from daest.diagnosis.gates import GATES
 from daest.model.comparison import Finding
 from daest.numerics.statistics import beta
+from daest.quantities import spoken_duration
 
 MOST_FINDINGS = 4
 MOST_PER_OUTPUT = 2  # of one output and error
@@ -287,17 +288,13 @@ def _band_finding(
 def _band(low: float, high: float) -> str:
     """A band in words; slow ones by their periods."""
     if high < SLOW:
-        shortest = _hours(1.0 / high)
+        shortest = spoken_duration(1.0 / high)
         return (
             f"at periods above {shortest}"
             if low == 0.0
-            else f"at periods of {shortest} to {_hours(1.0 / low)}"
+            else f"at periods of {shortest} to {spoken_duration(1.0 / low)}"
         )
     return f"below {_number(high)} Hz" if low == 0.0 else f"between {_number(low)} and {_number(high)} Hz"
-
-
-def _hours(seconds: float) -> str:
-    return f"{seconds / 3600.0:.3g} h" if seconds >= 3600.0 else f"{seconds / 60.0:.3g} min"
 
 
 def _condition(place: Place) -> str:

@@ -62,6 +62,12 @@ def attach_all(
     return assembly.model()
 
 
+def components_with(flat: FlatModel, places: Iterable[tuple[Effect, Site]]) -> list[tuple[str, ...]]:
+    """Of every pair, the components of the model at that place that have the equations of that effect."""
+    assembly = _Assembly(flat)
+    return [assembly.with_equations_of(effect, site) for effect, site in places]
+
+
 def component_name(effect: Effect, taken: Iterable[str]) -> str:
     """The name of the effect's component: `coulombFriction`, or `coulombFriction2` where that is taken."""
     return free_name(effect.name[0].lower() + effect.name[1:], taken)
@@ -434,24 +440,28 @@ class _Assembly:
 
     def _refuse_repetition(self, effect: Effect, site: Site) -> None:
         """Raise ModelError where a component at the place has the equations of the effect."""
+        for peer in self.with_equations_of(effect, site):
+            raise ModelError(
+                "effect-present",
+                f"the model contains {effect.name} at `{site.name}` already: `{peer}`",
+                where=self.flat.source or None,
+                remedy=f"Estimate the parameters of `{peer}`, or choose another place.",
+            )
+
+    def with_equations_of(self, effect: Effect, site: Site) -> tuple[str, ...]:
+        """The components at the place that have the equations of the effect, in the order of their names."""
         peers = self._peers(site)
         if not peers:
-            return
+            return ()
         variants = [effect_model(effect)] + ([effect_model(effect, True)] if effect.has_support else [])
         laws = [frozenset(e.text for e in v.equations if e.kind == "component") for v in variants]
-        for peer in sorted(peers):
-            if frozenset(self._laws.get(peer, ())) in laws:
-                raise ModelError(
-                    "effect-present",
-                    f"the model contains {effect.name} at `{site.name}` already: `{peer}`",
-                    where=self.flat.source or None,
-                    remedy=f"Estimate the parameters of `{peer}`, or choose another place.",
-                )
+        return tuple(peer for peer in sorted(peers) if frozenset(self._laws.get(peer, ())) in laws)
 
     def _peers(self, site: Site) -> set[str]:
         """Components that join the place at all of its ends."""
         if site.kind in ("input", "output", "parameter"):
-            return {_owner(e.text.partition(" = ")[2]) for e in self.equations if _reads(e, site.name)}
+            found = {_owner(e.text.partition(" = ")[2]) for e in self.equations if _reads(e, site.name)}
+            return found | self._shown_by(site)
         if site.kind == "equation":
             terms = self.equations[int(site.name.partition(":")[0])].text
             return {name for name in self._names if f" {name}." in terms}
@@ -462,6 +472,13 @@ class _Assembly:
             return self._joined_to(site.connectors)
         a, b = site.connectors
         return self._joined_to([a]) & self._joined_to([b])
+
+    def _shown_by(self, site: Site) -> set[str]:
+        """The effect whose result is the output, if one was put there."""
+        shown = [r for y, r in zip(self.outputs, self.results, strict=True) if y.name == site.name]
+        if site.kind != "output" or not shown or not shown[0].is_symbolic():
+            return set()
+        return {_owner(shown[0].name())}
 
     def _joined_to(self, connectors: Iterable[str]) -> set[str]:
         rows = {self._flow_rows[c] for c in connectors if c in self._flow_rows}

@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
+from daest.quantities import spoken_duration
 from daest.report.console import heading, indented, number, percent, rendered, table
 
 _TESTS = {
@@ -76,7 +77,7 @@ def _growth(document: Mapping[str, Any]) -> Iterator[RenderableType]:
             ahead = {h["seconds"]: h["rms"].get(output) for h in model["growth"]}
             cells = (number(ahead.get(s), 3) for s in seconds)
             rows.append((output, model["name"], *cells, number(model["rms"].get(output), 3), unit))
-    columns = ("output", "model", *(f"{s:.3g} s" for s in seconds), "whole", "unit")
+    columns = ("output", "model", *map(spoken_duration, seconds), "whole", "unit")
     yield table(columns, rows, text_columns=(0, 1, len(columns) - 1))
 
 

@@ -1,0 +1,160 @@
+"""Hypotheses that are pursued side by side, and effects that later ones make superfluous."""
+
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import pytest
+from hidden_plants import library, model, rubbing, some_effects
+
+from daest.diagnosis import improve as improving
+from daest.diagnosis.candidates import pairs
+from daest.diagnosis.diagnose import proved_again
+from daest.diagnosis.disturbance import place_gains, smoothed_load
+from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.proof import Trial, prepare, prove
+from daest.diagnosis.screen import run_null
+from daest.errors import EstimationError
+from daest.model.diagnosis import Diagnosis, Screen, Step
+from daest.model.fit import Agreement
+from daest.modelica.sites import sites
+
+
+@cache
+def proof_of(name):
+    """Of an effect on the rotor's shaft, in a recording with dry friction alone."""
+    stand = rubbing()
+    candidate = next(c for c in pairs(some_effects(name), sites(model())) if c.site.name == "rotor.flange_a")
+    shape = {p.name: 0.01 for p in candidate.effect.parameters if p.role == "sharpness"}
+    trial = Trial(replace(candidate, name=f"hidden_{name}", shape=shape), (0.1,), ())
+    run = run_null(stand.null)
+    load = smoothed_load(stand.null, run, place_gains(stand.null, run))
+    prepared = prepare(stand.null.flat, stand.null.estimated, trial)
+    return prove(stand.null, stand.baseline, prepared, stand.null.experiments, stand.validation, run, load)
+
+
+def found(proofs, verdict="cannot tell"):
+    stand = rubbing()
+    return Diagnosis(
+        verdict, "said", stand.told, tuple(proofs), Screen((), None, 1.0, 0, ()), (), None, None, "", 1.0
+    )
+
+
+@pytest.fixture
+def rounds(monkeypatch):
+    """`improve` with the rounds given: a function of the accepted effects to the proofs of the next round."""
+
+    def run(next_proofs, **choices):
+        asked = []
+
+        def examine(stand, *_):
+            inside = [
+                n for n in ("CoulombFriction", "QuadraticDrag") if f"hidden_{n}" in str(stand.null.estimated)
+            ]
+            asked.append(inside)
+            return next_proofs(inside)
+
+        monkeypatch.setattr(improving, "begin", lambda *_: rubbing())
+        monkeypatch.setattr(improving, "examine", examine)
+        monkeypatch.setattr(improving, "_helps", lambda *_: True)
+        monkeypatch.setattr(improving, "better_hold", lambda *_: None)
+        monkeypatch.setattr(improving, "unsettled_hold", lambda *_: None)
+        result = improving.improve(model(), library(), [], (), DiagnoseOptions(), **choices)
+        return result, asked
+
+    return run
+
+
+def test_both_of_two_effects_that_are_not_separable_are_pursued(rounds):
+    drag, friction = (
+        replace(proof_of(n), verdict="not separable", not_separable_from=("the other",))
+        for n in ("QuadraticDrag", "CoulombFriction")
+    )
+
+    def next_round(inside):
+        return found([] if inside else [drag, friction])
+
+    result, asked = rounds(next_round)
+    # The one that the data show is ahead at once, though the other came first.
+    assert asked == [[], ["CoulombFriction"]]
+    assert [s.proof.candidate.effect.name for s in result.steps if s.proof] == ["CoulombFriction"]
+    assert result.steps[1].remark == "not separable from the other" and result.reason == "said"
+
+
+def test_improvement_ends_at_its_limit(rounds):
+    friction = replace(proof_of("CoulombFriction"), verdict="supported")
+    result, asked = rounds(lambda inside: found([] if inside else [friction]), most_effects=1)
+    assert len(asked) == 1 and "limit of 1 effects" in result.reason
+
+
+def test_round_without_anything_to_search_ends_with_the_last_one(rounds):
+    friction = replace(proof_of("CoulombFriction"), verdict="supported")
+
+    def next_round(inside):
+        if inside:
+            raise EstimationError("diagnose-no-candidate", "none")
+        return found([friction], "supported")
+
+    result, _ = rounds(next_round)
+    assert result.last.verdict == "supported" and "No other effect" in result.reason
+
+
+def test_effect_that_a_later_one_makes_superfluous_is_taken_out(rounds):
+    """Drag comes first and stands for the friction; beside the friction nothing of it is left."""
+    drag = replace(proof_of("QuadraticDrag"), verdict="supported")
+
+    def next_round(inside):
+        if not inside:
+            return found([drag], "supported")
+        if inside == ["QuadraticDrag"]:
+            beside = improving.accept(rubbing(), drag)
+            both = proved_again(beside, proof_of("CoulombFriction"), proof_of("CoulombFriction").told.theta)
+            return found([replace(both, verdict="supported")], "supported")
+        return found([], "nothing missing")
+
+    result, asked = rounds(next_round)
+    assert asked == [[], ["QuadraticDrag"], ["CoulombFriction"]]
+    (step,) = [s for s in result.steps if s.proof]
+    assert step.proof.candidate.effect.name == "CoulombFriction"
+    assert "QuadraticDrag at rotor.flange_a is no longer needed and was taken out" in step.remark
+    assert result.last.verdict == "nothing missing"
+    own = "hidden_CoulombFriction.tau_c"
+    alone = proof_of("CoulombFriction").told.theta[own]
+    assert step.proof.told.theta[own] == pytest.approx(alone, rel=0.1)
+
+
+def path(bic, rms, adds_up=False):
+    agreement = {"validation": Agreement({}, {"y": rms})}
+    told = SimpleNamespace(simulated=agreement)
+    stand = SimpleNamespace(told=told, reference=SimpleNamespace(adds_up=adds_up))
+    return SimpleNamespace(stand=stand, bic=bic)
+
+
+def test_unseen_data_come_before_the_likelihood():
+    likely, foresees = path(-1000.0, 1.0), path(-900.0, 0.5)
+    assert improving._is_ahead(foresees, likely) and not improving._is_ahead(likely, foresees)
+    alike = path(-900.0, 0.99)
+    assert improving._is_ahead(likely, alike) and not improving._is_ahead(alike, likely)
+    # Where a simulation is dead reckoning, it says nothing.
+    reckoned = path(-900.0, 0.5, adds_up=True)
+    assert improving._is_ahead(path(-1000.0, 1.0, adds_up=True), reckoned)
+    close = path(-1003.0, 1.0)
+    assert not improving._is_ahead(close, likely) and improving._leading([likely, close]) == [likely, close]
+    assert improving._leading([likely, alike, foresees]) == [foresees]
+
+
+def test_effect_is_doubtful_once_no_size_of_it_is_certain():
+    proof = proof_of("CoulombFriction")
+    own = f"{proof.candidate.name}.tau_c"
+
+    def after(**changes):
+        parameters = [replace(p, **changes) if p.name == own else p for p in proof.fit.parameters]
+        return Step(None, replace(proof.fit, parameters=tuple(parameters)), None, "")
+
+    first = Step(proof, proof.fit, found([proof]), "supported")
+    asis = Step(None, proof.fit, None, "")
+    assert improving._doubtful([asis, first, after()]) == []
+    assert improving._doubtful([asis, first, after(value=0.1, std_error=0.05)]) == [1]
+    assert improving._doubtful([asis, first, after(std_error=None)]) == [1]
+    # What the recordings themselves show needs no size.
+    assert improving._doubtful([asis, replace(first, diagnosis=None), after(std_error=None)]) == []

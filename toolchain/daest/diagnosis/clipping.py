@@ -1,0 +1,76 @@
+"""Sensors that are seen to clip in the recording itself.
+
+Where a noisy signal stays at one and the same extreme value again and again, its sensor cuts there: nothing
+that the machine does keeps the noise away. That needs no test against a model, and every further law is
+looked for beside it; without it, a law that is missing besides makes the limit look wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from daest.model.diagnosis import Candidate
+from daest.model.effects import Effect
+from daest.model.experiment import Experiment
+from daest.model.flat import FlatModel
+from daest.modelica.attach import attach, components_with
+from daest.modelica.place_units import units_at
+from daest.modelica.sites import sites
+
+SATURATION = "Daest.Effects.Signals.Saturation"
+WITHIN = 0.003  # of the limit, over which the edge of the sensor is rounded
+
+
+@dataclass(frozen=True)
+class Clip:
+    """The magnitude at which an output stays. `is_certain`: its noise ends there, so that the sensor cuts."""
+
+    limit: float
+    is_certain: bool = False
+
+
+@dataclass(frozen=True)
+class Clipped:
+    """A model whose sensors clip where the recordings show it, with the laws that were put in."""
+
+    flat: FlatModel
+    laws: tuple[Candidate, ...] = ()
+
+
+def with_clipped_sensors(flat: FlatModel, library: Sequence[Effect], clips: Mapping[str, Clip]) -> Clipped:
+    """`flat` with a saturation at every output that is certain to clip and has none yet, its limit to be
+    estimated."""
+    effect = next((e for e in library if e.class_name == SATURATION), None)
+    found = Clipped(flat)
+    if effect is None:
+        return found
+    for site in sites(flat):
+        clip = clips.get(site.name) if site.kind == "output" else None
+        if (
+            clip is None
+            or not clip.is_certain
+            or not clip.limit
+            or components_with(flat, [(effect, site)])[0]
+        ):
+            continue
+        name = f"clipped_{len(found.laws) + 1}"
+        values = {"share": 1.0, "limit": clip.limit, "u_s": WITHIN * clip.limit}
+        candidate = Candidate(effect, site, name, {n: values[n] for n in ("limit", "u_s")})
+        candidate = replace(candidate, units=units_at(flat, effect, site))
+        grown = attach(found.flat, effect, site, name, values)
+        parameters = tuple(
+            replace(p, estimate=p.name == f"{name}.limit") if p.name.startswith(f"{name}.") else p
+            for p in grown.parameters
+        )
+        found = Clipped(replace(grown, parameters=parameters), (*found.laws, candidate))
+    return found
+
+
+def share_at_limit(experiments: Sequence[Experiment], output: str, limit: float) -> float:
+    """The share of the samples of an output that stand at the limit of its sensor."""
+    values = np.concatenate([e.outputs[:, e.output_names.index(output)] for e in experiments])
+    values = values[np.isfinite(values)]
+    return float(np.mean(np.abs(np.abs(values) - limit) <= WITHIN * limit)) if values.size else 0.0
