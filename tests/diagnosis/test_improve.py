@@ -158,3 +158,30 @@ def test_effect_is_doubtful_once_no_size_of_it_is_certain():
     assert improving._doubtful([asis, first, after(std_error=None)]) == [1]
     # What the recordings themselves show needs no size.
     assert improving._doubtful([asis, replace(first, diagnosis=None), after(std_error=None)]) == []
+
+
+@pytest.mark.parametrize("refused", [(), ("QuadraticDrag",)])
+def test_pair_is_added_where_each_is_accepted_beside_the_other(rounds, monkeypatch, refused):
+    proofs = {name: proof_of(name) for name in ("CoulombFriction", "QuadraticDrag")}
+    entries = tuple(SimpleNamespace(candidate=p.candidate, sizes=(0.1,)) for p in proofs.values())
+
+    def beside(stand, trial, values, sharper):
+        name = trial.candidate.effect.name
+        is_alone = "hidden" not in str(stand.null.estimated)
+        is_accepted = not is_alone and name not in refused
+        return replace(proofs[name], verdict="supported" if is_accepted else "rejected", reason="too little")
+
+    monkeypatch.setattr(improving, "promising_pairs", lambda _: [] if beside.done else [entries])
+    monkeypatch.setattr(improving, "proved_beside", beside)
+    beside.done = False
+
+    def next_round(inside):
+        beside.done = bool(inside)
+        return found([], "cannot tell")
+
+    result, _ = rounds(next_round)
+    added = [step for step in result.steps if step.proof]
+    assert [s.proof.candidate.effect.name for s in added] == ([] if refused else list(proofs))
+    if not refused:
+        assert added[0].remark == "only together with QuadraticDrag at rotor.flange_a"
+        assert added[0].proof.verdict == "supported" and added[0].proof.reason == ""

@@ -30,10 +30,12 @@ from daest.diagnosis.screen import (
     _responses,
     nuisance,
     projected,
+    promising_pairs,
     run_null,
     screen,
 )
 from daest.errors import EstimationError
+from daest.model.diagnosis import Screen, Screened
 from daest.modelica.attach import attach
 from daest.modelica.sites import sites
 from daest.systems.integrate import Correction, integrate, integrator
@@ -163,6 +165,33 @@ def test_projection_leaves_nothing_of_the_parameters():
     rest, _ = projected(white, directions)
     scaled = directions / np.linalg.norm(directions, axis=1)[:, None]
     assert np.max(np.abs(scaled @ rest[0])) < 1e-5
+
+
+def entry_of(candidate, score, size):
+    return Screened(candidate, score, (size,), 0.5, False, 1.0)
+
+
+def test_two_effects_that_say_little_alone_and_much_together_are_a_pair():
+    drag, friction, gain = (candidates(n)[0] for n in ("QuadraticDrag", "CoulombFriction", "Gain"))
+    rho = np.array([[1.0, -0.9, 0.1], [-0.9, 1.0, 0.0], [0.1, 0.0, 1.0]])
+    # Two opposed responses hide each other.
+    hidden = Screen(
+        (entry_of(drag, 4.0, 1.0), entry_of(friction, 3.0, 1.0), entry_of(gain, 1.0, 2.0)), rho, 1.0, 3, ()
+    )
+    ((one, other),) = promising_pairs(hidden)
+    assert (one.candidate, other.candidate) == (drag, friction)
+    # The joint statistic by linear algebra.
+    z = np.array([4.0, 3.0])
+    assert 0.5 * (z @ np.linalg.inv(rho[:2, :2]) @ z - 16.0) > GATES.min_bic_gain
+    # Friction that drives is none, and what is the same is no pair.
+    opposed = replace(hidden, entries=(hidden.entries[0], entry_of(friction, 3.0, -1.0), hidden.entries[2]))
+    assert promising_pairs(opposed) == []
+    same = replace(hidden, correlation=np.where(np.eye(3) == 1.0, 1.0, 0.99 * np.sign(rho)))
+    assert promising_pairs(same) == []
+    weak = replace(hidden, correlation=np.eye(3))
+    assert promising_pairs(weak) == []
+    absorbed = replace(hidden, entries=tuple(replace(e, absorbed=True) for e in hidden.entries))
+    assert promising_pairs(absorbed) == []
 
 
 def test_no_candidate_is_an_error():

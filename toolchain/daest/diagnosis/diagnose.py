@@ -449,7 +449,19 @@ def accept(stand: Stand, proof: Proof) -> Stand:
 def proved_again(stand: Stand, proof: Proof, values: Mapping[str, float]) -> Proof:
     """The proof of the same effect beside another model, that of `stand`, started from the parameter `values`
     of a fit. Raises what refits raise."""
-    null, candidate = stand.null, proof.candidate
+    candidate = proof.candidate
+    own = {p.name: values.get(f"{candidate.name}.{p.name}") for p in candidate.effect.parameters}
+    shape = {name: v for name in candidate.shape if (v := own[name]) is not None}
+    shaped = replace(candidate, shape={**candidate.shape, **shape})
+    trial = Trial(shaped, tuple(own[p.name] or p.start for p in candidate.effect.sizes), ())
+    found = proved_beside(stand, trial, values)
+    return replace(found, equivalent=proof.equivalent, not_separable_from=proof.not_separable_from)
+
+
+def proved_beside(stand: Stand, trial: Trial, values: Mapping[str, float], sharper: float = 1.0) -> Proof:
+    """The proof of one candidate in the model of `stand`, whose parameters start from `values` where these
+    have them; its kinks are `sharper` than those of the trial. Raises what refits raise."""
+    null = stand.null
     with _quiet():
         run = run_null(null)
         load = smoothed_load(null, run, place_gains(null, run))
@@ -457,17 +469,9 @@ def proved_again(stand: Stand, proof: Proof, values: Mapping[str, float]) -> Pro
         if stand.reference is not None and stand.validation:
             known = replace(stand.reference, innovations=innovations(run, stand.validation))
             stand = replace(stand, reference=known)
-        own = {p.name: values.get(f"{candidate.name}.{p.name}") for p in candidate.effect.parameters}
-        shape = {name: v for name in candidate.shape if (v := own[name]) is not None}
-        trial = Trial(
-            replace(candidate, shape={**candidate.shape, **shape}),
-            tuple(own[p.name] or p.start for p in candidate.effect.sizes),
-            (),
-        )
         flat = null.flat.with_theta({n: values[n] for n in null.estimated if n in values})
-        prepared = prepare(flat, null.estimated, trial, sharper=1.0)
-        found = _refitted(_Search(stand, run, load, form, 1), prepared)
-    return replace(found, equivalent=proof.equivalent, not_separable_from=proof.not_separable_from)
+        prepared = prepare(flat, null.estimated, trial, sharper=sharper)
+        return _refitted(_Search(stand, run, load, form, 1), prepared)
 
 
 def without_noises(flat: FlatModel) -> FlatModel:

@@ -23,15 +23,18 @@ from daest.diagnosis.diagnose import (
     limit_told,
     limited,
     proved_again,
+    proved_beside,
     says_more,
     unsettled_hold,
 )
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import MOST_EFFECTS, DiagnoseOptions, Progress
+from daest.diagnosis.proof import SHARPER, Trial
+from daest.diagnosis.screen import promising_pairs
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.unseen import is_better, is_likelier
 from daest.errors import EstimationError
-from daest.model.diagnosis import Diagnosis, Improvement, Proof, Step
+from daest.model.diagnosis import Diagnosis, Improvement, Proof, Screened, Step
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
@@ -144,7 +147,8 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
         return [path.ended(last, "No other effect was to be searched for.")]
     accepted = [proof for proof in diagnosis.proofs if proof.verdict != "rejected"]
     if not accepted:
-        return [path.ended(diagnosis, diagnosis.message)]
+        both = _with_pair(task, path, diagnosis)
+        return [path.ended(diagnosis, diagnosis.message) if both is None else both]
     helpful = [proof for proof in accepted if _helps(stand.told, proof)]
     if not helpful:
         labels = accepted[0].candidate.label
@@ -164,6 +168,43 @@ def _extended(task: _Task, path: _Path, proof: Proof, diagnosis: Diagnosis) -> _
     if len(grown.steps) - len(task.first) >= task.most_effects:
         return grown.ended(diagnosis, f"The limit of {task.most_effects} effects is reached.")
     return grown
+
+
+def _with_pair(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
+    """The path with two effects of which none is accepted alone, but each beside the other; None where the
+    screen names no such pair, or the refits refuse it."""
+    pairs = promising_pairs(diagnosis.screen)
+    if not pairs or len(path.steps) - len(task.first) + 2 > task.most_effects:
+        return None
+    one, other = pairs[0]
+    task.progress(f"refitting with {one.candidate.label} and {other.candidate.label} together")
+    try:
+        first, beside, last = _in_turn(path.stand, one, other)
+        _, _, again = _in_turn(path.stand, other, one)
+    except FAILURES:
+        return None
+    if "rejected" in (last.verdict, again.verdict) or not _helps(path.stand.told, last):
+        return None
+    told = replace(first, verdict="supported", reason="")
+    steps = (
+        Step(told, told.told, diagnosis, f"only together with {last.candidate.label}"),
+        Step(last, last.told, diagnosis, "supported"),
+    )
+    task.progress(f"added {first.candidate.label} and {last.candidate.label}")
+    return _Path(accept(beside, last), (*path.steps, *steps))
+
+
+def _in_turn(stand: Stand, one: Screened, other: Screened) -> tuple[Proof, Stand, Proof]:
+    """The proof of one candidate alone, the stand with it, and the proof of the other one beside it. Raises
+    what refits raise."""
+    proofs: list[Proof] = []
+    for entry in (one, other):
+        trial = Trial(entry.candidate, entry.sizes, ())
+        values = proofs[-1].fit.theta if proofs else {}
+        proofs.append(proved_beside(stand, trial, values, SHARPER))
+        if entry is one:
+            stand = accept(stand, proofs[-1])
+    return proofs[0], stand, proofs[1]
 
 
 def _without_superfluous(task: _Task, path: _Path) -> _Path:

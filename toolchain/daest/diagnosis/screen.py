@@ -438,6 +438,35 @@ def scored(
     return Screen(found, between, p_value, len(candidates), skipped)
 
 
+def promising_pairs(found: Screen) -> list[tuple[Screened, Screened]]:
+    """Pairs of candidates of one size each whose joint score says much more than any of all candidates alone,
+    and more than a search over all pairs finds by chance; the best first.
+
+    The scores z of two responses with the correlation ρ have the joint statistic
+    (z₁² + z₂² - 2ρ z₁z₂)/(1 - ρ²), chi-squared with two degrees of freedom where nothing is missing."""
+    chosen = [i for i, e in enumerate(found.entries) if not e.absorbed and len(e.candidate.effect.sizes) == 1]
+    entries = [found.entries[i] for i in chosen]
+    if len(entries) < 2:
+        return []
+    sizes = [e.candidate.effect.sizes[0] for e in entries]
+    nulls = np.array([p.null or 0.0 for p in sizes])
+    z = np.array([e.score for e in entries]) * np.sign(np.array([e.sizes[0] for e in entries]) - nulls)
+    rho = found.correlation[np.ix_(chosen, chosen)]
+    away = np.maximum(1.0 - rho**2, RANK)
+    joint = (z[:, None] ** 2 + z[None] ** 2 - 2.0 * rho * z[:, None] * z[None]) / away
+    beside = (z[:, None] - rho * z[None]) / away  # the size of the first beside the second, in its errors
+    one_sided = np.array([p.min is not None and p.min >= null for p, null in zip(sizes, nulls, strict=True)])
+    possible = ~one_sided[:, None] | (beside > 0.0)
+    possible &= possible.T & (np.abs(rho) < GATES.same_place_correlation)
+    n_pairs = len(entries) * (len(entries) - 1) // 2
+    alone = max(e.score for e in found.entries) ** 2
+    possible &= 0.5 * (joint - alone) > GATES.min_bic_gain
+    possible &= n_pairs * chi2.sf(joint, 2) < GATES.missing_level
+    pairs = [(i, j) for i, j in zip(*np.nonzero(np.triu(possible, 1)), strict=True)]
+    pairs.sort(key=lambda pair: -joint[pair])
+    return [(entries[i], entries[j]) for i, j in pairs]
+
+
 class _Test:
     """The score test of one candidate: its rows, and the sign that physics allows its size."""
 
