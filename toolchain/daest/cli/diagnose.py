@@ -306,7 +306,7 @@ def _clipped(experiments: Sequence[Experiment]) -> dict[str, Clip]:
             noise = Samples(finding.column, "output", experiment.time[known], values[known]).noise
             clip = Clip(abs(float(at)), noise is not None)
             others = [found[finding.column]] if finding.column in found else []
-            found[finding.column] = max(clip, *others, key=lambda one: one.limit)
+            found[finding.column] = max([clip, *others], key=lambda one: one.limit)
     return found
 
 
