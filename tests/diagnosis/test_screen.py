@@ -209,7 +209,7 @@ def test_law_that_the_model_estimates_already_is_not_looked_for_again():
     assert set(_already_there(held, [first])) == {""}  # its values are given: others may be right
     size = replace(null.fit.parameters[0], name="rubs.tau_c")
     fitted = replace(held, fit=replace(null.fit, parameters=(*null.fit.parameters, size)))
-    assert _already_there(fitted, [first]) == ["the model contains it already: `rubs` is estimated"]
+    assert _already_there(fitted, [first]) == ["the model contains it already: `rubs`"]
 
 
 def test_effects_with_states_alone_leave_the_screen_empty():

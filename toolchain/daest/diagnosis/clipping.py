@@ -21,6 +21,7 @@ from daest.modelica.place_units import units_at
 from daest.modelica.sites import sites
 
 SATURATION = "Daest.Effects.Signals.Saturation"
+CLIPPED = "clipped_"  # before the number of such a saturation
 WITHIN = 0.003  # of the limit, over which the edge of the sensor is rounded
 
 
@@ -41,8 +42,8 @@ class Clipped:
 
 
 def with_clipped_sensors(flat: FlatModel, library: Sequence[Effect], clips: Mapping[str, Clip]) -> Clipped:
-    """`flat` with a saturation at every output that is certain to clip and has none yet, its limit to be
-    estimated."""
+    """`flat` with a saturation at every output that is certain to clip and has none yet. Its limit is read off
+    the recording and not estimated: a model that lacks something else simulates beyond it."""
     effect = next((e for e in library if e.class_name == SATURATION), None)
     found = Clipped(flat)
     if effect is None:
@@ -56,14 +57,13 @@ def with_clipped_sensors(flat: FlatModel, library: Sequence[Effect], clips: Mapp
             or components_with(flat, [(effect, site)])[0]
         ):
             continue
-        name = f"clipped_{len(found.laws) + 1}"
+        name = f"{CLIPPED}{len(found.laws) + 1}"
         values = {"share": 1.0, "limit": clip.limit, "u_s": WITHIN * clip.limit}
         candidate = Candidate(effect, site, name, {n: values[n] for n in ("limit", "u_s")})
         candidate = replace(candidate, units=units_at(flat, effect, site))
         grown = attach(found.flat, effect, site, name, values)
         parameters = tuple(
-            replace(p, estimate=p.name == f"{name}.limit") if p.name.startswith(f"{name}.") else p
-            for p in grown.parameters
+            replace(p, estimate=False) if p.name.startswith(f"{name}.") else p for p in grown.parameters
         )
         found = Clipped(replace(grown, parameters=parameters), (*found.laws, candidate))
     return found

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.special import ndtri_exp
 
 from daest.diagnosis.candidates import attachable, attached, with_shapes
+from daest.diagnosis.clipping import CLIPPED
 from daest.diagnosis.error_dynamics import ErrorDynamics, dynamics_along
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.grown_states import grown_states
@@ -213,11 +214,14 @@ def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed:
 
 def _already_there(null: Null, candidates: Sequence[Candidate]) -> list[str]:
     """Of every candidate, which component of the model says what a second one at the same place would say:
-    one with the same equations whose parameters are estimated. Empty where there is none."""
+    one with the same equations whose parameters are estimated, or the limit of a sensor that is seen to clip.
+    Empty where there is none."""
     fitted = {name.partition(".")[0] for name in null.estimated}
     found = components_with(null.flat, [(c.effect, c.site) for c in candidates])
-    peers = [next((name for name in names if name in fitted), "") for names in found]
-    return [f"the model contains it already: `{peer}` is estimated" if peer else "" for peer in peers]
+    peers = [
+        next((name for name in names if name in fitted or name.startswith(CLIPPED)), "") for names in found
+    ]
+    return [f"the model contains it already: `{peer}`" if peer else "" for peer in peers]
 
 
 def _loads_rescaled(null: Null, run: NullObserver) -> np.ndarray:
