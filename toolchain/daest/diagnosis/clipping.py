@@ -42,8 +42,8 @@ class Clipped:
 
 
 def with_clipped_sensors(flat: FlatModel, library: Sequence[Effect], clips: Mapping[str, Clip]) -> Clipped:
-    """`flat` with a saturation at every output that is certain to clip and has none yet. Its limit is read off
-    the recording and not estimated: a model that lacks something else simulates beyond it."""
+    """`flat` with a saturation at every output that is certain to clip and has none yet. Its limit is read
+    off the recording and not estimated: a model that lacks something else simulates beyond it."""
     effect = next((e for e in library if e.class_name == SATURATION), None)
     found = Clipped(flat)
     if effect is None:
