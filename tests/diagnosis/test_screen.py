@@ -124,7 +124,7 @@ def test_responses_are_derivatives_of_the_predictor():
     null, run = quiet()
     shaped, _ = with_shapes(
         null.flat,
-        candidates("Unbalance", "QuadraticDrag", "Gain", "ConstantLoad"),
+        candidates("Unbalance", "QuadraticDrag", "Gain", "ConstantLoad", "LuGreFriction"),
         null.experiments[0].time,
         dict(zip(run.state_names, run.observed[0].filtered.T, strict=True)),
         null.experiments[0].inputs,
@@ -134,8 +134,11 @@ def test_responses_are_derivatives_of_the_predictor():
     responses, rows = _responses(null, run, explicit, usable)
     one = null.experiments[0]
     start = null.initial_states[0]
-    x0 = np.array([start[name] for name in explicit.state_names])
-    gain = run.gain[[run.state_names.index(name) for name in explicit.state_names]]
+    x0 = np.array([start.get(name, 0.0) for name in explicit.state_names])
+    gain = np.zeros((x0.size, run.gain.shape[1]))
+    for i, name in enumerate(explicit.state_names):
+        if name in run.state_names:  # others are those of the effects, which no sensor corrects
+            gain[i] = run.gain[run.state_names.index(name)]
     grown = reduce_index(explicit.flat)
     names = [p.name for p in grown.flat.parameters]
 
@@ -147,6 +150,7 @@ def test_responses_are_derivatives_of_the_predictor():
             hold="zoh", correction=Correction(one.outputs, gain), rtol=1e-9,
         ).outputs  # fmt: skip
 
+    assert "LuGreFriction" in {c.effect.name for c in usable}
     for candidate, row in zip(usable, rows, strict=True):
         step = 1e-5
         slope = (predicted(candidate, step) - predicted(candidate, -step)) / (2 * step)
@@ -215,7 +219,7 @@ def test_law_that_the_model_estimates_already_is_not_looked_for_again():
 def test_effects_with_states_alone_leave_the_screen_empty():
     null, run = quiet()
     found = screen(null, run, candidates("Lag"))
-    assert not found.entries and found.p_value == 1.0 and "states of its own" in found.skipped[0][1]
+    assert not found.entries and found.p_value == 1.0 and "order of the model" in found.skipped[0][1]
 
 
 def test_detectable_size_is_about_what_is_found():

@@ -2,7 +2,9 @@
 
 The grown model may choose other states among variables that are proportional to each other (both sides of a
 gear, say). An effect that asks for an angle where the model has only a speed brings it along as a state: the
-integral of that speed, from zero.
+integral of that speed, from zero. An effect may also have states of its own (the deflection of bristles, the
+place on a loop): at size zero they follow the model and act on nothing, so that they can be known along its
+motion, too, where their rates are linear in them.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ Inputs = tuple[np.ndarray, np.ndarray]  # u (n_u, n_samples) and v (n_v, n_sampl
 @dataclass(frozen=True)
 class GrownStates:
     """`common` rows of the states of `explicit` are T (n, n) times the states of the model without effects;
-    the `brought` ones are integrals of what the others determine."""
+    the `brought` ones are integrals of what the others and they themselves determine."""
 
     explicit: ExplicitModel
     T: np.ndarray
@@ -48,24 +50,56 @@ class GrownStates:
 def with_integrals(
     explicit: ExplicitModel, rows: list[int], time: np.ndarray, states: np.ndarray, inputs: Inputs
 ) -> np.ndarray:
-    """`states` (n_samples, n) with the integrals of their rates, from zero, in the columns `rows`."""
+    """`states` (n_samples, n) with the integrals of their rates, from zero, in the columns `rows`, as
+    `brought_rows` tells them: each rate is a + b x in its own state x."""
     if not rows:
         return states
     n_samples = time.size
+    result = states.copy()
+    result[:, rows] = 0.0
     theta = np.tile(explicit.flat.theta_values[:, None], (1, n_samples))
     w = np.zeros((explicit.rhs.numel_in(3), n_samples))
-    rates = explicit.rhs.map(n_samples)(states.T, *inputs, w, theta, time[None, :])
-    integrals = cumulative_trapezoid(np.array(rates)[rows], time, axis=1, initial=0.0)
-    result = states.copy()
-    result[:, rows] = integrals.T
+    law = _own_rates(explicit, rows)[0].map(n_samples)
+    a, b = (np.array(part) for part in law(result.T, *inputs, w, theta, time[None, :]))
+    if not np.any(b):
+        result[:, rows] = cumulative_trapezoid(a, time, axis=1, initial=0.0).T
+        return result
+    # Exact where a and b are constant over an interval.
+    a, b = (0.5 * (part[:, 1:] + part[:, :-1]) for part in (a, b))
+    grows = np.diff(time) * b
+    shares = np.where(grows == 0.0, 1.0, np.expm1(grows) / np.where(grows == 0.0, 1.0, grows))
+    added, kept = np.diff(time) * shares * a, np.exp(grows)
+    x = np.zeros(len(rows))
+    for k in range(n_samples - 1):
+        x = kept[:, k] * x + added[:, k]
+        result[k + 1, rows] = x
     return result
 
 
 def brought_rows(explicit: ExplicitModel, known: Collection[str]) -> list[int]:
-    """Rows of the states without a `known` name, where none of them moves another; else none."""
+    """Rows of the states without a `known` name, where none of them moves another, and the rate of each is
+    linear in itself; else none."""
     new = [i for i, name in enumerate(explicit.state_names) if name not in known]
-    moved_by = ca.DM(explicit.rhs.jac_sparsity(0, 0), 1.0).full()
-    return [] if np.any(moved_by[np.ix_(new, new)]) else new
+    moved_by = ca.DM(explicit.rhs.jac_sparsity(0, 0), 1.0).full()[np.ix_(new, new)]
+    if np.any(moved_by - np.diag(np.diag(moved_by))):
+        return []
+    return new if not np.any(moved_by) or _own_rates(explicit, new)[1] else []
+
+
+def _own_rates(explicit: ExplicitModel, rows: list[int]) -> tuple[ca.Function, bool]:
+    """(x, u, v, w, theta, t) -> the rates of the states `rows` and their slopes, each over the state itself;
+    and whether these slopes are independent of the states."""
+    names = [explicit.rhs.name_in(i) for i in range(explicit.rhs.n_in())]
+    arguments = [ca.MX.sym(name, explicit.rhs.numel_in(i)) for i, name in enumerate(names)]
+    own = ca.MX.sym("own", len(rows))
+    x = ca.MX(arguments[0])
+    x[rows] = own
+    rates = explicit.rhs(x, *arguments[1:])[rows]
+    slopes = ca.gradient(ca.sum1(rates), own)
+    at_own = ca.Function("own", [own, *arguments], [rates, slopes])
+    values = at_own(arguments[0][rows], *arguments)
+    is_linear = not any(ca.which_depends(slopes, own, 1, True))
+    return ca.Function("rates", arguments, values), is_linear
 
 
 def grown_states(

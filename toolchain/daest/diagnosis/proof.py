@@ -60,7 +60,8 @@ class Trial:
 
 def trials(screen: Screen, level: float, most: int) -> tuple[Trial, ...]:
     """The best candidates that are significant at `level`, at most `most`, each at its best shape; the same
-    effect at a place that the sensors see alike is the same trial."""
+    effect at a place that the sensors see alike is the same trial. A law with states of its own waits where
+    one without them has its response: where that leaves something, richer laws are tried."""
     chosen: list[Trial] = []
     taken: set[int] = set()
     entries = screen.entries
@@ -77,6 +78,8 @@ def trials(screen: Screen, level: float, most: int) -> tuple[Trial, ...]:
         # Other shapes at a place that is taken are found by the refit.
         taken.update(near, own_site)
         taken.update(j for j in same if entries[j].candidate.site.name in places)
+        if entry.candidate.effect.n_states and _has_bare_twin(screen, i):
+            continue
         # Among places that the sensors see alike, the first of the model speaks for all.
         group = [entries[j] for j in (i, *near) if entries[j].score >= GATES.same_score * entry.score]
         first = min(group, key=lambda e: _position(e.candidate))
@@ -84,6 +87,17 @@ def trials(screen: Screen, level: float, most: int) -> tuple[Trial, ...]:
         places.pop(first.candidate.site.name, None)
         chosen.append(Trial(first.candidate, first.sizes, tuple(places.values())))
     return tuple(chosen)
+
+
+def _has_bare_twin(screen: Screen, number: int) -> bool:
+    """Whether a candidate without states of its own, at the same place, has the response of an entry."""
+    entries = screen.entries
+    return any(
+        other.candidate.site == entries[number].candidate.site
+        and not other.candidate.effect.n_states
+        and abs(screen.correlation[number, j]) > GATES.same_place_correlation
+        for j, other in enumerate(entries)
+    )
 
 
 def moved(trial: Trial, number: int) -> Trial:

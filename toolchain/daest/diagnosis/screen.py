@@ -173,20 +173,38 @@ def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed:
     Raises EstimationError `diagnose-no-candidate`.
     """
     present = _already_there(null, candidates)
-    static = [
-        c
-        for c, there in zip(candidates, present, strict=True)
-        if not there and not c.effect.is_dynamic and not c.effect.n_states
+    regular = [
+        c for c, there in zip(candidates, present, strict=True) if not there and not c.effect.is_dynamic
     ]
     skipped = [
-        (c.label, there or "has states of its own: refitted, not screened")
+        (c.label, there or "changes the order of the model: refitted, not screened")
         for c, there in zip(candidates, present, strict=True)
-        if c not in static
+        if c not in regular
     ]
+    try:
+        return _screened(null, run, regular, skipped, seed, len(candidates))
+    except EstimationError:
+        bare = [c for c in regular if not c.effect.n_states]
+        if len(bare) == len(regular):
+            raise
+    with_states = [
+        (c.label, "has states that do not follow the model alone") for c in regular if c not in bare
+    ]
+    return _screened(null, run, bare, [*skipped, *with_states], seed, len(candidates))
+
+
+def _screened(
+    null: Null,
+    run: NullObserver,
+    static: Sequence[Candidate],
+    skipped: Sequence[tuple[str, str]],
+    seed: int,
+    n_all: int,
+) -> Screen:
     first, filtered = null.experiments[0], run.observed[0].filtered
     states = dict(zip(run.state_names, filtered.T, strict=True))
     shaped, refused = with_shapes(null.flat, static, first.time, states, first.inputs)
-    if not shaped and len(static) == len(candidates):
+    if not shaped and len(static) == n_all:
         raise EstimationError(
             "diagnose-no-candidate",
             "no effect of the library fits any place of this model",
