@@ -97,9 +97,9 @@ def _own_rates(explicit: ExplicitModel, rows: list[int]) -> tuple[ca.Function, b
     rates = explicit.rhs(x, *arguments[1:])[rows]
     slopes = ca.gradient(ca.sum1(rates), own)
     at_own = ca.Function("own", [own, *arguments], [rates, slopes])
-    values = at_own(arguments[0][rows], *arguments)
+    values: Any = at_own(arguments[0][rows], *arguments)
     is_linear = not any(ca.which_depends(slopes, own, 1, True))
-    return ca.Function("rates", arguments, values), is_linear
+    return ca.Function("rates", arguments, list(values)), is_linear
 
 
 def grown_states(
