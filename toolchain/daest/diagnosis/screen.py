@@ -474,7 +474,7 @@ def promising_pairs(found: Screen) -> list[tuple[Screened, Screened]]:
     nulls = np.array([p.null or 0.0 for p in sizes])
     z = np.array([e.score for e in entries]) * np.sign(np.array([e.sizes[0] for e in entries]) - nulls)
     rho = found.correlation[np.ix_(chosen, chosen)]
-    away = np.maximum(1.0 - rho**2, RANK)
+    away = np.maximum(1.0 - rho**2, float(np.finfo(float).eps))
     joint = (z[:, None] ** 2 + z[None] ** 2 - 2.0 * rho * z[:, None] * z[None]) / away
     beside = (z[:, None] - rho * z[None]) / away  # the size of the first beside the second, in its errors
     one_sided = np.array([p.min is not None and p.min >= null for p, null in zip(sizes, nulls, strict=True)])
