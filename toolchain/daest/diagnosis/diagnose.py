@@ -131,7 +131,7 @@ def diagnose(
     again = replace(options, hold=hold)
     stand, limits = limited(begin(flat, experiments, validation, again, progress), library, again)
     second = beside_limits(examine(stand, library, again, progress), stand, limits)
-    best = second if better or says_more(second.proofs, first) else found
+    best = second if better or says_more(second.proofs[len(limits) :], first) else found
     return replace(best, seconds=found.seconds + second.seconds)
 
 

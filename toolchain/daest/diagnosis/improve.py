@@ -119,8 +119,8 @@ def improve(
     progress(IN_VAIN[hold])
     again = replace(options, hold=hold)
     other_way = improve(flat, library, experiments, validation, again, most_effects, progress)
-    proofs = [step.proof for step in other_way.steps if step.proof is not None]
-    return other_way if says_more(proofs, stand) else nothing
+    added = [step.proof for step in other_way.steps if step.proof is not None and step.diagnosis is not None]
+    return other_way if says_more(added[-1:], stand) else nothing
 
 
 def _searched(task: _Task) -> _Path:
