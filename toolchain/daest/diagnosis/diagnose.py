@@ -121,17 +121,17 @@ def diagnose(
     if flat.events is not None:
         raise events_refused("a diagnosis")
     stand, limits = limited(begin(flat, experiments, validation, options, progress), library, options)
-    found = beside_limits(examine(stand, library, options, progress), stand, limits)
+    found = examine(stand, library, options, progress)
     better, other = better_hold(stand, found), unsettled_hold(stand, found)
     hold = better or other
     if hold is None:
-        return found
-    first = stand
+        return beside_limits(found, stand, limits)
     progress(AGAIN[hold] if better else IN_VAIN[hold])
     again = replace(options, hold=hold)
-    stand, limits = limited(begin(flat, experiments, validation, again, progress), library, again)
-    second = beside_limits(examine(stand, library, again, progress), stand, limits)
-    best = second if better or says_more(second.proofs[len(limits) :], first) else found
+    held, held_limits = limited(begin(flat, experiments, validation, again, progress), library, again)
+    second = examine(held, library, again, progress)
+    is_second = better is not None or says_more(second.proofs, stand)
+    best = beside_limits(second, held, held_limits) if is_second else beside_limits(found, stand, limits)
     return replace(best, seconds=found.seconds + second.seconds)
 
 
