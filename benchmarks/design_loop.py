@@ -267,6 +267,7 @@ def detected(
     aim, subjects = detect_aim(
         flat.with_theta(before.baseline.theta), effect, find_site(flat, kind.plant.place, effect), allowed,
         [u], size=size, evidence=GATES.min_bic_gain, n_candidates=50, chance=GATES.max_chance,
+        foreseen=GATES.likelier_significance,
     )  # fmt: skip
     return played(kind, Task(aim, subjects, allowed, (u,), seconds=SECONDS), first, size, key)
 

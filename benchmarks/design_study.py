@@ -299,6 +299,7 @@ def power(runs: int, seed: int) -> dict:
             evidence=GATES.min_bic_gain,
             n_candidates=50,
             chance=GATES.max_chance,
+            foreseen=GATES.likelier_significance,
         )
         seen = 0
         for run in range(runs):

@@ -160,6 +160,7 @@ def seen(size=None, recorded=()):
         evidence=10.0,
         n_candidates=50,
         chance=1e-3,
+        foreseen=1.64,
     )
 
 
@@ -167,7 +168,9 @@ def test_power_and_smallest_size():
     aim, _ = seen(0.05)
     both = np.vstack([forwards()[:120], -forwards()[:121]])
     shown = aim.shown([both], 0.05)
-    assert aim.power(shown) == pytest.approx(ncx2.sf(aim.threshold, 1, shown), abs=1e-9)
+    # The ratio of the half that is kept back is normal, its mean half of what is shown, its variance that.
+    confirmed = norm.sf(1.64 * np.sqrt(shown), 0.5 * shown, np.sqrt(shown))
+    assert aim.power(shown) == pytest.approx(ncx2.sf(aim.threshold, 1, shown) * confirmed, abs=1e-9)
     least = aim.smallest([both])
     assert aim.power(aim.shown([both], least)) == pytest.approx(0.95, abs=0.01)
     assert aim.smallest([both, both]) == pytest.approx(least / np.sqrt(2.0), rel=0.02)

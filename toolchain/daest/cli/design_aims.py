@@ -138,6 +138,7 @@ def effect_aim(
         evidence=GATES.min_bic_gain,
         n_candidates=screen.get("n_screened") or SCREENED,
         chance=GATES.max_chance,
+        foreseen=GATES.likelier_significance,
         loop=loop,
     )
 

@@ -34,7 +34,9 @@ REPEATED = (
     "is expected is told of one half"
 )
 LITTLE = 1.05  # times better: a sensor that brings less is not told
-BROAD = ("random binary", "multisine")  # families that excite all frequencies at once
+# Families that excite all frequencies at once. Two levels alone tell no law of the size of a load from one
+# that does not know it: both are as large at every sample.
+BROAD = ("multisine", "random binary")
 CERTAIN = (
     0.999  # power from which an aim is reached: benchmarks/design_loop.py, where free inputs left more open
 )

@@ -106,6 +106,7 @@ def detect_aim(
     evidence: float,
     n_candidates: int,
     chance: float,
+    foreseen: float,
     shape: Mapping[str, float] | None = None,
     loop: Loop = lambda flat: flat,
 ) -> tuple[DetectAim, tuple[Subject, ...]]:
@@ -113,7 +114,8 @@ def detect_aim(
     smallest that the recordings show, else its start value). `loop` closes that of a controller.
 
     It is seen where twice the log-likelihood ratio exceeds both `evidence` plus the price of its parameters
-    by BIC, and what a search over n candidates finds by `chance`.
+    by BIC, and what a search over n candidates finds by `chance`, and where unseen data are likelier with it
+    by `foreseen` standard errors.
     """
     sizes = [p for p in effect.sizes if p.start]
     if not sizes:
@@ -132,7 +134,7 @@ def detect_aim(
     price = evidence + len(sizes) * np.log(n_data)
     threshold = max(float(price), float(chdtri(len(sizes), chance / n_candidates)))
     first = float(starts[0]) if size is None else size
-    aim = DetectAim(null, other, starts, first, threshold)
+    aim = DetectAim(null, other, starts, first, threshold, foreseen)
     if size is None and recorded:
         shown = aim.smallest(recorded)
         aim = replace(aim, size=shown if np.isfinite(shown) else first)

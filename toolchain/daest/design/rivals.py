@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.special import chndtr, chndtrinc, ndtr
 
 from daest.design.explainer import STEPS, Explainer, distance
@@ -17,6 +18,7 @@ from daest.model.design import AimName, Expected
 
 SAME = 1e-7  # share of the squared signals, in noise, by which two models differ that are one equation
 POWER = 0.95  # with which an effect is to be seen
+SURE = 5.0  # standard errors that fail one time in millions
 SIZE_STEPS = 8  # of the search for the smallest size
 SIZE_TOLERANCE = 0.01  # relative, of the smallest size
 MOST_CHANGE = 10.0  # times, of the size in a step
@@ -141,13 +143,15 @@ def _nothing(explainer: Explainer) -> np.ndarray:
 class DetectAim:
     """`null` is the model without the effect, `effect` the one with it, whose coordinates are the sizes of
     the effect in the proportions `sizes`. It is seen where twice the log-likelihood ratio exceeds
-    `threshold`; `size` is the one that the input is designed for."""
+    `threshold`, and where the same input, played again, is likelier with the effect by `foreseen` standard
+    errors; `size` is the one that the input is designed for."""
 
     null: Explainer
     effect: Explainer
     sizes: np.ndarray
     size: float
     threshold: float
+    foreseen: float
 
     name: AimName = "detect"
     higher_is_better: bool = True
@@ -194,12 +198,15 @@ class DetectAim:
 
     def power(self, shown: float) -> float:
         """Probability that a chi-squared variable with as many degrees as sizes, that far off, exceeds the
-        threshold."""
-        return 1.0 - float(chndtr(self.threshold, self.sizes.size, max(shown, 0.0)))
+        threshold, and that unseen data of the same input confirm it: their log-likelihood ratio is normal
+        with mean shown/2 and variance shown."""
+        shown = max(shown, 0.0)
+        found = 1.0 - float(chndtr(self.threshold, self.sizes.size, shown))
+        return found * float(ndtr(0.5 * np.sqrt(shown) - self.foreseen))
 
     def smallest(self, recordings: Sequence[np.ndarray]) -> float:
         """The size that is seen with the power POWER; NaN where none is found."""
-        wanted = float(chndtrinc(self.threshold, self.sizes.size, 1.0 - POWER))
+        wanted = self._needed()
         size = self.size
         for _ in range(SIZE_STEPS):
             found = self.shown(recordings, size)
@@ -210,3 +217,9 @@ class DetectAim:
             if abs(change - 1.0) < SIZE_TOLERANCE:
                 break
         return size
+
+    def _needed(self) -> float:
+        """Twice the log-likelihood ratio that is to be expected for the power POWER."""
+        least = float(chndtrinc(self.threshold, self.sizes.size, 1.0 - POWER))
+        most = least + (2.0 * (self.foreseen + SURE)) ** 2
+        return float(brentq(lambda shown: self.power(shown) - POWER, least, most))

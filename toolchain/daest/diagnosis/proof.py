@@ -724,15 +724,17 @@ def _far_more_likely(order: Sequence[Proof], best: Proof) -> Proof | None:
 
 
 def _is_rival(one: Proof, best: Proof) -> bool:
-    """Whether an accepted law is not put aside by the best one: it is as likely; it is likelier by parameters
-    that nobody knows; or it foresees unseen data clearly better, which counts where the rest of the model
-    is not right either, unless it owes that to such parameters. A law that is better in one output and worse
-    in another is missing besides."""
-    if abs(best.delta_bic - one.delta_bic) <= GATES.same_bic:
-        return True
+    """Whether an accepted law is not put aside by the best one: it is as likely; or it foresees unseen data
+    clearly better, which counts where the rest of the model is not right either. One that goes beyond the
+    best by parameters that nobody knows is a rival where they make it likelier: without them it is the best
+    one, which no data could tell it from. A law that is better in one output and worse in another is missing
+    besides."""
     if _is_vague(one, best):
         return one.delta_bic > best.delta_bic
-    return _unseen_ratio(best, one) < GATES.max_rival_error
+    return (
+        abs(best.delta_bic - one.delta_bic) <= GATES.same_bic
+        or _unseen_ratio(best, one) < GATES.max_rival_error
+    )
 
 
 def _unseen_ratio(best: Proof, one: Proof) -> float:
