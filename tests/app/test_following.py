@@ -79,3 +79,18 @@ def test_a_frame_takes_a_fraction_of_its_time(project):
     """In the process itself, so that other work on the machine does not decide: the median of many."""
     answers = told(project, *({"id": i, "values": {"T": 1.0 + 0.001 * i}} for i in range(40)))[1:]
     assert np.median([answer["seconds"] for answer in answers]) < SPEED
+
+
+def test_a_candidate_beside_the_model(project):
+    """Errors of both are those of a comparison; the plot tells them apart."""
+    later = LAG.replace("Lag", "Later").replace("k = 2", "k = 2.5")
+    assert later != LAG
+    (project / "Later.mo").write_text(later)
+    command = [sys.executable, "-m", "daest", "app", "--follow", "Lag.mo", "--beside", "Later.mo"]
+    done = subprocess.run(command, cwd=project, capture_output=True, text=True, check=True)
+    told = json.loads(done.stdout)
+    comparison = json.loads((project / "results" / "comparison.json").read_text())["models"][0]
+    assert told["rms"][0] == pytest.approx(comparison["rms"], rel=1e-9)
+    assert told["rms"][1]["y"] > 1.2 * told["rms"][0]["y"]
+    item = json.dumps(json.loads(told["plot"]["item"]))
+    assert '"as it is"' in item and '"with it"' in item

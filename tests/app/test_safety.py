@@ -134,6 +134,12 @@ def test_dropped_files_replace_nothing(tmp_path):
     assert (tmp_path / "run 1.csv").read_bytes() == b"time\n0\n" and len(list(tmp_path.iterdir())) == 2
 
 
+def test_no_candidate_is_simulated_that_no_diagnosis_has(server):
+    for asked in ("effect=x&at=y", "effect=../../etc/passwd&at=.", ""):
+        assert server.ask("GET", f"api/beside?{asked}")[0] == 409
+    assert not (server.folder / "results" / "app" / "beside").exists()
+
+
 def test_what_is_no_request(server):
     own = {"Origin": f"http://{server.host}"}
     for body in (b"", b"[]", b"{", b"[" * 100_000):

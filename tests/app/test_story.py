@@ -150,6 +150,7 @@ def test_the_whole_story_by_keyboard(machine, request, window):
         candidate.get_by_role("button", name="Add it").wait_for()
         assert "*tanh(" in candidate.inner_text() or "*sign(" in candidate.inner_text()  # its law
         assert "extends " in candidate.inner_text() and "daest extend" in candidate.inner_text()
+        window.wait_for_selector(".candidate .pictures[data-drawn]")  # the model with it, on the data
         press(window, candidate.get_by_role("button", name="Add it"))
         settled(window, 4)
         window.wait_for_selector(f"text=Take {added} back")

@@ -10,7 +10,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from daest.diagnosis.compare import follower
 from daest.diagnosis.trial import Candidate, agreement
 from daest.model.experiment import Experiment
 from daest.model.parts import Parameter
-from daest.report.page.plots import thinned
+from daest.report.page.plots import comparison_plots, thinned
 
 MOST_POINTS = 1200  # of a curve: more than a screen has columns for a smallest and a largest value each
 BAND = 1.96  # standard deviations to either side of a 95 % band
@@ -66,6 +66,25 @@ def follow(
     for line in lines:
         asked = json.loads(line)
         tell(band(found, asked) if asked.get("band") else followed(found, asked))
+
+
+def beside(model: Candidate, extended: Candidate, experiments: Sequence[Experiment]) -> dict[str, Any]:
+    """A model and the same with a candidate on the data: errors, and the plot of the first recording."""
+    flat, first = model.flat, experiments[0]
+    simulated = [
+        follower(one, experiments)(one.flat.theta_values)
+        for one in (model, replace(extended, hold=model.hold))
+    ]
+    series = {"0.time": first.time, "0.measured": first.outputs}
+    series |= {f"0.{m}.simulated": outputs[0] for m, outputs in enumerate(simulated)}
+    models = [{"name": one.name, "where": []} for one in (model, extended)]
+    units = {o.name: o.unit for o in flat.outputs}
+    document = {"outputs": units, "models": models, "data": [first.name]}
+    (plot,) = comparison_plots(document, series, ("as it is", "with it"))
+    return {
+        "rms": [agreement(flat, experiments, outputs).rms for outputs in simulated],
+        "plot": {"label": plot.label, "note": plot.note, "item": plot.item},
+    }
 
 
 def described(found: Following) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import json
 import os
 import re
 import secrets
+import shlex
 import signal
 import sys
 import webbrowser
@@ -51,6 +52,7 @@ class Pages:
 
     desk: Desk
     simulator: Simulator
+    drawing: asyncio.Lock = field(default_factory=asyncio.Lock)  # one candidate at a time is simulated
     open: set[Live] = field(default_factory=set)
     signature: tuple[Any, ...] = ()
     text: str = ""
@@ -220,6 +222,47 @@ class Effect(Guarded):
         self.write({key: effect[key] for key in ("name", "law", "description", "documentation")})
 
 
+class Beside(Guarded):
+    """The current model and the same with a candidate, simulated on the data by a process of their own."""
+
+    async def get(self) -> None:
+        asked = {key: str(self.get_query_argument(key, "")) for key in ("effect", "at")}
+        try:
+            base, extended = self.desk.beside(asked)
+        except DaestError as problem:
+            self.refuse(problem)
+            return
+        except OSError as problem:
+            self.refuse(_refused(self.desk.home, problem))
+            return
+        async with self.pages.drawing:
+            said = await self._said(["app", "--follow", base, "--beside", extended])
+        if said is None:
+            raise tornado.web.HTTPError(404, reason="the model cannot be simulated with it")
+        line = f"daest compare {shlex.quote(base)} {shlex.quote(extended)}"
+        self.set_header("Content-Type", "application/json")
+        self.finish(json.dumps({**_finite(json.loads(said)), "line": line}, allow_nan=False))
+
+    def on_connection_close(self) -> None:
+        """The page looks elsewhere: what it asked for need not be finished."""
+        if self.process is not None and self.process.returncode is None:
+            with suppress(ProcessLookupError):
+                self.process.kill()
+
+    process: asyncio.subprocess.Process | None = None
+
+    async def _said(self, arguments: list[str]) -> bytes | None:
+        self.process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "daest", *arguments),
+            cwd=self.desk.folder,
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.DEVNULL,
+        )
+        out, _ = await self.process.communicate()
+        return out if self.process.returncode == 0 else None
+
+
 class Run(Guarded):
     """A click: starts its lines, or shows them where `dry` is asked for."""
 
@@ -364,6 +407,7 @@ def application(guard: Guard, desk: Desk, pages: Pages) -> tornado.web.Applicati
         ("api/recordings", Recordings),
         ("api/sliders", Sliders),
         ("api/effect", Effect),
+        ("api/beside", Beside),
         ("api/run", Run),
         ("api/drop", Drop),
         ("api/live", Live),

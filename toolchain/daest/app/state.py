@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from daest.app.actions import CHECK, PLAIN, Standing, lines, rivals
+from daest.app.actions import CHECK, PLAIN, Standing, candidate, lines, rivals
 from daest.app.jobs import SCRIPT, jobs, shown
 from daest.app.story import (
     Step,
@@ -21,11 +21,14 @@ from daest.app.story import (
     step_errors,
 )
 from daest.data.project import FILE_NAME, Project, load_project
-from daest.errors import DaestError
+from daest.errors import ConfigError, DaestError
+from daest.files import whole_file
 from daest.report.page.sections import added_lines
 
 HOME = "results/app"  # from the folder of the project on
 REPORT = "report.html"
+BESIDE = "beside"  # folder of candidates as they were opened, in HOME
+NAME_LENGTH = 100  # characters of the name of such a file
 MODELS, RECORDINGS = (".mo", ".bmo", ".fmu"), (".csv", ".mat", ".parquet", ".xlsx", ".txt", ".tsv")
 MOST_FILES = 200  # of a folder that are offered
 MOST_JOBS = 12  # that are shown
@@ -85,6 +88,24 @@ class Desk:
     def read(self, name: str) -> dict[str, Any] | None:
         """A document of the page's own."""
         return read_json(self.home / name)
+
+    def beside(self, asked: Mapping[str, Any]) -> tuple[str, str]:
+        """The current model, and the same with a candidate of its diagnosis, which is written anew. Raises
+        DaestError and OSError."""
+        standing = self.standing()
+        found = candidate(asked, standing.diagnosis)
+        if not found.get("model"):
+            raise ConfigError(
+                "app-request",
+                f"{found['effect']} at {found['at']} cannot be written as Modelica",
+                remedy=found.get("model_reason") or "open another candidate",
+            )
+        name = "".join(c if c.isalnum() else "_" for c in f"{found['effect']}_{found['at']}")
+        target = self.home / BESIDE / f"{name[:NAME_LENGTH]}.mo"
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(target) as temporary:
+            temporary.write_text(found["model"], encoding="utf-8")
+        return standing.story.step.model, f"{HOME}/{BESIDE}/{target.name}"
 
     def simulated(self) -> tuple[str, tuple[Any, ...]]:
         """The current model, and what changes whenever its simulation may. Raises DaestError."""

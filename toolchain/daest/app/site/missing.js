@@ -1,5 +1,6 @@
 // What is missing: candidates as they arrive, one opened, added, taken back; the error falls step by step.
 import {h, svg, put, number, withUnit, COLORS} from "./dom.js";
+import {draw} from "./plots.js";
 
 export function view(place, state, page) {
   if (!place.firstChild) place.append(h("div"), h("div"), h("div"));
@@ -76,17 +77,31 @@ function candidate(one, i, outputs, state, page) {
 async function opened(place, one, asked, state, page) {
   const sizes = Object.entries(one.parameters).map(([name, p]) => h("tr", {}, h("th", {scope: "row"}, name), h("td", {className: "n"}, number(p.value)), h("td", {}, p.std_error === null ? "" : `± ${number(p.std_error, 2)}`), h("td", {}, p.unit || "")));
   const law = h("p", {className: "law"});
-  const act = h("div");
+  const act = h("div"), overlay = h("div");
   place.append(law, h("div", {className: "scroll"}, h("table", {}, h("tbody", {}, sizes))),
     ...(one.reason ? [h("p", {}, one.reason)] : []),
     ...(one.explained !== null && one.explained !== undefined ? [h("p", {}, `It explains ${number(100 * one.explained, 2)} % of the load that the model as it is needs there.`)] : []),
     ...(one.equivalent_places?.length ? [h("p", {}, `These sensors see no difference from ${one.equivalent_places.join(", ")}.`)] : []),
     ...(one.not_separable_from?.length ? [h("p", {}, `The data cannot tell it from ${one.not_separable_from.join(", ")}.`)] : []),
-    ...(one.lines.length ? [h("h4", {}, "What it adds to the model"), difference(one.lines)] : []), act);
+    overlay, ...(one.lines.length ? [h("h4", {}, "What it adds to the model"), difference(one.lines)] : []), act);
+  if (one.refitted !== false && one.lines.length) beside(overlay, one);
   const effect = await page.law(one.class ?? one.effect);
   if (effect) law.append(h("code", {}, effect.law), h("span", {className: "hint"}, ` ${effect.description}`));
   const told = await page.run({...asked, dry: true});
   act.append(page.button("Add it", asked, {lines: told?.lines, strong: one.verdict !== "rejected", title: "Writes the extended model, fits it and compares it with the model before"}));
+}
+
+// The simulation with the candidate over that without it and what was measured.
+async function beside(place, one) {
+  const wait = h("p", {className: "missing", role: "status"}, "Simulating the model with it …"), pictures = h("div", {className: "pictures"});
+  place.append(h("h4", {}, "The model with it, on the data"), wait, pictures);
+  const answer = await fetch(`api/beside?effect=${encodeURIComponent(one.effect)}&at=${encodeURIComponent(one.at)}`).catch(() => null);
+  const told = answer?.ok ? await answer.json().catch(() => null) : null;
+  if (!place.isConnected) return;
+  if (!told) { wait.textContent = "It cannot be simulated on these data."; return; }
+  wait.replaceWith(h("code", {className: "typed"}, told.line));
+  await draw(pictures, [{...told.plot, id: `plot-beside-${one.effect}-${one.at}`.replace(/[^\w-]/g, "-")}]);
+  pictures.dataset.drawn = "1";
 }
 
 function difference(lines) {

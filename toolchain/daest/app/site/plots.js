@@ -4,7 +4,7 @@ import {h} from "./dom.js";
 const views = new Map();
 
 export async function draw(place, plots) {
-  clear(place);
+  for (const old of [...views.keys()]) if (old === place || !old.isConnected) clear(old);
   const own = [];
   views.set(place, own);
   for (const plot of plots) {

@@ -91,9 +91,12 @@ def model_labels(document: Document) -> list[str]:
     return [str(i) for i in range(1, len(models) + 1)] if len(models) > 1 else [m["name"] for m in models]
 
 
-def comparison_plots(document: Document, series: Series) -> Iterator[Plot]:
-    """Per recording: measured and simulated values of every output, and below them the errors."""
-    outputs, models = document["outputs"], model_labels(document)
+def comparison_plots(
+    document: Document, series: Series, labels: Sequence[str] | None = None
+) -> Iterator[Plot]:
+    """Per recording: measured and simulated values of every output, and below them the errors. `labels` stand
+    for the models (default: `model_labels`)."""
+    outputs, models = document["outputs"], list(labels or model_labels(document))
     most = _points(len(document["data"]) * len(outputs) * (1 + 2 * len(models)))
     for r, recording in enumerate(document["data"]):
         time, measured = series[f"{r}.time"], series[f"{r}.measured"]
