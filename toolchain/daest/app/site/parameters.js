@@ -142,8 +142,11 @@ function drawn(message) {
 function banded(message) {
   if (message.id !== asked) return;
   busy = false;
-  message.bands?.forEach((one, i) => fill(place.querySelector(".pictures"), `band-${i}`, {x: one.low.x, low: one.low.y, high: one.high.y}));
+  const pictures = place.querySelector(".pictures");
+  message.bands?.forEach((one, i) => fill(pictures, `band-${i}`, {x: one.low.x, low: one.low.y, high: one.high.y}));
   settle(false);
+  // A legend draws its signs from the first values of the curves, which came after it.
+  for (const {model} of figuresOf(pictures)) for (const piece of model.above) if (piece.type === "Legend") piece.change.emit();
   pump();
 }
 function fill(pictures, name, curve) {
