@@ -19,6 +19,7 @@ export function view(place, state, page) {
 }
 
 async function show(pictures, version, is_there) {
+  if (is_there && !pictures.firstChild) pictures.append(h("p", {className: "missing", role: "status"}, "Drawing …"));
   const answer = is_there ? await fetch("api/pictures").catch(() => null) : null;
   const plots = answer?.ok ? (await answer.json()).plots : [];
   if (version !== drawn) return;

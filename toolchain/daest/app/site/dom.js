@@ -46,4 +46,7 @@ export function withUnit(value, unit, digits = 3) {
   return unit && unit !== "1" ? `${number(value, digits)} ${unit}` : number(value, digits);
 }
 
+// Arrows of the command line, which a line could end within.
+export const arrows = text => (text ?? "").replaceAll("->", "→");
+
 export const COLORS = ["#2b7fc4", "#cf5f12", "#2c8c64", "#a066c4", "#9a7b12", "#7d8590"];

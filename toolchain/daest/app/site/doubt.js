@@ -1,5 +1,5 @@
 // Doubt: the verdict with its evidence and its price in plain words, and what would settle it.
-import {h, put, number, withUnit, COLORS} from "./dom.js";
+import {h, put, number, withUnit, arrows, COLORS} from "./dom.js";
 
 const MEANS = {
   "nothing missing": "What the model leaves is what its own noise would leave. Nothing has to be added.",
@@ -19,7 +19,7 @@ export function view(place, state, page) {
     return [
       search, state.diagnosis ? null : h("h3", {}, `The search before, in ${found.model?.name ?? "the model before"}`),
       h("p", {className: "verdict-line"}, h("span", {className: `badge ${["supported", "nothing missing"].includes(found.verdict) ? "good" : "verdict"}`}, found.verdict), " ", MEANS[found.verdict] ?? ""),
-      h("p", {}, found.message),
+      h("p", {}, arrows(found.message)),
       h("h3", {}, "What the search cost"),
       h("p", {}, found.screen ? `${found.screen.n_screened} effects at places were looked at, and ${refitted.length} were refitted, in ${number(found.seconds, 3)} s. The best of so many looks good by chance alone; the evidence below is what is left after that is taken off: with nothing missing, a score as high as the best one would be seen with probability ${probability(found.screen.p_value)}.` : `${refitted.length} effects were refitted in ${number(found.seconds, 3)} s.`),
       h("h3", {}, held.length > 1 ? "The rivals" : "The evidence"), evidence(held.length ? held : refitted.slice(0, 4), found), state.diagnosis ? rivals(state, page) : null,
@@ -33,7 +33,7 @@ export function view(place, state, page) {
   });
 }
 
-const probability = p => p === null || p === undefined ? "unknown" : p < 1e-3 ? (p > 0 ? `below 0.001 (${Number(p).toExponential(1)})` : "below 0.001") : number(p, 2);
+const probability = p => p === null || p === undefined ? "unknown" : p < 1e-3 ? (p > 0 ? `below 0.001 (${number(p, 2)})` : "below 0.001") : number(p, 2);
 
 function evidence(rows, found) {
   if (!rows.length) return h("p", {}, "No effect came as far as a refit.");

@@ -1,5 +1,5 @@
 // What is missing: candidates as they arrive, one opened, added, taken back; the error falls step by step.
-import {h, svg, put, number, withUnit, COLORS} from "./dom.js";
+import {h, svg, put, number, withUnit, arrows, COLORS} from "./dom.js";
 import {draw} from "./plots.js";
 
 export function view(place, state, page) {
@@ -43,7 +43,7 @@ function candidates(state, page) {
   }
   const diagnosis = state.diagnosis;
   if (!diagnosis) return state.arrived.length ? h("p", {className: "missing"}, `${state.arrived.length} refits of an earlier search are kept; a search of the same model and data goes on from them.`) : null;
-  return [h("p", {}, h("span", {className: `badge ${tone(diagnosis.verdict)}`}, diagnosis.verdict), " ", diagnosis.message),
+  return [h("p", {}, h("span", {className: `badge ${tone(diagnosis.verdict)}`}, diagnosis.verdict), " ", arrows(diagnosis.message)),
     h("div", {className: "candidates"}, diagnosis.candidates.map((one, i) => candidate(one, i, outputs, state, page))),
     diagnosis.candidates.length ? null : h("p", {}, "No candidate came as far as a refit.")];
 }

@@ -137,7 +137,7 @@ function drawn(message) {
   settle(true);
   // Buttons and axes change when the slider rests; while it moves, every frame counts.
   clearTimeout(drawn.timer);
-  drawn.timer = setTimeout(() => { header(place.children[0]); settle(false); }, 150);
+  drawn.timer = setTimeout(() => { header(place.children[0]); settle(false); signs(pictures); }, 150);
 }
 function banded(message) {
   if (message.id !== asked) return;
@@ -145,9 +145,15 @@ function banded(message) {
   const pictures = place.querySelector(".pictures");
   message.bands?.forEach((one, i) => fill(pictures, `band-${i}`, {x: one.low.x, low: one.low.y, high: one.high.y}));
   settle(false);
-  // A legend draws its signs from the first values of the curves, which came after it.
-  for (const {model} of figuresOf(pictures)) for (const piece of model.above) if (piece.type === "Legend") piece.change.emit();
+  signs(pictures);
   pump();
+}
+// A legend draws its signs from the first values of the curves, which came after it.
+function signs(pictures) {
+  for (const part of figuresOf(pictures)) {
+    for (const piece of part.model.above) if (piece.type === "Legend") piece.change.emit();
+    part.request_repaint?.();
+  }
 }
 function fill(pictures, name, curve) {
   const found = source(pictures, name);
