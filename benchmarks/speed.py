@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import resource
 import shutil
 import statistics
@@ -21,6 +22,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import zipfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -68,6 +70,7 @@ KALMAN = (
     (100, 500, 0.0, 5),
 )
 PARTICLES, SAMPLES = 1000, 1000
+MANY = 100_000  # variables of an FMU
 
 
 @dataclass(frozen=True)
@@ -257,9 +260,31 @@ def process_rows(folder: Path, repeat: int) -> Iterator[Row]:
         process(["-m", "daest"], **words),
         process(["-m", "daest", "--help"]),
     ]
+    runs.append(process(["-m", "daest", "linearize", str(with_many_variables(fmu, folder / "many.fmu"))]))
     loads, *found = children(runs, repeat)
-    for name, seconds in zip(("daest linearize servo.fmu", "one Tab", "daest --help"), found, strict=True):
-        yield Row(f"`{name}`, whole process", "s", seconds, "loading the libraries", loads)
+    names = (
+        "`daest linearize servo.fmu`",
+        "one Tab",
+        "`daest --help`",
+        f"the same FMU with {MANY} variables",
+    )
+    for name, seconds in zip(names, found, strict=True):
+        yield Row(f"{name}, whole process", "s", seconds, "loading the libraries", loads)
+
+
+def with_many_variables(fmu: Path, target: Path) -> Path:
+    """The FMU with `MANY` further names of its first output."""
+    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as new:
+        for name in old.namelist():
+            content = old.read(name)
+            if name == "modelDescription.xml":
+                reference = re.search(rb'valueReference="(\d+)"[^>]*causality="output"', content)
+                assert reference is not None
+                row = b'<Float64 name="part[%d].x" valueReference="%s" causality="local"/>\n'
+                rows = b"".join(row % (i, reference[1]) for i in range(MANY))
+                content = content.replace(b"</ModelVariables>", rows + b"</ModelVariables>")
+            new.writestr(name, content)
+    return target
 
 
 def staged(told: Path) -> None:
@@ -292,14 +317,20 @@ def diagnosis_rows(folder: Path) -> Iterator[Row]:
     work, told = folder / "servo_hidden", folder / "stages.json"
     shutil.copytree(HIDDEN, work)
     variables = {**os.environ, "DAEST_CACHE": str(folder / "cache")}
+    here = [sys.executable, str(Path(__file__).resolve()), "--staged", str(told)]
     for name in ("first", "again"):
         shutil.rmtree(work / "results", ignore_errors=True)
-        command = [sys.executable, str(Path(__file__).resolve()), "--staged", str(told)]
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        subprocess.run(command, cwd=work, env=variables, capture_output=True, check=False)
+        subprocess.run(here, cwd=work, env=variables, capture_output=True, check=False)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
         yield Row(f"`daest diagnose` of examples/servo_hidden, {name}", "s", seconds)
+    shutil.rmtree(work / "results")
+    began = time.perf_counter()
+    subprocess.run(
+        [sys.executable, "-m", "daest", "diagnose"], cwd=work, env=variables, capture_output=True, check=False
+    )
+    yield Row("the same in two processes, by the clock on the wall", "s", time.perf_counter() - began)
     stages = json.loads(told.read_text(encoding="utf-8"))
     whole = stages.pop("whole")
     for stage, seconds in sorted(stages.items(), key=lambda item: -item[1]):

@@ -128,6 +128,13 @@ def test_state_derivative_without_state(tmp_path):
     assert code(path) == "fmu-inconsistent"
 
 
+def test_file_that_changes_is_read_again(tmp_path):
+    first = load_fmu(fmu_with(tmp_path, fmi3(variables='<Float64 name="a" valueReference="1"/>')))
+    assert load_fmu(first.path) is first
+    second = load_fmu(fmu_with(tmp_path, fmi3(variables='<Float64 name="b" valueReference="1"/>')))
+    assert (first.variables[1].name, second.variables[1].name) == ("a", "b")
+
+
 def test_aliases_are_merged_by_value_reference(tmp_path):
     variables = (
         '<Float64 name="x" valueReference="1" start="2" nominal="0"><Alias name="position"/></Float64>'

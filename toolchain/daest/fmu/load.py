@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,7 +12,7 @@ from typing import Literal
 
 from daest.errors import FmuError, printable
 from daest.fmu import serialization
-from daest.fmu.archive import Archive, open_archive
+from daest.fmu.archive import open_archive
 from daest.fmu.description import DAE_FOLDER, MANIFEST
 from daest.model.flat import FlatModel
 from daest.model.fmu import DaeManifest, FmuModel, FmuVariable, Residual
@@ -45,13 +46,20 @@ def load_fmu(path: str | Path) -> FmuModel:
                 where=str(path),
                 remedy="Export it again.",
             )
-        root = parse_xml(archive.read(DESCRIPTION), f"{path}:{DESCRIPTION}")
-        model = _model(Path(path), root, archive)
         manifest_name = f"{DAE_FOLDER}/{MANIFEST}"
-        if manifest_name in archive.names:
-            manifest = parse_xml(archive.read(manifest_name), f"{path}:{manifest_name}")
-            return replace(model, manifest=_manifest(manifest, root))
+        manifest = archive.read(manifest_name) if manifest_name in archive.names else None
+        return _described(str(path), tuple(archive.names), archive.read(DESCRIPTION), manifest)
+
+
+@functools.lru_cache(maxsize=2)
+def _described(path: str, names: tuple[str, ...], description: bytes, manifest: bytes | None) -> FmuModel:
+    """The model of an archive with these members. One command asks several times, and a hundred thousand
+    variables take a second each time."""
+    root = parse_xml(description, f"{path}:{DESCRIPTION}")
+    model = _model(Path(path), root, names)
+    if manifest is None:
         return model
+    return replace(model, manifest=_manifest(parse_xml(manifest, f"{path}:{DAE_FOLDER}/{MANIFEST}"), root))
 
 
 def symbolic_model(path: str | Path) -> FlatModel | None:
@@ -110,7 +118,7 @@ def _check_bulk(data: bytes, where: str) -> None:
 # ------------------------------------------------------------------------------------------- the model
 
 
-def _model(path: Path, root: ET.Element, archive: Archive) -> FmuModel:
+def _model(path: Path, root: ET.Element, names: Sequence[str]) -> FmuModel:
     version = root.get("fmiVersion", "")
     _check_version(path, root, version)
     exchange, kind = _interface(root, path)
@@ -140,11 +148,11 @@ def _model(path: Path, root: ET.Element, archive: Archive) -> FmuModel:
         inputs=_with_causality(merged, "input"),
         outputs=_with_causality(merged, "output"),
         parameters=_with_causality(merged, "parameter"),
-        platforms=_platforms(archive.names, identifier),
+        platforms=_platforms(names, identifier),
         provides_directional_derivatives=provides in ("true", "1"),
         n_event_indicators=_event_indicators(root),
         manifest=None,
-        has_symbolic_model=symbolic <= set(archive.names),
+        has_symbolic_model=symbolic <= set(names),
         notes=notes,
         kind=kind,
         reports_steps=_reports_steps(exchange, version),
@@ -362,8 +370,14 @@ def _variable(
         max=_number(attribute("max")),
         nominal=_number(attribute("nominal")) or None,
         derivative_of=int(derivative) if derivative and _is_count(derivative) else None,
-        annotations={a.get("type", ""): a.text or "" for a in element.findall("Annotations/Annotation")},
+        annotations=_annotations(element),
     )
+
+
+def _annotations(element: ET.Element) -> dict[str, str]:
+    if element.find("Annotations") is None:  # which is asked in no time
+        return {}
+    return {a.get("type", ""): a.text or "" for a in element.findall("Annotations/Annotation")}
 
 
 def _is_count(text: str) -> bool:
