@@ -8,9 +8,12 @@ about which the outputs so far say nothing.
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from daest.estimation.gates import FIT
 from daest.model.estimates import FilterPass, FlatStart, GaussianSequence, Varying
+
+_AT_ONCE = 4096  # samples whose normal equations are held in memory
 
 
 def whitening(S: np.ndarray) -> np.ndarray:
@@ -21,8 +24,8 @@ def whitening(S: np.ndarray) -> np.ndarray:
 def flat_start(forward: FilterPass) -> FlatStart:
     """Regression of the whitened innovations on δ, after every sample.
 
-    While it is ill-conditioned, by QR (square root of the information) and a singular value decomposition
-    that leaves out directions below FIT.start_rank; afterwards by cumulated normal equations.
+    By QR (square root of the information) and a singular value decomposition that leaves out directions below
+    FIT.start_rank, as long as there are any; afterwards by cumulated normal equations.
     """
     n_kept, _, q = forward.sensitivity.shape
     p = forward.n_observable
@@ -39,8 +42,8 @@ def flat_start(forward: FilterPass) -> FlatStart:
         stacked = np.vstack([root, np.column_stack([rows[k], right[k]])])
         root = np.asarray(np.linalg.qr(stacked, mode="r"))[:p]
         mean[k, :p], factor[k, :p, :p], free[k, :p, :p], condition = solve_root(root[:, :p], root[:, p])
-        if condition <= FIT.well_conditioned:
-            _cumulate(root, rows, right, k + 1, mean, factor, p)
+        if np.isfinite(condition):
+            _cumulate(root, rows[k + 1 :], right[k + 1 :], mean[k + 1 :, :p], factor[k + 1 :, :p, :p])
             break
     return FlatStart(mean, factor, free)
 
@@ -118,25 +121,34 @@ def solve_root(R: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _cumulate(
-    root: np.ndarray,
-    rows: np.ndarray,
-    right: np.ndarray,
-    begin: int,
-    mean: np.ndarray,
-    factor: np.ndarray,
-    p: int,
+    root: np.ndarray, rows: np.ndarray, right: np.ndarray, mean: np.ndarray, factor: np.ndarray
 ) -> None:
-    """Continue the regression from its triangular root at sample begin - 1 by normal equations, in place."""
-    if p == 0 or begin >= rows.shape[0]:
-        return
-    rows, right = rows[begin:], right[begin:]
-    information = np.cumsum(np.swapaxes(rows, 1, 2) @ rows, axis=0) + root[:, :p].T @ root[:, :p]
-    vector = np.cumsum(np.einsum("kyp,ky->kp", rows, right), axis=0) + root[:, :p].T @ root[:, p]
-    inverse_root = whitening(information)
-    factor[begin:, :p, :p] = np.swapaxes(inverse_root, 1, 2)
-    mean[begin:, :p] = np.einsum(
-        "kab,kb->ka", factor[begin:, :p, :p], np.einsum("kab,kb->ka", inverse_root, vector)
-    )
+    """Continue the regression from its triangular root [R | r] by normal equations; writes `mean` and
+    `factor`.
+
+    They are those of R δ, whose information is the identity at first, so that directions about which much and
+    little is known do not spoil each other. Where it has grown, R is made anew, by QR.
+    """
+    n, p = rows.shape[0], rows.shape[2]
+    begin = 0
+    while p and begin < n:
+        R, r = root[:, :p], root[:, p]
+        inverse = solve_triangular(R, np.eye(p))
+        end = min(n, begin + _AT_ONCE)
+        scaled = rows[begin:end] @ inverse
+        information = np.cumsum(np.swapaxes(scaled, 1, 2) @ scaled, axis=0) + np.eye(p)
+        # The first row may bring much: it is no more than one step of QR.
+        known = np.trace(information, axis1=1, axis2=2) <= FIT.well_conditioned**2
+        end = begin + max(1, int(np.count_nonzero(known)))
+        done = slice(begin, end)
+        information, scaled = information[: end - begin], scaled[: end - begin]
+        vector = np.cumsum(np.einsum("kyp,ky->kp", scaled, right[done]), axis=0) + r
+        inverse_root = whitening(information)
+        factor[done] = inverse @ np.swapaxes(inverse_root, 1, 2)
+        mean[done] = np.einsum("kab,kb->ka", factor[done], np.einsum("kab,kb->ka", inverse_root, vector))
+        stacked = np.column_stack([rows[done].reshape(-1, p), right[done].reshape(-1)])
+        root = np.asarray(np.linalg.qr(np.vstack([root, stacked]), mode="r"))[:p]
+        begin = end
 
 
 def _nothing_free(m: int, n_samples: int) -> Varying:
