@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import doctest
 from typing import Annotated, Any, Literal, NotRequired, TypedDict
 
 import pytest
 from jsonschema import Draft202012Validator
 
+from daest.report.documents import parts
 from daest.report.schema import document_schema
 
 _Reserved = TypedDict("_Reserved", {"class": str})
@@ -110,3 +112,7 @@ def test_no_two_dictionaries_of_one_name():
 def test_what_has_no_json_form_is_refused():
     with pytest.raises(TypeError, match="complex"):
         document_schema("wave", Wave)
+
+
+def test_example_of_an_entry():
+    assert doctest.testmod(parts) == (0, 3)

@@ -49,7 +49,11 @@ def check_table(table: Table, roles: Mapping[str, Role] | None = None, time: str
 
 
 def check_experiment(experiment: Experiment) -> DataCheck:
-    """The inputs and outputs of a recording."""
+    """The inputs and outputs of a recording.
+
+    >>> daest.check_experiment(record).n_samples
+    8000
+    """
     inputs = zip(experiment.input_names, experiment.inputs.T, strict=True)
     outputs = zip(experiment.output_names, experiment.outputs.T, strict=True)
     columns = [_Column(name, None, "input", values) for name, values in inputs]

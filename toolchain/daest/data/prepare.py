@@ -210,6 +210,9 @@ def resample(experiment: Experiment, period: float, held: bool = False) -> Exper
     linearly on a grid of half their median step. Raises ConfigError `option-resample` if `period` is
     shorter than the recording's own, DataError `data-too-few-rows` if the record is shorter than the
     filter.
+
+    >>> daest.resample(record, 0.02).period
+    0.02
     """
     own = experiment.period or float(np.median(np.diff(experiment.time)))
     if period < own * (1 - GRID_TOLERANCE):

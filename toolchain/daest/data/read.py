@@ -77,6 +77,11 @@ def read_experiments(
     An output that a file has no column for is all NaN there, unless a column was named for it. Raises
     DataError with all problems of a file at once: missing columns, units that do not fit, texts, time that
     does not increase, gaps in inputs; and `data-no-output` if `outputs_required` and a file has none of them.
+
+    >>> outputs = [daest.Signal("omega", "rad/s"), daest.Signal("phi", "rad")]
+    >>> (record,) = daest.read_experiments(["servo.csv"], [daest.Signal("u", "V")], outputs)
+    >>> record.n_samples, record.period
+    (8000, 0.01)
     """
     preparation = preparation or Preparation()
     part = Part(None, preparation.start, preparation.stop, time, units or {})
@@ -194,13 +199,7 @@ def _matched(
     time_column = find_time(table, time)
     problems = _time_problems(table, time_column)
     matched: dict[str, Column] = {}
-    for signal in inputs:
-        match_signal(table, signal, "input", matched, problems)
-    for signal in outputs:
-        if signal.column is not None or table.find(signal.name) is not None:
-            match_signal(table, signal, "output", matched, problems)
-    if outputs_required and not any(signal.name in matched for signal in outputs) and not problems:
-        problems.append(no_output(table, outputs))
+    match_all(table, inputs, outputs, matched, problems, outputs_required)
     raise_collected(problems, table.file)
     return _experiment(table, time_column, matched, inputs, outputs, preparation)
 
@@ -344,11 +343,28 @@ def _order_problems(table: Table, column: Column) -> list[DataError]:
     return problems[:1] if bad.size > _TEXTS_SHOWN else problems
 
 
-def match_signal(
+def match_all(
+    table: Table,
+    inputs: Sequence[Signal],
+    outputs: Sequence[Signal],
+    matched: dict[str, Column],
+    problems: list[DataError],
+    outputs_required: bool = True,
+) -> None:
+    """Find the columns of all signals and add them to `matched`; what hinders is added to `problems`. An
+    output may be absent where no column is named for it, all of them where they are not required."""
+    for signal in inputs:
+        _match(table, signal, "input", matched, problems)
+    for signal in outputs:
+        if signal.column is not None or table.find(signal.name) is not None:
+            _match(table, signal, "output", matched, problems)
+    if outputs_required and not any(signal.name in matched for signal in outputs) and not problems:
+        problems.append(_no_output(table, outputs))
+
+
+def _match(
     table: Table, signal: Signal, kind: str, matched: dict[str, Column], problems: list[DataError]
 ) -> None:
-    """Find the column of a signal of `kind` "input" or "output" and add it to `matched`; what hinders is
-    added to `problems`."""
     wanted = signal.column if signal.column is not None else signal.name
     column = table.find(wanted)
     if column is None:
@@ -388,7 +404,7 @@ def _unknown_column(table: Table, signal: Signal, kind: str, wanted: str) -> Dat
     )
 
 
-def no_output(table: Table, outputs: Sequence[Signal]) -> DataError:
+def _no_output(table: Table, outputs: Sequence[Signal]) -> DataError:
     """That no column is an output of the model."""
     names = ", ".join(signal.name for signal in outputs) or "none at all"
     return DataError(

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from daest.data.grid import cell_number
-from daest.data.read import Signal, find_time, match_signal, no_output, with_units
+from daest.data.read import Signal, find_time, match_all, with_units
 from daest.data.table import (
     Column,
     Table,
@@ -128,13 +128,7 @@ def line_format(
     at = find_time(table, time)
     matched: dict[str, Column] = {}
     problems: list[DataError] = []
-    for signal in inputs:
-        match_signal(table, signal, "input", matched, problems)
-    for signal in outputs:
-        if signal.column is not None or table.find(signal.name) is not None:
-            match_signal(table, signal, "output", matched, problems)
-    if not any(signal.name in matched for signal in outputs) and not problems:
-        problems.append(no_output(table, outputs))
+    match_all(table, inputs, outputs, matched, problems)
     raise_collected(problems, source)
 
     def cells(signals: Sequence[Signal]) -> tuple[_Cell, ...]:

@@ -225,7 +225,7 @@ def _require_stable(task: Task) -> None:
 
 def _fastest_growth(explainer: Explainer) -> float:
     """Largest real part of the poles [1/s], at the start of a nonlinear model."""
-    explicit = explainer.explicit if isinstance(explainer, LinearExplainer) else explainer.model.explicit  # type: ignore[attr-defined]
+    explicit = explainer.explicit
     try:
         family = explainer.family if isinstance(explainer, LinearExplainer) else state_space_family(explicit)
         A = state_space(family, explicit.flat.theta_values).A

@@ -7,13 +7,16 @@ of a rival leaves the errors by which the two could be told apart.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 
-from daest.estimation.coordinates import Coordinate
+from daest.estimation.coordinates import Coordinate, Unknowns
 from daest.estimation.identifiability import covariance
+from daest.model.design import Hold
+from daest.model.flat import Dynamics
+from daest.systems.initialize import initial_point
 
 RANK = 1e-10  # singular value of the scaled responses of initial states, relative, below which it is none
 STEPS = 3  # Gauss-Newton steps of a refit that is not merely estimated
@@ -54,6 +57,9 @@ class Explainer(Protocol):
     measured."""
 
     @property
+    def explicit(self) -> Dynamics: ...
+
+    @property
     def coordinates(self) -> tuple[Coordinate, ...]: ...
 
     @property
@@ -81,6 +87,41 @@ class Explainer(Protocol):
     def pulled_back(self, weights: np.ndarray, n_samples: int) -> np.ndarray | None:
         """∂/∂inputs (n_samples, n_u) of the sum of weights (p, n_samples, n_y) times slopes; None where the
         slopes are no linear function of the inputs."""
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What explainers have in common: `unknowns` in coordinates of the search, inputs of a `period` (s) and
+    `hold`; `rows` are the outputs that are measured (None: all)."""
+
+    explicit: Dynamics
+    unknowns: Unknowns
+    period: float
+    hold: Hold
+    rows: tuple[int, ...] | None = None
+    _kept: dict = field(default_factory=dict, repr=False, compare=False, kw_only=True)
+
+    @property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        return self.unknowns.coordinates
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        return tuple(self.explicit.flat.outputs[i].name for i in self.chosen)
+
+    @property
+    def variable_names(self) -> tuple[str, ...]:
+        return tuple(v.name for v in self.explicit.flat.unknowns)
+
+    @property
+    def chosen(self) -> list[int]:
+        n_y = len(self.explicit.flat.outputs)
+        return list(range(n_y)) if self.rows is None else list(self.rows)
+
+    def start(self, inputs: np.ndarray, z: np.ndarray | None = None) -> Point:
+        at = self.unknowns.start if z is None else z
+        theta, _, _ = self.unknowns.values(at)
+        return Point(at, initial_point(self.explicit, theta, inputs[0])[0])
 
 
 def information(explainer: Explainer, inputs: np.ndarray, z: np.ndarray | None = None) -> np.ndarray | None:

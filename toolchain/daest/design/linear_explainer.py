@@ -6,21 +6,17 @@ they include the change of the gain, and the noise itself excites the model.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from daest.design.explainer import Explained, Point
-from daest.estimation.coordinates import Coordinate, Unknowns
+from daest.design.explainer import Driven, Explained, Point
 from daest.estimation.linear_predictors import Problem, matrix_slopes, noise_levels
 from daest.estimation.predictor import Recursion, innovation_slopes, innovations, kalman_gains, recursion
 from daest.estimation.records import Record
-from daest.model.design import Hold
-from daest.model.flat import ExplicitModel
 from daest.model.linear import StateSpace, StateSpaceFamily
 from daest.numerics.innovations import Gains
-from daest.systems.initialize import initial_point
 from daest.systems.sample import stacked_inputs
 from daest.systems.state_space import state_space
 
@@ -29,34 +25,11 @@ PULSE = 2  # sample at which inputs are pulsed: a slope of the input reaches one
 OUTPUT_FIELDS = ("C", "D", "H", "d")
 
 
-@dataclass(frozen=True)
-class LinearExplainer:
-    """`unknowns` holds the parameters, then the noises that were estimated; `rows` are the outputs that are
-    measured (None: all)."""
+@dataclass(frozen=True, kw_only=True)
+class LinearExplainer(Driven):
+    """`unknowns` holds the parameters, then the noises that were estimated."""
 
-    explicit: ExplicitModel
     family: StateSpaceFamily
-    unknowns: Unknowns
-    period: float
-    hold: Hold
-    rows: tuple[int, ...] | None = None
-    _kept: dict = field(default_factory=dict, repr=False, compare=False)
-
-    @property
-    def coordinates(self) -> tuple[Coordinate, ...]:
-        return self.unknowns.coordinates
-
-    @property
-    def output_names(self) -> tuple[str, ...]:
-        return tuple(self.family.outputs[i].name for i in self.chosen)
-
-    @property
-    def variable_names(self) -> tuple[str, ...]:
-        return tuple(v.name for v in self.family.unknowns)
-
-    @property
-    def chosen(self) -> list[int]:
-        return list(range(len(self.family.outputs))) if self.rows is None else list(self.rows)
 
     @property
     def has_noise(self) -> bool:
@@ -67,11 +40,6 @@ class LinearExplainer:
         weigh = np.zeros(len(self.family.outputs), dtype=bool)
         direct = np.any(state_space(self.family, self.unknowns.theta).H != 0.0)
         return Problem(self.family, (), self.hold, self.unknowns, weigh, "held" if direct else "white")
-
-    def start(self, inputs: np.ndarray, z: np.ndarray | None = None) -> Point:
-        at = self.unknowns.start if z is None else z
-        theta, _, _ = self.unknowns.values(at)
-        return Point(at, initial_point(self.explicit, theta, inputs[0])[0])
 
     def outputs(self, inputs: np.ndarray, at: Point) -> np.ndarray:
         ss = self._space(at.z)

@@ -3,16 +3,13 @@ of their average linearisation where the process has noise."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from daest.design.explainer import Explained, Point
+from daest.design.explainer import Driven, Explained, Point
 from daest.errors import DaestError
-from daest.estimation.coordinates import Coordinate, Unknowns
 from daest.estimation.observer import Observer, average_model, observer
-from daest.model.design import Hold
-from daest.systems.initialize import initial_point
 from daest.systems.integrate import Correction, Integrator, Trajectory, integrate, interval_inputs
 from daest.systems.integration import IntegrationError
 from daest.systems.simulate import values_along
@@ -20,38 +17,11 @@ from daest.systems.simulate import values_along
 RTOL = 1e-5  # of the integration: far below the noise of a measurement
 
 
-@dataclass(frozen=True)
-class NonlinearExplainer:
-    """`unknowns` holds the parameters alone; `rows` are the outputs that are measured (None: all)."""
+@dataclass(frozen=True, kw_only=True)
+class NonlinearExplainer(Driven):
+    """`unknowns` holds the parameters alone; `model` integrates."""
 
     model: Integrator
-    unknowns: Unknowns
-    period: float
-    hold: Hold
-    rows: tuple[int, ...] | None = None
-    _kept: dict = field(default_factory=dict, repr=False, compare=False)
-
-    @property
-    def coordinates(self) -> tuple[Coordinate, ...]:
-        return self.unknowns.coordinates
-
-    @property
-    def output_names(self) -> tuple[str, ...]:
-        return tuple(self.model.explicit.flat.outputs[i].name for i in self.chosen)
-
-    @property
-    def variable_names(self) -> tuple[str, ...]:
-        return tuple(v.name for v in self.model.explicit.flat.unknowns)
-
-    @property
-    def chosen(self) -> list[int]:
-        n_y = len(self.model.explicit.flat.outputs)
-        return list(range(n_y)) if self.rows is None else list(self.rows)
-
-    def start(self, inputs: np.ndarray, z: np.ndarray | None = None) -> Point:
-        at = self.unknowns.start if z is None else z
-        theta, _, _ = self.unknowns.values(at)
-        return Point(at, initial_point(self.model.explicit, theta, inputs[0])[0])
 
     def outputs(self, inputs: np.ndarray, at: Point) -> np.ndarray:
         found = self._run(inputs, at)
@@ -60,19 +30,18 @@ class NonlinearExplainer:
         return found.outputs[:, self.chosen]
 
     def variables(self, inputs: np.ndarray, at: Point) -> np.ndarray:
-        explicit = self.model.explicit
-        n_v = len(explicit.flat.unknowns)
+        n_v = len(self.explicit.flat.unknowns)
         found = self._run(inputs, at)
         if found is None:
             return np.full((inputs.shape[0], n_v), np.nan)
         theta, _, _ = self.unknowns.values(at.z)
         time = self._time(inputs)
-        return values_along(explicit, time, self._ubar(time, inputs), theta, found.states, self.hold)[1]
+        return values_along(self.explicit, time, self._ubar(time, inputs), theta, found.states, self.hold)[1]
 
     @np.errstate(all="ignore")  # where numbers overflow, nothing is explained
     def explain(self, inputs: np.ndarray, outputs: np.ndarray, at: Point) -> Explained | None:
         rows = self.chosen
-        every = np.full((inputs.shape[0], len(self.model.explicit.flat.outputs)), np.nan)
+        every = np.full((inputs.shape[0], len(self.explicit.flat.outputs)), np.nan)
         every[:, rows] = outputs
         found = self._observer(inputs, at)
         run = self._run(inputs, at, every, found, slopes=True)
@@ -99,7 +68,7 @@ class NonlinearExplainer:
         return self.period * np.arange(inputs.shape[0])
 
     def _ubar(self, time: np.ndarray, inputs: np.ndarray) -> np.ndarray:
-        ubar, _ = interval_inputs(self.model.explicit, time, inputs, self.hold)
+        ubar, _ = interval_inputs(self.explicit, time, inputs, self.hold)
         return np.vstack([ubar, np.hstack([inputs[-1:], ubar[-1:, inputs.shape[1] :]])])
 
     def _run(
@@ -143,7 +112,7 @@ class NonlinearExplainer:
                 return None
             theta, _, _ = self.unknowns.values(at.z)
             time = self._time(inputs)
-            average = average_model(self.model.explicit, theta, time, run.states, self._ubar(time, inputs))
+            average = average_model(self.explicit, theta, time, run.states, self._ubar(time, inputs))
             average = type(average)(average.A, average.G, average.C[self.chosen], average.period)
             self._kept["observer"] = observer(average, intensity, std[self.chosen])
         return self._kept["observer"]

@@ -46,7 +46,7 @@ def explainer(subject: Subject, period: float, hold: Hold) -> Explainer:
     explicit = dynamics(flat)
     if isinstance(explicit, ExplicitModel) and has_affine_dynamics(explicit):
         unknowns = _unknowns(subject, flat, with_noises=subject.unknown_noise)
-        return LinearExplainer(explicit, state_space_family(explicit), unknowns, period, hold)
+        return LinearExplainer(explicit, unknowns, period, hold, family=state_space_family(explicit))
     return _nonlinear(subject, flat, explicit, period, hold)
 
 
@@ -55,7 +55,7 @@ def _nonlinear(
 ) -> NonlinearExplainer:
     unknowns = _unknowns(subject, flat, with_noises=False)
     model = integrator(good_everywhere(explicit), subject.names)
-    return NonlinearExplainer(model, unknowns, period, hold)
+    return NonlinearExplainer(model.explicit, unknowns, period, hold, model=model)
 
 
 def with_rows(prepared: Explainer, rows: Sequence[int]) -> Explainer:

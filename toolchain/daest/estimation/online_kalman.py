@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from daest.errors import EstimationError
+from daest.estimation.filters.case import square
 from daest.estimation.flat_start import solve_root, whitening
 from daest.estimation.gates import FIT
 from daest.estimation.kalman import reference_start
@@ -282,8 +283,8 @@ def online_kalman(
     start, and zero for the stationary kind. `units`: of the variables by name. Errors of
     `stationary_filter`, `sample` and `kalman_filter`.
     """
-    intensity = _square(intensity, len(model.noise_names))
-    measurement_cov = _square(measurement_cov, len(model.output_names))
+    intensity = square(intensity, len(model.noise_names))
+    measurement_cov = square(measurement_cov, len(model.output_names))
     direct = model.H @ intensity @ model.H.T
     noise: Literal["white", "held"] = "held" if np.any(np.diagonal(direct) > 0.0) else "white"
     nominal = sample(model, period, hold, intensity, measurement_cov, noise)
@@ -400,11 +401,6 @@ def _collapsed(memory: KalmanMemory) -> KalmanMemory:
         root=np.zeros((0, 1)),
         log_density=memory.log_density + _evidence(memory.root),
     )
-
-
-def _square(value: np.ndarray, size: int) -> np.ndarray:
-    value = np.asarray(value, dtype=float)
-    return np.diag(value) if value.ndim == 1 else value.reshape(size, size)
 
 
 def _singular(time: float) -> EstimationError:

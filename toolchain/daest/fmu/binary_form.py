@@ -596,12 +596,6 @@ def _unknown_matrices(flat: Model, n_u: int) -> list[np.ndarray]:
     return [np.zeros(s) if i in noise_columns else np.full(s, np.nan) for i, s in enumerate(shapes)]
 
 
-def _with_identity(block: np.ndarray, argument: int, n_x: int) -> np.ndarray:
-    """Rows of the states themselves before those of the variables."""
-    own = np.eye(n_x) if argument == 0 else np.zeros((n_x, block.shape[1]))
-    return np.vstack([own, block])
-
-
 def _with_differences(found: Simulated, steps: np.ndarray) -> Integrated:
     """The first solution, with central differences of the others, which were moved by `steps`."""
     values = found.values

@@ -50,7 +50,6 @@ STEPS: dict[str, Callable[[float, float], float]] = {
 CONSTANT, VARIABLE, SIZE = len(STEPS), len(STEPS) + 1, len(STEPS) + 2
 """Steps that fill a register: with a number, with what the law reads, with its size."""
 
-NAMES = (*STEPS, "constant", "variable", "size")
 Step = tuple[int, int, int, int, float]
 """Number of the step, target register, two source registers, and the number of a constant."""
 

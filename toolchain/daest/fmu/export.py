@@ -49,6 +49,9 @@ def export_fmu(
     The same model, compiler and platforms give the same bytes.
     Errors: FmuError `no-c-compiler`, `compilation-failed`, `fmu-platform-unknown`, `fmu-name-twice`,
     `fmu-not-written`; ModelError of the index reduction and of the initial point.
+
+    >>> daest.export_fmu(flat, "Servo.fmu").n_states
+    4
     """
     began = time.perf_counter()
     flat = portable(flat)

@@ -37,6 +37,9 @@ def linearize_fmu(
     `runner` is the process of the FMU's binary to use; None: a new one. Directional derivatives are compared
     with finite differences, and not used where they are wrong; the result tells. Errors: those of `load_fmu`
     and of the binary (`fmu-without-binary`, `fmu-call-failed`), `fmu-source`.
+
+    >>> daest.linearize_fmu("Servo.fmu").source
+    'symbolic'
     """
     model = load_fmu(path)
     if source is not None and source not in SOURCES:

@@ -37,6 +37,9 @@ def load_fmu(path: str | Path) -> FmuModel:
     Errors (FmuError): those of `open_archive`; `fmu-without-description`; `fmu-xml` (not well-formed, or with
     a document type, which only attacks need); `fmu-fmi-1`; `fmu-version`; `fmu-scheduled-only`;
     `fmu-array-variable`; `fmu-clocked`; `fmu-inconsistent`.
+
+    >>> daest.load_fmu("Servo.fmu").model_name
+    'Servo'
     """
     with open_archive(path) as archive:
         if DESCRIPTION not in archive.names:
@@ -66,6 +69,9 @@ def symbolic_model(path: str | Path) -> FlatModel | None:
     """The symbolic model that travels inside an FMU of `daest export`; None if there is none.
 
     FmuError `symbolic-model-damaged` if it is there and cannot be trusted.
+
+    >>> daest.symbolic_model("Servo.fmu").name
+    'Servo'
     """
     with open_archive(path) as archive:
         names = {

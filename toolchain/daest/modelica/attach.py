@@ -44,6 +44,11 @@ def attach(
     `values` are the values of the effect's parameters, in place of their start values; `inputs` maps its
     signal inputs to inputs of the model, which are made where they do not exist. Raises ModelError:
     `effect-fit`, `effect-present`, `effect-name`, `effect-parameter`.
+
+    >>> from daest.modelica.sites import find_site
+    >>> site = find_site(flat, "disc", effect)
+    >>> daest.attach(flat, effect, site).parameters[-1].name
+    'coulombFriction.w_s'
     """
     return attach_all(flat, [Placement(effect, site, name or "", values or {}, inputs or {})])
 

@@ -104,7 +104,11 @@ _kept: dict[tuple[str, ...], tuple[str, Mapping[str, _Entry]]] = {}
 def effect_library(libraries: Sequence[str | Path] = ()) -> tuple[Effect, ...]:
     """All effects of the bundled library and of the folders `libraries` and MODELICAPATH, sorted by domain
     as the bundled library has them. Raises ModelError for a class that does not compile or whose annotation
-    is wrong."""
+    is wrong.
+
+    >>> sorted({effect.domain for effect in daest.effect_library()})
+    ['electrical', 'hydraulic', 'rotational', 'signal', 'thermal', 'translational']
+    """
     return tuple(entry.effect for entry in _catalogue(_names(libraries), check=True).values())
 
 
@@ -135,7 +139,12 @@ def find_effects(name: str, libraries: Sequence[str | Path] = ()) -> tuple[Effec
 
 def find_effect(name: str, libraries: Sequence[str | Path] = ()) -> Effect:
     """The one effect of that class name. Raises ModelError `effect-unknown`, and `effect-ambiguous` if
-    several domains have one."""
+    several domains have one.
+
+    >>> effect = daest.find_effect("Daest.Effects.Rotational.CoulombFriction")
+    >>> effect.law
+    'tau = -tau_c*tanh(w/w_s)'
+    """
     found = find_effects(name, libraries)
     if len(found) > 1:
         raise ModelError(

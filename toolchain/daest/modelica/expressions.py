@@ -29,7 +29,7 @@ _ELEMENTWISE: dict[str, v.Operation] = {
     "./": v.divide,
     ".^": v.power,
 }
-_RELATIONS: dict[str, Callable[[Scalar, Scalar], Scalar]] = {
+RELATIONS: dict[str, Callable[[Scalar, Scalar], Scalar]] = {
     "<": lambda a, b: a < b,  # type: ignore[operator]
     "<=": lambda a, b: a <= b,  # type: ignore[operator]
     ">": lambda a, b: a > b,  # type: ignore[operator]
@@ -300,7 +300,7 @@ class Evaluator:
             return self._power(left, right, operator)
         if operator in ("and", "or"):
             return v.combined(_and if operator == "and" else _or, left, right)
-        if operator in _RELATIONS:
+        if operator in RELATIONS:
             return v.combined(self._relation(operator, node), left, right)
         if operator in ("/", "./"):
             right = self._inside(right, 1.0)
@@ -308,7 +308,7 @@ class Evaluator:
 
     def _relation(self, operator: str, node: s.Binary) -> Callable[[Scalar, Scalar], Scalar]:
         if self.events is None or self.is_live or operator in ("==", "<>"):
-            return _RELATIONS[operator]
+            return RELATIONS[operator]
         events, shown = self.events, text(node)
         key = (shown, tuple((name, str(value)) for name, value in self.iterators.items()))
         return lambda a, b: events.relation(operator, a, b, key, shown)

@@ -151,6 +151,9 @@ def extend_model(
     parameters; `new_name` is the name of the new class (default: MODEL_EFFECT, numbered if taken); `target`
     is the file that the text is meant for. The equations are those of `attach`. Raises ModelError as
     `attach` does, and `effect-input-used` or `effect-not-writable` where Modelica cannot express it.
+
+    >>> daest.extend_model("Servo.mo", None, effect, site).class_name
+    'Servo_CoulombFriction'
     """
     original = _original(Path(path), class_name, libraries)
     flat = original.flat

@@ -32,7 +32,6 @@ _OTHERS = (
     "pure",
     "end",
 )
-_REPLACING = ("redeclare", "replaceable", "break")
 _ATTRIBUTES = (
     *("start", "fixed", "min", "max", "nominal", "unit", "displayUnit", "quantity", "stateSelect"),
     *("unbounded", "absoluteValue"),

@@ -19,7 +19,7 @@ from daest.errors import Place
 from daest.modelica import syntax as s
 from daest.modelica import values as v
 from daest.modelica.elements import Sizes, broadcast
-from daest.modelica.expressions import Evaluator
+from daest.modelica.expressions import RELATIONS, Evaluator
 from daest.modelica.functions import run_algorithm
 from daest.modelica.outline import place_of
 from daest.modelica.reading import Reading
@@ -233,14 +233,6 @@ def _solved(residual: ca.SX, unknown: ca.SX, derivatives: ca.SX) -> ca.SX | None
 
 
 _ARITHMETIC = {"+": lambda a, b: a + b, "-": lambda a, b: a - b, "*": lambda a, b: a * b}
-_RELATIONS = {
-    "<": lambda a, b: a < b,
-    "<=": lambda a, b: a <= b,
-    ">": lambda a, b: a > b,
-    ">=": lambda a, b: a >= b,
-    "==": lambda a, b: a == b,
-    "<>": lambda a, b: a != b,
-}
 
 
 # Whether a condition holds, None when that is not decided while the model is read.
@@ -297,6 +289,6 @@ def _folded(node: s.Binary) -> s.Node:
         return node
     if node.operator in _ARITHMETIC:
         return s.Constant(_ARITHMETIC[node.operator](left.value, right.value), node.span)
-    if node.operator in _RELATIONS:
-        return s.Constant(_RELATIONS[node.operator](left.value, right.value), node.span)
+    if node.operator in RELATIONS:
+        return s.Constant(bool(RELATIONS[node.operator](left.value, right.value)), node.span)
     return node

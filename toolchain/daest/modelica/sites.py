@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -12,14 +12,13 @@ import numpy as np
 from daest.errors import ModelError
 from daest.model.effects import Domain, Effect, Site
 from daest.model.flat import FlatModel, Model
-from daest.modelica.balances import balances
+from daest.modelica.balances import balances, slopes_near_start
 from daest.modelica.connectors import Connector, connectors_of
 from daest.near import near_names
 
 # Rows of a component are linearised at a random point; a combination of rows is found with this relative
 # residual.
 _TOLERANCE = 1e-9
-_SEED = 20040101
 # Exchange between bodies that no component joins is plausible in these domains (air, radiation, leaks).
 _PAIRED: tuple[Domain, ...] = ("thermal", "hydraulic")
 _SIGNAL_KINDS = ("input", "output", "parameter")
@@ -208,7 +207,7 @@ class Network:
         for connector in self.connectors.values():
             self._components.setdefault(connector.component, []).append(connector)
         self._rows = _rows_by_component(flat)
-        self._jacobian = _jacobian_function(flat)
+        self._slopes = slopes_near_start(flat)
         self._groups = self._joined()
 
     def node_of(self, connector: str) -> int:
@@ -345,7 +344,7 @@ class Network:
 
     def _matrix(self, component: str) -> np.ndarray:
         """The component's rows of [∂F/∂ξ, ∂F/∂ξ'] at a random point."""
-        return self._jacobian(tuple(self._rows.get(component, ())))
+        return self._slopes[list(self._rows.get(component, ())), :]
 
 
 def connection_sets(flat: FlatModel, connectors: dict[str, Connector]) -> list[ConnectionSet]:
@@ -377,18 +376,6 @@ def _rows_by_component(flat: FlatModel) -> dict[str, list[int]]:
         for end in range(1, len(path) + 1):
             found.setdefault(".".join(path[:end]), []).append(i)
     return found
-
-
-def _jacobian_function(flat: FlatModel) -> Callable[[tuple[int, ...]], np.ndarray]:
-    """Rows -> dense [∂F/∂ξ, ∂F/∂ξ'] at one random point near the start values, kept per component."""
-    everything = ca.vertcat(flat.xi, flat.derivatives)
-    others = [flat.u, flat.w, flat.theta, flat.time]
-    evaluate = ca.Function("jacobian", [everything, *others], [ca.jacobian(flat.residual, everything)])
-    rng = np.random.default_rng(_SEED)
-    point = [rng.uniform(0.5, 1.5, x.numel()) for x in (everything, flat.u, flat.w)]
-    matrix = np.array(evaluate(*point, flat.theta_values, 0.7).full())
-    matrix[~np.isfinite(matrix)] = 0.0
-    return lambda rows: matrix[list(rows), :]
 
 
 def _in_row_space(matrix: np.ndarray, target: dict[int, float]) -> bool:

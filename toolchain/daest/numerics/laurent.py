@@ -25,7 +25,7 @@ from daest.errors import NumericalError
 from daest.model.linear import RankDecision
 from daest.numerics.matching import Offsets, canonical_offsets, find_defect
 from daest.numerics.ranks import default_tolerance
-from daest.numerics.sparse_columns import compressed, largest_entries
+from daest.numerics.sparse_columns import compressed, largest_entries, pencil_entries
 
 CHUNK = 256
 """Columns that are solved for at a time: memory is this many dense vectors per order."""
@@ -121,13 +121,7 @@ def _offsets(
     E: sp.csr_array, J: sp.csr_array
 ) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], Offsets]:
     """All entries (row, column, power of s, value) of sE - J, and the canonical offsets."""
-    first, second = sp.coo_array(E), sp.coo_array(J)
-    row = np.concatenate([first.coords[0], second.coords[0]])
-    column = np.concatenate([first.coords[1], second.coords[1]])
-    power = np.repeat([1, 0], [first.data.size, second.data.size])
-    value = np.concatenate([first.data, -second.data])
-    kept = value != 0.0
-    row, column, power, value = row[kept], column[kept], power[kept], value[kept]
+    row, column, power, value = pencil_entries(E, J)
     n = E.shape[0]
     highest = sp.coo_array(sp.csr_array((power + 1, (row, column)), shape=(n, n)))  # 3: both E and J have one
     if find_defect(sp.csr_array(highest)) is not None:

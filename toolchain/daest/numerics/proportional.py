@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
+from daest.numerics.sparse_columns import pencil_entries
+
 CANCELLED = 1e-8
 """Coefficients of one group that add up to less than this part of the largest say nothing."""
 
@@ -60,17 +62,11 @@ def proportional_rows(E: sp.csr_array, J: sp.csr_array) -> Proportions:
 
 
 def _entries(E: sp.csr_array, J: sp.csr_array) -> _Entries:
-    first, second = sp.coo_array(E), sp.coo_array(J)
-    row = np.concatenate([first.coords[0], second.coords[0]])
-    column = np.concatenate([first.coords[1], second.coords[1]])
-    power = np.repeat([1, 0], [first.nnz, second.nnz])
-    value = np.concatenate([first.data, -second.data])
-    kept = value != 0.0
-    row, column = row[kept], column[kept]
+    row, column, power, value = pencil_entries(E, J)
     both = sp.coo_array(sp.csr_array((np.ones(row.size), (row, column)), shape=E.shape))
     is_mixed = np.zeros(E.shape[0], dtype=bool)
     is_mixed[both.coords[0][both.data > 1.0]] = True
-    return _Entries(row, column, power[kept], value[kept], is_mixed)
+    return _Entries(row, column, power, value, is_mixed)
 
 
 def _short_equations(

@@ -9,6 +9,16 @@ import scipy.sparse as sp
 from daest.model.linear import GroupedMatrix
 
 
+def pencil_entries(E: sp.csr_array, J: sp.csr_array) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The entries (row, column, power of s, value) of sE - J that are not zero."""
+    first, second = sp.coo_array(E), sp.coo_array(J)
+    row, column = (np.concatenate([first.coords[i], second.coords[i]]) for i in (0, 1))
+    power = np.repeat([1, 0], [first.data.size, second.data.size])
+    value = np.concatenate([first.data, -second.data])
+    kept = value != 0.0
+    return row[kept], column[kept], power[kept], value[kept]
+
+
 def compressed(dense: np.ndarray) -> sp.csc_array:
     """The entries that are not zero, by columns: several times as fast as by way of triplets."""
     by_column = np.ascontiguousarray(dense.T)

@@ -112,6 +112,9 @@ def linear_dae_function(flat: FlatModel, at: Mapping[str, float] | None = None) 
     """CasADi function θ -> E, J, K, B, C, D, H, offset, output_offset (sparse), with exact derivatives in θ.
 
     `at` as in `linearize`. Output names are `MATRIX_NAMES`.
+
+    >>> daest.linear_dae_function(flat)(flat.theta_values)[0].shape
+    (65, 65)
     """
     return ca.Function("linear_dae", [flat.theta], _matrices(flat, at), ["theta"], list(MATRIX_NAMES))
 

@@ -49,7 +49,12 @@ def reduce_index(flat: FlatModel) -> ExplicitModel:
     stay states; block lower triangular order; tearing. Linear loops are written out, nonlinear ones become
     Newton iterations.
 
-    Raises ModelError: `structurally-singular`, `singular-after-reduction`, `noise-differentiated`."""
+    Raises ModelError: `structurally-singular`, `singular-after-reduction`, `noise-differentiated`.
+
+    >>> explicit = daest.reduce_index(flat)
+    >>> explicit.state_names
+    ('motor.phi', 'motor.w', 'disc.phi', 'disc.w')
+    """
     sigma = flat_signature(flat)
     check_structure(sigma, flat.equations, flat.unknowns, flat.name)
     in_source = differentiations(sigma)

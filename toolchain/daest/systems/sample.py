@@ -63,6 +63,9 @@ def sample(
     moved into the columns of the input, and the columns of the derivative in Γ0 and Γ1 are zero. In y = D
     ū its column stays: ū comes from `stacked_inputs`. Errors (ModelError): `input-derivative-order`,
     `input-derivative-hold`, `output-white-noise`.
+
+    >>> daest.sample(ss, 0.01, "zoh").transition.shape
+    (4, 4)
     """
     _check_input_derivatives(ss, hold)
     intensity = _square(process_intensity, ss.G.shape[1])

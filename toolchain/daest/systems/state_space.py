@@ -30,7 +30,12 @@ def state_space_family(model: Model | Dynamics, at: Mapping[str, float] | None =
     Exact for affine models. A nonlinear model is linearised at the operating point `at` (values of states and
     inputs by name; those not named come from the consistent initial point at the inputs' start values), with
     w = 0, v = 0 and t = 0; the offsets make the linear model exact at that point, for every θ. Where ẋ and y
-    are affine (`is_affine` of the result), only ξ depends on that point."""
+    are affine (`is_affine` of the result), only ξ depends on that point.
+
+    >>> family = daest.state_space_family(explicit)
+    >>> [w.name for w in family.noises]
+    ['disturbance.w']
+    """
     return family_along(model if isinstance(model, Dynamics) else dynamics(model), at)
 
 
@@ -107,7 +112,12 @@ def _matrix_function(explicit: ExplicitModel, x0: np.ndarray, u0: np.ndarray, ti
 
 
 def state_space(family: StateSpaceFamily, theta: np.ndarray) -> StateSpace:
-    """The matrices at theta, shape (n_parameters,), in the order of `family.parameters`."""
+    """The matrices at theta, shape (n_parameters,), in the order of `family.parameters`.
+
+    >>> ss = daest.state_space(family, flat.theta_values)
+    >>> ss.A.shape, ss.C.shape
+    ((4, 4), (2, 4))
+    """
     values = dict(zip(MATRICES, (m.full() for m in family.matrices.call([theta])), strict=True))
     for name in VECTORS:
         values[name] = values[name][:, 0]

@@ -40,7 +40,11 @@ class TransferFunction:
 
 
 def poles(form: StandardForm | SparseForm) -> np.ndarray:
-    """Finite eigenvalues of sE - J, sorted by real and imaginary part; complex, shape (n_dynamic,)."""
+    """Finite eigenvalues of sE - J, sorted by real and imaginary part; complex, shape (n_dynamic,).
+
+    >>> daest.poles(form).real.round(1).tolist()
+    [-133.9, -1.5, -1.5, 0.0]
+    """
     if isinstance(form, StandardForm) and form.poles is not None:
         return np.sort_complex(form.poles)
     return np.sort_complex(_eigenvalues(_dense(form.A)))
@@ -51,6 +55,9 @@ def transfer_functions(dae: LinearDAE, form: StandardForm | SparseForm) -> list[
 
     The rational part is C Q1 (sI - A)⁻¹ P1 K, reduced per channel; -C Q2 N^i P2 K are the coefficients of s^i
     of the polynomial part, plus D. None at all for models of more than `HIGHEST_ORDER` modes.
+
+    >>> [(g.input, g.output, len(g.den)) for g in daest.transfer_functions(dae, form)]
+    [('u', 'omega', 4), ('u', 'phi', 5)]
     """
     if form.n_dynamic > HIGHEST_ORDER:
         return []

@@ -56,8 +56,8 @@ class FilterModel:
         return cls(
             model,
             theta if options.theta is None else np.asarray(options.theta, dtype=float),
-            _square(process, len(processes)),
-            _square(measurement, len(sensors)),
+            square(process, len(processes)),
+            square(measurement, len(sensors)),
         )
 
     @property
@@ -195,6 +195,7 @@ def _known(sizes: Sequence[tuple[str, float | None]], what: str, section: str) -
     return np.array([size for _, size in sizes], dtype=float)
 
 
-def _square(value: np.ndarray, size: int) -> np.ndarray:
+def square(value: np.ndarray, size: int) -> np.ndarray:
+    """A covariance (size, size), also of one that is given by its diagonal (size,)."""
     value = np.asarray(value, dtype=float)
     return np.diag(value) if value.ndim == 1 else value.reshape(size, size)
