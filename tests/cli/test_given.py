@@ -6,17 +6,15 @@ from pathlib import Path
 import pytest
 
 from daest.cli.diagnose import Search, opened
-from daest.cli.given import DATA_SUFFIXES, Files, ParameterOptions, kind_of
+from daest.cli.given import Files, ParameterOptions, kind_of
 from daest.cli.options import DataOptions, listed_names
 from daest.data.project import load_project
-from daest.data.read import READERS
 from daest.errors import ConfigError, EstimationError, ModelError
 from daest.model.parts import Prior
 from daest.modelica.compile import compile_model
 
 
-def test_kinds_of_recordings_are_those_that_are_read():
-    assert set(DATA_SUFFIXES) == set(READERS)
+def test_kinds_of_files_by_their_endings():
     assert kind_of(Path("A.MO"), "data") == "model" and kind_of(Path("a.CSV"), "model") == "data"
     assert kind_of(Path("folder"), "model") == "model"
 

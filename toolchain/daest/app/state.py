@@ -20,6 +20,7 @@ from daest.app.story import (
     rivals_file,
     step_errors,
 )
+from daest.data import FORMATS
 from daest.data.project import FILE_NAME, Project, load_project
 from daest.errors import ConfigError, DaestError
 from daest.files import whole_file
@@ -29,7 +30,7 @@ HOME = "results/app"  # from the folder of the project on
 REPORT = "report.html"
 BESIDE = "beside"  # folder of candidates as they were opened, in HOME
 NAME_LENGTH = 100  # characters of the name of such a file
-MODELS, RECORDINGS = (".mo", ".bmo", ".fmu"), (".csv", ".mat", ".parquet", ".xlsx", ".txt", ".tsv")
+MODELS, RECORDINGS = (".mo", ".bmo", ".fmu"), tuple(FORMATS)
 MOST_FILES = 200  # of a folder that are offered
 MOST_JOBS = 12  # that are shown
 LARGEST = 64_000_000  # bytes of a document that is read

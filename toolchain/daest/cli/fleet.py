@@ -129,7 +129,7 @@ def command(
 def machine_files(recordings: Sequence[Path]) -> list[tuple[str, Path]]:
     """Names of machines and their files: the stems, or the paths where two are alike. Raises DataError
     `fleet-empty`, and `data-missing-file` for a file that was named and is not there."""
-    from daest.data.read import READERS
+    from daest.data import FORMATS
 
     if not recordings:
         raise ConfigError(
@@ -140,7 +140,7 @@ def machine_files(recordings: Sequence[Path]) -> list[tuple[str, Path]]:
     files: list[Path] = []
     for path in recordings:
         if path.is_dir():
-            files += sorted(p for p in path.rglob("*") if p.suffix.lower() in READERS and p.is_file())
+            files += sorted(p for p in path.rglob("*") if p.suffix.lower() in FORMATS and p.is_file())
         elif not path.exists():
             raise DataError("data-missing-file", "the recording does not exist", where=Place(str(path)))
         else:
@@ -150,7 +150,7 @@ def machine_files(recordings: Sequence[Path]) -> list[tuple[str, Path]]:
         raise DataError(
             "fleet-empty",
             f"there is no recording in {', '.join(str(path) for path in recordings)}",
-            remedy=f"name files, or folders with files that end in {', '.join(sorted(READERS))}",
+            remedy=f"name files, or folders with files that end in {', '.join(sorted(FORMATS))}",
         )
     stems = [path.stem for path in files]
     counted = {stem: stems.count(stem) for stem in set(stems)} if len(set(stems)) < len(stems) else {}

@@ -11,6 +11,7 @@ import click
 
 from daest.cli import offered
 from daest.cli.options import Command, assignments, gathered, listed_names, priors, set_option
+from daest.data import FORMATS
 from daest.errors import ConfigError
 from daest.model.parts import Prior
 
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from daest.model.flat import Model
 
 MODEL_SUFFIXES = (".mo", ".bmo", ".fmu")
-# The kinds of recordings that `daest.data.read` knows; a test holds the two lists against each other.
-DATA_SUFFIXES = (".csv", ".txt", ".tsv", ".mat", ".parquet", ".xlsx", ".dat")
 Kind = Literal["model", "data"]
 
 
@@ -62,7 +61,7 @@ def kind_of(path: Path, otherwise: Kind) -> Kind:
     suffix = path.suffix.lower()
     if suffix in MODEL_SUFFIXES:
         return "model"
-    return "data" if suffix in DATA_SUFFIXES else otherwise
+    return "data" if suffix in FORMATS else otherwise
 
 
 def files(

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from daest.data.grid import Grid, grid_table
-from daest.data.table import Table, empty_file, unreadable_file
+from daest.data.table import Part, Table, empty_file, unreadable_file
 from daest.errors import DataError, Place
 
 
-def read_excel(path: Path) -> Table:
+def read_excel(path: Path, _: Part) -> Table:
     """The table of a workbook. Raises DataError `data-needs-openpyxl`, `data-unreadable-file`,
     `data-empty-file`, and what `grid_table` raises."""
     try:

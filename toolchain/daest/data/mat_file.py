@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from daest.data.result_file import is_result, result_table
-from daest.data.table import Column, Table, unreadable_file
+from daest.data.table import Column, Part, Table, unreadable_file
 from daest.errors import DataError, Place
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"  # a file of version 7.3 has it behind a header of 512 bytes
@@ -19,7 +19,7 @@ _UNREADABLE = "the MATLAB file cannot be read"
 _AS_V7 = "save it in MATLAB with: save(name, '-v7')"
 
 
-def read_mat(path: Path) -> Table:
+def read_mat(path: Path, _: Part) -> Table:
     """The table of a MATLAB file of any version, or of a result of Dymola or OpenModelica.
 
     Raises DataError `data-unreadable-file`, `data-needs-h5py` or `data-empty-file`.

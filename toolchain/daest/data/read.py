@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import importlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from daest.data.csv_file import ALL, read_csv
-from daest.data.excel_file import read_excel
+from daest.data import FORMATS
+from daest.data.csv_file import ALL
 from daest.data.frame import frame_table, is_frame
-from daest.data.mat_file import read_mat
-from daest.data.parquet_file import read_parquet
 from daest.data.prepare import Preparation, prepare, regular_times
 from daest.data.table import (
     Column,
@@ -32,15 +31,6 @@ from daest.quantities import conversion, may_count_turns
 
 MOST_NAMED = 8  # recordings of a folder that a message lists
 
-READERS: dict[str, Callable[[Path, Part], Table]] = {
-    ".csv": read_csv,
-    ".txt": read_csv,
-    ".tsv": read_csv,
-    ".mat": lambda path, _: read_mat(path),
-    ".parquet": read_parquet,
-    ".xlsx": lambda path, _: read_excel(path),
-    ".dat": read_csv,
-}
 _FEWEST_ROWS = 2
 _TEXTS_SHOWN = 3  # of one column; the rest is counted
 
@@ -115,15 +105,16 @@ def read_table(path: Path, part: Part = ALL) -> Table:
             where=Place(str(path)),
             remedy=_other_recordings(path),
         )
-    reader = READERS.get(path.suffix.lower())
-    if reader is None:
+    known = FORMATS.get(path.suffix.lower())
+    if known is None:
         raise DataError(
             "data-unknown-format",
             f"files of kind '{path.suffix}' are not read",
             where=Place(str(path)),
-            remedy=f"give one of {', '.join(sorted(READERS))}",
+            remedy=f"give one of {', '.join(sorted(FORMATS))}",
         )
-    return reader(path, part)
+    file, function = known
+    return getattr(importlib.import_module(f"daest.data.{file}"), function)(path, part)
 
 
 def measured_names(experiments: Sequence[Experiment]) -> tuple[str, ...]:
@@ -156,7 +147,7 @@ def _other_recordings(path: Path) -> str:
     """What may be meant by a path where no recording is: a near name, else the recordings of its folder."""
     names = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
     others = sorted(name for name in names if name != path.name)
-    recordings = [name for name in others if Path(name).suffix.lower() in READERS]
+    recordings = [name for name in others if Path(name).suffix.lower() in FORMATS]
     if (near := nearest(path.name, others)) or not recordings:
         return near or "check the path; it counts from the current folder"
     listed = ", ".join(recordings[:MOST_NAMED]) + (", ..." if len(recordings) > MOST_NAMED else "")
