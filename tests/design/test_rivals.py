@@ -129,6 +129,18 @@ def test_the_best_input_is_found_and_safe_for_likely_parameters():
     assert "against" in found.message
 
 
+def test_a_pair_that_no_input_tells_apart_does_not_decide():
+    """Friction with two roundings that hardly differ, and a load: the input is the best one for the load."""
+    first = rival("CoulombFriction")
+    twin = Rival("rounder friction", first.flat.with_theta({"effect.w_s": 0.012}), first.names)
+    aim, subjects = rival_aim([first, twin, rival("ConstantLoad")], limits(), (), 3.0, 0)
+    assert len(aim.driven) == 3
+    found = design(Task(aim, subjects, limits(), seconds=2.0, is_short=True))
+    assert found.expected.power > 0.99
+    assert all("ConstantLoad" in label for label in found.expected.log_likelihood_ratio)
+    assert any("designed for the other pairs" in note and "rounder" in note for note in found.notes)
+
+
 def test_rivals_that_are_one_equation():
     """A load at the rotor and an offset of the torque are the same for the speed; friction is not."""
     offset = rival("Offset", "tau", b=-0.2)

@@ -33,6 +33,7 @@ REPEATED = (
     "the second half repeats the first, since daest diagnose keeps half of a recording for validation: what "
     "is expected is told of one half"
 )
+AGAIN = 0.5  # of the time of a first search, for a second one without hopeless pairs
 LITTLE = 1.05  # times better: a sensor that brings less is not told
 # Families that excite all frequencies at once. Two levels alone tell no law of the size of a load from one
 # that does not know it: both are as large at every sample.
@@ -74,10 +75,12 @@ def design(task: Task, progress: Progress = lambda _: None) -> Design:
     _require_stable(task)
     guard = guard.with_room(limits)
     progress("trying the families of inputs")
-    families, best = _searched(task, guard, began, progress)
+    task, families = _first_families(task, guard, began, notes)
+    aim = task.aim
+    families, best = _searched(task, guard, families, began, progress)
     every = _played(guard, _inputs(best), limits, whole)
     inputs = every[: limits.time.size]
-    notes += _notes(best, inputs, is_repeated=whole != limits)
+    notes += _notes(best, inputs, limits, is_repeated=whole != limits)
     progress("looking at what the best input would bring")
     expected = _required(aim.expected([inputs]))
     present = aim.expected(task.recorded) if task.recorded else None
@@ -114,10 +117,27 @@ def at_period(experiment: Experiment, names: Sequence[str], period: float) -> np
     return np.column_stack([np.interp(grid, time_, column) for column in columns])
 
 
-def _searched(task: Task, guard: Guard, began: float, progress: Progress) -> tuple[list[Played], Played]:
+def _first_families(task: Task, guard: Guard, began: float, notes: list[str]) -> tuple[Task, list[Played]]:
+    """The best input of every family; of rivals, after those pairs are left out that no family tells
+    apart."""
+    share = (1.0 if task.is_short else SHARE_OF_FAMILIES) * task.seconds
+    families = best_of_families(task.aim, task.limits, guard, task.seed, Budget(began + share))
+    tried = [one.inputs for one in families if one.inputs is not None]
+    if not isinstance(task.aim, RivalAim) or not tried:
+        return task, families
+    aim, hopeless = task.aim.hopeful(tried)
+    if not hopeless:
+        return task, families
+    apart = "; ".join(label.replace(" | ", " from ") for label in hopeless)
+    notes.append(f"no input of these families tells {apart}: designed for the other pairs")
+    until = Budget(time.perf_counter() + AGAIN * share)
+    return replace(task, aim=aim), best_of_families(aim, task.limits, guard, task.seed, until)
+
+
+def _searched(
+    task: Task, guard: Guard, families: list[Played], began: float, progress: Progress
+) -> tuple[list[Played], Played]:
     aim, limits = task.aim, task.limits
-    first = Budget(began + (1.0 if task.is_short else SHARE_OF_FAMILIES) * task.seconds)
-    families = best_of_families(aim, limits, guard, task.seed, first)
     if families[0].inputs is None:
         reasons = "; ".join(dict.fromkeys(f"{p.family}: {p.reason}" for p in families))
         raise EstimationError(
@@ -196,9 +216,9 @@ def _played(guard: Guard, inputs: np.ndarray, limits: Limits, whole: Limits) -> 
     return guard.calmed(inputs, whole)
 
 
-def _notes(best: Played, inputs: np.ndarray, *, is_repeated: bool) -> list[str]:
+def _notes(best: Played, inputs: np.ndarray, limits: Limits, *, is_repeated: bool) -> list[str]:
     twice = [REPEATED] if is_repeated else []
-    if best.inputs is not None and np.array_equal(inputs, best.inputs):
+    if not limits.safe or (best.inputs is not None and np.allclose(inputs, best.inputs)):
         return twice
     return [
         *twice,

@@ -100,6 +100,24 @@ class RivalAim:
         left = distance(other, inputs, made, _nothing(other), STEPS)
         return explained is not None and 0.0 <= left < 0.5 * SAME * float(np.sum(explained.errors**2))
 
+    def hopeful(self, tried: Sequence[np.ndarray]) -> tuple[RivalAim, tuple[str, ...]]:
+        """The aim without the pairs that none of these inputs is expected to tell apart by the margin, and
+        their labels; the same aim where that would leave none. A pair that no input tells apart would else
+        decide which input is the best one for all others."""
+        largest: dict[str, float] = {}
+        for inputs in tried:
+            least: dict[str, float] = {}
+            for i, j, other, made in self._pairs(inputs):
+                label = self._label(i, j)
+                ratio = distance(other, inputs, made, _nothing(other))
+                least[label] = min(least.get(label, np.inf), ratio)
+            largest = {label: max(ratio, largest.get(label, -np.inf)) for label, ratio in least.items()}
+        hopeless = tuple(label for label, ratio in largest.items() if ratio < self.margin)
+        if not hopeless or len(hopeless) == len(largest):
+            return self, ()
+        left = tuple((i, j) for i, j in self._chosen() if self._label(i, j) not in hopeless)
+        return replace(self, orders=left), hopeless
+
     def focused(self, inputs: np.ndarray) -> RivalAim:
         """The aim for the pair alone that is closest with this input."""
         found = [
