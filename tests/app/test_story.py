@@ -65,23 +65,25 @@ def test_an_empty_folder_waits_for_a_model_and_a_recording(tmp_path, window):
 @dataclass(frozen=True)
 class Machine:
     """A machine whose recordings show what its model lacks: the files, the project that the user completes,
-    an output and a parameter, how much of the error is left when the effect is in, and the friction [N] that
-    is then estimated."""
+    an output and a parameter, names of effects that say it and a part of their laws, how much of the error is
+    left when the effect is in, and the size that is then estimated."""
 
     folder: Path
     project: str
     output: str
     parameter: str
     effects: tuple[str, ...]
+    law: str
     left: float
-    friction: tuple[float, float]
+    size: str
+    reach: tuple[float, float]
 
 
 @pytest.fixture
 def cart_with_friction(tmp_path) -> Machine:
     (tmp_path / "Cart.mo").write_text(CART)
     write_recording(tmp_path / "rub.csv", recording(1000, 4, friction=0.5))
-    return Machine(tmp_path, PROJECT, "s", "c", FRICTIONS, 0.2, (0.45, 0.55))
+    return Machine(tmp_path, PROJECT, "s", "c", FRICTIONS, "*tanh(", 0.2, "f_c", (0.45, 0.55))
 
 
 @pytest.fixture
@@ -92,7 +94,17 @@ def carriage(tmp_path, shared_data) -> Machine:
         shutil.copy(path, tmp_path)
     project = (example / "daest.toml").read_text()
     # Free integration over 25 s says little of a carriage whose position is controlled; the friction does.
-    return Machine(tmp_path, project, "position", "M", FRICTIONS, 1.2, (19.0, 22.0))
+    return Machine(tmp_path, project, "position", "M", FRICTIONS, "*tanh(", 1.2, "f_c", (19.0, 22.0))
+
+
+@pytest.fixture
+def servo_hidden(tmp_path) -> Machine:
+    example = Path(__file__).resolve().parents[2] / "examples" / "servo_hidden"
+    for name in ("Servo.mo", "servo.csv"):
+        shutil.copy(example / name, tmp_path)
+    project = (example / "daest.toml").read_text()
+    # The friction that is missing besides lets the size of the spring move a little until it is in, too.
+    return Machine(tmp_path, project, "omega", "c", ("HardeningSpring",), "^3", 0.75, "c3", (24.0, 32.0))
 
 
 def press(page, locator, key: str = "Enter") -> None:
@@ -115,7 +127,7 @@ def part(page, name: str):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("machine", ["cart_with_friction", "carriage"])
+@pytest.mark.parametrize("machine", ["cart_with_friction", "carriage", "servo_hidden"])
 def test_the_whole_story_by_keyboard(machine, request, window):
     """From two files to the report, on a simulated and on a measured recording, without a mouse."""
     found = request.getfixturevalue(machine)
@@ -148,7 +160,7 @@ def test_the_whole_story_by_keyboard(machine, request, window):
         assert added in found.effects
         press(window, candidate.locator("summary"))
         candidate.get_by_role("button", name="Add it").wait_for()
-        assert "*tanh(" in candidate.inner_text() or "*sign(" in candidate.inner_text()  # its law
+        assert found.law in candidate.inner_text() or "*sign(" in candidate.inner_text()
         assert "extends " in candidate.inner_text() and "daest extend" in candidate.inner_text()
         window.wait_for_selector(".candidate .pictures[data-drawn]")  # the model with it, on the data
         press(window, candidate.get_by_role("button", name="Add it"))
@@ -157,8 +169,8 @@ def test_the_whole_story_by_keyboard(machine, request, window):
         second = errors(found.folder, 1)
         assert second[found.output] < found.left * first[found.output]
         fitted = json.loads((found.folder / "results" / "fit.json").read_text())["parameters"]
-        (size,) = (p["value"] for name, p in fitted.items() if name.endswith(".f_c"))
-        assert found.friction[0] < size < found.friction[1]
+        (size,) = (p["value"] for name, p in fitted.items() if name.endswith(f".{found.size}"))
+        assert found.reach[0] < size < found.reach[1]
         assert window.locator("svg.stairs").get_attribute("aria-label").count(",") == 1
 
         press(window, button(window, f"Take {added} back"))
