@@ -102,6 +102,8 @@ class Story:
         found = self.page.locator(".candidate").first
         found.locator("summary").click()
         found.get_by_role("button", name="Add it").wait_for()
+        self.page.wait_for_selector(".candidate .pictures[data-drawn]", timeout=LONG)
+        found.evaluate("e => e.scrollIntoView()")
         self.shoot("candidate")
 
     def missing(self) -> None:
