@@ -12,8 +12,7 @@ from scipy.signal import lfilter
 sys.path.insert(0, str(Path(__file__).parents[1] / "fmu"))
 from ball_fmu import ball
 
-from daest.diagnosis import black_box
-from daest.diagnosis.black_box import Scored
+from daest.diagnosis import coloured
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
 from daest.fmu.binary_model import binary_model
@@ -109,16 +108,16 @@ def test_what_can_be_foreseen():
     rng = np.random.default_rng(3)
     white = rng.standard_normal((4000, 1))
     red = lfilter([1.0], [1.0, -0.8], white, axis=0)
-    assert black_box._foreseen([red], [white]) == pytest.approx(0.64 / 0.36, rel=0.15)
-    assert black_box._foreseen([white], [red]) < 0.02
+    assert coloured.foreseen([red], [white]) == pytest.approx(0.64 / 0.36, rel=0.15)
+    assert coloured.foreseen([white], [red]) < 0.02
 
 
 def test_a_constant_is_worth_a_refit_though_a_filter_takes_it_for_colour():
     def scored(p_value, share, absorbed=False):
-        return Scored(None, Screened(None, 0.0, (0.0,), p_value, absorbed, 1.0, share))
+        return Screened(None, 0.0, (0.0,), p_value, absorbed, 1.0, share)
 
     entry, slow = scored(0.5, 0.1), scored(0.5, 0.9)
-    assert black_box._worth_a_refit([entry, slow]) == [slow]
-    assert black_box._worth_a_refit([scored(0.5, 0.9, absorbed=True)]) == []
+    assert coloured.worth_a_refit([entry, slow], 3) == [slow]
+    assert coloured.worth_a_refit([scored(0.5, 0.9, absorbed=True)], 3) == []
     seen = scored(1e-6, 0.1)
-    assert black_box._worth_a_refit([seen, slow]) == [seen, slow]
+    assert coloured.worth_a_refit([seen, slow], 3) == [seen, slow]

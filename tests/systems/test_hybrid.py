@@ -126,6 +126,18 @@ def bounces(count: int, e: float = 0.97, g: float = 9.81) -> tuple[np.ndarray, n
     return first + np.concatenate([[0], np.cumsum(2 * after[:-1] / g)]), after
 
 
+def test_a_sample_beside_an_event_is_one_at_the_event():
+    """Rounding puts samples of a recording next to the instants of events: intervals of 1e-17 s."""
+    flat = model(SWITCHED)
+    plain = np.linspace(0, 1, 21)
+    beside = np.unique(
+        np.concatenate([plain, [np.nextafter(0.3, 0), np.nextafter(0.6, 1), np.nextafter(0.25, 0)]])
+    )
+    found = simulate(flat, (beside, np.zeros((beside.size, 0))))
+    assert found["x"] == pytest.approx(np.clip(beside - 0.3, 0, 0.3), abs=1e-9)
+    assert found["n"][-1] == 4
+
+
 def test_a_hundred_bounces_follow_the_closed_form(ball):
     at, after = bounces(101)
     end = 0.5 * (at[99] + at[100])

@@ -550,7 +550,8 @@ EXPLANATIONS: dict[str, str] = {
     "events-not-supported": (
         "The model has when-clauses, reinit, pre or sample. Simulation follows them, linearize and noise "
         "take the mode of the start, identify fits the whole simulation (oe); filters follow them, too. "
-        "Fits of predictions from sample to sample, comparison and diagnosis do not follow events yet."
+        "Diagnosis judges the whole simulation. Fits of predictions from sample to sample, comparison and "
+        "improvement in rounds do not follow events yet."
     ),
     "events-sample-interval": (
         "sample(start, interval) was given an interval that is not positive. Give a positive time in seconds."

@@ -14,19 +14,28 @@ a little like many laws.
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import cast
 
 import numpy as np
 
+from daest.diagnosis.coloured import (
+    foreseen,
+    is_white,
+    log_likelihood,
+    refusal,
+    refuse_gaps,
+    screened,
+    verdict,
+    worth_a_refit,
+)
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import DiagnoseOptions, Progress
-from daest.diagnosis.screen import projected, scored
 from daest.diagnosis.trial import fitted_candidate
-from daest.errors import ConfigError, EstimationError, ModelError, NumericalError
+from daest.errors import ConfigError, ModelError, NumericalError
 from daest.estimation.coordinates import Coordinate, Unknowns, objective, parameter_coordinate
 from daest.estimation.identify import identify
 from daest.estimation.nonlinear_start import fit_initial_states, limits
@@ -37,14 +46,13 @@ from daest.fmu.binary_model import BinaryDynamics, BinaryIntegrator, BinaryModel
 from daest.fmu.drive import Law
 from daest.fmu.drive import Step as LawStep
 from daest.fmu.outside import InputLaw, SensorFault, input_law, program_of, sensor_fault, tried_as
-from daest.model.diagnosis import Candidate, Diagnosis, Proof, Screen, Screened, VerdictName
+from daest.model.diagnosis import Candidate, Diagnosis, Proof, Screen, Screened
 from daest.model.effects import Effect, Site
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult, FittedParameter, IdentifyOptions
 from daest.model.flat import Model
 from daest.model.parts import Parameter, Variable
 from daest.numerics.parallel import workers
-from daest.numerics.statistics import chi2, ljung_box
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import Hold, Run, Trajectory
 from daest.systems.integration import IntegrationError
@@ -52,10 +60,8 @@ from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import dynamics
 
 REFITTED = 3  # candidates by their score, and as many by the share of the residual that they would explain
-MOST_ORDER = 8  # of the autoregression that whitens the residual
 SHARES = (1.0, 0.3, 0.0)  # of the size that one step from the null gives, where a refit starts
 MOST_STATES = 12  # whose laws are tried
-WHITE_LAGS = 20
 MOST_ITERATIONS = 15  # of a refit
 START_ITERATIONS = 30  # of a search for initial states
 REFIT_SECONDS = 3.0  # times that of the model as it is
@@ -125,7 +131,7 @@ def diagnose_black_box(
     """
     options = options or DiagnoseOptions()
     began = clock.perf_counter()
-    _refuse_gaps([*estimation, *validation])
+    refuse_gaps([*estimation, *validation], "a black box")
     _require_places(flat, options.places)
     effects = chosen(library, flat, options)
     quiet = replace(flat, noises=())
@@ -144,12 +150,14 @@ def diagnose_black_box(
     )
     tried = _case(quiet, baseline, tuple(validation))
     refit = _Refit(case, tried, baseline, tuple(residuals), screen.n_screened)
-    found = _proofs(refit, _worth_a_refit(scored), options, progress)
-    verdict, message, experiment, proofs = _verdict(
-        found, lambda: _is_white(residuals) or _is_noise_of(flat, baseline, estimation)
+    worth = worth_a_refit([one.entry for one in scored], REFITTED)
+    chosen_ones = [next(one for one in scored if one.entry is entry) for entry in worth]
+    found = _proofs(refit, chosen_ones, options, progress)
+    said, message, experiment, proofs = verdict(
+        found, lambda: is_white(residuals) or _is_noise_of(flat, baseline, estimation)
     )
     return Diagnosis(
-        verdict=verdict,
+        verdict=said,
         message=f"{message} {_limits_of_the_box(case)}",
         baseline=baseline,
         proofs=proofs,
@@ -197,16 +205,6 @@ def chosen(library: Sequence[Effect], flat: Model, options: DiagnoseOptions) -> 
     return [of_name[name] for name in known if name in named]
 
 
-def _worth_a_refit(scored: Sequence[Scored]) -> list[Scored]:
-    """The best by score if any is significant, since one step from the null ranks like laws badly; and those
-    that would explain most of the residual as it is, which a filter for its colour would take for colour."""
-    found = [s for s in scored if not s.entry.absorbed]
-    by_score = found[:REFITTED] if found and found[0].entry.p_value < GATES.fmu_level else []
-    slow = [s for s in found if (s.entry.share or 0.0) >= GATES.fmu_min_share]
-    by_share = sorted(slow, key=lambda s: -(s.entry.share or 0.0))[:REFITTED]
-    return [*by_score, *(s for s in by_share if not any(s is other for other in by_score))]
-
-
 def _is_noise_of(flat: Model, baseline: FitResult, estimation: Sequence[Experiment]) -> bool:
     """Whether white noise where the model declares it, fitted by maximum likelihood, leaves nothing that the
     tests of a comparison find in the same data. Asked of linear models, where it is exact."""
@@ -217,16 +215,6 @@ def _is_noise_of(flat: Model, baseline: FitResult, estimation: Sequence[Experime
         return compare_models([fitted_candidate(flat, fit)], estimation).models[0].verdict == "not falsified"
     except NumericalError:
         return False
-
-
-def _refuse_gaps(experiments: Sequence[Experiment]) -> None:
-    for experiment in experiments:
-        if not np.all(np.isfinite(experiment.outputs)):
-            raise EstimationError(
-                "diagnose-gaps",
-                f"{experiment.name} has missing samples, and the residual of a black box is whitened in time",
-                remedy="choose a part without gaps (--from, --to), or resample it",
-            )
 
 
 def _case(flat: BinaryModel, baseline: FitResult, experiments: Sequence[Experiment]) -> Case:
@@ -436,95 +424,15 @@ def _size_step(case: Case, trial: Trial) -> float:
 # ---------------------------------------------------------------------------------------------- screen
 
 
-def _autoregression(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Coefficients of the whitening filter of every output, order by BIC."""
-    filters = []
-    for j in range(residuals[0].shape[1]):
-        best: tuple[float, np.ndarray] | None = None
-        for order in range(MOST_ORDER + 1):
-            rows = [_lagged(e[:, j], order) for e in residuals if e.shape[0] > 4 * MOST_ORDER]
-            if not rows:
-                break
-            X, y = np.vstack([r[0] for r in rows]), np.concatenate([r[1] for r in rows])
-            a = np.linalg.lstsq(X, y, rcond=None)[0] if order else np.zeros(0)
-            variance = float(np.mean((y - X @ a) ** 2)) + np.finfo(float).tiny
-            bic = y.size * np.log(variance) + order * np.log(y.size)
-            if best is None or bic < best[0]:
-                best = (bic, np.concatenate([[1.0], -a]))
-        filters.append(np.ones(1) if best is None else best[1])
-    return filters
-
-
-def _lagged(e: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of the last `order` values before each sample from MOST_ORDER on, and these samples."""
-    columns = [e[MOST_ORDER - k : e.size - k] for k in range(1, order + 1)]
-    X = np.column_stack(columns) if columns else np.zeros((e.size - MOST_ORDER, 0))
-    return X, e[MOST_ORDER:]
-
-
-def _white(tables: Sequence[np.ndarray], filters: Sequence[np.ndarray]) -> np.ndarray:
-    """All recordings and outputs whitened, one after the other, (m,)."""
-    parts = []
-    for table in tables:
-        for j, taps in enumerate(filters):
-            parts.append(np.convolve(table[:, j], taps)[: table.shape[0]][MOST_ORDER:])
-    return np.concatenate(parts)
-
-
 def _screened(
     case: Case, trials: Sequence[Trial], residuals: Sequence[np.ndarray], seed: int
 ) -> tuple[list[Scored], Screen]:
     """All trials on the whitened residual, as the screen of a model with equations, best first."""
-    slopes, responses = _parameter_slopes(case), [_response(case, trial) for trial in trials]
-    filters = _autoregression(residuals)
-    spreads = _spreads(residuals, filters)
-    weights = _weights(residuals, spreads)
-    directions = [[table[k] for table in slopes] for k in range(slopes[0].shape[0])]
-
-    def white(tables: Sequence[Sequence[np.ndarray]]) -> np.ndarray:
-        return _finite([_white(one, filters) * weights for one in tables])
-
-    def plain(tables: Sequence[Sequence[np.ndarray]]) -> np.ndarray:
-        return _finite([np.concatenate([(part / spreads).ravel() for part in one]) for one in tables])
-
-    told, rows = [trial.candidate for trial in trials], [slice(k, k + 1) for k in range(len(trials))]
-    base, least = white(directions), float(np.sqrt(GATES.fmu_absorbed_share))
-    screen = scored(told, rows, white([residuals])[0], base, base, white(responses), (), seed, least)
-    shares = _shares(plain(responses), plain([residuals]), plain(directions))
-    known = {id(c): (trial, share) for c, trial, share in zip(told, trials, shares, strict=True)}
-    found = []
-    for entry in screen.entries:
-        trial, share = known[id(entry.candidate)]
-        found.append(Scored(trial, replace(entry, share=float(share))))
-    return found, replace(screen, entries=tuple(one.entry for one in found))
-
-
-def _finite(rows: Sequence[np.ndarray]) -> np.ndarray:
-    """Rows (k, m); one that is not finite everywhere is zero."""
-    table = np.array(rows).reshape(len(rows), -1)
-    return np.where(np.all(np.isfinite(table), axis=1, keepdims=True), table, 0.0)
-
-
-def _shares(responses: np.ndarray, residual: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """Shares of the squared residual (1, m) that responses (k, m) explain beyond the parameters, (k,)."""
-    own, left = projected(responses, directions)[0], projected(residual, directions)[0][0]
-    sizes = np.sum(own**2, axis=1) * float(left @ left)
-    return np.where(sizes > 0.0, (own @ left) ** 2 / np.where(sizes > 0.0, sizes, 1.0), 0.0)
-
-
-def _spreads(residuals: Sequence[np.ndarray], filters: Sequence[np.ndarray]) -> np.ndarray:
-    """Standard deviations of the whitened residual of every output, (n_y,)."""
-    found = [
-        np.std(np.concatenate([np.convolve(e[:, j], taps)[: e.shape[0]][MOST_ORDER:] for e in residuals]))
-        for j, taps in enumerate(filters)
-    ]
-    return np.array([s or 1.0 for s in found])
-
-
-def _weights(residuals: Sequence[np.ndarray], spreads: np.ndarray) -> np.ndarray:
-    """1 / standard deviation of the whitened residual of every output, in the order of `_white`."""
-    parts = [np.full(e.shape[0] - MOST_ORDER, 1.0 / s) for e in residuals for s in spreads]
-    return np.concatenate(parts)
+    responses = [[_response(case, trial)] for trial in trials]
+    told = [trial.candidate for trial in trials]
+    screen = screened(told, _parameter_slopes(case), responses, residuals, seed)
+    known = {id(c): trial for c, trial in zip(told, trials, strict=True)}
+    return [Scored(known[id(entry.candidate)], entry) for entry in screen.entries], screen
 
 
 # ----------------------------------------------------------------------------------------------- proof
@@ -571,26 +479,18 @@ def _proof(task: _Refit, one: Scored) -> Proof:
     """The effect put at its place and refitted with all parameters, and tried on validation data."""
     case, trial, baseline = task.case, one.trial, task.baseline
     fitted, size, std_error, errors = _refitted(case, trial, one.entry.sizes[0])
-    gain = _log_likelihood(errors) - _log_likelihood(task.residuals)
+    gain = log_likelihood(errors) - log_likelihood(task.residuals)
     n = sum(e.size for e in errors)
     tried = _with_fitted_starts(replace(task.validation, theta=fitted.theta), trial, size)
     unseen = _agreement(tried, _residuals(tried, trial, size))
     shares = [(unseen.rms[name], error) for name, error in task.without.items()]
     better = float(np.mean([1 - (a or 0.0) / b for a, b in shares if b]))
-    share = _foreseen(errors, task.residuals) / (_foreseen(task.residuals, errors) or 1.0)
-    reason = ""
-    if 2 * gain <= np.log(n) + 2 * np.log(task.n_trials):
-        reason = "it gains no more likelihood than chance would in such a search"
-    elif std_error is None or abs(size) < GATES.fmu_min_significance * std_error:
-        reason = "its size cannot be told from zero"
-    elif better <= GATES.fmu_min_validation_gain:
-        reason = "it does not lower the error on validation data"
-    elif share > (most := GATES.fmu_max_foreseen):
-        reason = f"it leaves {share:.0%} of what can be foreseen of the residual, more than {most:.0%}"
+    share = foreseen(errors, task.residuals) / (foreseen(task.residuals, errors) or 1.0)
     theta = dict(zip((p.name for p in case.flat.parameters), fitted.theta.tolist(), strict=True))
     own, unit = f"{trial.candidate.name}.size", trial.candidate.size_unit
     known = [replace(p, value=theta[p.name], std_error=None) for p in baseline.parameters]
     fitted_size = FittedParameter(own, size, std_error, one.entry.sizes[0], unit, None, None, None)
+    reason = refusal(gain, fitted_size, better, share, n, task.n_trials)
     fit = replace(
         baseline,
         parameters=(*known, fitted_size),
@@ -612,14 +512,6 @@ def _proof(task: _Refit, one: Scored) -> Proof:
         verdict="rejected" if reason else "supported",
         reason=reason,
     )
-
-
-def _foreseen(errors: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> float:
-    """How much of the residual could be foreseen from its own past: its mean square beyond that of the
-    innovations, in units of the latter, over all outputs. As innovations counts the smaller of both."""
-    floors = [_spreads(some, _autoregression(some)) ** 2 for some in (errors, others)]
-    squares = np.mean(np.concatenate(errors) ** 2, axis=0)
-    return float(np.sum(np.maximum(squares / np.minimum(*floors) - 1.0, 0.0)))
 
 
 def _refitted(case: Case, trial: Trial, size: float) -> tuple[Case, float, float | None, list[np.ndarray]]:
@@ -666,82 +558,7 @@ def _agreement(case: Case, errors: Sequence[np.ndarray]) -> Agreement:
     return agreement_of([o.name for o in case.flat.outputs], [e.outputs for e in case.experiments], errors)
 
 
-def _log_likelihood(errors: Sequence[np.ndarray]) -> float:
-    """Gaussian, of the innovations of the autoregression of the errors, up to a constant."""
-    total = 0.0
-    for j, taps in enumerate(_autoregression(errors)):
-        white = np.concatenate([np.convolve(e[:, j], taps)[: e.shape[0]][MOST_ORDER:] for e in errors])
-        total -= 0.5 * white.size * np.log(np.mean(white**2) + np.finfo(float).tiny)
-    return float(total)
-
-
 # --------------------------------------------------------------------------------------------- verdict
-
-
-def _verdict(
-    proofs: Sequence[Proof], is_explained: Callable[[], bool]
-) -> tuple[VerdictName, str, str, tuple[Proof, ...]]:
-    """Verdict, message, what to record next, and the proofs with what was decided of each. `is_explained`,
-    asked where no effect is supported: the residual is white, or that of declared noise."""
-    ranked = sorted(proofs, key=lambda p: -p.delta_log_likelihood)
-    supported = [p for p in ranked if p.verdict == "supported"]
-    if supported:
-        best = supported[0]
-        close = [
-            p
-            for p in supported
-            if best.delta_log_likelihood - p.delta_log_likelihood < GATES.fmu_same_log_likelihood
-        ]
-        decided = tuple(_decided(p, best, close) if p.verdict == "supported" else p for p in ranked)
-        size = best.fit.parameters[-1]
-        text = f"{best.candidate.label}, size {size.value:.4g} ± {size.std_error or 0.0:.2g}"
-        if len(close) == 1:
-            return "supported", f"{text}: the data ask for it, and it predicts better.", "", decided
-        others = ", ".join(p.candidate.label for p in close[1:])
-        return (
-            "cannot tell",
-            f"{text}, or {others}: the data cannot tell them apart.",
-            "excite the inputs at other amplitudes and speeds, where these laws differ",
-            decided,
-        )
-    if is_explained():
-        return (
-            "nothing missing",
-            "The residual of the refitted FMU is white, or explained by its declared process noise; no "
-            "effect improves the fit.",
-            "",
-            tuple(ranked),
-        )
-    return (
-        "external disturbance",
-        "The residual is coloured, and no law that can be tried from outside explains it: a load from "
-        "outside, or something inside the FMU.",
-        "measure what may act on the plant, and add the column to the recording",
-        tuple(ranked),
-    )
-
-
-def _decided(proof: Proof, best: Proof, close: Sequence[Proof]) -> Proof:
-    """A supported proof beside those that are as good as the best."""
-    if not any(proof is one for one in close):
-        behind = best.delta_log_likelihood - proof.delta_log_likelihood
-        reason = f"{best.candidate.label} explains more: {behind:.1f} log-likelihood units"
-        return replace(proof, verdict="rejected", reason=reason)
-    if len(close) == 1:
-        return proof
-    others = tuple(p.candidate.label for p in close if p is not proof)
-    return replace(proof, verdict="not separable", not_separable_from=others)
-
-
-def _is_white(residuals: Sequence[np.ndarray]) -> bool:
-    """Ljung-Box of every output, all together at GATES.fmu_level."""
-    long = [e - e.mean(axis=0) for e in residuals if e.shape[0] > 2 * WHITE_LAGS]
-    p_values = [1.0]
-    for j in range(residuals[0].shape[1]):
-        moving = [e[:, j] for e in long if np.any(e[:, j])]
-        q = sum(ljung_box(x, np.ones(x.size, dtype=bool), WHITE_LAGS) for x in moving)
-        p_values.append(float(chi2.sf(q, WHITE_LAGS * len(moving))) if moving else 1.0)
-    return min(p_values) >= GATES.fmu_level / (len(p_values) - 1)
 
 
 def _limits_of_the_box(case: Case) -> str:

@@ -60,6 +60,7 @@ from daest.diagnosis.proof import (
 from daest.diagnosis.rivals import dynamic_trials, no_richer_ones, richer_laws, rounded, simpler_laws
 from daest.diagnosis.screen import NullObserver, run_null, screen
 from daest.diagnosis.settled import FAILURES, settled, simulated
+from daest.diagnosis.switching import diagnose_switching
 from daest.diagnosis.unseen import adds_up, foreseen, innovations
 from daest.errors import DaestError, EstimationError
 from daest.estimation.identify import identify
@@ -78,7 +79,7 @@ from daest.model.diagnosis import (
 from daest.model.effects import Effect, Site
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions, error_ratios
-from daest.model.flat import FlatModel, Model, events_refused, with_equations
+from daest.model.flat import FlatModel, Model, with_equations
 from daest.modelica.sites import sites
 from daest.numerics.parallel import Outcome, Workers, workers
 from daest.numerics.statistics import chi2
@@ -111,7 +112,8 @@ def diagnose(
     """Diagnose the model on the experiments (signals in the order of the model; unused columns in `extra`).
 
     Without `validation`, the second half of every experiment is kept for it. An FMU without equations is
-    diagnosed from outside (`diagnosis.black_box`). Raises EstimationError
+    diagnosed from outside (`diagnosis.black_box`), a model with events by its simulation
+    (`diagnosis.switching`). Raises EstimationError
     `diagnose-too-short`, `diagnose-no-place`, `diagnose-no-candidate`, and what identification raises.
     """
     options = options or DiagnoseOptions()
@@ -119,7 +121,9 @@ def diagnose(
         return diagnose_black_box(flat, library, *halved(experiments, validation), options, progress)
     flat = with_equations(flat, "a diagnosis from inside")
     if flat.events is not None:
-        raise events_refused("a diagnosis")
+        quiet, both = without_noises(flat), halved(experiments, validation)
+        found_at = _chosen(library, sites(quiet), both[0], options)
+        return diagnose_switching(quiet, found_at, *both, options, progress)
     stand, limits = limited(begin(flat, experiments, validation, options, progress), library, options)
     found = examine(stand, library, options, progress)
     better, other = better_hold(stand, found), unsettled_hold(stand, found)
@@ -478,7 +482,15 @@ def without_noises(flat: FlatModel) -> FlatModel:
     """The model with its declared noises at zero: the null has loads of its own."""
     silent = ca.SX.zeros(flat.w.numel())
     residual, outputs = ca.substitute([flat.residual, flat.output_expressions], [flat.w], [silent])
-    return replace(flat, noises=(), w=ca.SX.sym("w", 0), residual=residual, output_expressions=outputs)
+    events = flat.events
+    if events is not None:
+        parts = {name: part for name, part in vars(events).items() if isinstance(part, ca.SX)}
+        quiet = ca.substitute(list(parts.values()), [flat.w], [silent])
+        changed: dict[str, Any] = dict(zip(parts, quiet, strict=True))
+        events = replace(events, **changed)
+    return replace(
+        flat, noises=(), w=ca.SX.sym("w", 0), residual=residual, output_expressions=outputs, events=events
+    )
 
 
 def halved(

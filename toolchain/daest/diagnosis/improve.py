@@ -33,7 +33,7 @@ from daest.diagnosis.proof import SHARPER, Trial
 from daest.diagnosis.screen import promising_pairs
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.unseen import is_better, is_likelier
-from daest.errors import EstimationError
+from daest.errors import EstimationError, ModelError
 from daest.model.diagnosis import Diagnosis, Improvement, Proof, Screened, Step
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
@@ -95,6 +95,13 @@ def improve(
     progress: Progress = lambda _: None,
 ) -> Improvement:
     """Add effects one by one. Every round goes into the ledger, also the last one, which adds nothing."""
+    if flat.events is not None:
+        raise ModelError(
+            "events-not-supported",
+            "the model changes at events (when, reinit, pre, sample), and improving it in rounds does not "
+            "follow them",
+            remedy="`daest diagnose` names the effect, `daest extend` puts it in; then diagnose again.",
+        )
     options = options or DiagnoseOptions()
     asis = begin(flat, experiments, validation, options, progress)
     stand, limits = limited(asis, library, options)

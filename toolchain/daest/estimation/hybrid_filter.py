@@ -100,7 +100,7 @@ class Mover:
         A, G = np.zeros((n, n)), np.zeros((n, n_w))
         for t, x in zip((leg.start, leg.end), leg.states, strict=True):
             u = data.u0[k] + slope * (t - data.time[k])
-            parts = self._flow(x, u, slope, leg.theta, t, np.zeros((n, n)))
+            parts = self._flow(x, u, slope, leg.theta, t, np.zeros(n * n))
             A += parts[1].reshape(n, n) / 2
             G += parts[3].reshape(n, n_w) / 2
         nothing = np.zeros((1, n))

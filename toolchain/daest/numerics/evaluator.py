@@ -18,23 +18,21 @@ class Evaluator:
         buffer, self._run = function.buffer()
         self._buffer = buffer
         self._arguments = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
-        self._results = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
-        self._shapes = [function.size_out(i) for i in range(function.n_out())]
+        results = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
         for i, argument in enumerate(self._arguments):
             if argument.size:
                 buffer.set_arg(i, memoryview(argument.data))
-        for i, result in enumerate(self._results):
+        for i, result in enumerate(results):
             if result.size:
                 buffer.set_res(i, memoryview(result.data))
+        self._results = [result.reshape(function.size_out(i), order="F") for i, result in enumerate(results)]
 
     def __call__(self, *arguments: np.ndarray | float) -> list[np.ndarray]:
-        """Results as arrays of two dimensions. Raises RuntimeError where the function fails."""
+        """Results as arrays of two dimensions. An argument is a column of numbers: a matrix column by column.
+        Raises RuntimeError where the function fails."""
         for there, given in zip(self._arguments, arguments, strict=True):
-            there[...] = np.reshape(given, -1, order="F") if np.ndim(given) > 1 else given
+            there[:] = given
         self._run()
         if self._buffer.ret():
             raise RuntimeError(f"{self.function.name()} failed")
-        return [
-            result.reshape(shape, order="F").copy()
-            for result, shape in zip(self._results, self._shapes, strict=True)
-        ]
+        return [result.copy() for result in self._results]

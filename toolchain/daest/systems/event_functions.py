@@ -65,19 +65,17 @@ class EventFunctions:
 
     def derivatives(
         self,
+        name: str,
         x: np.ndarray,
         ubar: np.ndarray,
         theta: np.ndarray,
         t: float,
         active: np.ndarray,
         ticks: np.ndarray,
-    ) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-        """Slopes of restarts, assignments, memories, relations, whole parts and samples along x, ū, θ and
-        t."""
-        found = self._slopes(x, ubar, theta, t, active, ticks)
-        names = ("restarted", "assigned", "sources", "values", "wholes", "samples")
-        rows = [found[4 * i : 4 * i + 4] for i in range(len(names))]
-        return {name: (row[0], row[1], row[2], row[3]) for name, row in zip(names, rows, strict=True)}
+    ) -> list[np.ndarray]:
+        """Slopes along x, ū, θ and t of what `Events` calls `name`: restarted, assigned, sources, values,
+        wholes or samples."""
+        return self._slopes[name](x, ubar, theta, t, active, ticks)
 
     # Which switches need to be watched ----------------------------------------------------------------------
 
@@ -191,13 +189,15 @@ class EventFunctions:
         return Evaluator(self.along_time)
 
     @cached_property
-    def _slopes(self) -> Evaluator:
+    def _slopes(self) -> dict[str, Evaluator]:
         symbols, switches, parts = self._whole()
         parts["restarted"] = parts["restarted"][:, 1]
         parts["samples"] = ca.vec(parts["samples"].T)
-        names = ("restarted", "assigned", "sources", "values", "wholes", "samples")
-        slopes = [ca.densify(ca.jacobian(parts[name], symbol)) for name in names for symbol in symbols]
-        return Evaluator(ca.Function("event_slopes", [*symbols, *switches], slopes))
+        found = {}
+        for name in ("restarted", "assigned", "sources", "values", "wholes", "samples"):
+            slopes = [ca.densify(ca.jacobian(parts[name], symbol)) for symbol in symbols]
+            found[name] = Evaluator(ca.Function(f"slopes_of_{name}", [*symbols, *switches], slopes))
+        return found
 
     @cached_property
     def _variables(self) -> Evaluator:

@@ -283,8 +283,8 @@ class EventUpdate:
         """Total derivatives (rows, d) of what `Events` calls `name`, at the instant of the event."""
         assert self.ticks is not None
         by_x, by_u, by_theta, by_t = self.functions.derivatives(
-            self.x, self.ubar, self.mode.theta, self.t, self.active, self.ticks
-        )[name]
+            name, self.x, self.ubar, self.mode.theta, self.t, self.active, self.ticks
+        )
         rates = by_t[:, 0] + by_u @ slopes.input_rate
         return by_x @ slopes.states + by_theta @ slopes.theta + np.outer(rates, slopes.time)
 

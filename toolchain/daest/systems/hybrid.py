@@ -27,7 +27,7 @@ from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import EventUpdate, Forced, HybridError, Mode, Slopes, settled_start
 from daest.systems.integration import FAILURES, IntegrationError, pointer
 
-SAME_INSTANT = 1e-12  # events nearer to each other than this, relative to the time (floor 1 s), are one
+SAME_INSTANT = 1e-12  # events nearer to each other than this, relative to the time or the record's, are one
 DENSE, MOST_DENSE = 1e-9, 2000  # events nearer to each other than this share of the record, and how many
 MOST_EVENTS = 2_000_000
 
@@ -54,7 +54,12 @@ class Schedule:
     """The instants that follow from time alone."""
 
     functions: EventFunctions
+    span: float = 1.0  # of the record [s]
     due: list[tuple[float, int, float]] = field(default_factory=list)
+
+    def near(self, t: float) -> float:
+        """How far from t an instant may be and be the same [s]."""
+        return SAME_INSTANT * max(self.span, abs(t))
 
     def next(self, x: np.ndarray, ubar: np.ndarray, mode: Mode, t: float) -> float:
         """The next instant after t, infinite if there is none; `due` then tells what is due: the number of a
@@ -80,8 +85,7 @@ class Schedule:
         if not found:
             return np.inf
         first = min(when for when, _, _ in found)
-        near = SAME_INSTANT * max(1.0, abs(first))
-        self.due = [one for one in found if one[0] <= first + near]
+        self.due = [one for one in found if one[0] <= first + self.near(first)]
         return first
 
     def samples(self, x: np.ndarray, ubar: np.ndarray, mode: Mode, t: float) -> np.ndarray:
@@ -186,7 +190,8 @@ class Runner:
             )
         self.model, self.inputs, self.rtol, self.atol = model, inputs, rtol, atol
         self.functions, self.owners = model.events
-        self.schedule, self._rates = Schedule(self.functions), Evaluator(model.rhs)
+        span = float(inputs.time[-1] - inputs.time[0]) or 1.0
+        self.schedule, self._rates = Schedule(self.functions, span), Evaluator(model.rhs)
         self.max_steps, self.directions = max_steps, directions
         n, n_states, n_y = inputs.time.size, model.explicit.n_states, model.out.numel_out(0)
         self.states, self.outputs = np.full((n, n_states), np.nan), np.full((n, n_y), np.nan)
@@ -210,7 +215,7 @@ class Runner:
             S[:, self.directions - n_states :] = np.eye(n_states)
         while True:
             due = self.schedule.next(x, self.inputs.at(t, self.inputs.interval(t)), mode, t)
-            if due <= t + SAME_INSTANT * max(1.0, abs(t)):
+            if due <= t + self.schedule.near(t):
                 x, S = self.timed_event(x, S, t, self.inputs.interval(t))
                 continue
             stop = min(due, float(time[-1]))
@@ -241,7 +246,7 @@ class Runner:
                     f"sample(start, interval) with the interval {interval:g} s",
                     remedy="Give a positive interval.",
                 )
-            passed = np.ceil((t - start) / interval - SAME_INSTANT * max(1.0, abs(t)) / interval)
+            passed = np.ceil((t - start) / interval - self.schedule.near(t) / interval)
             self.mode.ticks_done[k] = max(passed, 0.0)
 
     # One smooth piece ---------------------------------------------------------------------------------------
@@ -252,11 +257,15 @@ class Runner:
         """From t to `stop`, or to the first root before: the next sample, time, states, sensitivities, and
         which roots were met."""
         time, inputs = self.inputs.time, self.inputs
-        if stop <= t:
-            return i, t, x, S, None
-        first = int(np.searchsorted(time, t, side="right"))
-        beyond = int(np.searchsorted(time, stop, side="left"))
-        knots = np.concatenate([[t], time[first:beyond], [stop]])
+        near = self.schedule.near(t)
+        if stop <= t + near:
+            return i, max(stop, t), x, S, None
+        # A sample beside an event, as rounding puts it, is one at the event.
+        first = int(np.searchsorted(time, t + near, side="right"))
+        beyond = int(np.searchsorted(time, stop - near, side="left"))
+        inner = time[first:beyond]
+        inner = inner[np.diff(inner, prepend=-np.inf) > near]
+        knots = np.concatenate([[t], inner, [stop]])
         at = [inputs.interval(knot) for knot in knots[:-1]]
         u0 = np.array([inputs.at(a, k) for a, k in zip(knots[:-1], at, strict=True)])
         u1 = np.array([inputs.at(b, k) for b, k in zip(knots[1:], at, strict=True)])
@@ -265,10 +274,9 @@ class Runner:
         piece = self._call(knots, u0, u1, x, S)
         # Row 0 is a sample where t is one; the stop itself belongs to what follows it.
         for row in range(min(piece.done, knots.size - 1)):
-            if row == 0 and not (i < time.size and time[i] == t):
-                continue
-            self._write(i, piece.states[row], piece.outputs[row], piece.sens[row])
-            i += 1
+            while i < time.size and time[i] <= knots[row] + near:
+                self._write(i, piece.states[row], piece.outputs[row], piece.sens[row])
+                i += 1
         self.n_steps += piece.steps
         return i, piece.t, piece.x, piece.S, piece.left
 
@@ -281,7 +289,8 @@ class Runner:
         if i >= self.inputs.time.size:
             return
         piece = self._call(np.array([t]), np.zeros((0, self.inputs.last.size)), np.zeros((0, 0)), x, S)
-        self._write(i, x, piece.outputs[0], piece.sens[0])
+        for row in range(i, self.inputs.time.size):
+            self._write(row, x, piece.outputs[0], piece.sens[0])
 
     def _call(
         self, knots: np.ndarray, u0: np.ndarray, u1: np.ndarray, x: np.ndarray, S: np.ndarray
@@ -342,7 +351,7 @@ class Runner:
                 if not np.any(left_at(i, high)):
                     low = high
                     continue
-                while high - low > SAME_INSTANT * max(1.0, abs(high)):
+                while high - low > self.schedule.near(high):
                     middle = 0.5 * (low + high)
                     low, high = (low, middle) if np.any(left_at(i, middle)) else (middle, high)
                 return piece(float(high), i + 1, left_at(i, high))
@@ -452,16 +461,19 @@ class Runner:
         rate = self.inputs.rate(interval)
         f = self.rate(x, ubar, t)
         slopes = Slopes(S, theta, np.zeros(self.directions), rate)
-        found = functions.derivatives(x, ubar, self.mode.theta, t, *none)
+
+        def along(name: str) -> list[np.ndarray]:
+            return functions.derivatives(name, x, ubar, self.mode.theta, t, *none)
+
         if owner >= 0:
             name, row = ("values", owner) if owner < n else ("wholes", owner - n)
-            by_x, by_u, by_theta, by_t = (part[row] for part in found[name])
+            by_x, by_u, by_theta, by_t = (part[row] for part in along(name))
             moved = by_x @ S + by_theta @ theta
             speed = float(by_x @ f + by_u @ rate + by_t[0])
             slopes.time = -moved / speed if speed != 0 else slopes.time
         else:
             k = -1 - owner
-            by_x, _, by_theta, _ = found["samples"]
+            by_x, _, by_theta, _ = along("samples")
             count = self.mode.ticks_done[k] - 1
             change = by_x @ S + by_theta @ theta
             slopes.time = change[2 * k] + count * change[2 * k + 1]

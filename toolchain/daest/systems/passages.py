@@ -15,7 +15,7 @@ import numpy as np
 
 from daest.numerics.evaluator import Evaluator
 from daest.systems.event_update import HybridError, Mode, settled_start
-from daest.systems.hybrid import SAME_INSTANT, Engine, Inputs, Runner
+from daest.systems.hybrid import Engine, Inputs, Runner
 
 MOST_TURNS = 8  # corrections of one estimate until it lies on the side of every switch that its mode has
 ON_THE_BORDER = 1e-12  # how far inside an estimate is put that was beyond a switch, in sizes of the switch
@@ -112,7 +112,7 @@ class Passages:
             mode = runner.mode
             due = runner.schedule.next(x, self.inputs.at(t, self.inputs.interval(t)), mode, t)
             theta = mode.theta.copy()
-            if due <= min(t, end) + SAME_INSTANT * max(1.0, abs(t)):
+            if due <= min(t, end) + runner.schedule.near(t):
                 at = x
                 x, S = runner.timed_event(x, self.eye, t, self.inputs.interval(t))
                 legs.append(Leg(t, t, np.array([at, at]), np.eye(x.size), self._jump(S), theta))

@@ -1,0 +1,249 @@
+"""What a simulation leaves of a recording, of any colour: the residual is whitened by an autoregression, and
+candidates are scored, refused and told from their rivals by it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.screen import projected, scored
+from daest.errors import EstimationError
+from daest.model.diagnosis import Candidate, Proof, Screen, Screened, VerdictName
+from daest.model.experiment import Experiment
+from daest.model.fit import FittedParameter
+from daest.numerics.statistics import chi2, ljung_box
+
+MOST_ORDER = 8  # of the autoregression that whitens the residual
+WHITE_LAGS = 20
+
+
+def screened(
+    candidates: Sequence[Candidate],
+    slopes: Sequence[np.ndarray],
+    responses: Sequence[Sequence[Sequence[np.ndarray]]],
+    residuals: Sequence[np.ndarray],
+    seed: int,
+    skipped: tuple[tuple[str, str], ...] = (),
+) -> Screen:
+    """Candidates scored on the whitened residual beyond the parameters, each with the share of the residual
+    that it would explain as it is.
+
+    Per recording: slopes (d, n, n_y) of the simulation along parameters and initial states, residuals (n,
+    n_y); `responses` of each candidate, to each of its sizes, per recording (n, n_y).
+    """
+    filters = autoregression(residuals)
+    spread = spreads(residuals, filters)
+    weight = weights(residuals, spread)
+    directions = [[table[k] for table in slopes] for k in range(slopes[0].shape[0])]
+    flat = [one for candidate in responses for one in candidate]
+    ends = np.cumsum([0, *(len(candidate) for candidate in responses)]).tolist()
+    rows = [slice(a, b) for a, b in pairwise(ends)]
+
+    def whitened(tables: Sequence[Sequence[np.ndarray]]) -> np.ndarray:
+        return finite([white(one, filters) * weight for one in tables])
+
+    def plain(tables: Sequence[Sequence[np.ndarray]]) -> np.ndarray:
+        return finite([np.concatenate([(part / spread).ravel() for part in one]) for one in tables])
+
+    base, least = whitened(directions), float(np.sqrt(GATES.fmu_absorbed_share))
+    screen = scored(
+        candidates, rows, whitened([residuals])[0], base, base, whitened(flat), skipped, seed, least
+    )
+    own = shares(plain(flat), plain([residuals]), plain(directions))
+    known = {id(c): float(np.max(own[r], initial=0.0)) for c, r in zip(candidates, rows, strict=True)}
+    entries = tuple(replace(entry, share=known[id(entry.candidate)]) for entry in screen.entries)
+    return replace(screen, entries=entries)
+
+
+def worth_a_refit(entries: Sequence[Screened], most: int) -> list[Screened]:
+    """The best by score if any is significant, since one step from the null ranks like laws badly; and those
+    that would explain most of the residual as it is, which a filter for its colour would take for colour."""
+    found = [entry for entry in entries if not entry.absorbed]
+    by_score = found[:most] if found and found[0].p_value < GATES.fmu_level else []
+    slow = [entry for entry in found if (entry.share or 0.0) >= GATES.fmu_min_share]
+    by_share = sorted(slow, key=lambda entry: -(entry.share or 0.0))[:most]
+    return [*by_score, *(entry for entry in by_share if not any(entry is other for other in by_score))]
+
+
+def refusal(
+    gain: float,
+    size: FittedParameter,
+    validation_gain: float,
+    share: float,
+    n_values: int,
+    n_trials: int,
+) -> str:
+    """Why an effect is not accepted, empty if it is. gain: of log-likelihood; validation_gain: relative fall
+    of the error on validation data; share: what it leaves of what could be foreseen of the residual."""
+    most = GATES.fmu_max_foreseen
+    if 2 * gain <= np.log(n_values) + 2 * np.log(n_trials):
+        return "it gains no more likelihood than chance would in such a search"
+    if size.std_error is None or abs(size.value) < GATES.fmu_min_significance * size.std_error:
+        return "its size cannot be told from zero"
+    if validation_gain <= GATES.fmu_min_validation_gain:
+        return "it does not lower the error on validation data"
+    if share > most:
+        return f"it leaves {share:.0%} of what can be foreseen of the residual, more than {most:.0%}"
+    return ""
+
+
+def refuse_gaps(experiments: Sequence[Experiment], what: str) -> None:
+    """Raises EstimationError `diagnose-gaps`; `what` is the model, in words."""
+    for experiment in experiments:
+        if not np.all(np.isfinite(experiment.outputs)):
+            raise EstimationError(
+                "diagnose-gaps",
+                f"{experiment.name} has missing samples, and the residual of {what} is whitened in time",
+                remedy="choose a part without gaps (--from, --to), or resample it",
+            )
+
+
+def autoregression(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Coefficients of the whitening filter of every output, order by BIC."""
+    filters = []
+    for j in range(residuals[0].shape[1]):
+        best: tuple[float, np.ndarray] | None = None
+        for order in range(MOST_ORDER + 1):
+            rows = [lagged(e[:, j], order) for e in residuals if e.shape[0] > 4 * MOST_ORDER]
+            if not rows:
+                break
+            X, y = np.vstack([r[0] for r in rows]), np.concatenate([r[1] for r in rows])
+            a = np.linalg.lstsq(X, y, rcond=None)[0] if order else np.zeros(0)
+            variance = float(np.mean((y - X @ a) ** 2)) + np.finfo(float).tiny
+            bic = y.size * np.log(variance) + order * np.log(y.size)
+            if best is None or bic < best[0]:
+                best = (bic, np.concatenate([[1.0], -a]))
+        filters.append(np.ones(1) if best is None else best[1])
+    return filters
+
+
+def lagged(e: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of the last `order` values before each sample from MOST_ORDER on, and these samples."""
+    columns = [e[MOST_ORDER - k : e.size - k] for k in range(1, order + 1)]
+    X = np.column_stack(columns) if columns else np.zeros((e.size - MOST_ORDER, 0))
+    return X, e[MOST_ORDER:]
+
+
+def white(tables: Sequence[np.ndarray], filters: Sequence[np.ndarray]) -> np.ndarray:
+    """All recordings and outputs whitened, one after the other, (m,)."""
+    parts = []
+    for table in tables:
+        for j, taps in enumerate(filters):
+            parts.append(np.convolve(table[:, j], taps)[: table.shape[0]][MOST_ORDER:])
+    return np.concatenate(parts)
+
+
+def finite(rows: Sequence[np.ndarray]) -> np.ndarray:
+    """Rows (k, m); one that is not finite everywhere is zero."""
+    table = np.array(rows).reshape(len(rows), -1)
+    return np.where(np.all(np.isfinite(table), axis=1, keepdims=True), table, 0.0)
+
+
+def shares(responses: np.ndarray, residual: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Shares of the squared residual (1, m) that responses (k, m) explain beyond the parameters, (k,)."""
+    own, left = projected(responses, directions)[0], projected(residual, directions)[0][0]
+    sizes = np.sum(own**2, axis=1) * float(left @ left)
+    return np.where(sizes > 0.0, (own @ left) ** 2 / np.where(sizes > 0.0, sizes, 1.0), 0.0)
+
+
+def spreads(residuals: Sequence[np.ndarray], filters: Sequence[np.ndarray]) -> np.ndarray:
+    """Standard deviations of the whitened residual of every output, (n_y,)."""
+    found = [
+        np.std(np.concatenate([np.convolve(e[:, j], taps)[: e.shape[0]][MOST_ORDER:] for e in residuals]))
+        for j, taps in enumerate(filters)
+    ]
+    return np.array([s or 1.0 for s in found])
+
+
+def weights(residuals: Sequence[np.ndarray], spreads: np.ndarray) -> np.ndarray:
+    """1 / standard deviation of the whitened residual of every output, in the order of `white`."""
+    parts = [np.full(e.shape[0] - MOST_ORDER, 1.0 / s) for e in residuals for s in spreads]
+    return np.concatenate(parts)
+
+
+def log_likelihood(errors: Sequence[np.ndarray]) -> float:
+    """Gaussian, of the innovations of the autoregression of the errors, up to a constant."""
+    total = 0.0
+    for j, taps in enumerate(autoregression(errors)):
+        white = np.concatenate([np.convolve(e[:, j], taps)[: e.shape[0]][MOST_ORDER:] for e in errors])
+        total -= 0.5 * white.size * np.log(np.mean(white**2) + np.finfo(float).tiny)
+    return float(total)
+
+
+def foreseen(errors: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> float:
+    """How much of the residual could be foreseen from its own past: its mean square beyond that of the
+    innovations, in units of the latter, over all outputs. As innovations counts the smaller of both."""
+    floors = [spreads(some, autoregression(some)) ** 2 for some in (errors, others)]
+    squares = np.mean(np.concatenate(errors) ** 2, axis=0)
+    return float(np.sum(np.maximum(squares / np.minimum(*floors) - 1.0, 0.0)))
+
+
+def verdict(
+    proofs: Sequence[Proof], is_explained: Callable[[], bool], what: str = "FMU"
+) -> tuple[VerdictName, str, str, tuple[Proof, ...]]:
+    """Verdict, message, what to record next, and the proofs with what was decided of each. `is_explained`,
+    asked where no effect is supported: the residual is white, or that of declared noise; `what` is
+    the model, in words."""
+    ranked = sorted(proofs, key=lambda p: -p.delta_log_likelihood)
+    supported = [p for p in ranked if p.verdict == "supported"]
+    if supported:
+        best = supported[0]
+        close = [
+            p
+            for p in supported
+            if best.delta_log_likelihood - p.delta_log_likelihood < GATES.fmu_same_log_likelihood
+        ]
+        decided = tuple(_beside_the_best(p, best, close) if p.verdict == "supported" else p for p in ranked)
+        size = best.fit.parameters[-1]
+        text = f"{best.candidate.label}, size {size.value:.4g} ± {size.std_error or 0.0:.2g}"
+        if len(close) == 1:
+            return "supported", f"{text}: the data ask for it, and it predicts better.", "", decided
+        others = ", ".join(p.candidate.label for p in close[1:])
+        return (
+            "cannot tell",
+            f"{text}, or {others}: the data cannot tell them apart.",
+            "excite the inputs at other amplitudes and speeds, where these laws differ",
+            decided,
+        )
+    if is_explained():
+        return (
+            "nothing missing",
+            f"The residual of the refitted {what} is white, or explained by its declared process noise; no "
+            "effect improves the fit.",
+            "",
+            tuple(ranked),
+        )
+    return (
+        "external disturbance",
+        f"The residual is coloured, and no law that was tried explains it: a load from outside, or something "
+        f"else inside the {what}.",
+        "measure what may act on the plant, and add the column to the recording",
+        tuple(ranked),
+    )
+
+
+def _beside_the_best(proof: Proof, best: Proof, close: Sequence[Proof]) -> Proof:
+    """A supported proof beside those that are as good as the best."""
+    if not any(proof is one for one in close):
+        behind = best.delta_log_likelihood - proof.delta_log_likelihood
+        reason = f"{best.candidate.label} explains more: {behind:.1f} log-likelihood units"
+        return replace(proof, verdict="rejected", reason=reason)
+    if len(close) == 1:
+        return proof
+    others = tuple(p.candidate.label for p in close if p is not proof)
+    return replace(proof, verdict="not separable", not_separable_from=others)
+
+
+def is_white(residuals: Sequence[np.ndarray]) -> bool:
+    """Ljung-Box of every output, all together at GATES.fmu_level."""
+    long = [e - e.mean(axis=0) for e in residuals if e.shape[0] > 2 * WHITE_LAGS]
+    p_values = [1.0]
+    for j in range(residuals[0].shape[1]):
+        moving = [e[:, j] for e in long if np.any(e[:, j])]
+        q = sum(ljung_box(x, np.ones(x.size, dtype=bool), WHITE_LAGS) for x in moving)
+        p_values.append(float(chi2.sf(q, WHITE_LAGS * len(moving))) if moving else 1.0)
+    return min(p_values) >= GATES.fmu_level / (len(p_values) - 1)
