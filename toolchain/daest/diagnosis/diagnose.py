@@ -95,7 +95,7 @@ IN_VAIN: dict[Hold, str] = {
     "zoh": "nothing was accepted: once more with inputs that are held between the samples",
     "foh": "nothing was accepted: once more with inputs that run straight between the samples",
 }
-FIRST_TRIALS = 2  # are refitted in any case, one after the other
+FIRST_TRIALS = 2  # are refitted in any case, the second one alone where the first is not supported
 MOST_PLACES = 5  # that the sensors see alike, where a refit is tried again
 ITERATIONS = 15  # of the simulation's fit from which one is tried again
 REFIT_SECONDS = 3.0  # times that of the model as it is: a refit has more parameters, and is judged besides
@@ -772,10 +772,13 @@ def _proofs(
         chosen = stages.prepared(wanted[: options.most_trials])
         first = partial(_dynamic, null, candidates)
         proofs, (dynamic,) = stages.proved([*stages.prepared(given), *chosen[:1]], (), [first])
-        proofs += stages.proved(chosen[1:FIRST_TRIALS], proofs)[0]
+        rest = chosen[1:FIRST_TRIALS]
+        if _leader(proofs) is None:
+            proofs += stages.proved(rest, proofs)[0]
+            rest = []
         proofs = stages.proved(dynamic, proofs)[0] + proofs
         best = best_accepted(ranked(proofs))
-        rest = [p for p in chosen[FIRST_TRIALS:] if could_compete(p.trial, best, found)]
+        rest += [p for p in chosen[FIRST_TRIALS:] if could_compete(p.trial, best, found)]
         proofs += stages.proved(rest, proofs)[0]
         if not _is_settled(ranked(proofs)):
             proofs += stages.proved(stages.prepared(wanted[options.most_trials :]), proofs)[0]

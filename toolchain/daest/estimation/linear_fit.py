@@ -28,7 +28,7 @@ from daest.estimation.identifiability import (
     without_influence,
 )
 from daest.estimation.linear_predictors import Predicted, Problem, all_scores, simulate
-from daest.estimation.optimum import Search, best_point, coloured, rank
+from daest.estimation.optimum import MOST_PROBED, Search, best_point, coloured, rank
 from daest.estimation.profile import Searched, Tell
 from daest.estimation.records import Record, make_record, observed_counts
 from daest.estimation.result import (
@@ -269,8 +269,10 @@ def _simulated_from(setup: Setup, problem: Problem, z: np.ndarray) -> Found | No
 
 
 def _searched(setup: Setup, problem: Problem, home: np.ndarray) -> Search:
-    """The search over the unknowns of `problem`. Without a second look it trusts its parabola."""
+    """The search over the unknowns of `problem`. Without a second look it trusts its parabola; that of a
+    simulation then looks over no hills."""
     unknowns, options = problem.unknowns, setup.options
+    is_quick = setup.method == "oe" and not options.second_look
     return Search(
         objective(problem),
         unknowns,
@@ -278,6 +280,7 @@ def _searched(setup: Setup, problem: Problem, home: np.ndarray) -> Search:
         unknowns.upper,
         home,
         options.max_iterations,
+        hills=0 if is_quick else MOST_PROBED,
         trusts_parabola=not options.second_look,
     )
 
