@@ -92,6 +92,7 @@ def prepare_streams() -> None:
 
 
 def is_closed(stream: Any) -> bool:
+    """Whether nobody reads the stream any more."""
     return stream is None or isinstance(stream, _Closed)
 
 

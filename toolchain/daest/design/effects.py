@@ -115,7 +115,7 @@ def detect_aim(
 
     It is seen where twice the log-likelihood ratio exceeds both `evidence` plus the price of its parameters
     by BIC, and what a search over n candidates finds by `chance`, and where unseen data are likelier with it
-    by `foreseen` standard errors.
+    by `foreseen` standard errors. Raises EstimationError `design-no-size` for an effect without a size.
     """
     sizes = [p for p in effect.sizes if p.start]
     if not sizes:

@@ -79,7 +79,8 @@ def examine_fleet(
 
 
 def examine(task: tuple[Recorded, FleetOptions]) -> Machine:
-    """One machine: its fit, the verdict on unseen data, and what is missing where that falsifies it."""
+    """One machine: its fit, the verdict on unseen data, and what is missing where that falsifies it. Raises
+    what the fit and the diagnosis raise."""
     one, options = task
     began = time.perf_counter()
     if one.error is not None:

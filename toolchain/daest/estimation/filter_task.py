@@ -63,7 +63,8 @@ class Directions:
 def record(
     model: LocalModel, time: np.ndarray, inputs: np.ndarray, outputs: np.ndarray, hold: Hold
 ) -> Record:
-    """A recording in the model's order of signals: inputs (n_samples, n_u), outputs (n_samples, n_y)."""
+    """A recording in the model's order of signals: inputs (n_samples, n_u), outputs (n_samples, n_y). Raises
+    EstimationError `data-too-few-rows` below two samples."""
     if time.size < 2:
         raise EstimationError("data-too-few-rows", "a filter needs at least two samples")
     u0, u1 = interval_inputs(model.explicit, time, inputs, hold)

@@ -19,7 +19,8 @@ LONG_RUN = 64  # samples with the same matrices that are worth a treatment of th
 
 def models_by_interval(model: Models, time: np.ndarray) -> tuple[list[DiscreteModel], np.ndarray]:
     """Distinct models and, for every sample, which of them leads to the next one (the last repeats its
-    predecessor)."""
+    predecessor). Raises EstimationError `filter-uneven-samples` where there is no model for a step of the
+    record."""
     steps = np.diff(time)
     if isinstance(model, DiscreteModel):
         models, which = [model], np.zeros(steps.size, dtype=int)

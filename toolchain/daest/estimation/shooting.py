@@ -61,6 +61,7 @@ class Cut:
 
 
 def default_segments(experiments: tuple[Experiment, ...]) -> int:
+    """Segments that a record is cut into where no number is asked for."""
     shortest = min(e.n_samples for e in experiments)
     return max(1, min(MOST_SEGMENTS, shortest // FEWEST_SAMPLES))
 

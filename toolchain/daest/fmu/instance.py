@@ -403,7 +403,8 @@ class _Partial:
 
 
 def library_path(folder: Path, identifier: str) -> Path:
-    """The library below `folder`/binaries; there is one platform in an unpacked FMU."""
+    """The library below `folder`/binaries; there is one platform in an unpacked FMU. Raises Refusal where it
+    is missing."""
     for suffix in (".so", ".dll", ".dylib"):
         for found in folder.glob(f"binaries/*/{identifier}{suffix}"):
             return found

@@ -98,7 +98,8 @@ def linearize_semi_explicit(
     allow_directional: bool,
     runner: Runner | None = None,
 ) -> LinearDAE:
-    """The linear DAE of x' = f, 0 = z - g, by `runner` if it is given. See `linearize_fmu`."""
+    """The linear DAE of x' = f, 0 = z - g, by `runner` if it is given. See `linearize_fmu`. Raises FmuError
+    `fmu-nothing-continuous`."""
     form = semi_explicit_form(model)
     offer = allow_directional and model.provides_directional_derivatives
     refuse_hidden(model, "linear model")
@@ -159,7 +160,7 @@ def jacobians(
     time: float = 0.0,
 ) -> tuple[Jacobians, np.ndarray]:
     """Both kinds of derivatives at a point, and the values (ẋ, z) there; directional derivatives only where
-    the FMU declares them."""
+    the FMU declares them. Raises FmuError where the FMU refuses the point."""
     differences, values, problem = _differences(runner, form, x, u, parameters, time)
     if not np.all(np.isfinite(values)) and problem is not None:
         raise refused(runner.model, problem)

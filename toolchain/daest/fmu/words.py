@@ -32,6 +32,7 @@ def _place(told: dict[str, Any]) -> Place | None:
 
 
 def variable_of(variable: FmuVariable) -> Variable:
+    """The FMU variable as a variable of a model."""
     told = facts(variable, UNKNOWN) or facts(variable, INPUT)
     start = None if told.get("without_start") else told.get("start", variable.start)
     return Variable(
@@ -64,6 +65,7 @@ def inputs_and_noises(model: FmuModel) -> tuple[list[int], list[int], list[int]]
 
 
 def noise_of(variable: FmuVariable) -> NoiseInput:
+    """The FMU variable as a white noise of a model."""
     told = facts(variable, NOISE)
     intensity, estimate = told.get("intensity"), bool(told.get("estimate", False))
     return NoiseInput(variable.name, intensity, variable.unit, variable.description, estimate, _place(told))
@@ -75,6 +77,7 @@ def outputs_in_order(model: FmuModel) -> list[int]:
 
 
 def output_of(variable: FmuVariable) -> Output:
+    """The FMU variable as an output of a model."""
     told = facts(variable, OUTPUT)
     return Output(
         name=variable.name,
@@ -117,6 +120,7 @@ def equation_of(variable: FmuVariable) -> Equation:
 
 
 def rate_equation(state: FmuVariable) -> Equation:
+    """The equation that gives the rate of a state."""
     return Equation(f"der({state.name}) = f", "component", state.name)
 
 

@@ -60,7 +60,8 @@ def compile_text(
     libraries: Sequence[str | Path] = (),
     overrides: Mapping[str, float] | None = None,
 ) -> FlatModel:
-    """As `compile_model`, of a text that stands, or is going to stand, in file `path`."""
+    """As `compile_model`, of a text that stands, or is going to stand, in file `path`. Raises what
+    `compile_model` raises."""
     text, names = without_quotes(text)
     name = _chosen_class(text, names, path, class_name)
     text = with_named_classes(without_broken(text, path, name), path, name)

@@ -25,6 +25,7 @@ from daest.modelica.text import text
 
 
 def variable_of(element: Element, reading: Reading) -> Variable:
+    """The declaration as a variable of a model."""
     variable = element.variable
     return Variable(
         name=element.name,
@@ -42,6 +43,7 @@ def variable_of(element: Element, reading: Reading) -> Variable:
 
 
 def is_fixed(element: Element) -> bool:
+    """Whether the start value of the declaration is a condition."""
     fixed = element.variable.fixed
     return bool(fixed) and fixed[element.position if len(fixed) > 1 else 0]
 
@@ -99,6 +101,7 @@ def derived_of(name: str, variable: s.FlatVariable, expression: str, reading: Re
 
 
 def noise_of(element: Element, reading: Reading) -> NoiseInput:
+    """The declaration as a white noise of a model."""
     annotation = reading.annotations[element.variable.name]
     intensity = _annotated(annotation, "intensity", element, reading)
     if intensity is not None and not intensity >= 0:
@@ -117,6 +120,7 @@ def noise_of(element: Element, reading: Reading) -> NoiseInput:
 
 
 def output_of(element: Element, reading: Reading) -> Output:
+    """The declaration as an output of a model."""
     annotation = reading.annotations[element.variable.name]
     std = _annotated(annotation, "std", element, reading)
     if std is not None and not std > 0:

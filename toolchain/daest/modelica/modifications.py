@@ -127,7 +127,7 @@ def check_class_modification(
     words: Sequence[Token], opening: int, base: ClassHead, heads: Sequence[ClassHead], text: bytes, file: str
 ) -> None:
     """As `check_modifications`, of the modification of a class of the file, whose bracket opens at word
-    `opening`."""
+    `opening`. Raises ModelError for a name that the class does not have."""
     names = names_of(text, heads, base)
     for one in _modifications(words, opening):
         if names is not None and one.name.partition(".")[0] not in names:

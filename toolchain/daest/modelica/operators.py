@@ -192,6 +192,7 @@ def _matrix(arguments: Sequence[Value]) -> Value:
 
 
 def diagonal(values: Sequence[Scalar]) -> np.ndarray:
+    """The square matrix with the values on its diagonal."""
     n = len(values)
     return from_flat((values[i] if i == j else 0 for i in range(n) for j in range(n)), (n, n))
 

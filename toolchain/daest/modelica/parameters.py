@@ -50,6 +50,7 @@ class ParameterTable:
 
 
 def is_parameter(variable: s.FlatVariable) -> bool:
+    """Whether the declaration is a parameter or a constant."""
     return variable.variability in ("parameter", "constant")
 
 
@@ -119,7 +120,8 @@ def _bound(variable: s.FlatVariable) -> s.Node:
 
 
 def shaped(value: Value, variable: s.FlatVariable, evaluator: Evaluator) -> Value:
-    """`value` in the declared size; a scalar stands for every element (`each`)."""
+    """`value` in the declared size; a scalar stands for every element (`each`). Raises ModelError
+    `model-arithmetic` where the sizes differ."""
     shape = variable.dimensions
     if isinstance(value, np.ndarray):
         if value.shape != shape:
@@ -278,7 +280,8 @@ def _element(element: Element, table: ParameterTable, size: Sizes) -> Scalar:
 def number(
     node: s.Node | None, element: int, scope: ModelScope, evaluator: EvaluatorFactory, span: s.Span | None
 ) -> float | None:
-    """The value of an attribute (`start`, `min`, …) for the element at the flat position `element`."""
+    """The value of an attribute (`start`, `min`, …) for the element at the flat position `element`. Raises
+    ModelError `model-arithmetic` for what is no number while the model is read."""
     if node is None:
         return None
     made = v.elements(evaluator(scope, span).value(node))

@@ -36,6 +36,7 @@ def text(node: s.Node) -> str:
 
 
 def number_text(value: float | int | bool | str) -> str:
+    """A number as Modelica writes it."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):

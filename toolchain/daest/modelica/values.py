@@ -60,10 +60,12 @@ def from_flat(elements: Iterable[Scalar], shape: tuple[int, ...]) -> np.ndarray:
 
 
 def size_text(shape: tuple[int, ...]) -> str:
+    """The size of an array in words of a message."""
     return "scalar" if not shape else "[" + ", ".join(map(str, shape)) + "]"
 
 
 def is_symbolic(value: Value) -> bool:
+    """Whether the value depends on a symbol."""
     return isinstance(value, ca.SX)
 
 
@@ -113,18 +115,22 @@ def combined(operation: Operation, a: Value, b: Value) -> Value:
 
 
 def add(a: Scalar, b: Scalar) -> Scalar:
+    """The sum of two scalars."""
     return a + b  # type: ignore[operator]
 
 
 def subtract(a: Scalar, b: Scalar) -> Scalar:
+    """The difference of two scalars."""
     return a - b  # type: ignore[operator]
 
 
 def multiply(a: Scalar, b: Scalar) -> Scalar:
+    """The product of two scalars."""
     return a * b  # type: ignore[operator]
 
 
 def divide(a: Scalar, b: Scalar) -> Scalar:
+    """The quotient of two scalars."""
     return a / b  # type: ignore[operator]
 
 
@@ -139,6 +145,7 @@ def power(a: Scalar, b: Scalar) -> Scalar:
 
 
 def negate(a: Scalar) -> Scalar:
+    """The negative of a scalar."""
     return -a  # type: ignore[operator]
 
 
@@ -151,7 +158,8 @@ def total(values: Iterable[Scalar]) -> Scalar:
 
 
 def product(a: Value, b: Value) -> Value:
-    """The Modelica product: scalar times anything, or the matrix product of vectors and matrices."""
+    """The Modelica product: scalar times anything, or the matrix product of vectors and matrices. Raises
+    ShapeError where the sizes do not fit."""
     if not isinstance(a, np.ndarray) or not isinstance(b, np.ndarray):
         return combined(multiply, a, b)
     if a.shape[-1] != b.shape[0] or a.ndim > 2 or b.ndim > 2:

@@ -82,7 +82,8 @@ def native_platform() -> Platform:
 
 
 def platform_named(name: str) -> Platform:
-    """The platform of a short name (`linux64`) or FMI 3 name (`x86_64-linux`)."""
+    """The platform of a short name (`linux64`) or FMI 3 name (`x86_64-linux`). Raises FmuError
+    `fmu-platform-unknown`."""
     for candidate in PLATFORMS:
         if name in (candidate.short_name, candidate.tuple_name):
             return candidate
@@ -136,7 +137,8 @@ def _zig() -> Compiler | None:
 
 
 def headers() -> Path:
-    """The folder with the FMI headers (they are shipped with fmpy, which need not be imported for that)."""
+    """The folder with the FMI headers (they are shipped with fmpy, which need not be imported for that).
+    Raises FmuError `fmu-headers-missing`."""
     found = importlib.util.find_spec("fmpy")
     if found is None or found.origin is None:
         raise FmuError(

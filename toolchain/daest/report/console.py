@@ -169,10 +169,12 @@ class Paragraph:
 
 
 def heading(text: str) -> Paragraph:
+    """A line that stands above a part of a text."""
     return Paragraph(f"\n{text}", style="bold")
 
 
 def indented(text: str) -> Paragraph:
+    """What stands below a line, moved to the right."""
     return Paragraph(text, 2)
 
 

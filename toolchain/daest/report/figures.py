@@ -40,6 +40,7 @@ DASHES = ("-", "--", ":")  # of models of the same colour
 
 
 def figure(height: float, width: float = WIDTH) -> Figure:
+    """An empty figure of the usual width and the `height` in inches."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
@@ -75,10 +76,12 @@ def wrapped(name: str, width: int) -> str:
 
 
 def label(name: str, unit: str | None) -> str:
+    """The name of a signal with its unit, for an axis."""
     return f"{name} [{unit or '1'}]"
 
 
 def zero_line(ax: Axes) -> None:
+    """A thin line at zero."""
     ax.axhline(0.0, color="0.8", lw=0.6, zorder=0)
 
 

@@ -45,7 +45,7 @@ class StateChoice:
 
 def choose_states(system: ExpandedSystem, point: SamplePoint) -> StateChoice:
     """Dummy derivatives at the sample point; for a varying Jacobian that is singular there, at a generic one
-    nearby."""
+    nearby. Raises ModelError where the equations do not determine the highest derivatives."""
     counts, leading = system.counts, leading_jacobian(system)
     rank = _state_rank(system)
 

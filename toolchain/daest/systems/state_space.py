@@ -137,7 +137,9 @@ def state_space_derivatives(
 ) -> dict[str, np.ndarray]:
     """∂M/∂θ_i for every matrix M of `StateSpace` by name, shape (n_names, *M.shape), exact.
 
-    The derivative function is built at the first call for a family and these names and kept."""
+    The derivative function is built at the first call for a family and these names and kept. Raises
+    ModelError `unknown-parameter`.
+    """
     known = [p.name for p in family.parameters]
     for name in names:
         if name not in known:

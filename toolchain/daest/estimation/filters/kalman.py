@@ -115,7 +115,8 @@ def sampled_models(
     measurement_cov: np.ndarray,
     noise: Noise,
 ) -> DiscreteModel | list[DiscreteModel]:
-    """One sampled model for a uniform record, else one per interval; equal steps share their model."""
+    """One sampled model for a uniform record, else one per interval; equal steps share their model. Raises
+    EstimationError `data-too-few-rows` below two samples."""
     steps = np.diff(time)
     if steps.size == 0:
         raise EstimationError("data-too-few-rows", "a filter needs at least two samples")

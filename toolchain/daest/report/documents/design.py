@@ -86,6 +86,7 @@ class DesignDocument(TypedDict):
 
 
 def document(found: Design, file: str | None = None) -> DesignDocument:
+    """JSON-ready design; `file` is where the input was written."""
     limits = found.limits
     return entry(
         DesignDocument,

@@ -18,6 +18,7 @@ MOST_GROUP = 3  # places of a group that are named
 
 
 def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
+    """What the command prints: its document as text in lines of at most `width` characters."""
     return rendered(parts(document), width, color)
 
 

@@ -14,6 +14,7 @@ _SHOWN_ALONE = 3  # effects that are shown in full; more become a table
 
 
 def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
+    """What the command prints: its document as text in lines of at most `width` characters."""
     effects = document["effects"]
     if len(effects) <= _SHOWN_ALONE:
         return rendered((part for effect in effects for part in _one(effect)), width, color)

@@ -15,6 +15,7 @@ MOST_ROWS = 40  # machines in the table; the others are in the file of -o
 
 
 def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
+    """What the command prints: its document as text in lines of at most `width` characters."""
     return rendered(_parts(document), width, color)
 
 

@@ -13,6 +13,7 @@ from daest.report.texts import diagnose
 
 
 def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
+    """What the command prints: its document as text in lines of at most `width` characters."""
     return rendered(_parts(document), width, color)
 
 
