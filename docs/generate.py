@@ -39,6 +39,7 @@ EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 PICTURES = {"speed": "servo/speed.png", "staircase": "servo_hidden/staircase.png"}
 RATES = Path(__file__).with_name("rates.json")
 BLACK_BOX_RATES = Path(__file__).with_name("black_box_rates.json")
+WRONG_RATES = Path(__file__).with_name("wrong_models_rates.json")
 TEMPLATES = ("theory.md", "trust.md")
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 TAG = re.compile(r"\\tag\{(.*?)\}")
@@ -235,7 +236,8 @@ def kind(entry: Mapping[str, Any], definitions: Mapping[str, Any]) -> str:
 
 def filled(markdown: str) -> str:
     """A template with the rates of the studies and the limits of proof and tests of the code."""
-    rates, box = (json.loads(file.read_text(encoding="utf-8")) for file in (RATES, BLACK_BOX_RATES))
+    files = (RATES, BLACK_BOX_RATES, WRONG_RATES)
+    rates, box, wrong = (json.loads(file.read_text(encoding="utf-8")) for file in files)
     environment = jinja2.Environment(
         undefined=jinja2.StrictUndefined, comment_start_string="{##", autoescape=False
     )
@@ -243,6 +245,7 @@ def filled(markdown: str) -> str:
     return template.render(
         rates=rates,
         box=box,
+        wrong=wrong,
         gates=GATES,
         formulas=formulas,
         thresholds=(("fit", FIT, "estimation/gates.py"), ("solver", SOLVER, "systems/tolerances.py")),

@@ -105,3 +105,15 @@ def test_the_file_is_one_that_the_study_writes(study):
     assert all(rate.keys() == fresh["rates"][0].keys() for rate in kept["rates"])
     assert {case["case"] for case in kept["cases"]} <= {case.name for case in study.CASES}
     assert sum(case["runs"] for case in kept["cases"]) == kept["n_runs"]
+
+
+def test_wrong_models_stand_on_the_page_with_their_limits(generate):
+    kept = json.loads((ROOT / "docs" / "wrong_models_rates.json").read_text(encoding="utf-8"))
+    for rate in (*kept["rates"], *(r for plant in kept["plants"].values() for r in plant)):
+        assert 0 <= rate["hits"] <= rate["runs"] <= kept["n_runs"]
+        assert rate["low"] <= rate["hits"] / rate["runs"] <= rate["high"]
+    verdicts = [n for counts in kept["verdicts"].values() for n in counts.values()]
+    assert sum(verdicts) == kept["n_runs"]
+    page = generate.filled((ROOT / "docs" / "trust.md").read_text(encoding="utf-8"))
+    first = kept["rates"][0]
+    assert f"| all | {first['what']} | {first['runs']} | {first['hits']} |" in page
