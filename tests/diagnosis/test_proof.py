@@ -286,6 +286,15 @@ def test_one_equation_under_two_names_is_one_answer():
     assert second.verdict == "rejected" and "same equation" in second.reason
     apart = replace(other, delta_log_likelihood=proof.delta_log_likelihood - 0.5)
     assert [p.verdict for p in ranked([proof, apart])] == ["not separable", "not separable"]
+    # What is lost needs no second connector.
+    between = replace(proof.candidate.effect, connectors=(*proof.candidate.effect.connectors, "flange_b"))
+    joined = replace(
+        proof, candidate=replace(other.candidate, effect=between), delta_bic=proof.delta_bic + 1e-3
+    )
+    assert [(p.candidate.site.name, p.verdict) for p in ranked([joined, proof])] == [
+        (proof.candidate.site.name, "supported"),
+        ("bearing", "rejected"),
+    ]
     # An offset is the name for a dead zone that the recordings never enter, whatever came first.
     more = (*proof.candidate.effect.parameters, proof.candidate.effect.parameters[0])
     richer = replace(

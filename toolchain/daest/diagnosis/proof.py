@@ -771,9 +771,10 @@ def _own_sizes(proof: Proof) -> list[FittedParameter]:
 def _simplest(accepted: Sequence[Proof]) -> Proof:
     """The best by BIC, or one at the same place with fewer parameters that gains nearly as much: with much
     data, the way in which a law is rounded is significant, too. Of laws that are the same on these data, the
-    one with the fewest parameters of any kind."""
+    one with the fewest parameters of any kind, and then with the fewest connectors: what runs over is lost,
+    as long as nothing tells where it goes."""
     same = [p for p in accepted if p is accepted[0] or _is_same_equation(p, accepted[0])]
-    best = min(same, key=lambda p: len(p.candidate.effect.parameters))
+    best = min(same, key=lambda p: (len(p.candidate.effect.parameters), len(p.candidate.effect.connectors)))
     simpler = [
         p
         for p in accepted
