@@ -113,7 +113,8 @@ def _remarks(candidate: Mapping[str, Any]) -> Iterator[RenderableType]:
         said.append(f"the sensors see it alike at {grouped(candidate['equivalent_places'])}")
     if candidate["model_reason"]:
         said.append(f"no Modelica model: {candidate['model_reason']}")
-    yield indented("; ".join([f"{_label(candidate)}: {sizes}", *said]))
+    told = [part for part in (sizes, *said) if part]
+    yield indented(f"{_label(candidate)}: {'; '.join(told)}" if told else _label(candidate))
 
 
 def _screen(screen: Mapping[str, Any]) -> Iterator[RenderableType]:

@@ -65,4 +65,5 @@ def _remarks(i: int, step: Mapping[str, Any]) -> Iterator[RenderableType]:
     alike = diagnose.grouped(step["equivalent_places"])
     seen = f"; the sensors see it alike at {alike}" if alike else ""
     file = step["model"] or f"not written: {step['model_reason']}"
-    yield indented(f"step {i}: {sizes}; {step['remark']}{seen}; {file}")
+    told = f"{sizes}; {step['remark']}" if sizes else step["remark"]
+    yield indented(f"step {i}: {told}{seen}; {file}")
