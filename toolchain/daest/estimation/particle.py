@@ -186,7 +186,8 @@ def _predict_output(
     weights = weights / weights.sum()
     h, H = np.where(use[:, None], h, 0.0), np.where(use[:, None, None], C @ roots, 0.0)
     mean = weights @ h
-    S = (h - mean).T * weights @ (h - mean) + np.einsum("m,mij,mkj->ik", weights, H, H) + np.diag(variance)
+    spread = (np.sqrt(weights)[:, None, None] * H).transpose(1, 0, 2).reshape(h.shape[1], -1)
+    S = (h - mean).T * weights @ (h - mean) + spread @ spread.T + np.diag(variance)
     tables.innovations[k], tables.innovation_cov[k] = y - mean, S
     there = np.isfinite(y)
     v = (y - mean)[there]
