@@ -9,7 +9,7 @@ import pytest
 from hidden_plants import model, quiet, rotor_record, rubbing, some_effects
 
 from daest.diagnosis.candidates import pairs
-from daest.diagnosis.clipping import Clip, with_clipped_sensors
+from daest.diagnosis.clipping import Clip, clips_of, with_clipped_sensors
 from daest.diagnosis.diagnose import _with_better_kinks, _with_second_tries, begin, reference_of
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.free_forms import covers, free_forms
@@ -37,6 +37,7 @@ from daest.diagnosis.proof import (
 )
 from daest.diagnosis.screen import law_response, run_null, screen
 from daest.model.diagnosis import Screen, Screened
+from daest.model.experiment import Experiment
 from daest.model.fit import error_ratios
 from daest.modelica.sites import sites
 from daest.systems.reduce import reduce_index
@@ -335,6 +336,24 @@ def test_sensor_that_is_certain_to_clip_is_a_part_of_the_model():
     assert with_clipped_sensors(found.flat, saturation, {"phi": Clip(2.5, True)}).laws == ()
     assert with_clipped_sensors(model(), saturation, {"phi": Clip(2.5)}).laws == ()
     assert with_clipped_sensors(model(), (), {"phi": Clip(2.5, True)}).laws == ()
+
+
+def test_clipping_sensors_are_seen_in_the_recordings():
+    rng = np.random.default_rng(0)
+    time = 0.05 * np.arange(2000)
+    y = np.column_stack([3.0 * np.sin(0.9 * time), np.cos(0.9 * time)]) + 0.02 * rng.standard_normal(
+        (2000, 2)
+    )
+    smooth = np.minimum(3.0 * np.sin(0.9 * time), 2.5)
+    y[:, 0] = np.minimum(y[:, 0], 2.5)
+    u = np.zeros((2000, 1))
+    noisy = Experiment("noisy", time, u, y, ("u",), ("phi", "w"))
+    assert clips_of([noisy]) == {"phi": Clip(2.5, is_certain=True)}
+    # An end stop looks the same where no noise is seen.
+    still = Experiment("still", time, u, smooth[:, None], ("u",), ("phi",))
+    assert clips_of([still]) == {"phi": Clip(2.5)}
+    assert DiagnoseOptions().clips([noisy]) == clips_of([noisy])
+    assert DiagnoseOptions(clipped={}).clips([noisy]) == {}
 
 
 def test_law_of_which_nothing_is_known_is_no_finding():

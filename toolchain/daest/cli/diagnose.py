@@ -35,7 +35,6 @@ from daest.errors import DaestError, EstimationError, FmuError, ModelError
 if TYPE_CHECKING:
     from daest.cli.results import KeptFit
     from daest.data.project import Hold, Project
-    from daest.diagnosis.clipping import Clip
     from daest.diagnosis.options import DiagnoseOptions
     from daest.diagnosis.written import Written
     from daest.model.diagnosis import Diagnosis
@@ -170,6 +169,7 @@ def opened(
     from daest.cli.recordings import training_data
     from daest.cli.results import training_files
     from daest.data.prepare import split_all
+    from daest.diagnosis.clipping import clips_of
     from daest.diagnosis.kept import KeptProofs, run_digest
     from daest.modelica.effects import effect_library, library_digest
 
@@ -193,7 +193,7 @@ def opened(
     folders = (*libraries, *project.libraries)
     library = effect_library(folders)
     if loaded.has_equations:
-        clipped = _clipped(estimation)
+        clipped = clips_of(estimation)
         drive = _sufficient(flat, estimation, validation, project, data_choice)
         estimation, validation = drive.estimation, drive.validation
         fit = _earlier_fit(project, source, loaded, estimation)
@@ -285,29 +285,6 @@ def _sufficient(
     if hold is not None:
         return _Drive(*coarse(hold == "zoh"), "foh", remarks=(remark,))
     return _Drive(*coarse(False), None, coarse(True), (remark,))
-
-
-def _clipped(experiments: Sequence[Experiment]) -> dict[str, Clip]:
-    """The limits of their sensors at which outputs stay, by output."""
-    import numpy as np
-
-    from daest.data.check import check_experiment
-    from daest.data.faults import Samples
-    from daest.diagnosis.clipping import Clip
-
-    found: dict[str, Clip] = {}
-    for experiment in experiments:
-        for finding in check_experiment(experiment).findings:
-            if finding.code != "check-saturation" or finding.column not in experiment.output_names:
-                continue
-            values = experiment.outputs[:, experiment.output_names.index(finding.column)]
-            at = values[int(np.argmin(np.abs(experiment.time - (finding.at or 0.0))))]
-            known = np.isfinite(values)
-            noise = Samples(finding.column, "output", experiment.time[known], values[known]).noise
-            clip = Clip(abs(float(at)), noise is not None)
-            others = [found[finding.column]] if finding.column in found else []
-            found[finding.column] = max([clip, *others], key=lambda one: one.limit)
-    return found
 
 
 def _natural_frequencies(flat: Model) -> list[float]:

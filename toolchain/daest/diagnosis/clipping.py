@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from daest.data.faults import Samples, column_findings
 from daest.model.diagnosis import Candidate
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
@@ -31,6 +32,23 @@ class Clip:
 
     limit: float
     is_certain: bool = False
+
+
+def clips_of(experiments: Sequence[Experiment]) -> dict[str, Clip]:
+    """The limits at which outputs stay in the recordings, by output."""
+    found: dict[str, Clip] = {}
+    for experiment in experiments:
+        for name, values in zip(experiment.output_names, experiment.outputs.T, strict=True):
+            known = np.isfinite(values)
+            samples = Samples(name, "output", experiment.time[known], values[known])
+            for finding in column_findings(samples, 0) if samples.values.size else []:
+                if finding.code != "check-saturation" or finding.at is None:
+                    continue
+                at = samples.values[int(np.argmin(np.abs(samples.time - finding.at)))]
+                others = [found[name]] if name in found else []
+                clip = Clip(abs(float(at)), samples.noise is not None)
+                found[name] = max([clip, *others], key=lambda one: one.limit)
+    return found
 
 
 @dataclass(frozen=True)

@@ -226,7 +226,7 @@ def limited(
     stand: Stand, library: Sequence[Effect], options: DiagnoseOptions
 ) -> tuple[Stand, tuple[Proof, ...]]:
     """The stand with the limits of the sensors that are certain to clip, and the proofs of these."""
-    clips = {name: clip for name, clip in options.clipped.items() if clip.is_certain}
+    clips = options.clips(stand.null.experiments)
     found = with_clipped_sensors(stand.declared, library, clips)
     if not found.laws:
         return stand, ()
@@ -766,7 +766,7 @@ def _proofs(
     the leaders of the screen that were not, each with the reason."""
     null = stand.null
     wanted = trials(found, GATES.screen_level, options.most_trials + MORE_TRIALS)
-    given = clipping_trials(null, candidates, options.clipped)
+    given = clipping_trials(null, candidates, options.clips(null.experiments))
     with workers(options.jobs, options.cluster) as pool:
         stages = _Stages(_Search(stand, run, load, form, found.n_screened), pool, options, progress)
         chosen = stages.prepared(wanted[: options.most_trials])

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
 
-from daest.diagnosis.clipping import Clip
+from daest.diagnosis.clipping import Clip, clips_of
 from daest.diagnosis.proof import Prepared
 from daest.model.diagnosis import Proof
 from daest.model.experiment import Experiment
@@ -37,10 +37,10 @@ class DiagnoseOptions:
     """`effects` and `places` restrict the search by name. `hold` None takes the better one. `fitted` are
     parameter values of an earlier fit, which the data may contradict. Refits run in `jobs` processes where
     that is worth while, or on the Dask `cluster` at an address, with the same results; `keeper` knows those
-    of an earlier run. `clipped` are the limits at which outputs stay, by output: a sensor that cuts is tried
-    there first, or taken for granted where it is certain. `held` are the experiments and the validation data
-    to take for the hold "zoh" where all of them are coarser than the recordings: straight lines then stand
-    for what was held."""
+    of an earlier run. `clipped` are the limits at which outputs stay, by output (None: as the experiments
+    show them): a sensor that cuts is tried there first, or taken for granted where it is certain. `held` are
+    the experiments and the validation data to take for the hold "zoh" where all of them are coarser than the
+    recordings: straight lines then stand for what was held."""
 
     effects: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
@@ -51,8 +51,12 @@ class DiagnoseOptions:
     most_trials: int = MOST_TRIALS
     fitted: Mapping[str, float] = field(default_factory=dict)
     keeper: Keeper | None = None
-    clipped: Mapping[str, Clip] = field(default_factory=dict)
+    clipped: Mapping[str, Clip] | None = None
     held: tuple[Sequence[Experiment], Sequence[Experiment]] | None = None
+
+    def clips(self, experiments: Sequence[Experiment]) -> Mapping[str, Clip]:
+        """`clipped`, or what the experiments themselves show."""
+        return clips_of(experiments) if self.clipped is None else self.clipped
 
     def step(self, name: str, parts: Sequence[Any], flat: Model, make: Callable[[], Step]) -> Step:
         """What `make` returns, now or in an earlier run that was interrupted."""
