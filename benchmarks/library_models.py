@@ -57,7 +57,10 @@ try:
     told["equations"], told["events"] = flat.n, flat.events is not None
     told["seconds"][step] = time.process_time() - began
     step, began = "linearize", time.process_time()
-    linearize(flat)
+    try:
+        linearize(flat)
+    except DaestError as error:
+        told["unlinear"] = f"error[{error.code}]: {error.what}"
     told["seconds"][step] = time.process_time() - began
     step, began = "simulate", time.process_time()
     t = np.linspace(0, SPAN, SAMPLES)
@@ -142,8 +145,10 @@ def tried(name: str, libraries: list[str], references: Path | None = None) -> di
 
 
 def verdict(told: dict) -> str:
-    """works, other (another motion than the reference's), linearizes, refused, cryptic or crash."""
+    """works, other (a motion that is not the reference's), simulates, linearizes, refused, cryptic, crash."""
     message = told.get("message", "")
+    if told["reached"] == "done" and "unlinear" in told:
+        return "simulates"
     if told["reached"] == "done":
         return "other" if not told.get("deviation", 0.0) <= MUCH else "works"
     if message.startswith("crash"):

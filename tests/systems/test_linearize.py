@@ -252,3 +252,16 @@ def test_small_constants_are_no_zeros_at_the_operating_point():
         )
     )
     assert np.abs(linear.J).max() == pytest.approx(1 / 2e-14)
+
+
+def test_where_start_values_leave_out_a_constraint_the_start_of_the_simulation_is_taken():
+    """a = b + 1 holds from the start on, which the start values do not say: 1/d would be infinite."""
+    m = Draft("Tied", starts={"b": 0.0})
+    m.unknowns += ["a", "b", "v", "d", "e"]
+    for text in ("a = b + 1", "der(a) = v", "der(b) = -e", "d = a - b", "e = (a + b)/d"):
+        m.equation(text)
+    found = linearize(m.flat())
+    assert any("where its simulation begins" in note for note in found.notes)
+    row = [equation.text for equation in found.equations].index("e = (a + b)/d")
+    names = [x.name for x in found.unknowns]
+    assert np.asarray(found.J)[row, names.index("d")] == pytest.approx(-1.0)  # -(a + b)/d^2 at 1, 0

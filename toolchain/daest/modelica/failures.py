@@ -164,6 +164,12 @@ _LIMITS = (
         "values that do not fit where they stand (three for an array of two, 1.5 for an Integer), or a "
         "parameter that is computed by a function of arrays or tables",
     ),
+    (
+        "non-guarded nested return",
+        "a function that returns from within a loop or a branch (`return` inside `for`, behind which more "
+        "follows): let a variable hold the result, and leave the loop by `break`",
+    ),
+    ("impure call context", "an impure function, as one that draws random numbers"),
     ("function value type", "a function of an external object (code in C)"),
     ("function shape proof", "a function whose arrays have sizes that follow from its inputs"),
 )
@@ -449,7 +455,7 @@ def _unsupported(message: str, path: Path, text: bytes, class_name: str) -> Mode
             kind = RefusedAlgorithm if keyword == "algorithm" else ModelError
             return kind(
                 "model-unsupported",
-                f"{what} is not supported: {_plain(message)}",
+                f"{what} is not supported: {_limit(_plain(message))}",
                 where=where or str(path),
                 remedy="Write it as equations between continuous variables.",
             )

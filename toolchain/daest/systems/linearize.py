@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from daest.errors import ConfigError, NumericalError
+from daest.errors import ConfigError, DaestError, NumericalError
 from daest.model.flat import Dynamics, ExplicitModel, FlatModel, Model
 from daest.model.linear import LinearDAE, Matrix
 from daest.systems.algebraic_start import agreed_start
@@ -84,7 +84,15 @@ def _of_equations(
         names = ", ".join(flat.unknowns[column].name for column in unread.values())
         note = f"No slope at the operating point, and read by nothing else, so at its value: {names}."
         return replace(found, equations=flat.equations, notes=(*found.notes, note))
-    _check_finite(flat, matrices)
+    try:
+        _check_finite(flat, matrices)
+    except NumericalError:
+        begins = _where_it_begins(flat, values) if at is None else None
+        if begins is None:
+            raise
+        found = linearize(flat, theta, begins)
+        note = "Not finite at the declared start values: these are its matrices where its simulation begins."
+        return replace(found, notes=(note, *found.notes))
     E, J, K, B, C, D, H, offset, output_offset = matrices
     return LinearDAE(
         equations=flat.equations,
@@ -279,6 +287,28 @@ def _with_values(flat: FlatModel, rows: Mapping[int, int], point: OperatingPoint
     for row, column in rows.items():
         residual[row] = flat.xi[column] - point.xi[column]
     return replace(flat, residual=residual)
+
+
+def _where_it_begins(flat: FlatModel, values: np.ndarray) -> dict[str, float] | None:
+    """The point at which a simulation of the model begins: start values may leave out what follows from
+    constraints, as the length of a spring between two bodies. None where that has no solution."""
+    from daest.systems.initialize import initial_point
+    from daest.systems.reduce import reduce_index
+
+    begun = flat.with_theta(dict(zip((p.name for p in flat.parameters), values.tolist(), strict=True)))
+    try:
+        explicit = reduce_index(begun)
+        u = np.array([v.start or 0.0 for v in flat.inputs])
+        u = np.concatenate([u, np.zeros(explicit.rhs.numel_in(1) - u.size)])
+        v, w = (np.zeros(explicit.rhs.numel_in(i)) for i in (2, 3))
+        x0, xi = initial_point(explicit, values, u, v, 0.0)
+        rates = np.array(explicit.variable_derivatives(x0, u, v, w, values, 0.0)).ravel()
+    except (DaestError, RuntimeError):
+        return None
+    names = [x.name for x in flat.unknowns]
+    found = dict(zip(names, xi.tolist(), strict=True))
+    moving = zip(names, rates.tolist(), strict=True)
+    return found | {f"der({name})": rate for name, rate in moving if np.isfinite(rate)}
 
 
 def _check_finite(flat: FlatModel, matrices: list[sp.csc_array]) -> None:
