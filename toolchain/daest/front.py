@@ -127,10 +127,10 @@ def identify(
     `split`, `starts`, `seed`, ...), `source` says how files are read. `tell` hears what is being done. Raises
     EstimationError, DataError, ModelError and ConfigError, all of them DaestError.
 
-    >>> source = daest.Source(stop=2.0)
-    >>> fit = daest.identify("Servo.mo", "servo.csv", source=source)
-    >>> fit.status, [p.name for p in fit.parameters]
-    ('converged', ['d', 'c', 'J1', 'J2', 'k'])
+        >>> source = daest.Source(stop=2.0)
+        >>> fit = daest.identify("Servo.mo", "servo.csv", source=source)
+        >>> fit.status, [p.name for p in fit.parameters]
+        ('converged', ['d', 'c', 'J1', 'J2', 'k'])
     """
     options = _chosen(options or IdentifyOptions(), choices, "identify")
     if isinstance(model, StateSpaceFamily):
@@ -156,9 +156,9 @@ def simulate(
 
     `choices` are those of the engine: `theta`, `hold`, `noise`, `seed`, ... Raises DaestError.
 
-    >>> run = daest.simulate("Servo.mo", "servo.csv", source=daest.Source(stop=2.0))
-    >>> run["phi"].shape
-    (201,)
+        >>> run = daest.simulate("Servo.mo", "servo.csv", source=daest.Source(stop=2.0))
+        >>> run["phi"].shape
+        (201,)
     """
     if not isinstance(model, str | Path | Model) or isinstance(data, Experiment):
         flat = model if not isinstance(model, str | Path) else (source or Source()).model(model)
@@ -180,9 +180,9 @@ def linearize(
     `theta` are parameter values in the order of the model (None: its own), `at` is the operating point of a
     nonlinear model by name. Raises ModelError.
 
-    >>> dae = daest.linearize(flat)
-    >>> dae.E.shape
-    (65, 65)
+        >>> dae = daest.linearize(flat)
+        >>> dae.E.shape
+        (65, 65)
     """
     return linearizing.linearize((source or Source()).model(model), theta, at=at)
 
@@ -199,8 +199,8 @@ def noise(
     `at` names places that are asked for besides; up to the projection norm `tolerance` equations are called
     admissible (None: decided without units). Raises ModelError.
 
-    >>> daest.noise(flat).n_forbidden
-    18
+        >>> daest.noise(flat).n_forbidden
+        18
     """
     dae = model if isinstance(model, LinearDAE) else linearize(model, source=source)
     return noise_report(dae, at=at, tolerance=tolerance)
@@ -210,8 +210,8 @@ def check(data: AnyData, *, source: Source | None = None) -> DataCheck:
     """Faults of one recording: its clock, its columns, and pairs of them; as `daest check`. Raises
     DataError.
 
-    >>> daest.check("servo.csv").warnings
-    ()
+        >>> daest.check("servo.csv").warnings
+        ()
     """
     one = _one(_each(data), "check")
     if isinstance(one, Experiment):
@@ -237,9 +237,9 @@ def filter(
     Parameters and noise are those of `fit`, else of the model. `choices` are the fields of FilterOptions
     (`measure`, `smooth`, `hold`, ...). Raises DaestError.
 
-    >>> estimate = daest.filter("Servo.mo", "servo.csv", fit, measure=["phi"], source=source)
-    >>> estimate.kind, estimate.values.shape
-    ('time-varying', (201, 67))
+        >>> estimate = daest.filter("Servo.mo", "servo.csv", fit, measure=["phi"], source=source)
+        >>> estimate.kind, estimate.values.shape
+        ('time-varying', (201, 67))
     """
     source = source or Source()
     flat, experiments = source.recordings(source.model(model), data)
@@ -266,8 +266,8 @@ def compare(
     A model without a fit keeps its values. `hold` is that of the fit, else "foh". Raises DaestError, and
     ConfigError `compare-missing-output` where the models have not the same outputs.
 
-    >>> daest.compare("Servo.mo", "servo.csv", fit, source=source).models[0].verdict
-    'not falsified'
+        >>> daest.compare("Servo.mo", "servo.csv", fit, source=source).models[0].verdict
+        'not falsified'
     """
     source = source or Source()
     flats = [source.model(one) for one in _each(models)]
@@ -299,9 +299,9 @@ def diagnose(
     validates. `choices` are the fields of DiagnoseOptions (`effects`, `places`, `hold`, `seed`, ...). Raises
     DaestError.
 
-    >>> friction = {"effects": ("CoulombFriction",), "places": ("disc",)}
-    >>> daest.diagnose("Servo.mo", "servo.csv", **friction, source=daest.Source(stop=4.0)).verdict
-    'nothing missing'
+        >>> friction = {"effects": ("CoulombFriction",), "places": ("disc",)}
+        >>> daest.diagnose("Servo.mo", "servo.csv", **friction, source=daest.Source(stop=4.0)).verdict
+        'nothing missing'
     """
     library, data, rest = _library_first(arguments, source)
     given: list[Any] = [validation, options, progress]
@@ -326,9 +326,9 @@ def improve(
 
     Takes what `diagnose` takes, and the largest number of effects before `progress`. Raises DaestError.
 
-    >>> found = daest.improve("Servo.mo", "servo.csv", **friction, source=daest.Source(stop=4.0))
-    >>> found.last.verdict
-    'nothing missing'
+        >>> found = daest.improve("Servo.mo", "servo.csv", **friction, source=daest.Source(stop=4.0))
+        >>> found.last.verdict
+        'nothing missing'
     """
     library, data, rest = _library_first(arguments, source)
     given: list[Any] = [validation, options, most_effects, progress]

@@ -211,8 +211,8 @@ def resample(experiment: Experiment, period: float, held: bool = False) -> Exper
     shorter than the recording's own, DataError `data-too-few-rows` if the record is shorter than the
     filter.
 
-    >>> daest.resample(record, 0.02).period
-    0.02
+        >>> daest.resample(record, 0.02).period
+        0.02
     """
     own = experiment.period or float(np.median(np.diff(experiment.time)))
     if period < own * (1 - GRID_TOLERANCE):

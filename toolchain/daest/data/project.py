@@ -121,8 +121,8 @@ def load_project(path: Path | str | None = None) -> Project:
     Raises ConfigError with all problems of the file at once: `config-missing`, `config-syntax`,
     `config-unknown-key`, `config-type`, `config-value`.
 
-    >>> daest.load_project().source is None
-    True
+        >>> daest.load_project().source is None
+        True
     """
     file = Path(path) if path is not None else Path(FILE_NAME)
     if why_no_file(file) == FOLDER:

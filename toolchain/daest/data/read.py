@@ -68,10 +68,10 @@ def read_experiments(
     DataError with all problems of a file at once: missing columns, units that do not fit, texts, time that
     does not increase, gaps in inputs; and `data-no-output` if `outputs_required` and a file has none of them.
 
-    >>> outputs = [daest.Signal("omega", "rad/s"), daest.Signal("phi", "rad")]
-    >>> (record,) = daest.read_experiments(["servo.csv"], [daest.Signal("u", "V")], outputs)
-    >>> record.n_samples, record.period
-    (8000, 0.01)
+        >>> outputs = [daest.Signal("omega", "rad/s"), daest.Signal("phi", "rad")]
+        >>> (record,) = daest.read_experiments(["servo.csv"], [daest.Signal("u", "V")], outputs)
+        >>> record.n_samples, record.period
+        (8000, 0.01)
     """
     preparation = preparation or Preparation()
     part = Part(None, preparation.start, preparation.stop, time, units or {})

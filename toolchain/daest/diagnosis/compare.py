@@ -91,9 +91,9 @@ def compare_models(
     anything. They are made in `jobs` processes where that is worth while, or on the Dask `cluster` at an
     address, with the same result. Raises EstimationError `compare-bootstrap-noise`.
 
-    >>> found = daest.compare_models([daest.Candidate("as it is", flat, 0)], [record])
-    >>> found.output_names
-    ('omega', 'phi')
+        >>> found = daest.compare_models([daest.Candidate("as it is", flat, 0)], [record])
+        >>> found.output_names
+        ('omega', 'phi')
     """
     outputs = candidates[0].flat.outputs
     if any(candidate.flat.events is not None for candidate in candidates):

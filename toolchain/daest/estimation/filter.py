@@ -67,8 +67,8 @@ def run_filter(
         result = daest.run_filter(fitted, data, options=daest.FilterOptions(measure=["phi"]))
         result.to_frame()[["omega", "omega.std"]]
 
-    >>> daest.run_filter(flat, record, "stationary").kind
-    'stationary'
+        >>> daest.run_filter(flat, record, "stationary").kind
+        'stationary'
     """
     options = options or FilterOptions()
     if isinstance(model, FlatModel):

@@ -14,8 +14,8 @@ def fitted_model(flat: Model, fit: FitResult) -> Model:
     An output-error fit has no process noise, and then the model has none. Names present in
     only one of them are ignored.
 
-    >>> bool(daest.fitted_model(flat, fit).theta_values[4] == fit.theta["R"])
-    True
+        >>> bool(daest.fitted_model(flat, fit).theta_values[4] == fit.theta["R"])
+        True
     """
     sizes = {(noise.kind, noise.name): noise.value for noise in fit.noises}
     none = 0.0 if fit.method == "oe" else None

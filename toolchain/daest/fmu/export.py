@@ -50,8 +50,8 @@ def export_fmu(
     Errors: FmuError `no-c-compiler`, `compilation-failed`, `fmu-platform-unknown`, `fmu-name-twice`,
     `fmu-not-written`; ModelError of the index reduction and of the initial point.
 
-    >>> daest.export_fmu(flat, "Servo.fmu").n_states
-    4
+        >>> daest.export_fmu(flat, "Servo.fmu").n_states
+        4
     """
     began = time.perf_counter()
     flat = portable(flat)

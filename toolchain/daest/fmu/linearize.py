@@ -38,8 +38,8 @@ def linearize_fmu(
     with finite differences, and not used where they are wrong; the result tells. Errors: those of `load_fmu`
     and of the binary (`fmu-without-binary`, `fmu-call-failed`), `fmu-source`.
 
-    >>> daest.linearize_fmu("Servo.fmu").source
-    'symbolic'
+        >>> daest.linearize_fmu("Servo.fmu").source
+        'symbolic'
     """
     model = load_fmu(path)
     if source is not None and source not in SOURCES:

@@ -38,8 +38,8 @@ def load_fmu(path: str | Path) -> FmuModel:
     a document type, which only attacks need); `fmu-fmi-1`; `fmu-version`; `fmu-scheduled-only`;
     `fmu-array-variable`; `fmu-clocked`; `fmu-inconsistent`.
 
-    >>> daest.load_fmu("Servo.fmu").model_name
-    'Servo'
+        >>> daest.load_fmu("Servo.fmu").model_name
+        'Servo'
     """
     with open_archive(path) as archive:
         if DESCRIPTION not in archive.names:
@@ -70,8 +70,8 @@ def symbolic_model(path: str | Path) -> FlatModel | None:
 
     FmuError `symbolic-model-damaged` if it is there and cannot be trusted.
 
-    >>> daest.symbolic_model("Servo.fmu").name
-    'Servo'
+        >>> daest.symbolic_model("Servo.fmu").name
+        'Servo'
     """
     with open_archive(path) as archive:
         names = {

@@ -45,10 +45,10 @@ def attach(
     signal inputs to inputs of the model, which are made where they do not exist. Raises ModelError:
     `effect-fit`, `effect-present`, `effect-name`, `effect-parameter`.
 
-    >>> from daest.modelica.sites import find_site
-    >>> site = find_site(flat, "disc", effect)
-    >>> daest.attach(flat, effect, site).parameters[-1].name
-    'coulombFriction.w_s'
+        >>> from daest.modelica.sites import find_site
+        >>> site = find_site(flat, "disc", effect)
+        >>> daest.attach(flat, effect, site).parameters[-1].name
+        'coulombFriction.w_s'
     """
     return attach_all(flat, [Placement(effect, site, name or "", values or {}, inputs or {})])
 

@@ -24,8 +24,8 @@ def with_values(flat: AnyModel, values: Mapping[str, float]) -> AnyModel:
     """`flat` with new parameter values. Raises ModelError for a name that is no tunable parameter, and for a
     value outside of its min and max.
 
-    >>> float(daest.with_values(flat, {"R": 5.0}).theta_values[4])
-    5.0
+        >>> float(daest.with_values(flat, {"R": 5.0}).theta_values[4])
+        5.0
     """
     for name in values:
         _tunable(flat, name)
@@ -133,9 +133,9 @@ def declare(
     `estimate_noise` maps outputs and noises (by name or place) to whether their size is estimated.
     Raises ModelError.
 
-    >>> known = daest.declare(flat, estimate={"R": True, "d": False})
-    >>> [p.name for p in known.parameters if p.estimate]
-    ['c', 'J1', 'J2', 'R', 'k']
+        >>> known = daest.declare(flat, estimate={"R": True, "d": False})
+        >>> [p.name for p in known.parameters if p.estimate]
+        ['c', 'J1', 'J2', 'R', 'k']
     """
     if outputs is not None:
         flat = with_outputs(flat, outputs)

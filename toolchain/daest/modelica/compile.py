@@ -45,9 +45,9 @@ def compile_model(
     searched after them. `overrides` are parameter values; those of Integer, Boolean and structural
     parameters compile the model again. Raises ModelError.
 
-    >>> flat = daest.compile_model("Servo.mo")
-    >>> len(flat.equations), [y.name for y in flat.outputs]
-    (65, ['omega', 'phi'])
+        >>> flat = daest.compile_model("Servo.mo")
+        >>> len(flat.equations), [y.name for y in flat.outputs]
+        (65, ['omega', 'phi'])
     """
     path = Path(path)
     return compile_text(read_source(path), path, class_name, libraries, overrides)

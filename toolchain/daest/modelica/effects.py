@@ -106,8 +106,8 @@ def effect_library(libraries: Sequence[str | Path] = ()) -> tuple[Effect, ...]:
     as the bundled library has them. Raises ModelError for a class that does not compile or whose annotation
     is wrong.
 
-    >>> sorted({effect.domain for effect in daest.effect_library()})
-    ['electrical', 'hydraulic', 'rotational', 'signal', 'thermal', 'translational']
+        >>> sorted({effect.domain for effect in daest.effect_library()})
+        ['electrical', 'hydraulic', 'rotational', 'signal', 'thermal', 'translational']
     """
     return tuple(entry.effect for entry in _catalogue(_names(libraries), check=True).values())
 
@@ -141,9 +141,9 @@ def find_effect(name: str, libraries: Sequence[str | Path] = ()) -> Effect:
     """The one effect of that class name. Raises ModelError `effect-unknown`, and `effect-ambiguous` if
     several domains have one.
 
-    >>> effect = daest.find_effect("Daest.Effects.Rotational.CoulombFriction")
-    >>> effect.law
-    'tau = -tau_c*tanh(w/w_s)'
+        >>> effect = daest.find_effect("Daest.Effects.Rotational.CoulombFriction")
+        >>> effect.law
+        'tau = -tau_c*tanh(w/w_s)'
     """
     found = find_effects(name, libraries)
     if len(found) > 1:

@@ -152,8 +152,8 @@ def extend_model(
     is the file that the text is meant for. The equations are those of `attach`. Raises ModelError as
     `attach` does, and `effect-input-used` or `effect-not-writable` where Modelica cannot express it.
 
-    >>> daest.extend_model("Servo.mo", None, effect, site).class_name
-    'Servo_CoulombFriction'
+        >>> daest.extend_model("Servo.mo", None, effect, site).class_name
+        'Servo_CoulombFriction'
     """
     original = _original(Path(path), class_name, libraries)
     flat = original.flat

@@ -48,8 +48,8 @@ def initial_point(
     Defaults: parameter values, start values of the inputs, 0. Raises ModelError `initial-overdetermined` or
     `initial-not-solved`, with the conditions that cannot be met.
 
-    >>> daest.initial_point(explicit, u0=np.array([1.0]))[0].tolist()
-    [0.0, 0.0, 0.0, 0.0]
+        >>> daest.initial_point(explicit, u0=np.array([1.0]))[0].tolist()
+        [0.0, 0.0, 0.0, 0.0]
     """
     raise NotImplementedError(type(explicit).__name__)
 

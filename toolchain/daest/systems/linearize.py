@@ -121,8 +121,8 @@ def linear_dae_function(flat: FlatModel, at: Mapping[str, float] | None = None) 
 
     `at` as in `linearize`. Output names are `MATRIX_NAMES`.
 
-    >>> daest.linear_dae_function(flat)(flat.theta_values)[0].shape
-    (65, 65)
+        >>> daest.linear_dae_function(flat)(flat.theta_values)[0].shape
+        (65, 65)
     """
     return ca.Function("linear_dae", [flat.theta], _matrices(flat, at), ["theta"], list(MATRIX_NAMES))
 

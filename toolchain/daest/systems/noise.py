@@ -144,9 +144,9 @@ def noise_report(
     make no difference. With `tolerance` it is forbidden when the projection norm of the model as it stands
     exceeds it. Beside that stands what holds for almost every θ.
 
-    >>> report = daest.noise_report(dae, form)
-    >>> [place.name for place in report.annotated if place.admissible]
-    ['disturbance.w']
+        >>> report = daest.noise_report(dae, form)
+        >>> [place.name for place in report.annotated if place.admissible]
+        ['disturbance.w']
     """
     form = standard_form(dae) if form is None else form
     nilpotent = nilpotent_part(dae, form, unit_scaling(dae.E, dae.J))

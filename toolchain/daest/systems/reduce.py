@@ -51,9 +51,9 @@ def reduce_index(flat: FlatModel) -> ExplicitModel:
 
     Raises ModelError: `structurally-singular`, `singular-after-reduction`, `noise-differentiated`.
 
-    >>> explicit = daest.reduce_index(flat)
-    >>> explicit.state_names
-    ('motor.phi', 'motor.w', 'disc.phi', 'disc.w')
+        >>> explicit = daest.reduce_index(flat)
+        >>> explicit.state_names
+        ('motor.phi', 'motor.w', 'disc.phi', 'disc.w')
     """
     sigma = flat_signature(flat)
     check_structure(sigma, flat.equations, flat.unknowns, flat.name)

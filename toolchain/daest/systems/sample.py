@@ -64,8 +64,8 @@ def sample(
     ū its column stays: ū comes from `stacked_inputs`. Errors (ModelError): `input-derivative-order`,
     `input-derivative-hold`, `output-white-noise`.
 
-    >>> daest.sample(ss, 0.01, "zoh").transition.shape
-    (4, 4)
+        >>> daest.sample(ss, 0.01, "zoh").transition.shape
+        (4, 4)
     """
     _check_input_derivatives(ss, hold)
     intensity = _square(process_intensity, ss.G.shape[1])

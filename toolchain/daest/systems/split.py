@@ -99,9 +99,9 @@ def split(dae: LinearDAE, tolerance: float | None = None) -> StandardForm:
     Raises ModelError `structurally-singular` with the equations and unknowns concerned, and `pencil-singular`
     with the combination of equations that vanishes.
 
-    >>> form = daest.split(dae)
-    >>> form.n_dynamic, form.index
-    (4, 3)
+        >>> form = daest.split(dae)
+        >>> form.n_dynamic, form.index
+        (4, 3)
     """
     _check_structure(dae)
     try:

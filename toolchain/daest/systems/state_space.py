@@ -32,9 +32,9 @@ def state_space_family(model: Model | Dynamics, at: Mapping[str, float] | None =
     w = 0, v = 0 and t = 0; the offsets make the linear model exact at that point, for every θ. Where ẋ and y
     are affine (`is_affine` of the result), only ξ depends on that point.
 
-    >>> family = daest.state_space_family(explicit)
-    >>> [w.name for w in family.noises]
-    ['disturbance.w']
+        >>> family = daest.state_space_family(explicit)
+        >>> [w.name for w in family.noises]
+        ['disturbance.w']
     """
     return family_along(model if isinstance(model, Dynamics) else dynamics(model), at)
 

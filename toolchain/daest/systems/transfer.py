@@ -56,8 +56,8 @@ def transfer_functions(dae: LinearDAE, form: StandardForm | SparseForm) -> list[
     The rational part is C Q1 (sI - A)⁻¹ P1 K, reduced per channel; -C Q2 N^i P2 K are the coefficients of s^i
     of the polynomial part, plus D. None at all for models of more than `HIGHEST_ORDER` modes.
 
-    >>> [(g.input, g.output, len(g.den)) for g in daest.transfer_functions(dae, form)]
-    [('u', 'omega', 4), ('u', 'phi', 5)]
+        >>> [(g.input, g.output, len(g.den)) for g in daest.transfer_functions(dae, form)]
+        [('u', 'omega', 4), ('u', 'phi', 5)]
     """
     if form.n_dynamic > HIGHEST_ORDER:
         return []

@@ -104,10 +104,10 @@ def entry(kind: type[Entry], value: object, /, **others: object) -> Entry:
 
     Example:
 
-    >>> from daest.model.diagnosis import Ahead
-    >>> from daest.report.documents.diagnose import AheadEntry
-    >>> entry(AheadEntry, Ahead(10, 0.1, 0.5, 3.2), certainty=float("nan"))
-    {'seconds': 0.1, 'samples': 10, 'ratio': 0.5, 'certainty': None}
+        >>> from daest.model.diagnosis import Ahead
+        >>> from daest.report.documents.diagnose import AheadEntry
+        >>> entry(AheadEntry, Ahead(10, 0.1, 0.5, 3.2), certainty=float("nan"))
+        {'seconds': 0.1, 'samples': 10, 'ratio': 0.5, 'certainty': None}
     """
     found = {}
     for name, path, hint, is_required, is_nullable in _keys(cast(Hashable, kind)):
