@@ -145,7 +145,8 @@ def tried(name: str, libraries: list[str], references: Path | None = None) -> di
 
 
 def verdict(told: dict) -> str:
-    """works, other (a motion that is not the reference's), simulates, linearizes, refused, cryptic, crash."""
+    """works, other (a motion that is not the reference's), simulates, linearizes, refused, cryptic,
+    slow, crash."""
     message = told.get("message", "")
     if told["reached"] == "done" and "unlinear" in told:
         return "simulates"
@@ -153,6 +154,8 @@ def verdict(told: dict) -> str:
         return "other" if not told.get("deviation", 0.0) <= MUCH else "works"
     if message.startswith("crash"):
         return "crash"
+    if message.startswith("took longer"):
+        return "slow"
     if any(word in message for word in CRYPTIC) or not told.get("remedy"):
         return "cryptic"
     return "linearizes" if told["reached"] == "simulate" else "refused"
