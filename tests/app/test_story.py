@@ -171,7 +171,7 @@ def test_the_whole_story_by_keyboard(machine, request, window):
         fitted = json.loads((found.folder / "results" / "fit.json").read_text())["parameters"]
         (size,) = (p["value"] for name, p in fitted.items() if name.endswith(f".{found.size}"))
         assert found.reach[0] < size < found.reach[1]
-        assert window.locator("svg.stairs").get_attribute("aria-label").count(",") == 1
+        assert window.locator("svg.stairs").first.get_attribute("aria-label").count(",") == 1
 
         press(window, button(window, f"Take {added} back"))
         window.wait_for_selector("text=a branch not taken")
