@@ -54,7 +54,7 @@ def evidence(
     )  # fmt: skip
     return Evidence(
         model(),
-        SimpleNamespace(loads=(load,)),
+        SimpleNamespace(loads=(load,), experiments=(SimpleNamespace(outputs=np.zeros((900, 1))),)),
         SimpleNamespace(observed=(SimpleNamespace(whitened=innovations),)),
         fit(simulated, parameters=parameters),
         Screen((entry,), np.eye(1), p_value, 12, ()),
@@ -213,3 +213,16 @@ def test_second_effect_behind_a_supported_one_is_told():
     form = evidence(related=True).form
     found = decide(evidence(proofs=[replace(proof(), left=form)]))
     assert found.name == "supported" and "Something else is missing besides" in found.message
+
+
+@pytest.mark.parametrize(("one_step_of_fit", "name"), [(0.95, "nothing missing"), (0.5, "unknown effect")])
+def test_an_observer_that_takes_long_to_find_the_start_hides_nothing(one_step_of_fit, name):
+    """The simulation of unseen data is as good as their one-step prediction; this is the noise of the
+    sensors only where it is as good as on the data of the fit."""
+    found = evidence(related=True)
+    agreements = {
+        "estimation": Agreement({"phi": 99.0}, {"phi": one_step_of_fit}),
+        "validation": Agreement({"phi": 90.0}, {"phi": 1.0}),
+    }
+    found = replace(found, baseline=replace(found.baseline, one_step=agreements))
+    assert decide(found).name == name

@@ -13,7 +13,7 @@ from daest.diagnosis.proof import is_significant
 from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.unseen import is_likelier, is_silent
 from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Unproved, VerdictName
-from daest.model.fit import Agreement, FitResult, FittedParameter, error_ratios
+from daest.model.fit import FitResult, FittedParameter, error_ratios
 from daest.model.flat import FlatModel
 from daest.numerics.statistics import whiteness_p_value
 from daest.quantities import spoken_duration
@@ -247,18 +247,34 @@ def _not_proven(evidence: Evidence, near: list[Proof]) -> Decided:
 def _simulates_to_noise(evidence: Evidence) -> bool:
     """Whether the simulation is as good as the one-step prediction on data it has not seen: then nothing acts
     on the machine that the model does not know, whatever small loads the likelihood likes to have."""
+    noise = _one_step_errors(evidence)
     fits = [evidence.baseline] + ([] if evidence.told is None else [evidence.told])
-    one_step = evidence.baseline.one_step.get("validation")
-    return one_step is not None and any(_is_at_noise(fit, one_step) for fit in fits)
+    return bool(noise) and any(_is_at_noise(fit, noise) for fit in fits)
 
 
-def _is_at_noise(fit: FitResult, one_step: Agreement) -> bool:
+def _one_step_errors(evidence: Evidence) -> dict[str, float]:
+    """Of each output the one-step error on unseen data; empty where there are none. It is at most that on the
+    data of the fit and what chance may add: an observer may take long to find the start of unseen data."""
+    one_step = evidence.baseline.one_step
+    if "validation" not in one_step:
+        return {}
+    fitted = one_step["estimation"].rms if "estimation" in one_step else {}
+    found: dict[str, float] = {}
+    for column, (name, unseen) in enumerate(one_step["validation"].rms.items()):
+        n = sum(int(np.isfinite(e.outputs[:, column]).sum()) for e in evidence.null.experiments)
+        own = fitted.get(name)
+        # The ratio of two rms values of n normal errors each has the standard deviation 1 / sqrt(n).
+        limit = np.inf if own is None or n == 0 else own * (1.0 + GATES.min_significance / np.sqrt(n))
+        if unseen is not None:
+            found[name] = float(min(unseen, limit))
+    return found
+
+
+def _is_at_noise(fit: FitResult, noise: Mapping[str, float]) -> bool:
     simulated = fit.simulated.get("validation")
-    if simulated is None:
-        return False
-    pairs = [(rms, one_step.rms.get(name)) for name, rms in simulated.rms.items()]
-    return all(
-        rms is not None and other is not None and rms <= GATES.max_to_noise * other for rms, other in pairs
+    return simulated is not None and all(
+        rms is not None and rms <= GATES.max_to_noise * noise.get(name, 0.0)
+        for name, rms in simulated.rms.items()
     )
 
 
