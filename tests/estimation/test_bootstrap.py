@@ -123,7 +123,7 @@ def test_refits_that_fail_are_counted_and_too_many_are_an_error(monkeypatch):
     monkeypatch.setattr(engine, "identify", sometimes)
     found = with_bootstrap(fit, lag(), [record], options(), 42).bootstrap
     assert found.n_failed == 14 and len(found.estimates) == 28
-    monkeypatch.setattr(engine, "LEAST_DONE", 0.9)
+    monkeypatch.setattr(engine, "FIT", replace(engine.FIT, least_refitted=0.9))
     with pytest.raises(EstimationError) as caught:
         with_bootstrap(fit, lag(), [record], options(), 42)
     assert caught.value.code == "bootstrap-failed" and "14 of 42" in caught.value.what

@@ -141,7 +141,10 @@ def _spelt(hint: Any, value: Any) -> Any:
     if origin is Annotated:
         return _spelt(inner[0], value)
     if origin in (Union, UnionType):
-        return _spelt(next(one for one in inner if one is not type(None)), value)
+        kinds = [one for one in inner if one is not type(None)]
+        if isinstance(value, dict):  # beside a list, as the entries of a large matrix beside its rows
+            kinds = [one for one in kinds if is_typeddict(one) or get_origin(one) is dict]
+        return _spelt(kinds[0], value)
     if isinstance(value, np.ndarray):
         known = np.isfinite(value)
         if known.all():
