@@ -105,7 +105,8 @@ def document(
     mapping `cross_checks`.
     """
     differences = dict(cross_check or {})
-    matrices = {name: _matrix(getattr(dae, name)) for name in "EJKBCDH"}
+    is_large = sp.issparse(dae.E)
+    matrices = {name: _matrix(getattr(dae, name), is_large) for name in "EJKBCDH"}
     return entry(
         LinearizeDocument,
         dae,
@@ -115,7 +116,7 @@ def document(
         },
         units=dict(_units(dae)),
         parameters=[p for p in dae.parameters if not p.is_memory],
-        matrix_format="triplets" if sp.issparse(dae.E) else "rows",
+        matrix_format="triplets" if is_large else "rows",
         **matrices,
         n_dynamic=form.n_dynamic,
         index=form.index,
@@ -134,9 +135,9 @@ def _units(dae: LinearDAE) -> Iterator[tuple[str, str]]:
         yield from ((one.name, one.unit) for one in part)
 
 
-def _matrix(matrix: Matrix) -> np.ndarray | Triplets:
+def _matrix(matrix: Matrix, is_large: bool) -> np.ndarray | Triplets:
     """Rows of numbers; of large models the entries that are not zero, as shape, row, column and value."""
-    if not sp.issparse(matrix):
+    if not is_large:
         return np.asarray(matrix, dtype=float)
     entries = sp.coo_array(matrix)
     kept = entries.data != 0.0
