@@ -64,6 +64,7 @@ def test_parameters_and_noise_of_a_driven_pendulum(pendulum, monkeypatch, capsys
     assert found["fit_percent"]["validation"]["phi"] < found["one_step"]["fit_percent"]["validation"]["phi"]
 
 
+@pytest.mark.slow
 def test_multiple_shooting_finds_what_a_simulation_over_the_record_does_not(pendulum, monkeypatch, capsys):
     """The pendulum turns over: from the start values a simulation leaves the record for good."""
     monkeypatch.chdir(pendulum)

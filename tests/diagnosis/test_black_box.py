@@ -78,6 +78,7 @@ def test_friction_is_found_at_the_input(model):
     assert best["rms"]["validation"]["y"] < 0.5 * found["baseline"]["rms"]["validation"]["y"]
 
 
+@pytest.mark.slow
 def test_recorded_signal_that_pushes(model):
     data = [recording(name, seed, gust=0.8) for name, seed in (("a", 1), ("b", 2))]
     found = diagnosed(model, data[:1], data[1:])

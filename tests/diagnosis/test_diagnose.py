@@ -91,6 +91,7 @@ def test_friction_is_a_term_of_a_bare_equation():
     assert size.value == pytest.approx(0.15, rel=0.1)
 
 
+@pytest.mark.slow
 def test_drag_is_named_or_in_the_set():
     found = diagnosed(rotor_record(1200, seed=6, torque=lambda w, phi: -0.15 * w * abs(w))[0])
     assert found.verdict in ("supported", "cannot tell") and "QuadraticDrag" in accepted(found)
@@ -192,6 +193,7 @@ def test_every_phase_of_a_periodic_effect_is_tried():
     assert found.proofs[0].candidate.shape["n"] == 3.0 and values["tau_k"] == pytest.approx(0.2, rel=0.15)
 
 
+@pytest.mark.slow
 def test_validation_data_of_its_own_are_used():
     whole, _ = rotor_record(1200, seed=5, coulomb=lambda phi: 0.15)
     parts = [part_of(whole, 0, 600), part_of(whole, 600, 1200)]

@@ -137,9 +137,8 @@ def test_output_error_finds_length_mass_and_friction_over_full_turns():
 FAR = {"m": 0.6, "L": 1.05, "d": 0.07}
 
 
-@pytest.mark.parametrize(
-    "start", [{"m": 0.52, "L": 1.02, "d": 0.045}, pytest.param(FAR, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("start", [{"m": 0.52, "L": 1.02, "d": 0.045}, FAR])
 def test_likelihood_finds_them_with_process_noise_also_from_a_start_that_turns_once_too_often(start):
     time, u, found, _ = turned(400)
     experiment = experiment_of(pendulum(), time, u, found.outputs)

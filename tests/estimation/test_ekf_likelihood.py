@@ -110,6 +110,7 @@ def test_substeps_are_refined_until_the_likelihood_stays():
     assert with_substeps(problem(coarse), z) is None  # far too coarse a record for the model
 
 
+@pytest.mark.slow
 def test_finds_parameters_and_noises():
     explicit, experiments = recordings(1, n=1500, count=2)
     found = identified(identify_by_ekf, "pem", explicit, experiments[:1], experiments[1:])

@@ -139,6 +139,7 @@ def test_positioning_system_by_maximum_likelihood_finds_the_mass(shared_data):
 # Uncertainty
 
 
+@pytest.mark.slow
 def test_standard_errors_are_honest_with_measurement_noise():
     values = [
         squared_error(identify(rig(), [simulated(seed)], IdentifyOptions(hold="foh"))) for seed in range(20)
@@ -217,6 +218,7 @@ def test_start_values_off_by_ten_lead_to_the_same_optimum(seed, method):
     assert [p.initial for p in reached.parameters] == pytest.approx([far[n] for n in NAMES])
 
 
+@pytest.mark.slow
 def test_more_starts_are_repeatable_and_reported():
     options = IdentifyOptions(starts=3, seed=5, hold="foh")
     first, again = (identify(rig(), [simulated(2)], options) for _ in range(2))
