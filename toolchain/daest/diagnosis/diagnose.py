@@ -91,6 +91,10 @@ AGAIN: dict[Hold, str] = {
     "zoh": "with the effect, the inputs are held between the samples after all: once more",
     "foh": "with the effect, the inputs run straight between the samples after all: once more",
 }
+BACK: dict[Hold, str] = {
+    "zoh": "that says less: on with inputs that are held between the samples",
+    "foh": "that says less: on with inputs that run straight between the samples",
+}
 IN_VAIN: dict[Hold, str] = {
     "zoh": "nothing was accepted: once more with inputs that are held between the samples",
     "foh": "nothing was accepted: once more with inputs that run straight between the samples",
@@ -134,7 +138,7 @@ def diagnose(
     again = replace(options, hold=hold)
     held, held_limits = limited(begin(flat, experiments, validation, again, progress), library, again)
     second = examine(held, library, again, progress)
-    is_second = better is not None or says_more(second.proofs, stand)
+    is_second = says_as_much(second.proofs, found) if better else says_more(second.proofs, stand)
     best = beside_limits(second, held, held_limits) if is_second else beside_limits(found, stand, limits)
     return replace(best, seconds=found.seconds + second.seconds)
 
@@ -171,6 +175,15 @@ def says_more(proofs: Sequence[Proof], stand: Stand) -> bool:
     """Whether a candidate was accepted that fits better than the model as it is with the hold of `stand`."""
     best = best_accepted(proofs)
     return best is not None and best.fit.log_likelihood > stand.baseline.log_likelihood + GATES.min_hold_gain
+
+
+def says_as_much(proofs: Sequence[Proof], first: Diagnosis) -> bool:
+    """Whether an accepted candidate is at least as likely as the one of `first`, with whose law the other
+    hold looked better: in a search of its own that hold may have no use for the law."""
+    before, best = best_accepted(first.proofs), best_accepted(proofs)
+    if before is None or best is None:
+        return before is None
+    return best.fit.log_likelihood >= before.fit.log_likelihood
 
 
 @dataclass(frozen=True)

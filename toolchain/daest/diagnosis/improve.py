@@ -14,6 +14,7 @@ import numpy as np
 
 from daest.diagnosis.diagnose import (
     AGAIN,
+    BACK,
     IN_VAIN,
     Stand,
     accept,
@@ -24,6 +25,7 @@ from daest.diagnosis.diagnose import (
     limited,
     proved_again,
     proved_beside,
+    says_as_much,
     says_more,
     unsettled_hold,
 )
@@ -67,9 +69,10 @@ class _Path:
 class _OtherHoldError(Exception):
     """The inputs are better taken with the other hold: all is to be done again."""
 
-    def __init__(self, hold: Hold) -> None:
+    def __init__(self, hold: Hold, found: Diagnosis) -> None:
         super().__init__(hold)
         self.hold = hold
+        self.found = found
 
 
 @dataclass(frozen=True)
@@ -115,6 +118,12 @@ def improve(
     except _OtherHoldError as other:
         progress(AGAIN[other.hold])
         again = replace(options, hold=other.hold)
+        held = improve(flat, library, experiments, validation, again, most_effects, progress)
+        added = [step.proof for step in held.steps if step.proof is not None and step.diagnosis is not None]
+        if says_as_much(added[-1:], other.found):
+            return held
+        progress(BACK[stand.null.hold])
+        again = replace(options, hold=stand.null.hold)
         return improve(flat, library, experiments, validation, again, most_effects, progress)
     assert found.last is not None
     nothing = Improvement(found.steps, found.last, found.reason, found.stand.null.recorded_hold)
@@ -162,7 +171,7 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
         return [path.ended(diagnosis, f"{labels} is supported, but it does not lower the validation error.")]
     hold = better_hold(stand, diagnosis)
     if hold is not None:
-        raise _OtherHoldError(hold)
+        raise _OtherHoldError(hold, diagnosis)
     return [_extended(task, path, proof, diagnosis) for proof in helpful[:MOST_PATHS]]
 
 
