@@ -9,6 +9,7 @@ import pytest
 from hidden_plants import model, rubbing, some_effects
 
 from daest.diagnosis.candidates import pairs
+from daest.diagnosis.diagnose import says_as_much
 from daest.diagnosis.verdict import Evidence, decide
 from daest.model.diagnosis import Ahead, FreeForm, Load, PlaceGain, Proof, Screen, Screened, Unproved
 from daest.model.fit import Agreement, FittedParameter
@@ -226,3 +227,15 @@ def test_an_observer_that_takes_long_to_find_the_start_hides_nothing(one_step_of
     }
     found = replace(found, baseline=replace(found.baseline, one_step=agreements))
     assert decide(found).name == name
+
+
+def test_another_hold_is_kept_only_where_it_has_a_law_that_says_as_much():
+    def with_likelihood(value, verdict="supported"):
+        own = proof(verdict=verdict)
+        return replace(own, fit=replace(own.fit, log_likelihood=value))
+
+    first = SimpleNamespace(proofs=(with_likelihood(10.0),))
+    assert says_as_much([with_likelihood(12.0)], first)
+    assert not says_as_much([with_likelihood(8.0)], first)
+    assert not says_as_much([with_likelihood(12.0, "rejected")], first)
+    assert not says_as_much([], first)
