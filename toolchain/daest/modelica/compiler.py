@@ -6,6 +6,7 @@ Flat sources are kept, so that the next command does not wait again.
 from __future__ import annotations
 
 import contextlib
+import functools
 import gc
 import hashlib
 import os
@@ -106,14 +107,17 @@ def with_room(work: Callable[[], T]) -> T:
 def compile_source(job: Job) -> s.FlatSource:
     """The flat form of a job, also when its equations and unknowns differ in number. Raises ModelError."""
     check_depth(str(job.path), job.text)
-    may_stand_alone = _file_name(job).parent == _ALONE
-    alone, beside = _kept_files(job)
-    for file in (alone, beside) if may_stand_alone else (beside,):
-        kept = _read(file)
-        if kept is not None:
-            return replace(kept, texts={**kept.texts, **{n: (str(job.path), job.text) for n in kept.own}})
+    # A file that stands alone means the same in every folder; else its place and its neighbours count.
+    meaning = _meaning(job)
+    alone = _kept_file(meaning) if _file_name(job).parent == _ALONE else None
+    kept = None if alone is None else _read(alone)
+    if kept is None:
+        beside = _kept_file(meaning, str(job.path), stamp(sorted(job.path.resolve().parent.glob("*.mo"))))
+        kept = _read(beside)
+    if kept is not None:
+        return replace(kept, texts={**kept.texts, **{n: (str(job.path), job.text) for n in kept.own}})
     source = _compiled_source(job)
-    _write(alone if may_stand_alone and _needs_no_neighbour(source, job) else beside, source)
+    _write(beside if alone is None or not _needs_no_neighbour(source, job) else alone, source)
     return source
 
 
@@ -409,21 +413,24 @@ KEPT_SOURCES, KEPT_BYTES = 2000, 200_000_000
 """Number and size of all flat sources that are kept; those that were not used for longest leave."""
 
 
-def _kept_files(job: Job) -> tuple[Path, Path]:
-    """Where the flat source of a job is kept: if it stands alone, so that it means the same in every folder;
-    and else, when its place and the .mo files beside it count, too.
-
-    A cache that cannot be read or written makes no difference.
-    """
-    room = Path(__file__).resolve().parent
-    code = [(file.name, file.stat().st_size, file.stat().st_mtime_ns) for file in sorted(room.glob("*.py"))]
+def _meaning(job: Job) -> str:
+    """A hash of all but the place of a job's file that decides its flat source."""
     what = f"{job.class_name}({job.modification})"
-    parts = [what, job.path.name, version("rumoca"), repr(code), stamp(job.roots.folders)]
-    key = hashlib.sha256("\0".join(parts).encode() + job.text)
-    alone = key.hexdigest()
-    folder = job.path.resolve().parent
-    key.update(f"\0{job.path}\0{stamp(sorted(folder.glob('*.mo')))}".encode())
-    return cache_folder() / "flat" / f"{alone}.pickle", cache_folder() / "flat" / f"{key.hexdigest()}.pickle"
+    parts = [what, job.path.name, version("rumoca"), _code(), stamp(job.roots.folders)]
+    return hashlib.sha256("\0".join(parts).encode() + job.text).hexdigest()
+
+
+@functools.cache
+def _code() -> str:
+    """What tells this room's code from another version of it."""
+    files = sorted(Path(__file__).resolve().parent.glob("*.py"))
+    return repr([(file.name, file.stat().st_size, file.stat().st_mtime_ns) for file in files])
+
+
+def _kept_file(*parts: str) -> Path:
+    """Where the flat source that `parts` decide is kept. A cache that cannot be read or written makes no
+    difference."""
+    return cache_folder() / "flat" / f"{hashlib.sha256(chr(0).join(parts).encode()).hexdigest()}.pickle"
 
 
 def _needs_no_neighbour(source: s.FlatSource, job: Job) -> bool:
