@@ -22,6 +22,8 @@ from typing import cast
 import numpy as np
 
 from daest.diagnosis.coloured import (
+    beside_starts,
+    diagnosis_of,
     foreseen,
     is_white,
     log_likelihood,
@@ -153,22 +155,8 @@ def diagnose_black_box(
     worth = worth_a_refit([one.entry for one in scored], REFITTED)
     chosen_ones = [next(one for one in scored if one.entry is entry) for entry in worth]
     found = _proofs(refit, chosen_ones, options, progress)
-    said, message, experiment, proofs = verdict(
-        found, lambda: is_white(residuals) or _is_noise_of(flat, baseline, estimation)
-    )
-    return Diagnosis(
-        verdict=said,
-        message=f"{message} {_limits_of_the_box(case)}",
-        baseline=baseline,
-        proofs=proofs,
-        screen=screen,
-        places=(),
-        disturbance=None,
-        validation=baseline.simulated.get("validation"),
-        next_experiment=experiment,
-        seconds=clock.perf_counter() - began,
-        has_loads=False,
-    )
+    told = verdict(found, lambda: is_white(residuals) or _is_noise_of(flat, baseline, estimation))
+    return diagnosis_of(told, _limits_of_the_box(case), baseline, screen, began)
 
 
 def _require_places(flat: Model, places: Sequence[str]) -> None:
@@ -231,14 +219,7 @@ def _case(flat: BinaryModel, baseline: FitResult, experiments: Sequence[Experime
         for c in experiments[0].extra
         if all(np.all(np.isfinite(e.extra.get(c, np.nan))) for e in experiments)
     )
-    driven = tuple(
-        replace(
-            e,
-            inputs=np.column_stack([e.inputs, *(e.extra[c] for c in columns)]),
-            input_names=(*e.input_names, *columns),
-        )
-        for e in experiments
-    )
+    driven = tuple(e.driven_by(columns) for e in experiments)
     names, n_x = tuple(p.name for p in baseline.parameters), len(flat.form.form.states)
     case = Case(flat, baseline.hold, driven, names, theta, tuple(starts), columns, np.ones(n_x))
     runs = integrated(*_problem(case))
@@ -388,15 +369,8 @@ def _residuals(case: Case, trial: Trial | None = None, size: float = 0.0) -> lis
 
 def _parameter_slopes(case: Case) -> list[np.ndarray]:
     """∂ŷ/∂(parameters, initial states of all recordings), (d, n, n_y) per recording."""
-    p, n_x = len(case.names), case.starts[0].size
-    tables = []
-    for i, run in enumerate(integrated(*_problem(case), with_slopes=True)):
-        own = run.sensitivities.transpose(2, 0, 1)
-        table = np.zeros((p + n_x * len(case.experiments), *own.shape[1:]))
-        table[:p] = own[:p]
-        table[p + i * n_x : p + (i + 1) * n_x] = own[p:]
-        tables.append(table)
-    return tables
+    runs = integrated(*_problem(case), with_slopes=True)
+    return [beside_starts(run.sensitivities, len(case.names), i, len(runs)) for i, run in enumerate(runs)]
 
 
 def _response(case: Case, trial: Trial) -> list[np.ndarray]:

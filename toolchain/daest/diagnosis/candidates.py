@@ -12,6 +12,7 @@ from daest.diagnosis.grown_states import brought_rows, with_integrals
 from daest.errors import DaestError
 from daest.model.diagnosis import Candidate
 from daest.model.effects import Effect, EffectParameter, Placement, Site
+from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.modelica.attach import attach_all, check_values
 from daest.modelica.place_units import units_at
@@ -41,6 +42,12 @@ def pairs(
                 Candidate(effect, site, f"effect_{len(found) + i + 1}", {}, s) for i, s in enumerate(supplies)
             ]
     return tuple(found)
+
+
+def fed(experiments: Sequence[Experiment], candidate: Candidate) -> tuple[Experiment, ...]:
+    """The experiments with the recorded signals that the effect needs as further inputs."""
+    names = tuple(candidate.inputs.values())
+    return tuple(e.driven_by(names) for e in experiments) if names else tuple(experiments)
 
 
 def with_shapes(

@@ -3,6 +3,7 @@ candidates are scored, refused and told from their rivals by it."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -12,9 +13,9 @@ import numpy as np
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.screen import projected, scored
 from daest.errors import EstimationError
-from daest.model.diagnosis import Candidate, Proof, Screen, Screened, VerdictName
+from daest.model.diagnosis import Candidate, Diagnosis, Proof, Screen, Screened, VerdictName
 from daest.model.experiment import Experiment
-from daest.model.fit import FittedParameter
+from daest.model.fit import FitResult, FittedParameter
 from daest.numerics.statistics import chi2, ljung_box
 
 MOST_ORDER = 8  # of the autoregression that whitens the residual
@@ -182,9 +183,42 @@ def foreseen(errors: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> floa
     return float(np.sum(np.maximum(squares / np.minimum(*floors) - 1.0, 0.0)))
 
 
-def verdict(
-    proofs: Sequence[Proof], is_explained: Callable[[], bool], what: str = "FMU"
-) -> tuple[VerdictName, str, str, tuple[Proof, ...]]:
+def beside_starts(sensitivities: np.ndarray, n_parameters: int, number: int, n_recordings: int) -> np.ndarray:
+    """∂ŷ/∂(parameters, initial states of all recordings), (d, n, n_y), of recording `number`, whose
+    `sensitivities` (n, n_y, n_parameters + n_x) are those along the parameters and its own initial states."""
+    own = sensitivities.transpose(2, 0, 1)
+    n_x = own.shape[0] - n_parameters
+    table = np.zeros((n_parameters + n_x * n_recordings, *own.shape[1:]))
+    table[:n_parameters] = own[:n_parameters]
+    at = n_parameters + number * n_x
+    table[at : at + n_x] = own[n_parameters:]
+    return table
+
+
+Told = tuple[VerdictName, str, str, tuple[Proof, ...]]
+"""Verdict, message, what to record next, and the proofs with what was decided of each."""
+
+
+def diagnosis_of(told: Told, remarks: str, baseline: FitResult, screen: Screen, began: float) -> Diagnosis:
+    """The diagnosis of a model whose loads are not modelled; `remarks` follow the message, `began` is when it
+    began by the clock `time.perf_counter`."""
+    name, message, experiment, proofs = told
+    return Diagnosis(
+        verdict=name,
+        message=f"{message} {remarks}".rstrip(),
+        baseline=baseline,
+        proofs=proofs,
+        screen=screen,
+        places=(),
+        disturbance=None,
+        validation=baseline.simulated.get("validation"),
+        next_experiment=experiment,
+        seconds=time.perf_counter() - began,
+        has_loads=False,
+    )
+
+
+def verdict(proofs: Sequence[Proof], is_explained: Callable[[], bool], what: str = "FMU") -> Told:
     """Verdict, message, what to record next, and the proofs with what was decided of each. `is_explained`,
     asked where no effect is supported: the residual is white, or that of declared noise; `what` is
     the model, in words."""

@@ -21,7 +21,7 @@ from scipy.linalg import LinAlgWarning
 
 from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.black_box import diagnose_black_box
-from daest.diagnosis.candidates import pairs
+from daest.diagnosis.candidates import fed, pairs
 from daest.diagnosis.clipping import share_at_limit, with_clipped_sensors
 from daest.diagnosis.disturbance import SmoothedLoad, place_gains, smoothed_load
 from daest.diagnosis.free_forms import free_forms
@@ -227,12 +227,17 @@ def begin(
         held = drives["zoh"][0] if drives else None
         null = fit_null(without_noises(flat), nodes, both[0], options.hold, held)
         unseen = drives.get(null.recorded_hold, both)[1]
-        baseline = refit(null.flat, null.explicit, null.estimated, null, validation=unseen)
-        reference = reference_of(null, baseline, unseen)
+        baseline, reference = _told_fits(null, unseen)
         other = drives[null.other_hold][1] if drives and null.other_hold else None
         return Stand(flat, null, baseline, unseen, began, reference, other)
 
     return replace(options.step("null", (options.hold,), flat, fitted), began=began)
+
+
+def _told_fits(null: Null, validation: Sequence[Experiment]) -> tuple[FitResult, Reference | None]:
+    """The fit of the null's model on the terms of its rivals, and what unseen data say of that model."""
+    baseline = refit(null.flat, null.explicit, null.estimated, null, validation=validation)
+    return baseline, reference_of(null, baseline, validation)
 
 
 def limited(
@@ -255,8 +260,7 @@ def limited(
             other_experiments=known.other_experiments,
             recorded_hold=known.recorded_hold,
         )
-        baseline = refit(null.flat, null.explicit, null.estimated, null, validation=stand.validation)
-        reference = reference_of(null, baseline, stand.validation)
+        baseline, reference = _told_fits(null, stand.validation)
         return replace(stand, null=null, baseline=baseline, reference=reference)
 
     parts = (stand.null.hold, stand.null.recorded_hold, *(law.name for law in found.laws))
@@ -570,21 +574,6 @@ def _known_signals(experiment: Experiment) -> np.ndarray:
     """Inputs, outputs and rates of outputs (n_samples, n)."""
     outputs = np.nan_to_num(experiment.outputs)
     return np.hstack([experiment.inputs, outputs, np.gradient(outputs, experiment.time, axis=0)])
-
-
-def fed(experiments: Sequence[Experiment], candidate: Candidate) -> tuple[Experiment, ...]:
-    """The experiments with the recorded signals that the effect needs as further inputs."""
-    names = tuple(candidate.inputs.values())
-    if not names:
-        return tuple(experiments)
-    return tuple(
-        replace(
-            e,
-            inputs=np.column_stack([e.inputs, *(np.nan_to_num(e.extra[n]) for n in names)]),
-            input_names=(*e.input_names, *names),
-        )
-        for e in experiments
-    )
 
 
 @dataclass(frozen=True)

@@ -119,8 +119,7 @@ def improve(
         progress(AGAIN[other.hold])
         again = replace(options, hold=other.hold)
         held = improve(flat, library, experiments, validation, again, most_effects, progress)
-        added = [step.proof for step in held.steps if step.proof is not None and step.diagnosis is not None]
-        if says_as_much(added[-1:], other.found):
+        if says_as_much(_last_added(held), other.found):
             return held
         progress(BACK[stand.null.hold])
         again = replace(options, hold=stand.null.hold)
@@ -135,8 +134,13 @@ def improve(
     progress(IN_VAIN[hold])
     again = replace(options, hold=hold)
     other_way = improve(flat, library, experiments, validation, again, most_effects, progress)
-    added = [step.proof for step in other_way.steps if step.proof is not None and step.diagnosis is not None]
-    return other_way if says_more(added[-1:], stand) else nothing
+    return other_way if says_more(_last_added(other_way), stand) else nothing
+
+
+def _last_added(found: Improvement) -> list[Proof]:
+    """The proof of the last effect that a round added, if any did."""
+    added = [step.proof for step in found.steps if step.proof is not None and step.diagnosis is not None]
+    return added[-1:]
 
 
 def _searched(task: _Task) -> _Path:

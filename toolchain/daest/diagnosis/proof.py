@@ -590,7 +590,7 @@ def _undetermined(candidate: Candidate, told: FitResult) -> str:
     nulls = {p.name: p.null or 0.0 for p in candidate.effect.sizes}
     law = {f"{candidate.name}.{p.name}" for p in candidate.effect.parameters if p.role in ("size", "shape")}
     own = [p for p in told.parameters if p.name in law]
-    unknown = [_told_size(p) for p in own if not _is_known(p, nulls.get(p.name.rpartition(".")[2], 0.0))]
+    unknown = [told_value(p) for p in own if not _is_known(p, nulls.get(p.name.rpartition(".")[2], 0.0))]
     if not own or len(unknown) < len(own):
         return ""
     return f"the data determine none of its parameters ({', '.join(unknown)})"
@@ -603,10 +603,11 @@ def _is_known(parameter: FittedParameter, null: float) -> bool:
     return error is not None and abs(parameter.value - null) >= GATES.min_significance * error
 
 
-def _told_size(parameter: FittedParameter) -> str:
+def told_value(parameter: FittedParameter) -> str:
+    """The parameter of an effect with its uncertainty, as messages tell it."""
     error = "" if parameter.std_error is None else f" ± {parameter.std_error:.2g}"
     unit = "" if parameter.unit == "1" else parameter.unit
-    return f"{parameter.name.rpartition('.')[2]} = {parameter.value:.4g}{error} {unit}".rstrip()
+    return f"{parameter.name.partition('.')[2]} = {parameter.value:.4g}{error} {unit}".rstrip()
 
 
 def _unexplained(explained: float, ratios: Sequence[float]) -> str:

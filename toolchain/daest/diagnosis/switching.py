@@ -16,8 +16,10 @@ from functools import partial
 
 import numpy as np
 
-from daest.diagnosis.candidates import attached, placement, with_shapes
+from daest.diagnosis.candidates import attached, fed, placement, with_shapes
 from daest.diagnosis.coloured import (
+    beside_starts,
+    diagnosis_of,
     foreseen,
     is_white,
     log_likelihood,
@@ -97,20 +99,8 @@ def diagnose_switching(
     refit = _Refit(case, baseline, tuple(validation), tuple(residuals), screen.n_screened)
     worth = _distinct(screen, worth_a_refit(screen.entries, REFITTED))
     proofs = _proofs(refit, worth, options, progress)
-    said, message, experiment, proofs = verdict(proofs, lambda: is_white(residuals), "model")
-    return Diagnosis(
-        verdict=said,
-        message=" ".join([message, *_remarks(case)]),
-        baseline=baseline,
-        proofs=proofs,
-        screen=screen,
-        places=(),
-        disturbance=None,
-        validation=baseline.simulated.get("validation"),
-        next_experiment=experiment,
-        seconds=clock.perf_counter() - began,
-        has_loads=False,
-    )
+    told = verdict(proofs, lambda: is_white(residuals), "model")
+    return diagnosis_of(told, " ".join(_remarks(case)), baseline, screen, began)
 
 
 # The model as it is ---------------------------------------------------------------------------------------
@@ -157,16 +147,11 @@ def _residuals(case: Case) -> list[np.ndarray]:
 def _slopes(case: Case, flat: FlatModel, names: Sequence[str]) -> list[np.ndarray]:
     """∂ŷ/∂(parameters `names`, initial states of all recordings) per recording, (d, n, n_y)."""
     explicit = reduce_index(flat)
-    engine, n_x, p = integrator(explicit, names), explicit.n_states, len(names)
-    tables = []
+    engine, tables = integrator(explicit, names), []
     for i, e in enumerate(case.experiments):
         u, x0 = _inputs(explicit, e), _start(case, explicit, i)
         run = integrate(engine, e.time, u, flat.theta_values, x0, hold=case.hold, sensitivities=True)
-        own = run.sensitivities.transpose(2, 0, 1)
-        table = np.zeros((p + n_x * len(case.experiments), *own.shape[1:]))
-        table[:p] = own[:p]
-        table[p + i * n_x : p + (i + 1) * n_x] = own[p:]
-        tables.append(table)
+        tables.append(beside_starts(run.sensitivities, len(names), i, len(case.experiments)))
     return tables
 
 
@@ -316,8 +301,8 @@ def _proof(task: _Refit, entry: Screened, alike: tuple[str, ...]) -> Proof:
         max_iterations=ITERATIONS,
         second_look=False,
     )
-    fit = identify(flat, _fed(case.experiments, candidate), options, _fed(task.validation, candidate))
-    after = _case(flat, fit, _fed(case.experiments, candidate))
+    fit = identify(flat, fed(case.experiments, candidate), options, fed(task.validation, candidate))
+    after = _case(flat, fit, fed(case.experiments, candidate))
     errors = _residuals(after)
     gain = log_likelihood(errors) - log_likelihood(task.residuals)
     better = _validation_gain(baseline, fit)
@@ -340,21 +325,6 @@ def _proof(task: _Refit, entry: Screened, alike: tuple[str, ...]) -> Proof:
     )
 
 
-def _fed(experiments: Sequence[Experiment], candidate: Candidate) -> tuple[Experiment, ...]:
-    """The recordings with the columns that the effect reads as inputs."""
-    names = tuple(candidate.inputs.values())
-    if not names:
-        return tuple(experiments)
-    return tuple(
-        replace(
-            e,
-            inputs=np.column_stack([e.inputs, *(e.extra[name] for name in names)]),
-            input_names=(*e.input_names, *names),
-        )
-        for e in experiments
-    )
-
-
 def _begun(task: _Refit, entry: Screened) -> tuple[FlatModel, dict[str, float]]:
     """The model with the effect, and where its refit starts: one step from the null may be far off, so that a
     part of it, or none, is the better start."""
@@ -367,7 +337,7 @@ def _begun(task: _Refit, entry: Screened) -> tuple[FlatModel, dict[str, float]]:
             for (size, value), step in zip(null.items(), entry.sizes, strict=True)
         }
         flat = attach_all(case.flat, [placement(candidate, sizes)])
-        moved = replace(case, flat=flat, experiments=_fed(case.experiments, candidate))
+        moved = replace(case, flat=flat, experiments=fed(case.experiments, candidate))
         try:
             error = -log_likelihood(_residuals(moved))
         except (IntegrationError, DaestError):

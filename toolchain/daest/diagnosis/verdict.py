@@ -9,11 +9,11 @@ import numpy as np
 
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
-from daest.diagnosis.proof import is_significant
+from daest.diagnosis.proof import is_significant, told_value
 from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.unseen import is_likelier, is_silent
 from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Unproved, VerdictName
-from daest.model.fit import FitResult, FittedParameter, error_ratios
+from daest.model.fit import FitResult, error_ratios
 from daest.model.flat import FlatModel
 from daest.numerics.statistics import whiteness_p_value
 from daest.quantities import spoken_duration
@@ -152,13 +152,8 @@ def _no_law(evidence: Evidence, form: FreeForm) -> Decided:
 
 
 def _supported(evidence: Evidence, proof: Proof) -> str:
-    values = ", ".join(
-        f"{p.name.partition('.')[2]} = {p.value:.4g} ± {p.std_error:.2g} {_unit(p)}".rstrip()
-        if p.std_error is not None
-        else f"{p.name.partition('.')[2]} = {p.value:.4g} {_unit(p)}".rstrip()
-        for p in proof.told.parameters
-        if p.name.startswith(f"{proof.candidate.name}.")
-    )
+    own = f"{proof.candidate.name}."
+    values = ", ".join(told_value(p) for p in proof.told.parameters if p.name.startswith(own))
     text = f"{proof.candidate.label}: {values}; supported."
     if proof.equivalent:
         text += f" The sensors cannot tell it from the same effect at {_listed(proof.equivalent)}."
@@ -198,10 +193,6 @@ def _certainty(evidence: Evidence, proof: Proof) -> str:
     elif is_likelier(proof.confirmed):
         text += f", and likelier by {proof.confirmed.certainty:.2g}"
     return text + "."
-
-
-def _unit(parameter: FittedParameter) -> str:
-    return "" if parameter.unit == "1" else parameter.unit
 
 
 def _errors(evidence: Evidence, proof: Proof) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -44,6 +45,11 @@ class Experiment(Timed):
     @property
     def n_samples(self) -> int:
         return self.time.shape[0]
+
+    def driven_by(self, names: Sequence[str]) -> Experiment:
+        """The recording with columns of `extra` as further inputs, zero where they hold no value."""
+        inputs = np.column_stack([self.inputs, *(np.nan_to_num(self.extra[name]) for name in names)])
+        return replace(self, inputs=inputs, input_names=(*self.input_names, *names))
 
     @property
     def period(self) -> float | None:
