@@ -36,6 +36,11 @@ def improvement(daest, *arguments):
 
 
 def test_two_hidden_effects(cart, daest):
+    """Also where an earlier run had no time."""
+    late, err = improvement(daest, "rough.csv", "--model", "Cart.mo", *BOTH, "--time-limit", "0.001")
+    assert late["reason"].startswith("The time was up before all candidates of a round were refitted.")
+    assert "the same command goes on" in late["reason"] and [s["added"] for s in late["steps"]] == [None]
+    assert late["final"]["verdict"] == "cannot tell" and "the time was up" in late["final"]["message"]
     found, err = improvement(daest, "rough.csv", "--model", "Cart.mo", *BOTH)
     folder = cart / "results" / "improve"
     assert found["schema"] == "daest/improve/1"

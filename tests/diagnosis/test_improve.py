@@ -160,6 +160,15 @@ def test_effect_is_doubtful_once_no_size_of_it_is_certain():
     assert improving._doubtful([asis, replace(first, diagnosis=None), after(std_error=None)]) == []
 
 
+@pytest.mark.parametrize("verdict", ["supported", "cannot tell"])
+def test_round_that_the_time_cuts_short_adds_what_leads_all_others(rounds, verdict):
+    friction = replace(proof_of("CoulombFriction"), verdict="supported")
+    result, asked = rounds(lambda _: replace(found([friction], verdict), is_whole=False))
+    assert asked == [[]] and result.reason.startswith("The time was up before all candidates of a round")
+    added = [s.proof.candidate.effect.name for s in result.steps if s.proof]
+    assert added == (["CoulombFriction"] if verdict == "supported" else [])
+
+
 @pytest.mark.parametrize("refused", [(), ("QuadraticDrag",)])
 def test_pair_is_added_where_each_is_accepted_beside_the_other(rounds, monkeypatch, refused):
     proofs = {name: proof_of(name) for name in ("CoulombFriction", "QuadraticDrag")}

@@ -35,6 +35,7 @@ FOLDER = "improve"
 LEDGER = "ledger.json"
 PICTURE = "staircase.png"
 MOST_EFFECTS = 6
+TIME_LIMIT = 200.0  # seconds, after which models are still written and simulated
 CLOSE = 0.05  # relative difference of errors up to which a written model counts as the one that was fitted
 
 
@@ -47,6 +48,14 @@ CLOSE = 0.05  # relative difference of errors up to which a written model counts
     default=MOST_EFFECTS,
     metavar="N",
     help=f"Stop after N effects (default: {MOST_EFFECTS}).",
+)
+@click.option(
+    "--time-limit",
+    type=click.FloatRange(min=0.0, min_open=True),
+    default=TIME_LIMIT,
+    metavar="SECONDS",
+    help=f"After this time tell the best model so far; the same command goes on from there "
+    f"(default: {TIME_LIMIT:.0f} s).",
 )
 @search_options
 @click.option(
@@ -65,6 +74,7 @@ def command(
     files: Files,
     parameters: ParameterOptions,
     max_effects: int,
+    time_limit: float,
     search: Search,
     folder: Path | None,
     model_options: ModelOptions,
@@ -95,6 +105,7 @@ def command(
         model_options.libraries,
         parameters=parameters,
     )
+    case = replace(case, options=replace(case.options, time_limit=time_limit))
     document, models = improved(case, folder, max_effects)
     shown = {**document, "folder": ""}
     with telling(lambda: emit(shown, "improve", form, None, texts.text)):

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import time
 import warnings
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -81,11 +82,13 @@ from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions, error_ratios
 from daest.model.flat import FlatModel, Model, with_equations
 from daest.modelica.sites import sites
+from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Outcome, Workers, workers
 from daest.numerics.statistics import chi2
 from daest.systems.reduce import reduce_index
 from daest.systems.sample import Hold
 
+TIME_IS_UP = "it was not refitted: the time was up"
 MORE_TRIALS = 4  # where none of those is accepted, or the best leaves a curve over some variable
 AGAIN: dict[Hold, str] = {
     "zoh": "with the effect, the inputs are held between the samples after all: once more",
@@ -120,7 +123,7 @@ def diagnose(
     (`diagnosis.switching`). Raises EstimationError
     `diagnose-too-short`, `diagnose-no-place`, `diagnose-no-candidate`, and what identification raises.
     """
-    options = options or DiagnoseOptions()
+    options = (options or DiagnoseOptions()).begun()
     if isinstance(flat, BinaryModel):
         return diagnose_black_box(flat, library, *halved(experiments, validation), options, progress)
     flat = with_equations(flat, "a diagnosis from inside")
@@ -132,7 +135,7 @@ def diagnose(
     found = examine(stand, library, options, progress)
     better, other = better_hold(stand, found), unsettled_hold(stand, found)
     hold = better or other
-    if hold is None:
+    if hold is None or options.is_over:
         return beside_limits(found, stand, limits)
     progress(AGAIN[hold] if better else IN_VAIN[hold])
     again = replace(options, hold=hold)
@@ -368,7 +371,9 @@ def _examined(
     load = smoothed_load(null, run, gains)
     forms = free_forms(null, run)
     form = next(iter(forms), None)
-    proofs, unproved = _proofs(stand, run, load, form, found, candidates, chosen_library, options, progress)
+    proofs, unproved, is_whole = _proofs(
+        stand, run, load, form, found, candidates, chosen_library, options, progress
+    )
     form = _told_by_rest(forms, proofs)
     evidence = verdicts.Evidence(
         stand.declared,
@@ -385,16 +390,18 @@ def _examined(
     )
     decided = verdicts.decide(evidence)
     learned = None
-    if decided.name == "unknown effect" and form is not None and form.p_value < GATES.missing_level:
+    is_curve = decided.name == "unknown effect" and form is not None and form.p_value < GATES.missing_level
+    if is_curve and form is not None and not options.is_over:
         progress(f"refitting with the load as a curve over {form.label}")
         learned = _learned(stand, run, form)
         if learned is not None and learned.against:
             decided = verdicts.decide(replace(evidence, against_form=learned.against))
         elif learned is not None:
             learned = with_formula(learned)
+    message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")
     return Diagnosis(
         verdict=decided.name,
-        message=decided.message + (said(learned) if learned and decided.name == "unknown effect" else ""),
+        message=message if is_whole else f"{message} The time was up before all of them were refitted.",
         baseline=stand.told,
         proofs=decided.proofs,
         unproved=unproved,
@@ -405,6 +412,7 @@ def _examined(
         next_experiment=_next_experiment(stand, decided, options),
         seconds=time.perf_counter() - stand.began,
         learned=learned if decided.name == "unknown effect" else None,
+        is_whole=is_whole,
     )
 
 
@@ -692,13 +700,15 @@ def _called(task: Callable[[], Any]) -> Any:
 @dataclass(frozen=True)
 class _Stages:
     """Refits stage by stage. What is clearly worse than the best of the stages before is cut short: what runs
-    beside it makes no difference, so that the result does not depend on the number of workers."""
+    beside it makes no difference, so that the result does not depend on the number of workers. Trials for
+    which the time does not suffice are `late`."""
 
     search: _Search
     pool: Workers
     options: DiagnoseOptions
     progress: Progress
     failed: list[tuple[Trial, str]] = field(default_factory=list)
+    late: list[Trial] = field(default_factory=list)
 
     def prepared(self, found: Iterable[Trial]) -> list[Prepared]:
         """The trials that can be built into the model, of the places where the sensors would see them alike
@@ -727,27 +737,38 @@ class _Stages:
         self, stage: Sequence[Prepared], before: Sequence[Proof], beside: Sequence[Callable[[], Any]] = ()
     ) -> tuple[list[Proof], list[Any]]:
         """Proofs of the candidates that can be refitted, and the results of the tasks `beside` them. What
-        cannot be refitted is put down in `failed`."""
+        cannot be refitted is put down in `failed`; a task without a result has None."""
         search = replace(self.search, leader=_leader(before))
         keeper = self.options.keeper
         known = {i: p for i, one in enumerate(stage) if keeper and (p := keeper.found(one))}
         missing = [i for i in range(len(stage)) if i not in known]
         tasks: list[Callable[[], Any]] = [*beside, *(partial(_refitted, search, stage[i]) for i in missing)]
 
+        outcomes: dict[int, Outcome[Any]] = {}
+
         def arrived(number: int, outcome: Outcome[Any]) -> None:
+            if isinstance(outcome.error, OutOfTimeError):
+                return
+            outcomes[number] = outcome
             if keeper and number >= len(beside) and outcome.error is None:
                 keeper.keep(stage[missing[number - len(beside)]], outcome.get())
 
         seconds = REFIT_SECONDS * self.search.stand.baseline.seconds
         for i in missing:
             self.progress(f"refitting with {stage[i].trial.candidate.label}")
-        outcomes = list(self.pool.map(_called, tasks, seconds=seconds, arrived=arrived))
-        for i, outcome in zip(missing, outcomes[len(beside) :], strict=True):
-            if isinstance(outcome.error, FAILURES):
-                self.failed.append((stage[i].trial, f"it could not be refitted: {_what(outcome.error)}"))
+        with suppress(OutOfTimeError), until(self.options.until):
+            deque(self.pool.map(_called, tasks, seconds=seconds, arrived=arrived), maxlen=0)
+        for number, i in enumerate(missing, len(beside)):
+            if number not in outcomes:
+                self.late.append(stage[i].trial)
+                self.failed.append((stage[i].trial, TIME_IS_UP))
+            elif isinstance(outcomes[number].error, FAILURES):
+                what = _what(outcomes[number].error)
+                self.failed.append((stage[i].trial, f"it could not be refitted: {what}"))
             else:
-                known[i] = outcome.get()
-        return [known[i] for i in sorted(known)], [outcome.get() for outcome in outcomes[: len(beside)]]
+                known[i] = outcomes[number].get()
+        others = [outcomes[i].get() if i in outcomes else None for i in range(len(beside))]
+        return [known[i] for i in sorted(known)], others
 
 
 def _leader(proofs: Sequence[Proof]) -> Proof | None:
@@ -766,9 +787,9 @@ def _proofs(
     library: Sequence[Effect],
     options: DiagnoseOptions,
     progress: Progress,
-) -> tuple[tuple[Proof, ...], tuple[Unproved, ...]]:
-    """The best candidates refitted: the first few, and of the others those that could compete with them; and
-    the leaders of the screen that were not, each with the reason."""
+) -> tuple[tuple[Proof, ...], tuple[Unproved, ...], bool]:
+    """The best candidates refitted: the first few, and of the others those that could compete with them; the
+    leaders of the screen that were not, each with the reason; and whether the time sufficed."""
     null = stand.null
     wanted = trials(found, GATES.screen_level, options.most_trials + MORE_TRIALS)
     given = clipping_trials(null, candidates, options.clips(null.experiments))
@@ -781,7 +802,7 @@ def _proofs(
         if _leader(proofs) is None:
             proofs += stages.proved(rest, proofs)[0]
             rest = []
-        proofs = stages.proved(dynamic, proofs)[0] + proofs
+        proofs = stages.proved(dynamic or (), proofs)[0] + proofs
         best = best_accepted(ranked(proofs))
         rest += [p for p in chosen[FIRST_TRIALS:] if could_compete(p.trial, best, found)]
         proofs += stages.proved(rest, proofs)[0]
@@ -801,7 +822,8 @@ def _proofs(
             again = stages.proved(richer_laws(null, run, best, library, proofs), ())[0]
             proofs = _with_second_tries(proofs, again)
     order = ranked(proofs)
-    return order, _unproved(found, wanted, order, stages.failed)
+    is_whole = not stages.late and (dynamic is not None)
+    return order, _unproved(found, wanted, order, stages.failed), is_whole
 
 
 def _with_second_tries(proofs: Sequence[Proof], again: Sequence[Proof]) -> list[Proof]:

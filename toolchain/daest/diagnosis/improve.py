@@ -2,12 +2,13 @@
 
 Where a round leaves several effects that it cannot tell apart, each of the best is pursued until a further
 effect decides between them. After every addition, effects that were added before and are not needed beside
-it are taken out again.
+it are taken out again. Where the time is up, the best model so far is the result.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,9 +42,11 @@ from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
 from daest.model.flat import FlatModel
+from daest.numerics.deadline import OutOfTimeError, until
 from daest.systems.sample import Hold
 
 MOST_PATHS = 2  # hypotheses that are pursued side by side
+OUT_OF_TIME = "The time was up"
 
 
 @dataclass(frozen=True)
@@ -67,12 +70,13 @@ class _Path:
 
 
 class _OtherHoldError(Exception):
-    """The inputs are better taken with the other hold: all is to be done again."""
+    """The inputs are better taken with the other hold: all is to be done again; `path` is what there was."""
 
-    def __init__(self, hold: Hold, found: Diagnosis) -> None:
+    def __init__(self, hold: Hold, found: Diagnosis, path: _Path) -> None:
         super().__init__(hold)
         self.hold = hold
         self.found = found
+        self.path = path
 
 
 @dataclass(frozen=True)
@@ -105,7 +109,7 @@ def improve(
             "follow them",
             remedy="`daest diagnose` names the effect, `daest extend` puts it in; then diagnose again.",
         )
-    options = options or DiagnoseOptions()
+    options = (options or DiagnoseOptions()).begun()
     asis = begin(flat, experiments, validation, options, progress)
     stand, limits = limited(asis, library, options)
     steps = [Step(None, asis.told, None, "the model as it is")]
@@ -121,20 +125,35 @@ def improve(
         held = improve(flat, library, experiments, validation, again, most_effects, progress)
         if says_as_much(_last_added(held), other.found):
             return held
+        if options.is_over:
+            path = _late(task, _with_best(task, other.path, other.found), "another effect was looked for")
+            return _told(path)
         progress(BACK[stand.null.hold])
         again = replace(options, hold=stand.null.hold)
         return improve(flat, library, experiments, validation, again, most_effects, progress)
-    assert found.last is not None
-    nothing = Improvement(found.steps, found.last, found.reason, found.stand.null.recorded_hold)
-    if len(found.steps) > len(steps) or options.hold is not None:
+    nothing = _told(found)
+    if len(found.steps) > len(steps) or options.hold is not None or options.is_over:
         return nothing
-    hold = better_hold(stand, found.last) or unsettled_hold(stand, found.last)
+    hold = better_hold(stand, nothing.last) or unsettled_hold(stand, nothing.last)
     if hold is None:
         return nothing
     progress(IN_VAIN[hold])
     again = replace(options, hold=hold)
     other_way = improve(flat, library, experiments, validation, again, most_effects, progress)
     return other_way if says_more(_last_added(other_way), stand) else nothing
+
+
+def _told(path: _Path) -> Improvement:
+    assert path.last is not None
+    return Improvement(path.steps, path.last, path.reason, path.stand.null.recorded_hold)
+
+
+def _late(task: _Task, path: _Path, before: str) -> _Path:
+    """The path, ended by the time that is up `before` something could be done."""
+    last = path.last or path.steps[-1].diagnosis
+    assert last is not None
+    kept = " What was done is kept, and the same command goes on from there." if task.options.keeper else ""
+    return path.ended(last, f"{OUT_OF_TIME} before {before}.{kept}")
 
 
 def _last_added(found: Improvement) -> list[Proof]:
@@ -158,6 +177,8 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
     """The path with one more effect, several times where its round leaves several that are not separable; or
     ended."""
     stand = path.stand
+    if task.options.is_over and path.steps[-1].diagnosis is not None:
+        return [_late(task, path, "another effect was looked for")]
     try:
         diagnosis = examine(stand, task.library, task.options, task.progress)
     except EstimationError as error:
@@ -166,6 +187,10 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
             raise
         return [path.ended(last, "No other effect was to be searched for.")]
     accepted = [proof for proof in diagnosis.proofs if proof.verdict != "rejected"]
+    if not diagnosis.is_whole:
+        if diagnosis.verdict == "supported" and _helps(stand.told, accepted[0]):
+            path = _with_best(task, path, diagnosis)
+        return [_late(task, replace(path, last=diagnosis), "all candidates of a round were refitted")]
     if not accepted:
         both = _with_pair(task, path, diagnosis)
         return [path.ended(diagnosis, diagnosis.message) if both is None else both]
@@ -173,10 +198,16 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
     if not helpful:
         labels = accepted[0].candidate.label
         return [path.ended(diagnosis, f"{labels} is supported, but it does not lower the validation error.")]
-    hold = better_hold(stand, diagnosis)
+    hold = None if task.options.is_over else better_hold(stand, diagnosis)
     if hold is not None:
-        raise _OtherHoldError(hold, diagnosis)
+        raise _OtherHoldError(hold, diagnosis, path)
     return [_extended(task, path, proof, diagnosis) for proof in helpful[:MOST_PATHS]]
+
+
+def _with_best(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path:
+    """The path with the best accepted effect of its last round."""
+    best = next(proof for proof in diagnosis.proofs if proof.verdict != "rejected")
+    return _extended(task, path, best, diagnosis)
 
 
 def _extended(task: _Task, path: _Path, proof: Proof, diagnosis: Diagnosis) -> _Path:
@@ -184,7 +215,8 @@ def _extended(task: _Task, path: _Path, proof: Proof, diagnosis: Diagnosis) -> _
     step = Step(proof, proof.told, diagnosis, remark or "supported")
     task.progress(f"added {proof.candidate.label}")
     grown = _Path(accept(path.stand, proof), (*path.steps, step))
-    grown = _without_superfluous(task, grown)
+    with suppress(OutOfTimeError), until(task.options.until):
+        grown = _without_superfluous(task, grown)
     if len(grown.steps) - len(task.first) >= task.most_effects:
         return grown.ended(diagnosis, f"The limit of {task.most_effects} effects is reached.")
     return grown
@@ -194,14 +226,15 @@ def _with_pair(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
     """The path with two effects of which none is accepted alone, but each beside the other; None where the
     screen names no such pair, or the refits refuse it."""
     pairs = promising_pairs(diagnosis.screen)
-    if not pairs or len(path.steps) - len(task.first) + 2 > task.most_effects:
+    if not pairs or task.options.is_over or len(path.steps) - len(task.first) + 2 > task.most_effects:
         return None
     one, other = pairs[0]
     task.progress(f"refitting with {one.candidate.label} and {other.candidate.label} together")
     try:
-        first, beside, last = _in_turn(path.stand, one, other)
-        _, _, again = _in_turn(path.stand, other, one)
-    except FAILURES:
+        with until(task.options.until):
+            first, beside, last = _in_turn(path.stand, one, other)
+            _, _, again = _in_turn(path.stand, other, one)
+    except (*FAILURES, OutOfTimeError):
         return None
     if "rejected" in (last.verdict, again.verdict) or not _helps(path.stand.told, last):
         return None

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, TypeVar
 
 from daest.diagnosis.clipping import Clip, clips_of
@@ -40,7 +42,8 @@ class DiagnoseOptions:
     of an earlier run. `clipped` are the limits at which outputs stay, by output (None: as the experiments
     show them): a sensor that cuts is tried there first, or taken for granted where it is certain. `held` are
     the experiments and the validation data to take for the hold "zoh" where all of them are coarser than the
-    recordings: straight lines then stand for what was held."""
+    recordings: straight lines then stand for what was held. After `time_limit` seconds no further refit is
+    made, and those that run are given up: from the moment `until` of `time.monotonic` on."""
 
     effects: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
@@ -53,6 +56,17 @@ class DiagnoseOptions:
     keeper: Keeper | None = None
     clipped: Mapping[str, Clip] | None = None
     held: tuple[Sequence[Experiment], Sequence[Experiment]] | None = None
+    time_limit: float = math.inf
+    until: float = math.inf
+
+    def begun(self) -> DiagnoseOptions:
+        """The options with the time running."""
+        until = min(self.until, time.monotonic() + self.time_limit)
+        return replace(self, time_limit=math.inf, until=until)
+
+    @property
+    def is_over(self) -> bool:
+        return time.monotonic() >= self.until
 
     def clips(self, experiments: Sequence[Experiment]) -> Mapping[str, Clip]:
         """`clipped`, or what the experiments themselves show."""

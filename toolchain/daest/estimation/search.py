@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 
 from daest.estimation.gates import FIT
+from daest.numerics import deadline
 
 FIRST_DAMPING = 1e-3
 HALVINGS = 30  # of the logarithm of the damping that gives a step its length
@@ -69,7 +70,7 @@ def minimise(
     converged_gain: float = FIT.converged_gain,
 ) -> Found | None:
     """Search from `start` until a step would gain less than `converged_gain` in log-likelihood, or several
-    steps have gained little more; None when the objective has no value there."""
+    steps have gained little more; None when the objective has no value there. Raises OutOfTimeError."""
     z = np.clip(start, lower, upper)
     here = objective(z, True)
     if here is None:
@@ -80,6 +81,7 @@ def minimise(
     last = z  # point that the slopes of `here` belong to: a search may pass through points that have none
     at_once = True  # slopes with the first trial of an iteration, as long as first trials are good
     for iteration in range(max_iterations):
+        deadline.check()
         free = _free(z, here, lower, upper)
         gain = _predicted_gain(here, free)
         if gain < converged_gain:

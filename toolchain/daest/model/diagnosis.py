@@ -258,7 +258,8 @@ class PlaceGain:
 
 @dataclass(frozen=True)
 class Diagnosis(Framed):
-    """The result of `diagnose`. `has_loads`: the model as it is was fitted together with unknown loads."""
+    """The result of `diagnose`. `has_loads`: the model as it is was fitted together with unknown loads;
+    `is_whole`: the time sufficed for all refits."""
 
     verdict: VerdictName
     message: str
@@ -273,6 +274,7 @@ class Diagnosis(Framed):
     learned: LearnedLoad | None = None  # of an unknown effect
     unproved: tuple[Unproved, ...] = ()
     has_loads: bool = True
+    is_whole: bool = True
 
     def tables(self) -> tuple[Listing, ...]:
         columns = ("effect", "at", "verdict", "delta_bic", "p_value")

@@ -35,6 +35,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 import daest
 from daest.errors import ConfigError, DaestError
 from daest.litter import die_with_parent
+from daest.numerics import deadline
 from daest.numerics.compiler import find_compiler
 
 START_SECONDS = 3.0  # until processes work: tasks that would gain less run one after the other
@@ -95,11 +96,12 @@ class Workers:
         error in one task does not affect the others. Closing the iterator cancels the remaining tasks.
 
         `seconds` is the expected duration of one task; where workers would save no time, the tasks run in
-        this process. Raises
+        this process. Raises OutOfTimeError at the deadline, which workers do not know of, and
         DaestError `worker-lost`, `task-not-sendable` and ConfigError `cluster-differs`, `cluster-lost`.
         """
         if self.engine is None or self.engine.gain(len(tasks), seconds) <= 0.0:
             for number, task in enumerate(tasks):
+                deadline.check()
                 here = outcome_of(work, task)
                 arrived(number, here)
                 yield here
@@ -235,7 +237,10 @@ class _Processes:
                     running[pool.submit(run_packed, work, blob)] = number
                 if not running:
                     return
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                done = wait(running, deadline.left(), FIRST_COMPLETED).done
+                if not done:
+                    deadline.check()
+                for future in done:
                     yield running.pop(future), future.result()
         finally:
             if running:
@@ -388,9 +393,11 @@ class _Cluster:
                 # What a worker took with it is made anew, and only then done.
                 if there := {future for future in done if future.status != "lost"}:
                     return there
+                deadline.check()
                 time.sleep(RETRY)
                 alone = 0.0 if self._n_threads() else alone + RETRY
             except TimeoutError:
+                deadline.check()
                 alone = 0.0 if self._n_threads() else alone + POLL
             if alone > PATIENCE:
                 raise self._gone()
