@@ -52,9 +52,26 @@ def no_waiting(monkeypatch):
 
 def test_processes_find_the_same_to_the_last_bit(alone, no_waiting):
     assert alone.verdict == "supported" and len(alone.proofs) >= 2
-    found = diagnosed(options(jobs=2))
-    assert parallel._Processes.running()
+    keeper = LooksOn()
+    found = diagnosed(options(jobs=2, keeper=keeper))
+    assert len(keeper.running) == 2 and not parallel._copies
     assert content(found) == content(alone)
+
+
+class LooksOn:
+    """A keeper that sees which processes work when a proof has come."""
+
+    def __init__(self):
+        self.running = []
+
+    def found(self, prepared):
+        return None
+
+    def step(self, name, parts, flat, make):
+        return make()
+
+    def keep(self, prepared, proof):
+        self.running = parallel._Processes.running()
 
 
 class KillsAWorker:

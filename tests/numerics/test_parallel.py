@@ -169,8 +169,8 @@ def test_cluster_without_workers(monkeypatch):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
-@pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM"])
-def test_processes_end_with_the_one_that_started_them(tmp_path, name):
+@pytest.mark.parametrize(("name", "by_copies"), [("SIGKILL", False), ("SIGTERM", False), ("SIGTERM", True)])
+def test_processes_end_with_the_one_that_started_them(tmp_path, name, by_copies):
     """A run that is ended leaves no worker behind, and no compiler with its files."""
     (tmp_path / "slow").write_text("#!/bin/sh\nmktemp; echo $$ > pid; sleep 60\n")
     (tmp_path / "slow").chmod(0o755)
@@ -180,9 +180,13 @@ def test_processes_end_with_the_one_that_started_them(tmp_path, name):
         "def compile():\n"
         "    with passing_folder('build-') as work:\n"
         f"        run_program([r'{tmp_path / 'slow'}'], work, 60.0)\n"
-        "threading.Thread(target=compile).start()\n"
+        "thread = threading.Thread(target=compile)\n"
+        "def heard(number, outcome):\n"
+        "    if thread.ident is None: thread.start()\n"
+        "    print('now', flush=True)\n"
+        f"if not {by_copies}: thread.start()\n"  # of a process with threads, no copies are made
         "with workers(2) as pool:\n"
-        "    list(pool.map(time.sleep, [0, 0, 60, 60], arrived=lambda *_: print('now', flush=True)))\n"
+        "    list(pool.map(time.sleep, [0, 0, 60, 60], arrived=heard))\n"
     )
     passing = tmp_path / "passing"
     passing.mkdir()

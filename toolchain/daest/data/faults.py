@@ -507,13 +507,14 @@ def _compared(a: Series, b: Series, x: np.ndarray, y: np.ndarray, how: str, peri
 
 
 def _correlation(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lags (samples by which y is late) and the correlation at each."""
-    from scipy.signal import correlate
+    """Lags (samples by which y is late) and the correlation at each.
 
+    By the transforms of NumPy: `scipy.signal` takes half a second to import."""
     most = max(1, int(LONGEST_LAG * x.size))
-    whole = correlate(y, x, method="fft") / (np.linalg.norm(x) * np.linalg.norm(y))
-    middle = x.size - 1
-    return np.arange(-most, most + 1), whole[middle - most : middle + most + 1]
+    n = 1 << (x.size + y.size - 1).bit_length()  # long enough that the ends do not meet
+    whole = np.fft.irfft(np.fft.rfft(y, n) * np.conj(np.fft.rfft(x, n)), n)
+    lags = np.arange(-most, most + 1)
+    return lags, whole[lags] / (np.linalg.norm(x) * np.linalg.norm(y))
 
 
 def _centred(values: np.ndarray) -> np.ndarray:
@@ -521,9 +522,9 @@ def _centred(values: np.ndarray) -> np.ndarray:
 
 
 def _detrended(values: np.ndarray) -> np.ndarray:
-    from scipy.signal import detrend
-
-    return np.asarray(detrend(values))
+    """Without the straight line of least squares."""
+    rest, time = _centred(values), _centred(np.arange(values.size, dtype=float))
+    return rest - time * (time @ rest) / max(time @ time, 1.0)
 
 
 def _converts(given: str, wanted: str) -> bool:

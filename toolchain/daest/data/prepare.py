@@ -30,6 +30,7 @@ HALF_WIDTH = 0.5 * (ATTENUATION - 8.0) / (2.285 * TRANSITION * np.pi)  # periods
 BETA = 0.1102 * (ATTENUATION - 8.7)  # Kaiser's, for a stop band between 50 dB and beyond
 STOP = 0.5 * (CUTOFF + TRANSITION)  # frequency, in units of 1 / period, beyond which nothing passes
 KERNEL_STEP = 1.0 / 64.0  # periods between the tabulated values of a kernel
+SEGMENT = 8192  # samples, the longest part whose spectrum is taken
 # A recording is much finer than need be if its outputs' rates have POWER of their power below the
 # FINER_THAN_NEEDED-th part of the Nyquist frequency; KEPT times that band is what is kept of it, since what
 # tells a kink from a bend (friction, play, a stop) are the harmonics of the motion.
@@ -173,22 +174,31 @@ def sufficient_period(
 def _bands(experiment: Experiment) -> tuple[float, float]:
     """Frequencies [Hz] below which POWER, and STILL, of the power of the rate of every output lie; 0 where
     none moves."""
-    from scipy.signal import welch
-
     assert experiment.period is not None
     values = _bridged(experiment.outputs, ~np.isfinite(experiment.outputs))
     bands = [(0.0, 0.0)]
     for rate in np.diff(values, axis=0).T:
         if not np.any(rate):
             continue
-        frequencies, density = welch(
-            rate - rate.mean(), 1.0 / experiment.period, nperseg=min(rate.size, 8192)
-        )
+        frequencies, density = _spectrum(rate, experiment.period)
         power = np.cumsum(density)
         ends = np.searchsorted(power, np.array([POWER, STILL]) * power[-1])
         bands.append((float(frequencies[ends[0]]), float(frequencies[ends[1]])))
     low, high = np.max(bands, axis=0)
     return float(low), float(high)
+
+
+def _spectrum(values: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies [Hz] and the power at each, up to a factor: Welch's average over Hann windows that overlap
+    by half. By the transform of NumPy: `scipy.signal` takes half a second to import."""
+    length = min(values.size, SEGMENT)
+    starts = range(0, values.size - length + 1, max(length - length // 2, 1))
+    segments = np.array([values[i : i + length] for i in starts])
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
+    segments = (segments - segments.mean(axis=1, keepdims=True)) * window
+    power = np.mean(np.abs(np.fft.rfft(segments, axis=1)) ** 2, axis=0)
+    power[1 : (length + 1) // 2] *= 2.0  # for the negative frequencies, which 0 and the highest of all lack
+    return np.fft.rfftfreq(length, period), power
 
 
 def is_resampled(experiment: Experiment) -> bool:

@@ -58,7 +58,15 @@ from daest.diagnosis.proof import (
     ranked,
     trials,
 )
-from daest.diagnosis.rivals import dynamic_trials, no_richer_ones, richer_laws, rounded, simpler_laws
+from daest.diagnosis.rivals import (
+    DynamicFits,
+    best_dynamic,
+    dynamic_fits,
+    no_richer_ones,
+    richer_laws,
+    rounded,
+    simpler_laws,
+)
 from daest.diagnosis.screen import NullObserver, run_null, screen
 from daest.diagnosis.settled import FAILURES, settled, simulated
 from daest.diagnosis.switching import diagnose_switching
@@ -102,9 +110,11 @@ IN_VAIN: dict[Hold, str] = {
     "zoh": "nothing was accepted: once more with inputs that are held between the samples",
     "foh": "nothing was accepted: once more with inputs that run straight between the samples",
 }
+DYNAMIC_PARTS = 3  # tasks that the fits of the effects with states are, beside the first refit
 FIRST_TRIALS = 2  # are refitted in any case, the second one alone where the first is not supported
 MOST_PLACES = 5  # that the sensors see alike, where a refit is tried again
 ITERATIONS = 15  # of the simulation's fit from which one is tried again
+LOOP = 3  # times the time of a run where a loop is solved by iterations at every point
 REFIT_SECONDS = 3.0  # times that of the model as it is: a refit has more parameters, and is judged besides
 
 
@@ -688,9 +698,9 @@ def _proved(search: _Search, prepared: Prepared) -> Proof:
     )
 
 
-def _dynamic(null: Null, candidates: Sequence[Candidate]) -> tuple[Prepared, ...]:
+def _dynamic(null: Null, candidates: Sequence[Candidate]) -> DynamicFits:
     with _quiet():
-        return dynamic_trials(null, candidates)
+        return dynamic_fits(null, candidates)
 
 
 def _called(task: Callable[[], Any]) -> Any:
@@ -724,7 +734,7 @@ class _Stages:
                     reason = reason or error.what
                     continue
                 if is_explicit or built is None:
-                    built = here
+                    built = replace(here, has_loop=not is_explicit)
                 if is_explicit:
                     break
             if built is None:
@@ -741,8 +751,9 @@ class _Stages:
         search = replace(self.search, leader=_leader(before))
         keeper = self.options.keeper
         known = {i: p for i, one in enumerate(stage) if keeper and (p := keeper.found(one))}
-        missing = [i for i in range(len(stage)) if i not in known]
-        tasks: list[Callable[[], Any]] = [*beside, *(partial(_refitted, search, stage[i]) for i in missing)]
+        # The longest first, so that no worker is left with one alone in the end.
+        missing = sorted((i for i in range(len(stage)) if i not in known), key=lambda i: -_length(stage[i]))
+        tasks: list[Callable[[], Any]] = [*(partial(_refitted, search, stage[i]) for i in missing), *beside]
 
         outcomes: dict[int, Outcome[Any]] = {}
 
@@ -750,15 +761,15 @@ class _Stages:
             if isinstance(outcome.error, OutOfTimeError):
                 return
             outcomes[number] = outcome
-            if keeper and number >= len(beside) and outcome.error is None:
-                keeper.keep(stage[missing[number - len(beside)]], outcome.get())
+            if keeper and number < len(missing) and outcome.error is None:
+                keeper.keep(stage[missing[number]], outcome.get())
 
         seconds = REFIT_SECONDS * self.search.stand.baseline.seconds
         for i in missing:
             self.progress(f"refitting with {stage[i].trial.candidate.label}")
         with suppress(OutOfTimeError), until(self.options.until):
             deque(self.pool.map(_called, tasks, seconds=seconds, arrived=arrived), maxlen=0)
-        for number, i in enumerate(missing, len(beside)):
+        for number, i in enumerate(missing):
             if number not in outcomes:
                 self.late.append(stage[i].trial)
                 self.failed.append((stage[i].trial, TIME_IS_UP))
@@ -767,8 +778,13 @@ class _Stages:
                 self.failed.append((stage[i].trial, f"it could not be refitted: {what}"))
             else:
                 known[i] = outcomes[number].get()
-        others = [outcomes[i].get() if i in outcomes else None for i in range(len(beside))]
+        others = [outcomes[i].get() if i in outcomes else None for i in range(len(missing), len(tasks))]
         return [known[i] for i in sorted(known)], others
+
+
+def _length(prepared: Prepared) -> int:
+    """How long a refit takes beside others, roughly: what it multiplies its runs by, and their number."""
+    return (LOOP if prepared.has_loop else 1) * len(prepared.names)
 
 
 def _leader(proofs: Sequence[Proof]) -> Proof | None:
@@ -796,13 +812,17 @@ def _proofs(
     with workers(options.jobs, options.cluster) as pool:
         stages = _Stages(_Search(stand, run, load, form, found.n_screened), pool, options, progress)
         chosen = stages.prepared(wanted[: options.most_trials])
-        first = partial(_dynamic, null, candidates)
-        proofs, (dynamic,) = stages.proved([*stages.prepared(given), *chosen[:1]], (), [first])
+        ordered = [c for c in candidates if c.effect.is_dynamic]
+        size = max(-(-len(ordered) // DYNAMIC_PARTS), 1)
+        parts = [ordered[i : i + size] for i in range(0, len(ordered), size)]
+        first = [partial(_dynamic, null, part) for part in parts]
+        proofs, fits = stages.proved([*stages.prepared(given), *chosen[:1]], (), first)
+        dynamic = best_dynamic([part for part in fits if part is not None])
         rest = chosen[1:FIRST_TRIALS]
         if _leader(proofs) is None:
             proofs += stages.proved(rest, proofs)[0]
             rest = []
-        proofs = stages.proved(dynamic or (), proofs)[0] + proofs
+        proofs = stages.proved(dynamic, proofs)[0] + proofs
         best = best_accepted(ranked(proofs))
         rest += [p for p in chosen[FIRST_TRIALS:] if could_compete(p.trial, best, found)]
         proofs += stages.proved(rest, proofs)[0]
@@ -822,7 +842,7 @@ def _proofs(
             again = stages.proved(richer_laws(null, run, best, library, proofs), ())[0]
             proofs = _with_second_tries(proofs, again)
     order = ranked(proofs)
-    is_whole = not stages.late and (dynamic is not None)
+    is_whole = not stages.late and None not in fits
     return order, _unproved(found, wanted, order, stages.failed), is_whole
 
 

@@ -154,13 +154,14 @@ def _position(candidate: Candidate) -> tuple[int, ...]:
 class Prepared:
     """A candidate model ready for its search, which starts from the noise and the initial states of
     `similar`, if there is a fit of a simpler law, or of `simulation`, if it comes from one, else from the
-    null's."""
+    null's. One that `has_loop` is solved by iterations at every point, and takes longest."""
 
     trial: Trial
     flat: FlatModel
     names: tuple[str, ...]
     similar: FitResult | None = None
     simulation: FitResult | None = None
+    has_loop: bool = False
 
 
 def prepare(

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -43,33 +44,40 @@ START_SHARES = (1.0, 30.0)  # of the library's start value, for sizes whose scal
 RTOL = 1e-4
 
 Simulation = tuple[float, dict[str, float]]  # log-likelihood and all parameters of a fit by simulation
+DynamicFits = list[tuple[float, Prepared]]  # log-likelihoods of simulations with the effects
 
 
 def dynamic_trials(null: Null, candidates: Sequence[Candidate]) -> tuple[Prepared, ...]:
     """The dynamic effects that improve the simulation most, started from their output-error fits. Only for
-    models with affine dynamics, where such a fit takes a fraction of a second.
+    models with affine dynamics, where such a fit takes a fraction of a second."""
+    return best_dynamic([dynamic_fits(null, candidates)])
+
+
+def dynamic_fits(null: Null, candidates: Sequence[Candidate]) -> DynamicFits:
+    """Output-error fits of those of the candidates that are dynamic and improve the simulation.
 
     They start where the model as it is simulates best: beside loads that are free enough to take the place of
     an effect with states, the null's parameters may have gone anywhere."""
-    if not has_affine_dynamics(null.explicit):
-        return ()
+    wanted = [c for c in candidates if c.effect.is_dynamic and not c.inputs]
+    if not wanted or not has_affine_dynamics(null.explicit):
+        return []
     simulation = _best_simulation(null)
     if simulation is None:
-        return ()
-    nominal = simulation[0]
-    found: list[tuple[float, Prepared]] = []
-    for candidate in candidates:
-        if not candidate.effect.is_dynamic or candidate.inputs:
-            continue
-        best = _best_dynamic(null, candidate, simulation)
-        if best is None or best[0] - nominal < GATES.min_dynamic_gain:
-            continue
+        return []
+    fits = [_best_dynamic(null, candidate, simulation) for candidate in wanted]
+    return [fit for fit in fits if fit is not None and fit[0] - simulation[0] >= GATES.min_dynamic_gain]
+
+
+def best_dynamic(parts: Sequence[DynamicFits]) -> tuple[Prepared, ...]:
+    """The best of all parts of `dynamic_fits`, each law with the places where it does the same."""
+    found: DynamicFits = []
+    for best in chain.from_iterable(parts):
         same = next((i for i, (value, p) in enumerate(found) if _is_same(value, p, best)), None)
         if same is None:
             found.append(best)
         else:
             value, first = found[same]
-            alike = (*first.trial.alike, candidate)
+            alike = (*first.trial.alike, best[1].trial.candidate)
             found[same] = (value, replace(first, trial=replace(first.trial, alike=alike)))
     found.sort(key=lambda pair: -pair[0])
     return tuple(prepared for _, prepared in found[:MOST_DYNAMIC])

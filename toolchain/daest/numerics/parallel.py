@@ -10,18 +10,20 @@ from __future__ import annotations
 import hashlib
 import logging
 import math
+import multiprocessing
 import os
 import pickle
 import platform
 import signal
 import sys
+import threading
 import time
 import traceback
 import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, ProcessPoolExecutor, wait
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.metadata import version
 from itertools import islice
@@ -38,7 +40,8 @@ from daest.litter import die_with_parent
 from daest.numerics import deadline
 from daest.numerics.compiler import find_compiler
 
-START_SECONDS = 3.0  # until processes work: tasks that would gain less run one after the other
+START_SECONDS = 3.0  # until new processes work: tasks that would gain less run one after the other
+COPY_SECONDS = 0.2  # until copies of this process work
 MOST_LOSSES = 3  # workers lost one after the other, without a result in between, that end a run
 CONNECT_SECONDS = 10.0
 PATIENCE = 120.0  # seconds that a cluster may be without any worker
@@ -128,15 +131,19 @@ def workers(jobs: int = 1, cluster: str | None = None) -> Iterator[Workers]:
     if cluster is not None:
         with _connected(cluster) as client:
             yield Workers(_Cluster(client, cluster))
+    elif jobs > 1:
+        engine = _Processes(jobs)
+        try:
+            yield Workers(engine)
+        finally:
+            engine.end_copies()
     else:
-        yield Workers(_Processes(jobs) if jobs > 1 else None)
+        yield Workers(None)
 
 
 def stop() -> None:
     """End the processes of this machine at once, whatever they are doing."""
-    for pid in _Processes.running():
-        with suppress(OSError):
-            os.kill(pid, getattr(signal, "SIGKILL", signal.SIGTERM))
+    _kill(_Processes.running())
 
 
 # One task ---------------------------------------------------------------------------------------------------
@@ -197,15 +204,22 @@ def unpacked(blob: bytes) -> Any:
 # Processes of this machine ----------------------------------------------------------------------------------
 
 
+_IDLE = ("daest-compiler",)  # threads that wait for questions, and that a copy of the process does without
+_copies: list[ProcessPoolExecutor] = []  # pools that work or wait for work
+
+
 @dataclass(frozen=True)
 class _Processes:
-    """joblib's processes, which stay for later tasks."""
+    """Copies of this process for the time of a block, where that is safe: they start at once and know all
+    that it knows. Else joblib's processes, which stay for later tasks."""
 
     jobs: int
+    copies: list[ProcessPoolExecutor] = field(default_factory=list)  # one at most
 
     def gain(self, n_tasks: int, seconds: float) -> float:
         n_rounds = math.ceil(n_tasks / self.jobs)
-        return (n_tasks - n_rounds) * seconds - START_SECONDS if n_tasks > n_rounds else 0.0
+        start = COPY_SECONDS if self.copies or _may_copy() else START_SECONDS
+        return (n_tasks - n_rounds) * seconds - start if n_tasks > n_rounds else 0.0
 
     def arrivals(self, work: bytes, blobs: Sequence[bytes]) -> Generator[tuple[int, bytes]]:
         """If one worker dies, the whole pool breaks: tasks without an outcome are started again."""
@@ -218,16 +232,12 @@ class _Processes:
                     yield number, blob
             except BrokenExecutor as error:
                 losses += 1
+                self.end_copies()
                 if losses == MOST_LOSSES:
                     raise _lost() from error
 
     def _round(self, work: bytes, blobs: dict[int, bytes]) -> Iterator[tuple[int, bytes]]:
-        from joblib.externals.loky import get_reusable_executor
-
-        with _unwarned():
-            pool = get_reusable_executor(
-                max_workers=self.jobs, initializer=die_with_parent, initargs=(os.getpid(),)
-            )
+        pool = self._pool()
         following = iter(list(blobs.items()))
         running: dict[Any, int] = {}
         try:
@@ -243,15 +253,71 @@ class _Processes:
                 for future in done:
                     yield running.pop(future), future.result()
         finally:
-            if running:
+            if running and self.copies:
+                self.end_copies(at_once=True)
+            elif running:
                 pool.shutdown(kill_workers=True)
+
+    def _pool(self) -> Any:
+        if not self.copies and _may_copy():
+            context = multiprocessing.get_context("fork")
+            self.copies.append(
+                ProcessPoolExecutor(
+                    self.jobs, mp_context=context, initializer=_begin_copy, initargs=(os.getpid(),)
+                )
+            )
+            _copies.extend(self.copies)
+        if self.copies:
+            return self.copies[0]
+        from joblib.externals.loky import get_reusable_executor
+
+        with _unwarned():
+            return get_reusable_executor(
+                max_workers=self.jobs, initializer=die_with_parent, initargs=(os.getpid(),)
+            )
+
+    def end_copies(self, *, at_once: bool = False) -> None:
+        """End the copies; `at_once` in the middle of their work."""
+        while self.copies:
+            pool = self.copies.pop()
+            _copies.remove(pool)
+            if at_once:
+                _kill(_numbers_of(pool))
+            pool.shutdown(wait=True, cancel_futures=True)
 
     @staticmethod
     def running() -> list[int]:
         """Process numbers, without waiting for any lock."""
         loky = sys.modules.get("joblib.externals.loky.reusable_executor")
-        executor = getattr(loky, "_executor", None)
-        return list(getattr(executor, "_processes", None) or ())
+        pools = [*_copies, getattr(loky, "_executor", None)]
+        return [number for pool in pools for number in _numbers_of(pool)]
+
+
+def _numbers_of(pool: Any) -> list[int]:
+    return list(getattr(pool, "_processes", None) or ())
+
+
+def _kill(numbers: Sequence[int]) -> None:
+    for pid in numbers:
+        with suppress(OSError):
+            os.kill(pid, getattr(signal, "SIGKILL", signal.SIGTERM))
+
+
+def _may_copy() -> bool:
+    """Whether a copy of this process lacks nothing that works: it has the one thread that makes it."""
+    if sys.platform != "linux" or threading.current_thread() is not threading.main_thread():
+        return False
+    threads = threading.enumerate()
+    others = [t for t in threads if t is not threading.current_thread() and t.name not in _IDLE]
+    # Threads of native code are in no list of Python's.
+    return not others and len(os.listdir("/proc/self/task")) <= len(threads)
+
+
+def _begin_copy(parent: int) -> None:
+    """Ctrl-C ends the process that was copied, and that ends its copies."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+    die_with_parent(parent)
 
 
 @contextmanager
