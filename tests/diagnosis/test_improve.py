@@ -169,8 +169,8 @@ def test_round_that_the_time_cuts_short_adds_what_leads_all_others(rounds, verdi
     assert added == (["CoulombFriction"] if verdict == "supported" else [])
 
 
-@pytest.mark.parametrize("refused", [(), ("QuadraticDrag",)])
-def test_pair_is_added_where_each_is_accepted_beside_the_other(rounds, monkeypatch, refused):
+@pytest.mark.parametrize(("refused", "gains"), [((), True), (("QuadraticDrag",), True), ((), False)])
+def test_pair_is_added_where_each_is_accepted_beside_the_other(rounds, monkeypatch, refused, gains):
     proofs = {name: proof_of(name) for name in ("CoulombFriction", "QuadraticDrag")}
     entries = tuple(SimpleNamespace(candidate=p.candidate, sizes=(0.1,)) for p in proofs.values())
 
@@ -182,6 +182,7 @@ def test_pair_is_added_where_each_is_accepted_beside_the_other(rounds, monkeypat
 
     monkeypatch.setattr(improving, "promising_pairs", lambda _: [] if beside.done else [entries])
     monkeypatch.setattr(improving, "proved_beside", beside)
+    monkeypatch.setattr(improving, "gains_beside", lambda *_: gains)
     beside.done = False
 
     def next_round(inside):
@@ -190,7 +191,7 @@ def test_pair_is_added_where_each_is_accepted_beside_the_other(rounds, monkeypat
 
     result, _ = rounds(next_round)
     added = [step for step in result.steps if step.proof]
-    assert [s.proof.candidate.effect.name for s in added] == ([] if refused else list(proofs))
-    if not refused:
+    assert [s.proof.candidate.effect.name for s in added] == (list(proofs) if gains and not refused else [])
+    if gains and not refused:
         assert added[0].remark == "only together with QuadraticDrag at rotor.flange_a"
         assert added[0].proof.verdict == "supported" and added[0].proof.reason == ""

@@ -47,6 +47,7 @@ from daest.diagnosis.proof import (
     Trial,
     at_full_size,
     best_accepted,
+    bic_gain,
     clipping_trials,
     could_compete,
     from_simulation,
@@ -93,6 +94,7 @@ from daest.modelica.sites import sites
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Outcome, Workers, workers
 from daest.numerics.statistics import chi2
+from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import reduce_index
 from daest.systems.sample import Hold
 
@@ -500,6 +502,20 @@ def proved_again(stand: Stand, proof: Proof, values: Mapping[str, float]) -> Pro
     return replace(found, equivalent=proof.equivalent, not_separable_from=proof.not_separable_from)
 
 
+def gains_beside(stand: Stand, first: Proof, trial: Trial, sharper: float = 1.0) -> bool:
+    """Whether a further effect, the `trial`, makes the model with that of `first` as much likelier as
+    evidence must: a refit without the judgement of `proved_beside`. Raises what refits raise."""
+    null = stand.null
+    with _quiet():
+        flat = with_equations(first.flat, "a further round")
+        model = grown(null, flat, reduce_index(flat), first.fit, fed(null.experiments, first.candidate))
+        prepared = prepare(model.flat, model.estimated, trial, sharper=sharper)
+        model = replace(model, experiments=fed(model.experiments, trial.candidate))
+        fit = refitted(prepared.flat, reduce_index(prepared.flat), prepared.names, model).fit
+    gain = fit.log_likelihood - first.fit.log_likelihood
+    return bic_gain(gain, len(prepared.names) - len(model.estimated), model) >= GATES.min_bic_gain
+
+
 def proved_beside(stand: Stand, trial: Trial, values: Mapping[str, float], sharper: float = 1.0) -> Proof:
     """The proof of one candidate in the model of `stand`, whose parameters start from `values` where these
     have them; its kinks are `sharper` than those of the trial. Raises what refits raise."""
@@ -698,6 +714,15 @@ def _proved(search: _Search, prepared: Prepared) -> Proof:
     )
 
 
+def _dynamic_parts(null: Null, candidates: Sequence[Candidate]) -> list[Callable[[], DynamicFits]]:
+    """The fits of the effects with states as a few tasks; none where there are none."""
+    wanted = [c for c in candidates if c.effect.is_dynamic and not c.inputs]
+    if not wanted or not has_affine_dynamics(null.explicit):
+        return []
+    size = -(-len(wanted) // DYNAMIC_PARTS)
+    return [partial(_dynamic, null, wanted[i : i + size]) for i in range(0, len(wanted), size)]
+
+
 def _dynamic(null: Null, candidates: Sequence[Candidate]) -> DynamicFits:
     with _quiet():
         return dynamic_fits(null, candidates)
@@ -812,14 +837,13 @@ def _proofs(
     with workers(options.jobs, options.cluster) as pool:
         stages = _Stages(_Search(stand, run, load, form, found.n_screened), pool, options, progress)
         chosen = stages.prepared(wanted[: options.most_trials])
-        ordered = [c for c in candidates if c.effect.is_dynamic]
-        size = max(-(-len(ordered) // DYNAMIC_PARTS), 1)
-        parts = [ordered[i : i + size] for i in range(0, len(ordered), size)]
-        first = [partial(_dynamic, null, part) for part in parts]
-        proofs, fits = stages.proved([*stages.prepared(given), *chosen[:1]], (), first)
+        beside = _dynamic_parts(null, candidates)
+        # Where no fits run beside the first refit, the second one does.
+        n_first = 1 if beside else FIRST_TRIALS
+        proofs, fits = stages.proved([*stages.prepared(given), *chosen[:n_first]], (), beside)
         dynamic = best_dynamic([part for part in fits if part is not None])
-        rest = chosen[1:FIRST_TRIALS]
-        if _leader(proofs) is None:
+        rest = chosen[n_first:FIRST_TRIALS]
+        if rest and _leader(proofs) is None:
             proofs += stages.proved(rest, proofs)[0]
             rest = []
         proofs = stages.proved(dynamic, proofs)[0] + proofs

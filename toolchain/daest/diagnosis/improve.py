@@ -22,6 +22,7 @@ from daest.diagnosis.diagnose import (
     begin,
     better_hold,
     examine,
+    gains_beside,
     limit_told,
     limited,
     proved_again,
@@ -232,11 +233,13 @@ def _with_pair(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
     task.progress(f"refitting with {one.candidate.label} and {other.candidate.label} together")
     try:
         with until(task.options.until):
-            first, beside, last = _in_turn(path.stand, one, other)
-            _, _, again = _in_turn(path.stand, other, one)
+            found = _in_turn(path.stand, one, other)
+            if found is None or _in_turn(path.stand, other, one) is None:
+                return None
     except (*FAILURES, OutOfTimeError):
         return None
-    if "rejected" in (last.verdict, again.verdict) or not _helps(path.stand.told, last):
+    first, beside, last = found
+    if not _helps(path.stand.told, last):
         return None
     told = replace(first, verdict="supported", reason="")
     steps = (
@@ -247,17 +250,16 @@ def _with_pair(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
     return _Path(accept(beside, last), (*path.steps, *steps))
 
 
-def _in_turn(stand: Stand, one: Screened, other: Screened) -> tuple[Proof, Stand, Proof]:
-    """The proof of one candidate alone, the stand with it, and the proof of the other one beside it. Raises
-    what refits raise."""
-    proofs: list[Proof] = []
-    for entry in (one, other):
-        trial = Trial(entry.candidate, entry.sizes, ())
-        values = proofs[-1].fit.theta if proofs else {}
-        proofs.append(proved_beside(stand, trial, values, SHARPER))
-        if entry is one:
-            stand = accept(stand, proofs[-1])
-    return proofs[0], stand, proofs[1]
+def _in_turn(stand: Stand, one: Screened, other: Screened) -> tuple[Proof, Stand, Proof] | None:
+    """The proof of one candidate alone, the stand with it, and the proof of the other one beside it; None
+    where that one is refused. Raises what refits raise."""
+    trials = [Trial(entry.candidate, entry.sizes, ()) for entry in (one, other)]
+    first = proved_beside(stand, trials[0], {}, SHARPER)
+    if not gains_beside(stand, first, trials[1], SHARPER):
+        return None
+    beside = accept(stand, first)
+    last = proved_beside(beside, trials[1], first.fit.theta, SHARPER)
+    return None if last.verdict == "rejected" else (first, beside, last)
 
 
 def _without_superfluous(task: _Task, path: _Path) -> _Path:

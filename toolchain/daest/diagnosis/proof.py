@@ -154,7 +154,8 @@ def _position(candidate: Candidate) -> tuple[int, ...]:
 class Prepared:
     """A candidate model ready for its search, which starts from the noise and the initial states of
     `similar`, if there is a fit of a simpler law, or of `simulation`, if it comes from one, else from the
-    null's. One that `has_loop` is solved by iterations at every point, and takes longest."""
+    null's. One that `has_loop` is solved by iterations at every point, and takes longest. A refit below the
+    log-likelihood `useless` says less than one of the same law that is known: it is not judged further."""
 
     trial: Trial
     flat: FlatModel
@@ -162,6 +163,7 @@ class Prepared:
     similar: FitResult | None = None
     simulation: FitResult | None = None
     has_loop: bool = False
+    useless: float = -np.inf
 
 
 def prepare(
@@ -274,14 +276,15 @@ def prove(
     fit = refit.fit
     gain = fit.log_likelihood - null_fit.log_likelihood
     n_own = len(prepared.names) - len(null.estimated)
-    n_observed = sum(int(np.isfinite(e.outputs).sum()) for e in null.experiments)
-    delta_bic = float(2.0 * gain - n_own * np.log(n_observed))
+    delta_bic = bic_gain(gain, n_own, null)
     with_effect = grown(fed, prepared.flat, explicit, fit, experiments)
     # Without a load the observer waits until the gates that need none are passed.
     after = None if load is None else run_null(with_effect)
     explained = _explained(null_fit, with_effect, after, load)
     p_value = float(min(1.0, n_screened * chi2.sf(2.0 * max(gain, 0.0), n_own)))
     reason = _without_evidence(gain, delta_bic, p_value, n_screened)
+    if fit.log_likelihood < prepared.useless:
+        reason = reason or "the same law, started otherwise, explains the data better"
     final: FitResult | None = None
     ahead: tuple[Ahead, ...] = ()
     told = Confirmed()
@@ -334,6 +337,12 @@ def prove(
         confirmed=told,
         adds_up=reference is not None and reference.adds_up,
     )
+
+
+def bic_gain(gain: float, n_more: int, null: Null) -> float:
+    """What a gain in log-likelihood is worth by the criterion of Bayes with that many more parameters."""
+    n_observed = sum(int(np.isfinite(e.outputs).sum()) for e in null.experiments)
+    return float(2.0 * gain - n_more * np.log(n_observed))
 
 
 def least_hope(leader: Proof | None) -> float:

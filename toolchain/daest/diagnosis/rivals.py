@@ -18,7 +18,7 @@ import numpy as np
 from daest.diagnosis.candidates import with_shapes
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
-from daest.diagnosis.proof import SHARPER, Prepared, Trial
+from daest.diagnosis.proof import SHARPER, Prepared, Trial, bic_gain
 from daest.diagnosis.screen import NullObserver
 from daest.errors import DaestError
 from daest.estimation.coordinates import Unknowns
@@ -178,7 +178,9 @@ def rounded(null: Null, proofs: Sequence[Proof]) -> tuple[Prepared, ...]:
             trial = Trial(candidate, sizes, _at_other_places(candidate, proof))
             flat = with_equations(proof.flat, "a refit")
             names = (*null.estimated, *_own(candidate), *kinks)
-            found.append(Prepared(trial, flat, names, similar=proof.fit))
+            # Without its parameters' worth it does not take the place of the law that it starts from.
+            useless = proof.fit.log_likelihood - 0.5 * bic_gain(0.0, len(kinks), null)
+            found.append(Prepared(trial, flat, names, similar=proof.fit, useless=useless))
     return tuple(found)
 
 
@@ -201,6 +203,11 @@ def richer_laws(
     least = best.fit.log_likelihood + GATES.min_richer_gain
     further = {p.candidate.effect.class_name for p in tried if p.fit.log_likelihood > least}
     rivals = [r for r in rivals if r.effect.class_name not in further]
+    known_laws = [p for p in tried if p.candidate.site == simple.site]
+    likeliest = {
+        name: max(p.fit.log_likelihood for p in known_laws if p.candidate.effect.class_name == name)
+        for name in {p.candidate.effect.class_name for p in known_laws}
+    }
     if not rivals:
         return ()
     first, filtered = null.experiments[0], run.observed[0].filtered
@@ -213,7 +220,8 @@ def richer_laws(
         value = None if prepared is None else _simulation_value(null, best, prepared)
         known = scored.get(candidate.effect.class_name)
         if prepared is not None and value is not None and (known is None or value < known[0]):
-            scored[candidate.effect.class_name] = (value, prepared)
+            useless = likeliest.get(candidate.effect.class_name, -np.inf)
+            scored[candidate.effect.class_name] = (value, replace(prepared, useless=useless))
     order = sorted(scored.values(), key=lambda pair: pair[0])
     return tuple(prepared for _, prepared in order[:MOST_RICHER])
 

@@ -181,16 +181,27 @@ def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed:
         for c, there in zip(candidates, present, strict=True)
         if c not in regular
     ]
+    bare = [c for c in regular if not c.effect.n_states]
+    with_states = [c for c in regular if c.effect.n_states]
+    if not with_states or _follow_the_model(null, run, with_states):
+        try:
+            return _screened(null, run, regular, skipped, seed, len(candidates))
+        except EstimationError:
+            if not with_states:
+                raise
+    skipped += [(c.label, "has states that do not follow the model alone") for c in with_states]
+    return _screened(null, run, bare, skipped, seed, len(candidates))
+
+
+def _follow_the_model(null: Null, run: NullObserver, candidates: Sequence[Candidate]) -> bool:
+    """Whether the states of effects follow those of the model, as far as these effects alone tell: they are
+    few, and what all candidates together would tell takes as long as the screen."""
+    explicit = attachable(null.flat, candidates)[2]
     try:
-        return _screened(null, run, regular, skipped, seed, len(candidates))
+        grown_states(null.explicit, null.theta, run.observed[0].filtered.mean(axis=0), explicit)
     except EstimationError:
-        bare = [c for c in regular if not c.effect.n_states]
-        if len(bare) == len(regular):
-            raise
-    with_states = [
-        (c.label, "has states that do not follow the model alone") for c in regular if c not in bare
-    ]
-    return _screened(null, run, bare, [*skipped, *with_states], seed, len(candidates))
+        return False
+    return True
 
 
 def _screened(
