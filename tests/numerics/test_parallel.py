@@ -7,7 +7,9 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import CancelledError
 from pathlib import Path
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -154,6 +156,53 @@ def test_a_worker_of_the_cluster_that_is_killed_costs_nothing_but_time(cluster):
     with workers(1, cluster.scheduler_address) as pool:
         found = list(pool.map(math.sqrt, [float(n * n) for n in range(20)], arrived=kill_one))
     assert killed and [o.get() for o in found] == list(range(20))
+
+
+class Fickle:
+    """A future whose worker goes when its result is fetched: it is done, lost, and done again."""
+
+    statuses = ("finished", "lost", "pending", "finished")
+
+    def __init__(self, blob, fails):
+        self.blob, self.fails, self.seen = blob, fails, iter(self.statuses)
+        self.fetched = 0
+
+    @property
+    def status(self):
+        return next(self.seen, "finished")
+
+    def result(self, timeout):
+        self.fetched += 1
+        if self.fetched == 1:
+            raise self.fails
+        return self.blob
+
+
+class FickleClient:
+    """Runs tasks at once; what it gives back is taken away once."""
+
+    def __init__(self, fails):
+        self.fails, self.cancelled = fails, None
+
+    def submit(self, work, *arguments, pure):
+        return Fickle(work(*arguments), self.fails)
+
+    def ncores(self):
+        return {"here": 1}
+
+    def cancel(self, futures):
+        self.cancelled = futures
+
+
+@pytest.mark.parametrize("fails", [TimeoutError(), CancelledError()])
+def test_a_result_that_goes_with_its_worker_is_waited_for_again(monkeypatch, fails):
+    """The status of a future changes whenever a worker goes, even between two looks at it."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(distributed, "wait", lambda fs, **_: SimpleNamespace(done=set(fs)))
+    client = FickleClient(fails)
+    pool = parallel.Workers(parallel._Cluster(client, "tcp://nowhere:1"))
+    assert [o.get() for o in pool.map(math.sqrt, [float(n * n) for n in range(5)])] == list(range(5))
+    assert client.cancelled == []
 
 
 def test_cluster_without_workers(monkeypatch):

@@ -21,7 +21,13 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, ProcessPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    ProcessPoolExecutor,
+    wait,
+)
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -46,6 +52,7 @@ MOST_LOSSES = 3  # workers lost one after the other, without a result in between
 CONNECT_SECONDS = 10.0
 PATIENCE = 120.0  # seconds that a cluster may be without any worker
 POLL = 5.0
+SETTLED = ("finished", "error", "cancelled")  # what a task of a cluster is when it is done
 RETRY = 0.05  # after which it is asked again what became of a lost task [s]
 AHEAD = 2  # tasks that a cluster has at a time, for each thread of its workers
 LARGE = "1 GiB"  # of tasks, before Dask warns: each holds the recordings
@@ -424,41 +431,55 @@ class _Cluster:
                     running[self.client.submit(run_packed, work, blob, expected, pure=False)] = number
                 if not running:
                     break
-                for future in self._done(list(running)):
-                    number = running.pop(future)
-                    if self._killed_its_workers(future):
-                        is_lost = True  # said when the others have come
-                    else:
-                        yield number, future.result()
+                for future, status in self._done(list(running)).items():
+                    if status == "finished":
+                        # What a worker took with it on the way is made anew, and told as done once more.
+                        if (fetched := self._fetched(future)) is not None:
+                            yield running.pop(future), fetched
+                        continue
+                    del running[future]
+                    self._require_killed(future, status)
+                    is_lost = True  # said when the others have come
         finally:
             self.client.cancel(list(running))
         if is_lost:
             raise _lost()
 
-    def _killed_its_workers(self, future: Any) -> bool:
-        """Raises what else is wrong with a task that is done."""
-        if future.status == "finished":
-            return False
-        error = future.exception() if future.status == "error" else None
+    @staticmethod
+    def _fetched(future: Any) -> bytes | None:
+        """The result of a task that was done; None where its worker has gone since."""
+        import distributed
+
+        again = (TimeoutError, CancelledError, distributed.scheduler.KilledWorker)
+        try:
+            return bytes(future.result(POLL))
+        except again:
+            return None
+
+    def _require_killed(self, future: Any, status: str) -> None:
+        """Whether a task that has failed killed its workers; raises what else is wrong with it."""
+        error = future.exception() if status == "error" else None
         if isinstance(error, DaestError):
             raise error
         if error is None:
             raise self._gone()
         if type(error).__name__ != "KilledWorker":
             raise _differs(self.address, _first_line(error)) from error
-        return True
 
-    def _done(self, running: list) -> set:
-        """Those that are done, one at least."""
+    def _done(self, running: list) -> dict[Any, str]:
+        """Those that are done, one at least, as they were when they were looked at: the status is read once,
+        since a worker that goes changes it at any time."""
         import distributed
 
         alone = 0.0
         while True:
             try:
-                done = distributed.wait(running, timeout=POLL, return_when="FIRST_COMPLETED").done
+                with suppress(CancelledError):  # told by the status, too
+                    distributed.wait(running, timeout=POLL, return_when="FIRST_COMPLETED")
+                looked_at = {future: future.status for future in running}
                 # What a worker took with it is made anew, and only then done.
-                if there := {future for future in done if future.status != "lost"}:
-                    return there
+                if done := {f: status for f, status in looked_at.items() if status in SETTLED}:
+                    return done
                 deadline.check()
                 time.sleep(RETRY)
                 alone = 0.0 if self._n_threads() else alone + RETRY
