@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -209,7 +209,7 @@ def _watched(
     state = watch.begin()
     recent: deque[Sample] = deque(maxlen=2 * options.window if options.diagnoses else 1)
     pending: Alarm | None = None
-    n_alarms, time = 0, None
+    n_alarms, n_pending, time = 0, 0, None
 
     def begun_anew() -> None:
         nonlocal state
@@ -228,12 +228,13 @@ def _watched(
             if alarm is not None:
                 n_alarms += 1
                 _tell_alarm(alarm, tell)
+                n_pending = 1 if pending is None else n_pending + 1
                 pending = pending or (alarm if options.diagnoses else None)
             if pending is not None and _is_full(pending, recent, options.window):
-                _tell_diagnosis(stream, recent, pending, folders, seed, time, tell)
+                _tell_diagnosis(stream, recent, pending, n_pending > 1, folders, seed, time, tell)
                 pending = None
         if pending is not None:
-            _tell_diagnosis(stream, recent, pending, folders, seed, time, tell)
+            _tell_diagnosis(stream, recent, pending, n_pending > 1, folders, seed, time, tell)
     except KeyboardInterrupt:
         tell("ended", time, n_samples=stream.tally.n_samples, n_alarms=n_alarms)
         raise
@@ -259,13 +260,14 @@ def _tell_diagnosis(
     stream: Stream,
     recent: deque[Sample],
     alarm: Alarm,
+    lasts: bool,
     folders: tuple[Path, ...],
     seed: int,
     time: float | None,
     tell: Tell,
 ) -> None:
     """What is missing in the samples since the change. A diagnosis that fails is told as one."""
-    from daest.estimation.watch import recording_of
+    from daest.estimation.watch import before_change
 
     samples = [sample for sample in recent if sample.time >= alarm.since]
     if len(samples) < FEWEST:
@@ -274,7 +276,7 @@ def _tell_diagnosis(
         return
     note(f"diagnosing {len(samples)} samples since {alarm.since:g} s")
     try:
-        found = _diagnosed(stream, recording_of(samples, stream.online), folders, seed)
+        found = _diagnosed(stream, before_change(recent, alarm), samples, lasts, folders, seed)
     except DaestError as problem:
         tell("diagnosis", time, since=alarm.since, verdict="cannot tell", message=problem.what)
         return
@@ -291,9 +293,17 @@ def _tell_diagnosis(
     )
 
 
-def _diagnosed(stream: Stream, experiment: Any, folders: tuple[Path, ...], seed: int) -> Any:
-    from daest.diagnosis.diagnose import diagnose
+def _diagnosed(
+    stream: Stream,
+    before: Sequence[Sample],
+    after: Sequence[Sample],
+    lasts: bool,
+    folders: tuple[Path, ...],
+    seed: int,
+) -> Any:
+    from daest.diagnosis.changed import diagnose_change
     from daest.diagnosis.options import DiagnoseOptions
+    from daest.estimation.watch import recording_of
     from daest.modelica.effects import effect_library
 
     options = DiagnoseOptions(
@@ -301,4 +311,6 @@ def _diagnosed(stream: Stream, experiment: Any, folders: tuple[Path, ...], seed:
         seed=seed,
         fitted={p.name: p.value for p in stream.flat.parameters},
     )
-    return diagnose(stream.flat, effect_library(folders), [experiment], (), options)
+    usual = recording_of(before, stream.online) if len(before) >= FEWEST else None
+    changed = recording_of(after, stream.online)
+    return diagnose_change(stream.flat, effect_library(folders), usual, changed, options, lasts)

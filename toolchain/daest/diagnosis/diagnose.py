@@ -238,15 +238,20 @@ def begin(
     progress("fitting the model as it is, with unknown loads")
 
     def fitted() -> Stand:
-        nodes = [site for site in sites(flat) if site.kind in ("node", "equation")]
         held = drives["zoh"][0] if drives else None
-        null = fit_null(without_noises(flat), nodes, both[0], options.hold, held)
+        quiet, nodes = without_noises(flat), load_sites(flat)
+        null = fit_null(quiet, nodes, both[0], options.hold, held, options.slowest_load)
         unseen = drives.get(null.recorded_hold, both)[1]
         baseline, reference = _told_fits(null, unseen)
         other = drives[null.other_hold][1] if drives and null.other_hold else None
         return Stand(flat, null, baseline, unseen, began, reference, other)
 
-    return replace(options.step("null", (options.hold,), flat, fitted), began=began)
+    return replace(options.step("null", (options.hold, options.slowest_load), flat, fitted), began=began)
+
+
+def load_sites(flat: FlatModel) -> list[Site]:
+    """Where unknown loads may act."""
+    return [site for site in sites(flat) if site.kind in ("node", "equation")]
 
 
 def _told_fits(null: Null, validation: Sequence[Experiment]) -> tuple[FitResult, Reference | None]:
@@ -265,9 +270,9 @@ def limited(
         return stand, ()
 
     def fitted() -> Stand:
-        nodes = [site for site in sites(stand.declared) if site.kind in ("node", "equation")]
-        null = fit_null(without_noises(found.flat), nodes, stand.null.experiments, stand.null.hold)
         known = stand.null
+        quiet, nodes = without_noises(found.flat), load_sites(stand.declared)
+        null = fit_null(quiet, nodes, known.experiments, known.hold, slowest=known.slowest)
         null = replace(
             null,
             other_hold=known.other_hold,

@@ -34,7 +34,8 @@ class Null:
     """`flat` is the model with the loads attached and all values at the estimate; `fit` the fit of that
     model. `other_hold` is that of the inputs which the user has not ruled out, and fits worse by `hold_lead`
     in log-likelihood; `other_experiments` are those for it where the experiments are coarser than the
-    recordings, and their inputs straight lines either way. `recorded_hold` is that of the recordings."""
+    recordings, and their inputs straight lines either way. `recorded_hold` is that of the recordings. No time
+    constant of a load is above `slowest` [s]; None: the length of the record limits it."""
 
     flat: FlatModel
     explicit: ExplicitModel
@@ -47,6 +48,7 @@ class Null:
     hold_lead: float = 0.0
     other_experiments: tuple[Experiment, ...] | None = None
     recorded_hold: Hold | None = None
+    slowest: float | None = None
 
     @property
     def estimated(self) -> tuple[str, ...]:
@@ -83,9 +85,10 @@ def fit_null(
     experiments: Sequence[Experiment],
     hold: Hold | None,
     held: Sequence[Experiment] | None = None,
+    slowest: float | None = None,
 ) -> Null:
     """Fit the null to the experiments; to those `held`, if they are given, where the inputs of the recordings
-    were. The parameters that `flat` marks are estimated.
+    were. The parameters that `flat` marks are estimated. `slowest` [s] limits the time constants of loads.
 
     Without `hold`, the only possible or the more likely one is taken: the loads must be there when the holds
     are compared, for half a sample of delay is little beside a load, but a finding once the load is
@@ -104,15 +107,30 @@ def fit_null(
     if held is not None:
         drives = {"foh": (experiments, "foh"), "zoh": (held, "foh")}
     asked = (hold,) if hold else HOLDS if held is not None else _possible_holds(loaded)
-    fits = {one: _loaded_fit(loaded, *drives[one]) for one in asked}
+    fits = {one: _loaded_fit(loaded, *drives[one], slowest) for one in asked}
     best, *others = sorted(fits, key=lambda one: -fits[one].log_likelihood)
     null = _at_estimate(loaded, fits[best], places, tuple(drives[best][0]))
-    null = replace(null, recorded_hold=best)
+    null = replace(null, recorded_hold=best, slowest=slowest)
     if not others:
         return null
     lead = fits[best].log_likelihood - fits[others[0]].log_likelihood
     apart = None if held is None else tuple(drives[others[0]][0])
     return replace(null, other_hold=others[0], hold_lead=lead, other_experiments=apart)
+
+
+def slowest_load(
+    flat: FlatModel, nodes: Sequence[Site], experiments: Sequence[Experiment], hold: Hold | None
+) -> float:
+    """The least limit [s] for the time constants of the loads with which the experiments are as likely as
+    without one. Raises as `fit_null`."""
+    free = fit_null(flat, nodes, experiments, hold)
+    _, longest = _time_constants(experiments)
+    for periods in GIVEN_LOADS:
+        limit = min(periods * period_of(experiments), longest)
+        fit = fit_null(flat, nodes, experiments, free.hold, slowest=limit).fit
+        if fit.log_likelihood > free.fit.log_likelihood - GATES.min_load_gain:
+            return limit
+    return longest
 
 
 def with_other_hold(null: Null) -> Null:
@@ -144,10 +162,11 @@ def shortest_load(experiments: Sequence[Experiment]) -> float:
     return GATES.shortest_load * period_of(experiments)
 
 
-def _time_constants(experiments: Sequence[Experiment]) -> tuple[float, float]:
+def _time_constants(experiments: Sequence[Experiment], slowest: float | None = None) -> tuple[float, float]:
     """The shortest and the longest that a load can have [s]."""
     duration = float(sum(e.time[-1] - e.time[0] for e in experiments))
-    return shortest_load(experiments), GATES.longest_load * duration
+    longest = GATES.longest_load * duration
+    return shortest_load(experiments), longest if slowest is None else min(slowest, longest)
 
 
 def _no_place(nodes: Sequence[Site]) -> EstimationError:
@@ -165,16 +184,18 @@ def _no_place(nodes: Sequence[Site]) -> EstimationError:
     )
 
 
-def _loaded_fit(loaded: FlatModel, experiments: Sequence[Experiment], hold: Hold) -> FitResult:
+def _loaded_fit(
+    loaded: FlatModel, experiments: Sequence[Experiment], hold: Hold, slowest: float | None
+) -> FitResult:
     """The fit; where the start values are a point at which parameters do the same, as those of two equal
     tanks in a row do, from start values beside it."""
     try:
-        return _fit_from(loaded, experiments, hold)
+        return _fit_from(loaded, experiments, hold, slowest)
     except EstimationError as error:
         if error.code != "identify-unidentifiable" or str(error.where).startswith("load_"):
             raise
         try:
-            return _fit_from(_moved_apart(loaded), experiments, hold)
+            return _fit_from(_moved_apart(loaded), experiments, hold, slowest)
         except EstimationError:
             raise error from None
 
@@ -199,9 +220,11 @@ def _inside(parameter: Parameter, value: float) -> float:
     return value if low < value < high else parameter.value
 
 
-def _fit_from(loaded: FlatModel, experiments: Sequence[Experiment], hold: Hold) -> FitResult:
+def _fit_from(
+    loaded: FlatModel, experiments: Sequence[Experiment], hold: Hold, slowest: float | None
+) -> FitResult:
     times = [p.name for p in loaded.parameters if p.name.startswith("load_")]
-    bounds = dict.fromkeys(times, _time_constants(experiments))
+    bounds = dict.fromkeys(times, _time_constants(experiments, slowest))
     physical = tuple(p.name for p in loaded.parameters if p.estimate)
     # What is missing colours the residuals: other starts would be tried in vain.
     given = IdentifyOptions(method="pem", hold=hold, second_look=False)
@@ -212,15 +235,19 @@ def _fit_from(loaded: FlatModel, experiments: Sequence[Experiment], hold: Hold) 
         if not str(error.where).startswith("load_"):
             raise
         # Nothing in the data tells the time constants apart: the most likely of a few.
-        return _with_given_time_constants(loaded, physical, experiments, given)
+        return _with_given_time_constants(loaded, physical, experiments, given, slowest)
 
 
 def _with_given_time_constants(
-    loaded: FlatModel, physical: tuple[str, ...], experiments: Sequence[Experiment], given: IdentifyOptions
+    loaded: FlatModel,
+    physical: tuple[str, ...],
+    experiments: Sequence[Experiment],
+    given: IdentifyOptions,
+    slowest: float | None,
 ) -> FitResult:
     fits = []
     for periods in GIVEN_LOADS:
-        T = min(periods * period_of(experiments), _time_constants(experiments)[1])
+        T = min(periods * period_of(experiments), _time_constants(experiments, slowest)[1])
         fixed = {p.name: T for p in loaded.parameters if p.name.startswith("load_")}
         options = replace(given, estimate=physical, fix=fixed)
         fits.append(identify(loaded, experiments, options))
@@ -313,7 +340,8 @@ def refitted(
     known = {p.name: p for p in flat.parameters}
     bounds = {name: (known[name].min, known[name].max) for name in names}
     times = dict.fromkeys(
-        (f"{load.name}.T" for load in null.loads if load.size > 0.0), _time_constants(null.experiments)
+        (f"{load.name}.T" for load in null.loads if load.size > 0.0),
+        _time_constants(null.experiments, null.slowest),
     )
     coordinates = tuple(
         parameter_coordinate(flat, name, known[name].value, limits)

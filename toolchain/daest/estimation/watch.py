@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,6 +71,13 @@ class Watch:
         after = WatchState(charts, 0)
         output, chart = self.output_names[found.output], CHARTS[found.chart]
         return after, Alarm(estimate.time, output, chart, found.statistic, found.since)
+
+
+def before_change(samples: Iterable[Sample], alarm: Alarm) -> list[Sample]:
+    """The samples that came well before the change. It may have begun earlier than its sum grew, by as much
+    as the sum took to pass the threshold."""
+    begins = 2.0 * alarm.since - alarm.time
+    return [sample for sample in samples if sample.time < begins]
 
 
 def recording_of(samples: Sequence[Sample], online: OnlineFilter) -> Experiment:
