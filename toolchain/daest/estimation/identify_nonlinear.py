@@ -38,6 +38,7 @@ from daest.estimation.nonlinear_start import (
 from daest.estimation.observer import AverageModel
 from daest.estimation.optimum import best_point
 from daest.estimation.profile import Tell, silent
+from daest.estimation.records import part_of
 from daest.estimation.result import assembled, fit_result
 from daest.estimation.search import minimise
 from daest.estimation.setup import Setup
@@ -52,6 +53,8 @@ from daest.systems.integrate import integrator
 # a cold search takes near zero.
 WARM_RTOL, WARM_ATOL_OF_SCALE = 1e-4, 0.1
 ROUGH_ITERATIONS = 8
+SHORT = 0.25  # of the recordings, over which a further start shows first whether it can win ...
+FEWEST_IN_SHORT = 500  # ... where that part has as many samples
 WARM_ROUNDS = 4
 LEVEL_ITERATIONS = 15  # of the last search over noise levels alone
 
@@ -163,6 +166,8 @@ def _search_on(setup: Setup, problem: TrajectoryProblem, warm: WarmStart) -> End
     for share in warm.shares:
         intensity = np.where(setup.estimate_intensity, share * warm.intensity, warm.intensity)
         levels = Levels(intensity, warm.measurement_std)
+        if ends and _loses_in_short(setup, problem, z, levels, average, ends[-1]):
+            continue
         end = _together(setup, problem, z, levels, average, ROUGH_ITERATIONS, FIT.rough_gain)
         ends += [] if end is None else [end]
     if not ends:
@@ -185,6 +190,27 @@ def _search_on(setup: Setup, problem: TrajectoryProblem, warm: WarmStart) -> End
         search = search_of(best.problem, z, options.max_iterations, FIT.warm_gain)
         best = replace(best, found=best_point(search, [best.found.z]) or best.found)
     return _with_own_gain(setup, best, warm)
+
+
+def _loses_in_short(
+    setup: Setup,
+    problem: TrajectoryProblem,
+    z: np.ndarray,
+    levels: Levels,
+    average: AverageModel | None,
+    known: Ending,
+) -> bool:
+    """Whether a search from `levels` over the first part of the recordings stays below what the `known` end,
+    which was searched over all of them, is worth there."""
+    cuts = [round(SHORT * e.n_samples) for e in problem.experiments]
+    if sum(cuts) < FEWEST_IN_SHORT:
+        return False
+    parts = tuple(part_of(e, 0, cut) for e, cut in zip(problem.experiments, cuts, strict=True))
+    end = _together(
+        setup, replace(problem, experiments=parts), z, levels, average, ROUGH_ITERATIONS, FIT.rough_gain
+    )
+    there = objective(replace(known.problem, experiments=parts))(known.found.z, False)
+    return end is not None and there is not None and there.value < end.found.evaluation.value
 
 
 def _together(
