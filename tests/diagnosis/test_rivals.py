@@ -73,6 +73,9 @@ def test_kinks_are_as_round_as_the_recording_has_them():
     stand = rubbing()
     again = prove(stand.null, stand.baseline, once_more, stand.null.experiments, stand.validation, run, load)
     assert again.fit.log_likelihood > simple.fit.log_likelihood - 0.5
+    # What the kink gains is less than its worth: the law as it was stays, and this one is not judged.
+    assert simple.fit.log_likelihood + 3.0 < once_more.useless < simple.fit.log_likelihood + 4.0
+    assert again.delta_bic < simple.delta_bic and again.final is None and "started otherwise" in again.reason
     assert again.fit.theta[f"{simple.candidate.name}.tau_c"] == pytest.approx(
         simple.fit.theta[f"{simple.candidate.name}.tau_c"], rel=0.05
     )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from nonlinear_models import experiment_of, explicit_from, setup_of
 
+import daest.estimation.identify_nonlinear as identify_nonlinear_module
 from daest.errors import DaestError, EstimationError
 from daest.estimation import trajectories
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
@@ -148,6 +149,29 @@ def test_hopeless_warm_start_is_not_pursued():
     whole = WarmStart(np.array([1e-4]), np.array([0.005]), state)
     fits = [refit(experiments, w, J=0.8, d=0.5, stick=0.05).fit for w in (short, whole)]
     assert fits[0].log_likelihood <= fits[1].log_likelihood + 1e-6
+
+
+@pytest.mark.parametrize(("intensity", "wins"), [(1e-4, False), (1e-1, True)])
+def test_second_start_shows_over_a_part_of_the_recordings_whether_it_can_win(monkeypatch, intensity, wins):
+    """With next to no noise of the process, where the first start had it right, and where it had far too
+    much."""
+    lengths = []
+    together = identify_nonlinear_module._together
+
+    def counted(setup, problem, *others):
+        lengths.append(problem.experiments[0].n_samples)
+        return together(setup, problem, *others)
+
+    monkeypatch.setattr(identify_nonlinear_module, "_together", counted)
+    monkeypatch.setattr(identify_nonlinear_module, "ROUGH_ITERATIONS", 3)
+    experiments = [record(800, 2, 0.0 if wins else 2e-4)]
+    warm = WarmStart(np.array([intensity]), np.array([0.006]), ({"phi": 0.0, "w": 0.0},), is_rough=True)
+    found = []
+    for fewest in (100, np.inf):
+        monkeypatch.setattr(identify_nonlinear_module, "FEWEST_IN_SHORT", fewest)
+        found.append(refit(experiments, warm, J=0.45, d=0.35, stick=0.1).fit.log_likelihood)
+    assert lengths == ([800, 200, 800] if wins else [800, 200]) + [800, 800]
+    assert found[0] == found[1]
 
 
 def test_two_records_have_initial_states_of_their_own():
