@@ -162,7 +162,7 @@ def _search_on(setup: Setup, problem: TrajectoryProblem, warm: WarmStart) -> End
     problem, z = scaled(problem, np.concatenate([problem.unknowns.start, *x0]))
     problem = replace(problem, rtol=WARM_RTOL, atol_of_scale=WARM_ATOL_OF_SCALE)
     average = average_along(problem, z)
-    ends = []
+    ends: list[Ending] = []
     for share in warm.shares:
         intensity = np.where(setup.estimate_intensity, share * warm.intensity, warm.intensity)
         levels = Levels(intensity, warm.measurement_std)
