@@ -9,10 +9,10 @@ import numpy as np
 
 from daest.model.comparison import Comparison, Finding
 from daest.report import figures as style
+from daest.report.console import LEAST_P, probability
 from daest.report.figures import ALARM, LINE, LINES, MEASURED, PANEL, QUIET, SMALL, WIDTH
 from daest.report.several_models import (
     DECADE,
-    LEAST_P,
     draw_key,
     draw_matrix,
     key_height,
@@ -254,8 +254,7 @@ def _draw_verdicts(comparison: Comparison, ax: Axes) -> None:
     for place, (_, p_value, passed) in enumerate(rows):
         size = -np.log10(max(p_value, LEAST_P))
         ax.barh(place, size, color=QUIET if passed else ALARM, height=0.65)
-        shown = f"p = {p_value:.2g}" if p_value >= LEAST_P else f"p < {LEAST_P:.0e}"
-        text = f"{'passed' if passed else 'failed'}, {shown}"
+        text = f"{'passed' if passed else 'failed'}, {probability(p_value)}"
         ax.annotate(text, (size, place), (4, 0), textcoords="offset points", va="center", fontsize=SMALL)
     ax.set_yticks(range(len(rows)), [name for name, _, _ in rows], fontsize=SMALL)
     ax.set_ylim(len(rows) - 0.4, -0.6)

@@ -14,6 +14,7 @@ from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.style import Style
 from rich.text import Text
 
+LEAST_P = 1e-12  # of a shown p-value
 NARROWEST_TEXT = 8  # characters that a text keeps in a narrow terminal
 LONGEST_NAME = 32  # characters of a word that are always kept together
 JOINT = re.compile(r"(?<=[._/:,])(?=\w)|(?<=[a-z])(?=[A-Z])")  # where a longer name may be divided
@@ -183,6 +184,14 @@ def number(value: Any, digits: int = 4) -> str:
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
     return f"{value:.{digits}g}"
+
+
+def probability(p_value: float | None, digits: int = 2) -> str:
+    """`p = 0.03`, or below LEAST_P only that it is less: so far out no distribution is known, and 0 would be
+    none."""
+    if p_value is not None and p_value < LEAST_P:
+        return f"p < {LEAST_P:.0e}"
+    return f"p = {number(p_value, digits)}"
 
 
 def percent(value: Any) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from daest.model.diagnosis import Diagnosis, FreeForm, LearnedLoad, Screened
 from daest.report import figures as style
+from daest.report.console import probability
 from daest.report.figures import BAND, LINES, PANEL, QUIET, SMALL
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ def _draw_curve(curve: FreeForm, learned: LearnedLoad | None, ax: Axes) -> None:
     ax.set_xlabel(f"{curve.variable} [{curve.variable_unit or '1'}]")
     where = f", where {curve.sign_of} > 0" if curve.sign_of else ""
     ax.set_ylabel(f"unexplained load [{curve.unit or '1'}]{where}", fontsize=8)
-    style.legend(ax, f"the load follows {curve.label} (p = {curve.p_value:.1g})")
+    style.legend(ax, f"the load follows {curve.label} ({probability(curve.p_value, 1)})")
 
 
 def staircase_figure(document: Mapping[str, Any]) -> Figure:

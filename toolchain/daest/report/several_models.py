@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from daest.model.comparison import Comparison, ResidualTest
 from daest.report import figures as style
+from daest.report.console import probability
 from daest.report.figures import ALARM, LINE, QUIET, SMALL
 
 if TYPE_CHECKING:
@@ -23,7 +24,6 @@ NAME = 34  # characters of a line of a model's name
 UNDER = 26  # characters of a line under a panel beside others
 BESIDE = 3  # outputs beside each other
 DECADE = 10.0  # ratio of errors from which their axis is logarithmic
-LEAST_P = 1e-12  # of a shown p-value
 CELL = 0.24  # inches of height of a row of the matrix
 
 
@@ -137,8 +137,7 @@ def draw_matrix(comparison: Comparison, ax: Axes) -> None:
 
 
 def _outcome(test: ResidualTest) -> str:
-    shown = f"p = {test.p_value:.2g}" if test.p_value >= LEAST_P else f"p < {LEAST_P:.0e}"
-    return f"{'passed' if test.passed else 'failed'}, {shown}"
+    return f"{'passed' if test.passed else 'failed'}, {probability(test.p_value)}"
 
 
 def _rows(comparison: Comparison) -> Iterator[tuple[str, dict[str, ResidualTest], str, str]]:

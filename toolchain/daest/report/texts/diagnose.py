@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from daest.report.console import heading, indented, number, rendered, table
+from daest.report.console import heading, indented, number, probability, rendered, table
 
 LEAST_GAIN = 1.0  # of log-likelihood: a load that buys less is not listed
 BAND = 1.96  # standard deviations to either side of a 95 % band
@@ -159,7 +159,7 @@ def grouped(names: Sequence[str]) -> str:
 def _disturbance(disturbance: Mapping[str, Any]) -> Iterator[RenderableType]:
     yield heading(
         f"Unexplained load at {disturbance['place']} follows {disturbance['label']} "
-        f"(p = {disturbance['p_value']:.1g})"
+        f"({probability(disturbance['p_value'], 1)})"
     )
     units = disturbance["variable_unit"] or "1", disturbance["unit"] or "1"
     learned = disturbance.get("learned")
