@@ -53,11 +53,11 @@ def test_lines_run_one_after_the_other_up_to_the_first_that_fails(tmp_path, home
 SLOW = """
 import signal, sys, time
 from pathlib import Path
-Path("begun").touch()
 def end(*_):
     Path("told").touch()
     sys.exit(130)
 signal.signal(signal.SIGTERM, end)
+Path("begun").touch()
 time.sleep(120)
 """
 MAIN = "from daest.cli.main import main; main()"

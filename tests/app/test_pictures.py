@@ -70,3 +70,20 @@ def test_the_next_experiment_is_designed_for_the_current_model():
     assert lines("design", {}, standing([])) == [["design", "-o", "next_input.csv"]]
     (later,) = lines("design", {}, standing([], 1))
     assert later[1] == "--model" and later[-1] == "next_input.csv"
+
+
+@pytest.mark.parametrize(("model", "is_seen"), [("Cart.mo", True), ("Other.mo", False)])
+def test_a_diagnosis_of_the_command_line_is_that_of_the_page(tmp_path, model, is_seen):
+    """It belongs to a step if it was made from its model; the newest one counts."""
+    (tmp_path / "Cart.mo").write_text(CART)
+    (tmp_path / "daest.toml").write_text('[model]\nsource = "Cart.mo"\n')
+    document = {"candidates": [rival("New")], "made_from": {"files": [{"role": "model", "path": model}]}}
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "diagnosis.json").write_text(json.dumps(document))
+    desk = Desk(tmp_path)
+    assert (state(desk)["diagnosis"] is not None) is is_seen
+    (desk.home / "diagnoses").mkdir(parents=True)
+    (desk.home / "diagnoses" / "0.json").write_text(json.dumps({"candidates": [rival("Old")]}))
+    found = state(desk)["diagnosis"]["candidates"]
+    assert [one["effect"] for one in found] == ["New" if is_seen else "Old"]
+    assert desk.standing().diagnosis["candidates"][0]["effect"] == found[0]["effect"]

@@ -82,13 +82,24 @@ class Desk:
             home=HOME,
             story=story,
             parameters=tuple((fit or {}).get("theta", {})),
-            diagnosis=self.read(diagnosis_file(story.current)),
+            diagnosis=self.diagnosis(story.step),
             files=self.files(),
         )
 
     def read(self, name: str) -> dict[str, Any] | None:
         """A document of the page's own."""
         return read_json(self.home / name)
+
+    def kept(self, name: str, step: Step) -> dict[str, Any] | None:
+        """A document that a command left in `results/`, if it was made from the model of the step."""
+        document = read_json(self.folder / "results" / f"{name}.json") or {}
+        files = (document.get("made_from") or {}).get("files", [])
+        models = [file["path"] for file in files if file["role"] == "model"]
+        return document if models == [step.model] else None
+
+    def diagnosis(self, step: Step) -> dict[str, Any] | None:
+        """The newest diagnosis of the model of a step, whether it was made here or on the command line."""
+        return self.kept("diagnosis", step) or self.read(diagnosis_file(step.number))
 
     def beside(self, asked: Mapping[str, Any]) -> tuple[str, str]:
         """The current model, and the same with a candidate of its diagnosis, which is written anew. Raises
@@ -251,11 +262,7 @@ def _errors(desk: Desk, step: Step) -> dict[str, Any] | None:
     """Of the comparison that was made with the step; of the first model also of one made without the page."""
     own = desk.read(comparison_file(step.number))
     if own is None and step.number == 0:
-        kept = read_json(desk.folder / "results" / "comparison.json") or {}
-        files = [
-            file["path"] for file in (kept.get("made_from") or {}).get("files", []) if file["role"] == "model"
-        ]
-        own = kept if files == [step.model] else None
+        own = desk.kept("comparison", step)
     return step_errors(own)
 
 
@@ -297,7 +304,7 @@ def _rivals(desk: Desk, story: Story) -> dict[str, Any] | None:
 
 def _diagnosis(desk: Desk, step: Step) -> dict[str, Any] | None:
     """The diagnosis of the model of a step, with the lines that each candidate adds to it."""
-    document = desk.read(diagnosis_file(step.number))
+    document = desk.diagnosis(step)
     if document is None:
         return None
     base = _text(desk.folder / step.model)

@@ -45,7 +45,7 @@ function candidates(state, page) {
   if (!diagnosis) return state.arrived.length ? h("p", {className: "missing"}, `${state.arrived.length} refits of an earlier search are kept; a search of the same model and data goes on from them.`) : null;
   return [h("p", {}, h("span", {className: `badge ${tone(diagnosis.verdict)}`}, diagnosis.verdict), " ", arrows(diagnosis.message)),
     h("div", {className: "candidates"}, diagnosis.candidates.map((one, i) => candidate(one, i, outputs, state, page))),
-    diagnosis.candidates.length ? null : h("p", {}, "No candidate came as far as a refit.")];
+    diagnosis.candidates.length ? h("p", {className: "hint"}, diagnosis.baseline?.remark ?? "") : h("p", {}, "No candidate came as far as a refit.")];
 }
 
 function forming(n, held) {
@@ -71,7 +71,7 @@ function candidate(one, i, outputs, state, page) {
   const asked = {action: "add", effect: one.effect, at: one.at};
   const place = h("div", {});
   return h("details", {className: "candidate", "data-key": key, ontoggle: event => { if (event.target.open && !place.firstChild) opened(place, one, asked, state, page); }},
-    h("summary", {}, h("span", {className: `badge ${tone(one.verdict)}`}, one.verdict), " ", h("strong", {}, key), " ", h("span", {className: "unit"}, one.refitted === false ? "not refitted" : errors)), place);
+    h("summary", {}, h("span", {className: `badge ${tone(one.verdict)}`}, one.verdict), " ", h("strong", {}, key), " ", h("span", {className: "hint"}, one.refitted === false ? "not refitted" : errors)), place);
 }
 
 async function opened(place, one, asked, state, page) {
