@@ -3,6 +3,7 @@ of both.
 
     python benchmarks/design_loop.py open --runs 20     laws that a first recording cannot tell apart
     python benchmarks/design_loop.py small --runs 10    dry friction too small for a first recording
+    python benchmarks/design_loop.py power --runs 40    predicted against obtained power to name an effect
 
 Every case is diagnosed with the whole library. Then the designed input is played for as long as the first
 one, and so are, instead of it, a multisine and a random binary input of the same power and range, each
@@ -26,11 +27,13 @@ from typing import Any
 import numpy as np
 from design_study import of_power
 from scipy.integrate import solve_ivp
+from scipy.stats import binomtest
 
 from daest.design.design import Task, design
 from daest.design.effects import Rival, detect_aim, leaving, rival_aim
-from daest.design.signals import multisine, random_binary
+from daest.design.signals import multisine, random_binary, within
 from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.foreseeable import beside_loads, required
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import DiagnoseOptions
 from daest.errors import DaestError
@@ -264,12 +267,94 @@ def detected(
         return {}
     flat, allowed = model(kind.plant.name), kind.plant.limits(kind.n)
     effect = next(e for e in find_effects(kind.right[0]) if e.domain == "rotational")
+    loaded, loads = beside_loads(flat.with_theta(before.baseline.theta))
     aim, subjects = detect_aim(
-        flat.with_theta(before.baseline.theta), effect, find_site(flat, kind.plant.place, effect), allowed,
-        [u], size=size, evidence=GATES.min_bic_gain, n_candidates=50, chance=GATES.max_chance,
-        foreseen=GATES.likelier_significance,
+        loaded, effect, find_site(flat, kind.plant.place, effect), allowed, [u],
+        size=size, required=required(50), loads=loads,
     )  # fmt: skip
     return played(kind, Task(aim, subjects, allowed, (u,), seconds=SECONDS), first, size, key)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """An effect of which a half recording of `n` samples is to be named, `sizes` relative to the one with a
+    predicted power of 95 %."""
+
+    plant: Plant
+    law: Callable[[float], Law]
+    effect: str
+    place: str
+    guess: float  # of the size
+    n: int
+    family: Callable[..., Any]
+    sizes: tuple[float, ...] = (0.38, 0.5, 0.7, 0.95)
+
+
+POWER = (
+    Shown(ROTOR, dry, "CoulombFriction", ROTOR.place, 0.03, 240, multisine),
+    Shown(SLIDER, hardening, "HardeningSpring", "spring", 100.0, 400, random_binary, (0.32, 0.42, 0.55, 0.9)),
+)
+
+
+def powers(runs: int, seed: int, kept: Path | None, minutes: float) -> list[dict[str, Any]]:
+    """Recordings of one input played twice, since half of each is kept for validation, and of one effect,
+    which is the only law that is tried. A row for every recording."""
+    rows = [json.loads(line) for line in kept.read_text().splitlines()] if kept and kept.exists() else []
+    done = {tuple(row["key"]) for row in rows}
+    until = time.monotonic() + 60.0 * minutes
+    planned = [asked(one) for one in POWER]
+    keys = ((run, i, j) for run in range(runs) for i, one in enumerate(POWER) for j in range(len(one.sizes)))
+    for run, i, j in keys:
+        if (run, i, j) in done or time.monotonic() > until:
+            continue
+        one, (effect, inputs, sizes, power) = POWER[i], planned[i]
+        key = (seed, i, j, run)
+        recording = one.plant.recorded("r", one.law(sizes[j]), np.vstack([inputs, inputs]), key)
+        options = DiagnoseOptions(hold="zoh", jobs=1)
+        found = diagnose(model(one.plant.name), (effect,), [recording], (), options)
+        named = answer(found) == effect.name
+        row = {"key": (run, i, j), "plant": one.plant.name, "size": sizes[j], "predicted": power[j]}
+        rows.append({**row, "named": named, "verdict": found.verdict})
+        print(json.dumps(rows[-1]), flush=True)
+        if kept:
+            with kept.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(rows[-1]) + "\n")
+    return rows
+
+
+def asked(one: Shown) -> tuple[Any, np.ndarray, list[float], list[float]]:
+    """The effect, the input, the sizes and their predicted powers, at the true parameters of the plant."""
+    plant, flat = one.plant, at_truth(one.plant)
+    allowed = plant.limits(one.n + 1)
+    domain = "rotational" if plant is ROTOR else "translational"
+    effect = next(e for e in find_effects(one.effect) if e.domain == domain)
+    inputs = within(allowed, list(one.family(allowed, 0))[1].signal, keeps_form=True)[:-1]
+    loaded, loads = beside_loads(flat)
+    # One effect at one place is searched: the shapes of the library that it is tried with are few.
+    aim, _ = detect_aim(
+        loaded, effect, find_site(flat, one.place, effect), allowed, (),
+        size=one.guess, required=required(4), loads=loads,
+    )  # fmt: skip
+    sizes = [share * aim.smallest([inputs]) for share in one.sizes]
+    return effect, inputs, sizes, [aim.power([inputs], size) for size in sizes]
+
+
+def at_truth(plant: Plant) -> Any:
+    m, d, c = plant.values
+    return model(plant.name).with_theta({"J": m, "d": d} if plant is ROTOR else {"m": m, "d": d, "c": c})
+
+
+def calibrated(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Of every plant and size the predicted power, how often the effect was named, and the probability that a
+    binomial number is that far off or farther."""
+    found = []
+    for key in sorted({tuple(row["key"][1:]) for row in rows}):
+        own = [row for row in rows if tuple(row["key"][1:]) == key]
+        named, predicted = sum(row["named"] for row in own), own[0]["predicted"]
+        tail = float(binomtest(named, len(own), predicted).pvalue)
+        part = {"plant": own[0]["plant"], "size": own[0]["size"], "predicted": predicted}
+        found.append({**part, "named": named, "recordings": len(own), "p": tail})
+    return found
 
 
 def summary(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -283,12 +368,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("part", choices=["open", "small"])
+    parser.add_argument("part", choices=["open", "small", "power"])
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--minutes", type=float, default=float("inf"))
     given = parser.parse_args()
+    if given.part == "power":
+        rows = powers(given.runs, given.seed, given.json, given.minutes)
+        print(json.dumps({"power": calibrated(rows), "machine": described()}, indent=2))
+        return
     kinds, second = {"open": (OPEN, told_apart), "small": (SMALL, detected)}[given.part]
     rows = cases(kinds, given.runs, given.seed, second, given.json, given.minutes)
     print(json.dumps({**summary(rows), "machine": described()}, indent=2))

@@ -2,7 +2,6 @@
 
     python benchmarks/design_study.py errors --runs 60         predicted against obtained standard errors
     python benchmarks/design_study.py rivals --runs 20         laws that a first recording cannot tell apart
-    python benchmarks/design_study.py power --runs 40          predicted against obtained power
     python benchmarks/design_study.py feedback --runs 40       standard errors of an unstable plant, held
     python benchmarks/design_study.py peers                    a D-optimal input beside pydex
 
@@ -24,12 +23,10 @@ from scipy.signal import cont2discrete
 
 from daest.design.aims import ParameterAim
 from daest.design.design import Task, design
-from daest.design.effects import Rival, detect_aim, leaving, rival_aim, with_effect
+from daest.design.effects import Rival, leaving, rival_aim, with_effect
 from daest.design.prepared import Subject, estimated_names, explainer
 from daest.design.signals import multisine, random_binary, within
-from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.options import DiagnoseOptions
 from daest.errors import DaestError
 from daest.estimation.identify import identify
 from daest.machine import described
@@ -281,40 +278,6 @@ def rivals(runs: int, seed: int) -> dict:
     return {"cases": len(open_cases), "decided rightly": right, "decided wrongly": wrong, "rows": rows}
 
 
-def power(runs: int, seed: int) -> dict:
-    """How often `diagnose` names friction in noisy recordings, beside the predicted power. The input is
-    played twice, since half of a recording is kept for validation; friction is the only law that is tried."""
-    flat, rows = rotor(), []
-    allowed = Limits((Range("tau", "N.m", -0.6, 0.6),), 12.0, PERIOD, hold="zoh")
-    flat = flat.with_theta({"J": INERTIA, "d": DAMPING})
-    effect = next(e for e in find_effects("CoulombFriction") if e.domain == "rotational")
-    site = find_site(flat, "rotor.flange_a", effect)
-    inputs = within(allowed, list(multisine(allowed, 0))[1].signal, keeps_form=True)
-    twice = np.vstack([inputs[:-1], inputs[:-1]])
-    for size in (0.006, 0.009, 0.012, 0.015):
-        aim, _ = detect_aim(
-            flat,
-            effect,
-            site,
-            allowed,
-            (),
-            size=size,
-            evidence=GATES.min_bic_gain,
-            n_candidates=4,
-            chance=GATES.max_chance,
-            foreseen=GATES.likelier_significance,
-        )
-        named = 0
-        for run in range(runs):
-            one = recording("r", twice, "CoulombFriction", size, np.random.default_rng([seed, run]))
-            found = diagnose(flat, (effect,), [one], (), DiagnoseOptions(hold="zoh", jobs=1))
-            named += any(proof.verdict == "supported" for proof in found.proofs)
-        predicted = aim.power(aim.shown([inputs], size))
-        rows.append({"size": size, "predicted": predicted, "named": named / runs})
-        print(rows[-1], flush=True)
-    return {"runs": runs, "rows": rows}
-
-
 def peers() -> dict:
     """The law y = V u / (K + u) over 0 ≤ u ≤ 1, whose D-optimal designs measure half at u = 1 and half at
     u = K / (2K + 1)."""
@@ -363,12 +326,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("part", choices=["errors", "rivals", "power", "feedback", "peers"])
+    parser.add_argument("part", choices=["errors", "rivals", "feedback", "peers"])
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
-    parts = {"errors": errors, "rivals": rivals, "power": power, "feedback": feedback}
+    parts = {"errors": errors, "rivals": rivals, "feedback": feedback}
     result = peers() if given.part == "peers" else parts[given.part](given.runs, given.seed)
     text = json.dumps({**result, "machine": described()}, indent=2)
     print(text)

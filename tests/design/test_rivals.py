@@ -6,10 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 from driven import flat
-from scipy.stats import ncx2, norm
+from scipy.stats import norm
 
 from daest.design.design import Task, at_period, design
-from daest.design.effects import Rival, detect_aim, leaving, rival_aim, with_effect
+from daest.design.effects import Rival, leaving, rival_aim, with_effect
 from daest.errors import EstimationError
 from daest.model.design import Limits, Range
 from daest.model.experiment import Experiment
@@ -158,53 +158,6 @@ def test_rivals_that_are_one_equation():
     with pytest.raises(EstimationError) as problem:
         rival_aim([offset], allowed, (), 3.0, 0)
     assert problem.value.code == "design-no-rivals"
-
-
-def seen(size=None, recorded=()):
-    effect, site = placed("CoulombFriction")
-    return detect_aim(
-        flat("Rotor"),
-        effect,
-        site,
-        limits(),
-        recorded,
-        size=size,
-        evidence=10.0,
-        n_candidates=50,
-        chance=1e-3,
-        foreseen=1.64,
-    )
-
-
-def test_power_and_smallest_size():
-    aim, _ = seen(0.05)
-    both = np.vstack([forwards()[:120], -forwards()[:121]])
-    shown = aim.shown([both], 0.05)
-    # The ratio of the half that is kept back is normal, its mean half of what is shown, its variance that.
-    confirmed = norm.sf(1.64 * np.sqrt(shown), 0.5 * shown, np.sqrt(shown))
-    assert aim.power(shown) == pytest.approx(ncx2.sf(aim.threshold, 1, shown) * confirmed, abs=1e-9)
-    least = aim.smallest([both])
-    assert aim.power(aim.shown([both], least)) == pytest.approx(0.95, abs=0.01)
-    assert aim.smallest([both, both]) == pytest.approx(least / np.sqrt(2.0), rel=0.02)
-    # In one direction friction is a constant load, which damping and inertia hardly make up for.
-    assert aim.threshold > 10.0 + np.log(241)
-
-
-def test_design_for_an_effect_tells_power_against_length():
-    aim, subjects = seen(recorded=[forwards()])
-    found = design(Task(aim, subjects, limits(), (forwards(),), seconds=1.0))
-    assert found.expected.smallest_size < found.present.smallest_size
-    whole = {p.length: p for p in found.power if p.amplitude == 1.0}
-    assert sorted(whole) == [6.0, 12.0, 24.0, 48.0]
-    sizes = [whole[length].smallest_size for length in sorted(whole)]
-    assert sizes == sorted(sizes, reverse=True)
-    # Half of the recording validates: either half shows the effect, and what is expected is that of one.
-    half = found.inputs.shape[0] // 2 + 1
-    later = slice(found.inputs.shape[0] - half // 2, None)  # where the ramp from the end to the start is over
-    np.testing.assert_allclose(found.inputs[later], found.inputs[later.start - half : -half], atol=1e-12)
-    assert found.inputs.shape[0] == found.limits.time.size
-    assert any("validation" in note for note in found.notes)
-    assert found.expected.smallest_size == pytest.approx(aim.smallest([found.inputs[:half]]), rel=1e-6)
 
 
 def test_recordings_at_the_period_of_the_design():

@@ -15,9 +15,10 @@ if TYPE_CHECKING:
 
     from daest.data.project import Project
     from daest.design.aims import ParameterAim
+    from daest.design.detect import DetectAim
     from daest.design.effects import Loop, Rival
     from daest.design.prepared import Subject
-    from daest.design.rivals import DetectAim, RivalAim
+    from daest.design.rivals import RivalAim
     from daest.model.design import Criterion, Limits
     from daest.model.effects import Effect, Site
     from daest.model.flat import Model
@@ -122,24 +123,16 @@ def effect_aim(
 ) -> tuple[DetectAim, tuple[Subject, ...]]:
     """The aim of seeing an effect. Raises ModelError `effect-unknown`, `effect-place`, `effect-fit`."""
     from daest.design.effects import detect_aim
-    from daest.diagnosis.gates import GATES
+    from daest.diagnosis.foreseeable import beside_loads, required
     from daest.model.flat import with_equations
 
     effect, site = _placed(flat, name, place, folders)
     path = project.results / DIAGNOSIS
     screen = read_document(path).get("screen", {}) if path.is_file() else {}
+    loaded, loads = beside_loads(with_equations(flat, "an effect"))
+    asked = required(screen.get("n_screened") or SCREENED)
     return detect_aim(
-        with_equations(flat, "an effect"),
-        effect,
-        site,
-        limits,
-        recorded,
-        size=size,
-        evidence=GATES.min_bic_gain,
-        n_candidates=screen.get("n_screened") or SCREENED,
-        chance=GATES.max_chance,
-        foreseen=GATES.likelier_significance,
-        loop=loop,
+        loaded, effect, site, limits, recorded, size=size, required=asked, loads=loads, loop=loop
     )
 
 

@@ -10,14 +10,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from daest.design.aims import Aim, ParameterAim
+from daest.design.detect import DetectAim
 from daest.design.explainer import Explainer, likely
 from daest.design.linear_explainer import LinearExplainer
 from daest.design.prepared import Subject
-from daest.design.rivals import DetectAim, RivalAim
+from daest.design.rivals import RivalAim
 from daest.design.safety import DRAWS, TOLERATED, Guard
 from daest.design.search import FREE, SHARE_OF_FAMILIES, Budget, best_of_families, free_input
 from daest.design.sensors import sensor_gains
-from daest.design.signals import FAMILIES, KEEPS_LOWEST, slewed, within
+from daest.design.signals import FAMILIES, KEEPS_LOWEST, first_half, slewed, within
 from daest.errors import DaestError, EstimationError
 from daest.model.design import FEWEST_STEPS, Design, Expected, Limits, Played, PowerPoint, SensorGain
 from daest.model.experiment import Experiment
@@ -188,14 +189,16 @@ def _required(found: Expected | None) -> Expected:
 
 
 def _halved(task: Task) -> Task:
-    """The task of half the length where `daest diagnose` is to judge: it keeps half of every recording for
-    validation, and what it is to find must show in either half."""
+    """The task of half the length, and with the first halves of the recordings, where `daest diagnose` is to
+    judge: it keeps half of every recording for validation, and what it is to find must show in either
+    half."""
     if isinstance(task.aim, ParameterAim):
         return task
     half = 0.5 * task.limits.length
     if half < FEWEST_STEPS * task.limits.period:
         return task
-    return replace(task, limits=replace(task.limits, length=half))
+    recorded = tuple(first_half(inputs) for inputs in task.recorded)
+    return replace(task, limits=replace(task.limits, length=half), recorded=recorded)
 
 
 def _played(guard: Guard, inputs: np.ndarray, limits: Limits, whole: Limits) -> np.ndarray:

@@ -6,12 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri
 
+from daest.design.detect import DetectAim
+from daest.design.drawn import Required
 from daest.design.explainer import Explainer, likely
+from daest.design.loads import Loads
 from daest.design.prepared import Subject, estimated_names, explainer
-from daest.design.rivals import DetectAim, RivalAim
+from daest.design.rivals import RivalAim
 from daest.design.sensors import COMPONENT
+from daest.design.signals import first_half
 from daest.errors import EstimationError
 from daest.model.design import Limits
 from daest.model.effects import Effect, Placement, Site
@@ -103,20 +106,15 @@ def detect_aim(
     recorded: Sequence[np.ndarray],
     *,
     size: float | None,
-    evidence: float,
-    n_candidates: int,
-    chance: float,
-    foreseen: float,
+    required: Required,
+    loads: Loads,
     shape: Mapping[str, float] | None = None,
     loop: Loop = lambda flat: flat,
 ) -> tuple[DetectAim, tuple[Subject, ...]]:
-    """The aim of seeing `effect` at a place. `size` is that of its first size parameter (default: the
-    smallest that the recordings show, else its start value). `loop` closes that of a controller.
-
-    It is seen where twice the log-likelihood ratio exceeds both `evidence` plus the price of its parameters
-    by BIC, and what a search over n candidates finds by `chance`, and where unseen data are likelier with it
-    by `foreseen` standard errors. Raises EstimationError `design-no-size` for an effect without a size.
-    """
+    """The aim of seeing `effect` at a place of `flat`, through whose noises the `loads` act. `size` is that
+    of its first size parameter (default: the smallest that the recorded halves show, else its start value).
+    `loop` closes that of a controller. Raises EstimationError `design-no-size` for an effect without a
+    size."""
     sizes = [p for p in effect.sizes if p.start]
     if not sizes:
         raise EstimationError(
@@ -130,12 +128,9 @@ def detect_aim(
     names = tuple(f"{COMPONENT}.{p.name}" for p in sizes)
     subjects = (Subject(loop(flat), estimated_names(flat)), Subject(loop(whole), names))
     null, other = (explainer(subject, limits.period, limits.hold) for subject in subjects)
-    n_data = max(sum(inputs.shape[0] for inputs in recorded), limits.time.size) * len(flat.outputs)
-    price = evidence + len(sizes) * np.log(n_data)
-    threshold = max(float(price), float(chdtri(len(sizes), chance / n_candidates)))
     first = float(starts[0]) if size is None else size
-    aim = DetectAim(null, other, starts, first, threshold, foreseen)
+    aim = DetectAim(null, other, starts, first, required, loads)
     if size is None and recorded:
-        shown = aim.smallest(recorded)
-        aim = replace(aim, size=shown if np.isfinite(shown) else first)
+        smallest = aim.smallest([first_half(inputs) for inputs in recorded])
+        aim = replace(aim, size=smallest if np.isfinite(smallest) else first)
     return aim, subjects

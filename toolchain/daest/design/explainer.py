@@ -45,6 +45,20 @@ class Explained:
 
 
 @dataclass(frozen=True)
+class ErrorModel:
+    """How noises w (n_w,), called `noises`, reach the whitened errors ε of an explainer: dx/dt = A x + G w
+    between the samples, ε = C x + e with cov(e) = 1, and x loses gain ε at every sample of the `period`
+    (s)."""
+
+    A: np.ndarray
+    G: np.ndarray
+    C: np.ndarray
+    gain: np.ndarray
+    noises: tuple[str, ...]
+    period: float
+
+
+@dataclass(frozen=True)
 class Point:
     """Search coordinates z (p,) and the initial state (n_states,)."""
 
@@ -83,6 +97,9 @@ class Explainer(Protocol):
 
     def by_noise(self, n_samples: int) -> np.ndarray:
         """Information (p, p) that the noise of the process itself gives, whatever the input."""
+
+    def error_model(self, inputs: np.ndarray) -> ErrorModel | None:
+        """How noises of the process reach the errors; None where the model cannot be simulated."""
 
     def pulled_back(self, weights: np.ndarray, n_samples: int) -> np.ndarray | None:
         """∂/∂inputs (n_samples, n_u) of the sum of weights (p, n_samples, n_y) times slopes; None where the

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from daest.design.explainer import Driven, Explained, Point
+from daest.design.explainer import Driven, ErrorModel, Explained, Point
 from daest.estimation.linear_predictors import Problem, matrix_slopes, noise_levels
 from daest.estimation.predictor import Recursion, innovation_slopes, innovations, kalman_gains, recursion
 from daest.estimation.records import Record
@@ -65,6 +65,16 @@ class LinearExplainer(Driven):
         flat = white.reshape(white.shape[0], -1)
         p = slopes.shape[0]
         return Explained(flat[0], flat[1 : p + 1], flat[p + 1 :])
+
+    def error_model(self, inputs: np.ndarray) -> ErrorModel | None:
+        z = self.unknowns.start
+        dyn, gains = self._sampled(z)
+        if gains is None and self.has_noise:
+            return None
+        ss, root = self._space(z), np.linalg.cholesky(_covariance(dyn, gains))
+        gain = np.zeros(ss.C.T.shape) if gains is None else gains[0].K @ root
+        white = np.linalg.solve(root, ss.C)
+        return ErrorModel(ss.A, ss.G, white, gain, tuple(ss.noise_names), self.period)
 
     def by_noise(self, n_samples: int) -> np.ndarray:
         """Expected products of slopes that noise drives, and what the size of the innovations tells."""

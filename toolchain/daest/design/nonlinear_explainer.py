@@ -3,13 +3,13 @@ of their average linearisation where the process has noise."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daest.design.explainer import Driven, Explained, Point
+from daest.design.explainer import Driven, ErrorModel, Explained, Point
 from daest.errors import DaestError
-from daest.estimation.observer import Observer, average_model, observer
+from daest.estimation.observer import AverageModel, Observer, average_model, observer, sampled_average
 from daest.systems.integrate import Correction, Integrator, Trajectory, integrate, interval_inputs
 from daest.systems.integration import IntegrationError
 from daest.systems.simulate import values_along
@@ -56,6 +56,22 @@ class NonlinearExplainer(Driven):
         moves[:p] *= self.unknowns.slopes(at.z)[:, None, None]
         moves = (moves @ white).reshape(moves.shape[0], -1)
         return Explained(errors.ravel(), moves[:p], moves[p:])
+
+    def error_model(self, inputs: np.ndarray) -> ErrorModel | None:
+        at = self.start(inputs)
+        average, found = self._average(inputs, at), self._observer(inputs, at)
+        if average is None or not np.all(np.isfinite(average.A)):
+            return None
+        _, intensity, std = self.unknowns.values(at.z)
+        if found is None and np.any(intensity > 0.0):
+            return None
+        stds = std[self.chosen]
+        root = np.diag(stds) if found is None else np.linalg.cholesky(found.innovation_cov)
+        gain = np.zeros(average.C.T.shape)
+        if found is not None:  # it corrects the state at the sample itself
+            gain = sampled_average(average, intensity, stds).transition @ found.gain @ root
+        noises = tuple(w.name for w in self.explicit.flat.noises)
+        return ErrorModel(average.A, average.G, np.linalg.solve(root, average.C), gain, noises, self.period)
 
     def by_noise(self, n_samples: int) -> np.ndarray:
         """The gain is held, and nothing is said of the motion that noise causes."""
@@ -107,12 +123,20 @@ class NonlinearExplainer(Driven):
         if not np.any(intensity > 0.0):
             return None
         if "observer" not in self._kept:
+            average = self._average(inputs, at)
+            if average is None:
+                return None
+            self._kept["observer"] = observer(average, intensity, std[self.chosen])
+        return self._kept["observer"]
+
+    def _average(self, inputs: np.ndarray, at: Point) -> AverageModel | None:
+        """The linearisation along the first motion that was asked for."""
+        if "average" not in self._kept:
             run = self._run(inputs, at)
             if run is None:
                 return None
             theta, _, _ = self.unknowns.values(at.z)
             time = self._time(inputs)
             average = average_model(self.explicit, theta, time, run.states, self._ubar(time, inputs))
-            average = type(average)(average.A, average.G, average.C[self.chosen], average.period)
-            self._kept["observer"] = observer(average, intensity, std[self.chosen])
-        return self._kept["observer"]
+            self._kept["average"] = replace(average, C=average.C[self.chosen])
+        return self._kept["average"]

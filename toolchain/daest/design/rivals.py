@@ -1,4 +1,4 @@
-"""Experiments that tell rival models apart, and that show an effect of a given size.
+"""Experiments that tell rival models apart.
 
 A rival is refitted to what another one would give: what it cannot follow is the expected log-likelihood ratio
 (T-optimality; Atkinson and Fedorov 1975), the least over all pairs and over likely parameters of the truth.
@@ -10,18 +10,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.special import chndtr, chndtrinc, ndtr
+from scipy.special import ndtr
 
 from daest.design.explainer import STEPS, Explainer, distance
 from daest.model.design import AimName, Expected
 
 SAME = 1e-7  # share of the squared signals, in noise, by which two models differ that are one equation
-POWER = 0.95  # with which an effect is to be seen
-SURE = 5.0  # standard errors that fail one time in millions
-SIZE_STEPS = 8  # of the search for the smallest size
-SIZE_TOLERANCE = 0.01  # relative, of the smallest size
-MOST_CHANGE = 10.0  # times, of the size in a step
 LEAST = 1e-12  # log-likelihood that stands for none
 
 
@@ -155,89 +149,3 @@ class RivalAim:
 def _nothing(explainer: Explainer) -> np.ndarray:
     p = len(explainer.coordinates)
     return np.zeros((p, p))
-
-
-@dataclass(frozen=True)
-class DetectAim:
-    """`null` is the model without the effect, `effect` the one with it, whose coordinates are the sizes of
-    the effect in the proportions `sizes`. It is seen where twice the log-likelihood ratio exceeds
-    `threshold`, and where the same input, played again, is likelier with the effect by `foreseen` standard
-    errors; `size` is the one that the input is designed for."""
-
-    null: Explainer
-    effect: Explainer
-    sizes: np.ndarray
-    size: float
-    threshold: float
-    foreseen: float
-
-    name: AimName = "detect"
-    higher_is_better: bool = True
-    value_of: str = "power: probability that the effect is seen"
-
-    @property
-    def driven(self) -> tuple[Explainer, ...]:
-        return (self.null, self.effect)
-
-    def merit(self, inputs: np.ndarray) -> float:
-        found = self.shown([inputs], self.size)
-        return float(np.log(max(found, LEAST))) if np.isfinite(found) else -np.inf
-
-    def gradient(self, inputs: np.ndarray) -> np.ndarray | None:
-        return None
-
-    def value(self, merit: float) -> float:
-        return self.power(float(np.exp(merit)))
-
-    def expected(self, recordings: Sequence[np.ndarray]) -> Expected | None:
-        found = self.shown(recordings, self.size)
-        if not np.isfinite(found):
-            return None
-        power = self.power(found)
-        return Expected(power, power=power, smallest_size=self.smallest(recordings))
-
-    def watching(self, driven: Sequence[Explainer]) -> DetectAim:
-        return replace(self, null=driven[0], effect=driven[1])
-
-    def focused(self, inputs: np.ndarray) -> DetectAim:
-        return self
-
-    def shown(self, recordings: Sequence[np.ndarray], size: float) -> float:
-        """Twice the expected log-likelihood ratio at a size, with the model refitted; -inf where it cannot be
-        simulated."""
-        total = 0.0
-        sizes = self.sizes * (size / self.sizes[0])
-        pairs = zip(self.effect.coordinates, sizes, strict=True)
-        z = np.array([c.searched(value) for c, value in pairs])
-        for inputs in recordings:
-            made = self.effect.outputs(inputs, self.effect.start(inputs, z))
-            total += 2.0 * distance(self.null, inputs, made, _nothing(self.null))
-        return total
-
-    def power(self, shown: float) -> float:
-        """Probability that a chi-squared variable with as many degrees as sizes, that far off, exceeds the
-        threshold, and that unseen data of the same input confirm it: their log-likelihood ratio is normal
-        with mean shown/2 and variance shown."""
-        shown = max(shown, 0.0)
-        found = 1.0 - float(chndtr(self.threshold, self.sizes.size, shown))
-        return found * float(ndtr(0.5 * np.sqrt(shown) - self.foreseen))
-
-    def smallest(self, recordings: Sequence[np.ndarray]) -> float:
-        """The size that is seen with the power POWER; NaN where none is found."""
-        wanted = self._needed()
-        size = self.size
-        for _ in range(SIZE_STEPS):
-            found = self.shown(recordings, size)
-            if not np.isfinite(found) or found <= LEAST:
-                return float("nan")
-            change = float(np.clip(np.sqrt(wanted / found), 1.0 / MOST_CHANGE, MOST_CHANGE))
-            size *= change
-            if abs(change - 1.0) < SIZE_TOLERANCE:
-                break
-        return size
-
-    def _needed(self) -> float:
-        """Twice the log-likelihood ratio that is to be expected for the power POWER."""
-        least = float(chndtrinc(self.threshold, self.sizes.size, 1.0 - POWER))
-        most = least + (2.0 * (self.foreseen + SURE)) ** 2
-        return float(brentq(lambda shown: self.power(shown) - POWER, least, most))

@@ -161,3 +161,8 @@ def _sines(limits: Limits, lines: np.ndarray) -> np.ndarray:
     cycles = np.outer(limits.time / limits.length, lines)
     signal = np.cos(2.0 * np.pi * cycles + phases).sum(axis=1)
     return signal / np.max(np.abs(signal))
+
+
+def first_half(inputs: np.ndarray) -> np.ndarray:
+    """Of a recording's inputs (n, n_u): what `daest diagnose` fits."""
+    return inputs[: max(2, inputs.shape[0] // 2)]
