@@ -40,6 +40,7 @@ from daest.errors import DaestError
 from daest.machine import described
 from daest.model.design import Limits, Range
 from daest.model.diagnosis import Diagnosis
+from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
 from daest.modelica.effects import effect_library, find_effects
@@ -277,44 +278,62 @@ def detected(
 
 @dataclass(frozen=True)
 class Shown:
-    """An effect of which a half recording of `n` samples is to be named, `sizes` relative to the one with a
-    predicted power of 95 %."""
+    """An effect that is the only law to be tried, of several sizes, in recordings of an input of `n` samples
+    that is played twice, since half of each is kept for validation."""
 
     plant: Plant
     law: Callable[[float], Law]
     effect: str
     place: str
-    guess: float  # of the size
     n: int
     family: Callable[..., Any]
-    sizes: tuple[float, ...] = (0.38, 0.5, 0.7, 0.95)
+    sizes: tuple[float, ...]
+
+    @property
+    def found(self) -> Effect:
+        domain = "rotational" if self.plant is ROTOR else "translational"
+        return next(e for e in find_effects(self.effect) if e.domain == domain)
+
+    @property
+    def inputs(self) -> np.ndarray:
+        allowed = self.plant.limits(self.n + 1)
+        return within(allowed, list(self.family(allowed, 0))[1].signal, keeps_form=True)[:-1]
 
 
 POWER = (
-    Shown(ROTOR, dry, "CoulombFriction", ROTOR.place, 0.03, 240, multisine),
-    Shown(SLIDER, hardening, "HardeningSpring", "spring", 100.0, 400, random_binary, (0.32, 0.42, 0.55, 0.9)),
-)
+    Shown(
+        ROTOR, dry, "CoulombFriction", ROTOR.place, 240, multisine, (0.0107, 0.0141, 0.0197, 0.0268)
+    ),
+    Shown(SLIDER, hardening, "HardeningSpring", "spring", 400, random_binary, (7.0, 9.5, 12.5, 20.0)),
+)  # fmt: skip
 
 
 def powers(runs: int, seed: int, kept: Path | None, minutes: float) -> list[dict[str, Any]]:
-    """Recordings of one input played twice, since half of each is kept for validation, and of one effect,
-    which is the only law that is tried. A row for every recording."""
+    """A row for every recording of every effect and size."""
     rows = [json.loads(line) for line in kept.read_text().splitlines()] if kept and kept.exists() else []
     done = {tuple(row["key"]) for row in rows}
     until = time.monotonic() + 60.0 * minutes
-    planned = [asked(one) for one in POWER]
     keys = ((run, i, j) for run in range(runs) for i, one in enumerate(POWER) for j in range(len(one.sizes)))
     for run, i, j in keys:
         if (run, i, j) in done or time.monotonic() > until:
             continue
-        one, (effect, inputs, sizes, power) = POWER[i], planned[i]
-        key = (seed, i, j, run)
-        recording = one.plant.recorded("r", one.law(sizes[j]), np.vstack([inputs, inputs]), key)
+        one = POWER[i]
+        inputs, size = np.vstack([one.inputs, one.inputs]), one.sizes[j]
+        recording = one.plant.recorded("r", one.law(size), inputs, (seed, i, j, run))
         options = DiagnoseOptions(hold="zoh", jobs=1)
-        found = diagnose(model(one.plant.name), (effect,), [recording], (), options)
-        named = answer(found) == effect.name
-        row = {"key": (run, i, j), "plant": one.plant.name, "size": sizes[j], "predicted": power[j]}
-        rows.append({**row, "named": named, "verdict": found.verdict})
+        found = diagnose(model(one.plant.name), (one.found,), [recording], (), options)
+        best = max(found.proofs, key=lambda p: p.delta_log_likelihood, default=None)
+        rows.append(
+            {
+                "key": (run, i, j),
+                "plant": one.plant.name,
+                "size": size,
+                "named": answer(found) == one.effect,
+                "verdict": found.verdict,
+                "ratio": None if best is None else 2.0 * best.delta_log_likelihood,
+                "reason": "not refitted" if best is None else best.reason,
+            }
+        )
         print(json.dumps(rows[-1]), flush=True)
         if kept:
             with kept.open("a", encoding="utf-8") as file:
@@ -322,21 +341,20 @@ def powers(runs: int, seed: int, kept: Path | None, minutes: float) -> list[dict
     return rows
 
 
-def asked(one: Shown) -> tuple[Any, np.ndarray, list[float], list[float]]:
-    """The effect, the input, the sizes and their predicted powers, at the true parameters of the plant."""
-    plant, flat = one.plant, at_truth(one.plant)
-    allowed = plant.limits(one.n + 1)
-    domain = "rotational" if plant is ROTOR else "translational"
-    effect = next(e for e in find_effects(one.effect) if e.domain == domain)
-    inputs = within(allowed, list(one.family(allowed, 0))[1].signal, keeps_form=True)[:-1]
+def predicted(one: Shown) -> list[tuple[float, float]]:
+    """Of every size the expected evidence and the power, at the true parameters of the plant."""
+    flat = at_truth(one.plant)
     loaded, loads = beside_loads(flat)
     # One effect at one place is searched: the shapes of the library that it is tried with are few.
     aim, _ = detect_aim(
-        loaded, effect, find_site(flat, one.place, effect), allowed, (),
-        size=one.guess, required=required(4), loads=loads,
+        loaded, one.found, find_site(flat, one.place, one.found), one.plant.limits(one.n + 1), (),
+        size=one.sizes[0], required=required(4), loads=loads,
     )  # fmt: skip
-    sizes = [share * aim.smallest([inputs]) for share in one.sizes]
-    return effect, inputs, sizes, [aim.power([inputs], size) for size in sizes]
+    found = []
+    for size in one.sizes:
+        evidence = aim.evidence([one.inputs], size)
+        found.append((evidence.evidence if evidence else np.nan, aim.power([one.inputs], size)))
+    return found
 
 
 def at_truth(plant: Plant) -> Any:
@@ -348,12 +366,14 @@ def calibrated(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Of every plant and size the predicted power, how often the effect was named, and the probability that a
     binomial number is that far off or farther."""
     found = []
-    for key in sorted({tuple(row["key"][1:]) for row in rows}):
-        own = [row for row in rows if tuple(row["key"][1:]) == key]
-        named, predicted = sum(row["named"] for row in own), own[0]["predicted"]
-        tail = float(binomtest(named, len(own), predicted).pvalue)
-        part = {"plant": own[0]["plant"], "size": own[0]["size"], "predicted": predicted}
-        found.append({**part, "named": named, "recordings": len(own), "p": tail})
+    for i, one in enumerate(POWER):
+        for j, (evidence, power) in enumerate(predicted(one)):
+            own = [row for row in rows if row["key"][1:] == [i, j] or row["key"][1:] == (i, j)]
+            named = sum(row["named"] for row in own)
+            part = {"plant": one.plant.name, "size": one.sizes[j], "evidence": evidence, "predicted": power}
+            tail = float(binomtest(named, len(own), power).pvalue) if own else np.nan
+            ratio = float(np.mean([row["ratio"] for row in own if row["ratio"] is not None] or [np.nan]))
+            found.append({**part, "ratio": ratio, "named": named, "recordings": len(own), "p": tail})
     return found
 
 

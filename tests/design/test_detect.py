@@ -11,7 +11,7 @@ from scipy.stats import chi2, ncf
 from daest.design.design import Task, design
 from daest.design.drawn import Required
 from daest.design.effects import detect_aim
-from daest.design.loads import LEAST, SIZES, Loads, evidence
+from daest.design.loads import LEAST, SIZES, Evidence, Loads
 from daest.diagnosis.foreseeable import beside_loads, required
 from daest.model.design import Limits, Range
 from daest.modelica.effects import find_effects
@@ -20,7 +20,7 @@ from daest.modelica.sites import find_site
 PERIOD = 0.05
 LIMITS = Limits((Range("tau", "N.m", -1.2, 1.2),), 12.0, PERIOD, hold="zoh")
 NO_LOADS = Loads((), 2.0, 0.25)
-ANYTHING_GOES = Required(10.0, 1e-3, 50, 1e9, np.inf, 20, 5, 0.01, 1e9, 0.9)  # on unseen data
+ANYTHING_GOES = Required(10.0, 1e-3, 50, 1e9, np.inf, 20, 5, 0.01, 1e9, 0.9, 100, 0.1, 0.95)  # on unseen data
 
 
 def torque(seed=0, low=-1.2, high=1.2):
@@ -90,9 +90,10 @@ def test_what_a_load_follows_is_no_evidence():
     left = left - rows.T @ np.linalg.lstsq(rows.T, left, rcond=None)[0]
     squares = left @ left + np.trace(root @ root.T)
     expected = 240 * np.log(squares / 240) + np.linalg.slogdet(whole)[1]
-    assert evidence(bank, [part], (level,)) == pytest.approx(expected, rel=0.02)
-    found = aim.evidence([inputs], size)
-    assert found.evidence <= evidence(bank, [part], (level,)) < 0.5 * evidence(bank, [part], bank.none())
+    found = Evidence(bank, [part])
+    assert found.beside((level,)) == pytest.approx(expected, rel=0.02)
+    assert aim.evidence([inputs], size).evidence <= 1.05 * expected
+    assert expected < 0.5 * found.beside(bank.none())
 
 
 def test_smallest_size_and_loads():

@@ -166,11 +166,17 @@ def _rich_enough(aim: Aim, families: Sequence[Played]) -> Played | None:
         return None
     for name in BROAD:
         for one in families:
-            if one.family == name and one.inputs is not None:
-                expected = aim.expected([one.inputs])
-                if expected is not None and (expected.power or 0.0) >= CERTAIN:
-                    return one
+            if one.family == name and one.inputs is not None and _power(aim, one.inputs) >= CERTAIN:
+                return one
     return None
+
+
+def _power(aim: Aim, inputs: np.ndarray) -> float:
+    """Probability that the aim is reached by a recording whose halves have these inputs each."""
+    if isinstance(aim, DetectAim):
+        return aim.power([inputs], aim.size)
+    expected = aim.expected([inputs])
+    return 0.0 if expected is None else expected.power or 0.0
 
 
 def _inputs(best: Played) -> np.ndarray:

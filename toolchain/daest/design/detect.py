@@ -9,7 +9,7 @@ import numpy as np
 
 from daest.design.drawn import Drawn, Required
 from daest.design.explainer import Explained, Explainer
-from daest.design.loads import Absorbed, Bank, Loads, Shown, least_evidence, shown
+from daest.design.loads import Absorbed, Bank, Evidence, Loads, Shown, shown
 from daest.model.design import AimName, Expected
 
 POWER = 0.95  # with which an effect is to be seen
@@ -70,12 +70,9 @@ class DetectAim:
     def evidence(self, recordings: Sequence[np.ndarray], size: float) -> Absorbed | None:
         """Twice the expected log-likelihood ratio of half recordings at a size, with the model refitted
         beside loads; None where it cannot be simulated."""
-        parts = self._shown(recordings, size)
-        bank = self._bank(recordings)
-        if parts is None or bank is None:
-            return None
-        found = least_evidence(bank, parts)
-        return found if np.isfinite(found.evidence) else None
+        whole = self._evidence(recordings, size)
+        found = None if whole is None else whole.least()
+        return found if found is not None and np.isfinite(found.evidence) else None
 
     def power(self, recordings: Sequence[np.ndarray], size: float) -> float:
         """Probability that the effect is named in recordings whose halves have these inputs each."""
@@ -95,8 +92,12 @@ class DetectAim:
         return size
 
     def _drawn(self, recordings: Sequence[np.ndarray], size: float) -> Drawn | None:
+        whole = self._evidence(recordings, size)
+        return None if whole is None else Drawn(whole, self.required)
+
+    def _evidence(self, recordings: Sequence[np.ndarray], size: float) -> Evidence | None:
         parts, bank = self._shown(recordings, size), self._bank(recordings)
-        return None if parts is None or bank is None else Drawn(bank, parts, self.required)
+        return None if parts is None or bank is None else Evidence(bank, parts)
 
     def _bank(self, recordings: Sequence[np.ndarray]) -> Bank | None:
         n_samples = sum(inputs.shape[0] for inputs in recordings)

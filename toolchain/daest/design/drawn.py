@@ -15,11 +15,11 @@ import numpy as np
 
 from daest.design.loads import (
     Bank,
+    Evidence,
     Levels,
     Shown,
     Whitening,
     filtered,
-    least_evidence,
     orthonormal,
     without_start,
 )
@@ -35,10 +35,11 @@ SEED = 20
 class Required:
     """What `daest diagnose` asks of an effect among `n_candidates`: `evidence` in BIC; `chance` of the
     likelihood ratio; that unseen data be likelier by `foreseen` standard errors over stretches of `stretch`
-    samples, at least `fewest` of them, and simulated better by the share `noticed`, or be expected to gain
+    samples, at least `fewest` of them, and foreseen better by the share `noticed`, or be expected to gain
     less than `silent` in log-likelihood and not speak against it; or that their simulation has errors below
     `clear` times those without it. They may be simulated worse by the share `noticed`, by `tolerated` where
-    they are likelier."""
+    they are likelier. They are foreseen over up to `horizon` samples and the share `longest` of a recording,
+    and errors count where the share `acting` of the squared difference is."""
 
     evidence: float
     chance: float
@@ -50,6 +51,9 @@ class Required:
     noticed: float
     tolerated: float
     clear: float
+    horizon: int
+    longest: float
+    acting: float
 
     def threshold(self, n_data: int, n_sizes: int) -> float:
         """Of twice the log-likelihood ratio."""
@@ -120,11 +124,10 @@ class Unseen:
 
 @dataclass
 class Drawn:
-    """Recordings of which `parts` tell what the model leaves, filtered by the bank; drawn once, so that sizes
-    are compared on the same noise."""
+    """Recordings with what the parts of `evidence` tell of them; drawn once, so that sizes are compared on
+    the same noise."""
 
-    bank: Bank
-    parts: Sequence[Shown]
+    evidence: Evidence
     required: Required
     _halves: dict[Levels, Halves] = field(default_factory=dict)
 
@@ -136,9 +139,17 @@ class Drawn:
         rng = np.random.default_rng(SEED)
         return [rng.standard_normal((2, draws, *one.errors.shape)) for one in self.parts]
 
+    @property
+    def bank(self) -> Bank:
+        return self.evidence.bank
+
+    @property
+    def parts(self) -> Sequence[Shown]:
+        return self.evidence.parts
+
     def power(self, share: float) -> float:
         """Probability that the effect is named where it has that share of its size."""
-        found = least_evidence(self.bank, [one.scaled(share) for one in self.parts])
+        found = self.evidence.least(share)
         if not np.isfinite(found.evidence):
             return 0.0
         near = dict.fromkeys([self.bank.none(), *self.bank.neighbours(found.levels)])
@@ -153,8 +164,10 @@ class Drawn:
         likeliest = [value.argmin(axis=0) for value in values]
         alone = [np.zeros(passed.size, dtype=int)] * 2  # the filter of no load is the first one
         old, new = self._judged(share, filters, (without, beside), likeliest, kept)
-        ratio = _ratio(*self._judged(share, filters, (without, beside), alone, kept))
-        return float(np.sum(self._confirmed(old, new, ratio))) / passed.size
+        simulated = self._judged(share, filters, (without, beside), alone, kept)
+        ratio = _ratio(*simulated)
+        shows = np.minimum(ratio, self._ratio_ahead(*simulated)) < 1.0 - self.required.noticed
+        return float(np.sum(self._confirmed(old, new, ratio, shows))) / passed.size
 
     def _judged(
         self,
@@ -229,8 +242,31 @@ class Drawn:
         parts = [part.reshape(kept.size, -1, n_y) for part in np.split(white, edges, axis=1)]
         return Unseen(parts, noise, log_scale)
 
-    def _confirmed(self, old: Unseen, new: Unseen, ratio: np.ndarray) -> np.ndarray:
-        """Whether unseen data let each draw pass; `ratio` is that of the errors of simulations."""
+    def _ratio_ahead(self, old: Unseen, new: Unseen) -> np.ndarray:
+        """Of the rms errors of simulated unseen data over stretches, where the two models differ (draws,)."""
+        shortest = min(white.shape[1] for white in old.white)
+        length = max(1, min(self.required.horizon, int(self.required.longest * shortest)))
+        parts = []
+        for before, after in zip(old.white, new.white, strict=True):
+            n = before.shape[1] // length
+            errors = [one.noise[:, None, None] * white for one, white in ((old, before), (new, after))]
+            squares = [errors[0] ** 2, errors[1] ** 2, (errors[1] - errors[0]) ** 2]
+            parts.append([e[:, : n * length].reshape(e.shape[0], n, -1).sum(axis=2) for e in squares])
+        without, beside, apart = (np.concatenate(one, axis=1) for one in zip(*parts, strict=True))
+        order = np.argsort(-apart, axis=1)
+        share = np.cumsum(np.take_along_axis(apart, order, axis=1), axis=1)
+        least = np.arange(order.shape[1]) < self.required.fewest
+        acts = least | (
+            share - np.take_along_axis(apart, order, axis=1) < self.required.acting * share[:, -1:]
+        )
+        without, beside = (
+            np.sum(np.take_along_axis(one, order, axis=1) * acts, axis=1) for one in (without, beside)
+        )
+        return np.sqrt(beside / without)
+
+    def _confirmed(self, old: Unseen, new: Unseen, ratio: np.ndarray, shows: np.ndarray) -> np.ndarray:
+        """Whether unseen data let each draw pass; `ratio` is that of the errors of simulations, and `shows`
+        tells whether they become smaller."""
         required, length = self.required, self.required.stretch
         gains, expected = [], np.zeros(ratio.size)
         for before, after in zip(old.white, new.white, strict=True):
@@ -248,7 +284,7 @@ class Drawn:
             error = np.std(gain, axis=1, ddof=1) * np.sqrt(gain.shape[1])
             certainty = np.sum(gain, axis=1) / np.where(error > 0.0, error, np.inf)
             is_silent = (expected < required.silent) & (certainty > -required.foreseen)
-            speaks = is_silent | ((certainty > required.foreseen) & (ratio < 1.0 - required.noticed))
+            speaks = is_silent | ((certainty > required.foreseen) & shows)
         most = np.where(speaks, 1.0 + required.tolerated, 1.0 + required.noticed)
         return (ratio <= most) & (speaks | (ratio < required.clear))
 

@@ -18,13 +18,13 @@ from daest.design.explainer import ErrorModel, Explained
 from daest.numerics.innovations import NoiseModel, forgetting, stationary_gains
 from daest.numerics.recursions import linear_recursion
 
-TIMES = 2.0  # factor between the time constants that are tried
+TIMES = 4.0  # factor between the time constants that are tried
 SIZES = 3.0  # factor between the variances of a load that are tried
 LEAST = 1e-4  # variance that a load brings about in an output, in squares of the noise, the smallest one
 N_SIZES = 20
 FIRST_SIZE = 8  # of them, from which a search starts
-BESIDE = ((1, 0), (-1, 0), (0, 1), (0, -1), (0, 2), (0, -2), (1, -1), (-1, 1), (1, 1), (-1, -1))
-RANK = 1e-10  # singular value of the scaled responses of initial states, relative, below which it is none
+BESIDE = ((1, 0), (-1, 0), (0, 1), (0, -1), (0, 2), (0, -2))
+RANK = 1e-10  # eigenvalue of the products of scaled responses below which a direction is none
 
 Level = tuple[int, int]  # time constant and size of a load, by their numbers; NO_LOAD without
 NO_LOAD: Level = (-1, -1)
@@ -71,10 +71,6 @@ class Shown:
     own: np.ndarray
     slopes: np.ndarray
     initial: np.ndarray
-
-    def scaled(self, share: float) -> Shown:
-        """With an effect of that share of the size, as far as its response is in proportion."""
-        return Shown(share * self.errors, self.own, self.slopes, self.initial)
 
 
 def shown(explained: Explained, own: Sequence[np.ndarray], n_y: int) -> Shown:
@@ -206,23 +202,19 @@ class Bank:
 
 def without_start(rows: np.ndarray, initial: np.ndarray) -> np.ndarray:
     """Rows (k, m) less what an initial state with responses (n, m) would explain."""
-    scale = np.linalg.norm(initial, axis=1)
-    used = initial[scale > 0.0] / scale[scale > 0.0, None]
-    if not used.shape[0]:
-        return rows
-    _, values, basis = np.linalg.svd(used, full_matrices=False)
-    basis = basis[values > RANK * values[0]]
+    basis = orthonormal(initial)
     return rows - (rows @ basis.T) @ basis
 
 
 def orthonormal(rows: np.ndarray) -> np.ndarray:
     """An orthonormal basis (r, m) of the rows (k, m)."""
-    scale = np.linalg.norm(rows, axis=1)
-    used = rows[scale > 0.0] / scale[scale > 0.0, None]
-    if not used.shape[0]:
-        return used
-    _, values, basis = np.linalg.svd(used, full_matrices=False)
-    return basis[values > RANK * values[0]]
+    products = rows @ rows.T
+    scale = np.sqrt(np.diag(products))
+    seen = scale > 0.0
+    used, products = rows[seen], products[np.ix_(seen, seen)] / np.outer(scale[seen], scale[seen])
+    values, vectors = np.linalg.eigh(products)
+    large = values > RANK
+    return (vectors[:, large] / np.sqrt(values[large])).T @ (used / scale[seen, None])
 
 
 @dataclass(frozen=True)
@@ -245,54 +237,69 @@ def filtered(whitening: Whitening, one: Shown) -> Filtered:
     return Filtered(left[0], left[1 : 1 + k], left[1 + k :], initial)
 
 
-def evidence(bank: Bank, parts: Sequence[Shown], levels: Levels) -> float:
+@dataclass
+class Evidence:
     """Twice the log-likelihood ratio that recordings are expected to have against the model, refitted beside
-    loads of these levels; the common size of the noise is refitted, too. inf where no filter settles."""
-    whitening = bank.whitening(levels)
-    if whitening is None:
-        return np.inf
-    found = [filtered(whitening, one) for one in parts]
-    errors = np.concatenate([one.errors for one in found])
-    slopes = np.concatenate([one.slopes for one in found], axis=1)
-    basis = orthonormal(slopes)
-    squares = float(errors @ errors - np.sum((basis @ errors) ** 2))
-    n, n_samples = errors.size, sum(one.errors.shape[0] for one in parts)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        expected = n * np.log((squares + n_samples * whitening.power) / n) + n_samples * whitening.log_det
-    return float(expected) if np.isfinite(expected) else np.inf
+    loads. `parts` tell what the model leaves of each."""
 
+    bank: Bank
+    parts: Sequence[Shown]
+    _squares: dict[Levels, float] = field(default_factory=dict)
 
-def least_evidence(bank: Bank, parts: Sequence[Shown]) -> Absorbed:
-    """The evidence that the loads leave which follow the most; load by load, the one that follows most
-    first."""
-    best = Absorbed(evidence(bank, parts, bank.none()), bank.none())
-    if not np.isfinite(best.evidence):
+    def beside(self, levels: Levels, share: float = 1.0) -> float:
+        """With loads of these levels, for that share of the effect; the common size of the noise is refitted,
+        too. inf where no filter settles."""
+        whitening = self.bank.whitening(levels)
+        if whitening is None:
+            return np.inf
+        if levels not in self._squares:
+            self._squares[levels] = self._left(whitening)
+        n, n_samples = (
+            sum(size) for size in zip(*((p.errors.size, p.errors.shape[0]) for p in self.parts), strict=True)
+        )
+        squares = share**2 * self._squares[levels] + n_samples * whitening.power
+        with np.errstate(invalid="ignore", divide="ignore"):
+            expected = n * np.log(squares / n) + n_samples * whitening.log_det
+        return float(expected) if np.isfinite(expected) else np.inf
+
+    def _left(self, whitening: Whitening) -> float:
+        """Squares of the filtered errors that the model, refitted, leaves."""
+        found = [filtered(whitening, one) for one in self.parts]
+        errors = np.concatenate([one.errors for one in found])
+        basis = orthonormal(np.concatenate([one.slopes for one in found], axis=1))
+        return float(errors @ errors - np.sum((basis @ errors) ** 2))
+
+    def least(self, share: float = 1.0) -> Absorbed:
+        """What the loads leave that follow the most; load by load, the one that follows most first."""
+        none = self.bank.none()
+        best = Absorbed(self.beside(none, share), none)
+        if not np.isfinite(best.evidence):
+            return best
+        open_loads = list(range(len(none)))
+        while open_loads:
+            tried = {i: self._least_of_load(best, i, share) for i in open_loads}
+            first = min(tried, key=lambda i: tried[i].evidence)
+            if tried[first].evidence >= best.evidence:
+                break
+            best = tried[first]
+            open_loads.remove(first)
         return best
-    open_loads = list(range(len(best.levels)))
-    while open_loads:
-        tried = {i: _least_of_load(bank, parts, best, i) for i in open_loads}
-        first = min(tried, key=lambda i: tried[i].evidence)
-        if tried[first].evidence >= best.evidence:
-            break
-        best = tried[first]
-        open_loads.remove(first)
-    return best
 
+    def _least_of_load(self, known: Absorbed, load: int, share: float) -> Absorbed:
+        """The best level of one load beside the others, climbing over its sizes at every time constant."""
+        size, best = FIRST_SIZE, known
 
-def _least_of_load(bank: Bank, parts: Sequence[Shown], known: Absorbed, load: int) -> Absorbed:
-    """The best level of one load beside the others, climbing over its sizes at every time constant."""
-    size, best = FIRST_SIZE, known
-
-    def at(time: int, size: int) -> float:
-        levels = (*known.levels[:load], (time, size), *known.levels[load + 1 :])
-        return evidence(bank, parts, levels)
-
-    for time in range(bank.times.size):
-        least = at(time, size)
-        for step in (1, -1):
-            while 0 <= size + step < N_SIZES and (beside := at(time, size + step)) < least:
-                least, size = beside, size + step
-        if least < best.evidence:
+        def at(time: int, size: int) -> Absorbed:
             levels = (*known.levels[:load], (time, size), *known.levels[load + 1 :])
-            best = Absorbed(least, levels)
-    return best
+            return Absorbed(self.beside(levels, share), levels)
+
+        for time in range(self.bank.times.size):
+            least = at(time, size)
+            for step in (1, -1):
+                while 0 <= size + step < N_SIZES:
+                    beside = at(time, size + step)
+                    if beside.evidence >= least.evidence:
+                        break
+                    least, size = beside, size + step
+            best = min(best, least, key=lambda found: found.evidence)
+        return best

@@ -10,7 +10,7 @@ from daest.design.drawn import Required
 from daest.design.loads import Loads
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import load_places
-from daest.diagnosis.unseen import FEWEST_STRETCHES, TAKES_UP
+from daest.diagnosis.unseen import FEWEST_STRETCHES, HORIZONS, LONGEST, TAKES_UP
 from daest.model.flat import FlatModel
 from daest.model.parts import NoiseInput
 from daest.modelica.sites import sites
@@ -29,6 +29,9 @@ def required(n_candidates: int) -> Required:
         noticed=GATES.same_unseen_error,
         tolerated=GATES.max_simulated_loss,
         clear=GATES.max_clear_ratio,
+        horizon=HORIZONS[-1],
+        longest=LONGEST,
+        acting=GATES.acting_share,
     )
 
 
