@@ -4,6 +4,7 @@
     python benchmarks/design_study.py rivals --runs 20         laws that a first recording cannot tell apart
     python benchmarks/design_study.py feedback --runs 40       standard errors of an unstable plant, held
     python benchmarks/design_study.py peers                    a D-optimal input beside pydex
+    python benchmarks/design_study.py fermenter --runs 8       runs until a growth law is known
 
 `--json FILE` keeps the result.
 """
@@ -278,6 +279,96 @@ def rivals(runs: int, seed: int) -> dict:
     return {"cases": len(open_cases), "decided rightly": right, "decided wrongly": wrong, "rows": rows}
 
 
+FERMENTER = """\
+model Fermenter "Fed-batch fermenter whose growth law is open"
+  parameter Real a(unit = "1/h", min = 0) = 0.3 annotation(__Daest(estimate = true));
+  parameter Real b(min = 0) = 0.5 annotation(__Daest(estimate = true));
+  parameter Real Y(min = 0) = 0.5;
+  input Real F(unit = "l/h", start = 0.05);
+  output Real x annotation(__Daest(std = 0.1));
+  output Real s annotation(__Daest(std = 0.1));
+  Real X(start = 1, fixed = true); Real S(start = 3, fixed = true); Real V(start = 5, fixed = true);
+  Real mu(unit = "1/h");
+equation
+  mu = LAW;
+  der(X) = mu*X - X*F/V;
+  der(S) = (20 - S)*F/V - mu*X/Y;
+  der(V) = F;
+  x = X; s = S;
+end Fermenter;
+"""
+GROWTH = {  # of the anchor arXiv 2604.01231 the true law, and peers of it
+    "Monod": "a*S/(b + S)",
+    "Tessier": "a*(1 - exp(-S/b))",
+    "Contois": "a*S/(b*X + S)",
+    "Moser": "a*S^2/(b^2 + S^2)",
+    "linear": "0.1*a*S + 0.1*b",
+}
+FEED = Limits((Range("F", "l/h", 0.0, 0.3),), 15.0, 0.5, (Range("S", "", 0.02, 15.0),), (0.0, np.inf), "zoh")
+
+
+def fermented(feed, rng):
+    """Biomass and substrate under a held feed, with Monod's law."""
+    state, rows = np.array([1.0, 3.0, 5.0]), []
+    for F in feed:
+        rows.append(state[:2])
+
+        def rate(_, y, F=F):
+            mu = 0.35 * y[1] / (0.6 + y[1])
+            return [mu * y[0] - y[0] * F / y[2], (20.0 - y[1]) * F / y[2] - mu * y[0] / 0.5, F]
+
+        state = solve_ivp(rate, (0.0, FEED.period), state, method="LSODA", rtol=1e-8, atol=1e-10).y[:, -1]
+    return np.array(rows) + 0.1 * rng.standard_normal((len(feed), 2))
+
+
+def fermenter(runs: int, seed: int) -> dict:
+    """After a first run at two constant feeds: further runs until Monod's law is ahead of all others by the
+    margin, of designed feeds, multisines and random binary ones."""
+    models = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for law, text in GROWTH.items():
+            path = Path(folder) / "Fermenter.mo"
+            path.write_text(FERMENTER.replace("LAW", text))
+            models[law] = compile_model(path)
+    options = IdentifyOptions(estimate=("a", "b"), method="oe", hold="zoh")
+    rows = []
+    for run in range(runs):
+        row = {}
+        for kind in ("designed", "multisine", "random binary"):
+            feeds = [np.where(FEED.time < 8.0, 0.03, 0.06)[:, None]]
+            played: list[Experiment] = []
+            for number in range(MOST_RUNS + 1):
+                rng = np.random.default_rng([seed, run, number])
+                y = fermented(feeds[number][:, 0], rng)
+                played.append(Experiment(str(number), FEED.time, feeds[number], y, ("F",), ("x", "s")))
+                found = {law: identify(flat, played, options) for law, flat in models.items()}
+                said = decided(found)
+                if said is not None:
+                    break
+                feeds.append(next_feed(kind, models, found, feeds, (run, number)))
+            row[kind] = (said, number)
+        rows.append(row)
+        print(row, flush=True)
+    return {"rows": rows}
+
+
+MOST_RUNS = 5
+
+
+def next_feed(kind, models, found, feeds, key):
+    if kind != "designed":
+        shapes = list((multisine if kind == "multisine" else random_binary)(FEED, 10 * key[0] + key[1]))
+        return within(FEED, shapes[key[1] % len(shapes)].signal, keeps_form=True)
+    best = max(fit.log_likelihood for fit in found.values())
+    left = [
+        Rival(law, models[law].with_theta(fit.theta), ("a", "b"))
+        for law, fit in found.items()
+        if fit.log_likelihood > best - 0.5 * GATES.same_bic
+    ]
+    aim, subjects = rival_aim(left, FEED, feeds, 0.5 * GATES.same_bic, 0)
+    return design(Task(aim, subjects, FEED, tuple(feeds), seconds=8.0)).inputs
+
+
 def peers() -> dict:
     """The law y = V u / (K + u) over 0 ≤ u ≤ 1, whose D-optimal designs measure half at u = 1 and half at
     u = K / (2K + 1)."""
@@ -326,12 +417,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("part", choices=["errors", "rivals", "feedback", "peers"])
+    parser.add_argument("part", choices=["errors", "rivals", "feedback", "peers", "fermenter"])
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
-    parts = {"errors": errors, "rivals": rivals, "feedback": feedback}
+    parts = {"errors": errors, "rivals": rivals, "feedback": feedback, "fermenter": fermenter}
     result = peers() if given.part == "peers" else parts[given.part](given.runs, given.seed)
     text = json.dumps({**result, "machine": described()}, indent=2)
     print(text)

@@ -67,8 +67,8 @@ def test_what_a_load_follows_is_no_evidence():
     aim, _ = seen()
     inputs, size = torque(), 0.05
     bank, (part,) = aim._bank([inputs]), aim._shown([inputs], size)
-    level = (2, 10)
-    T, J, d = bank.times[2], 0.08, 0.1
+    level = (1, 10)
+    T, J, d = bank.times[1], 0.08, 0.1
     A, G = np.array([[-d / J, 1.0 / J], [0.0, -1.0 / T]]), np.diag([0.0, 2.0 / T])
     both = expm(PERIOD * np.block([[-A, G], [np.zeros((2, 2)), A.T]]))
     step, added = both[2:, 2:].T, both[2:, 2:].T @ both[:2, 2:]

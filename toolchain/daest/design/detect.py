@@ -18,7 +18,8 @@ GROWTH = 1.5  # factor between the sizes by which the smallest one is enclosed
 MOST_GROWTHS = 12
 HALVINGS = 5  # of that factor
 ASIDE = 0.1  # share by which a size is changed to tell what it does alone
-NEAR = 1.3  # times: a response is in proportion to the size so far
+NEAR = 1.1  # times: a response is in proportion to the size so far
+ROUNDS = 6  # of the search for the smallest size, each with the response to the last one
 
 
 @dataclass(frozen=True)
@@ -82,13 +83,12 @@ class DetectAim:
     def smallest(self, recordings: Sequence[np.ndarray]) -> float:
         """The size that is named with the power POWER; NaN where none is found."""
         size = self.size
-        for _ in range(2):
+        for _ in range(ROUNDS):
             drawn = self._drawn(recordings, size)
             share = np.nan if drawn is None else _smallest_share(drawn)
             size *= share
-            if not 1.0 / NEAR < share < NEAR:
-                continue
-            break
+            if not np.isfinite(share) or 1.0 / NEAR < share < NEAR:
+                break
         return size
 
     def _drawn(self, recordings: Sequence[np.ndarray], size: float) -> Drawn | None:
