@@ -172,6 +172,15 @@ def test_filter_takes_the_whole_of_a_window(fitted, daest):
         assert (rows[0]["time"], rows[-1]["time"]) == (first, last)
 
 
+def test_an_output_that_no_recording_holds_is_told_once(folder, daest):
+    two = LAG.replace(
+        "  Real x(", '  output Real z(unit = "V") "Not measured" annotation(__Daest(std = 0.02));\n  Real x('
+    )
+    (folder / "Lag.mo").write_text(two.replace("  y = x;", "  y = x;\n  z = 2*x;"))
+    status, _, err = daest("compare", "Lag.mo", "run1.csv")
+    assert status == 0 and "not in the data, and not used: z" in err and "no value" not in err
+
+
 def test_models_without_common_outputs_are_not_compared(folder, daest):
     (folder / "Other.mo").write_text(LAG.replace("Lag", "Other").replace(" y", " z"))
     status, _, err = daest("compare", "Lag.mo", "Other.mo", "--data", "run1.csv")

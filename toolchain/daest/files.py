@@ -15,6 +15,7 @@ from pathlib import Path
 from daest.errors import printable
 from daest.litter import removed_at_death
 
+MODEL_SUFFIXES = (".mo", ".bmo", ".fmu")  # of files that hold a model
 FOLDER = "is a folder, not a file"  # what `why_no_file` says of one
 MOST_LINKS = 40  # that are followed to an open file, as many as Linux follows
 

@@ -30,10 +30,10 @@ from daest.app.guard import LOOPBACK, POLICY, REPORT_POLICY, Guard, headers
 from daest.app.jobs import SCRIPT, start, stop
 from daest.app.locks import locked
 from daest.app.simulator import Simulator
-from daest.app.state import HOME, MODELS, RECORDINGS, REPORT, Desk, preview, signature, state
+from daest.app.state import HOME, RECORDINGS, REPORT, Desk, preview, signature, state
 from daest.app.story import keep_story
 from daest.errors import ConfigError, DaestError, Place, printable
-from daest.files import whole_file
+from daest.files import MODEL_SUFFIXES, whole_file
 
 TOKEN_BYTES = 24
 LOOK_SECONDS = 0.25  # between two looks at the folder
@@ -327,9 +327,9 @@ def keep_dropped(folder: Path, name: str, content: bytes) -> None:
     is_plain = name == Path(name).name and name.isprintable() and not name.startswith((".", "-"))
     if not is_plain or "\\" in name or not 0 < len(name) <= NAME_LENGTH:
         raise _file(name, "its name is not one of a file in this folder", "give it a plain name")
-    if not name.lower().endswith((*MODELS, *RECORDINGS)):
+    if not name.lower().endswith((*MODEL_SUFFIXES, *RECORDINGS)):
         raise _file(
-            name, "it is neither a model nor a recording", f"drop {', '.join((*MODELS, *RECORDINGS))}"
+            name, "it is neither a model nor a recording", f"drop {', '.join((*MODEL_SUFFIXES, *RECORDINGS))}"
         )
     target = folder / name
     if os.path.lexists(target):

@@ -23,14 +23,14 @@ from daest.app.story import (
 from daest.data import FORMATS
 from daest.data.project import FILE_NAME, Project, load_project
 from daest.errors import ConfigError, DaestError
-from daest.files import whole_file
+from daest.files import MODEL_SUFFIXES, whole_file
 from daest.report.page.sections import added_lines
 
 HOME = "results/app"  # from the folder of the project on
 REPORT = "report.html"
 BESIDE = "beside"  # folder of candidates as they were opened, in HOME
 NAME_LENGTH = 100  # characters of the name of such a file
-MODELS, RECORDINGS = (".mo", ".bmo", ".fmu"), tuple(FORMATS)
+RECORDINGS = tuple(FORMATS)
 MOST_FILES = 200  # of a folder that are offered
 MOST_JOBS = 12  # that are shown
 LARGEST = 64_000_000  # bytes of a document that is read
@@ -71,7 +71,7 @@ class Desk:
                 names = sorted(e.name for e in entries if e.is_file() and not e.name.startswith(("-", ".")))
         except OSError:
             return ()
-        return tuple(n for n in names if n.lower().endswith((*MODELS, *RECORDINGS)))[:MOST_FILES]
+        return tuple(n for n in names if n.lower().endswith((*MODEL_SUFFIXES, *RECORDINGS)))[:MOST_FILES]
 
     def standing(self) -> Standing:
         """Raises DaestError."""

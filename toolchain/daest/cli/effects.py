@@ -9,6 +9,7 @@ import click
 
 from daest.cli.options import ModelOptions, example, format_option, model_options, output_option
 from daest.cli.output import emit
+from daest.files import MODEL_SUFFIXES
 
 if TYPE_CHECKING:
     from daest.model.effects import Effect, Site
@@ -55,7 +56,7 @@ def command(
 
 def _sorted(named: tuple[str, ...], model: Path | None) -> tuple[Path | None, str | None]:
     """The model and the effect of a command line, in any order. Raises ConfigError `files-too-many`."""
-    from daest.cli.given import MODEL_SUFFIXES, Files
+    from daest.cli.given import Files
     from daest.errors import ConfigError
 
     models = tuple(Path(word) for word in named if word.lower().endswith(MODEL_SUFFIXES))

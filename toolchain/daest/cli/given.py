@@ -13,13 +13,13 @@ from daest.cli import offered
 from daest.cli.options import Command, assignments, gathered, listed_names, priors, set_option
 from daest.data import FORMATS
 from daest.errors import ConfigError
+from daest.files import MODEL_SUFFIXES
 from daest.model.parts import Prior
 
 if TYPE_CHECKING:
     from daest.model.fit import IdentifyOptions
     from daest.model.flat import Model
 
-MODEL_SUFFIXES = (".mo", ".bmo", ".fmu")
 Kind = Literal["model", "data"]
 
 

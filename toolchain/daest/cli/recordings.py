@@ -90,8 +90,10 @@ def _read(
     raw = replace(preparation, period=None, detrend="none")
     experiments = []
     words = {**_words(project), "others": others}
-    for experiment in read_experiments(paths, *signals(flat, project), raw, **words):
-        for finding in check_experiment(experiment).warnings:
+    read = read_experiments(paths, *signals(flat, project), raw, **words)
+    measured = measured_names(read)  # what no recording holds is told once, for all of them
+    for experiment in read:
+        for finding in check_experiment(select_outputs(experiment, measured)).warnings:
             warn(finding.code, f"{experiment.name}: {finding.sentence}")
         prepared = prepare(experiment, preparation)
         for remark in prepared.notes:
