@@ -212,3 +212,24 @@ def test_servo_story(servo, daest):
     assert values["coulombFriction.tau_c"] == pytest.approx(effects["tc_m"], rel=0.02)
     for name in ("d", "c", "J1", "J2", "k"):
         assert values[name] == pytest.approx(servo["parameters"][name], rel=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("folder", "named", "output", "most"),
+    [("cascaded_tanks", "Overflow", "level", 0.6), ("quarter_drone", "Unbalance", "phi", 0.1)],
+)
+def test_slow_laws_that_an_observer_hides(
+    shared_data, tmp_path, daest, monkeypatch, folder, named, output, most
+):
+    """One sample ahead the linear models of these measured machines are nearly right; in simulation they are
+    not (1.11 V and 0.21 rad)."""
+    shutil.copytree(shared_data / "measured" / folder, tmp_path / folder)
+    monkeypatch.chdir(tmp_path / folder)
+    code, out, err = daest(
+        "improve", "--time-limit", "600", "-o", str(tmp_path / "models"), "--format", "json"
+    )
+    assert code == 0, err
+    steps = json.loads(out)["steps"]
+    assert named in [step["added"] for step in steps]
+    assert steps[-1]["rms"]["validation"][output] < most

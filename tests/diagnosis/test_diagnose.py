@@ -309,7 +309,8 @@ def test_other_hold_is_tried_where_something_is_missing_and_nothing_accepted():
 
 def test_effect_with_states_is_tried_until_it_is_better_than_its_simulation(monkeypatch):
     effect, site = SimpleNamespace(is_dynamic=True, sizes=()), SimpleNamespace(kind="node")
-    trial = SimpleNamespace(candidate=SimpleNamespace(effect=effect, site=site), alike=())
+    candidate = SimpleNamespace(effect=effect, site=site)
+    trial = SimpleNamespace(candidate=candidate, alike=(), is_seen_in_use=False)
     null, tried = SimpleNamespace(flat=None, estimated=()), []
     ends = {"loads": 50.0, "calm": 90.0, "small": 130.0}
 

@@ -60,11 +60,11 @@ def with_shapes(
     """One candidate per shape, with sharpness and shapes in multiples of what the variables reach along the
     trajectory `states` (by name, each (n_samples,)); and those that cannot be attached, with the reason."""
     usable, refused, explicit = attachable(flat, candidates)
-    ranges = _ranges(explicit, time, states, inputs)
+    reached = ranges(explicit, time, states, inputs)
     result: list[Candidate] = []
     for candidate in usable:
         units = units_at(flat, candidate.effect, candidate.site)
-        for number, values in enumerate(_shapes(candidate, ranges)):
+        for number, values in enumerate(_shapes(candidate, reached)):
             name = f"{candidate.name}_{number + 1}"
             result.append(replace(candidate, name=name, shape=values, units=units))
     return tuple(result), refused
@@ -121,7 +121,7 @@ def placement(candidate: Candidate, sizes: Mapping[str, float] | None = None) ->
     return Placement(effect, candidate.site, candidate.name, values, candidate.inputs)
 
 
-def _ranges(
+def ranges(
     explicit: ExplicitModel, time: np.ndarray, states: Mapping[str, np.ndarray], inputs: np.ndarray
 ) -> dict[str, float]:
     """Largest magnitude of every internal variable along the trajectory."""

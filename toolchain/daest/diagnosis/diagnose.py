@@ -39,6 +39,7 @@ from daest.diagnosis.null import (
     shortest_load,
     with_other_hold,
 )
+from daest.diagnosis.open_loop import fitted_in_use, open_screen, simulated_errors
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import (
     GENTLE,
@@ -48,6 +49,7 @@ from daest.diagnosis.proof import (
     at_full_size,
     best_accepted,
     bic_gain,
+    by_simulation,
     clipping_trials,
     could_compete,
     from_simulation,
@@ -113,6 +115,7 @@ IN_VAIN: dict[Hold, str] = {
     "foh": "nothing was accepted: once more with inputs that run straight between the samples",
 }
 DYNAMIC_PARTS = 3  # tasks that the fits of the effects with states are, beside the first refit
+MOST_IN_USE = 3  # trials that lead the screen in open loop
 FIRST_TRIALS = 2  # are refitted in any case, the second one alone where the first is not supported
 MOST_PLACES = 5  # that the sensors see alike, where a refit is tried again
 ITERATIONS = 15  # of the simulation's fit from which one is tried again
@@ -342,7 +345,12 @@ def reference_of(null: Null, fit: FitResult, validation: Sequence[Experiment]) -
         # A simulation whose errors add up tells little of what the model lacks.
         reckons = adds_up(observer)
         told = white if reckons else simulated(null, white, null.flat, null.experiments, validation)
-        return Reference(told, foreseen(observer, validation), reckons)
+        errors = None
+        if not reckons and told.method == "oe":
+            flat = null.flat.with_theta(told.theta)
+            explicit = replace(null.explicit, flat=flat)
+            errors = simulated_errors(null, flat, explicit, told, null.experiments, validation)
+        return Reference(told, foreseen(observer, validation), reckons, simulated=errors)
 
 
 def examine(
@@ -368,14 +376,18 @@ def _examined(
     candidates = _chosen(library, sites(stand.declared), stand.null.experiments, options)
     progress(f"screening {len(candidates)} effect{'' if len(candidates) == 1 else 's'} at places")
 
-    def screened() -> tuple[Stand, tuple[Candidate, ...], NullObserver, Screen]:
+    def screened() -> tuple[Stand, tuple[Candidate, ...], NullObserver, Screen, Screen | None]:
         run = run_null(stand.null)
-        return stand, candidates, run, screen(stand.null, run, candidates, options.seed)
+        reference = stand.reference
+        found = screen(stand.null, run, candidates, options.seed)
+        if reference is None or reference.adds_up:
+            return stand, candidates, run, found, None
+        return stand, candidates, run, found, open_screen(stand.null, reference.fit, candidates, options.seed)
 
     # All together: what comes from an earlier run shares its symbols.
     names, began = [candidate.label for candidate in candidates], stand.began
     parts = (stand.null.recorded_hold, names)
-    stand, candidates, run, found = options.step("screen", parts, stand.null.flat, screened)
+    stand, candidates, run, found, used = options.step("screen", parts, stand.null.flat, screened)
     stand = replace(stand, began=began)
     if stand.reference is not None and stand.validation:
         known = replace(stand.reference, innovations=innovations(run, stand.validation))
@@ -389,7 +401,7 @@ def _examined(
     forms = free_forms(null, run)
     form = next(iter(forms), None)
     proofs, unproved, is_whole = _proofs(
-        stand, run, load, form, found, candidates, chosen_library, options, progress
+        stand, run, load, form, (found, used), candidates, chosen_library, options, progress
     )
     form = _told_by_rest(forms, proofs)
     evidence = verdicts.Evidence(
@@ -628,15 +640,18 @@ class _Search:
 
 
 def _refitted(search: _Search, prepared: Prepared) -> Proof:
-    """The proof of a candidate. Where its refit fails, or loses its way, it is tried again: at places that
-    the sensors do not tell from its own, from a small and gentle effect, and from a simulation's fit by
-    multiple shooting. One that replaces a sensor is tried at its full size first. Raises the error of the
-    first attempt."""
+    """The proof of a candidate. Where its refit fails, it is tried again at places that the sensors do not
+    tell from its own, unless it only loses its way, which it would there, too; then from a small and gentle
+    effect, and from a simulation's fit by multiple shooting. One that replaces a sensor is tried at its full
+    size first. Raises the error of the first attempt."""
     first: Exception | None = None
     best: Proof | None = None
     at_full = at_full_size(search.stand.null, prepared)
     with _quiet():
-        for attempt in (*at_full, *_attempts(search, prepared)):
+        elsewhere = _elsewhere(search, prepared)
+        for attempt in (*at_full, *_attempts(search, prepared, elsewhere)):
+            if best is not None and attempt in elsewhere:
+                continue
             try:
                 proof = _proved(search, attempt())
             except FAILURES as error:
@@ -647,9 +662,34 @@ def _refitted(search: _Search, prepared: Prepared) -> Proof:
             if attempt not in at_full and not has_lost_its_way(proof, prepared.simulation):
                 break
         if best is not None:
-            return _found_again(search, prepared, best)
+            best = _found_again(search, prepared, best)
+            if prepared.trial.is_seen_in_use and best.verdict == "rejected":
+                return _shown_in_use(search, prepared, best)
+            return best
     assert first is not None
     raise first
+
+
+def _shown_in_use(search: _Search, prepared: Prepared, beside: Proof) -> Proof:
+    """The proof of a candidate by its simulation; that `beside` the loads where a simulation does not show
+    it."""
+    stand, candidate = search.stand, prepared.trial.candidate
+    if stand.reference is None or stand.reference.simulated is None:
+        return beside
+    experiments, validation = fed(stand.null.experiments, candidate), fed(stand.validation, candidate)
+    found = fitted_in_use(
+        stand.null,
+        prepared.flat,
+        prepared.names,
+        [f"{candidate.name}.{p.name}" for p in candidate.effect.sizes],
+        stand.reference.fit,
+        experiments,
+        validation,
+    )
+    if found is None:
+        return beside
+    null = replace(stand.null, experiments=experiments)
+    return by_simulation(null, prepared, beside, found, validation, stand.reference, search.n_screened)
 
 
 def _found_again(search: _Search, prepared: Prepared, best: Proof) -> Proof:
@@ -665,7 +705,16 @@ def _found_again(search: _Search, prepared: Prepared, best: Proof) -> Proof:
     return max(best, proof, key=lambda p: p.delta_log_likelihood + p.confirmed.gain)
 
 
-def _attempts(search: _Search, prepared: Prepared) -> Iterator[Callable[[], Prepared]]:
+def _elsewhere(search: _Search, prepared: Prepared) -> list[Callable[[], Prepared]]:
+    """The candidate at the other places where the sensors would see it alike."""
+    null, trial = search.stand.null, prepared.trial
+    numbers = range(min(len(trial.alike), MOST_PLACES))
+    return [partial(prepare, null.flat, null.estimated, moved(trial, number)) for number in numbers]
+
+
+def _attempts(
+    search: _Search, prepared: Prepared, elsewhere: Sequence[Callable[[], Prepared]]
+) -> Iterator[Callable[[], Prepared]]:
     null, trial = search.stand.null, prepared.trial
     gentle = partial(prepare, null.flat, null.estimated, trial, share=GENTLE, sharper=1.0)
     if prepared.simulation is not None:
@@ -680,8 +729,7 @@ def _attempts(search: _Search, prepared: Prepared) -> Iterator[Callable[[], Prep
     yield partial(_same, prepared)
     if prepared.similar is not None:
         return
-    for number in range(min(len(trial.alike), MOST_PLACES)):
-        yield partial(prepare, null.flat, null.estimated, moved(trial, number))
+    yield from elsewhere
     yield gentle
     yield partial(_by_shooting, search, prepared)
 
@@ -828,23 +876,26 @@ def _proofs(
     run: NullObserver,
     load: SmoothedLoad | None,
     form: FreeForm | None,
-    found: Screen,
+    screens: tuple[Screen, Screen | None],
     candidates: Sequence[Candidate],
     library: Sequence[Effect],
     options: DiagnoseOptions,
     progress: Progress,
 ) -> tuple[tuple[Proof, ...], tuple[Unproved, ...], bool]:
-    """The best candidates refitted: the first few, and of the others those that could compete with them; the
-    leaders of the screen that were not, each with the reason; and whether the time sufficed."""
-    null = stand.null
+    """The best candidates refitted: the first few, those that lead the screen in open loop, and of the others
+    those that could compete with them; the leaders of the screen that were not, each with the reason; and
+    whether the time sufficed. `screens` are that of the innovations and that in open loop, if there is
+    one."""
+    null, (found, used) = stand.null, screens
     wanted = trials(found, GATES.screen_level, options.most_trials + MORE_TRIALS)
+    wanted, n_used = _with_leaders(wanted, used)
     given = clipping_trials(null, candidates, options.clips(null.experiments))
     with workers(options.jobs, options.cluster) as pool:
         stages = _Stages(_Search(stand, run, load, form, found.n_screened), pool, options, progress)
         chosen = stages.prepared(wanted[: options.most_trials])
         beside = _dynamic_parts(null, candidates)
         # Where no fits run beside the first refit, the second one does.
-        n_first = 1 if beside else FIRST_TRIALS
+        n_first = min(max(n_used, 1 if beside else FIRST_TRIALS), len(chosen))
         proofs, fits = stages.proved([*stages.prepared(given), *chosen[:n_first]], (), beside)
         dynamic = best_dynamic([part for part in fits if part is not None])
         rest = chosen[n_first:FIRST_TRIALS]
@@ -853,7 +904,7 @@ def _proofs(
             rest = []
         proofs = stages.proved(dynamic, proofs)[0] + proofs
         best = best_accepted(ranked(proofs))
-        rest += [p for p in chosen[FIRST_TRIALS:] if could_compete(p.trial, best, found)]
+        rest += [p for p in chosen[max(FIRST_TRIALS, n_first) :] if could_compete(p.trial, best, found)]
         proofs += stages.proved(rest, proofs)[0]
         if not _is_settled(ranked(proofs)):
             proofs += stages.proved(stages.prepared(wanted[options.most_trials :]), proofs)[0]
@@ -873,6 +924,24 @@ def _proofs(
     order = ranked(proofs)
     is_whole = not stages.late and None not in fits
     return order, _unproved(found, wanted, order, stages.failed), is_whole
+
+
+def _with_leaders(wanted: Sequence[Trial], used: Screen | None) -> tuple[tuple[Trial, ...], int]:
+    """The trials, behind the first of them those that lead the screen in open loop; and how many of the
+    first ones that makes."""
+    if used is None:
+        return tuple(wanted), 1
+    leaders = [replace(trial, is_seen_in_use=True) for trial in trials(used, GATES.screen_level, MOST_IN_USE)]
+    marked = [
+        replace(trial, is_seen_in_use=any(_is_same(one, trial.candidate) for one in leaders))
+        for trial in wanted
+    ]
+    first = marked[:1]
+    known = [trial for trial in marked[1:] if trial.is_seen_in_use]
+    new = [one for one in leaders if not any(_is_same(one, trial.candidate) for trial in marked)]
+    rest = [trial for trial in marked[1:] if not trial.is_seen_in_use]
+    ahead = (*first, *known, *new)
+    return (*ahead, *rest), len(ahead)
 
 
 def _with_second_tries(proofs: Sequence[Proof], again: Sequence[Proof]) -> list[Proof]:

@@ -291,6 +291,24 @@ class Gates(Thresholds):
         "of errors from which most of the squared error on unseen data is gone",
         JUDGEMENT,
     )
+    min_independent: float = gate(
+        5.0,
+        "samples",
+        "that the errors of a simulation count for, below which it says nothing by its own",
+        JUDGEMENT,
+    )
+    max_place: float = gate(
+        1.1,
+        "ratio",
+        "of a rim, a stop or a limit to what its variable reaches, above which it does not act",
+        JUDGEMENT,
+    )
+    open_parameter: float = gate(
+        0.5,
+        "share",
+        "of a parameter as its standard error, from which a simulation is fitted from the given values, too",
+        JUDGEMENT,
+    )
     steady_duration: float = gate(
         3.0,
         "durations of the record",

@@ -13,6 +13,7 @@ from daest.diagnosis.disturbance import SmoothedLoad, smoothed_at
 from daest.diagnosis.free_forms import covers, free_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown, loads_of, period_of, refitted
+from daest.diagnosis.open_loop import InUse, Simulated, in_use, largest_values, simulated_errors
 from daest.diagnosis.screen import NullObserver, law_response, run_null
 from daest.diagnosis.settled import FAR, settled, simulated
 from daest.diagnosis.unseen import (
@@ -28,6 +29,7 @@ from daest.diagnosis.unseen import (
 from daest.errors import DaestError
 from daest.estimation.identify_nonlinear import Refit
 from daest.model.diagnosis import Ahead, Candidate, Confirmed, FreeForm, Load, Proof, Screen
+from daest.model.effects import EffectParameter
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, FittedParameter, error_ratios
 from daest.model.flat import ExplicitModel, FlatModel, with_equations
@@ -41,6 +43,7 @@ LONGER = 2  # searches that go on where one has come to its limit
 LOST = (
     5.0  # log-likelihood below that of the null, which a law contains, from which a search has lost its way
 )
+PLACED = 0.5  # of what its variable reaches, from which a shape is looked for as a place along it
 CUT = 0.99  # share of what is beyond the limit that a clipping sensor is taken to cut, at first
 NEARLY = 0.9  # share of its full size, at first, of a law whose kinks are rounded widely
 CLIPPED_WITHIN = 0.01  # of the limit, over which its edge is rounded in the screen
@@ -51,11 +54,13 @@ SHARPER = 0.3  # the proof rounds kinks over this part of what the screen rounds
 
 @dataclass(frozen=True)
 class Trial:
-    """A candidate, its sizes by the screen, and the places where these sensors would see it alike."""
+    """A candidate, its sizes by the screen, and the places where these sensors would see it alike. One that
+    leads the screen in open loop (`is_seen_in_use`) may show itself there alone."""
 
     candidate: Candidate
     sizes: tuple[float, ...]
     alike: tuple[Candidate, ...]
+    is_seen_in_use: bool = False
 
 
 def trials(screen: Screen, level: float, most: int) -> tuple[Trial, ...]:
@@ -104,7 +109,7 @@ def moved(trial: Trial, number: int) -> Trial:
     """The trial at one of the places where the sensors would see it alike."""
     other = trial.alike[number]
     rest = (*trial.alike[:number], *trial.alike[number + 1 :])
-    return Trial(other, trial.sizes, (trial.candidate, *rest))
+    return replace(trial, candidate=other, alike=(trial.candidate, *rest))
 
 
 def clipping_trials(
@@ -139,7 +144,7 @@ def could_compete(trial: Trial, best: Proof | None, screen: Screen) -> bool:
     if best is None or best.left is None or is_significant(best.left, best.delta_log_likelihood):
         return True
     names = [entry.candidate.name for entry in screen.entries]
-    if best.candidate.name not in names:
+    if not {best.candidate.name, trial.candidate.name} <= set(names):
         return True
     correlation = screen.correlation[names.index(best.candidate.name), names.index(trial.candidate.name)]
     return bool((1.0 - correlation**2) * best.delta_log_likelihood < GATES.hopeless_log_likelihood)
@@ -191,6 +196,8 @@ def prepare(
 
 def _inside(value: float, low: float | None, high: float | None) -> float:
     """A start value off its bounds, since a search in logarithms cannot leave zero."""
+    if low is not None and high is not None and not low < value < high:
+        return low + (0.1 if value <= low else 0.9) * (high - low)
     if low is not None and value <= low:
         return low + 0.1 * max(abs(value), abs(low), 1e-3)
     if high is not None and value >= high:
@@ -239,13 +246,14 @@ def from_simulation(prepared: Prepared, proof: Proof) -> Prepared | None:
 @dataclass(frozen=True)
 class Reference:
     """The model as it is, without coloured loads: what a law must foresee unseen data better than.
-    `adds_up` tells that its simulation is dead reckoning; `innovations` are those of the unseen data beside
-    its loads."""
+    `adds_up` tells that its simulation is dead reckoning, else `simulated` are the errors of that;
+    `innovations` are those of the unseen data beside its loads."""
 
     fit: FitResult
     foreseen: Foreseen | None = None
     adds_up: bool = False
     innovations: Innovations | None = None
+    simulated: Simulated | None = None
 
 
 def prove(
@@ -288,7 +296,7 @@ def prove(
     final: FitResult | None = None
     ahead: tuple[Ahead, ...] = ()
     told = Confirmed()
-    is_open = is_curve = is_told = False
+    is_open = is_curve = is_told = is_shown = False
     if not reason and leader is not None and fit.log_likelihood < hopeless:
         final, ahead, reason = _in_brief(fed, refit, prepared, explicit, validation, leader, reference)
     if not reason:
@@ -299,14 +307,19 @@ def prove(
             fed, refit, prepared, explicit, told, validation, reference
         )
         fit = fit if final else refit.simulated(validation)
+        if reference is not None and not against:
+            used = _in_use(fed, prepared, explicit, final, validation, reference)
+            is_shown = used.speaks_for(n_own)
         ratios = error_ratios((reference.fit if reference else null_fit).simulated, (final or fit).simulated)
         # A law that says all that the load has to do with any variable need not explain more of the load.
         says_all = form is not None and form.p_value < GATES.rest_level and gain >= form.log_likelihood_gain
         is_curve = says_all and explained >= GATES.min_curve_explained
-        undetermined = "" if against else _undetermined(prepared.trial.candidate, final or fit)
+        # A rim that is stiff enough has no certain stiffness: there the simulation has spoken.
+        undetermined = "" if against or is_shown else _undetermined(prepared.trial.candidate, final or fit)
         is_open = not against and not undetermined
-        reason = against or undetermined or _weak(prepared, fit)
-        if not reason and not is_curve and not is_told:
+        undetermined = undetermined or _out_of_reach(with_effect, prepared.trial.candidate, final or fit)
+        reason = against or undetermined or _weak(prepared, final if is_shown and final else fit)
+        if not reason and not is_curve and not is_told and not is_shown:
             reason = _unexplained(explained, ratios)
     elif final is None:
         fit = refit.simulated(validation)
@@ -314,7 +327,7 @@ def prove(
     if left is not None:
         if prepared.trial.candidate.effect.is_dynamic:
             reason = _other_dynamics(left, gain) or _too_short(null, prepared.trial.candidate, fit)
-        if is_curve and left.p_value < GATES.rest_level and not is_told:
+        if is_curve and left.p_value < GATES.rest_level and not is_told and not is_shown:
             reason = _unexplained(explained, ratios)
         if not reason and not _is_most_of_it(explained, ratios, is_told, gain, left):
             reason = _wrong_law(null, run, prepared, fit, gain, left)
@@ -343,6 +356,42 @@ def bic_gain(gain: float, n_more: int, null: Null) -> float:
     """What a gain in log-likelihood is worth by the criterion of Bayes with that many more parameters."""
     n_observed = sum(int(np.isfinite(e.outputs).sum()) for e in null.experiments)
     return float(2.0 * gain - n_more * np.log(n_observed))
+
+
+def by_simulation(
+    null: Null,
+    prepared: Prepared,
+    beside: Proof,
+    found: FitResult,
+    validation: Sequence[Experiment],
+    reference: Reference,
+    n_screened: int,
+) -> Proof:
+    """The proof of a law by the simulation `found`, with the evidence of that, where it speaks for the law by
+    more than chance, and the law does not destroy what the observer foresees; else that `beside` the
+    loads, which refused it."""
+    explicit = reduce_index(prepared.flat)
+    used = _in_use(null, prepared, explicit, found, validation, reference)
+    n_own = len(prepared.names) - len(null.estimated)
+    refused = not used.speaks_for(n_own) or beside.delta_log_likelihood < -GATES.hopeless_log_likelihood
+    candidate = prepared.trial.candidate
+    refused = refused or bool(_weak(prepared, found))
+    model = grown(null, prepared.flat, explicit, found, null.experiments)
+    refused = refused or bool(_out_of_reach(model, candidate, found))
+    p_value = float(min(1.0, n_screened * chi2.sf(2.0 * max(used.gain, 0.0), n_own)))
+    if refused or p_value > GATES.max_chance:
+        return beside
+    return replace(
+        beside,
+        delta_log_likelihood=used.gain,
+        delta_bic=used.bic(n_own),
+        p_value=p_value,
+        verdict="supported",
+        reason="",
+        final=found,
+        ahead=(),
+        is_open=False,
+    )
 
 
 def least_hope(leader: Proof | None) -> float:
@@ -458,6 +507,22 @@ def _left(null: Null, with_effect: Null, after: NullObserver) -> FreeForm | None
     known = [v.name for v in (*null.flat.unknowns, *null.flat.inputs)]
     forms = free_forms(with_effect, after, known)
     return forms[0] if forms else None
+
+
+def _in_use(
+    null: Null,
+    prepared: Prepared,
+    explicit: ExplicitModel,
+    final: FitResult | None,
+    validation: Sequence[Experiment],
+    reference: Reference,
+) -> InUse:
+    """What the simulation says of the law at its estimates without loads."""
+    if final is None or final.method != "oe" or reference.simulated is None:
+        return InUse()
+    flat = prepared.flat.with_theta(final.theta)
+    found = simulated_errors(null, flat, replace(explicit, flat=flat), final, null.experiments, validation)
+    return in_use(reference.simulated, found)
 
 
 def _is_most_of_it(
@@ -604,6 +669,29 @@ def _undetermined(candidate: Candidate, told: FitResult) -> str:
     if not own or len(unknown) < len(own):
         return ""
     return f"the data determine none of its parameters ({', '.join(unknown)})"
+
+
+def _out_of_reach(model: Null, candidate: Candidate, told: FitResult) -> str:
+    """Why the law is not what its name says, where its places along a variable, such as a rim or a stop, lie
+    beyond all that the variable comes to in the simulation: the law then lives on how its kink is rounded.
+    Empty where it does not."""
+    places = {p.name: f"{candidate.name}.{p.scale_of}" for p in candidate.effect.parameters if _is_place(p)}
+    if not places:
+        return ""
+    reached = largest_values(grown(model, model.flat, model.explicit, told, model.experiments))
+    beyond = ""
+    for name, variable in places.items():
+        value, most = abs(told.theta[f"{candidate.name}.{name}"]), reached.get(variable, np.inf)
+        if value <= GATES.max_place * most:
+            return ""
+        beyond = f"its {name} ({value:.4g}) lies beyond all that the recordings reach ({most:.4g})"
+    return beyond
+
+
+def _is_place(parameter: EffectParameter) -> bool:
+    """Whether a shape is a place along a variable: it is looked for near the end of what that reaches."""
+    is_shape = parameter.role == "shape" and parameter.estimate and bool(parameter.scale_of)
+    return is_shape and PLACED <= max(map(abs, parameter.grid), default=0.0) < 1.0
 
 
 def _is_known(parameter: FittedParameter, null: float) -> bool:

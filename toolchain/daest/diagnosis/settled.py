@@ -10,7 +10,7 @@ told.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -32,7 +32,7 @@ ITERATIONS = 40
 SECOND_CHANCES = 2  # searches that go on where one has come to its limit
 BATCHES = 30  # of the record, whose scores count as independent: colour of the innovations shows in them
 FEWEST_BATCHES = 8
-SIMULATED_ITERATIONS = 12
+SIMULATED_ITERATIONS = 40
 FAR = 100.0  # times its start value, or that part of it, at which a parameter may be lost
 
 
@@ -103,8 +103,11 @@ def simulated(
         second_look=False,
         shooting=1,
     )
-    ends = []
-    for start in starts:
+    given = {p.name: p.initial for p in null.fit.parameters if p.name in null.estimated}
+    ends: list[FitResult] = []
+    for start in (*starts, {**begun, **given}):
+        if len(ends) == len(starts) and not any(_is_flat(end, given) for end in ends):
+            break
         try:
             chosen_start = replace(options, start={name: start[name] for name in names})
             ends.append(identify(flat, experiments, chosen_start, validation))
@@ -123,6 +126,16 @@ def simulated(
         for p in found.parameters
     )
     return replace(found, parameters=chosen)
+
+
+def _is_flat(end: FitResult, names: Collection[str]) -> bool:
+    """Whether a search has come to no end, or to one where the data leave a parameter of the model open: it
+    may lie anywhere along a valley, and is looked for from the values that the user gave, too."""
+    return end.status != "converged" or any(
+        p.std_error is None or p.std_error > GATES.open_parameter * abs(p.value)
+        for p in end.parameters
+        if p.name in names
+    )
 
 
 def _better_in_simulation(white: FitResult, beside: Refit) -> dict[str, float]:

@@ -22,7 +22,7 @@ from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
 from daest.quantities import spoken_duration
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import Correction, Integrator, integrate, integrator
+from daest.systems.integrate import Correction, Integrator, Trajectory, integrate, integrator
 from daest.systems.integration import IntegrationError
 
 HORIZONS = (1, 3, 10, 30, 100)  # samples, as far as LONGEST allows
@@ -223,6 +223,25 @@ def _seen_dynamics(A: np.ndarray, C: np.ndarray) -> np.ndarray:
             waiting.append(basis[-1] @ A)
     q = np.array(basis).reshape(len(basis), A.shape[0])
     return q @ A @ q.T
+
+
+def free_runs(null: Null, experiments: Sequence[Experiment]) -> tuple[Trajectory, ...] | None:
+    """The simulation of every experiment, from the initial state that fits its first samples best, loads at
+    rest; None where the model cannot be simulated."""
+    model = integrator(null.explicit)
+    still = np.zeros((len(null.explicit.state_names), len(null.flat.outputs)))
+    runs = []
+    for experiment in experiments:
+        try:
+            x0 = _initial_state(null, model, experiment, still)
+            runs.append(
+                integrate(
+                    model, experiment.time, experiment.inputs, null.theta, x0, hold=null.hold, rtol=RTOL
+                )
+            )
+        except IntegrationError:
+            return None
+    return tuple(runs)
 
 
 def _initial_state(null: Null, model: Integrator, experiment: Experiment, gain: np.ndarray) -> np.ndarray:

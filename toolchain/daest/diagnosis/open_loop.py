@@ -1,0 +1,214 @@
+"""Evidence in open loop, the horizon at which a model is used.
+
+An observer with unknown loads follows the data so closely that what a slow law does is hardly seen one sample
+ahead, while the simulation is far off. So candidates are screened by the errors of the simulation, too, and
+a law may show itself by a simulation that is better by more than chance. Errors of a simulation last: their
+correlation tells how few of the samples count as independent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from daest.diagnosis.candidates import ranges
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.null import Null, grown, shortest_load
+from daest.diagnosis.screen import run_null, screen
+from daest.diagnosis.unseen import free_runs
+from daest.errors import DaestError
+from daest.estimation.identify import identify
+from daest.model.diagnosis import Candidate, Screen
+from daest.model.experiment import Experiment
+from daest.model.fit import FitResult, IdentifyOptions
+from daest.model.flat import ExplicitModel, FlatModel
+from daest.numerics.statistics import autoregression
+
+ITERATIONS = 40  # of a search by simulation
+START_SHARES = (1.0, 0.1)  # of the sizes by the screen, from which it starts
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """Errors (n_samples, n_y) of the simulation of every record that was fitted, and of every unseen one."""
+
+    fitted: tuple[np.ndarray, ...]
+    unseen: tuple[np.ndarray, ...]
+
+
+@dataclass(frozen=True)
+class InUse:
+    """What a simulation says of a law: the gain in log-likelihood, of which the data of the fit count
+    `n_independent` samples and the unseen ones those of theirs, and on unseen data the ratio of errors and
+    how many standard errors the mean squares are apart."""
+
+    gain: float = 0.0
+    n_independent: float = 0.0
+    ratio: float = 1.0
+    certainty: float = 0.0
+
+    def bic(self, n_own: int) -> float:
+        """Gain for a law of `n_own` parameters."""
+        return 2.0 * self.gain - n_own * float(np.log(max(self.n_independent, 1.0)))
+
+    def speaks_for(self, n_own: int) -> bool:
+        """Whether a law of `n_own` parameters is better in use by more than chance."""
+        if self.n_independent < GATES.min_independent:
+            return False
+        return (
+            self.bic(n_own) > GATES.min_bic_gain
+            and self.ratio < GATES.max_clear_ratio
+            and self.certainty > GATES.unseen_significance
+        )
+
+
+def open_screen(null: Null, fit: FitResult, candidates: Sequence[Candidate], seed: int) -> Screen | None:
+    """The screen of candidates by the errors of the simulation with the parameters of `fit`; None where it
+    cannot be made, or the model has no simulation of its own."""
+    if fit.method != "oe":
+        return None
+    quiet = replace(
+        fit, noises=tuple(replace(n, value=0.0) if n.kind == "process" else n for n in fit.noises)
+    )
+    times = {f"{load.name}.T": shortest_load(null.experiments) for load in null.loads}
+    flat = null.flat.with_theta({**fit.theta, **times})
+    alone = replace(null, flat=flat, fit=quiet)
+    try:
+        return screen(alone, run_null(alone), candidates, seed)
+    except (DaestError, RuntimeError, np.linalg.LinAlgError):
+        return None
+
+
+def fitted_in_use(
+    null: Null,
+    flat: FlatModel,
+    names: Sequence[str],
+    sizes: Sequence[str],
+    reference: FitResult,
+    experiments: Sequence[Experiment],
+    validation: Sequence[Experiment],
+) -> FitResult | None:
+    """The best simulation of `flat`, a model with a law of the `sizes`, from that of the model without it;
+    None where there is none."""
+    values = {p.name: p.value for p in flat.parameters}
+    times = {f"{load.name}.T": shortest_load(null.experiments) for load in null.loads}
+    options = IdentifyOptions(
+        method="oe",
+        estimate=tuple(names),
+        fix=times,
+        hold=null.hold,
+        max_iterations=ITERATIONS,
+        second_look=False,
+        shooting=1,
+    )
+    ends = []
+    for share in START_SHARES:
+        start = {name: reference.theta.get(name, values[name]) for name in names}
+        start |= {name: share * values[name] for name in sizes}
+        with suppress(DaestError, RuntimeError, np.linalg.LinAlgError):
+            ends.append(identify(flat, experiments, replace(options, start=start), validation))
+    return max(ends, key=lambda end: end.log_likelihood, default=None)
+
+
+def simulated_errors(
+    null: Null,
+    flat: FlatModel,
+    explicit: ExplicitModel,
+    fit: FitResult,
+    experiments: Sequence[Experiment],
+    validation: Sequence[Experiment],
+) -> Simulated | None:
+    """Errors of the model `flat` with the dynamics `explicit` at the parameters of `fit`, from the initial
+    states that fit best; None where it cannot be simulated."""
+    model = grown(null, flat, explicit, fit, experiments)
+    fitted, unseen = _errors(model, experiments), _errors(model, validation)
+    return None if fitted is None or unseen is None else Simulated(fitted, unseen)
+
+
+def _errors(model: Null, experiments: Sequence[Experiment]) -> tuple[np.ndarray, ...] | None:
+    runs = free_runs(model, experiments)
+    if runs is None:
+        return None
+    return tuple(e.outputs - run.outputs for e, run in zip(experiments, runs, strict=True))
+
+
+def largest_values(model: Null) -> dict[str, float]:
+    """Largest magnitude of every variable in the simulation of the experiments of a model; empty where it
+    cannot be simulated."""
+    runs = free_runs(model, model.experiments)
+    found: dict[str, float] = {}
+    for experiment, run in zip(model.experiments, runs or (), strict=bool(runs)):
+        states = dict(zip(model.explicit.state_names, run.states.T, strict=True))
+        here = ranges(model.explicit, experiment.time, states, experiment.inputs)
+        found = {name: max(value, found.get(name, 0.0)) for name, value in here.items()}
+    return found
+
+
+def in_use(before: Simulated | None, after: Simulated | None) -> InUse:
+    """The second model against the first one, of which neither may be known."""
+    if before is None or after is None or not after.unseen:
+        return InUse()
+    size = _mean_squares(before.fitted)
+    old, new = (_squares(one.fitted, size) for one in (before, after))
+    independent, of_unseen = (
+        sum(_independent(course) for course in _scaled(part, size)) for part in (after.fitted, after.unseen)
+    )
+    seen, foreseen = (_squares(one.unseen, size) for one in (before, after))
+    if not seen.size or seen.size != foreseen.size or old.size != new.size:
+        return InUse()  # one of them ran away
+    error = _error_of_mean(seen - foreseen)
+    gap = float(np.mean(seen) - np.mean(foreseen))
+    return InUse(
+        gain=0.5 * independent * float(np.log(np.mean(old) / np.mean(new)))
+        + 0.5 * of_unseen * float(np.log(np.mean(seen) / np.mean(foreseen))),
+        n_independent=independent,
+        ratio=float(np.sqrt(np.mean(foreseen) / np.mean(seen))),
+        certainty=gap / error if error > 0.0 else 0.0,
+    )
+
+
+def _mean_squares(errors: Sequence[np.ndarray]) -> np.ndarray:
+    """Of every output (n_y,), 1 where there is none."""
+    found = np.nanmean(np.concatenate(errors) ** 2, axis=0)
+    return np.where(np.isfinite(found) & (found > 0.0), found, 1.0)
+
+
+def _squares(errors: Sequence[np.ndarray], size: np.ndarray) -> np.ndarray:
+    """Mean over the outputs of the squared errors of every sample with a value (n,)."""
+    table = np.concatenate(errors) ** 2 / size
+    known = np.isfinite(table)
+    count = known.sum(axis=1)
+    return np.where(known, table, 0.0).sum(axis=1)[count > 0] / count[count > 0]
+
+
+def _scaled(errors: Sequence[np.ndarray], size: np.ndarray) -> list[np.ndarray]:
+    """Errors of every record and output (n_samples,), with zero where nothing was measured."""
+    return [np.nan_to_num(part[:, j]) / np.sqrt(size[j]) for part in errors for j in range(part.shape[1])]
+
+
+def _independent(course: np.ndarray) -> float:
+    """How many independent samples tell the mean square of a course as well: n / (1 + 2 Σ ρ_k²)."""
+    rho = _correlation(course)
+    return course.size / (1.0 + 2.0 * float(np.sum(rho**2)))
+
+
+def _error_of_mean(course: np.ndarray) -> float:
+    """Standard error of the mean of a correlated course (n,), by its spectrum at frequency zero: that of an
+    autoregression, or of Bartlett's window over its correlation, whichever is more."""
+    rho = _correlation(course - course.mean())
+    weights = 1.0 - np.arange(1, rho.size + 1) / (rho.size + 1.0)
+    by_window = float(np.var(course)) * max(1.0 + 2.0 * float(weights @ rho), 1.0)
+    coefficients, cov = autoregression((course - course.mean())[:, None])
+    stays = max(1.0 - float(np.sum(coefficients)), 1.0 / max(course.size, 1))
+    return float(np.sqrt(max(by_window, float(cov[0, 0]) / stays**2) / max(course.size, 1)))
+
+
+def _correlation(course: np.ndarray) -> np.ndarray:
+    """Of a course with itself, at lags from 1 to a fifth of it."""
+    n, lags = course.size, course.size // 5
+    whole = np.fft.rfft(course, 2 * n)
+    found = np.fft.irfft(np.abs(whole) ** 2)[: lags + 1]
+    return found[1:] / found[0] if found.size and found[0] > 0.0 else np.zeros(lags)
