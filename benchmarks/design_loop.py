@@ -20,7 +20,7 @@ import json
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ from scipy.integrate import solve_ivp
 from scipy.stats import binomtest
 
 from daest.design.design import Task, design
-from daest.design.effects import Rival, detect_aim, leaving, rival_aim
+from daest.design.effects import Rival, detect_aim, leaving, rival_aim, with_effect
 from daest.design.signals import multisine, random_binary, within
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.foreseeable import beside_loads, required
@@ -290,14 +290,26 @@ class Shown:
     n: int
     family: Callable[..., Any]
     sizes: tuple[float, ...]
+    rival: str = ""  # a second law that is tried; what tells them apart is a short reversal
 
     @property
     def found(self) -> Effect:
+        return self.law_of(self.effect)
+
+    @property
+    def tried(self) -> tuple[Effect, ...]:
+        return (self.found, self.law_of(self.rival)) if self.rival else (self.found,)
+
+    def law_of(self, name: str) -> Effect:
         domain = "rotational" if self.plant is ROTOR else "translational"
-        return next(e for e in find_effects(self.effect) if e.domain == domain)
+        return next(e for e in find_effects(name) if e.domain == domain)
 
     @property
     def inputs(self) -> np.ndarray:
+        if self.rival:
+            levels = np.random.default_rng(5).uniform(0.3, 0.6, self.n // 20 + 1).repeat(20)[: self.n, None]
+            levels[100:120] = -0.1
+            return levels
         allowed = self.plant.limits(self.n + 1)
         return within(allowed, list(self.family(allowed, 0))[1].signal, keeps_form=True)[:-1]
 
@@ -307,6 +319,10 @@ POWER = (
         ROTOR, dry, "CoulombFriction", ROTOR.place, 240, multisine, (0.0107, 0.0141, 0.0197, 0.0268)
     ),
     Shown(SLIDER, hardening, "HardeningSpring", "spring", 400, random_binary, (7.0, 9.5, 12.5, 20.0)),
+    Shown(
+        ROTOR, dry, "CoulombFriction", ROTOR.place, 240, multisine, (0.042, 0.0445, 0.0475, 0.0525),
+        rival="ConstantLoad",
+    ),
 )  # fmt: skip
 
 
@@ -323,7 +339,7 @@ def powers(runs: int, seed: int, kept: Path | None, minutes: float) -> list[dict
         inputs, size = np.vstack([one.inputs, one.inputs]), one.sizes[j]
         recording = one.plant.recorded("r", one.law(size), inputs, (seed, i, j, run))
         options = DiagnoseOptions(hold="zoh", jobs=1)
-        found = diagnose(model(one.plant.name), (one.found,), [recording], (), options)
+        found = diagnose(model(one.plant.name), one.tried, [recording], (), options)
         best = max(found.proofs, key=lambda p: p.delta_log_likelihood, default=None)
         rows.append(
             {
@@ -414,6 +430,8 @@ def compared(rows: Sequence[dict[str, Any]], kept: Path | None) -> list[dict[str
 
 def predicted(one: Shown) -> list[tuple[float, float]]:
     """Of every size the expected evidence and the power, at the true parameters of the plant."""
+    if one.rival:
+        return [told_by(one, size) for size in one.sizes]
     # One effect at one place is searched: the shapes of the library that it is tried with are few.
     aim, _ = aim_of(one, one.sizes[0], 4)
     found = []
@@ -426,6 +444,20 @@ def predicted(one: Shown) -> list[tuple[float, float]]:
 def at_truth(plant: Plant) -> Any:
     m, d, c = plant.values
     return model(plant.name).with_theta({"J": m, "d": d} if plant is ROTOR else {"m": m, "d": d, "c": c})
+
+
+def told_by(one: Shown, size: float) -> tuple[float, float]:
+    """The expected ratio to the rival, and the power to tell the effect from it."""
+    rivals = []
+    for effect, value in zip(one.tried, (size, size), strict=True):
+        name = effect.sizes[0].name
+        flat = with_effect(
+            at_truth(one.plant), effect, find_site(at_truth(one.plant), one.place, effect), {name: value}, {}
+        )
+        rivals.append(Rival(effect.name, flat, ("J", "d", f"effect.{name}")))
+    aim, _ = rival_aim(rivals, one.plant.limits(one.n), [], 0.5 * GATES.same_bic, 0, draws=0)
+    expected = replace(aim, orders=((0, 1),)).expected([one.inputs])  # the effect is the truth
+    return (np.nan, np.nan) if expected is None else (expected.value, expected.power or 0.0)
 
 
 def calibrated(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:

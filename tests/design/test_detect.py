@@ -1,5 +1,6 @@
 """Power to name an effect: friction of a rotor, beside unknown loads."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.stats import chi2, ncf
 
 from daest.design.design import Task, design
 from daest.design.drawn import Required
-from daest.design.effects import detect_aim
+from daest.design.effects import detect_aim, with_effect
 from daest.design.loads import LEAST, SIZES, Evidence, Loads
 from daest.diagnosis.foreseeable import beside_loads, required
 from daest.model.design import Limits, Range
@@ -41,6 +42,14 @@ def seen(size=0.05, loads=None, asked=None, recorded=False):
         required=asked or required(50),
         loads=loads or found,
     )
+
+
+def grown(name, values):
+    effect = next(e for e in find_effects(name) if e.domain == "rotational")
+    site = find_site(flat("Rotor"), "rotor.flange_a", effect)
+    model = with_effect(flat("Rotor"), effect, site, values, {}, "known")
+    known = (replace(p, estimate=p.estimate and p.name in "Jd") for p in model.parameters)
+    return replace(model, parameters=tuple(known))
 
 
 def test_power_without_loads_is_that_of_the_likelihood_ratio():
@@ -126,3 +135,14 @@ def test_design_for_an_effect_tells_power_against_length():
     assert found.inputs.shape[0] == found.limits.time.size
     assert any("validation" in note for note in found.notes)
     assert found.expected.smallest_size == pytest.approx(aim.smallest([found.inputs[:half]]), rel=1e-6)
+
+
+def test_nonlinear_models_have_loads_too():
+    """Hardly any quadratic drag in the model: it is nonlinear, and does what the linear one does."""
+    model, loads = beside_loads(grown("QuadraticDrag", {"k": 1e-4}))
+    effect = next(e for e in find_effects("CoulombFriction") if e.domain == "rotational")
+    site = find_site(model, "rotor.flange_a", effect)
+    aim, _ = detect_aim(model, effect, site, LIMITS, (), size=0.05, required=required(50), loads=loads)
+    expected, linear = aim.expected([torque()]), seen()[0].expected([torque()])
+    assert expected.value == pytest.approx(linear.value, rel=0.05)
+    assert expected.smallest_size == pytest.approx(linear.smallest_size, rel=0.05)

@@ -10,6 +10,7 @@ import numpy as np
 from daest.design.drawn import Drawn, Required
 from daest.design.explainer import Explained, Explainer
 from daest.design.loads import Absorbed, Bank, Evidence, Loads, Shown, shown
+from daest.design.nonlinear_explainer import NonlinearExplainer
 from daest.model.design import AimName, Expected
 
 POWER = 0.95  # with which an effect is to be seen
@@ -56,11 +57,19 @@ class DetectAim:
         return float(np.exp(merit))
 
     def expected(self, recordings: Sequence[np.ndarray]) -> Expected | None:
-        found = self.evidence(recordings, self.size)
+        aim = self._about_their_motion()
+        found = aim.evidence(recordings, self.size)
         if found is None:
             return None
-        power = self.power(recordings, self.size)
-        return Expected(max(found.evidence, 0.0), power=power, smallest_size=self.smallest(recordings))
+        power = aim.power(recordings, self.size)
+        return Expected(max(found.evidence, 0.0), power=power, smallest_size=aim.smallest(recordings))
+
+    def _about_their_motion(self) -> DetectAim:
+        """The aim that has seen no input: how loads reach the errors of a nonlinear model is linear about the
+        first motion that is asked for."""
+        if not isinstance(self.null, NonlinearExplainer):
+            return self
+        return replace(self, null=replace(self.null, _kept={}), _banks={})
 
     def watching(self, driven: Sequence[Explainer]) -> DetectAim:
         return replace(self, null=driven[0], effect=driven[1], _banks={})
