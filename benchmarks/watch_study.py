@@ -179,7 +179,7 @@ def _named(record: Experiment, alarms: Sequence[Alarm]) -> dict[str, Any]:
     try:
         found = diagnose_change(model(), effect_library(()), usual, after, options, lasts)
     except DaestError as problem:
-        return {**told, "verdict": problem.code, "effect": None, "message": problem.what}
+        return {**told, "verdict": "cannot tell", "effect": None, "message": problem.what}
     best = next((p.candidate for p in found.proofs if p.verdict == "supported"), None)
     told |= {"verdict": found.verdict, "message": found.message}
     told["effect"] = None if best is None else best.effect.name

@@ -7,6 +7,7 @@ import pytest
 from lag_data import PERIOD, write_csv
 from pyarrow import parquet
 
+from daest.cli.fleet import machine_files
 from daest.diagnosis import fleet as engine
 from daest.diagnosis.fleet import summary
 from daest.model.fleet import Machine
@@ -132,6 +133,18 @@ def test_refusals(machines, daest):
     assert code == 2 and "fleet-empty" in err
     code, _, err = daest("fleet", "machines/lame.csv", "machines/broken.csv", "--model", "Lag.mo")
     assert code == 2 and "fleet-nothing" in err
+
+
+def test_names_of_machines(tmp_path):
+    """Stems, partitions of a dataset, and paths where two would be called alike."""
+    paths = ["a.csv", "machine=m 1/part-0.parquet", "machine=m%202/part-0.parquet", "x/b.csv", "y/b.csv"]
+    for path in paths:
+        (tmp_path / path).parent.mkdir(exist_ok=True)
+        (tmp_path / path).write_text("")
+    found = machine_files([tmp_path])
+    twice = [str(tmp_path / path) for path in ("x/b.csv", "y/b.csv")]
+    assert sorted(name for name, _ in found) == sorted(["a", "m 1", "m 2", *twice])
+    assert {path for _, path in found} == {tmp_path / path for path in paths}
 
 
 def test_groups_and_odd_ones():

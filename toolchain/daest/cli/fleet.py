@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import unquote
 
 import click
 
@@ -127,8 +129,9 @@ def command(
 
 
 def machine_files(recordings: Sequence[Path]) -> list[tuple[str, Path]]:
-    """Names of machines and their files: the stems, or the paths where two are alike. Raises DataError
-    `fleet-empty`, and `data-missing-file` for a file that was named and is not there."""
+    """Names of machines and their files: the stems, the value of the partition in a partitioned dataset
+    (`machine=m1/part-0.parquet` is m1), or the paths where two are alike. Raises DataError `fleet-empty`, and
+    `data-missing-file` for a file that was named and is not there."""
     from daest.data import FORMATS
 
     if not recordings:
@@ -152,9 +155,15 @@ def machine_files(recordings: Sequence[Path]) -> list[tuple[str, Path]]:
             f"there is no recording in {', '.join(str(path) for path in recordings)}",
             remedy=f"name files, or folders with files that end in {', '.join(sorted(FORMATS))}",
         )
-    stems = [path.stem for path in files]
-    counted = {stem: stems.count(stem) for stem in set(stems)} if len(set(stems)) < len(stems) else {}
-    return [(str(path) if counted.get(path.stem, 1) > 1 else path.stem, path) for path in files]
+    names = [_machine_name(path) for path in files]
+    counted = Counter(names)
+    return [(str(path) if counted[name] > 1 else name, path) for name, path in zip(names, files, strict=True)]
+
+
+def _machine_name(path: Path) -> str:
+    """The stem of a file, or the last value of the partition that it lies in."""
+    _, is_partition, value = path.parent.name.partition("=")
+    return unquote(value) if is_partition and value else path.stem
 
 
 @dataclass(frozen=True)

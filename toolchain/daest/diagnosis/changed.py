@@ -15,7 +15,7 @@ from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel, Model
 
-SILENT = ("nothing missing", "external disturbance")
+UNNAMED = ("nothing missing", "parameters off", "external disturbance")
 
 
 def diagnose_change(
@@ -29,9 +29,9 @@ def diagnose_change(
     """What is missing `after` a change that sequential tests told; `lasts`: told more than once.
 
     The diagnosis admits unknown loads of any time constant, and a load that acts slowly can stand for many a
-    small effect. Where no effect is named for that, the recording `before` the change tells how slow the
-    loads of this machine are, and the change is diagnosed beside loads that are no slower. Raises as
-    `diagnose`.
+    small effect, alone or with parameters that are a little off. Where no effect is named for that, the
+    recording `before` the change tells how slow the loads of this machine are, and the change is diagnosed
+    beside loads that are no slower. Raises as `diagnose`.
     """
     found = diagnose(model, library, [after], (), options)
     limit = None if _is_named(found) else _slowest(model, before, options)
@@ -43,7 +43,7 @@ def diagnose_change(
 
 
 def _is_named(found: Diagnosis) -> bool:
-    return found.verdict not in SILENT and not (found.verdict == "cannot tell" and _open(found))
+    return found.verdict not in UNNAMED and not (found.verdict == "cannot tell" and _open(found))
 
 
 def _open(found: Diagnosis) -> list[Proof]:
