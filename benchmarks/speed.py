@@ -231,9 +231,14 @@ def table_rows(folder: Path, n_rows: int, repeat: int) -> Iterator[Row]:
     yield Row(f"the first 5000 of {n_rows} rows of CSV", "s", part)
 
 
+def as_installed() -> dict[str, str]:
+    """The environment of a process whose byte code is kept, as that of an installed package is."""
+    return {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+
+
 def process(arguments: list[str], **variables: str) -> Callable[[], object]:
     return lambda: subprocess.run(
-        [sys.executable, *arguments], env={**os.environ, **variables}, capture_output=True, check=False
+        [sys.executable, *arguments], env={**as_installed(), **variables}, capture_output=True, check=False
     )
 
 
@@ -316,7 +321,7 @@ def staged(told: Path) -> None:
 def diagnosis_rows(folder: Path) -> Iterator[Row]:
     work, told = folder / "servo_hidden", folder / "stages.json"
     shutil.copytree(HIDDEN, work)
-    variables = {**os.environ, "DAEST_CACHE": str(folder / "cache")}
+    variables = {**as_installed(), "DAEST_CACHE": str(folder / "cache")}
     here = [sys.executable, str(Path(__file__).resolve()), "--staged", str(told)]
     for name in ("first", "again"):
         shutil.rmtree(work / "results", ignore_errors=True)
