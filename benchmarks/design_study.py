@@ -366,7 +366,7 @@ def next_feed(kind, models, found, feeds, key):
         if fit.log_likelihood > best - 0.5 * GATES.same_bic
     ]
     aim, subjects = rival_aim(left, FEED, feeds, 0.5 * GATES.same_bic, 0)
-    return design(Task(aim, subjects, FEED, tuple(feeds), seconds=8.0)).inputs
+    return design(Task(aim, subjects, FEED, tuple(feeds), seconds=5.0, is_short=True)).inputs
 
 
 def peers() -> dict:

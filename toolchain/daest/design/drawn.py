@@ -150,7 +150,7 @@ class Drawn:
     def power(self, share: float) -> float:
         """Probability that the effect is named where it has that share of its size."""
         found = self.evidence.least(share)
-        if not np.isfinite(found.evidence):
+        if not np.isfinite(found.evidence) or self._n_free < 1:
             return 0.0
         near = dict.fromkeys([self.bank.none(), *self.bank.neighbours(found.levels)])
         filters = [one for levels in near if (one := self._filtered(levels)) is not None]
@@ -180,6 +180,12 @@ class Drawn:
         """The unseen halves without and with the effect in the model."""
         old = self._unseen(share, filters, fits[0], chosen[0][kept], kept, with_effect=False)
         return old, self._unseen(share, filters, fits[1], chosen[1][kept], kept, with_effect=True)
+
+    @property
+    def _n_free(self) -> int:
+        """Data beyond the unknowns."""
+        shared = self.parts[0].slopes.shape[0] + self.parts[0].own.shape[0]
+        return sum(one.errors.size - one.initial.shape[0] for one in self.parts) - shared
 
     @property
     def threshold(self) -> float:
