@@ -28,7 +28,17 @@ def drawn(n, n_y, n_w, n_modes, seed=0):
 
 
 @pytest.mark.parametrize(
-    ("n", "n_y", "n_w", "columns"), [(1, 1, 1, 1), (4, 2, 2, 1), (4, 3, 1, 5), (7, 2, 3, 4), (40, 3, 2, 1)]
+    ("n", "n_y", "n_w", "columns"),
+    [
+        (1, 1, 1, 1),
+        (4, 2, 2, 1),
+        (4, 3, 1, 5),
+        (7, 2, 3, 4),
+        (11, 3, 2, 1),
+        (19, 1, 2, 3),
+        (37, 3, 2, 1),
+        (203, 2, 2, 1),
+    ],
 )
 @pytest.mark.parametrize("details", [True, False])
 def test_compiled_steps_are_those_of_numpy(monkeypatch, n, n_y, n_w, columns, details):

@@ -167,14 +167,19 @@ def _writable(folder: Path) -> Path:
 
 
 @functools.lru_cache(maxsize=1)
-def processor_flags() -> tuple[str, ...]:
-    """Wide instructions where this processor tells that it has them; libraries are kept by their flags."""
+def processor_flags(*, widest: bool = False) -> tuple[str, ...]:
+    """Wide instructions where this processor tells that it has them; libraries are kept by their flags.
+
+    `widest`: with vectors of 512 bits, which code in explicit vectors alone gains by.
+    """
     try:
         told = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
     except OSError:
         return ()
     words = set(told.split())
-    return ("-mavx2", "-mfma") if platform.machine() == "x86_64" and {"avx2", "fma"} <= words else ()
+    if platform.machine() != "x86_64" or not {"avx2", "fma"} <= words:
+        return ()
+    return ("-mavx2", "-mfma", *(("-mavx512f",) if widest and "avx512f" in words else ()))
 
 
 def build_shared(

@@ -3,7 +3,7 @@
    One step, with the covariance P of the prediction and [m A], its mean and sensitivity to an unknown start:
    S = C P C' + R = L L', K = (Phi P C' + S12) S^-1, [m A] <- Phi [m A] + K ([z 0] - C [m A]) + [drive 0], and in
    Joseph form P <- F P F' + Q - K S12' - S12 K' + K R K' with F = Phi - K C. With CONSTANT states the loops have
-   constant lengths; from BLAS_FROM on products are those of the BLAS that is given. */
+   constant lengths; from TILES_FROM on products go tile by tile through the registers of the processor. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,15 +14,18 @@
 #define INLINE static inline
 #endif
 
-enum { BLAS_FROM = 16, BLOCK = 48, WINDOW = 16 };
-
-typedef void gemm_t(char *, char *, int *, int *, int *, double *, double *, int *, double *, int *, double *,
-                    double *, int *);
+#if defined(__AVX512F__)
+enum { LANES = 8, TILE_ROWS = 8 };
+#elif defined(__AVX__)
+enum { LANES = 4, TILE_ROWS = 4 };
+#else
+enum { LANES = 2, TILE_ROWS = 4 };
+#endif
+enum { TILES_FROM = 10, WINDOW = 16, TILE_VECTORS = 3 };
 
 typedef struct {
     long n_y, n_w, columns; /* columns of [m A] */
     const double *Phi, *C, *Q, *S12, *R, *Qw, *Ne; /* one of each per mode; Qw (n_w, n_w), Ne (n_w, n_y) */
-    gemm_t *gemm;
 } model_t;
 
 /* out (m, n) = A (m, k) B (k, n) */
@@ -56,30 +59,138 @@ INLINE void transposed(long m, long n, const double *A, double *out)
         for (long j = 0; j < n; j++) out[i * n + j] = A[j * m + i];
 }
 
-/* out = F P F' for symmetric P, of which the upper triangle is written; Ft = F'; `work` holds a matrix. */
-INLINE void congruence(long n, const double *F, const double *Ft, const double *P, double *out, double *work,
-                       gemm_t *gemm)
+#if defined(__GNUC__)
+/* Vectors of the processor; in memory they begin at any number. */
+typedef double lanes_t __attribute__((vector_size(LANES * 8)));
+typedef double anywhere_t __attribute__((vector_size(LANES * 8), aligned(8), may_alias));
+
+/* A tile of out = base + A B: `rows` rows by `vectors` vectors of columns, kept in registers; A[i, l] stands at
+   i * down + l * across. */
+INLINE void tile(const int rows, const int vectors, long k, long n, const double *A, long down, long across,
+                 const double *B, const double *base, double *out)
 {
-    if (gemm == NULL || n < BLAS_FROM) {
-        product(n, n, n, F, P, work);
-        for (long i = 0; i < n; i++) {
-            double *row = out + i * n;
-            for (long j = i; j < n; j++) row[j] = 0.0;
-            for (long l = 0; l < n; l++) {
-                const double a = work[i * n + l];
-                for (long j = i; j < n; j++) row[j] += a * Ft[l * n + j];
-            }
+    lanes_t sum[TILE_ROWS][TILE_VECTORS];
+    for (int i = 0; i < rows; i++)
+        for (int v = 0; v < vectors; v++) {
+            if (base)
+                sum[i][v] = *(const anywhere_t *)(base + i * n + v * LANES);
+            else
+                sum[i][v] = (lanes_t){0};
         }
+    for (long l = 0; l < k; l++) {
+        lanes_t b[TILE_VECTORS];
+        for (int v = 0; v < vectors; v++) b[v] = *(const anywhere_t *)(B + l * n + v * LANES);
+        for (int i = 0; i < rows; i++)
+            for (int v = 0; v < vectors; v++) sum[i][v] += A[i * down + l * across] * b[v];
+    }
+    for (int i = 0; i < rows; i++)
+        for (int v = 0; v < vectors; v++) *(anywhere_t *)(out + i * n + v * LANES) = sum[i][v];
+}
+
+/* Tiles over the columns `from` … n - 1 >= LANES; the last vectors reach back over columns that are done. */
+INLINE void strip(const int rows, long k, long n, const double *A, long down, long across, const double *B,
+                  const double *base, double *out, long from)
+{
+#define TILE(vectors, j) tile(rows, vectors, k, n, A, down, across, B + (j), base ? base + (j) : NULL, out + (j))
+    long j = from;
+    for (; j + TILE_VECTORS * LANES <= n; j += TILE_VECTORS * LANES) TILE(TILE_VECTORS, j);
+    const long left = n - j;
+    if (left > 2 * LANES && n >= 3 * LANES) {
+        TILE(3, n - 3 * LANES);
+    } else if (left > LANES && n >= 2 * LANES) {
+        if (left > 2 * LANES) TILE(1, j);
+        TILE(2, n - 2 * LANES);
+    } else if (left > 0) {
+        if (left > LANES) TILE(1, j);
+        TILE(1, n - LANES);
+    }
+#undef TILE
+}
+
+/* See `times`. */
+INLINE void tiled(long m, long k, long n, const double *A, long down, long across, const double *B,
+                  const double *base, double *out, int upper)
+{
+    long i = 0;
+#define STRIP(rows)                                                                                               \
+    strip(rows, k, n, A + i * down, down, across, B, base ? base + i * n : NULL, out + i * n,                      \
+          upper ? i / LANES * LANES : 0)
+    for (; i + TILE_ROWS <= m; i += TILE_ROWS) STRIP(TILE_ROWS);
+    for (; i + 2 <= m; i += 2) STRIP(2);
+    if (i < m) STRIP(1);
+#undef STRIP
+}
+
+static void tiled_product(long m, long k, long n, const double *A, const double *B, double *out)
+{
+    tiled(m, k, n, A, k, 1, B, NULL, out, 0);
+}
+
+static void tiled_upper(long n, const double *A, const double *B, const double *base, double *out)
+{
+    tiled(n, n, n, A, n, 1, B, base, out, 1);
+}
+
+static void tiled_outer(long k, long n, const double *A, const double *B, const double *base, double *out, int upper)
+{
+    tiled(n, k, n, A, 1, n, B, base, out, upper);
+}
+#define HAS_TILES(n) ((n) >= TILES_FROM)
+#else
+#define HAS_TILES(n) 0
+#define tiled_product product
+#define tiled_upper(n, A, B, base, out) (void)0
+#define tiled_outer(k, n, A, B, base, out, upper) (void)0
+#endif
+
+/* out (m, n) = A (m, k) B (k, n) */
+INLINE void times(long m, long k, long n, const double *A, const double *B, double *out)
+{
+    if (HAS_TILES(n))
+        tiled_product(m, k, n, A, B, out);
+    else
+        product(m, k, n, A, B, out);
+}
+
+/* out (n, n) = base + A' B of A, B (k, n), from the diagonal on if `upper`; base and out are two matrices. */
+INLINE void plus_outer(long k, long n, int upper, const double *A, const double *B, const double *base, double *out)
+{
+    if (HAS_TILES(n)) {
+        tiled_outer(k, n, A, B, base, out, upper);
         return;
     }
-    double one = 1.0, zero = 0.0;
-    int whole = (int)n;
-    gemm("N", "N", &whole, &whole, &whole, &one, (double *)P, &whole, (double *)F, &whole, &zero, work, &whole);
-    for (long i = 0; i < n; i += BLOCK) { /* a block of rows at a time, from the diagonal on */
-        int rows = (int)(n - i < BLOCK ? n - i : BLOCK), columns = (int)(n - i);
-        gemm("N", "N", &columns, &rows, &whole, &one, (double *)Ft + i, &whole, work + i * n, &whole, &zero,
-             out + i * n + i, &whole);
+    for (long i = 0; i < n; i++)
+        for (long j = upper ? i : 0; j < n; j++) out[i * n + j] = base[i * n + j];
+    add_outer(k, n, 1.0, upper, A, B, out);
+}
+
+/* out = Q + F P F' for symmetric P, Q, from the diagonal on; Ft = F'; `work` holds a matrix. */
+INLINE void congruence(long n, const double *F, const double *Ft, const double *P, const double *Q, double *out,
+                       double *work)
+{
+    times(n, n, n, F, P, work);
+    if (HAS_TILES(n)) {
+        tiled_upper(n, work, Ft, Q, out);
+        return;
     }
+    for (long i = 0; i < n; i++) {
+        double *row = out + i * n;
+        for (long j = i; j < n; j++) row[j] = Q[i * n + j];
+        for (long l = 0; l < n; l++) {
+            const double a = work[i * n + l];
+            for (long j = i; j < n; j++) row[j] += a * Ft[l * n + j];
+        }
+    }
+}
+
+/* The symmetric matrix out, rows `apart` apart, of the upper triangle A (n, n), block by block. */
+INLINE void mirrored(long n, const double *A, double *out, long apart)
+{
+    enum { SIDE = 8 };
+    for (long i = 0; i < n; i++) memcpy(out + i * apart + i, A + i * n + i, (n - i) * sizeof(double));
+    for (long j = 0; j < n; j += SIDE)
+        for (long i = j; i < n; i++)
+            for (long l = j; l < j + SIDE && l < i; l++) out[i * apart + l] = A[l * n + i];
 }
 
 /* W = L^-1 of S = L L' and inverse = W' W; 1 where S is not positive definite. */
@@ -114,8 +225,8 @@ INLINE void filtered(long n, const model_t *g, long mode, const double *P, const
 {
     const long n_y = g->n_y, n_w = g->n_w, size = n + n_w;
     const double *R = g->R + mode * n_y * n_y, *Ne = g->Ne + mode * n_w * n_y, *Qw = g->Qw + mode * n_w * n_w;
-    double *Kt = work, *rest = Kt + n_y * n, *D = rest + n_y * n;
-    product(n_y, n_y, n, inverse, PCt, Kt);
+    double *Kt = work, *rest = Kt + n_y * n, *minus = rest + n_y * n, *D = minus + n_y * n, *other = D + n * n;
+    times(n_y, n_y, n, inverse, PCt, Kt);
     transposed(n, n_y, Kt, gain);
     product(n_w, n_y, n_y, Ne, inverse, gain + n * n_y);
     for (long y = 0; y < n_y; y++) /* (K R)' - ((I - K C) P C')' */
@@ -125,16 +236,10 @@ INLINE void filtered(long n, const model_t *g, long mode, const double *P, const
                 sum += Kt[v * n + i] * (R[v * n_y + y] + (S[v * n_y + y] - R[v * n_y + y]));
             rest[y * n + i] = sum;
         }
-    for (long i = 0; i < n; i++) {
-        double *row = D + i * n;
-        memcpy(row, P + i * n, n * sizeof(double));
-        for (long y = 0; y < n_y; y++) {
-            const double a = -Kt[y * n + i], b = rest[y * n + i];
-            for (long j = 0; j < n; j++) row[j] += a * PCt[y * n + j] + b * Kt[y * n + j];
-        }
-    }
-    for (long i = 0; i < n; i++)
-        for (long j = 0; j <= i; j++) cov[i * size + j] = cov[j * size + i] = 0.5 * (D[i * n + j] + D[j * n + i]);
+    for (long i = 0; i < n_y * n; i++) minus[i] = -PCt[i];
+    plus_outer(n_y, n, 1, Kt, minus, P, other);
+    plus_outer(n_y, n, 1, rest, Kt, other, D);
+    mirrored(n, D, cov, size);
     for (long i = 0; i < size; i++)
         for (long j = n; j < size; j++) {
             double sum = i < n ? 0.0 : Qw[(i - n) * n_w + j - n];
@@ -143,20 +248,28 @@ INLINE void filtered(long n, const model_t *g, long mode, const double *P, const
         }
 }
 
-/* Largest |one - other| in standard deviations of the larger of both. */
+/* Largest |one - other| in standard deviations of the larger of both; `size` holds 2 n numbers. */
 INLINE double distance(long n, const double *one, const double *other, double *size)
 {
-    double worst = 0.0;
+    double worst = 0.0, *largest = size + n; /* of each column, so that vectors of the processor do it */
     for (long i = 0; i < n; i++) {
         const double larger = fmax(one[i * n + i], other[i * n + i]);
         size[i] = larger > 0.0 ? 1.0 / sqrt(larger) : 0.0;
+        largest[i] = 0.0;
     }
-    for (long i = 0; i < n; i++)
-        for (long j = 0; j <= i; j++) {
-            const double apart = fabs(one[i * n + j] - other[i * n + j]);
-            const double share = size[i] * size[j] > 0.0 ? apart * size[i] * size[j] : (apart > 0.0 ? INFINITY : 0.0);
-            if (share > worst) worst = share;
+    for (long i = 0; i < n; i++) {
+        const double *restrict now = one + i * n, *restrict before = other + i * n, root = size[i];
+        if (!(root > 0.0)) { /* without any variance: nothing may differ */
+            for (long j = 0; j < n; j++)
+                if (now[j] != before[j]) return INFINITY;
+            continue;
         }
+        for (long j = 0; j <= i; j++) {
+            const double share = fabs(now[j] - before[j]) * (root * size[j]);
+            largest[j] = share > largest[j] ? share : largest[j];
+        }
+    }
+    for (long j = 0; j < n; j++) worst = largest[j] > worst ? largest[j] : worst;
     return worst;
 }
 
@@ -187,12 +300,13 @@ INLINE long run(const long n, const model_t *g, long n_samples, const long long 
 {
     const long n_y = g->n_y, columns = g->columns, size = n + g->n_w;
     double *Phit = work, *F = Phit + n * n, *Ft = F + n * n, *after = Ft + n * n, *rest = after + n * n;
-    double *PCt = rest + n * n + 2 * n_y * n, *Gt = PCt + n_y * n, *Kt = Gt + n_y * n, *RKt = Kt + n_y * n;
+    double *PCt = rest + 2 * n * n + 3 * n_y * n, *Gt = PCt + n_y * n, *Kt = Gt + n_y * n, *RKt = Kt + n_y * n;
     double *St = RKt + n_y * n, *Mt = St + n_y * n, *next = Mt + columns * n, *seen = next + columns * n;
-    double *L = seen + columns * n_y, *inverse = L + n_y * n_y;
+    double *L = seen + columns * n_y, *inverse = L + n_y * n_y, *minus = inverse + n_y * n_y;
     settling_t settling = {0, 0.0, 0.0};
     const long asked = n_samples;
     long latest = -1;
+    int has_cross = 0;
     transposed(columns, n, M, Mt);
     for (long k = 0; k < n_samples; k++) {
         const long m = (long)mode[k];
@@ -202,10 +316,12 @@ INLINE long run(const long n, const model_t *g, long n_samples, const long long 
         if (m != latest) {
             transposed(n, n, Phi, Phit);
             transposed(n_y, n, g->S12 + m * n * n_y, St);
+            has_cross = 0;
+            for (long i = 0; i < n * n_y; i++) has_cross |= St[i] != 0.0;
             latest = m;
         }
         if (cov) memcpy(cov + k * n * n, P, n * n * sizeof(double));
-        product(n_y, n, n, C, P, PCt);
+        times(n_y, n, n, C, P, PCt);
         for (long y = 0; y < n_y; y++)
             for (long v = 0; v < n_y; v++) {
                 double sum = R[y * n_y + v];
@@ -213,9 +329,9 @@ INLINE long run(const long n, const model_t *g, long n_samples, const long long 
                 Sk[y * n_y + v] = sum;
             }
         if (whitening(n_y, Sk, white + k * n_y * n_y, inverse, L)) return -1 - k;
-        product(n_y, n, n, PCt, Phit, Gt);
+        times(n_y, n, n, PCt, Phit, Gt);
         for (long i = 0; i < n_y * n; i++) Gt[i] += St[i];
-        product(n_y, n_y, n, inverse, Gt, Kt);
+        times(n_y, n_y, n, inverse, Gt, Kt);
         transposed(n, n_y, Kt, gain + k * n * n_y);
 
         for (long c = 0; c < columns; c++)
@@ -227,26 +343,27 @@ INLINE long run(const long n, const model_t *g, long n_samples, const long long 
         memcpy(nu + k * n_y, seen, n_y * sizeof(double));
         memcpy(predicted + k * n, Mt, n * sizeof(double));
         if (A) transposed(n, columns - 1, Mt + n, A + k * n * (columns - 1));
-        product(columns, n, n, Mt, Phit, next);
-        product(columns, n_y, n, seen, Kt, Mt);
+        times(columns, n, n, Mt, Phit, next);
+        times(columns, n_y, n, seen, Kt, Mt);
         for (long i = 0; i < columns * n; i++) Mt[i] += next[i];
         for (long i = 0; i < n; i++) Mt[i] += drive[k * n + i];
 
         if (filtered_cov)
             filtered(n, g, m, P, PCt, Sk, inverse, filter_gain + k * size * n_y, filtered_cov + k * size * size, rest);
-        memcpy(F, Phi, n * n * sizeof(double));
-        add_outer(n_y, n, -1.0, 0, Kt, C, F);
-        memcpy(Ft, Phit, n * n * sizeof(double));
-        add_outer(n_y, n, -1.0, 0, C, Kt, Ft);
-        congruence(n, F, Ft, P, after, rest, g->gemm);
-        product(n_y, n_y, n, R, Kt, RKt);
+        for (long i = 0; i < n_y * n; i++) minus[i] = -Kt[i];
+        plus_outer(n_y, n, 0, minus, C, Phi, F);
+        plus_outer(n_y, n, 0, C, minus, Phit, Ft);
+        congruence(n, F, Ft, P, Q, after, rest);
+        times(n_y, n_y, n, R, Kt, RKt);
         for (long i = 0; i < n_y * n; i++) RKt[i] -= St[i]; /* K R K' - K S12' - S12 K' = K (R K' - S12') - S12 K' */
-        for (long i = 0; i < n; i++)
-            for (long j = i; j < n; j++) after[i * n + j] += Q[i * n + j];
-        add_outer(n_y, n, 1.0, 1, Kt, RKt, after);
-        add_outer(n_y, n, -1.0, 1, St, Kt, after);
-        for (long i = 0; i < n; i++)
-            for (long j = 0; j < i; j++) after[i * n + j] = after[j * n + i];
+        plus_outer(n_y, n, 1, Kt, RKt, after, rest);
+        if (has_cross) {
+            plus_outer(n_y, n, 1, St, minus, rest, after);
+            mirrored(n, after, rest, n);
+            memcpy(after, rest, n * n * sizeof(double));
+        } else {
+            mirrored(n, rest, after, n);
+        }
         if (!isfinite(after[0])) return -1 - k;
 
         int is_steady = 0;
@@ -309,11 +426,11 @@ long daest_kalman(long n, long n_y, long n_w, long columns, long n_samples, cons
                   const double *S12, const double *R, const double *Qw, const double *Ne, const double *z,
                   const double *drive, const double *target, const char *has_target, double limit, double *M,
                   double *P, double *predicted, double *nu, double *A, double *S, double *white, double *gain,
-                  double *cov, double *filter_gain, double *filtered_cov, gemm_t *gemm)
+                  double *cov, double *filter_gain, double *filtered_cov)
 {
-    const model_t g = {n_y, n_w, columns, Phi, C, Q, S12, R, Qw, Ne, gemm};
+    const model_t g = {n_y, n_w, columns, Phi, C, Q, S12, R, Qw, Ne};
     double *work =
-        malloc((5 * n * n + 7 * n * n_y + (2 * n + n_y) * columns + 2 * n_y * n_y) * sizeof(double));
+        malloc((6 * n * n + 9 * n * n_y + (2 * n + n_y) * columns + 2 * n_y * n_y) * sizeof(double));
     long done = 0;
     if (work == NULL) return 0;
 #define RUN(N) run(N, &g, n_samples, mode, long_after, z, drive, target, has_target, limit, M, P, predicted, nu, A, S, \

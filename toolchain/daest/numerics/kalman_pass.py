@@ -6,7 +6,6 @@ import ctypes
 import functools
 from dataclasses import dataclass
 from importlib import resources
-from typing import Any
 
 import numpy as np
 
@@ -136,7 +135,6 @@ def _compiled(
         *map(_pointer, (*whole, *parts, *signals, known)),
         ctypes.c_double(stop.limit),
         *map(_pointer, (start, cov, *outputs)),
-        _matrix_product(),
     )
     return done
 
@@ -270,7 +268,7 @@ class _Settling:
 def _library(n: int) -> ctypes.CDLL | None:
     """The compiled steps; None without a C compiler."""
     source = resources.files("daest.numerics").joinpath("kalman.c").read_text(encoding="utf-8")
-    flags = ("-O3", *processor_flags(), *((f"-DCONSTANT={n}",) if n in CONSTANT else ()))
+    flags = ("-O3", *processor_flags(widest=True), *((f"-DCONSTANT={n}",) if n in CONSTANT else ()))
     try:
         library = ctypes.CDLL(str(build_shared(source, "kalman", flags)))
     except FmuError as error:
@@ -280,23 +278,6 @@ def _library(n: int) -> ctypes.CDLL | None:
     library.daest_kalman.restype = ctypes.c_long
     library.daest_constant.restype = None
     return library
-
-
-@functools.lru_cache(maxsize=1)
-def _matrix_product() -> ctypes.c_void_p:
-    """The address of dgemm in the BLAS that scipy brings, which Cython code is meant to call; null where its
-    signature is another one than `kalman.c` knows."""
-    from scipy.linalg import cython_blas
-
-    capsule = cython_blas.__pyx_capi__["dgemm"]
-    api: Any = ctypes.pythonapi
-    api.PyCapsule_GetName.restype, api.PyCapsule_GetName.argtypes = ctypes.c_char_p, [ctypes.py_object]
-    name = api.PyCapsule_GetName(capsule)
-    if name is None or name.count(b"int *") != 6 or name.count(b"char *") != 2:
-        return ctypes.c_void_p(None)
-    api.PyCapsule_GetPointer.restype = ctypes.c_void_p
-    api.PyCapsule_GetPointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
-    return ctypes.c_void_p(api.PyCapsule_GetPointer(capsule, name))
 
 
 def _pointer(array: np.ndarray | None) -> ctypes.c_void_p | None:
