@@ -488,22 +488,26 @@ def _told_by_rest(forms: Sequence[FreeForm], proofs: Sequence[Proof]) -> FreeFor
     )
 
 
-def accept(stand: Stand, proof: Proof) -> Stand:
-    """The stand with the effect of `proof` in the model."""
+def accept(stand: Stand, proof: Proof, jobs: int = 1) -> Stand:
+    """The stand with the effect of `proof` in the model. With two `jobs`, its two fits run together."""
     null = stand.null
     experiments = fed(null.experiments, proof.candidate)
     flat = with_equations(proof.flat, "a further round")
     model = grown(null, flat, reduce_index(flat), proof.fit, experiments)
     validation = fed(stand.validation, proof.candidate)
-    reference = reference_of(model, proof.fit, validation)
+    # The refit of the proof has not predicted the unseen data, by which a later round sees that it is at the
+    # noise of the sensors.
+    fits: list[Callable[[], Any]] = [
+        partial(refit, model.flat, model.explicit, model.estimated, model, validation=validation),
+        partial(reference_of, model, proof.fit, validation),
+    ]
+    with workers(jobs) as pool:
+        baseline, reference = (o.get() for o in pool.map(_called, fits, seconds=stand.baseline.seconds))
     if reference is not None and proof.final is not None:
         # What was told of the effect stays true of the model that holds it.
         ratios = error_ratios(reference.fit.simulated, proof.final.simulated)
         if ratios and np.mean(np.square(ratios)) < 1.0:
             reference = replace(reference, fit=proof.final)
-    # The refit of the proof has not predicted the unseen data, by which a later round sees that it is at the
-    # noise of the sensors.
-    baseline = refit(model.flat, model.explicit, model.estimated, model, validation=validation)
     return Stand(stand.declared, model, baseline, validation, time.perf_counter(), reference)
 
 

@@ -215,7 +215,7 @@ def _extended(task: _Task, path: _Path, proof: Proof, diagnosis: Diagnosis) -> _
     remark = f"not separable from {', '.join(proof.not_separable_from)}" if proof.not_separable_from else ""
     step = Step(proof, proof.told, diagnosis, remark or "supported")
     task.progress(f"added {proof.candidate.label}")
-    grown = _Path(accept(path.stand, proof), (*path.steps, step))
+    grown = _Path(accept(path.stand, proof, task.options.jobs), (*path.steps, step))
     with suppress(OutOfTimeError), until(task.options.until):
         grown = _without_superfluous(task, grown)
     if len(grown.steps) - len(task.first) >= task.most_effects:
@@ -229,12 +229,12 @@ def _with_pair(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
     pairs = promising_pairs(diagnosis.screen)
     if not pairs or task.options.is_over or len(path.steps) - len(task.first) + 2 > task.most_effects:
         return None
-    one, other = pairs[0]
+    (one, other), jobs = pairs[0], task.options.jobs
     task.progress(f"refitting with {one.candidate.label} and {other.candidate.label} together")
     try:
         with until(task.options.until):
-            found = _in_turn(path.stand, one, other)
-            if found is None or _in_turn(path.stand, other, one) is None:
+            found = _in_turn(path.stand, one, other, jobs)
+            if found is None or _in_turn(path.stand, other, one, jobs) is None:
                 return None
     except (*FAILURES, OutOfTimeError):
         return None
@@ -247,17 +247,17 @@ def _with_pair(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
         Step(last, last.told, diagnosis, "supported"),
     )
     task.progress(f"added {first.candidate.label} and {last.candidate.label}")
-    return _Path(accept(beside, last), (*path.steps, *steps))
+    return _Path(accept(beside, last, task.options.jobs), (*path.steps, *steps))
 
 
-def _in_turn(stand: Stand, one: Screened, other: Screened) -> tuple[Proof, Stand, Proof] | None:
+def _in_turn(stand: Stand, one: Screened, other: Screened, jobs: int) -> tuple[Proof, Stand, Proof] | None:
     """The proof of one candidate alone, the stand with it, and the proof of the other one beside it; None
     where that one is refused. Raises what refits raise."""
     trials = [Trial(entry.candidate, entry.sizes, ()) for entry in (one, other)]
     first = proved_beside(stand, trials[0], {}, SHARPER)
     if not gains_beside(stand, first, trials[1], SHARPER):
         return None
-    beside = accept(stand, first)
+    beside = accept(stand, first, jobs)
     last = proved_beside(beside, trials[1], first.fit.theta, SHARPER)
     return None if last.verdict == "rejected" else (first, beside, last)
 
@@ -303,7 +303,7 @@ def _without(task: _Task, path: _Path, number: int) -> _Path | None:
         assert step.proof is not None
         try:
             proof = proved_again(shorter.stand, step.proof, values)
-            stand = accept(shorter.stand, proof)
+            stand = accept(shorter.stand, proof, task.options.jobs)
         except FAILURES:
             return None
         again = replace(step, proof=proof, fit=proof.told)
