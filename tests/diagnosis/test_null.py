@@ -10,13 +10,14 @@ from daest.data.prepare import resample
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.diagnose import begin, better_hold, examine, without_noises
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import fit_null, open_hold, refit, with_other_hold
+from daest.diagnosis.null import fit_null, near_given, open_hold, refit, with_other_hold
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.trial import Candidate
 from daest.errors import EstimationError, ModelError
 from daest.estimation.identify import identify
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
+from daest.model.parts import Prior
 from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model
 from daest.modelica.sites import sites
@@ -182,3 +183,18 @@ def test_what_only_rescales_estimated_parameters_gains_nothing(record):
     scaled = attach(null.flat, gain, place, "scaled", {})
     fit = refit(scaled, reduce_index(scaled), (*null.estimated, "scaled.g"), null)
     assert fit.log_likelihood - baseline.log_likelihood < 0.5
+
+
+def test_what_the_data_leave_open_stays_near_the_given_values():
+    """A prior of a decade about each, and none where the user has one or the scale is linear."""
+    flat = model()
+    near = near_given(flat)
+    known = {p.name: p for p in near.parameters}
+    of_flat = {p.name: p for p in flat.parameters}
+    marked = [p for p in flat.parameters if p.estimate and p.scale == "log"]
+    assert marked and all(known[p.name].prior.mean == p.value for p in marked)
+    assert all(known[p.name].prior is None for p in flat.parameters if not p.estimate)
+    own = replace(marked[0], prior=Prior(1.0, 0.1))
+    given = replace(flat, parameters=tuple(own if p.name == own.name else p for p in flat.parameters))
+    assert next(p for p in near_given(given).parameters if p.name == own.name).prior == own.prior
+    assert near_given(near) == near and of_flat.keys() == known.keys()

@@ -582,6 +582,12 @@ class Gates(Thresholds):
         "of the record, above which the time constant of a load is that of a constant",
         "analysis: of the record",
     )
+    given_spread: float = gate(
+        2.3,
+        "log",
+        "of a parameter about its given value, as the standard deviation of what is known of it: a decade",
+        JUDGEMENT,
+    )
     start_apart: float = gate(
         0.07, "share", "of a start value by which parameters are moved apart that do the same", JUDGEMENT
     )

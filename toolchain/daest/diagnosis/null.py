@@ -20,7 +20,7 @@ from daest.model.effects import Site
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import ExplicitModel, FlatModel
-from daest.model.parts import Parameter
+from daest.model.parts import Parameter, Prior
 from daest.systems.reduce import reduce_index
 from daest.systems.sample import Hold
 
@@ -98,6 +98,7 @@ def fit_null(
     A load that buys no likelihood has size 0 in the end. Raises what `identify` raises, and EstimationError
     `diagnose-no-place` when no load would show in the outputs.
     """
+    flat = near_given(flat)
     places = load_places(flat, nodes)
     if not places:
         raise _no_place(nodes)
@@ -131,6 +132,29 @@ def slowest_load(
         if fit.log_likelihood > free.fit.log_likelihood - GATES.min_load_gain:
             return limit
     return longest
+
+
+def near_given(flat: FlatModel) -> FlatModel:
+    """The model with its logarithmic parameters near the given values where the data leave them open.
+
+    Loads make much of a model uncertain: a small inertia with its spring and its damper may shrink together
+    to nothing and gain half a log-likelihood by it, and every effect there shrinks with them. What the data
+    know at all is not moved by a prior as wide as this."""
+    return replace(
+        flat,
+        parameters=tuple(
+            replace(p, prior=Prior(p.value, GATES.given_spread * p.value)) if _is_open(p) else p
+            for p in flat.parameters
+        ),
+    )
+
+
+def _is_open(parameter: Parameter) -> bool:
+    """Whether a parameter is estimated on a logarithmic scale and nothing is said of it beforehand."""
+    is_log = parameter.scale == "log" or (
+        parameter.scale == "auto" and parameter.min is not None and parameter.min >= 0.0
+    )
+    return parameter.estimate and parameter.prior is None and is_log and parameter.value > 0.0
 
 
 def with_other_hold(null: Null) -> Null:
