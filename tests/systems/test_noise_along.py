@@ -8,7 +8,7 @@ import pytest
 from flat_models import Draft, report_servo
 
 from daest.errors import NumericalError
-from daest.modelica.compile import compile_model
+from daest.modelica.compile import compile_model, compile_text
 from daest.systems.linearize import linearize
 from daest.systems.noise import noise_report
 from daest.systems.noise_along import noise_along
@@ -90,3 +90,43 @@ def test_points_where_the_model_is_singular_are_named(monkeypatch):
     with pytest.raises(NumericalError) as caught:
         noise_along(flat, (time[:2], np.ones((2, 1))), hold="zoh", points=2)
     assert caught.value.code == "noise-nowhere-regular"
+
+
+SWITCHED = """model Switched "Noise that a rate sees while a switch is on"
+  Real x(start = 0, fixed = true);
+  Real z(start = 1, fixed = true);
+  Real v;
+  Real p;
+  Real q;
+  Boolean on(start = false, fixed = true);
+  input Real u;
+  input Real w annotation(__Daest(noise = true, intensity = 0.01));
+  output Real y = x;
+equation
+  der(x) = u - x;
+  der(z) = -z;
+  v = z + w;
+  p = (if on then 1 else 0)*v + x;
+  q = der(p);
+  when u > 0.5 then
+    on = true;
+  elsewhen u < 0.5 then
+    on = false;
+  end when;
+end Switched;
+"""
+
+
+def test_every_mode_that_occurs_is_judged():
+    flat = compile_text(SWITCHED.encode(), Path("Switched.mo"))
+    assert {p.name for p in linearize(flat).parameters} == set()  # what a switch holds is a number
+    time = np.arange(41) * 0.05
+    u = np.where((time > 0.82) & (time < 1.12), 1.0, 0.0)[:, None]  # 6 of 41 samples
+    found = noise_along(flat, (time, u), hold="zoh", points=5)
+    off, on = found.modes
+    assert (off.mode, on.mode) == ("on = 0", "on = 1")
+    assert on.share == pytest.approx(6 / 41) and off.share == pytest.approx(35 / 41)
+    assert 0.85 <= on.first_time < 0.91  # a sample at an event shows what was before it
+    assert off.forbidden == () and on.forbidden == ("w",)  # q = p' contains w' while the switch is on
+    assert on.n_forbidden > off.n_forbidden
+    assert not found.all_admissible and found.annotated[0].at_start

@@ -136,13 +136,29 @@ class NoisePlaceAlong:
 
 
 @dataclass(frozen=True)
+class NoiseMode:
+    """Theorem 3.1 in one mode of a model with events: `mode` in words, the `share` of the samples and the
+    `first_time` [s] at which it occurs, the structure there, how many equations are forbidden at some point
+    in it, and which of the noises of the model and of the places that were asked for. `structures` is empty
+    where the linearised model is not regular at any point of the mode."""
+
+    mode: str
+    share: float
+    first_time: float
+    structures: tuple[tuple[int, int], ...]
+    n_forbidden: int
+    forbidden: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class NoiseAlong:
     """Theorem 3.1 at points along a trajectory. `places`, `annotated` and `asked` as in NoiseReport.
 
     `times` are those of the points judged; `unjudged` those where the linearised model is not regular, with
     the reason. `structures` are the pairs (n_dynamic, index) that occur; one pair with `same_everywhere` for
     an affine model, which needs no trajectory. `generic` is the exact verdict that holds at most points,
-    `generic_points` their number; None where there is none at any point."""
+    `generic_points` their number; None where there is none at any point. `modes` are those of a model with
+    events that occur, in the order in which they do."""
 
     times: tuple[float, ...]
     unjudged: tuple[tuple[float, str], ...]
@@ -153,6 +169,7 @@ class NoiseAlong:
     same_everywhere: bool
     generic: GenericVerdict | None = None
     generic_points: int = 0
+    modes: tuple[NoiseMode, ...] = ()
 
     @property
     def all_admissible(self) -> bool:

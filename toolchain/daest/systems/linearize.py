@@ -69,10 +69,7 @@ def _of_equations(
     flat: FlatModel, theta: np.ndarray | None = None, at: Mapping[str, float] | None = None
 ) -> LinearDAE:
     if flat.events is not None:
-        from daest.systems.modes import in_starting_mode
-
-        flat = in_starting_mode(flat, theta=theta)
-        theta = None
+        return _in_its_mode(flat, theta, at)
     values = flat.checked_theta(theta)
     is_affine = is_affine_model(flat)
     point = operating_point(flat, at)
@@ -114,6 +111,18 @@ def _of_equations(
         notes=_notes(flat, is_affine, point),
         family=family,
     )
+
+
+def _in_its_mode(flat: FlatModel, theta: np.ndarray | None, at: Mapping[str, float] | None) -> LinearDAE:
+    """The linear DAE of a model with events in the mode in which it starts."""
+    from daest.systems.modes import frozen, in_starting_mode, mode_text, without_noise
+
+    # A noise that would be differentiated forbids a reduction, and leaves the mode as it is.
+    begun = in_starting_mode(without_noise(flat), theta=theta)
+    found = linearize(frozen(flat, begun.theta_values), at=at)
+    mode = mode_text(begun)
+    note = f"The model changes at events: these are the matrices of the mode it starts in ({mode})."
+    return replace(found, notes=(note, *found.notes))
 
 
 def linear_dae_function(flat: FlatModel, at: Mapping[str, float] | None = None) -> ca.Function:
@@ -330,13 +339,6 @@ def _check_finite(flat: FlatModel, matrices: list[sp.csc_array]) -> None:
 
 def _notes(flat: FlatModel, is_affine: bool, point: OperatingPoint) -> tuple[str, ...]:
     notes = []
-    if flat.events is not None:
-        from daest.systems.modes import mode_text
-
-        mode = mode_text(flat)
-        notes.append(
-            f"The model changes at events: these are the matrices of the mode it starts in ({mode})."
-        )
     if not is_affine and not point.is_given:
         notes.append(
             "The model is nonlinear: these are its matrices at the start values "

@@ -1,10 +1,12 @@
-"""The mode in which a model with events starts."""
+"""The modes of a model with events: the one in which it starts, and the smooth model of each."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import fields, replace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from daest.errors import DaestError, ModelError
@@ -54,6 +56,62 @@ def in_starting_mode(flat: FlatModel, recording: Any = None, theta: np.ndarray |
     return _with_memory(flat, values) if theta is None else _with_memory(_with_theta(flat, values), values)
 
 
+def frozen(flat: FlatModel, values: np.ndarray | None = None) -> FlatModel:
+    """The smooth model of one mode, without its events: what keeps its value between events is a number, that
+    of `values` (n_theta,), by default of the model."""
+    if flat.events is None:
+        return flat
+    values = flat.theta_values if values is None else values
+    memory = [i for i, p in enumerate(flat.parameters) if p.is_memory]
+    steady = [i for i, p in enumerate(flat.parameters) if not p.is_memory]
+    symbols = ca.vertcat(ca.SX(0, 1), *[flat.theta[i] for i in memory])
+    parts = [flat.residual, flat.output_expressions, flat.initial_residual]
+    residual, outputs, initial = ca.substitute(parts, [symbols], [ca.SX(ca.DM(values[memory]))])
+    return replace(
+        flat,
+        parameters=tuple(replace(flat.parameters[i], value=float(values[i])) for i in steady),
+        theta=ca.vertcat(ca.SX(0, 1), *[flat.theta[i] for i in steady]),
+        residual=residual,
+        output_expressions=outputs,
+        initial_residual=initial,
+        events=None,
+    )
+
+
+def without_noise(flat: FlatModel) -> FlatModel:
+    """The model with every white noise at zero."""
+    if not flat.noises:
+        return flat
+    parts = [flat.residual, flat.output_expressions, flat.initial_residual]
+    none = ca.SX.zeros(flat.w.numel())
+    residual, outputs, initial = ca.substitute(parts, [flat.w], [none])
+    events = flat.events
+    if events is not None:
+        names = [f.name for f in fields(events) if isinstance(getattr(events, f.name), ca.SX)]
+        quiet = ca.substitute([getattr(events, name) for name in names], [flat.w], [none])
+        events = replace(events, **dict(zip(names, quiet, strict=True)))
+    return replace(
+        flat,
+        noises=(),
+        w=ca.SX(0, 1),
+        residual=residual,
+        output_expressions=outputs,
+        initial_residual=initial,
+        events=events,
+    )
+
+
+def mode_slots(flat: FlatModel) -> list[int]:
+    """The parameters whose values are the mode: relations, whole parts and discrete variables that equations
+    or outputs contain."""
+    events = flat.events
+    assert events is not None
+    slots = [one.slot for one in (*events.relations, *events.whole_parts)]
+    slots += [one.slot for one in events.assignments if one.slot >= 0]
+    read = ca.vertcat(flat.residual, flat.output_expressions)
+    return [slot for slot in dict.fromkeys(slots) if ca.depends_on(read, flat.theta[slot])]
+
+
 def _reduced(flat: FlatModel, values: np.ndarray) -> tuple[ExplicitModel, np.ndarray]:
     """The reduced form at the mode in `values`, or, where that is singular, at the first other one that is
     not: two brakes on one shaft that both hold leave their torques open, and may not be the start at all."""
@@ -78,14 +136,19 @@ def _with_theta(flat: FlatModel, values: np.ndarray) -> FlatModel:
     return replace(flat, parameters=tuple(replace(p, value=float(value)) for p, value in pairs))
 
 
-def mode_text(flat: FlatModel) -> str:
-    """The values of the discrete variables, as `heat = 0, gear = 2`."""
+def mode_text(flat: FlatModel, values: np.ndarray | None = None, slots: Sequence[int] | None = None) -> str:
+    """The values of the discrete variables and relations, as `heat = 0, gear = 2`: those of the parameters
+    `slots` (None: all) in `values` (n_theta,), by default in those of the model."""
     events = flat.events
     if events is None:
         return ""
-    values = flat.theta_values
-    shown = [f"{one.name} = {values[one.slot]:g}" for one in events.assignments if one.slot >= 0]
-    shown += [f"{one.text}: {'true' if values[one.slot] > 0.5 else 'false'}" for one in events.relations]
+    values = flat.theta_values if values is None else values
+    named = [(one.slot, f"{one.name} = {values[one.slot]:g}") for one in events.assignments if one.slot >= 0]
+    named += [
+        (one.slot, f"{one.text}: {'true' if values[one.slot] > 0.5 else 'false'}") for one in events.relations
+    ]
+    named += [(one.slot, f"{one.text} = {values[one.slot]:g}") for one in events.whole_parts]
+    shown = [text for slot, text in named if slots is None or slot in slots]
     left = len(shown) - MOST_SHOWN
     return ", ".join([*shown[:MOST_SHOWN], *([f"and {left} more"] if left > 0 else [])])
 

@@ -382,20 +382,40 @@ def _nonlinear(task: _Task, rtol: float, tell: Callable[[str], object]) -> tuple
     return run.states, f"{engine.method(rtol, task.hold)}"
 
 
+def simulate_modes(
+    flat: FlatModel, recording: Recording, *, hold: Hold = "foh", rtol: float = SOLVER.simulation_rtol
+) -> tuple[ExplicitModel, Simulation, np.ndarray]:
+    """The reduced form of a model with events, its simulation, and at every sample all parameters with what
+    keeps its value between events (n_samples, n_theta): the mode. Raises what `simulate` raises."""
+    explicit = dynamics(in_starting_mode(flat, recording))
+    assert isinstance(explicit, ExplicitModel)
+    task = _prepare(explicit, recording, None, hold, None)
+    with threadpool_limits(1):
+        run = _followed(task, rtol)
+    return explicit, _told(task, run, rtol), run.theta
+
+
 def _with_events(task: _Task, rtol: float) -> Simulation:
     """The simulation of a model with events."""
+    return _told(task, _followed(task, rtol), rtol)
+
+
+def _followed(task: _Task, rtol: float) -> HybridRun:
     engine = integrator(task.explicit, runs_once=True)
     assert isinstance(engine, EquationIntegrator)
     u0, u1 = interval_inputs(task.explicit, task.time, task.u, task.hold)
     last = task.u[-1:] if not len(u1) else np.hstack([task.u[-1:], u1[-1:, task.u.shape[1] :]])
     atol = rtol * SOLVER.atol_of_scale * _state_scale(task.explicit)
     try:
-        run = follow(
+        return follow(
             engine, Inputs(task.time, u0, u1, last), task.theta, task.x0, task.mode,
             directions=0, rtol=rtol, atol=atol, max_steps=ALL_STEPS,
         )  # fmt: skip
     except IntegrationError as error:
         raise _failed(task.explicit, error.time, error.reason) from error
+
+
+def _told(task: _Task, run: HybridRun, rtol: float) -> Simulation:
     count = f"{run.n_events} event{'' if run.n_events == 1 else 's'}"
     method = f"Radau IIA order 5, adaptive steps, rtol {rtol:g}, {count}, {task.hold}"
     w = np.zeros((task.time.size, len(task.explicit.flat.noises)))

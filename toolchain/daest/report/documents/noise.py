@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Literal, NotRequired, TypedDict
 
 import numpy as np
@@ -75,6 +76,15 @@ class Generic(TypedDict):
     noises: Annotated[list[str], "noises of the model that are not admissible"]
 
 
+class ModeEntry(TypedDict):
+    mode: Annotated[str, "relations and discrete variables that the equations contain, with their values"]
+    share: Annotated[float, "share of the samples"]
+    first_time: Annotated[float, "s"]
+    structures: Annotated[list[Structure], "empty where the linearised model is regular nowhere in the mode"]
+    n_forbidden: Annotated[int, "equations that may not carry white noise at some point of the mode"]
+    forbidden: Annotated[list[str], "noises of the model and places asked for that are not admissible"]
+
+
 class Along(TypedDict):
     times: list[float]
     unjudged: list[Unjudged]
@@ -86,6 +96,7 @@ class Along(TypedDict):
     all_admissible: bool
     generic: Annotated[Generic | None, "the exact verdict that holds at most points; null where none exists"]
     generic_points: Annotated[int, "how many points that is"]
+    modes: Annotated[list[ModeEntry], "of a model with events, those that occur"]
 
 
 class Differs(TypedDict):
@@ -161,11 +172,16 @@ def along_document(along: NoiseAlong) -> Along:
         Along,
         along,
         unjudged=[{"time": time, "reason": reason} for time, reason in along.unjudged],
-        structures=[{"n_dynamic": n, "index": index} for n, index in along.structures],
+        structures=_structures(along.structures),
+        modes=[entry(ModeEntry, mode, structures=_structures(mode.structures)) for mode in along.modes],
         equations=[
             entry(JudgedAlong, place, index=i) for i, place in enumerate(along.places) if not place.admissible
         ],
     )
+
+
+def _structures(found: Sequence[tuple[int, int]]) -> list[Structure]:
+    return [{"n_dynamic": n, "index": index} for n, index in found]
 
 
 def structure(dae: LinearDAE) -> Pattern:

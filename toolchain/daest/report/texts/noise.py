@@ -164,6 +164,8 @@ def _along(along: Mapping[str, Any], n_equations: int) -> Iterator[RenderableTyp
             f"{EXACTLY[generic['of']]}: index {generic['index']}, {generic['n_dynamic']} dynamic, "
             f"{len(generic['forbidden'])} equations without white noise ({where})"
         )
+    if len(along["modes"]) > 1:
+        yield from _modes(along["modes"])
     for point in along["unjudged"]:
         yield indented(f"t = {number(point['time'])} s could not be judged: {point['reason']}")
     mixed = [e for e in along["equations"] if e["forbidden_share"] < 1.0]
@@ -184,6 +186,26 @@ def _along(along: Mapping[str, Any], n_equations: int) -> Iterator[RenderableTyp
             ),
             text_columns=(0, 1, 5),
         )
+
+
+def _modes(modes: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:
+    """One line per mode of a model with events."""
+    yield table(
+        ("mode", "share", "first at", "structure", "eqs without", "not admissible"),
+        (
+            (
+                mode["mode"],
+                f"{100 * mode['share']:.0f} %",
+                f"{number(mode['first_time'], 3)} s",
+                listed([f"{s['n_dynamic']} dynamic, index {s['index']}" for s in mode["structures"]])
+                or "singular",
+                str(mode["n_forbidden"]),
+                ", ".join(mode["forbidden"]) or "none",
+            )
+            for mode in modes
+        ),
+        text_columns=(0, 3, 5),
+    )
 
 
 def _advice(forbidden: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:
