@@ -89,7 +89,8 @@ def without_noise(flat: FlatModel) -> FlatModel:
     if events is not None:
         names = [f.name for f in fields(events) if isinstance(getattr(events, f.name), ca.SX)]
         quiet = ca.substitute([getattr(events, name) for name in names], [flat.w], [none])
-        events = replace(events, **dict(zip(names, quiet, strict=True)))
+        changed: dict[str, Any] = dict(zip(names, quiet, strict=True))
+        events = replace(events, **changed)
     return replace(
         flat,
         noises=(),
@@ -106,7 +107,7 @@ def mode_slots(flat: FlatModel) -> list[int]:
     or outputs contain."""
     events = flat.events
     assert events is not None
-    slots = [one.slot for one in (*events.relations, *events.whole_parts)]
+    slots = [one.slot for one in events.relations] + [one.slot for one in events.whole_parts]
     slots += [one.slot for one in events.assignments if one.slot >= 0]
     read = ca.vertcat(flat.residual, flat.output_expressions)
     return [slot for slot in dict.fromkeys(slots) if ca.depends_on(read, flat.theta[slot])]
