@@ -605,3 +605,19 @@ def test_kink_too_sharp_for_any_observer_does_not_take_the_place_of_a_rounder_on
     assert _with_better_kinks([proof], [refused]) == [proof]
     both = replace(proof, verdict="rejected")
     assert _with_better_kinks([both], [refused]) == [refused]
+
+
+def test_rounder_kink_makes_no_law_of_what_was_refused_for_a_form_that_it_leaves():
+    _, proof = proved()
+    form = SimpleNamespace(load=0, variable="phi", sign_of="w", p_value=1e-50, log_likelihood_gain=90.0)
+    wrong = replace(proof, verdict="rejected", reason="another law acts there", left=form)
+    round_one = replace(proof, delta_bic=proof.delta_bic + 50.0, delta_log_likelihood=300.0, left=form)
+    (found,) = _with_better_kinks([wrong], [round_one])
+    assert found.verdict == "rejected" and found.reason == wrong.reason
+    for left in (replace_form(form, variable="w"), replace_form(form, log_likelihood_gain=10.0), None):
+        cured = replace(round_one, left=left)
+        assert _with_better_kinks([wrong], [cured]) == [cured]
+
+
+def replace_form(form, **changes):
+    return SimpleNamespace(**{**vars(form), **changes})

@@ -966,9 +966,9 @@ def _with_second_tries(proofs: Sequence[Proof], again: Sequence[Proof]) -> list[
 def _with_better_kinks(proofs: Sequence[Proof], rounded: Sequence[Proof]) -> list[Proof]:
     """All laws, those with estimated kinks in place of the same ones without where they are worth their
     parameters, and are not refused for what the others are not: a kink may become so sharp that no observer
-    follows it."""
+    follows it. A law that is refused for what it leaves is so with another kink that leaves the same."""
     better = {
-        proof.candidate.name: proof
+        proof.candidate.name: _as_refused(proof, before)
         for proof in rounded
         for before in proofs
         if before.candidate.name == proof.candidate.name
@@ -976,6 +976,17 @@ def _with_better_kinks(proofs: Sequence[Proof], rounded: Sequence[Proof]) -> lis
         and (_is_standing(proof) or not _is_standing(before))
     }
     return [better.get(proof.candidate.name, proof) for proof in proofs]
+
+
+def _as_refused(rounded: Proof, before: Proof) -> Proof:
+    """The proof with a rounded kink, refused where the same law without was for a form that it leaves, and
+    this one leaves it as significantly."""
+    if before.verdict != "rejected" or before.left is None or rounded.left is None:
+        return rounded
+    forms = [(form.load, form.variable, form.sign_of) for form in (before.left, rounded.left)]
+    if forms[0] != forms[1] or not is_significant(rounded.left, rounded.delta_log_likelihood):
+        return rounded
+    return replace(rounded, verdict="rejected", reason=before.reason, is_open=before.is_open)
 
 
 def _is_standing(proof: Proof) -> bool:
