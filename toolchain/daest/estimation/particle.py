@@ -330,8 +330,9 @@ class ContinuousPoints:
     has_memory = False
 
     def __init__(self, task: Task) -> None:
-        self.task, self.start = task, task.start
-        self._pool = ThreadPoolExecutor(max_workers=os.cpu_count() or 1)
+        self.task, self.start, self._scale = task, task.start, task.scale
+        self._n_processors = os.cpu_count() or 1
+        self._pool = ThreadPoolExecutor(max_workers=self._n_processors)
 
     def advance(self, k: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         task, data = self.task, self.task.data
@@ -347,7 +348,7 @@ class ContinuousPoints:
                 ctypes.c_long(rows.stop - rows.start),
                 *map(pointer, (means[rows], roots[rows], data.u0[k], data.u1[k])),
                 *map(ctypes.c_double, (t, dt, task.longest)),
-                *map(pointer, (task.theta, task.noise.intensity, task.scale)),
+                *map(pointer, (task.theta, task.noise.intensity, self._scale)),
             )
 
         self._all(part, m)
@@ -387,7 +388,7 @@ class ContinuousPoints:
             ctypes.c_long(points.shape[0]),
             *map(pointer, (held, data.u0[k])),
             ctypes.c_double(float(data.time[k])),
-            *map(pointer, (task.theta, task.scale)),
+            *map(pointer, (task.theta, self._scale)),
         )
         raise_failure(status, task.model, data, k)
         return held
@@ -418,9 +419,11 @@ class ContinuousPoints:
         return mean, std
 
     def _all(self, part: Callable[[slice], int], m: int) -> None:
-        workers = max(1, min(os.cpu_count() or 1, m // SMALLEST_CHUNK))
-        cuts = np.linspace(0, m, workers + 1).astype(int)
-        slices = [slice(int(a), int(b)) for a, b in pairwise(cuts)]
-        statuses = [part(slices[0])] if workers == 1 else list(self._pool.map(part, slices))
+        workers = min(self._n_processors, m // SMALLEST_CHUNK)
+        if workers <= 1:
+            statuses = [part(slice(0, m))]
+        else:
+            cuts = np.linspace(0, m, workers + 1).astype(int)
+            statuses = list(self._pool.map(part, [slice(int(a), int(b)) for a, b in pairwise(cuts)]))
         for status in statuses:
             raise_failure(status, self.task.model, self.task.data, 0)
