@@ -15,11 +15,11 @@ from daest.estimation.identify import identify
 from daest.estimation.search import Evaluation
 from daest.estimation.ties import Beginning, with_ties
 from daest.model.fit import IdentifyOptions
-from daest.modelica.compile import compile_model
+from daest.modelica.compile import compile_model, compile_text
 from daest.systems.initialize import initial_point
 from daest.systems.local_linear import local_model
 from daest.systems.reduce import reduce_index
-from daest.systems.redundant import good_everywhere
+from daest.systems.redundant import good_everywhere, redundant_model
 from daest.systems.simulate import simulate
 
 TRUE = np.array([0.5, 1.0, 0.05])  # m, L, d
@@ -171,3 +171,34 @@ def test_ties_hold_an_initial_state_on_the_constraint_and_nothing_else():
     assert along @ tied(on, True).information @ along < 1e-9
     free = friction_servo()
     assert with_ties(flat, free, unknowns, scale, beginning) is flat
+
+
+CHAIN = """model Chain "Orientations that follow one another from an angle"
+  Real phi(start = 0.3, fixed = true, stateSelect = StateSelect.prefer);
+  Real w(start = 0, fixed = true, stateSelect = StateSelect.prefer);
+  Real c;
+  Real s;
+  Real y;
+  Real v;
+  input Real u;
+  output Real q = y;
+equation
+  c = cos(phi);
+  s = sin(phi);
+  y = 0.5*s*c + s;
+  der(phi) = w;
+  der(y) = v;
+  2*der(w) = u - w - der(v);
+end Chain;
+"""
+
+
+def test_what_follows_from_an_angle_one_after_the_other_needs_no_other_states():
+    """Coefficients move, but none on the diagonal of the triangular form: the angle is good everywhere."""
+    flat = compile_text(CHAIN.encode(), Path("Chain.mo"))
+    explicit, every = reduce_index(flat), redundant_model(flat)
+    assert good_everywhere(explicit) is explicit
+    assert explicit.state_names == ("phi", "w") and len(every.state_names) == 6
+    t = np.arange(60) * 0.05
+    runs = [simulate(form, (t, np.sin(t)[:, None])).outputs for form in (explicit, every)]
+    np.testing.assert_allclose(runs[0], runs[1], atol=1e-8)

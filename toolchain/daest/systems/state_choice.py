@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
 from daest.errors import ModelError
 from daest.systems.expand import SELECT_RANK, ExpandedSystem, SamplePoint, nudged, sparse_jacobian
@@ -102,13 +102,38 @@ def leading_jacobian(system: ExpandedSystem) -> LeadingJacobian:
 
 def depends_on_place(system: ExpandedSystem, choice: StateChoice) -> bool:
     """Whether the constraints are solved for the dummy derivatives with coefficients that vary with the
-    state, so that the choice may become singular on the way."""
+    state, so that the choice may become singular on the way.
+
+    Solved one after the other, as orientations along a chain of joints, only the coefficients within a loop
+    decide: the determinant is the product of those of the loops."""
     leading = leading_jacobian(system)
-    constrained = system.counts.equations[leading.rows] >= 1
-    solved = np.flatnonzero(constrained & (choice.dummies[leading.columns] >= 1))
-    coefficients = leading.entries(ca.vertcat(*system.z), system.others)[solved.tolist()]
+    coefficients = leading.entries(ca.vertcat(*system.z), system.others)
     moving = ca.vertcat(*system.z, *system.u, *system.w, system.flat.time)
-    return bool(solved.size) and ca.depends_on(coefficients, moving)
+    for level in range(1, int(np.max(choice.dummies, initial=0)) + 1):
+        constrained = system.counts.equations[leading.rows] >= level
+        solved = np.flatnonzero(constrained & (choice.dummies[leading.columns] >= level))
+        inside = solved[_within_loops(leading.rows[solved], leading.columns[solved])]
+        if inside.size and ca.depends_on(coefficients[inside.tolist()], moving):
+            return True
+    return False
+
+
+def _within_loops(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Which entries (n,) of a square matrix lie in the diagonal blocks of its block triangular form; all of
+    them where no permutation has a full diagonal."""
+    _, row = np.unique(rows, return_inverse=True)
+    _, column = np.unique(columns, return_inverse=True)
+    shape = (int(np.max(row, initial=-1)) + 1, int(np.max(column, initial=-1)) + 1)
+    everywhere = np.ones(rows.size, dtype=bool)
+    if shape[0] != shape[1] or not rows.size:
+        return everywhere
+    pattern = sp.csr_array((np.ones(rows.size), (row, column)), shape=shape)
+    owner = maximum_bipartite_matching(pattern, perm_type="row")  # of every column its row
+    if np.any(owner < 0):
+        return everywhere
+    follows = sp.csr_array((np.ones(rows.size), (row, owner[column])), shape=shape)
+    block = connected_components(follows, connection="strong")[1]
+    return np.asarray(block[row] == block[owner[column]])
 
 
 def _state_rank(system: ExpandedSystem) -> np.ndarray:
