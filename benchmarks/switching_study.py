@@ -144,6 +144,7 @@ class Machine:
 # The clutch -------------------------------------------------------------------------------------------------
 
 MOTOR, GRIP = 0.02, 0.4 * 0.2  # kg.m2; friction coefficient times radius [m]
+NEAR = 1e-6  # share of its grip by which the clutch holds more before it slips, so that it does not chatter
 
 
 def coupling(p: dict[str, float], t: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -173,9 +174,10 @@ def _clutch_piece(
             at = held + (speed - held) * math.exp(-d * h / total)
             return tau - MOTOR * (tau - d * at) / total
 
-        if abs(torque(0.0)) <= grip * (1 + 1e-12):
-            over = [sign for sign in (1, -1) if sign * torque(left) > grip * (1 + 1e-12)]
-            h = brentq(lambda h: over[0] * torque(h) - grip, 0.0, left, xtol=1e-15) if over else left
+        if abs(torque(0.0)) <= grip * (1 + NEAR):
+            most = grip * (1 + 2 * NEAR)
+            over = [sign for sign in (1, -1) if sign * torque(left) > most]
+            h = brentq(lambda h: over[0] * torque(h) - most, 0.0, left, xtol=1e-15) if over else left
             at = held + (speed - held) * math.exp(-d * h / total)
             return (at, at), max(h, 1e-12)
         sign = math.copysign(1.0, torque(0.0))
@@ -195,7 +197,7 @@ def _clutch_piece(
     meets = [h for h in grid if slip(h) < 0] if grip > 0 else []
     if not meets:
         return speeds(left), left
-    low = max(meets[0] - left / 8, left * 1e-9)
+    low = max(meets[0] - left / 8, left * 1e-3)
     h = brentq(slip, low, meets[0], xtol=1e-15) if slip(low) > 0 else low
     at = speeds(h)[1]
     return (at, at), max(h, 1e-12)
