@@ -28,6 +28,7 @@ from daest.diagnosis.screen import (
     _already_there,
     _followed,
     _responses,
+    _without_sums,
     nuisance,
     projected,
     promising_pairs,
@@ -214,6 +215,22 @@ def test_law_that_the_model_estimates_already_is_not_looked_for_again():
     size = replace(null.fit.parameters[0], name="rubs.tau_c")
     fitted = replace(held, fit=replace(null.fit, parameters=(*null.fit.parameters, size)))
     assert _already_there(fitted, [first]) == ["the model contains it already: `rubs`"]
+
+
+@pytest.mark.parametrize("how", ["contained", "absorbed"])
+def test_friction_in_one_direction_is_dry_friction_beside_a_constant_load(how):
+    null, run = quiet()
+    names = ("CoulombFriction", "AsymmetricFriction", "ConstantLoad")
+    found = screen(null, run, candidates(*names))
+    assert {e.candidate.effect.name for e in found.entries} == set(names)  # no constant in the model
+    loads = {e.candidate.label for e in found.entries if e.candidate.effect.name == "ConstantLoad"}
+    if how == "absorbed":
+        entries = tuple(replace(e, absorbed=e.candidate.label in loads) for e in found.entries)
+        found, loads = replace(found, entries=entries), set()
+    kept = _without_sums(found, loads)
+    assert {e.candidate.effect.name for e in kept.entries} == {"CoulombFriction", "ConstantLoad"}
+    assert kept.correlation.shape == (len(kept.entries),) * 2
+    assert any("the same as CoulombFriction" in reason for _, reason in kept.skipped)
 
 
 def test_effects_with_states_alone_leave_the_screen_empty():

@@ -314,8 +314,7 @@ def prove(
         # A law that says all that the load has to do with any variable need not explain more of the load.
         says_all = form is not None and form.p_value < GATES.rest_level and gain >= form.log_likelihood_gain
         is_curve = says_all and explained >= GATES.min_curve_explained
-        # A rim that is stiff enough has no certain stiffness: there the simulation has spoken.
-        undetermined = "" if against or is_shown else _undetermined(prepared.trial.candidate, final or fit)
+        undetermined = "" if against else _undetermined(prepared.trial.candidate, final or fit)
         is_open = not against and not undetermined
         undetermined = undetermined or _out_of_reach(with_effect, prepared.trial.candidate, final or fit)
         reason = against or undetermined or _weak(prepared, final if is_shown and final else fit)
@@ -662,10 +661,11 @@ def _weak(prepared: Prepared, fit: FitResult) -> str:
 def _undetermined(candidate: Candidate, told: FitResult) -> str:
     """Why the law is not the one that the data show, where they determine none of its parameters: it then
     stands for any law that does the same in these data. Empty where at least one of them is known."""
-    nulls = {p.name: p.null or 0.0 for p in candidate.effect.sizes}
-    law = {f"{candidate.name}.{p.name}" for p in candidate.effect.parameters if p.role in ("size", "shape")}
+    law = {
+        f"{candidate.name}.{p.name}": p for p in candidate.effect.parameters if p.role in ("size", "shape")
+    }
     own = [p for p in told.parameters if p.name in law]
-    unknown = [told_value(p) for p in own if not _is_known(p, nulls.get(p.name.rpartition(".")[2], 0.0))]
+    unknown = [told_value(p) for p in own if not _is_known(p, law[p.name])]
     if not own or len(unknown) < len(own):
         return ""
     return f"the data determine none of its parameters ({', '.join(unknown)})"
@@ -694,8 +694,9 @@ def _is_place(parameter: EffectParameter) -> bool:
     return is_shape and PLACED <= max(map(abs, parameter.grid), default=0.0) < 1.0
 
 
-def _is_known(parameter: FittedParameter, null: float) -> bool:
-    if parameter.at_bound == "max" and null < parameter.value:
+def _is_known(parameter: FittedParameter, declared: EffectParameter) -> bool:
+    null = declared.null or 0.0
+    if declared.role == "size" and parameter.at_bound == "max" and null < parameter.value:
         return True  # as much of the effect as there can be
     error = parameter.std_error
     return error is not None and abs(parameter.value - null) >= GATES.min_significance * error

@@ -181,16 +181,47 @@ def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed:
         for c, there in zip(candidates, present, strict=True)
         if c not in regular
     ]
+    contained = {c.label for c, there in zip(candidates, present, strict=True) if there}
     bare = [c for c in regular if not c.effect.n_states]
     with_states = [c for c in regular if c.effect.n_states]
     if not with_states or _follow_the_model(null, run, with_states):
         try:
-            return _screened(null, run, regular, skipped, seed, len(candidates))
+            found = _screened(null, run, regular, skipped, seed, len(candidates))
+            return _without_sums(found, contained)
         except EstimationError:
             if not with_states:
                 raise
     skipped += [(c.label, "has states that do not follow the model alone") for c in with_states]
-    return _screened(null, run, bare, skipped, seed, len(candidates))
+    return _without_sums(_screened(null, run, bare, skipped, seed, len(candidates)), contained)
+
+
+def _without_sums(found: Screen, contained: set[str]) -> Screen:
+    """The screen without effects that are another one here: sums of effects, all but one of which the model
+    contains or its parameters do. Friction in one direction is dry friction beside a constant load that is
+    estimated; no input would tell the two apart. At a place that the sensors do not tell from such a one it
+    is the same."""
+    done = contained | {entry.candidate.label for entry in found.entries if entry.absorbed}
+    tried = {entry.candidate.label for entry in found.entries}
+    others: dict[str, str] = {}
+    for i, entry in enumerate(found.entries):
+        effect, place = entry.candidate.effect, entry.candidate.site.name
+        parts = [f"{name} at {place}" for name in effect.sum_of]
+        left = [part for part in parts if part not in done]
+        if parts and len(left) == 1 and left[0] in tried:
+            reason = f"the model as it is makes it the same as {left[0]}"
+            alike = np.abs(found.correlation[i]) > GATES.same_place_correlation
+            others |= {
+                other.candidate.label: reason
+                for other, is_alike in zip(found.entries, alike, strict=True)
+                if is_alike and other.candidate.effect is effect
+            }
+    keep = [i for i, entry in enumerate(found.entries) if entry.candidate.label not in others]
+    return replace(
+        found,
+        entries=tuple(found.entries[i] for i in keep),
+        correlation=found.correlation[np.ix_(keep, keep)],
+        skipped=(*found.skipped, *others.items()),
+    )
 
 
 def _follow_the_model(null: Null, run: NullObserver, candidates: Sequence[Candidate]) -> bool:

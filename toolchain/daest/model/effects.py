@@ -52,7 +52,8 @@ class Effect:
     must be supplied besides. `is_dynamic`: the model changes its order or index at the null of the sizes, so
     that no derivative with respect to them exists there. `n_states` counts the effect's own states that it
     has besides those of the motion of its connectors. `outside` tells where it is tried at an FMU without
-    equations: at its inputs, at its outputs, or not at all.
+    equations: at its inputs, at its outputs, or not at all. `sum_of` names the effects that it is the sum of:
+    beside all but one of them, it is the one that is left.
     """
 
     name: str
@@ -68,6 +69,7 @@ class Effect:
     has_support: bool = False
     inputs: tuple[str, ...] = ()
     outside: Literal["", "input", "output"] = ""
+    sum_of: tuple[str, ...] = ()
     documentation: str = ""
     libraries: tuple[str, ...] = ()  # folders besides the bundled library that the class was read from
 

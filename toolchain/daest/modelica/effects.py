@@ -48,7 +48,7 @@ _ATTACHMENTS: tuple[Attachment, ...] = ("connector", "parallel", "series", *_SIG
 _ROLES: tuple[ParameterRole, ...] = ("size", "shape", "sharpness", "given")
 _SIGNAL_UNITS = ("", "u", "u/s")
 MOST_KEPT = 100  # catalogues of effects in the cache
-_KEYS = ("effect", "attach", "law", "dynamic", "inputs", "outside")
+_KEYS = ("effect", "attach", "law", "dynamic", "inputs", "outside", "sum_of")
 _DOCUMENTATION = re.compile(r'Documentation\s*\(\s*info\s*=\s*"((?:[^"\\]|\\.)*)"', re.DOTALL)
 _TAG = re.compile(r"<[^>]*>")
 
@@ -470,6 +470,7 @@ def _entry(i: int, source: _Source, parts: Mapping[str, EffectModel], libraries:
         has_support=across is not None,
         inputs=tuple(source.entry("inputs") or ()),
         outside=source.entry("outside") or "",
+        sum_of=tuple(source.entry("sum_of") or ()),
         documentation=source.documentation,
         libraries=libraries,
     )

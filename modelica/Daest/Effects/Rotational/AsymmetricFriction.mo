@@ -11,7 +11,7 @@ model AsymmetricFriction "Dry friction in one direction only"
 equation
   tau = -tau_d*tanh(w/w_s)*(1 + direction*tanh(w/w_s))/2;
   annotation(
-    __Daest(effect = true, attach = "connector",
+    __Daest(effect = true, attach = "connector", sum_of = {"CoulombFriction", "ConstantLoad"},
       law = "tau = -tau_d*tanh(w/w_s)*(1 + direction*tanh(w/w_s))/2"),
     Documentation(info = "Together with Coulomb friction it gives friction of two sizes, one for each
 direction, as guides and belts have it that are loaded to one side. The step of the ideal law is rounded

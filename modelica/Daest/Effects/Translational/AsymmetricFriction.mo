@@ -11,7 +11,8 @@ model AsymmetricFriction "Dry friction in one direction only"
 equation
   f = -f_d*tanh(v/v_s)*(1 + direction*tanh(v/v_s))/2;
   annotation(
-    __Daest(effect = true, attach = "connector", law = "f = -f_d*tanh(v/v_s)*(1 + direction*tanh(v/v_s))/2"),
+    __Daest(effect = true, attach = "connector", sum_of = {"CoulombFriction", "ConstantLoad"},
+      law = "f = -f_d*tanh(v/v_s)*(1 + direction*tanh(v/v_s))/2"),
     Documentation(info = "Together with Coulomb friction it gives friction of two sizes, one for each
 direction, as guides and belts have it that are loaded to one side. The step of the ideal law is rounded
 over v_s, which is not estimated: about 1 % of the range of the velocity."));
