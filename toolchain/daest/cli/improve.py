@@ -35,7 +35,7 @@ FOLDER = "improve"
 LEDGER = "ledger.json"
 PICTURE = "staircase.png"
 MOST_EFFECTS = 6
-TIME_LIMIT = 200.0  # seconds, after which models are still written and simulated
+TIME_LIMIT = 300.0  # seconds, after which models are still written and simulated
 CLOSE = 0.05  # relative difference of errors up to which a written model counts as the one that was fitted
 
 
