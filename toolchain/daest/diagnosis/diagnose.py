@@ -66,6 +66,7 @@ from daest.diagnosis.rivals import (
     best_dynamic,
     dynamic_fits,
     no_richer_ones,
+    reduced_laws,
     richer_laws,
     rounded,
     simpler_laws,
@@ -920,6 +921,10 @@ def _proofs(
             doubted = [best] if _leaves_something(best) else []
             doubted += no_richer_ones(best, proofs)
             proofs = _with_better_kinks(proofs, stages.proved(rounded(null, doubted), ())[0])
+            best = best_start(ranked(proofs))
+        if best is not None and best.verdict != "rejected":
+            again = stages.proved(reduced_laws(null, best, found), ())[0]
+            proofs = _with_second_tries(proofs, again)
             best = best_start(ranked(proofs))
         if best is not None and _leaves_something(best):
             # They start from the best: a first pass that is worse has only not come back to it yet.

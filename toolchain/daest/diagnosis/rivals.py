@@ -248,6 +248,30 @@ def simpler_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[T
     return tuple(found.values())[:MOST_SIMPLER]
 
 
+def reduced_laws(null: Null, best: Proof, screen: Screen) -> list[Prepared]:
+    """Laws with fewer parameters at the place of `best`, from its estimates, where the data leave one of its
+    own undetermined: a search of a simpler law from the screen may have ended elsewhere."""
+    nulls = {p.name: p.null or 0.0 for p in best.candidate.effect.sizes}
+    own = {p.name.rpartition(".")[2]: p for p in best.fit.parameters if p.name in _own(best.candidate)}
+    known = [p for p in own.values() if p.std_error and abs(p.value) > GATES.min_significance * p.std_error]
+    size = own.get(next(iter(nulls)))
+    if size is None or len(known) == len(own):
+        return []
+    found: dict[str, Prepared] = {}
+    for entry in screen.entries:
+        simple = entry.candidate
+        if (
+            simple.site == best.candidate.site
+            and simple.effect.class_name not in found
+            and _is_related(simple.effect, best.candidate.effect)
+            and len(_own(simple)) < len(_own(best.candidate))
+        ):
+            prepared = _in_place(null, best, simple, size.value)
+            if prepared is not None:
+                found[simple.effect.class_name] = prepared
+    return list(found.values())[:MOST_SIMPLER]
+
+
 def _is_related(effect: Effect, other: Effect) -> bool:
     """Whether two effects are laws for the same: attached alike, with one size of the same unit, and shapes
     over the same variable."""
