@@ -13,7 +13,14 @@ from daest.diagnosis.candidates import pairs
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.null import fit_null
 from daest.diagnosis.proof import could_compete, prepare, prove, trials
-from daest.diagnosis.rivals import dynamic_trials, no_richer_ones, richer_laws, rounded, simpler_laws
+from daest.diagnosis.rivals import (
+    dynamic_trials,
+    no_richer_ones,
+    reduced_laws,
+    richer_laws,
+    rounded,
+    simpler_laws,
+)
 from daest.diagnosis.screen import run_null, screen
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
@@ -50,6 +57,17 @@ def test_simple_law_is_tried_where_a_rich_one_was_first():
     assert {c.site.name for c in simple[0].alike} == set(proof.equivalent)
     tried = replace(proof, candidate=simple[0].candidate)
     assert simpler_laws(proof, found, [proof, tried]) == ()
+
+
+def test_simple_law_is_tried_from_a_rich_one_that_is_partly_unknown():
+    """The plant has no peak at rest, so that nothing tells its width."""
+    found, _, proof = proved("StribeckFriction")
+    (simple,) = reduced_laws(rubbing().null, proof, found)
+    assert simple.trial.candidate.effect.name == "CoulombFriction" and simple.similar is proof.fit
+    start = {p.name: p.value for p in simple.flat.parameters}
+    assert start[f"{simple.trial.candidate.name}.tau_c"] == proof.fit.theta[f"{proof.candidate.name}.tau_c"]
+    certain = replace(proof.fit, parameters=tuple(replace(p, std_error=1e-9) for p in proof.fit.parameters))
+    assert reduced_laws(rubbing().null, replace(proof, fit=certain), found) == []
 
 
 def test_rich_law_starts_from_the_fit_of_the_simple_one():
