@@ -36,7 +36,6 @@ from daest.diagnosis.null import (
     open_hold,
     refit,
     refitted,
-    shortest_load,
     with_other_hold,
 )
 from daest.diagnosis.open_loop import fitted_in_use, open_screen, simulated_errors
@@ -746,7 +745,7 @@ def _same(prepared: Prepared) -> Prepared:
 def _by_shooting(search: _Search, prepared: Prepared) -> Prepared:
     """The candidate started from the best simulation. Raises what `identify` raises."""
     null = search.stand.null
-    quick = {f"{load.name}.T": shortest_load(null.experiments) for load in null.loads}
+    quick = null.shortest_times
     options = IdentifyOptions(
         method="oe", estimate=prepared.names, fix=quick, hold=null.hold, max_iterations=ITERATIONS
     )

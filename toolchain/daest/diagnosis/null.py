@@ -62,6 +62,12 @@ class Null:
         return np.array([found.get(w.name, 0.0) for w in self.flat.noises])
 
     @property
+    def shortest_times(self) -> dict[str, float]:
+        """The time constants of the loads [s] by name of the parameter, as short as a load can have them:
+        loads without memory."""
+        return {f"{load.name}.T": shortest_load(self.experiments) for load in self.loads}
+
+    @property
     def measurement_std(self) -> np.ndarray:
         found = {n.name: n.value for n in self.fit.noises if n.kind == "measurement"}
         return np.array([found.get(o.name, 1.0) for o in self.flat.outputs])

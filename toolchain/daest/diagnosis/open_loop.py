@@ -16,7 +16,7 @@ import numpy as np
 
 from daest.diagnosis.candidates import ranges
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import Null, grown, shortest_load
+from daest.diagnosis.null import Null, grown
 from daest.diagnosis.screen import run_null, screen
 from daest.diagnosis.unseen import free_runs
 from daest.errors import DaestError
@@ -73,7 +73,7 @@ def open_screen(null: Null, fit: FitResult, candidates: Sequence[Candidate], see
     quiet = replace(
         fit, noises=tuple(replace(n, value=0.0) if n.kind == "process" else n for n in fit.noises)
     )
-    times = {f"{load.name}.T": shortest_load(null.experiments) for load in null.loads}
+    times = null.shortest_times
     flat = null.flat.with_theta({**fit.theta, **times})
     alone = replace(null, flat=flat, fit=quiet)
     try:
@@ -94,7 +94,7 @@ def fitted_in_use(
     """The best simulation of `flat`, a model with a law of the `sizes`, from that of the model without it;
     None where there is none."""
     values = {p.name: p.value for p in flat.parameters}
-    times = {f"{load.name}.T": shortest_load(null.experiments) for load in null.loads}
+    times = null.shortest_times
     options = IdentifyOptions(
         method="oe",
         estimate=tuple(names),

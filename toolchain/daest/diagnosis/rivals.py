@@ -24,7 +24,7 @@ from daest.errors import DaestError
 from daest.estimation.coordinates import Unknowns
 from daest.estimation.identify import searched
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
-from daest.model.diagnosis import Candidate, Proof, Screen
+from daest.model.diagnosis import Candidate, Proof, Screen, Screened
 from daest.model.effects import Effect
 from daest.model.fit import IdentifyOptions
 from daest.model.flat import with_equations
@@ -229,47 +229,41 @@ def richer_laws(
 def simpler_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Trial, ...]:
     """Effects with fewer parameters and a size of the same unit at the place of `best`, which were not tried:
     what a law with too many parameters cannot prove, a simpler one may."""
-    rich = best.candidate
-    known = {p.candidate.effect.class_name for p in tried if p.candidate.site == rich.site}
-    found: dict[str, Trial] = {}
-    for entry in screen.entries:
-        effect = entry.candidate.effect
-        if (
-            entry.candidate.site == rich.site
-            and effect.class_name not in known
-            and not entry.absorbed
-            and _is_related(effect, rich.effect)
-            and len(_own(entry.candidate)) < len(_own(rich))
-        ):
-            found.setdefault(
-                effect.class_name,
-                Trial(entry.candidate, entry.sizes, _at_other_places(entry.candidate, best)),
-            )
-    return tuple(found.values())[:MOST_SIMPLER]
+    known = {p.candidate.effect.class_name for p in tried if p.candidate.site == best.candidate.site}
+    found = [
+        Trial(entry.candidate, entry.sizes, _at_other_places(entry.candidate, best))
+        for entry in _simpler_ones(best.candidate, screen)
+        if entry.candidate.effect.class_name not in known and not entry.absorbed
+    ]
+    return tuple(found[:MOST_SIMPLER])
 
 
 def reduced_laws(null: Null, best: Proof, screen: Screen) -> list[Prepared]:
     """Laws with fewer parameters at the place of `best`, from its estimates, where the data leave one of its
     own undetermined: a search of a simpler law from the screen may have ended elsewhere."""
-    nulls = {p.name: p.null or 0.0 for p in best.candidate.effect.sizes}
-    own = {p.name.rpartition(".")[2]: p for p in best.fit.parameters if p.name in _own(best.candidate)}
+    rich = best.candidate
+    own = {p.name: p for p in best.fit.parameters if p.name in _own(rich)}
     known = [p for p in own.values() if p.std_error and abs(p.value) > GATES.min_significance * p.std_error]
-    size = own.get(next(iter(nulls)))
+    size = own.get(f"{rich.name}.{rich.effect.sizes[0].name}")
     if size is None or len(known) == len(own):
         return []
-    found: dict[str, Prepared] = {}
+    simple = [entry.candidate for entry in _simpler_ones(rich, screen)]
+    found = [_in_place(null, best, candidate, size.value) for candidate in simple]
+    return [prepared for prepared in found if prepared is not None][:MOST_SIMPLER]
+
+
+def _simpler_ones(rich: Candidate, screen: Screen) -> list[Screened]:
+    """Of every related effect with fewer parameters at the place of `rich`, the entry with the best shape."""
+    found: dict[str, Screened] = {}
     for entry in screen.entries:
         simple = entry.candidate
         if (
-            simple.site == best.candidate.site
-            and simple.effect.class_name not in found
-            and _is_related(simple.effect, best.candidate.effect)
-            and len(_own(simple)) < len(_own(best.candidate))
+            simple.site == rich.site
+            and _is_related(simple.effect, rich.effect)
+            and len(_own(simple)) < len(_own(rich))
         ):
-            prepared = _in_place(null, best, simple, size.value)
-            if prepared is not None:
-                found[simple.effect.class_name] = prepared
-    return list(found.values())[:MOST_SIMPLER]
+            found.setdefault(simple.effect.class_name, entry)
+    return list(found.values())
 
 
 def _is_related(effect: Effect, other: Effect) -> bool:

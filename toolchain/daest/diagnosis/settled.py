@@ -50,7 +50,7 @@ def settled(
     loads in their place, started from `fit`; and its observer over the experiments. None where no search
     from there succeeds. A rough one ends with the first pass of its search."""
     names = tuple(p.name for p in fit.parameters)
-    times = {f"{load.name}.T": shortest_load(null.experiments) for load in null.loads}
+    times = null.shortest_times
     started = flat.with_theta({**fit.theta, **times})
     explicit = replace(explicit, flat=started)
     found: Refit | None = None
@@ -93,7 +93,7 @@ def simulated(
     lost = _lost(null, white)
     begun = white.theta if beside is None else _better_in_simulation(white, beside)
     starts = [begun] + ([{**begun, **lost}] if lost else [])
-    times = {f"{load.name}.T": shortest_load(null.experiments) for load in null.loads}
+    times = null.shortest_times
     options = IdentifyOptions(
         method="oe",
         estimate=names,
