@@ -36,7 +36,7 @@ from daest.diagnosis.proof import (
     trials,
 )
 from daest.diagnosis.screen import law_response, run_null, screen
-from daest.model.diagnosis import Screen, Screened
+from daest.model.diagnosis import Ahead, Screen, Screened
 from daest.model.experiment import Experiment
 from daest.model.fit import error_ratios
 from daest.modelica.sites import sites
@@ -253,6 +253,12 @@ def test_weak_candidate_is_not_accepted_beside_a_far_more_likely_one():
     poor = replace(told, simulated={**told.simulated, "validation": worse})
     shaky = replace(strong, fit=poor, final=poor, adds_up=False)
     assert ranked([replace(proof, adds_up=False), shaky])[0].verdict == "supported"
+    # But what unseen data speak against and for, and far more clearly, leaves all open.
+    better = replace(seen, rms={name: 0.5 * rms for name, rms in seen.rms.items()})
+    good = replace(told, simulated={**told.simulated, "validation": better})
+    lost = (Ahead(1, 0.01, 7.0, -60.0),)
+    torn = replace(strong, fit=good, final=good, adds_up=False, is_open=False, ahead=lost)
+    assert ranked([replace(proof, adds_up=False), torn])[0].verdict == "rejected"
 
 
 def test_size_that_was_not_estimated_is_no_claim():

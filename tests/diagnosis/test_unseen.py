@@ -23,6 +23,7 @@ from daest.model.diagnosis import Ahead, Confirmed
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement
 from daest.modelica.compile import compile_text
+from daest.systems.integrate import integrate, integrator
 from daest.systems.reduce import reduce_index
 
 
@@ -161,6 +162,40 @@ def test_a_law_that_sticks_is_followed_from_the_middle_of_a_motion():
     null = SimpleNamespace(
         explicit=model, theta=model.flat.theta_values, hold="zoh", loads=(), measurement_std=np.array([0.002])
     )
-    found = foreseen(SimpleNamespace(null=null, gain=np.zeros((2, 1))), [unseen])
+    run = SimpleNamespace(null=null, gain=np.zeros((2, 1)), root=np.array([[500.0]]))
+    found = foreseen(run, [unseen])
     assert found is not None
     assert np.sqrt(np.mean(found.errors[1] ** 2)) == pytest.approx(0.002, rel=0.15)
+
+
+ROLLS = """
+model Rolls
+  input Real F;
+  Real s(start = 0, fixed = true);
+  Real v(start = 0, fixed = true);
+  output Real speed = v;
+  output Real place = s;
+equation
+  der(s) = v;
+  der(v) = F - 20*v - 0.2*sin(s);
+end Rolls;
+"""
+
+
+def test_the_start_is_found_where_the_fit_leaves_the_noise_of_a_sensor_open():
+    """An observer that corrects nothing is the same for any noise of a sensor, and a fit that needs no load
+    may end with one that is beyond all that the sensor shows: what is a start worth then?"""
+    model = reduce_index(compile_text(ROLLS.encode(), Path("Rolls.mo")))
+    theta, rng = model.flat.theta_values, np.random.default_rng(2)
+    time, force = 0.02 * np.arange(400), rng.normal(size=(400, 1))
+    exact = integrate(integrator(model), time, force, theta, np.array([3.0, -0.2]), hold="zoh").outputs
+    measured = exact + rng.normal(size=exact.shape) * [0.01, 0.02]
+    measured[40:60, 1] = np.nan
+    unseen = Experiment("unseen", time, force, measured, ("F",), ("speed", "place"))
+    null = SimpleNamespace(
+        explicit=model, theta=theta, hold="zoh", loads=(), measurement_std=np.array([0.01, 1e4])
+    )
+    run = SimpleNamespace(null=null, gain=np.zeros((2, 2)), root=np.diag([100.0, 50.0]))
+    found = foreseen(run, [unseen])
+    assert found is not None
+    assert np.sqrt(np.nanmean(found.errors[1] ** 2, axis=(0, 1))) == pytest.approx([0.01, 0.02], rel=0.15)

@@ -808,12 +808,10 @@ def best_accepted(proofs: Sequence[Proof]) -> Proof | None:
 
 def _far_more_likely(order: Sequence[Proof], best: Proof) -> Proof | None:
     """A refused candidate beside which the best accepted one explains little; not one that foresees unseen
-    data clearly worse: it owes its likelihood to what does not last."""
-    refused = [
-        p
-        for p in order
-        if p.verdict == "rejected" and p.is_open and not _unseen_ratio(p, best) < GATES.max_rival_error
-    ]
+    data clearly worse: it owes its likelihood to what does not last. One that unseen data speak against where
+    their predictions are compared, and for where their simulation is, contradicts itself: until it is known
+    why, none is the explanation."""
+    refused = [p for p in order if p.verdict == "rejected" and (_is_in_the_way(p, best) or _is_torn(p, best))]
     strongest = max(refused, key=lambda p: p.delta_log_likelihood, default=None)
     if (
         strongest is None
@@ -821,6 +819,16 @@ def _far_more_likely(order: Sequence[Proof], best: Proof) -> Proof | None:
     ):
         return None
     return strongest
+
+
+def _is_in_the_way(refused: Proof, best: Proof) -> bool:
+    return refused.is_open and not _unseen_ratio(refused, best) < GATES.max_rival_error
+
+
+def _is_torn(refused: Proof, best: Proof) -> bool:
+    """Whether predictions of unseen data speak against a law, and their simulation for it."""
+    is_refuted = any(is_worse(one) for one in refused.ahead)
+    return is_refuted and _unseen_ratio(best, refused) < GATES.max_rival_error
 
 
 def _is_rival(one: Proof, best: Proof) -> bool:

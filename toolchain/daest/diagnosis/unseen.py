@@ -54,7 +54,7 @@ def foreseen(run: NullObserver, experiments: Sequence[Experiment]) -> Foreseen |
     errors: dict[int, list[np.ndarray]] = {h: [] for h in steps}
     for experiment in experiments:
         try:
-            x0 = _initial_state(null, model, experiment, run.gain)
+            x0 = _initial_state(null, model, experiment, run.gain, run.root)
             for h in steps:
                 errors[h].append(_stretches(null, model, experiment, x0, run.gain, h))
         except IntegrationError:
@@ -90,7 +90,7 @@ def innovations(run: NullObserver, experiments: Sequence[Experiment]) -> Innovat
     parts = []
     for experiment in experiments:
         try:
-            x0 = _initial_state(run.null, model, experiment, run.gain)
+            x0 = _initial_state(run.null, model, experiment, run.gain, run.root)
             parts.append(_stretches(run.null, model, experiment, x0, run.gain, 1) @ run.root.T)
         except IntegrationError:
             return None
@@ -230,10 +230,11 @@ def free_runs(null: Null, experiments: Sequence[Experiment]) -> tuple[Trajectory
     rest; None where the model cannot be simulated."""
     model = integrator(null.explicit)
     still = np.zeros((len(null.explicit.state_names), len(null.flat.outputs)))
+    root = np.diag(1.0 / null.measurement_std)
     runs = []
     for experiment in experiments:
         try:
-            x0 = _initial_state(null, model, experiment, still)
+            x0 = _initial_state(null, model, experiment, still, root)
             runs.append(
                 integrate(
                     model, experiment.time, experiment.inputs, null.theta, x0, hold=null.hold, rtol=RTOL
@@ -244,8 +245,12 @@ def free_runs(null: Null, experiments: Sequence[Experiment]) -> tuple[Trajectory
     return tuple(runs)
 
 
-def _initial_state(null: Null, model: Integrator, experiment: Experiment, gain: np.ndarray) -> np.ndarray:
-    """The state at the first sample that the observer follows the data from best, loads at rest.
+def _initial_state(
+    null: Null, model: Integrator, experiment: Experiment, gain: np.ndarray, root: np.ndarray
+) -> np.ndarray:
+    """The state at the first sample that the observer follows the data from best, loads at rest: by errors
+    whitened with the `root` (n_y, n_y). That is of the innovations where there is a gain: a fit with hardly
+    any load needs no measurement, and leaves the noise of a sensor open, be it beyond all that it shows.
 
     It is looked for from the model's start at once, and over windows that grow: over a short one a law that
     bends or sticks hardly matters, so that what it finds is near."""
@@ -254,11 +259,11 @@ def _initial_state(null: Null, model: Integrator, experiment: Experiment, gain: 
     free = np.array([name not in loads for name in null.explicit.state_names])
     begin = np.where(free, begin, 0.0)
     n = min(START_SAMPLES, experiment.n_samples)
-    at_once = _searched_start(null, model, experiment, gain, begin, free, n)
+    at_once = _searched_start(null, model, experiment, gain, root, begin, free, n)
     grown = (begin, np.inf)
     for part in START_PARTS:
         rows = max(int(part * n), FEWEST_AT_START)
-        grown = _searched_start(null, model, experiment, gain, grown[0], free, rows)
+        grown = _searched_start(null, model, experiment, gain, root, grown[0], free, rows)
     return min(at_once, grown, key=lambda found: found[1])[0]
 
 
@@ -267,12 +272,13 @@ def _searched_start(
     model: Integrator,
     experiment: Experiment,
     gain: np.ndarray,
+    root: np.ndarray,
     begin: np.ndarray,
     free: np.ndarray,
     n: int,
 ) -> tuple[np.ndarray, float]:
     """The state found from `begin` by Gauss-Newton in the states that are `free` over the first n samples,
-    and its mean squared error there in squares of the measurement noise."""
+    and its mean squared error there, whitened with the `root`."""
     time, inputs, y = experiment.time[:n], experiment.inputs[:n], experiment.outputs[:n]
     best, least, step = begin, np.inf, np.zeros(begin.size)
     for _ in range(START_ITERATIONS):
@@ -284,9 +290,9 @@ def _searched_start(
         except IntegrationError:
             step = 0.5 * step
             continue
-        error = (y - run.outputs) / null.measurement_std
-        seen = np.isfinite(error)
-        value = float(np.mean(error[seen] ** 2)) if seen.any() else np.inf
+        seen = np.isfinite(y - run.outputs)
+        error = np.where(seen, y - run.outputs, 0.0) @ root.T
+        value = float(np.sum(error**2)) / seen.sum() if seen.any() else np.inf
         if value >= least:  # a law that bends lets whole steps miss
             step = 0.5 * step
             continue
@@ -294,9 +300,9 @@ def _searched_start(
         best, least = best + step, value
         if is_there:
             break
-        slopes = (run.sensitivities / null.measurement_std[:, None])[seen][:, free]
+        slopes = root @ np.where(seen[:, :, None], run.sensitivities[:, :, free], 0.0)
         step = np.zeros(best.size)
-        step[free] = np.linalg.lstsq(slopes, error[seen], rcond=1e-8)[0]
+        step[free] = np.linalg.lstsq(slopes.reshape(error.size, -1), error.ravel(), rcond=1e-8)[0]
     return best, least
 
 
