@@ -342,3 +342,13 @@ def test_poles_are_those_of_two_springs_in_series() -> None:
     undamped = np.sqrt((1 / (1 / 8 + 0.05)) / (0.5 * 1.5 / 2))
     slow = [p for p in finite_poles(made) if 0.5 < p.imag < 100]
     assert min(abs(abs(p) - undamped) for p in slow) < 0.02 * undamped
+
+
+def test_held_parameter_is_final() -> None:
+    """A limit that was read off the recordings is none that a later fit may move, or stumble over."""
+    values = {"share": 1.0, "limit": 4.0, "u_s": 0.01}
+    made = extended("Signals.Saturation", "angle", values=values, held=("share", "limit"))
+    assert "final share = 1, final limit" in made.added
+    assert [p.name for p in made.flat.parameters if p.name.startswith(f"{made.component}.")] == [
+        "saturation.u_s"
+    ]

@@ -2,6 +2,7 @@
 
 import dataclasses
 from functools import cache
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -12,10 +13,14 @@ import daest.estimation.identify_nonlinear as identify_nonlinear_module
 from daest.errors import DaestError, EstimationError
 from daest.estimation import trajectories
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.identify import identify
 from daest.estimation.identify_nonlinear import WarmStart, identify_nonlinear, search_on
 from daest.estimation.records import part_of
+from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
 from daest.model.parts import Equation
+from daest.modelica.compile import compile_text
+from daest.systems.integrate import integrate, integrator
 from daest.systems.integration import IntegrationError
 from daest.systems.reduce import reduce_index
 from daest.systems.simulate import simulate
@@ -298,3 +303,35 @@ def test_start_without_consistent_values_is_told():
     # Newton's method runs to where the slope vanishes, too: there the condition contradicts the model.
     assert caught.value.code in ("initial-not-solved", "initial-overdetermined")
     assert "exp(x) + 1 = 0" in caught.value.what and caught.value.remedy
+
+
+TANK = """
+model Tank
+  input Real u;
+  parameter Real R(min = 0) = 1 annotation(__Daest(estimate = true));
+  parameter Real k(min = 0) = 1 annotation(__Daest(estimate = true));
+  parameter Real rim(min = 0) = 3 annotation(__Daest(estimate = true));
+  Real h(start = 0, fixed = true);
+  output Real y = h annotation(__Daest(std = 0.01));
+equation
+  der(h) = u - h/R - k*max(h - rim, 0);
+end Tank;
+"""
+
+
+def test_law_that_the_start_values_never_reach_waits_for_the_other_parameters():
+    flat = compile_text(TANK.encode(), Path("Tank.mo"))
+    rng = np.random.default_rng(5)
+    time, flow = 0.1 * np.arange(400), np.repeat(rng.uniform(0.2, 1.8, 20), 20)[:, None]
+    theta, truth = {p.name: i for i, p in enumerate(flat.parameters)}, flat.theta_values.copy()
+    for name, value in {"R": 4.0, "k": 2.0, "rim": 3.2}.items():
+        truth[theta[name]] = value
+    run = integrate(integrator(reduce_index(flat)), time, flow, truth, np.zeros(1), hold="zoh")
+    measured = run.outputs + rng.normal(0.0, 0.01, run.outputs.shape)
+    fit = identify(
+        flat, [Experiment("tank", time, flow, measured, ("u",), ("y",))], IdentifyOptions(hold="zoh")
+    )
+    for name, value in {"R": 4.0, "k": 2.0, "rim": 3.2}.items():
+        (found,) = (p for p in fit.parameters if p.name == name)
+        assert abs(found.value - value) < 4.0 * found.std_error and found.std_error < 0.1 * value
+    assert any("k, rim did nothing at the start values" in note for note in fit.notes)

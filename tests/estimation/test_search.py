@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from daest.estimation.search import Evaluation, minimise
+from daest.estimation.search import Evaluation, _Course, _leaped, minimise
 
 FREE = np.full(2, np.inf)
 
@@ -133,3 +133,19 @@ def test_a_search_leaps_along_a_valley_that_bends():
     found = minimise(squares(narrow_ring, narrow_ring_slopes), start, -FREE, FREE, 100)
     assert found.reason == "converged"
     assert np.allclose(found.z, [1.0, 0.0], atol=2e-3)
+
+
+def test_leap_to_where_a_coordinate_does_nothing_goes_on_without_it():
+    """Beyond its rim a tank tells nothing of the rim: its information there is zero."""
+
+    def far(z, with_slopes):
+        information = np.diag([1.0, 0.0])
+        return Evaluation(0.5 * (z[0] - 100.0) ** 2 + 1e4, np.array([z[0] - 100.0, 0.0]), information)
+
+    course = _Course(tuple(np.array([x, 1.0]) for x in (0.0, 1.0, 2.0, 3.0)))
+    here = Evaluation(2e4, np.ones(2), np.eye(2))
+    bounds = np.full(2, 1e6)
+    z, there = _leaped(far, here, 1e9, -bounds, bounds, course)
+    assert there.value < here.value and z[1] == 1.0
+    here = Evaluation(1e4, np.ones(2), np.eye(2))  # better than all that the way back finds
+    assert _leaped(far, here, 1e9, -bounds, bounds, course) is None

@@ -83,6 +83,7 @@ def _written(
         values=_own_values(proof),
         inputs=inputs,
         parameters=_changed(flat, proof.told.theta, names),
+        held=_held(proof),
         libraries=libraries,
         target=target,
     )
@@ -135,6 +136,14 @@ def _own_values(proof: Proof) -> dict[str, float]:
     candidate, theta = proof.candidate, proof.told.theta
     own = [p.name for p in candidate.effect.parameters if p.role != "given"]
     return {name: _short(theta[key]) for name in own if (key := f"{candidate.name}.{name}") in theta}
+
+
+def _held(proof: Proof) -> tuple[str, ...]:
+    """The parameters of the effect that its library would estimate and the fit did not: a limit that was read
+    off the recordings."""
+    candidate, fitted = proof.candidate, {p.name for p in proof.told.parameters}
+    estimated = (p.name for p in candidate.effect.parameters if p.estimate)
+    return tuple(name for name in estimated if f"{candidate.name}.{name}" not in fitted)
 
 
 def _short(value: float) -> float:

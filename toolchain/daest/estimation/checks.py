@@ -106,7 +106,8 @@ def check_start(
             "identify-no-influence",
             f"no measured output depends on {text}",
             where=text,
-            remedy="fix it to a known value (--fix), or measure an output that it moves",
+            remedy="fix it to a known value (--fix), measure an output that it moves, or start where it acts "
+            "(--set)",
         )
     flat = flat_directions(start.information)
     if flat.shape[1] and (piece is None or flat_directions(piece.information).shape[1]):

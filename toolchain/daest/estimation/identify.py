@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
+from daest.errors import DaestError, EstimationError
 from daest.estimation.checks import check_jumps
 from daest.estimation.coordinates import log_likelihood
 from daest.estimation.ekf_likelihood import identify_by_ekf
@@ -24,6 +26,8 @@ from daest.systems.redundant import good_everywhere
 from daest.systems.state_space import state_space_family
 
 LINEARISED = "the model is nonlinear: its linearisation was identified"
+NO_INFLUENCE = "identify-no-influence"
+WOKEN = "{} did nothing at the start values: the others were estimated first"
 ELIMINATED = "no multiple shooting: the initial states of a linear model are eliminated exactly"
 
 
@@ -77,4 +81,34 @@ def _nonlinear_fit(model: Model, setup: Setup, tell: Tell, began: float) -> FitR
     # States that constraints tie have no observer with a constant gain.
     by_ekf = setup.options.likelihood == "ekf" or explicit.invariants is not None
     search = identify_by_ekf if setup.method == "pem" and by_ekf else identify_nonlinear
-    return replace(search(explicit, setup, tell), seconds=time.perf_counter() - began)
+    try:
+        fit = search(explicit, setup, tell)
+    except EstimationError as error:
+        if error.code != NO_INFLUENCE:
+            raise
+        fit = _woken(partial(search, explicit), setup, tell, error)
+    return replace(fit, seconds=time.perf_counter() - began)
+
+
+def _woken(
+    search: Callable[[Setup, Tell], FitResult], setup: Setup, tell: Tell, error: DaestError
+) -> FitResult:
+    """The fit from where all parameters act, found with those held that do nothing at the start values:
+    the rim of a tank that the start values never fill is reached once the others are right. Raises `error`
+    where they do nothing there, either."""
+    idle, unknowns = str(error.where), setup.unknowns
+    rest = tuple(c for c in unknowns.coordinates if c.name not in idle.split(", "))
+    if not rest:
+        raise error
+    tell(f"{idle}: nothing at the start values depends on it; estimating the others first")
+    first = replace(setup.options, second_look=False, profile=())
+    held = replace(setup, unknowns=replace(unknowns, coordinates=rest), options=first, validation=())
+    try:
+        found = search(held, tell).theta
+        moved = tuple(replace(c, initial=found[c.name]) for c in unknowns.coordinates)
+        theta = unknowns.theta.copy()
+        theta[[c.index for c in moved]] = [c.initial for c in moved]
+        begun = replace(setup, unknowns=replace(unknowns, coordinates=moved, theta=theta))
+        return search(replace(begun, notes=(*setup.notes, WOKEN.format(idle))), tell)
+    except EstimationError:
+        raise error from None

@@ -100,7 +100,7 @@ def minimise(
             last, here = step.z, there
         z, radius, at_once = step.z, step.radius, step.is_first
         if course.is_straight:
-            leap = _leaped(objective, here, free, radius, lower, upper, course)
+            leap = _leaped(objective, here, radius, lower, upper, course)
             course = course.after_leap(leap is not None)
             z, here = leap or (z, here)
             last = z if leap else last
@@ -134,7 +134,6 @@ class _Course:
 def _leaped(
     objective: Objective,
     here: Evaluation,
-    free: np.ndarray,
     radius: float,
     lower: np.ndarray,
     upper: np.ndarray,
@@ -150,6 +149,7 @@ def _leaped(
     for _ in range(RETURN_STEPS):
         if there is None or there.value < here.value:
             break
+        free = _free(z, there, lower, upper)  # far away, others may rest or do nothing
         z = np.clip(z + _Steps(there, free).within(radius)[0], lower, upper)
         there = objective(z, True)
     return (z, there) if there is not None and there.value < here.value else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -142,14 +142,16 @@ def extend_model(
     *,
     inputs: Mapping[str, str] | None = None,
     parameters: Mapping[str, float] | None = None,
+    held: Collection[str] = (),
     libraries: Sequence[str | Path] = (),
     target: str | Path | None = None,
 ) -> Extension:
     """The model with `effect` at `site`, as Modelica that extends it and compiles.
 
     `name`, `values` and `inputs` are as in `attach`; `parameters` are new values of the model's own
-    parameters; `new_name` is the name of the new class (default: MODEL_EFFECT, numbered if taken); `target`
-    is the file that the text is meant for. The equations are those of `attach`. Raises ModelError as
+    parameters; those of the effect that are `held` are final, and so not estimated; `new_name` is the name of
+    the new class (default: MODEL_EFFECT, numbered if taken); `target` is the file that the text is meant for.
+    The equations are those of `attach`. Raises ModelError as
     `attach` does, and `effect-input-used` or `effect-not-writable` where Modelica cannot express it.
 
         >>> daest.extend_model("Servo.mo", None, effect, site).class_name
@@ -161,7 +163,7 @@ def extend_model(
     component = name or component_name(effect, names_of(flat))
     placement = Placement(effect, site, component, values or {}, inputs or {})
     draft = _Draft(changes=_changes(parameters))
-    draft.declarations.append(_declaration(placement, units_at(flat, effect, site)))
+    draft.declarations.append(_declaration(placement, units_at(flat, effect, site), held))
     _supply(draft, placement, flat)
     original = _connect(draft, placement, original)
     own_name = _class_name(original, effect.name, new_name)
@@ -284,7 +286,7 @@ def _extends(base: str, changes: Sequence[str]) -> list[str]:
     return [f"  extends {base}(", *(f"    {change}," for change in changes[:-1]), f"    {changes[-1]});"]
 
 
-def _declaration(placement: Placement, units: Mapping[str, str]) -> str:
+def _declaration(placement: Placement, units: Mapping[str, str], held: Collection[str] = ()) -> str:
     """`Daest.Effects.Rotational.CoulombFriction coulombFriction(tau_c = 0.006) "Dry friction: …";`"""
     effect, site = placement.effect, placement.site
     changes = ["useSupport = true"] if _is_across(placement) else []
@@ -292,7 +294,7 @@ def _declaration(placement: Placement, units: Mapping[str, str]) -> str:
         source = given_source(parameter, site)
         if source and parameter.name not in placement.values:
             changes.append(f"{parameter.name} = {source}")
-    changes += _assignments(placement, units)
+    changes += _assignments(placement, units, held)
     modified = f"({', '.join(changes)})" if changes else ""
     head = f"{effect.class_name} {placement.name}{modified}"
     about = f'"{_quoted(effect.description)}";'
@@ -303,7 +305,7 @@ def _is_across(placement: Placement) -> bool:
     return placement.effect.attach == "connector" and placement.site.kind == "component"
 
 
-def _assignments(placement: Placement, units: Mapping[str, str]) -> list[str]:
+def _assignments(placement: Placement, units: Mapping[str, str], held: Collection[str]) -> list[str]:
     """`tau_c = 0.006`, with the unit where it is that of the signal; the elements of an array in one list,
     those without a value at their start."""
     arrays: dict[str, list[str]] = {}
@@ -316,7 +318,8 @@ def _assignments(placement: Placement, units: Mapping[str, str]) -> list[str]:
             start = parameter.start if value is None else value
             arrays.setdefault(array + _with_unit(unit, "each "), []).append(number_text(float(start)))
         elif value is not None:
-            found.append(f"{parameter.name}{_with_unit(unit)} = {number_text(float(value))}")
+            final = "final " if parameter.name in held else ""
+            found.append(f"{final}{parameter.name}{_with_unit(unit)} = {number_text(float(value))}")
         elif unit:
             found.append(parameter.name + _with_unit(unit))
     changed = {name.partition("[")[0] for name in placement.values if "[" in name}
