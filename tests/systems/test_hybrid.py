@@ -200,8 +200,42 @@ def test_sensitivities_pass_through_samples(sampled, parameter):
     slopes_agree(sampled, parameter, np.linspace(0, 0.97, 30))
 
 
-def slopes_agree(flat, parameter: str, time: np.ndarray) -> None:
+STEPPED = """model Stepped "A relation of an input and a state"
+  parameter Real k = 0.8;
+  input Real u;
+  Real x(start = 0, fixed = true);
+  Real z(start = 0, fixed = true);
+  output Real y = z;
+  output Real busy = if on then 1 else 0;
+  Boolean on(start = false, fixed = true);
+  Integer n(start = 0, fixed = true);
+equation
+  on = u - x > 0.4;
+  der(x) = u - k*x;
+  der(z) = if on then x else -z;
+  when on then
+    n = pre(n) + 1;
+  end when;
+end Stepped;
+"""
+
+
+def test_a_jump_of_the_input_switches_at_an_instant_that_no_parameter_moves():
+    flat, time = model(STEPPED), np.arange(0, 4, 0.1)
+    u = np.repeat([0.1, 1.0, 0.3, 2.0], 10)[:, None]
+    slopes_agree(flat, "k", time, u)
+    found = simulate(flat, (time, u), hold="zoh")
+    assert found["n"][-1] == 2
+    on = (u[:, 0] - found["x"]) > 0.4
+    assert found["busy"] == pytest.approx(on.astype(float))  # also at the jump
+    # A last sample at which the input jumps tells what follows it.
+    short = simulate(flat, (time[:11], u[:11]), hold="zoh")
+    assert short["busy"][-1] == 1 and short["n"][-1] == 1
+
+
+def slopes_agree(flat, parameter: str, time: np.ndarray, u: np.ndarray | None = None) -> None:
     explicit = reduce_index(in_starting_mode(flat))
+    u = np.zeros((time.size, 0)) if u is None else u
     engine = integrator(explicit, [parameter])
     k = [p.name for p in explicit.flat.parameters].index(parameter)
     theta = explicit.flat.theta_values
@@ -210,7 +244,7 @@ def slopes_agree(flat, parameter: str, time: np.ndarray) -> None:
     def outputs(change: float):
         moved = theta.copy()
         moved[k] += change
-        return integrate(engine, time, np.zeros((time.size, 0)), moved, x0, sensitivities=True, rtol=1e-10)
+        return integrate(engine, time, u, moved, x0, hold="zoh", sensitivities=True, rtol=1e-10)
 
     step = 1e-6
     differences = (outputs(step).outputs - outputs(-step).outputs) / (2 * step)

@@ -566,6 +566,7 @@ typedef struct {
 #if NR > 0
   const double *side; /* of zero on which each root function is; null: none is looked at */
   double *flags;      /* 1 for those that have left it, at an event */
+  int jumped;         /* the input jumps where the interval begins */
 #endif
 } Progress;
 
@@ -622,6 +623,11 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
   double roots[NR];
   Bracket b = {0};
   if (p->side && roots_at(k, m, s, k->x, t, b.at_lo)) return NOT_FINITE;
+  if (p->side && p->jumped && any_left(b.at_lo, p->side)) {
+    for (int i = 0; i < NR; ++i) p->flags[i] = has_left(b.at_lo[i], p->side[i]);
+    p->reached[0] = t;
+    return EVENT;
+  }
 #endif
   while (t < s->t1) {
     int status = counted(p, t);
@@ -864,9 +870,12 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
 #endif
       if (i + 1 == n) break;
       Interval s = {time[i], time[i + 1], u0 + i * NU, u1 + i * NU};
-      /* A jump of the input between intervals makes the old collocation polynomial a poor start. */
-      for (int q = 0; q < NU; ++q)
-        if (i > 0 && s.u0[q] != u1[(i - 1) * NU + q]) k->last_h = 0;
+      int jumped = 0;
+      for (int q = 0; q < NU; ++q) jumped |= i > 0 && s.u0[q] != u1[(i - 1) * NU + q];
+      if (jumped) k->last_h = 0; /* the old collocation polynomial is a poor start */
+#if NR > 0
+      p.jumped = jumped;
+#endif
       if (i == 0) reached[1] = first_step(k, &m, &s, rtol, atol);
       status = advance(k, &m, &s, &p, S, directions, rtol, atol);
     }
@@ -894,7 +903,8 @@ int daest_simulate(long n, const double *time, const double *u0, const double *u
 }
 
 /* The same without corrections, up to the first root (of NR > 0 functions): `side` (NR) is the sign that each root function keeps, 0 where
- * it does not matter. Returns EVENT just behind a root, with reached[0] its time, flags (NR) 1 for what has left its
+ * it does not matter. Returns EVENT just behind a root, or at a knot
+ * at which a jump of the input makes functions leave their sides, with reached[0] its time, flags (NR) 1 for what has left its
  * side, done the samples that were written. x_end (NX), S_end (NX x directions): where it stopped. */
 int daest_follow(long n, const double *time, const double *u0, const double *u1, const double *u_last,
                  const double *theta, const double *x0, int directions, const double *S0, double rtol,

@@ -104,6 +104,20 @@ class EventFunctions:
     def roots(self) -> tuple[ca.Function, np.ndarray]:
         """(x, ū, θ, t) -> functions whose signs tell when a relation or a whole part changes, and which one
         each belongs to: relations first, then of every whole part the next number and the last one."""
+        return self._roots
+
+    def root_values(self, x: np.ndarray, ubar: np.ndarray, theta: np.ndarray, t: float) -> np.ndarray:
+        """The values of `roots` (n_roots,)."""
+        return self._root_values(x, ubar, theta, t)[0].ravel()
+
+    # Building them ------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _root_values(self) -> Evaluator:
+        return Evaluator(self._roots[0])
+
+    @cached_property
+    def _roots(self) -> tuple[ca.Function, np.ndarray]:
         kind, symbols, xi, rates = self._point()
         events, n = self.events, len(self.events.relations)
         at = [rates, xi, *self._flat_arguments(symbols)]
@@ -120,8 +134,6 @@ class EventFunctions:
                 owners += [n + i, n + i]
         g = ca.vertcat(kind(0, 1), *rows)
         return ca.Function("daest_root", symbols, [ca.densify(g)]), np.array(owners, dtype=int)
-
-    # Building them ------------------------------------------------------------------------------------------
 
     def _point(self) -> tuple[Any, list[Any], Any, Any]:
         """Symbols (x, ū, θ, t), ξ and ξ' of them."""

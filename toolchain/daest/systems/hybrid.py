@@ -9,7 +9,8 @@ Sensitivities follow the event: with the instant t(p) at which g(x, p, t) = 0,
 
     dt/dp = -(g_x S + g_p) / (g_x f- + g_t),    S+ = d/dp [R(x-, p, t)] along the event - f+ dt/dp,
 
-R being what the event does to the states (saltation; e.g. Leine & Nijmeijer 2004, section 7).
+R being what the event does to the states (saltation; e.g. Leine & Nijmeijer 2004, section 7). Where a jump
+of the held input makes a relation change, the recording gives the instant, and dt/dp = 0.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from daest.systems.event_update import EventUpdate, Forced, HybridError, Mode, S
 from daest.systems.integration import FAILURES, IntegrationError, pointer
 
 SAME_INSTANT = 1e-12  # events nearer to each other than this, relative to the time or the record's, are one
+ROOT_NOISE = 1e-13  # as in radau.c: how far beyond zero a function has left its side, in its own unit
 DENSE, MOST_DENSE = 1e-9, 2000  # events nearer to each other than this share of the record, and how many
 MOST_EVENTS = 2_000_000
 
@@ -130,20 +132,35 @@ class Inputs:
     u1: np.ndarray
     last: np.ndarray
 
+    def near(self, t: float) -> float:
+        """How far from t an instant may be and be the same [s]."""
+        return SAME_INSTANT * max(float(self.time[-1] - self.time[0]) or 1.0, abs(t))
+
     def interval(self, t: float) -> int:
-        """The interval that begins at or before t."""
-        at = int(np.searchsorted(self.time, t, side="right")) - 1
+        """The interval that begins at or before t, where rounding may have put t a little before a sample; at
+        the last sample `len(u0)`, in which the inputs are `last`."""
+        at = int(np.searchsorted(self.time, t + self.near(t), side="right")) - 1
+        return min(max(at, 0), len(self.u0))
+
+    def interval_before(self, t: float) -> int:
+        """The interval that ends at or behind t."""
+        at = int(np.searchsorted(self.time, t - self.near(t), side="left")) - 1
         return min(max(at, 0), max(len(self.u0) - 1, 0))
 
+    def jumps_at(self, t: float) -> bool:
+        """Whether the inputs jump at t."""
+        old, new = self.interval_before(t), self.interval(t)
+        return new == old + 1 and not np.array_equal(self.u1[old], self.at(t, new))
+
     def at(self, t: float, interval: int) -> np.ndarray:
-        if not len(self.u0):
+        if interval >= len(self.u0):
             return self.last.ravel()
         a, b = self.time[interval], self.time[interval + 1]
         share = (t - a) / (b - a)
         return self.u0[interval] + share * (self.u1[interval] - self.u0[interval])
 
     def rate(self, interval: int) -> np.ndarray:
-        if not len(self.u0):
+        if interval >= len(self.u0):
             return np.zeros(self.last.size)
         length = self.time[interval + 1] - self.time[interval]
         return (self.u1[interval] - self.u0[interval]) / length
@@ -222,8 +239,11 @@ class Runner:
             i, t, x, S, left = self.segment(i, t, stop, x, S)
             if left is not None:
                 x, S = self.state_event(x, S, t, left)
+                x, S = self.input_event(x, S, t)
             elif t >= due:
-                x, S = self.timed_event(x, S, t, max(self.inputs.interval(t), 0))
+                x, S = self.timed_event(x, S, t, self.inputs.interval(t))
+            else:
+                x, S = self.input_event(x, S, t)
             if t >= time[-1]:
                 self._write_last(i, t, x, S)
                 break
@@ -272,8 +292,11 @@ class Runner:
         width = inputs.last.size
         u0, u1 = u0.reshape(len(at), width), u1.reshape(len(at), width)
         piece = self._call(knots, u0, u1, x, S)
-        # Row 0 is a sample where t is one; the stop itself belongs to what follows it.
+        # Row 0 is a sample where t is one; the stop itself belongs to what follows it, and so does a sample
+        # at which a jump of the input is an event.
         for row in range(min(piece.done, knots.size - 1)):
+            if piece.left is not None and knots[row] >= piece.t:
+                break
             while i < time.size and time[i] <= knots[row] + near:
                 self._write(i, piece.states[row], piece.outputs[row], piece.sens[row])
                 i += 1
@@ -374,9 +397,11 @@ class Runner:
         self, x: np.ndarray, S: np.ndarray, t: float, left: np.ndarray, interval: int | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """States and sensitivities after an event at which the root functions `left` leave their sides, under
-        the inputs of `interval` (None: the one that ends there)."""
+        the inputs of `interval` (None: the one that ends there, unless the next one makes them leave)."""
         events, n = self.functions.events, len(self.functions.events.relations)
-        interval = self._interval_before(t) if interval is None else interval
+        by_input = interval is None and self.inputs.jumps_at(t) and not np.any(left & self._beyond(x, t))
+        if interval is None:
+            interval = self.inputs.interval(t) if by_input else self.inputs.interval_before(t)
         ubar = self.inputs.at(t, interval)
         none = np.zeros(events.active.numel()), np.zeros(events.ticks.numel())
         point = self.functions.at(x, ubar, self.mode.theta, t, *none)
@@ -393,14 +418,32 @@ class Runner:
                 forced[owner] = (number + 1 if up[owner] else number - 1, 0.0)
         first = min(forced)
         self._count(t, self._name(first))
+        if by_input:  # the switches are clear of zero, so that nothing has to be held against rounding
+            slopes = self._slopes_before(x, S, t, ubar, interval, None)
+            return self._after(x, t, ubar, none[1], {}, slopes)
         slopes = self._slopes_before(x, S, t, ubar, interval, first)
-        return self._after(x, t, ubar, interval, none[1], forced, slopes)
+        return self._after(x, t, ubar, none[1], forced, slopes)
+
+    def input_event(self, x: np.ndarray, S: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """States and sensitivities after what a jump of the inputs at t does to switches, if anything."""
+        if self.owners.size and self.inputs.jumps_at(t):
+            left = self._beyond(x, t, self.inputs.interval(t))
+            if np.any(left):
+                return self.state_event(x, S, t, left)
+        return x, S
+
+    def _beyond(self, x: np.ndarray, t: float, interval: int | None = None) -> np.ndarray:
+        """Which root functions have left their sides, under the inputs of `interval` (None: the one that ends
+        at t)."""
+        interval = self.inputs.interval_before(t) if interval is None else interval
+        g = self.functions.root_values(x, self.inputs.at(t, interval), self.mode.theta, t)
+        return np.asarray(self.sides() * g < -ROOT_NOISE)
 
     def timed_event(
         self, x: np.ndarray, S: np.ndarray, t: float, interval: int
     ) -> tuple[np.ndarray, np.ndarray]:
         events = self.functions.events
-        interval = self._interval_before(t) if t > self.inputs.time[0] else interval
+        interval = self.inputs.interval_before(t) if t > self.inputs.time[0] else interval
         ubar = self.inputs.at(t, interval)
         ticks = np.zeros(events.ticks.numel())
         forced: dict[int, tuple[float, float]] = {}
@@ -415,12 +458,7 @@ class Runner:
         owner = self.schedule.due[0][1]
         self._count(t, self._name(owner))
         slopes = self._slopes_before(x, S, t, ubar, interval, owner)
-        return self._after(x, t, self.inputs.at(t, self.inputs.interval(t)), interval, ticks, forced, slopes)
-
-    def _interval_before(self, t: float) -> int:
-        """The interval that ends at or behind t."""
-        at = int(np.searchsorted(self.inputs.time, t, side="left")) - 1
-        return int(min(max(at, 0), max(len(self.inputs.u0) - 1, 0)))
+        return self._after(x, t, self.inputs.at(t, self.inputs.interval(t)), ticks, forced, slopes)
 
     def _name(self, owner: int) -> str:
         events = self.functions.events
@@ -446,9 +484,10 @@ class Runner:
             )
 
     def _slopes_before(
-        self, x: np.ndarray, S: np.ndarray, t: float, ubar: np.ndarray, interval: int, owner: int
+        self, x: np.ndarray, S: np.ndarray, t: float, ubar: np.ndarray, interval: int, owner: int | None
     ) -> Slopes | None:
-        """Sensitivities at the instant of the event, which moves with the parameters."""
+        """Sensitivities at the instant of the event, which moves with the parameters; `owner` None: at an
+        instant of the recording, which does not."""
         if not self.directions:
             return None
         functions, n = self.functions, len(self.functions.events.relations)
@@ -461,6 +500,8 @@ class Runner:
         rate = self.inputs.rate(interval)
         f = self.rate(x, ubar, t)
         slopes = Slopes(S, theta, np.zeros(self.directions), rate)
+        if owner is None:
+            return slopes
 
         def along(name: str) -> list[np.ndarray]:
             return functions.derivatives(name, x, ubar, self.mode.theta, t, *none)
@@ -490,7 +531,6 @@ class Runner:
         x: np.ndarray,
         t: float,
         ubar: np.ndarray,
-        interval: int,
         ticks: np.ndarray,
         forced: Forced,
         slopes: Slopes | None,

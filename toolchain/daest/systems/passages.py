@@ -115,7 +115,12 @@ class Passages:
             if due <= min(t, end) + runner.schedule.near(t):
                 at = x
                 x, S = runner.timed_event(x, self.eye, t, self.inputs.interval(t))
-                legs.append(Leg(t, t, np.array([at, at]), np.eye(x.size), self._jump(S), theta))
+                legs.append(self._at_once(t, at, S, theta))
+                continue
+            at, counted = x, runner.n_events
+            x, S = runner.input_event(x, self.eye, t)
+            if runner.n_events > counted:
+                legs.append(self._at_once(t, at, S, theta))
                 continue
             if t >= end:
                 return x, legs
@@ -127,6 +132,10 @@ class Passages:
                 x, after = runner.state_event(x, self.eye, t, left)
                 jump = self._jump(after)
             legs.append(Leg(began, t, np.array([at, before]), self._transition(S), jump, theta))
+
+    def _at_once(self, t: float, x: np.ndarray, S: np.ndarray, theta: np.ndarray) -> Leg:
+        """An event without a way to it."""
+        return Leg(t, t, np.array([x, x]), np.eye(x.size), self._jump(S), theta)
 
     def _transition(self, S: np.ndarray) -> np.ndarray:
         return S if S.shape[1] else np.eye(S.shape[0])
