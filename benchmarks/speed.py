@@ -206,7 +206,7 @@ def nonlinear_rows() -> Iterator[Row]:
         lambda: run_particles(points, data.outputs, noise.variance, start, PARTICLES, 0, "bootstrap"),
         lambda: plain_bootstrap(y, u, theta, noise),
     ]
-    ours, theirs = (SAMPLES * PARTICLES / 1e3 / seconds for seconds in in_turn(runs, 1))
+    ours, theirs = (SAMPLES * PARTICLES / 1e3 / seconds for seconds in in_turn(runs, 3))
     name = f"particle filter, {PARTICLES} particles, {SAMPLES} samples"
     yield Row(name, "particles a ms", ours, "plain numpy", theirs, is_rate=True)
 

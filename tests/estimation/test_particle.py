@@ -186,22 +186,22 @@ def test_ancestral_lines_where_noise_does_not_reach_every_state():
 
 
 def test_seed_decides_and_threads_do_not_matter(monkeypatch):
-    task = linear_case(30)
+    task = linear_case(6)
 
-    def mean(seed):
+    def run(seed, n_processors):
+        monkeypatch.setattr("os.cpu_count", lambda: n_processors)
         points = ContinuousPoints(task)
-        return run_particles(points, task.data.outputs, task.noise.variance, task.start, 600, seed).mean
+        return run_particles(points, task.data.outputs, task.noise.variance, task.start, 8005, seed).points
 
-    first = mean(7)
-    assert np.array_equal(first, mean(7))
-    assert not np.array_equal(first, mean(8))
-    monkeypatch.setattr("os.cpu_count", lambda: 1)
-    assert np.array_equal(first, mean(7))
+    first = run(7, 1)
+    assert np.array_equal(first, run(7, 2))
+    assert not np.array_equal(first, run(8, 2))
 
 
-def test_loop_without_compiler_gives_the_same():
+@pytest.mark.parametrize("proposal", ["bootstrap", "ekf"])
+def test_loop_without_compiler_gives_the_same(proposal):
     explicit = oscillator()
-    time, (u, y) = 0.1 * np.arange(12), random_record(12, 1, missing=0.0)
+    time, (u, y) = 0.1 * np.arange(12), random_record(12, 1, missing=0.2)
     results = []
     for compiled in (True, False):
         model = local_model(explicit, inside=True, compiled=compiled)
@@ -215,11 +215,13 @@ def test_loop_without_compiler_gives_the_same():
             0.05,
         )
         points = ContinuousPoints(task)
-        run = run_particles(points, y, np.ones(1), task.start, 40, 0)
+        run = run_particles(points, y, np.ones(1), task.start, 41, 0, proposal)
         results.append((run, points.inside(5, run.points[5], run.weights[5])))
     (run, inside), (plain, plain_inside) = results
-    assert np.allclose(run.points, plain.points, rtol=1e-9)
+    for name in ("points", "innovations", "innovation_cov", "nis", "effective", "ancestors"):
+        assert np.allclose(getattr(run, name), getattr(plain, name), rtol=1e-9, atol=1e-12, equal_nan=True)
     assert np.allclose(run.weights, plain.weights, rtol=1e-7)
+    assert run.log_likelihood == pytest.approx(plain.log_likelihood, rel=1e-9)
     assert np.allclose(inside, plain_inside, rtol=1e-9)
     assert inside[0][0] == pytest.approx(run.mean[5, 0]) and inside[1][0] == pytest.approx(
         np.sqrt(run.cov[5, 0, 0])

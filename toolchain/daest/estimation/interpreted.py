@@ -19,7 +19,7 @@ from daest.systems.integration import IntegrationError
 from daest.systems.local_linear import LocalModel
 from daest.systems.tolerances import SOLVER
 
-ORDER, RADIUS, MOST_DOUBLINGS = 10, 0.25, 60  # of the Taylor series, as in local_linear.c
+ORDER, RADIUS, MOST_DOUBLINGS = 12, 0.25, 60  # of the Taylor series, as in substep.c
 
 
 def ekf(
@@ -256,7 +256,7 @@ def solved(
     f: np.ndarray, A: np.ndarray, ramp: np.ndarray, D: np.ndarray, h: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """exp(A h), the increment of the mean, ∫ exp(Aτ) D exp(Aτ)ᵀ dτ and ∫ exp(Aτ) dτ over h, all as jets."""
-    size = max(np.abs(A[0]).sum(axis=0).max(), np.abs(A[0]).sum(axis=1).max()) * h
+    size = min(np.abs(A[0]).sum(axis=0).max(), np.abs(A[0]).sum(axis=1).max()) * h
     doublings = min(max(0, int(np.ceil(np.log2(max(size, RADIUS) / RADIUS)))), MOST_DOUBLINGS)
     s = h / 2**doublings
     eye = np.zeros_like(A)

@@ -12,7 +12,7 @@ import ctypes
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Literal, Protocol
 
@@ -20,9 +20,11 @@ import numpy as np
 
 from daest.errors import EstimationError
 from daest.estimation import interpreted
-from daest.estimation.filter_task import Start, Task, raise_failure
+from daest.estimation.filter_task import Noise, Start, Task, raise_failure
 from daest.estimation.gates import FIT
 from daest.estimation.interpreted import square_root
+from daest.estimation.particle_loop import ParticleLoop
+from daest.systems.lanes import lane_library
 from daest.systems.local_linear import pointer
 
 Proposal = Literal["bootstrap", "ekf"]
@@ -121,6 +123,10 @@ def run_particles(
     explains a measurement at all.
     """
     rng = np.random.default_rng(seed)
+    if isinstance(model, ContinuousPoints):
+        loop = model.loop(outputs, variance, start, n_particles, proposal)
+        if loop is not None:
+            return _run_compiled(loop, rng, time)
     n_samples, n_y = outputs.shape
     n = start.mean.size
     tables = _Tables(n_samples, n_particles, n, n_y)
@@ -145,6 +151,30 @@ def run_particles(
         else:
             cloud.ancestors = np.arange(n_particles)
     return tables.run(cloud)
+
+
+def _run_compiled(loop: ParticleLoop, rng: np.random.Generator, time: np.ndarray | None) -> ParticleRun:
+    """As the loop of `run_particles`, with the same random numbers."""
+    n_samples, m, n = loop.points.shape
+    alike, z = True, np.empty((m, n))
+    for k in range(n_samples):
+        if not loop.weigh(k, rng.standard_normal(out=z), alike):
+            raise _collapse(k if time is None else float(time[k]))
+        alike = bool(loop.effective[k] < FIT.resampled_below * m)
+        loop.follow(k, rng.uniform() if alike else None)
+    return ParticleRun(
+        loop.points, loop.weights, loop.ancestors, loop.effective,
+        loop.innovations, loop.covariances, _squares(loop), loop.log_likelihood,
+    )  # fmt: skip
+
+
+def _squares(loop: ParticleLoop) -> np.ndarray:
+    """Normalised squares (n_samples,) of the innovations that are there."""
+    there = np.isfinite(loop.innovations)
+    both = there[:, :, None] & there[:, None, :]
+    S = np.where(both, loop.covariances, np.eye(there.shape[1]))
+    v = np.where(there, loop.innovations, 0.0)
+    return np.einsum("ki,ki->k", v, np.linalg.solve(S, v[..., None])[..., 0])
 
 
 class _Tables:
@@ -241,15 +271,19 @@ def _log_density(
 def _weigh(cloud: _Cloud, log_weights: np.ndarray, time: float) -> None:
     top = log_weights.max()
     if not np.isfinite(top):
-        raise EstimationError(
-            "particle-collapse",
-            f"no particle explains the measurement at t = {time:g}",
-            remedy="use more particles or larger noise, check the initial state, or use the ukf",
-        )
+        raise _collapse(time)
     total = top + np.log(np.sum(np.exp(log_weights - top)))
     cloud.log_likelihood += float(total)
     cloud.log_weights = log_weights - total
     cloud.effective.append(float(1.0 / np.sum(np.exp(2.0 * cloud.log_weights))))
+
+
+def _collapse(time: float) -> EstimationError:
+    return EstimationError(
+        "particle-collapse",
+        f"no particle explains the measurement at t = {time:g}",
+        remedy="use more particles or larger noise, check the initial state, or use the ukf",
+    )
 
 
 def systematic(weights: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -333,6 +367,23 @@ class ContinuousPoints:
         self.task, self.start, self._scale = task, task.start, task.scale
         self._n_processors = os.cpu_count() or 1
         self._pool = ThreadPoolExecutor(max_workers=self._n_processors)
+
+    def loop(
+        self, outputs: np.ndarray, variance: np.ndarray, start: Start, n_particles: int, proposal: Proposal
+    ) -> ParticleLoop | None:
+        """The compiled loop over samples; None where `lane_library` has none."""
+        library = lane_library(self.task.model)
+        if library is None:
+            return None
+        run = Task.of(
+            self.task.model,
+            replace(self.task.data, outputs=np.ascontiguousarray(outputs, dtype=float)),
+            self.task.theta,
+            Noise(self.task.noise.intensity, variance),
+            start,
+            self.task.longest,
+        )
+        return ParticleLoop(library, run, n_particles, proposal == "ekf", self._pool, self._n_processors)
 
     def advance(self, k: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         task, data = self.task, self.task.data

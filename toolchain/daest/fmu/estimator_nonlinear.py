@@ -15,8 +15,8 @@ from daest.fmu.sources import code_of
 from daest.systems.local_linear import LocalModel
 
 _WORK = ("arg", "res", "iw", "w")
-RADIUS, ORDER, LEFT_OUT = 0.25, 10, 1e-16  # those of local_filter.c
-_PARTS = ("project.c", "local_filter.c")  # of numerics, which nonlinear.c includes
+RADIUS, ORDER, LEFT_OUT = 0.25, 12, 1e-16  # those of substep.c
+_PARTS = ("substep.c", "project.c", "local_filter.c")  # of numerics, which nonlinear.c includes
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,9 @@ class NonlinearForm:
         room, numerics = files("daest.fmu").joinpath("estimator"), files("daest.numerics")
         main = room.joinpath("nonlinear.c").read_text(encoding="utf-8")
         for name in _PARTS:
-            text = numerics.joinpath(name).read_text(encoding="utf-8")
-            main = main.replace(f'#include "{name}"\n', text if self.local.hold or name != _PARTS[0] else "")
+            is_used = self.local.hold is not None or name != "project.c"
+            text = numerics.joinpath(name).read_text(encoding="utf-8") if is_used else ""
+            main = main.replace(f'#include "{name}"\n', text)
         fixed = {name: room.joinpath(name).read_text(encoding="utf-8") for name in ("estimator.h", "main.c")}
         return {**fixed, "estimator.c": main}
 
@@ -81,7 +82,7 @@ class NonlinearForm:
     def cost(self, model: EstimatorModel) -> dict[str, int]:
         s = {key.removeprefix("EST_"): value for key, value in model.sizes.items()}
         n, ubar, w, y, v = (s[key] for key in ("NX", "NUB", "NW", "NY", "NV"))
-        substep = (12 + 10 + 2 * 3) * n * n + n * w + (2 + 2 * 11 + 2 * 3) * n + 64
+        substep = (1 + 2 * 2 + 2 * 3) * n * n + n * w + (2 + 2 * 2 + 2 * 3) * n + 64
         points = (2 * n + 1) * (2 * n + y) + 3 * n * n + n * y if s["UKF"] else 0
         work = 2 * substep + points + v * (n + w) + s["SZ_W"] + s["SZ_IW"] + s["SZ_ARG"] + s["SZ_RES"]
         return {
@@ -115,13 +116,13 @@ class NonlinearForm:
         return self.local.flow, self.local.see, self.local.hold
 
     def _series(self, model: EstimatorModel, step: float) -> tuple[int, int, int]:
-        """Doublings of a substep, and terms of the series of mean and covariance, as `local_filter.c` chooses
+        """Doublings of a substep, and terms of the series of mean and covariance, as `substep.c` chooses
         them at the start."""
         flow = self.local.flow
         u = [np.zeros(flow.numel_in(1)), np.zeros(flow.numel_in(2))]
         A = np.array(flow(self.mean, *u, model.theta, 0.0, self.cov)[1]).reshape(len(self.mean), -1)
         size = (
-            float(max(np.abs(A).sum(axis=0).max(initial=0.0), np.abs(A).sum(axis=1).max(initial=0.0))) * step
+            float(min(np.abs(A).sum(axis=0).max(initial=0.0), np.abs(A).sum(axis=1).max(initial=0.0))) * step
         )
         doublings = int(np.clip(np.ceil(np.log2(size / RADIUS)), 0, None)) if size > RADIUS else 0
         size /= 2.0**doublings

@@ -1,4 +1,5 @@
-/* One sample of the Gaussian filters of x' = f(x, u, w, theta, t), y = h(x, u, theta, t) + e, by local linearisation.
+/* One sample of the Gaussian filters of x' = f(x, u, w, theta, t), y = h(x, u, theta, t) + e, by local linearisation;
+ * substep.c stands before this text.
  *
  * Over a substep h the mean follows the linearisation at the estimate where the substep starts,
  * x' = f + ramp s + A (x - x0), solved exactly (Jimenez & Ozaki, Int. J. Control 2003): Taylor series over h / 2^d,
@@ -17,38 +18,10 @@
  * Compile-time constants: NX, NU, NW, NY, NG, NP; EVERY_LEVEL where all doublings are needed again, as for
  * derivatives and for the mean of the process noise. Nothing is allocated: the caller brings the work.
  */
-#ifdef ESTIMATOR_FLOAT
-#include <tgmath.h>
-#else
-#include <math.h>
-#endif
-#include <string.h>
-
-#ifndef real
-#define real double
-#endif
-
-enum { DONE = 0, NOT_FINITE = 3, NO_MEMORY = 4, SINGULAR_INNOVATION = 5 };
 #if NG > 0
 static const real PROJECTED = 1e-13; /* step onto the invariants, relative to the scale, that ends the search */
 #endif
-enum { ORDER = 10, MOST_DOUBLINGS = 60 };
-#ifdef EVERY_LEVEL
-enum { LEVELS = MOST_DOUBLINGS + 1 };
-#else
-enum { LEVELS = 2 };
-#endif
-static const real RADIUS = 0.25; /* |A| s stays below: ORDER terms leave out less than 1e-14 */
-static const real LEFT_OUT = 1e-16; /* terms of a series below this share of the first are left out */
-#ifdef ESTIMATOR_FLOAT
-static const real ROUNDED = 1e-6f; /* pivots below this share of their diagonal are rounding */
-#else
-static const real ROUNDED = 1e-14;
-#endif
 static const real LOG_2PI = 1.8378770664093454836;
-
-#define XX (NX * NX)
-#define AT_LEAST_ONE(n) ((n) > 0 ? (n) : 1)
 
 typedef int (*Generated)(const real **, real **, casadi_int *, real *, int);
 
@@ -60,10 +33,6 @@ typedef struct {
   const real **arg;
   real **res;
 } Model;
-
-typedef struct {
-  real f[NX], A[XX], ramp[NX], G[AT_LEAST_ONE(NX * NW)];
-} Slopes;
 
 typedef struct {
   real h[AT_LEAST_ONE(NY)], C[AT_LEAST_ONE(NY * NX)];
@@ -102,165 +71,17 @@ static int call_at(Generated function, Model *m, const real *x, const real *u, r
   return function(m->arg, m->res, m->iw, m->w, 0);
 }
 
-static int all_finite(const real *v, int n) {
-  for (int i = 0; i < n; ++i)
-    if (!isfinite(v[i])) return 0;
-  return 1;
-}
-
-/* ---- small dense algebra, NX x NX ---- */
-
-static void multiply(const real *a, const real *b, real *c) {
-  for (int i = 0; i < NX; ++i) {
-    real row[NX] = {0};
-    for (int k = 0; k < NX; ++k)
-      for (int j = 0; j < NX; ++j) row[j] += a[i * NX + k] * b[k * NX + j];
-    for (int j = 0; j < NX; ++j) c[i * NX + j] = row[j];
-  }
-}
-
-#ifdef EVERY_LEVEL
-static void add_product(const real *a, const real *b, real *c) {
-  for (int i = 0; i < NX; ++i)
-    for (int k = 0; k < NX; ++k)
-      for (int j = 0; j < NX; ++j) c[i * NX + j] += a[i * NX + k] * b[k * NX + j];
-}
-#endif
-
+#if defined(TANGENTS) || NG > 0
 /* c += a b' */
 static void add_outer(const real *a, const real *b, real *c) {
   for (int i = 0; i < NX; ++i)
     for (int j = 0; j < NX; ++j) {
-      real sum = 0.0;
+      real sum = {0};
       for (int k = 0; k < NX; ++k) sum += a[i * NX + k] * b[j * NX + k];
       c[i * NX + j] += sum;
     }
 }
-
-static void apply(const real *a, const real *v, real *out) {
-  for (int i = 0; i < NX; ++i) {
-    real sum = 0.0;
-    for (int k = 0; k < NX; ++k) sum += a[i * NX + k] * v[k];
-    out[i] = sum;
-  }
-}
-
-static void add_applied(const real *a, const real *v, real *out) {
-  for (int i = 0; i < NX; ++i)
-    for (int k = 0; k < NX; ++k) out[i] += a[i * NX + k] * v[k];
-}
-
-static void symmetric(real *a) {
-  for (int i = 0; i < NX; ++i)
-    for (int j = 0; j < i; ++j) {
-      const real mean = 0.5 * (a[i * NX + j] + a[j * NX + i]);
-      a[i * NX + j] = mean;
-      a[j * NX + i] = mean;
-    }
-}
-
-/* ---- one substep of the linearised model ---- */
-
-/* Solution over s of x' = A x + f + ramp tau + G w: phi = exp(A s), from_f = psi f, psi = int exp(A tau) dtau,
- * from_ramp, ramp_rate = psi ramp, and Q = int exp(A tau) D exp(A tau)' dtau. */
-typedef struct {
-  real phi[XX], from_f[NX], from_ramp[NX], ramp_rate[NX], Q[XX], psi[XX];
-} Solution;
-
-/* Everything that the differential of a substep needs again. */
-typedef struct {
-  Slopes at;
-  real horner[ORDER + 2][XX], f_term[ORDER + 1][NX], ramp_term[ORDER + 1][NX], Q_term[ORDER + 1][XX];
-  int with_Q; /* or the mean alone */
-  int with_phi; /* the transition is wanted also where no doubling needs it */
-  int order; /* terms of the series */
-  real length[MOST_DOUBLINGS + 1];
-  Solution level[LEVELS];
-  int doublings;
-} Substep;
-
-/* Solution after d doublings. */
-#define LEVEL(s, d) (&(s)->level[(d) % LEVELS])
-
-static real norm(const real *A) {
-  real largest = 0.0;
-  for (int i = 0; i < NX; ++i) {
-    real row = 0.0, column = 0.0;
-    for (int j = 0; j < NX; ++j) {
-      row += fabs(A[i * NX + j]);
-      column += fabs(A[j * NX + i]);
-    }
-    largest = fmax(largest, fmax(row, column));
-  }
-  return largest;
-}
-
-static void diffusion(const real *G, const real *q, real *D) {
-  for (int i = 0; i < NX; ++i)
-    for (int j = 0; j < NX; ++j) {
-      real sum = 0.0;
-      for (int k = 0; k < NW; ++k) sum += G[i * NW + k] * q[k] * G[j * NW + k];
-      D[i * NX + j] = sum;
-    }
-}
-
-static void series(Substep *s, real step, const real *D) {
-  const real *A = s->at.A;
-  Solution *out = &s->level[0];
-  real *H = s->horner[s->order + 1];
-  if (s->with_phi || s->doublings) {
-    memset(H, 0, sizeof(real) * XX);
-    for (int i = 0; i < NX; ++i) H[i * NX + i] = 1.0;
-    for (int k = s->order; k > 0; --k) {
-      multiply(A, s->horner[k + 1], s->horner[k]);
-      for (int i = 0; i < XX; ++i) s->horner[k][i] *= step / (real)k;
-      for (int i = 0; i < NX; ++i) s->horner[k][i * NX + i] += 1.0;
-    }
-    memcpy(out->phi, s->horner[1], sizeof out->phi);
-  }
-  for (int i = 0; i < NX; ++i) {
-    out->from_f[i] = s->f_term[1][i] = step * s->at.f[i];
-    out->ramp_rate[i] = s->ramp_term[1][i] = step * s->at.ramp[i];
-    out->from_ramp[i] = 0.5 * step * s->ramp_term[1][i];
-  }
-  for (int k = 2; k <= s->order; ++k) {
-    apply(A, s->f_term[k - 1], s->f_term[k]);
-    apply(A, s->ramp_term[k - 1], s->ramp_term[k]);
-    for (int i = 0; i < NX; ++i) {
-      out->from_f[i] += s->f_term[k][i] *= step / (real)k;
-      out->ramp_rate[i] += s->ramp_term[k][i] *= step / (real)k;
-      out->from_ramp[i] += s->ramp_term[k][i] * step / (real)(k + 1);
-    }
-  }
-  if (!s->with_Q) return;
-  for (int i = 0; i < XX; ++i) out->Q[i] = s->Q_term[1][i] = step * D[i];
-  for (int k = 2; k <= s->order; ++k) {
-    real product[XX];
-    multiply(A, s->Q_term[k - 1], product);
-    for (int i = 0; i < NX; ++i)
-      for (int j = 0; j < NX; ++j)
-        out->Q[i * NX + j] += s->Q_term[k][i * NX + j] = (product[i * NX + j] + product[j * NX + i]) * step / (real)k;
-  }
-}
-
-static void twice(const Solution *a, real length, int with_Q, Solution *b) {
-  multiply(a->phi, a->phi, b->phi);
-  if (with_Q) {
-    real half[XX];
-    multiply(a->phi, a->Q, half);
-    memcpy(b->Q, a->Q, sizeof b->Q);
-    add_outer(half, a->phi, b->Q);
-    symmetric(b->Q);
-  }
-  for (int i = 0; i < NX; ++i) {
-    b->from_f[i] = a->from_f[i];
-    b->ramp_rate[i] = a->ramp_rate[i];
-    b->from_ramp[i] = a->from_ramp[i] + length * a->ramp_rate[i];
-  }
-  add_applied(a->phi, a->from_f, b->from_f);
-  add_applied(a->phi, a->ramp_rate, b->ramp_rate);
-  add_applied(a->phi, a->from_ramp, b->from_ramp);
-}
+#endif
 
 #ifdef EVERY_LEVEL
 /* psi at every level; only where the mean of the process noise is asked for. */
@@ -282,54 +103,24 @@ static void integrals(Substep *s) {
 }
 #endif
 
-/* Terms after which those of a series with growth `size` are negligible; that of Q grows from both sides. */
-static int order_of(real size) {
-  real term = 1.0;
-  for (int k = 1; k < ORDER; ++k)
-    if ((term *= size / (real)(k + 1)) < LEFT_OUT) return k;
-  return ORDER;
-}
-
-/* With the slopes `at`; intensities q. */
-static int solve_substep(Substep *s, const real *q, real h) {
-  real D[XX] = {0}, size = norm(s->at.A) * h, step = h;
-  if (!isfinite(size) || !all_finite(s->at.f, NX)) return NOT_FINITE;
-  s->doublings = 0;
-  while (size > RADIUS && s->doublings < MOST_DOUBLINGS) {
-    size *= 0.5;
-    step *= 0.5;
-    ++s->doublings;
-  }
-  if (s->with_Q) diffusion(s->at.G, q, D);
-  s->order = order_of(s->with_Q ? 2.0 * size : size);
-  s->length[0] = step;
-  series(s, step, D);
-  for (int d = 0; d < s->doublings; ++d) {
-    twice(LEVEL(s, d), s->length[d], s->with_Q, LEVEL(s, d + 1));
-    s->length[d + 1] = 2.0 * s->length[d];
-  }
-  return DONE;
-}
-
 #ifdef TANGENTS
 /* Differential of solve_substep: dQ, dphi and the change of the state's increment for changes of the slopes. */
 static void solve_tangent(const Substep *s, const Slopes *d, const real *dD, Solution *out) {
   const real *A = s->at.A, step = s->length[0];
-  real H[XX] = {0}, product[XX], f_term[NX], ramp_term[NX], Q_term[XX];
-  for (int k = s->order; k > 0; --k) {
+  real H[XX], product[XX], f_term[NX], ramp_term[NX];
+  for (int i = 0; i < XX; ++i) H[i] = d->A[i] * (step / (real)s->order);
+  for (int k = s->order - 1; k > 0; --k) {
     multiply(d->A, s->horner[k + 1], product);
     add_product(A, H, product);
     for (int i = 0; i < XX; ++i) H[i] = product[i] * step / (real)k;
   }
   memcpy(out->phi, H, sizeof out->phi);
-  for (int i = 0; i < NX; ++i) {
+  for (int i = 0; i < NX && s->with_mean; ++i) {
     out->from_f[i] = f_term[i] = step * d->f[i];
     out->ramp_rate[i] = ramp_term[i] = step * d->ramp[i];
     out->from_ramp[i] = 0.5 * step * ramp_term[i];
   }
-  if (s->with_Q)
-    for (int i = 0; i < XX; ++i) out->Q[i] = Q_term[i] = step * dD[i];
-  for (int k = 2; k <= s->order; ++k) {
+  for (int k = 2; k <= s->order && s->with_mean; ++k) {
     real df[NX], dramp[NX];
     apply(A, f_term, df);
     add_applied(d->A, s->f_term[k - 1], df);
@@ -340,12 +131,18 @@ static void solve_tangent(const Substep *s, const Slopes *d, const real *dD, Sol
       out->ramp_rate[i] += ramp_term[i] = dramp[i] * step / (real)k;
       out->from_ramp[i] += ramp_term[i] * step / (real)(k + 1);
     }
-    if (!s->with_Q) continue;
-    multiply(A, Q_term, product);
-    add_product(d->A, s->Q_term[k - 1], product);
-    for (int i = 0; i < NX; ++i)
-      for (int j = 0; j < NX; ++j)
-        out->Q[i * NX + j] += Q_term[i * NX + j] = (product[i * NX + j] + product[j * NX + i]) * step / (real)k;
+  }
+  if (s->with_Q) {
+    real nested[XX];
+    memcpy(nested, dD, sizeof nested);
+    for (int k = s->order; k > 1; --k) {
+      multiply(A, nested, product);
+      add_product(d->A, s->nested[k], product);
+      for (int i = 0; i < NX; ++i)
+        for (int j = 0; j < NX; ++j)
+          nested[i * NX + j] = dD[i * NX + j] + (product[i * NX + j] + product[j * NX + i]) * (step / (real)k);
+    }
+    for (int i = 0; i < XX; ++i) out->Q[i] = step * nested[i];
   }
   for (int l = 0; l < s->doublings; ++l) {
     const Solution *a = &s->level[l];
@@ -365,21 +162,23 @@ static void solve_tangent(const Substep *s, const Slopes *d, const real *dD, Sol
         for (int j = 0; j < NX; ++j) b.Q[i * NX + j] += right[i * NX + j] + right[j * NX + i];
       memcpy(out->Q, b.Q, sizeof b.Q);
     }
-    for (int i = 0; i < NX; ++i) {
-      b.from_f[i] = out->from_f[i];
-      b.ramp_rate[i] = out->ramp_rate[i];
-      b.from_ramp[i] = out->from_ramp[i] + s->length[l] * out->ramp_rate[i];
+    if (s->with_mean) {
+      for (int i = 0; i < NX; ++i) {
+        b.from_f[i] = out->from_f[i];
+        b.ramp_rate[i] = out->ramp_rate[i];
+        b.from_ramp[i] = out->from_ramp[i] + s->length[l] * out->ramp_rate[i];
+      }
+      add_applied(a->phi, out->from_f, b.from_f);
+      add_applied(out->phi, a->from_f, b.from_f);
+      add_applied(a->phi, out->ramp_rate, b.ramp_rate);
+      add_applied(out->phi, a->ramp_rate, b.ramp_rate);
+      add_applied(a->phi, out->from_ramp, b.from_ramp);
+      add_applied(out->phi, a->from_ramp, b.from_ramp);
+      memcpy(out->from_f, b.from_f, sizeof b.from_f);
+      memcpy(out->ramp_rate, b.ramp_rate, sizeof b.ramp_rate);
+      memcpy(out->from_ramp, b.from_ramp, sizeof b.from_ramp);
     }
-    add_applied(a->phi, out->from_f, b.from_f);
-    add_applied(out->phi, a->from_f, b.from_f);
-    add_applied(a->phi, out->ramp_rate, b.ramp_rate);
-    add_applied(out->phi, a->ramp_rate, b.ramp_rate);
-    add_applied(a->phi, out->from_ramp, b.from_ramp);
-    add_applied(out->phi, a->from_ramp, b.from_ramp);
     memcpy(out->phi, b.phi, sizeof b.phi);
-    memcpy(out->from_f, b.from_f, sizeof b.from_f);
-    memcpy(out->ramp_rate, b.ramp_rate, sizeof b.ramp_rate);
-    memcpy(out->from_ramp, b.from_ramp, sizeof b.from_ramp);
   }
 }
 #endif
@@ -400,14 +199,6 @@ typedef struct {
   const real *slope;
   real t, h;
 } Piece;
-
-/* Slopes of the covariance: A and G halfway between two ends, nothing that moves the mean. */
-static void average(const Slopes *a, const Slopes *b, Slopes *out) {
-  memset(out->f, 0, sizeof out->f);
-  memset(out->ramp, 0, sizeof out->ramp);
-  for (int i = 0; i < XX; ++i) out->A[i] = 0.5 * (a->A[i] + b->A[i]);
-  for (int i = 0; i < NX * NW; ++i) out->G[i] = 0.5 * (a->G[i] + b->G[i]);
-}
 
 #ifdef TANGENTS
 /* From x to `end`; `mean` and `spread` are the solved substeps of mean and covariance. */
@@ -537,8 +328,7 @@ static int project_estimate(Model *m, real *x, real *P, real *T, const real *u, 
   }
 #endif
   memset(P, 0, sizeof(real) * XX);
-  add_outer(half, T, P);
-  symmetric(P);
+  add_symmetric(half, T, P);
   return DONE;
 }
 #endif
@@ -554,8 +344,8 @@ static int advance(Substep *work, Model *m, const Interval *s, real *x, real *P,
   Piece piece = {.slope = slope, .h = s->dt / (real)n};
   int is_point = P && !transition && !noise && !(along && along->n);
   for (int i = 0; is_point && i < XX; ++i) is_point = P[i] <= 0.0 && P[i] >= 0.0;
-  mean->with_Q = 0;
-  spread->with_Q = 1;
+  mean->with_Q = spread->with_mean = 0;
+  mean->with_mean = spread->with_Q = 1;
   mean->with_phi = along && along->n;
   for (int i = 0; i < NU; ++i) slope[i] = (s->u1[i] - s->u0[i]) / s->dt;
   if (noise) memset(noise, 0, sizeof(real) * NX * NW);
@@ -584,8 +374,7 @@ static int advance(Substep *work, Model *m, const Interval *s, real *x, real *P,
       if (spread->with_phi) {
         multiply(whole->phi, P, half);
         memcpy(P, whole->Q, sizeof whole->Q);
-        add_outer(half, whole->phi, P);
-        symmetric(P);
+        add_symmetric(half, whole->phi, P);
       } else
         memcpy(P, whole->Q, sizeof whole->Q);
     }
@@ -699,26 +488,6 @@ static int update(Model *m, real *x, real *P, const real *u, real t, const real 
 }
 
 /* ---- unscented Kalman filter ---- */
-
-/* Lower triangular L with L L' = a (rows x rows), which may be singular: pivots below the rounding of their
- * diagonal give a column of zeros. */
-static void root_of(const real *a, real *L, int rows) {
-  for (int j = 0; j < rows; ++j) {
-    real pivot = a[j * rows + j];
-    for (int k = 0; k < j; ++k) pivot -= L[j * rows + k] * L[j * rows + k];
-    int open = pivot > ROUNDED * a[j * rows + j];
-    real diagonal = open ? sqrt(pivot) : 0.0;
-    for (int i = 0; i < rows; ++i) {
-      real rest = a[i * rows + j];
-      if (i < j || !open) {
-        L[i * rows + j] = 0.0;
-        continue;
-      }
-      for (int k = 0; k < j; ++k) rest -= L[i * rows + k] * L[j * rows + k];
-      L[i * rows + j] = i == j ? diagonal : rest / diagonal;
-    }
-  }
-}
 
 enum { POINTS = 2 * NX + 1 };
 

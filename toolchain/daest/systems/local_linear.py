@@ -1,8 +1,8 @@
 """The functions that Gaussian filters of an explicit model need, built once and compiled when a compiler is
 found.
 
-`numerics/local_filter.c` holds the filters, `numerics/local_linear.c` the loops over samples; this module
-writes the model's part of that program.
+`numerics/substep.c` and `numerics/local_filter.c` hold the filters, `numerics/local_linear.c` the loops over
+samples; this module writes the model's part of that program.
 """
 
 from __future__ import annotations
@@ -291,13 +291,19 @@ def _source(model: LocalModel) -> str:
     flags = [("TANGENTS", model.dflow), ("INSIDE", model.inside)]
     header = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
     header += "".join(f"#define {name}\n" for name, function in flags if function is not None)
-    header += "#define EVERY_LEVEL\n"
+    header += f"#define EVERY_LEVEL\n#define SLOPES {slope_pattern(model)}\n"
     texts = ["project.c"] if model.hold is not None else []
     drivers = [
         resources.files("daest.numerics").joinpath(name).read_text(encoding="utf-8")
-        for name in (*texts, "local_filter.c", "local_linear.c")
+        for name in ("substep.c", *texts, "local_filter.c", "local_linear.c")
     ]
     return generator.dump() + header + "".join(drivers)
+
+
+def slope_pattern(model: LocalModel) -> str:
+    """Row by row 1 where ∂f/∂x of the flow may differ from zero, and 0 elsewhere, as C writes an array."""
+    pattern = ca.DM(model.flow.jac_sparsity(0, 0), 1).full()
+    return ", ".join(str(int(entry)) for entry in pattern.ravel())
 
 
 @functools.lru_cache(maxsize=64)

@@ -11,6 +11,7 @@
 #define NY EST_NY
 #define NG EST_NG
 #define NP EST_NTHETA
+#include "substep.c"
 #if EST_NG > 0
 #include "project.c"
 #endif

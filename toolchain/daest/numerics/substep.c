@@ -1,0 +1,316 @@
+/* One substep of x' = f + ramp s + A (x - x0) + G w: mean and covariance by Taylor series over h / 2^d and d doublings.
+ *
+ * Matrices are row-major, NX x NX. `real` is one number, or a vector of numbers (lanes) that hold one particle each;
+ * `scalar` is one number for all lanes. An includer with lanes defines them, and LARGEST, IS_FINITE, WHERE, MAGNITUDE,
+ * GREATER and ROOT, before this text. EVERY_LEVEL: all terms and doublings are kept, as derivatives need them again.
+ * SLOPES: NX x NX ones and zeros, zero where A is always zero; without it A is taken for full.
+ */
+#ifdef ESTIMATOR_FLOAT
+#include <tgmath.h>
+#else
+#include <math.h>
+#endif
+#include <string.h>
+
+#ifndef real
+#define real double
+#endif
+#ifndef scalar
+#define scalar real
+#define LARGEST(v) (v)
+#define IS_FINITE(v) isfinite(v)
+#define WHERE(condition, a, b) ((condition) ? (a) : (b))
+#define MAGNITUDE(v) fabs(v)
+#define GREATER(a, b) fmax(a, b)
+#define ROOT(v) sqrt(v)
+#endif
+
+#ifdef SLOPES
+static const unsigned char HAS_SLOPE[] = {SLOPES};
+#define HAS(i, k) HAS_SLOPE[(i) * NX + (k)]
+#else
+#define HAS(i, k) 1
+#endif
+/* Before a loop over few states: it is written out, so that slopes which are zero cost nothing. */
+#if defined(__GNUC__) && NX <= 8
+#define WRITTEN_OUT _Pragma("GCC unroll 8")
+#else
+#define WRITTEN_OUT
+#endif
+
+enum { DONE = 0, NOT_FINITE = 3, NO_MEMORY = 4, SINGULAR_INNOVATION = 5 };
+enum { ORDER = 12, MOST_DOUBLINGS = 60 };
+#ifdef EVERY_LEVEL
+enum { LEVELS = MOST_DOUBLINGS + 1, TERMS = ORDER + 1 };
+#else
+enum { LEVELS = 2, TERMS = 2 };
+#endif
+static const scalar RADIUS = 0.25; /* |A| s stays below: ORDER terms leave out less than 1e-13 */
+/* Terms of a series below this share of the first are left out. */
+#ifndef LEFT_OUT
+#define LEFT_OUT 1e-16
+#endif
+#ifdef ESTIMATOR_FLOAT
+static const scalar ROUNDED = 1e-6f; /* pivots below this share of their diagonal are rounding */
+#else
+static const scalar ROUNDED = 1e-14;
+#endif
+
+#define XX (NX * NX)
+#define AT_LEAST_ONE(n) ((n) > 0 ? (n) : 1)
+
+typedef struct {
+  real f[NX], A[XX], ramp[NX], G[AT_LEAST_ONE(NX * NW)];
+} Slopes;
+
+static int all_finite(const real *v, int n) {
+  for (int i = 0; i < n; ++i)
+    if (!IS_FINITE(v[i])) return 0;
+  return 1;
+}
+
+/* ---- small dense algebra, NX x NX ---- */
+
+static void multiply(const real *a, const real *b, real *c) {
+  for (int i = 0; i < NX; ++i) {
+    real row[NX] = {0};
+    for (int k = 0; k < NX; ++k)
+      for (int j = 0; j < NX; ++j) row[j] += a[i * NX + k] * b[k * NX + j];
+    for (int j = 0; j < NX; ++j) c[i * NX + j] = row[j];
+  }
+}
+
+/* c = factor A b with the slopes A */
+static void multiply_slopes(const real *A, const real *b, scalar factor, real *c) {
+  WRITTEN_OUT
+  for (int i = 0; i < NX; ++i) {
+    real row[NX] = {0};
+    WRITTEN_OUT
+    for (int k = 0; k < NX; ++k)
+      if (HAS(i, k))
+        for (int j = 0; j < NX; ++j) row[j] += A[i * NX + k] * b[k * NX + j];
+    for (int j = 0; j < NX; ++j) c[i * NX + j] = factor * row[j];
+  }
+}
+
+static void apply_slopes(const real *A, const real *v, real *out) {
+  WRITTEN_OUT
+  for (int i = 0; i < NX; ++i) {
+    real sum = {0};
+    WRITTEN_OUT
+    for (int k = 0; k < NX; ++k)
+      if (HAS(i, k)) sum += A[i * NX + k] * v[k];
+    out[i] = sum;
+  }
+}
+
+#ifdef EVERY_LEVEL
+static void add_product(const real *a, const real *b, real *c) {
+  for (int i = 0; i < NX; ++i)
+    for (int k = 0; k < NX; ++k)
+      for (int j = 0; j < NX; ++j) c[i * NX + j] += a[i * NX + k] * b[k * NX + j];
+}
+#endif
+
+/* c += a b', which is symmetric */
+static void add_symmetric(const real *a, const real *b, real *c) {
+  WRITTEN_OUT
+  for (int i = 0; i < NX; ++i)
+    for (int j = 0; j <= i; ++j) {
+      real sum = c[i * NX + j];
+      for (int k = 0; k < NX; ++k) sum += a[i * NX + k] * b[j * NX + k];
+      c[i * NX + j] = c[j * NX + i] = sum;
+    }
+}
+
+static void apply(const real *a, const real *v, real *out) {
+  for (int i = 0; i < NX; ++i) {
+    real sum = {0};
+    for (int k = 0; k < NX; ++k) sum += a[i * NX + k] * v[k];
+    out[i] = sum;
+  }
+}
+
+static void add_applied(const real *a, const real *v, real *out) {
+  for (int i = 0; i < NX; ++i) {
+    real sum = out[i];
+    for (int k = 0; k < NX; ++k) sum += a[i * NX + k] * v[k];
+    out[i] = sum;
+  }
+}
+
+static void symmetric(real *a) {
+  for (int i = 0; i < NX; ++i)
+    for (int j = 0; j < i; ++j) {
+      const real mean = (scalar)0.5 * (a[i * NX + j] + a[j * NX + i]);
+      a[i * NX + j] = mean;
+      a[j * NX + i] = mean;
+    }
+}
+
+/* ---- one substep of the linearised model ---- */
+
+/* Solution over s of x' = A x + f + ramp tau + G w: phi = exp(A s), from_f = psi f, psi = int exp(A tau) dtau,
+ * from_ramp, ramp_rate = psi ramp, and Q = int exp(A tau) D exp(A tau)' dtau. */
+typedef struct {
+  real phi[XX], from_f[NX], from_ramp[NX], ramp_rate[NX], Q[XX], psi[XX];
+} Solution;
+
+/* Everything that the differential of a substep needs again. */
+typedef struct {
+  Slopes at;
+  real horner[TERMS][XX], f_term[TERMS][NX], ramp_term[TERMS][NX], nested[TERMS][XX]; /* Q = step nested[1] */
+  int with_Q, with_mean; /* what is wanted: the covariance, the mean */
+  int with_phi; /* the transition is wanted also where no doubling needs it */
+  int order; /* terms of the series */
+  scalar length[MOST_DOUBLINGS + 1];
+  Solution level[LEVELS];
+  int doublings;
+} Substep;
+
+/* Solution after d doublings. */
+#define LEVEL(s, d) (&(s)->level[(d) % LEVELS])
+/* Where the term k of a series stands. */
+#define TERM(k) ((k) % TERMS)
+
+/* The smaller of the largest sums of a row and of a column: either bounds all terms of the series. */
+static scalar norm(const real *A) {
+  real rows = {0}, columns = {0};
+  WRITTEN_OUT
+  for (int i = 0; i < NX; ++i) {
+    real row = {0}, column = {0};
+    WRITTEN_OUT
+    for (int j = 0; j < NX; ++j) {
+      if (HAS(i, j)) row += MAGNITUDE(A[i * NX + j]);
+      if (HAS(j, i)) column += MAGNITUDE(A[j * NX + i]);
+    }
+    rows = GREATER(rows, row);
+    columns = GREATER(columns, column);
+  }
+  const scalar most = LARGEST(rows), most_of_columns = LARGEST(columns);
+  return most < most_of_columns ? most : most_of_columns;
+}
+
+static void diffusion(const real *G, const scalar *q, real *D) {
+  for (int i = 0; i < NX; ++i)
+    for (int j = 0; j < NX; ++j) {
+      real sum = {0};
+      for (int k = 0; k < NW; ++k) sum += G[i * NW + k] * q[k] * G[j * NW + k];
+      D[i * NX + j] = sum;
+    }
+}
+
+static void series(Substep *s, scalar step, const real *D) {
+  const real *A = s->at.A;
+  Solution *out = &s->level[0];
+  if (s->with_phi || s->doublings) {
+    real *H = s->horner[TERM(s->order)];
+    for (int i = 0; i < XX; ++i) H[i] = A[i] * (step / (scalar)s->order);
+    for (int i = 0; i < NX; ++i) H[i * NX + i] += (scalar)1;
+    for (int k = s->order - 1; k > 0; --k) {
+      H = s->horner[TERM(k)];
+      multiply_slopes(A, s->horner[TERM(k + 1)], step / (scalar)k, H);
+      for (int i = 0; i < NX; ++i) H[i * NX + i] += (scalar)1;
+    }
+    memcpy(out->phi, H, sizeof out->phi);
+  }
+  for (int i = 0; i < NX && s->with_mean; ++i) {
+    out->from_f[i] = s->f_term[TERM(1)][i] = step * s->at.f[i];
+    out->ramp_rate[i] = s->ramp_term[TERM(1)][i] = step * s->at.ramp[i];
+    out->from_ramp[i] = (scalar)0.5 * step * s->ramp_term[TERM(1)][i];
+  }
+  for (int k = 2; k <= s->order && s->with_mean; ++k) {
+    real *f_term = s->f_term[TERM(k)], *ramp_term = s->ramp_term[TERM(k)];
+    apply_slopes(A, s->f_term[TERM(k - 1)], f_term);
+    apply_slopes(A, s->ramp_term[TERM(k - 1)], ramp_term);
+    for (int i = 0; i < NX; ++i) {
+      out->from_f[i] += f_term[i] *= step / (scalar)k;
+      out->ramp_rate[i] += ramp_term[i] *= step / (scalar)k;
+      out->from_ramp[i] += ramp_term[i] * (step / (scalar)(k + 1));
+    }
+  }
+  if (!s->with_Q) return;
+  memcpy(s->nested[TERM(s->order)], D, sizeof(real) * XX);
+  for (int k = s->order; k > 1; --k) {
+    real product[XX], *inner = s->nested[TERM(k - 1)];
+    multiply_slopes(A, s->nested[TERM(k)], step / (scalar)k, product);
+    WRITTEN_OUT
+    for (int i = 0; i < NX; ++i)
+      for (int j = 0; j <= i; ++j)
+        inner[i * NX + j] = inner[j * NX + i] = D[i * NX + j] + (product[i * NX + j] + product[j * NX + i]);
+  }
+  for (int i = 0; i < XX; ++i) out->Q[i] = step * s->nested[TERM(1)][i];
+}
+
+static void twice(const Substep *s, const Solution *a, scalar length, int with_phi, Solution *b) {
+  if (with_phi) multiply(a->phi, a->phi, b->phi);
+  if (s->with_Q) {
+    real half[XX];
+    multiply(a->phi, a->Q, half);
+    memcpy(b->Q, a->Q, sizeof b->Q);
+    add_symmetric(half, a->phi, b->Q);
+  }
+  if (!s->with_mean) return;
+  for (int i = 0; i < NX; ++i) {
+    b->from_f[i] = a->from_f[i];
+    b->ramp_rate[i] = a->ramp_rate[i];
+    b->from_ramp[i] = a->from_ramp[i] + length * a->ramp_rate[i];
+  }
+  add_applied(a->phi, a->from_f, b->from_f);
+  add_applied(a->phi, a->ramp_rate, b->ramp_rate);
+  add_applied(a->phi, a->from_ramp, b->from_ramp);
+}
+
+/* Terms after which those of a series with growth `size` are negligible; that of Q grows from both sides. */
+static int order_of(scalar size) {
+  scalar term = 1.0;
+  for (int k = 1; k < ORDER; ++k)
+    if ((term *= size / (scalar)(k + 1)) < LEFT_OUT) return k;
+  return ORDER;
+}
+
+/* With the slopes `at`; intensities q. */
+static int solve_substep(Substep *s, const scalar *q, scalar h) {
+  real D[XX];
+  scalar size = norm(s->at.A) * h, step = h;
+  if (!isfinite(size) || !all_finite(s->at.f, NX)) return NOT_FINITE;
+  s->doublings = 0;
+  while (size > RADIUS && s->doublings < MOST_DOUBLINGS) {
+    size *= 0.5;
+    step *= 0.5;
+    ++s->doublings;
+  }
+  if (s->with_Q) diffusion(s->at.G, q, D);
+  s->order = order_of(s->with_Q ? 2.0 * size : size);
+  s->length[0] = step;
+  series(s, step, D);
+  for (int d = 0; d < s->doublings; ++d) {
+    twice(s, LEVEL(s, d), s->length[d], s->with_phi || d + 1 < s->doublings, LEVEL(s, d + 1));
+    s->length[d + 1] = 2.0 * s->length[d];
+  }
+  return DONE;
+}
+
+/* Slopes of the covariance: A and G halfway between two ends, nothing that moves the mean. */
+static void average(const Slopes *a, const Slopes *b, Slopes *out) {
+  memset(out->f, 0, sizeof out->f);
+  memset(out->ramp, 0, sizeof out->ramp);
+  for (int i = 0; i < XX; ++i) out->A[i] = (scalar)0.5 * (a->A[i] + b->A[i]);
+  for (int i = 0; i < NX * NW; ++i) out->G[i] = (scalar)0.5 * (a->G[i] + b->G[i]);
+}
+
+/* Lower triangular L with L L' = a (rows x rows), which may be singular: pivots below the rounding of their
+ * diagonal give a column of zeros. */
+static void root_of(const real *a, real *L, int rows) {
+  const real none = {0};
+  for (int j = 0; j < rows; ++j) {
+    real pivot = a[j * rows + j];
+    for (int k = 0; k < j; ++k) pivot -= L[j * rows + k] * L[j * rows + k];
+    const real least = ROUNDED * a[j * rows + j], diagonal = WHERE(pivot > least, ROOT(pivot), none);
+    for (int i = 0; i < rows; ++i) {
+      real rest = a[i * rows + j];
+      for (int k = 0; k < j; ++k) rest -= L[i * rows + k] * L[j * rows + k];
+      L[i * rows + j] = i < j ? none : i == j ? diagonal : WHERE(pivot > least, rest / diagonal, none);
+    }
+  }
+}
