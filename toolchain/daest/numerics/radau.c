@@ -32,6 +32,14 @@
 #include <string.h>
 
 #define N3 (3 * NX)
+/* Rows of this many numbers are whole vectors of the processor: what is beyond the last column stays zero. */
+#define WHOLE(n) (((n) + 3) / 4 * 4)
+#define ROW WHOLE(NX)
+#define N3_ROW (WHOLE(N3) + ROW) /* of a matrix of the stages with as many right-hand sides as there are states */
+/* Systems of so few states are solved by their inverses: a product has no chain of operations that wait for each
+ * other, and a step solves several times. Of more, the inverse takes longer than it saves. */
+#define FEW_STATES 16
+#define SAME_STEP 1e-9 /* difference of two steps, relative: that of a time grid by rounding */
 
 enum {
   DONE = 0,
@@ -121,6 +129,132 @@ static int rates_at(Model *m, const double *x, const double *u, double t, double
   return status;
 }
 
+/* row -= factor * top from the column `from` on, to the end of rows of `size` numbers; a few columns before it may
+ * change, too. */
+static inline void subtract(double *restrict row, const double *restrict top, double factor, int from, int size) {
+  for (int j = from / 4 * 4; j < size; j += 4)
+    for (int c = 0; c < 4; ++c) row[j + c] -= factor * top[j + c];
+}
+
+static inline void exchange(double *a, double *b, int size) {
+  for (int j = 0; j < size; ++j) {
+    double kept = a[j];
+    a[j] = b[j];
+    b[j] = kept;
+  }
+}
+
+#if NX <= FEW_STATES
+/* Inverse in place by Gauss and Jordan with partial pivoting, rows of ROW numbers; 0 when singular. */
+static int invert(double *a) {
+  int pivot[NX];
+  for (int k = 0; k < NX; ++k) {
+    int best = k;
+    for (int i = k + 1; i < NX; ++i)
+      if (fabs(a[i * ROW + k]) > fabs(a[best * ROW + k])) best = i;
+    if (!(fabs(a[best * ROW + k]) > 0.0)) return 0;
+    pivot[k] = best;
+    if (best != k) exchange(a + k * ROW, a + best * ROW, ROW);
+    double inverse = 1.0 / a[k * ROW + k];
+    a[k * ROW + k] = 1.0;
+    for (int j = 0; j < ROW; ++j) a[k * ROW + j] *= inverse;
+    for (int i = 0; i < NX; ++i) {
+      double factor = a[i * ROW + k];
+      if (i == k || factor == 0.0) continue;
+      a[i * ROW + k] = 0.0;
+      subtract(a + i * ROW, a + k * ROW, factor, 0, ROW);
+    }
+  }
+  for (int k = NX - 1; k >= 0; --k)
+    if (pivot[k] != k)
+      for (int i = 0; i < NX; ++i) exchange(a + i * ROW + k, a + i * ROW + pivot[k], 1);
+  return 1;
+}
+
+static inline void multiply(double *restrict re, double *restrict im, double by_re, double by_im) {
+  for (int j = 0; j < ROW; ++j) {
+    double r = re[j], i = im[j];
+    re[j] = r * by_re - i * by_im;
+    im[j] = r * by_im + i * by_re;
+  }
+}
+
+static inline void subtract_complex(double *restrict row_re, double *restrict row_im, const double *restrict top_re,
+                                    const double *restrict top_im, double re, double im) {
+  for (int j = 0; j < ROW; ++j) {
+    row_re[j] -= re * top_re[j] - im * top_im[j];
+    row_im[j] -= re * top_im[j] + im * top_re[j];
+  }
+}
+
+/* The same of complex numbers, real and imaginary parts apart. */
+static int invert_complex(double *re, double *im) {
+  int pivot[NX];
+  for (int k = 0; k < NX; ++k) {
+    int best = k;
+    double largest = 0.0;
+    for (int i = k; i < NX; ++i) {
+      double size = fabs(re[i * ROW + k]) + fabs(im[i * ROW + k]);
+      if (size > largest) largest = size, best = i;
+    }
+    if (!(largest > 0.0)) return 0;
+    pivot[k] = best;
+    if (best != k) exchange(re + k * ROW, re + best * ROW, ROW), exchange(im + k * ROW, im + best * ROW, ROW);
+    double *top_re = re + k * ROW, *top_im = im + k * ROW;
+    double pr = top_re[k], pi = top_im[k], size = 1.0 / (pr * pr + pi * pi);
+    pr *= size, pi *= -size;
+    top_re[k] = 1.0, top_im[k] = 0.0;
+    multiply(top_re, top_im, pr, pi);
+    for (int i = 0; i < NX; ++i) {
+      double *row_re = re + i * ROW, *row_im = im + i * ROW, fr = row_re[k], fi = row_im[k];
+      if (i == k || (fr == 0.0 && fi == 0.0)) continue;
+      row_re[k] = row_im[k] = 0.0;
+      subtract_complex(row_re, row_im, top_re, top_im, fr, fi);
+    }
+  }
+  for (int k = NX - 1; k >= 0; --k)
+    if (pivot[k] != k)
+      for (int i = 0; i < NX; ++i) {
+        exchange(re + i * ROW + k, re + i * ROW + pivot[k], 1);
+        exchange(im + i * ROW + k, im + i * ROW + pivot[k], 1);
+      }
+  return 1;
+}
+
+/* The matrices of the Newton iteration, transposed: the columns of their inverses are rows. */
+typedef struct {
+  double single[NX * ROW], re[NX * ROW], im[NX * ROW];
+} Newton;
+
+static int newton_of(Newton *n, const double *slopes, double mu, double mu_re, double mu_im) {
+  for (int r = 0; r < NX; ++r)
+    for (int q = 0; q < ROW; ++q) {
+      double slope = q < NX ? slopes[r * NX + q] : 0.0;
+      n->single[r * ROW + q] = (q == r) * mu - slope;
+      n->re[r * ROW + q] = (q == r) * mu_re - slope;
+      n->im[r * ROW + q] = (q == r) * mu_im;
+    }
+  return invert(n->single) && invert_complex(n->re, n->im);
+}
+
+static void solve_real(const Newton *n, double *b) {
+  double sum[ROW] = {0.0};
+  for (int r = 0; r < NX; ++r)
+    for (int q = 0; q < ROW; ++q) sum[q] += n->single[r * ROW + q] * b[r];
+  memcpy(b, sum, sizeof(double) * NX);
+}
+
+static void solve_complex(const Newton *n, double *b_re, double *b_im) {
+  double sum_re[ROW] = {0.0}, sum_im[ROW] = {0.0};
+  for (int r = 0; r < NX; ++r)
+    for (int q = 0; q < ROW; ++q) {
+      sum_re[q] += n->re[r * ROW + q] * b_re[r] - n->im[r * ROW + q] * b_im[r];
+      sum_im[q] += n->re[r * ROW + q] * b_im[r] + n->im[r * ROW + q] * b_re[r];
+    }
+  memcpy(b_re, sum_re, sizeof(double) * NX);
+  memcpy(b_im, sum_im, sizeof(double) * NX);
+}
+#else
 /* LU with partial pivoting, row-major a (n x n); 0 when singular. */
 static int factor(double *a, int *pivot, int n) {
   for (int k = 0; k < n; ++k) {
@@ -145,28 +279,15 @@ static int factor(double *a, int *pivot, int n) {
   return 1;
 }
 
-/* Solves in place for `columns` right-hand sides, b row-major (n x columns). */
-static void solve(const double *lu, const int *pivot, double *b, int n, int columns) {
+/* Solves in place. */
+static void solve(const double *lu, const int *pivot, double *b, int n) {
   for (int k = 0; k < n; ++k)
-    if (pivot[k] != k)
-      for (int c = 0; c < columns; ++c) {
-        double swap = b[k * columns + c];
-        b[k * columns + c] = b[pivot[k] * columns + c];
-        b[pivot[k] * columns + c] = swap;
-      }
-  for (int k = 0; k < n; ++k)
-    for (int i = k + 1; i < n; ++i) {
-      double l = lu[i * n + k];
-      if (l != 0.0)
-        for (int c = 0; c < columns; ++c) b[i * columns + c] -= l * b[k * columns + c];
-    }
-  for (int k = n - 1; k >= 0; --k) {
-    for (int j = k + 1; j < n; ++j) {
-      double r = lu[k * n + j];
-      if (r != 0.0)
-        for (int c = 0; c < columns; ++c) b[k * columns + c] -= r * b[j * columns + c];
-    }
-    for (int c = 0; c < columns; ++c) b[k * columns + c] /= lu[k * n + k];
+    if (pivot[k] != k) exchange(b + k, b + pivot[k], 1);
+  for (int i = 1; i < n; ++i)
+    for (int k = 0; k < i; ++k) b[i] -= lu[i * n + k] * b[k];
+  for (int i = n - 1; i >= 0; --i) {
+    for (int j = i + 1; j < n; ++j) b[i] -= lu[i * n + j] * b[j];
+    b[i] /= lu[i * n + i];
   }
 }
 
@@ -204,69 +325,98 @@ static int factor_complex(double *a, int *pivot, int n) {
   return 1;
 }
 
-static void solve_complex(const double *lu, const int *pivot, double *b, int n) {
+static void solve_pairs(const double *lu, const int *pivot, double *b_re, double *b_im, int n) {
   for (int k = 0; k < n; ++k)
-    if (pivot[k] != k)
-      for (int part = 0; part < 2; ++part) {
-        double swap = b[2 * k + part];
-        b[2 * k + part] = b[2 * pivot[k] + part];
-        b[2 * pivot[k] + part] = swap;
-      }
+    if (pivot[k] != k) exchange(b_re + k, b_re + pivot[k], 1), exchange(b_im + k, b_im + pivot[k], 1);
   for (int i = 1; i < n; ++i)
     for (int k = 0; k < i; ++k) {
       double re = lu[2 * (i * n + k)], im = lu[2 * (i * n + k) + 1];
-      b[2 * i] -= re * b[2 * k] - im * b[2 * k + 1];
-      b[2 * i + 1] -= re * b[2 * k + 1] + im * b[2 * k];
+      b_re[i] -= re * b_re[k] - im * b_im[k];
+      b_im[i] -= re * b_im[k] + im * b_re[k];
     }
   for (int i = n - 1; i >= 0; --i) {
     for (int j = i + 1; j < n; ++j) {
       double re = lu[2 * (i * n + j)], im = lu[2 * (i * n + j) + 1];
-      b[2 * i] -= re * b[2 * j] - im * b[2 * j + 1];
-      b[2 * i + 1] -= re * b[2 * j + 1] + im * b[2 * j];
+      b_re[i] -= re * b_re[j] - im * b_im[j];
+      b_im[i] -= re * b_im[j] + im * b_re[j];
     }
     double re = lu[2 * (i * n + i)], im = lu[2 * (i * n + i) + 1], size = re * re + im * im;
-    double br = b[2 * i], bi = b[2 * i + 1];
-    b[2 * i] = (br * re + bi * im) / size;
-    b[2 * i + 1] = (bi * re - br * im) / size;
+    double br = b_re[i], bi = b_im[i];
+    b_re[i] = (br * re + bi * im) / size;
+    b_im[i] = (bi * re - br * im) / size;
   }
 }
+
+/* The matrices of the Newton iteration, factored. */
+typedef struct {
+  double single[NX * NX], pairs[2 * NX * NX];
+  int single_pivot[NX], pairs_pivot[NX];
+} Newton;
+
+static int newton_of(Newton *n, const double *slopes, double mu, double mu_re, double mu_im) {
+  for (int q = 0; q < NX; ++q)
+    for (int r = 0; r < NX; ++r) {
+      double slope = slopes[r * NX + q];
+      n->single[q * NX + r] = (q == r) * mu - slope;
+      n->pairs[2 * (q * NX + r)] = (q == r) * mu_re - slope;
+      n->pairs[2 * (q * NX + r) + 1] = (q == r) * mu_im;
+    }
+  return factor(n->single, n->single_pivot, NX) && factor_complex(n->pairs, n->pairs_pivot, NX);
+}
+
+static void solve_real(const Newton *n, double *b) { solve(n->single, n->single_pivot, b, NX); }
+
+static void solve_complex(const Newton *n, double *b_re, double *b_im) {
+  solve_pairs(n->pairs, n->pairs_pivot, b_re, b_im, NX);
+}
+#endif
 
 typedef struct {
   double A[9], c[3];
   double x[NX], f0[NX], J0[NX * NX];
   double Z[N3], W[N3], K[N3];             /* stage increments, the same transformed, stage slopes */
-  double real_lu[NX * NX], complex_lu[2 * NX * NX], real_step[NX], complex_step[2 * NX], step[N3];
-  double scale[NX], error[NX], u[NU > 0 ? NU : 1];
+  Newton newton;                          /* for the slopes newton_J and the step newton_h, 0: for none */
+  double newton_J[NX * NX], newton_h;
+  double real_step[NX], step_re[NX], step_im[NX], step[N3];
+  double scale[NX], weight[NX], error[NX], u[NU > 0 ? NU : 1];
   double lastZ[N3], last_h;               /* for the extrapolated start of the next Newton iteration */
-  int real_pivot[NX], complex_pivot[NX];
-  double stages_lu[N3 * N3], stageJ[3 * NX * NX]; /* for sensitivities */
-  int stages_pivot[N3];
+  double stageJ[3 * NX * NX], system[N3 * N3_ROW]; /* for sensitivities; the system for the slopes solved_J and the */
+  double solved_J[3 * NX * NX], solved_h;          /* step solved_h is solved, 0: for none */
+  double along[3 * NX * ROW];
   double stage_tears[3 * NT + 1];         /* of the stages at the last iteration */
-  double last_row[N3 * NX];
-  double *made, *stage_p, *out_p;         /* NX x directions; 3 x NX x NP; NY x NP */
+  double *made, *seen, *stage_p, *out_p;  /* NX and NY x WHOLE(directions); 3 x NX x NP; NY x NP */
 #if BENT > 0
   double slope[NY], slope_x[NY * NX], *slope_p; /* relative slopes of the sensors, over the states; NY x NP */
-  double *error_sens;                     /* of the weighted errors: NY x directions */
+  double *error_sens;                     /* of the weighted errors: NY x WHOLE(directions) */
 #endif
   int by_parameter;                       /* NP, or 0 where no sensitivities to the parameters are wanted */
   const double *gain_slopes;              /* by_gain x NX x NY: how the gain changes along the last directions */
   int by_gain;
 } Work;
 
-static double rms(const double *v, const double *scale, int n) {
+static double rms(const double *v, const double *weight, int blocks) {
   double sum = 0.0;
-  for (int i = 0; i < n; ++i) {
-    double r = v[i] / scale[i % NX];
-    sum += r * r;
+  for (int j = 0; j < blocks; ++j)
+    for (int q = 0; q < NX; ++q) {
+      double r = v[j * NX + q] * weight[q];
+      sum += r * r;
+    }
+  return sqrt(sum / (blocks * NX));
+}
+
+/* What counts as large for each state, where it is x. */
+static void set_scale(Work *k, double rtol, const double *atol) {
+  for (int q = 0; q < NX; ++q) {
+    k->scale[q] = atol[q] + rtol * fabs(k->x[q]);
+    k->weight[q] = 1.0 / k->scale[q];
   }
-  return sqrt(sum / n);
 }
 
 /* Every variable keeps its own tolerance: a mean over many slow ones would hide the fast one. */
-static double largest(const double *v, const double *scale) {
+static double largest(const double *v, const double *weight) {
   double most = 0.0;
   for (int i = 0; i < NX; ++i) {
-    double r = fabs(v[i]) / scale[i];
+    double r = fabs(v[i]) * weight[i];
     if (!(r <= most)) most = r; /* not a number, too */
   }
   return most;
@@ -319,20 +469,20 @@ static int stages(Work *k, Model *m, const Interval *s, double t, double h, doub
     for (int q = 0; q < NX; ++q) {
       double re = k->W[NX + q], im = k->W[2 * NX + q];
       k->real_step[q] = k->step[q] - MU / h * k->W[q];
-      k->complex_step[2 * q] = k->step[NX + q] - (MU_RE * re + MU_IM * im) / h;
-      k->complex_step[2 * q + 1] = k->step[2 * NX + q] - (MU_RE * im - MU_IM * re) / h;
+      k->step_re[q] = k->step[NX + q] - (MU_RE * re + MU_IM * im) / h;
+      k->step_im[q] = k->step[2 * NX + q] - (MU_RE * im - MU_IM * re) / h;
     }
-    solve(k->real_lu, k->real_pivot, k->real_step, NX, 1);
-    solve_complex(k->complex_lu, k->complex_pivot, k->complex_step, NX);
+    solve_real(&k->newton, k->real_step);
+    solve_complex(&k->newton, k->step_re, k->step_im);
     for (int q = 0; q < NX; ++q) {
       k->W[q] += k->real_step[q];
-      k->W[NX + q] += k->complex_step[2 * q];
-      k->W[2 * NX + q] += k->complex_step[2 * q + 1];
+      k->W[NX + q] += k->step_re[q];
+      k->W[2 * NX + q] += k->step_im[q];
     }
     memcpy(k->step, k->Z, sizeof k->Z);
     blend(T, k->W, k->Z);
     for (int i = 0; i < N3; ++i) k->step[i] -= k->Z[i];
-    double size = rms(k->step, k->scale, N3);
+    double size = rms(k->step, k->weight, 3);
     if (!isfinite(size)) return 0;
     if (iteration > 0) {
       rate = previous > 0.0 ? size / previous : 0.0;
@@ -359,29 +509,74 @@ static void stage_jacobians(Work *k, Model *m, const Interval *s, double t, doub
   }
 }
 
-/* b <- M^-T b for an LU of M by `factor`, b row-major (n x columns); the first `zeros` rows of b are zero. */
-static void solve_transposed(const double *lu, const int *pivot, double *b, int n, int columns, int zeros) {
-  for (int k = zeros; k < n; ++k) {
-    for (int c = 0; c < columns; ++c) b[k * columns + c] /= lu[k * n + k];
-    for (int j = k + 1; j < n; ++j) {
-      double r = lu[k * n + j];
-      if (r != 0.0)
-        for (int c = 0; c < columns; ++c) b[j * columns + c] -= r * b[k * columns + c];
+/* Solves a x = b for the rows of `a` (N3), each the N3 coefficients of one equation and, from the column WHOLE(N3) on,
+ * NX right-hand sides, in place of which the solutions are left; by Gauss with partial pivoting. 0 when singular. */
+static int solve_stages(double *a) {
+  for (int k = 0; k < N3; ++k) {
+    int best = k;
+    for (int i = k + 1; i < N3; ++i)
+      if (fabs(a[i * N3_ROW + k]) > fabs(a[best * N3_ROW + k])) best = i;
+    if (!(fabs(a[best * N3_ROW + k]) > 0.0)) return 0;
+    if (best != k) exchange(a + k * N3_ROW, a + best * N3_ROW, N3_ROW);
+    double inverse = 1.0 / a[k * N3_ROW + k];
+    for (int i = k + 1; i < N3; ++i) {
+      double factor = a[i * N3_ROW + k] * inverse;
+      if (factor != 0.0) subtract(a + i * N3_ROW, a + k * N3_ROW, factor, k + 1, N3_ROW);
     }
   }
-  for (int i = n - 1; i > 0; --i)
-    for (int k = 0; k < i; ++k) {
-      double l = lu[i * n + k];
-      if (l != 0.0)
-        for (int c = 0; c < columns; ++c) b[k * columns + c] -= l * b[i * columns + c];
+  for (int k = N3 - 1; k >= 0; --k) {
+    double *solution = a + k * N3_ROW + WHOLE(N3), inverse = 1.0 / a[k * N3_ROW + k];
+    for (int c = 0; c < ROW; ++c) solution[c] *= inverse;
+    for (int i = 0; i < k; ++i) {
+      double factor = a[i * N3_ROW + k];
+      if (factor != 0.0) subtract(a + i * N3_ROW + WHOLE(N3), solution, factor, 0, ROW);
     }
-  for (int k = n - 1; k >= 0; --k)
-    if (pivot[k] != k)
-      for (int c = 0; c < columns; ++c) {
-        double swap = b[k * columns + c];
-        b[k * columns + c] = b[pivot[k] * columns + c];
-        b[pivot[k] * columns + c] = swap;
+  }
+  return 1;
+}
+
+/* made += sum_j G_j P_j, of `sensitivities`, in the columns of the parameters. */
+static void add_drive(Work *k, double h, const double *w, double *made, int size) {
+  double *along = k->along;
+  for (int j = 0; j < 3; ++j)
+    for (int q = 0; q < NX; ++q) {
+      const double *own = w + 3 * q * N3_ROW;
+      for (int c = 0; c < ROW; ++c)
+        along[(j * NX + q) * ROW + c] =
+            h * (k->A[j] * own[c] + k->A[3 + j] * own[N3_ROW + c] + k->A[6 + j] * own[2 * N3_ROW + c]);
+    }
+  for (int d = 0; d < k->by_parameter; ++d) {
+    double sum[ROW] = {0.0};
+    for (int j = 0; j < 3; ++j)
+      for (int q = 0; q < NX; ++q) {
+        double slope = k->stage_p[j * NX * NP + d * NX + q];
+        if (slope != 0.0) subtract(sum, along + (j * NX + q) * ROW, -slope, 0, ROW); /* most drive few states */
       }
+    for (int c = 0; c < NX; ++c) made[c * size + d] += sum[c];
+  }
+}
+
+/* w of `sensitivities`, w_i[c, q] at ((3 q + i) N3_ROW + c); null when singular. The stages of one state stand together
+ * in its equations, so that what few states share stays sparse. Known from the step before where that was as long and
+ * the slopes are the same. */
+static const double *last_rows(Work *k, double h) {
+  const double *w = k->system + WHOLE(N3);
+  if (fabs(h - k->solved_h) <= SAME_STEP * h && !memcmp(k->solved_J, k->stageJ, sizeof k->stageJ)) return w;
+  memset(k->system, 0, sizeof k->system);
+  for (int r = 0; r < NX; ++r)
+    for (int j = 0; j < 3; ++j) {
+      double *equation = k->system + (3 * r + j) * N3_ROW;
+      const double *slopes = k->stageJ + j * NX * NX + r * NX;
+      const double weights[3] = {h * k->A[j], h * k->A[3 + j], h * k->A[6 + j]};
+      for (int q = 0; q < NX; ++q)
+        for (int i = 0; i < 3; ++i) equation[3 * q + i] = -weights[i] * slopes[q];
+      equation[3 * r + j] += 1.0;
+      if (j == 2) equation[WHOLE(N3) + r] = 1.0;
+    }
+  int done = solve_stages(k->system);
+  k->solved_h = done ? h : 0.0;
+  memcpy(k->solved_J, k->stageJ, sizeof k->stageJ);
+  return done ? w : 0;
 }
 
 /* S <- dx(t+h)/d(directions): first the chosen parameters, where they are wanted, then what only the state carries.
@@ -391,47 +586,19 @@ static void solve_transposed(const double *lu, const int *pivot, double *b, int 
  * sum_j G_j (J_j S + P_j), and w M = (0 0 I) says that G_j J_j = w_j - delta_3j I. So S <- (w_1 + w_2 + w_3) S +
  * sum_j G_j P_j: as many columns are solved for as there are states, however many directions there are. */
 static int sensitivities(Work *k, double h, double *S, int directions) {
-  for (int i = 0; i < 3; ++i)
-    for (int q = 0; q < NX; ++q)
-      for (int j = 0; j < 3; ++j)
-        for (int r = 0; r < NX; ++r)
-          k->stages_lu[(i * NX + q) * N3 + j * NX + r] =
-              (i == j && q == r) - h * k->A[3 * i + j] * k->stageJ[j * NX * NX + r * NX + q];
-  if (!factor(k->stages_lu, k->stages_pivot, N3)) return 0;
-  double *w = k->last_row, *made = k->made, along[NX * NX]; /* w_i at (i NX + q, c): transposed */
-  memset(w, 0, sizeof k->last_row);
-  for (int c = 0; c < NX; ++c) w[(2 * NX + c) * NX + c] = 1.0;
-  solve_transposed(k->stages_lu, k->stages_pivot, w, N3, NX, 2 * NX);
-  memset(made, 0, sizeof(double) * NX * directions);
+  const int size = WHOLE(directions);
+  const double *w = last_rows(k, h);
+  double *made = k->made;
+  if (!w) return 0;
+  memset(made, 0, sizeof(double) * NX * size);
   for (int q = 0; q < NX; ++q)
     for (int c = 0; c < NX; ++c) {
-      double phi = w[q * NX + c] + w[(NX + q) * NX + c] + w[(2 * NX + q) * NX + c];
-      if (phi != 0.0)
-        for (int d = 0; d < directions; ++d) made[c * directions + d] += phi * S[q * directions + d];
+      double phi = w[3 * q * N3_ROW + c] + w[(3 * q + 1) * N3_ROW + c] + w[(3 * q + 2) * N3_ROW + c];
+      if (phi != 0.0) subtract(made + c * size, S + q * size, -phi, 0, size);
     }
-  for (int j = 0; j < 3 && k->by_parameter; ++j) {
-    for (int i = 0; i < NX * NX; ++i)
-      along[i] = h * (k->A[j] * w[i] + k->A[3 + j] * w[NX * NX + i] + k->A[6 + j] * w[2 * NX * NX + i]);
-    for (int d = 0; d < k->by_parameter; ++d)
-      for (int q = 0; q < NX; ++q) {
-        double slope = k->stage_p[j * NX * NP + d * NX + q];
-        if (slope != 0.0) /* most parameters drive few states */
-          for (int c = 0; c < NX; ++c) made[c * directions + d] += slope * along[q * NX + c];
-      }
-  }
-  memcpy(S, made, sizeof(double) * NX * directions);
+  if (k->by_parameter) add_drive(k, h, w, made, size);
+  memcpy(S, made, sizeof(double) * NX * size);
   return 1;
-}
-
-static int newton_matrices(Work *k, double h) {
-  for (int q = 0; q < NX; ++q)
-    for (int r = 0; r < NX; ++r) {
-      double slope = k->J0[r * NX + q];
-      k->real_lu[q * NX + r] = (q == r) * MU / h - slope;
-      k->complex_lu[2 * (q * NX + r)] = (q == r) * MU_RE / h - slope;
-      k->complex_lu[2 * (q * NX + r) + 1] = (q == r) * -MU_IM / h;
-    }
-  return factor(k->real_lu, k->real_pivot, NX) && factor_complex(k->complex_lu, k->complex_pivot, NX);
 }
 
 static double estimate_error(Work *k, Model *m, const Interval *s, double t, double h, int filter_again) {
@@ -441,16 +608,16 @@ static double estimate_error(Work *k, Model *m, const Interval *s, double t, dou
     ze[q] = (e[0] * k->Z[q] + e[1] * k->Z[NX + q] + e[2] * k->Z[2 * NX + q]) / h;
     k->error[q] = k->f0[q] + ze[q];
   }
-  solve(k->real_lu, k->real_pivot, k->error, NX, 1);
-  double size = largest(k->error, k->scale);
+  solve_real(&k->newton, k->error);
+  double size = largest(k->error, k->weight);
   if (size <= 1.0 || !filter_again) return size;
   /* Stiff components need the second filtering, (8.20). */
   for (int q = 0; q < NX; ++q) shifted[q] = k->x[q] + k->error[q];
   input_at(s, t, k->u);
   if (rates_at(m, shifted, k->u, t, k->error, 0)) return size;
   for (int q = 0; q < NX; ++q) k->error[q] += ze[q];
-  solve(k->real_lu, k->real_pivot, k->error, NX, 1);
-  return largest(k->error, k->scale);
+  solve_real(&k->newton, k->error);
+  return largest(k->error, k->weight);
 }
 
 static void set_constants(Work *k) {
@@ -471,14 +638,15 @@ static int project(Work *k, Model *m, const double *u, double t, const double *a
       return NOT_FINITE;
     else if (!projection_step(k->x, g, R, atol, K, L, &moved))
       return DEPENDENT_CONSTRAINTS;
+  const int size = WHOLE(directions);
   for (int d = 0; d < directions; ++d) {
     double along[NG];
     for (int i = 0; i < NG; ++i) {
       along[i] = d < k->by_parameter ? by_p[i * NP + d] : 0.0;
-      for (int q = 0; q < NX; ++q) along[i] += R[i * NX + q] * S[q * directions + d];
+      for (int q = 0; q < NX; ++q) along[i] += R[i * NX + q] * S[q * size + d];
     }
     for (int q = 0; q < NX; ++q)
-      for (int i = 0; i < NG; ++i) S[q * directions + d] -= K[q * NG + i] * along[i];
+      for (int i = 0; i < NG; ++i) S[q * size + d] -= K[q * NG + i] * along[i];
   }
   return DONE;
 }
@@ -575,9 +743,19 @@ static double first_step(Work *k, Model *m, const Interval *s, double rtol, cons
   double h = 0.1 * (s->t1 - s->t0);
   input_at(s, s->t0, k->u);
   if (rates_at(m, k->x, k->u, s->t0, k->f0, 0) || !all_finite(k->f0, NX)) return h;
-  for (int q = 0; q < NX; ++q) k->scale[q] = atol[q] + rtol * fabs(k->x[q]);
-  double state = rms(k->x, k->scale, NX), rate = rms(k->f0, k->scale, NX);
+  set_scale(k, rtol, atol);
+  double state = rms(k->x, k->weight, 1), rate = rms(k->f0, k->weight, 1);
   return state > 1e-5 && rate > 1e-5 ? fmin(h, fmax(0.01 * state / rate, 1e-6 * h)) : h;
+}
+
+/* The matrices of the iteration; those of the step before where it was as long and the slopes are the same, as in a
+ * model that is linear there. */
+static int newton_matrices(Work *k, double h) {
+  if (fabs(h - k->newton_h) <= SAME_STEP * h && !memcmp(k->newton_J, k->J0, sizeof k->J0)) return 1;
+  int done = newton_of(&k->newton, k->J0, MU / h, MU_RE / h, -MU_IM / h);
+  k->newton_h = done ? h : 0.0;
+  memcpy(k->newton_J, k->J0, sizeof k->J0);
+  return done;
 }
 
 /* The stages from the polynomial of the last step, else from zero: a poor start is no reason for a shorter step. */
@@ -650,7 +828,7 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
     if (!rejected &&
         (rates_at(m, k->x, k->u, t, k->f0, k->J0) || !all_finite(k->f0, NX) || !all_finite(k->J0, NX * NX)))
       return NOT_FINITE;
-    for (int q = 0; q < NX; ++q) k->scale[q] = atol[q] + rtol * fabs(k->x[q]);
+    set_scale(k, rtol, atol);
     int iterations = solved_stages(k, m, s, t, step, newton_tolerance);
     if (!iterations) {
 #if NR > 0
@@ -729,16 +907,17 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
 /* What the model predicts for sample i, its sensitivities, and the correction of state and sensitivities. */
 static void measure(Work *k, Model *m, const double *u, double t, const double *y, const double *gain, double *S,
                     int directions, double *predicted, double *predicted_sens) {
-  double h[NY + 1], C[NY * NX + 1], innovation[NY + 1];
+  double h[NY + 1], C[NY * NX + 1], innovation[NY + 1], *seen = k->seen;
+  const int size = WHOLE(directions);
   call(daest_out, m, k->x, u, t, h, C, k->out_p);
   for (int j = 0; j < NY; ++j) {
     predicted[j] = h[j];
     innovation[j] = y && isfinite(y[j]) ? y[j] - h[j] : 0.0;
-    for (int d = 0; d < directions; ++d) {
-      double sum = d < k->by_parameter ? k->out_p[d * NY + j] : 0.0;
-      for (int r = 0; r < NX; ++r) sum += C[r * NY + j] * S[r * directions + d];
-      predicted_sens[j * directions + d] = sum;
-    }
+    if (!directions) continue;
+    for (int d = 0; d < size; ++d) seen[j * size + d] = d < k->by_parameter ? k->out_p[d * NY + j] : 0.0;
+    for (int r = 0; r < NX; ++r)
+      if (C[r * NY + j] != 0.0) subtract(seen + j * size, S + r * size, -C[r * NY + j], 0, size);
+    memcpy(predicted_sens + j * directions, seen + j * size, sizeof(double) * directions);
   }
   if (!gain) return;
 #if BENT > 0
@@ -746,22 +925,21 @@ static void measure(Work *k, Model *m, const double *u, double t, const double *
   for (int j = 0; j < NY; ++j) /* of the weighted error, which takes the place of the predicted output */
     for (int d = 0; d < directions; ++d) {
       double change = d < k->by_parameter ? k->slope_p[d * NY + j] : 0.0;
-      for (int r = 0; r < NX; ++r) change += k->slope_x[r * NY + j] * S[r * directions + d];
-      k->error_sens[j * directions + d] = k->slope[j] * predicted_sens[j * directions + d] - change * innovation[j];
+      for (int r = 0; r < NX; ++r) change += k->slope_x[r * NY + j] * S[r * size + d];
+      k->error_sens[j * size + d] = k->slope[j] * seen[j * size + d] - change * innovation[j];
     }
   for (int j = 0; j < NY; ++j) innovation[j] *= k->slope[j];
   const double *error_sens = k->error_sens;
 #else
-  const double *error_sens = predicted_sens;
+  const double *error_sens = seen;
 #endif
   for (int q = 0; q < NX; ++q)
     for (int j = 0; j < NY; ++j) {
       if (!(y && isfinite(y[j]))) continue;
       k->x[q] += gain[q * NY + j] * innovation[j];
-      for (int d = 0; d < directions; ++d)
-        S[q * directions + d] -= gain[q * NY + j] * error_sens[j * directions + d];
+      if (directions) subtract(S + q * size, error_sens + j * size, gain[q * NY + j], 0, size);
       for (int g = 0; g < k->by_gain; ++g)
-        S[q * directions + directions - k->by_gain + g] += k->gain_slopes[(g * NX + q) * NY + j] * innovation[j];
+        S[q * size + directions - k->by_gain + g] += k->gain_slopes[(g * NX + q) * NY + j] * innovation[j];
     }
   k->last_h = 0; /* the old collocation polynomial ends where the state was before the correction */
 }
@@ -793,18 +971,19 @@ static int allocate(Work **k, Model *m, double **S, int directions) {
   m->w = malloc(sizeof(double) * ((w > OUT_W ? w : OUT_W) + 1));
   m->arg = malloc(sizeof(double *) * ((arg > OUT_ARG ? arg : OUT_ARG) + 5));
   m->res = malloc(sizeof(double *) * ((res > OUT_RES ? res : OUT_RES) + 3));
-  *S = malloc(sizeof(double) * (NX * directions + 1));
+  *S = calloc(NX * WHOLE(directions) + 1, sizeof(double));
   *k = calloc(1, sizeof(Work));
   if (!*k) return 0;
-  (*k)->made = malloc(sizeof(double) * (NX * directions + 1));
+  (*k)->made = malloc(sizeof(double) * (NX * WHOLE(directions) + 1));
+  (*k)->seen = malloc(sizeof(double) * (NY * WHOLE(directions) + 1));
   (*k)->stage_p = malloc(sizeof(double) * (3 * NX * NP + 1));
   (*k)->out_p = malloc(sizeof(double) * (NY * NP + 1));
 #if BENT > 0
   (*k)->slope_p = malloc(sizeof(double) * (NY * NP + 1));
-  (*k)->error_sens = malloc(sizeof(double) * (NY * directions + 1));
+  (*k)->error_sens = calloc(NY * WHOLE(directions) + 1, sizeof(double));
   if (!(*k)->slope_p || !(*k)->error_sens) return 0;
 #endif
-  return m->iw && m->w && m->arg && m->res && *S && (*k)->made && (*k)->stage_p && (*k)->out_p;
+  return m->iw && m->w && m->arg && m->res && *S && (*k)->made && (*k)->seen && (*k)->stage_p && (*k)->out_p;
 }
 
 static void release(Work *k, Model *m, double *S) {
@@ -815,6 +994,7 @@ static void release(Work *k, Model *m, double *S) {
   free(S);
   if (k) {
     free(k->made);
+    free(k->seen);
     free(k->stage_p);
     free(k->out_p);
 #if BENT > 0
@@ -846,7 +1026,8 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
     k->gain_slopes = gain_slopes;
     k->by_gain = by_gain;
     memcpy(k->x, x0, sizeof(double) * NX);
-    if (directions > 0) memcpy(S, S0, sizeof(double) * NX * directions);
+    for (int q = 0; q < NX && directions > 0; ++q)
+      memcpy(S + q * WHOLE(directions), S0 + q * directions, sizeof(double) * directions);
     status = DONE;
     Progress p = {.reached = reached, .end = n > 0 ? time[n - 1] : 0.0, .looked_at = reached[0], .most = max_steps};
 #if NR > 0
@@ -881,7 +1062,8 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
     }
     *steps = p.steps;
     if (x_end) memcpy(x_end, k->x, sizeof(double) * NX);
-    if (S_end && directions > 0) memcpy(S_end, S, sizeof(double) * NX * directions);
+    for (int q = 0; q < NX && S_end && directions > 0; ++q)
+      memcpy(S_end + q * directions, S + q * WHOLE(directions), sizeof(double) * directions);
   }
   release(k, &m, S);
   return status;
