@@ -5,8 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from daest import with_values
 from daest.diagnosis import switching
+from daest.diagnosis.compare import Candidate, compare_models
 from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.event_trial import FILTERED
 from daest.diagnosis.improve import improve
 from daest.diagnosis.options import DiagnoseOptions
 from daest.errors import ModelError
@@ -42,6 +45,21 @@ equation
   connect(rotor.flange_b, tacho.flange);
 end Drive;
 """
+LOADED = """model Loaded "A speed under a sampled controller and a white load"
+  parameter Real d = 0.5;
+  input Real r;
+  input Real load annotation(__Daest(noise = true, intensity = 0.02));
+  output Real w annotation(__Daest(std = 0.02));
+  discrete Real u(start = 0, fixed = true);
+initial equation
+  w = 0;
+equation
+  der(w) = u + load - d*w;
+  when sample(0, 0.1) then
+    u = 2*(r - w);
+  end when;
+end Loaded;
+"""
 RUBS = DRIVE.replace(
     "equation\n  when", "  Daest.Effects.Rotational.CoulombFriction fric(tau_c = 0.08);\nequation\n  when"
 ).replace("end Drive;", "  connect(fric.flange, rotor.flange_b);\nend Drive;")
@@ -64,6 +82,38 @@ def test_a_mode_that_never_occurs_and_the_loop_are_told(drive):
     never, loop = switching._remarks(case)
     assert "limited true" in never
     assert "command" in loop and "closes the loop" in loop
+
+
+def test_models_are_compared_through_their_events(drive):
+    """By the simulation without process noise, by the extended filter with it."""
+    right, wrong = (Candidate(name, with_values(drive, {"d": d}), 0, "zoh") for name, d in
+                    (("right", 0.01), ("wrong", 0.04)))  # fmt: skip
+    found = compare_models([right, wrong], [recording(drive, 9)])
+    assert [one.verdict for one in found.models] == ["not falsified", "falsified"]
+    assert found.models[0].simulation.rms["w"] == pytest.approx(0.05, rel=0.15)
+    assert found.models[0].bic < found.models[1].bic
+
+
+def test_one_step_errors_of_a_loop_with_process_noise_are_those_of_the_filter():
+    flat = compile_text(LOADED.encode(), Path("Loaded.mo"))
+    rng, n, dt = np.random.default_rng(1), 300, 0.05
+    t, r = np.arange(n) * dt, np.repeat(rng.uniform(-1, 1, n // 20), 20)
+    w, u, y = 0.0, 0.0, np.empty(n)
+    for k in range(n):
+        u = 2 * (r[k] - w) if k % 2 == 0 else u
+        y[k] = w + 0.02 * rng.standard_normal()
+        a = np.exp(-0.5 * dt)
+        w = a * w + (1 - a) / 0.5 * u + np.sqrt(0.02 * (1 - a * a)) * rng.standard_normal()
+    record = Experiment("noisy", t, r[:, None], y[:, None], ("r",), ("w",))
+    right, wrong = (
+        Candidate("right", flat, 0, "zoh"),
+        Candidate("wrong", with_values(flat, {"d": 3}), 0, "zoh"),
+    )
+    (one, two) = compare_models([right, wrong], [record]).models
+    assert (one.verdict, two.verdict) == ("not falsified", "falsified")
+    assert FILTERED in one.notes
+    assert one.one_step.rms["w"] < 0.8 * one.simulation.rms["w"]
+    assert one.tests["nis"]["w"].p_value > 0.01
 
 
 def test_improving_in_rounds_refuses(drive):

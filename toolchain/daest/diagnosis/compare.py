@@ -33,9 +33,10 @@ from daest.errors import EstimationError
 from daest.estimation.records import in_model_order
 from daest.model.comparison import Comparison, ModelTrial
 from daest.model.experiment import Experiment
-from daest.model.flat import Model, events_refused
+from daest.model.flat import FlatModel, Model
 from daest.numerics.parallel import Workers, workers
 from daest.systems.linearize import has_affine_dynamics
+from daest.systems.modes import in_starting_mode
 from daest.systems.reduce import dynamics
 from daest.systems.simulate import simulate
 
@@ -55,9 +56,12 @@ class _Ready:
         return nonlinear_trial(self.candidate, experiments, self.prepared)
 
 
-def _ready(candidate: Candidate) -> _Ready:
-    explicit = dynamics(candidate.flat)
-    if has_affine_dynamics(explicit):
+def _ready(candidate: Candidate, experiments: Sequence[Experiment]) -> _Ready:
+    flat = candidate.flat
+    if isinstance(flat, FlatModel) and flat.events is not None:
+        flat = in_starting_mode(flat, experiments[0])
+    explicit = dynamics(flat)
+    if flat.events is None and has_affine_dynamics(explicit):
         return _Ready(candidate, affine_model(explicit))
     return _Ready(candidate, nonlinear_model(explicit, candidate.parameter_names))
 
@@ -68,7 +72,7 @@ def follower(
     """What a comparison simulates, as a function of theta: outputs (n_samples, n_y) of every recording. All
     that does not depend on theta is prepared here."""
     experiments = [in_model_order(e, candidate.flat) for e in experiments]
-    ready = _ready(candidate)
+    ready = _ready(candidate, experiments)
     if isinstance(ready.prepared, AffineModel):
         return affine_follower(candidate, experiments, ready.prepared)
     return nonlinear_follower(candidate, experiments, ready.prepared)
@@ -96,8 +100,6 @@ def compare_models(
         ('omega', 'phi')
     """
     outputs = candidates[0].flat.outputs
-    if any(candidate.flat.events is not None for candidate in candidates):
-        raise events_refused("a comparison of one-step errors")
     with workers(jobs if bootstrap else 1, cluster if bootstrap else None) as pool:
         models = tuple(_model_trial(c, experiments, bootstrap, seed, pool) for c in candidates)
     return Comparison(
@@ -113,7 +115,7 @@ def _model_trial(
 ) -> ModelTrial:
     flat = candidate.flat
     experiments = [in_model_order(e, flat) for e in experiments]
-    ready = _ready(candidate)
+    ready = _ready(candidate, experiments)
     trial = ready.trial(experiments)
     raw, feedback = _tests(candidate, experiments, trial)
     level = None

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from daest.diagnosis.event_trial import with_predictions
 from daest.diagnosis.trial import (
     Candidate,
     Trial,
@@ -26,13 +27,16 @@ from daest.estimation.search import minimise
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
 from daest.model.comparison import Horizon
 from daest.model.experiment import Experiment
-from daest.model.flat import Dynamics
+from daest.model.flat import Dynamics, ExplicitModel
+from daest.systems.event_functions import EventFunctions
+from daest.systems.event_update import settled_start
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import Integrator, Trajectory, integrate, integrator
 from daest.systems.integration import IntegrationError
 
 FIRST_SAMPLES = 50  # fitted first, so that a wrong start does not lead the whole simulation astray
 ITERATIONS = 15  # of the search for initial states
+UNKNOWN_NOISE = "no one-step prediction: the noise levels are unknown or give no observer (daest identify)"
 STARTS_AHEAD = 200  # samples of a recording from which longer predictions start
 
 
@@ -53,8 +57,9 @@ def nonlinear_model(explicit: Dynamics, names: Sequence[str]) -> NonlinearModel:
 def nonlinear_trial(candidate: Candidate, experiments: Sequence[Experiment], model: NonlinearModel) -> Trial:
     """Every recording simulated, and predicted with the stationary gain of the average linearisation.
 
-    Without process noise the prediction is the simulation. Arrays are NaN where the model cannot be
-    integrated, and there are no residuals where the noise levels are unknown or give no observer.
+    Without process noise the prediction is the simulation, with events it is that of the extended filter.
+    Arrays are NaN where the model cannot be integrated, and there are no residuals where the noise levels are
+    unknown or give no observer.
     """
     explicit, flat = model.plain.explicit, candidate.flat
     problem = _problem(candidate, experiments, model)
@@ -66,12 +71,14 @@ def nonlinear_trial(candidate: Candidate, experiments: Sequence[Experiment], mod
     is_output_error = not any(noise.intensity for noise in flat.noises)
     if simulated is not None and is_output_error:
         cov = simulated.covariance
+    elif simulated is not None and explicit.flat.events is not None:
+        predicted = None
+        if not np.all(known):
+            notes = (UNKNOWN_NOISE,)
     elif simulated is not None:
         found = _observer(candidate, problem, simulated) if np.all(known) else None
         if found is None:
-            notes = (
-                "no one-step prediction: the noise levels are unknown or give no observer (daest identify)",
-            )
+            notes = (UNKNOWN_NOISE,)
             predicted = None
         else:
             problem = replace(problem, gain=found.gain)
@@ -81,7 +88,7 @@ def nonlinear_trial(candidate: Candidate, experiments: Sequence[Experiment], mod
         notes = ("the model cannot be integrated over the recordings with these values",)
     if predicted is not None:
         std = np.sqrt(np.diagonal(cov))
-    return Trial(
+    trial = Trial(
         simulated=_outputs(experiments, simulated),
         predicted=_outputs(experiments, predicted),
         residuals=() if predicted is None else tuple(e / std for e in predicted.errors),
@@ -98,6 +105,9 @@ def nonlinear_trial(candidate: Candidate, experiments: Sequence[Experiment], mod
         acts_at_once=candidate.hold == "foh" or explicit.outputs.jac_sparsity(0, 1).nnz() > 0,
         notes=notes,
     )
+    is_filtered = explicit.flat.events is not None and simulated is not None and predicted is None
+    is_filtered = is_filtered and bool(np.all(known))
+    return with_predictions(trial, candidate, experiments, explicit) if is_filtered else trial
 
 
 def nonlinear_follower(
@@ -129,6 +139,11 @@ def _problem(
 def _starts(problem: TrajectoryProblem) -> np.ndarray:
     explicit = problem.model.explicit
     theta = problem.theta(np.zeros(0))
+    if isinstance(explicit, ExplicitModel) and explicit.flat.events is not None:
+        functions = EventFunctions(explicit)
+        inputs = [inputs_and_slopes(explicit, e, problem.hold)[0] for e in problem.experiments]
+        starts = zip(problem.experiments, inputs, strict=True)
+        return np.array([settled_start(functions, theta, u, float(e.time[0]))[0] for e, u in starts])
     return np.array([initial_point(explicit, theta, e.inputs[0])[0] for e in problem.experiments])
 
 
@@ -178,7 +193,13 @@ def _variables(problem: TrajectoryProblem, errors: Errors | None) -> tuple[np.nd
         return tuple(np.full((e.n_samples, len(explicit.flat.unknowns)), np.nan) for e in problem.experiments)
     theta = problem.theta(np.zeros(0))
     return tuple(
-        variables_along(explicit, theta, experiment, problem.hold, trajectory.states)
+        variables_along(
+            explicit,
+            theta if trajectory.modes is None else trajectory.modes.T,
+            experiment,
+            problem.hold,
+            trajectory.states,
+        )
         for experiment, trajectory in zip(problem.experiments, errors.trajectories, strict=True)
     )
 

@@ -219,7 +219,7 @@ def events_refused(what: str) -> ModelError:
     return ModelError(
         "events-not-supported",
         f"the model changes at events (when, reinit, pre, sample), which {what} does not follow",
-        remedy="`simulate`, `identify` and `filter` follow events, `linearize` and `noise` take the mode of "
-        "the start. Else describe the switch by a smooth equation (tanh(x/width) for sign(x)), or export the "
-        "model by your own tool as an FMU, which knows its events.",
+        remedy="`simulate`, `identify`, `compare`, `diagnose` and `filter` follow events, `linearize` and "
+        "`noise` take the mode of the start. Else describe the switch by a smooth equation (tanh(x/width) "
+        "for sign(x)), or export the model by your own tool as an FMU, which knows its events.",
     )

@@ -52,12 +52,14 @@ def search_steps(n_samples: int) -> int:
 @dataclass(frozen=True)
 class Trajectory:
     """states (n_samples, n) and outputs (n_samples, n_y), before the correction of a sample where a gain
-    corrects; sensitivities (n_samples, n_y, n_directions): ∂y/∂(chosen parameters, then x0)."""
+    corrects; sensitivities (n_samples, n_y, n_directions): ∂y/∂(chosen parameters, then x0). `modes`
+    (n_samples, n_theta): parameters with what keeps its value between events, None without events."""
 
     states: np.ndarray
     outputs: np.ndarray
     sensitivities: np.ndarray
     n_steps: int
+    modes: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -484,7 +486,7 @@ def _run_hybrid(model: EquationIntegrator, run: Run) -> Trajectory:
         )  # fmt: skip
     except HybridError as error:
         raise IntegrationError(error.what, float(run.time[0])) from error
-    return Trajectory(made.states, made.outputs, made.sensitivities, made.n_steps)
+    return Trajectory(made.states, made.outputs, made.sensitivities, made.n_steps, made.theta)
 
 
 def _run_radau(model: EquationIntegrator, run: Run) -> Trajectory:
