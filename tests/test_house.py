@@ -17,7 +17,7 @@ TESTS = Path(__file__).resolve().parent
 
 # From the ground up. Rooms on one floor do not know each other.
 FLOORS = (
-    ("errors", "litter", "files", "cache", "near", "quantities", "machine"),
+    ("errors", "files", "cache", "near", "quantities", "machine"),
     ("model",),
     ("numerics",),
     ("modelica", "systems"),

@@ -34,8 +34,7 @@ from daest.machine import described
 from daest.model.estimates import InitialState
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions, Method, NoiseChoice
-from daest.systems.sample import Hold, sample
-from daest.systems.state_space import state_space, state_space_family
+from daest.systems.state_space import Hold, sample, state_space, state_space_family
 
 MODELS = Path(__file__).parent / "models"
 SMALLEST = 1e-10  # of a standard deviation, as in ctsmTMB

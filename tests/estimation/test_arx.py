@@ -19,8 +19,7 @@ from daest.estimation.linear_predictors import Problem
 from daest.estimation.records import make_record
 from daest.model.experiment import Experiment
 from daest.model.parts import Parameter
-from daest.systems.sample import sample
-from daest.systems.state_space import state_space
+from daest.systems.state_space import sample, state_space
 
 # Table 1 of the report, with its sign: u > 0 turns the speed negative.
 REPORT = {"d": 5.87e-4, "c": 0.0341, "J1": 6.30e-6, "J2": 4.17e-4, "R": 4.60, "k": -0.0599, "n": 30.0}

@@ -28,8 +28,7 @@ from daest.modelica.compile import compile_model
 from daest.systems.integration import IntegrationError
 from daest.systems.local_linear import local_model
 from daest.systems.reduce import reduce_index
-from daest.systems.sample import sample
-from daest.systems.state_space import state_space, state_space_family
+from daest.systems.state_space import sample, state_space, state_space_family
 
 NOISE = Noise(np.array([1e-3, 2e-3]), np.array([0.01, 0.02]))
 START = Start(np.array([0.1, 0.0, -0.1, 0.2]), 0.01 * np.diag([1.0, 2.0, 3.0, 4.0]))

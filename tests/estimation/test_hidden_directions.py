@@ -14,9 +14,8 @@ from daest.estimation.linear_predictors import Problem
 from daest.estimation.observer import AverageModel, observer
 from daest.estimation.records import make_record
 from daest.model.parts import Parameter
-from daest.numerics.innovations import hidden_basis
-from daest.systems.sample import sample
-from daest.systems.state_space import state_space
+from daest.numerics.riccati import hidden_basis
+from daest.systems.state_space import sample, state_space
 
 VALUES = {"J": 0.3, "c": 20.0, "d": 0.2, "r": 3.0, "f": 0.5}
 TURNED_AS = ("angles", "angles of a small unit", "twist")

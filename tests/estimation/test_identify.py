@@ -16,8 +16,7 @@ from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions, NoiseChoice
 from daest.model.parts import Parameter
 from daest.report.documents.fit import document
-from daest.systems.sample import sample
-from daest.systems.state_space import state_space
+from daest.systems.state_space import sample, state_space
 
 TRUE = {"d": 0.0226, "c": 1.4367, "J1": 6.838e-6, "J2": 0.02054, "R": 4.316, "k": 0.0675, "n": 30.0}
 NAMES = ("d", "c", "J1", "J2", "k")

@@ -18,7 +18,7 @@ from daest.model.estimates import FilterOptions
 from daest.model.experiment import Experiment
 from daest.model.linear import StateSpace
 from daest.numerics.gaussian import marginals
-from daest.systems.sample import sample
+from daest.systems.state_space import sample
 
 PERIOD = 0.1
 INTENSITY = np.array([1.0, 0.5])

@@ -14,17 +14,21 @@ from scipy.integrate import solve_ivp
 from daest.estimation.coordinates import Coordinate, Unknowns, parameter_coordinate
 from daest.estimation.coordinates import objective as objective_of
 from daest.estimation.kalman import log_likelihood
-from daest.estimation.linear_predictors import Problem, predict, simulate
-from daest.estimation.predictor import NoiseLevels, _interpolation, recursion
+from daest.estimation.linear_predictors import (
+    NoiseLevels,
+    Problem,
+    _interpolation,
+    predict,
+    recursion,
+    simulate,
+)
 from daest.estimation.records import make_record
 from daest.model.estimates import InitialState
 from daest.model.experiment import Experiment
 from daest.model.parts import Parameter
 from daest.numerics.exponential import transition_integrals
-from daest.numerics.innovations import NoiseModel, stationary_gains
-from daest.numerics.riccati import filter_riccati
-from daest.systems.sample import sample
-from daest.systems.state_space import state_space
+from daest.numerics.riccati import NoiseModel, filter_riccati, stationary_gains
+from daest.systems.state_space import sample, state_space
 
 TRUE = {"d": 0.0226, "c": 1.4367, "J1": 6.838e-6, "J2": 0.02054, "R": 4.316, "k": 0.0675, "n": 30.0}
 START = {**TRUE, **hand.RIG_START}

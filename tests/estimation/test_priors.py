@@ -18,9 +18,8 @@ from daest.estimation.linear_predictors import Problem
 from daest.estimation.records import make_record
 from daest.model.fit import IdentifyOptions, NoiseChoice
 from daest.model.parts import Prior
-from daest.systems.sample import sample
 from daest.systems.simulate import simulate
-from daest.systems.state_space import state_space
+from daest.systems.state_space import sample, state_space
 
 TRUE = {"d": 0.0226, "c": 1.4367, "J1": 6.838e-6, "J2": 0.02054, "R": 4.316, "k": 0.0675, "n": 30.0}
 STD = (0.02, 0.01)

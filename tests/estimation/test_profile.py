@@ -19,9 +19,8 @@ from daest.estimation.profile import Searched, with_profiles
 from daest.estimation.search import Evaluation, minimise
 from daest.model.fit import IdentifyOptions, NoiseChoice
 from daest.report.documents.fit import document
-from daest.systems.sample import sample
 from daest.systems.simulate import simulate
-from daest.systems.state_space import state_space
+from daest.systems.state_space import sample, state_space
 
 TRUE = {"d": 0.0226, "c": 1.4367, "J1": 6.838e-6, "J2": 0.02054, "R": 4.316, "k": 0.0675, "n": 30.0}
 THRESHOLD = chi2.ppf(0.95, 1)

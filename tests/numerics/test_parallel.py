@@ -225,7 +225,7 @@ def test_processes_end_with_the_one_that_started_them(tmp_path, name, by_copies)
     (tmp_path / "slow").chmod(0o755)
     script = (
         "import os, threading, time\nfrom pathlib import Path\n"
-        "from daest.litter import passing_folder, run_program\nfrom daest.numerics.parallel import workers\n"
+        "from daest.files import passing_folder, run_program\nfrom daest.numerics.parallel import workers\n"
         "def compile():\n"
         "    with passing_folder('build-') as work:\n"
         f"        run_program([r'{tmp_path / 'slow'}'], work, 60.0)\n"

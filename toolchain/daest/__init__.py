@@ -55,7 +55,7 @@ _PUBLIC = {
     "initial_point": "daest.systems.initialize",
     "state_space_family": "daest.systems.state_space",
     "state_space": "daest.systems.state_space",
-    "sample": "daest.systems.sample",
+    "sample": "daest.systems.state_space",
     "simulate": "daest.front",
     # recordings
     "Experiment": "daest.model.experiment",

@@ -40,8 +40,8 @@ from daest.systems.initialize import initial_point as initial_point
 from daest.systems.linearize import linear_dae_function as linear_dae_function
 from daest.systems.noise import noise_report as noise_report
 from daest.systems.reduce import reduce_index as reduce_index
-from daest.systems.sample import sample as sample
 from daest.systems.split import split as split
+from daest.systems.state_space import sample as sample
 from daest.systems.state_space import state_space as state_space
 from daest.systems.state_space import state_space_family as state_space_family
 from daest.systems.transfer import poles as poles

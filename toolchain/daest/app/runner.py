@@ -20,8 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from daest.app.locks import locked
-from daest.files import whole_file
-from daest.litter import ended_at_death
+from daest.files import ended_at_death, whole_file
 
 LINES, ENDED, ALIVE, STDOUT, STDERR = "lines.json", "ended.json", "alive", "stdout", "stderr"
 DONE = (0, 1)  # exit codes after which the next line is run: done, and done with a check that failed

@@ -227,7 +227,7 @@ def opened(
 def _straight(flat: Model, hold: Hold | None) -> tuple[str, ...]:
     """A remark where the model leaves no choice of the hold."""
     from daest.systems.reduce import dynamics
-    from daest.systems.sample import slope_note
+    from daest.systems.state_space import slope_note
 
     if hold is not None:
         return ()

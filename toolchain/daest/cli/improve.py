@@ -23,13 +23,13 @@ from daest.cli.options import (
 from daest.cli.output import emit, note, telling, to_json, whole_file, with_schema
 from daest.cli.progress import progress
 from daest.errors import ConfigError, DaestError, Place
-from daest.litter import passing_folder
+from daest.files import passing_folder
 
 if TYPE_CHECKING:
     from daest.cli.diagnose import Case, Search
     from daest.diagnosis.written import Written
     from daest.model.diagnosis import Improvement, Step
-    from daest.systems.sample import Hold
+    from daest.systems.state_space import Hold
 
 FOLDER = "improve"
 LEDGER = "ledger.json"

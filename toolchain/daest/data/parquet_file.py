@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from daest.data.frame import frame_table
-from daest.data.table import Part, Table, is_time, split_header, unreadable_file
+from daest.data.table import Part, Table, frame_table, is_time, split_header, unreadable_file
 from daest.errors import DataError, Place
 
 

@@ -12,13 +12,14 @@ import numpy as np
 
 from daest.data import FORMATS
 from daest.data.csv_file import ALL
-from daest.data.frame import frame_table, is_frame
 from daest.data.prepare import Preparation, prepare, regular_times
 from daest.data.table import (
     Column,
     Part,
     Table,
+    frame_table,
     in_seconds,
+    is_frame,
     raise_collected,
     time_unit,
     with_seconds,

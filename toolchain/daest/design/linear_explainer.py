@@ -12,13 +12,20 @@ from functools import cached_property
 import numpy as np
 
 from daest.design.explainer import Driven, ErrorModel, Explained, Point
-from daest.estimation.linear_predictors import Problem, matrix_slopes, noise_levels
-from daest.estimation.predictor import Recursion, innovation_slopes, innovations, kalman_gains, recursion
+from daest.estimation.linear_predictors import (
+    Problem,
+    Recursion,
+    innovation_slopes,
+    innovations,
+    kalman_gains,
+    matrix_slopes,
+    noise_levels,
+    recursion,
+)
 from daest.estimation.records import Record
 from daest.model.linear import StateSpace, StateSpaceFamily
-from daest.numerics.innovations import Gains
-from daest.systems.sample import stacked_inputs
-from daest.systems.state_space import state_space
+from daest.numerics.riccati import Gains
+from daest.systems.state_space import stacked_inputs, state_space
 
 LARGEST = 150  # states of the model and of its slopes up to which the information by noise is computed
 PULSE = 2  # sample at which inputs are pulsed: a slope of the input reaches one sample to either side

@@ -15,8 +15,8 @@ import numpy as np
 from scipy.linalg import expm, solve_discrete_lyapunov
 
 from daest.design.explainer import ErrorModel, Explained
-from daest.numerics.innovations import NoiseModel, forgetting, stationary_gains
 from daest.numerics.recursions import linear_recursion
+from daest.numerics.riccati import NoiseModel, forgetting, stationary_gains
 
 TIMES = 4.0  # factor between the time constants that are tried
 SIZES = 3.0  # factor between the variances of a load that are tried

@@ -11,8 +11,8 @@ from daest.design.explainer import Explainer
 from daest.design.linear_explainer import LinearExplainer
 from daest.design.nonlinear_explainer import NonlinearExplainer
 from daest.errors import EstimationError
-from daest.estimation.checks import known_name
 from daest.estimation.coordinates import Coordinate, Unknowns, parameter_coordinate
+from daest.estimation.setup import known_name
 from daest.model.design import Hold
 from daest.model.flat import Dynamics, ExplicitModel, Model
 from daest.systems.integrate import integrator

@@ -9,8 +9,15 @@ import numpy as np
 
 from daest.diagnosis.trial import Candidate, Trial, growth_of, horizons, variables_along
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
-from daest.estimation.linear_predictors import Predicted, Problem, predict, simulate
-from daest.estimation.predictor import Innovations, Recursion, innovation_slopes
+from daest.estimation.linear_predictors import (
+    Innovations,
+    Predicted,
+    Problem,
+    Recursion,
+    innovation_slopes,
+    predict,
+    simulate,
+)
 from daest.estimation.records import Record, make_record
 from daest.model.comparison import Horizon
 from daest.model.experiment import Experiment

@@ -98,7 +98,7 @@ from daest.numerics.parallel import Outcome, Workers, workers
 from daest.numerics.statistics import chi2
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import reduce_index
-from daest.systems.sample import Hold
+from daest.systems.state_space import Hold
 
 TIME_IS_UP = "it was not refitted: the time was up"
 MORE_TRIALS = 4  # where none of those is accepted, or the best leaves a curve over some variable

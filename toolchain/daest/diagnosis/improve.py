@@ -44,7 +44,7 @@ from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
 from daest.model.flat import FlatModel
 from daest.numerics.deadline import OutOfTimeError, until
-from daest.systems.sample import Hold
+from daest.systems.state_space import Hold
 
 MOST_PATHS = 2  # hypotheses that are pursued side by side
 OUT_OF_TIME = "The time was up"

@@ -32,7 +32,7 @@ from daest.model.flat import FlatModel
 from daest.model.parts import Parameter
 from daest.modelica.attach import names_of
 from daest.systems.reduce import reduce_index
-from daest.systems.sample import Hold
+from daest.systems.state_space import Hold
 
 COMPONENT = "learned"
 MOST_KNOTS = 20

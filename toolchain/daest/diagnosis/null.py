@@ -22,7 +22,7 @@ from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.model.parts import Parameter, Prior
 from daest.systems.reduce import reduce_index
-from daest.systems.sample import Hold
+from daest.systems.state_space import Hold
 
 FIRST_LOAD = 20.0  # sampling periods, start of the search
 HOLDS: tuple[Hold, ...] = ("foh", "zoh")

@@ -13,7 +13,7 @@ from daest.diagnosis.proof import Prepared
 from daest.model.diagnosis import Proof
 from daest.model.experiment import Experiment
 from daest.model.flat import Model
-from daest.systems.sample import Hold
+from daest.systems.state_space import Hold
 
 MOST_TRIALS = 5
 MOST_EFFECTS = 6  # that an improvement adds

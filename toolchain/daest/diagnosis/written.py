@@ -21,7 +21,7 @@ from daest.modelica.change import declare
 from daest.modelica.compile import compile_model
 from daest.modelica.extend import CurveText, Extension, extend_by_curve, extend_model
 from daest.modelica.sites import find_site
-from daest.systems.sample import Hold
+from daest.systems.state_space import Hold
 
 NO_TEXT = "an FMU holds equations, not the Modelica text that could be extended"
 LOAD_FILE = "unknown_effect.mo"

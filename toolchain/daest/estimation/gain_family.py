@@ -13,7 +13,7 @@ import numpy as np
 from daest.estimation.observer import AverageModel, Observer, observer_of, sampled_average
 from daest.model.linear import DiscreteModel
 from daest.numerics.exponential import covariance_integral
-from daest.numerics.innovations import Gains, NoiseModel, stationary_gain_derivatives
+from daest.numerics.riccati import Gains, NoiseModel, stationary_gain_derivatives
 
 LONGEST_LOG = 30.0  # of a factor of a level: beyond, it is zero or infinite to the record
 

@@ -8,14 +8,13 @@ from dataclasses import replace
 from functools import partial
 
 from daest.errors import DaestError, EstimationError
-from daest.estimation.checks import check_jumps
 from daest.estimation.coordinates import log_likelihood
 from daest.estimation.ekf_likelihood import identify_by_ekf
 from daest.estimation.identify_nonlinear import identify_nonlinear
 from daest.estimation.linear_fit import linear_ends
 from daest.estimation.profile import Tell, check_profile_names, silent
 from daest.estimation.result import fit_result
-from daest.estimation.setup import Setup, setup_of
+from daest.estimation.setup import Setup, check_jumps, setup_of
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import FlatModel, Model, events_refused
@@ -44,7 +43,7 @@ def identify(
     likelihood of the one-step predictions of the Kalman filter, process and measurement noise included.
     Default: "pem" for a model that declares process noise, else "oe". Initial states are estimated per
     experiment; those of validation records too. `tell` hears what is being done. Raises EstimationError
-    (codes in `estimation.checks`, `jumps`, `priors` and `profile`) and DataError.
+    (codes in `estimation.setup`, `jumps`, `priors` and `profile`) and DataError.
     """
     began = time.perf_counter()
     if isinstance(model, FlatModel):

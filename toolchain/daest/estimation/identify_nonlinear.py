@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daest.estimation.checks import no_start
 from daest.estimation.coordinates import Unknowns, objective, prior_penalty
 from daest.estimation.gain_family import Levels
 from daest.estimation.gates import FIT
@@ -41,7 +40,7 @@ from daest.estimation.profile import Tell, silent
 from daest.estimation.records import part_of
 from daest.estimation.result import assembled, fit_result
 from daest.estimation.search import minimise
-from daest.estimation.setup import Setup
+from daest.estimation.setup import Setup, no_start
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult, IdentifyOptions

@@ -16,7 +16,6 @@ from typing import Literal
 import numpy as np
 
 from daest.estimation.arx import matched_start
-from daest.estimation.checks import check_start
 from daest.estimation.coordinates import Coordinate, Unknowns, objective, prior_precisions
 from daest.estimation.gates import FIT
 from daest.estimation.identifiability import (
@@ -41,15 +40,14 @@ from daest.estimation.result import (
     fitted_initial_state,
 )
 from daest.estimation.search import Evaluation, Found, minimise
-from daest.estimation.setup import Setup
+from daest.estimation.setup import Setup, check_start
 from daest.estimation.stationary import unseen_directions
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, Bound, FittedNoise
 from daest.model.linear import StateSpaceFamily
 from daest.numerics.exponential import covariance_integral, transition_integrals
 from daest.numerics.parallel import workers
-from daest.systems.sample import Hold
-from daest.systems.state_space import state_space
+from daest.systems.state_space import Hold, state_space
 
 HOLD_ITERATIONS = 10  # of the short output-error fits that compare the holds
 HOLD_SAMPLES = 4000  # of every recording that this comparison uses

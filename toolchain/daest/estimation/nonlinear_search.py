@@ -16,7 +16,6 @@ from itertools import count
 
 import numpy as np
 
-from daest.estimation.checks import no_start
 from daest.estimation.coordinates import objective as objective_of
 from daest.estimation.gain_family import Levels
 from daest.estimation.gates import FIT
@@ -33,7 +32,7 @@ from daest.estimation.observer import observer
 from daest.estimation.optimum import Search, best_point, coloured, lost, rank
 from daest.estimation.profile import Tell
 from daest.estimation.search import Found
-from daest.estimation.setup import Setup
+from daest.estimation.setup import Setup, no_start
 from daest.estimation.shooting import Cut, default_segments, search_by_shooting, start_of
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.fit import IdentifyOptions

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from daest.estimation.checks import check_start, no_start
 from daest.estimation.coordinates import objective
 from daest.estimation.gain_family import LONGEST_LOG
 from daest.estimation.gates import FIT
 from daest.estimation.records import part_of
 from daest.estimation.search import Evaluation, minimise
+from daest.estimation.setup import check_start, no_start
 from daest.estimation.trajectories import TrajectoryProblem, integrated, prediction_errors
 from daest.model.fit import IdentifyOptions
 from daest.systems.initialize import initial_point

@@ -15,9 +15,9 @@ import numpy as np
 from daest.estimation.stationary import try_stationary_filter
 from daest.model.flat import Dynamics
 from daest.model.linear import DiscreteModel, StateSpace
-from daest.numerics.innovations import forgetting
-from daest.systems.sample import sample
+from daest.numerics.riccati import forgetting
 from daest.systems.sensor_laws import sensor_laws, steepest_slopes
+from daest.systems.state_space import sample
 
 MOST_POINTS = 2000  # of a trajectory that the average is taken over
 

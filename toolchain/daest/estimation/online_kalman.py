@@ -23,8 +23,8 @@ from daest.estimation.stationary import stationary_filter, without_unseen
 from daest.model.estimates import Estimate, FilterKind, InitialState, Sample
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.numerics.gaussian import undetermined
-from daest.numerics.innovations import forgetting
-from daest.systems.sample import Hold, sample
+from daest.numerics.riccati import forgetting
+from daest.systems.state_space import Hold, sample
 
 ROUNDING = 4.0 * float(np.finfo(float).eps)  # of the difference of two times, relative to them
 KEPT_MODELS = 64  # sampled models that are remembered; a stream with ever new steps samples anew

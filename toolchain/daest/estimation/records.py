@@ -14,7 +14,7 @@ from daest.estimation.gates import FIT
 from daest.model.experiment import Experiment
 from daest.model.flat import Model
 from daest.model.linear import StateSpaceFamily
-from daest.systems.sample import stacked_inputs
+from daest.systems.state_space import stacked_inputs
 
 MAX_GRID_GROWTH = 4  # a grid that would have more than this many samples per recorded one is not used
 

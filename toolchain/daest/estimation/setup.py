@@ -1,21 +1,228 @@
-"""What is fitted, whatever predicts: unknown parameters, recordings, and which noises are known."""
+"""What is fitted, whatever predicts: unknown parameters, recordings, and which noises are known.
+
+What makes an identification impossible is found before the search starts: bounds, recordings, parameters
+without influence, and equations that jump with the state (derivatives say nothing about a jump, and no search
+could see one).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from daest.errors import EstimationError
-from daest.estimation.checks import check_bounds, check_records, known_name
-from daest.estimation.coordinates import Unknowns, coordinate_with_prior, parameter_coordinate
+from daest.estimation.coordinates import Coordinate, Unknowns, coordinate_with_prior, parameter_coordinate
+from daest.estimation.gates import FIT
+from daest.estimation.identifiability import flat_directions, without_influence
 from daest.estimation.records import in_model_order, part_of
+from daest.estimation.search import Evaluation
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions, Method, NoiseChoice
+from daest.model.flat import FlatModel
 from daest.model.linear import StateSpaceFamily
 from daest.model.parts import prior_unused
-from daest.systems.sample import slope_note
+from daest.near import near_names
+from daest.systems.state_space import slope_note
+
+
+def known_name(name: str, known: list[str], what: str) -> int:
+    """Index of `name`; error `unknown-parameter`, `unknown-noise` or `unknown-output` with the nearest
+    names.
+    """
+    if name in known:
+        return known.index(name)
+    near = near_names(name, known, n=3)
+    raise EstimationError(
+        f"unknown-{what}",
+        f"the model has no {what} named {name}",
+        where=name,
+        remedy=f"did you mean {', '.join(near)}?" if near else f"it has: {', '.join(known) or 'none'}",
+    )
+
+
+def check_bounds(coordinate: Coordinate) -> None:
+    """Error `start-outside-bounds`."""
+    if coordinate.lower <= coordinate.initial <= coordinate.upper:
+        return
+    raise EstimationError(
+        "start-outside-bounds",
+        f"the start value {coordinate.initial:.6g} of {coordinate.name} lies outside its bounds "
+        f"[{coordinate.lower:.6g}, {coordinate.upper:.6g}]",
+        where=coordinate.name,
+        remedy="give another start value, or other bounds (min, max)",
+    )
+
+
+def check_records(family: StateSpaceFamily, records: Sequence[Experiment], n_unknowns: int) -> None:
+    """Of recordings in the order of the model. Errors `identify-no-data`, `identify-no-output`,
+    `identify-too-few-samples`, `identify-constant-input`.
+    """
+    if not records:
+        raise EstimationError(
+            "identify-no-data", "there is no recording to identify from", remedy="name a data file"
+        )
+    where = ", ".join(r.name for r in records)
+    n_observed = sum(int(np.isfinite(r.outputs).sum()) for r in records)
+    if n_observed == 0:
+        names = ", ".join(o.name for o in family.outputs) or "none"
+        raise EstimationError(
+            "identify-no-output",
+            f"no output of the model has a single measured value; its outputs are: {names}",
+            where=where,
+            remedy="map a column to an output ([data] outputs), or check the empty cells",
+        )
+    n_states = len(family.state_names)
+    needed = n_unknowns + n_states * len(records)
+    if n_observed <= needed:
+        raise EstimationError(
+            "identify-too-few-samples",
+            f"{n_observed} measured values for {needed} unknowns ({n_unknowns} parameters and noises, "
+            f"{n_states} initial states per recording)",
+            where=where,
+            remedy="use a longer recording, or estimate fewer parameters",
+        )
+    n_inputs = len(family.inputs)
+    if n_inputs and all(_is_constant(r.inputs[:, j]) for r in records for j in range(n_inputs)):
+        names = ", ".join(v.name for v in family.inputs)
+        raise EstimationError(
+            "identify-constant-input",
+            f"the input {names} is constant: nothing excites the model",
+            where=where,
+            remedy="record with a varying input; for a free motion, use a model without that input",
+        )
+
+
+def check_start(
+    unknowns: Unknowns, start: Evaluation | None, n_observed: int, piece: Evaluation | None = None
+) -> None:
+    """Errors `identify-no-start`, `identify-no-influence`, `identify-unidentifiable`.
+
+    A `piece` of the same data must agree that a direction is flat.
+    """
+    if start is None:
+        raise no_start()
+    names = [c.name for c in unknowns.coordinates]
+    dead = without_influence(start.information, n_observed)
+    if np.any(dead):
+        text = ", ".join(name for name, is_dead in zip(names, dead, strict=True) if is_dead)
+        raise EstimationError(
+            "identify-no-influence",
+            f"no measured output depends on {text}",
+            where=text,
+            remedy="fix it to a known value (--fix), measure an output that it moves, or start where it acts "
+            "(--set)",
+        )
+    flat = flat_directions(start.information)
+    if flat.shape[1] and (piece is None or flat_directions(piece.information).shape[1]):
+        direction = np.abs(flat[:, 0])
+        involved = [n for n, w in zip(names, direction, strict=True) if w > 1e-3 * np.max(direction)]
+        raise EstimationError(
+            "identify-unidentifiable",
+            f"{', '.join(involved)} can change together without any effect on the measured outputs",
+            where=", ".join(involved),
+            remedy="fix one of them to a known value (--fix NAME=VALUE)",
+        )
+
+
+def no_start(reason: str = "") -> EstimationError:
+    """Error `identify-no-start`; `reason` is what the integrator said."""
+    return EstimationError(
+        "identify-no-start",
+        "the model cannot be simulated at the start values: "
+        + (reason or "it fails, or its outputs are not finite"),
+        remedy="check the start values of parameters and states; smooth discontinuities with a width; "
+        "an unstable model overflows in a long simulation (use pem then)",
+    )
+
+
+def _is_constant(signal: np.ndarray) -> bool:
+    return float(np.ptp(signal)) <= FIT.constant_input * float(np.max(np.abs(signal), initial=0.0))
+
+
+POINTS = 5  # random points on each switching surface
+NEWTON = 20  # steps onto it
+NEAR, NEARER = 1e-5, 1e-8  # distances from it, in units of the random points; a jump is the same at both
+
+
+def check_jumps(flat: FlatModel) -> None:
+    """Error `identify-jump` for the first equation whose residual jumps where the unknowns pass some surface.
+
+    Comparisons, sign, floor and ceil whose arguments contain unknowns are tried; those that only bend the
+    equation (an absolute value, a limit) are left alone, and so are jumps in time or with an input.
+    """
+    unknowns = ca.vertcat(flat.derivatives, flat.xi)
+    others = ca.vertcat(flat.u, flat.w, flat.time)
+    expressions = ca.vertcat(flat.residual, flat.output_expressions)
+    surfaces = [g for g in _switches(expressions) if ca.depends_on(g, unknowns)]
+    if not surfaces:
+        return
+    residual = ca.Function("residual", [unknowns, others, flat.theta], [expressions])
+    rng = np.random.default_rng(0)
+    for g in surfaces:
+        surface = ca.Function("surface", [unknowns, others, flat.theta], [g, ca.gradient(g, unknowns)])
+        for _ in range(POINTS):
+            v = rng.standard_normal(unknowns.numel())
+            rest = np.abs(rng.standard_normal(others.numel()))
+            rows = _jumping_rows(surface, residual, v, rest, flat.theta_values)
+            if rows.size:
+                raise _jump(flat, int(rows[0]))
+
+
+def _jumping_rows(
+    surface: ca.Function, residual: ca.Function, v: np.ndarray, rest: np.ndarray, theta: np.ndarray
+) -> np.ndarray:
+    """Rows of the residual that differ on both sides of the surface, however close."""
+    for _ in range(NEWTON):
+        g, slope = (np.array(part).ravel() for part in surface(v, rest, theta))
+        size = float(slope @ slope)
+        if not np.isfinite(size) or size == 0.0:
+            return np.zeros(0, dtype=int)
+        v = v - g[0] * slope / size
+    across = slope / np.sqrt(size)
+
+    def difference(distance: float) -> np.ndarray:
+        sides = [np.array(residual(v + s * distance * across, rest, theta)).ravel() for s in (1.0, -1.0)]
+        return np.abs(sides[0] - sides[1])
+
+    near, nearer = difference(NEAR), difference(NEARER)
+    return np.flatnonzero((nearer > FIT.least_jump) & (nearer > FIT.jump_kept * near))
+
+
+def _switches(expressions: ca.SX) -> Iterator[Any]:
+    """Scalar expressions whose zeros may be jumps of `expressions`."""
+    stack: list[Any] = list(expressions.elements())
+    seen = set()
+    while stack:
+        node = stack.pop()
+        if node.element_hash() in seen:
+            continue
+        seen.add(node.element_hash())
+        inner = [node.dep(i) for i in range(node.n_dep())]
+        stack += inner
+        operation = node.op() if inner else None
+        if operation == ca.OP_SIGN:
+            yield inner[0]
+        elif operation in (ca.OP_LT, ca.OP_LE):
+            yield inner[0] - inner[1]
+        elif operation in (ca.OP_FLOOR, ca.OP_CEIL):
+            yield ca.sin(np.pi * inner[0])
+
+
+def _jump(flat: FlatModel, row: int) -> EstimationError:
+    n = len(flat.equations)
+    where = flat.equations[row].text if row < n else f"output {flat.outputs[row - n].name}"
+    place = flat.equations[row].place if row < n else None
+    return EstimationError(
+        "identify-jump",
+        f"`{where}` jumps as the model moves: no derivative tells how a parameter moves the moment of a jump",
+        where=place,
+        remedy="round the jump over a width that is small beside the motion, as tanh(w/width) for sign(w); "
+        "the effects of the library are rounded",
+    )
 
 
 @dataclass(frozen=True)

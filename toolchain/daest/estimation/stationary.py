@@ -12,8 +12,15 @@ from daest.estimation.gates import FIT
 from daest.model.linear import DiscreteModel
 from daest.numerics.exponential import balanced, transition_integrals
 from daest.numerics.gaussian import FREE_TOLERANCE
-from daest.numerics.innovations import UNDAMPED_MARGIN, forgetting, hidden_basis
-from daest.numerics.riccati import filter_riccati, predictor_gain, undamped_modes, unobservable_subspace
+from daest.numerics.riccati import (
+    UNDAMPED_MARGIN,
+    filter_riccati,
+    forgetting,
+    hidden_basis,
+    predictor_gain,
+    undamped_modes,
+    unobservable_subspace,
+)
 
 
 @dataclass(frozen=True)

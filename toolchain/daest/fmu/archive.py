@@ -10,8 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 from daest.errors import FmuError, printable
-from daest.files import why_no_file
-from daest.litter import passing_folder
+from daest.files import passing_folder, why_no_file
 
 # Limits against archives that are made to fill memory or disk. The largest FMUs in use (with maps or
 # neural networks as resources) stay well below.

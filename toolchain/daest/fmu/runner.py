@@ -23,13 +23,13 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 
 from daest.errors import FmuError
+from daest.files import follow_folder
 from daest.fmu.archive import open_archive
 from daest.fmu.drive import Drive
 from daest.fmu.engine import Followed, Plan
 from daest.fmu.instance import Binary
 from daest.fmu.sandbox import VARIABLE, Walls, chosen_mode, end_marked, scrubbed
 from daest.fmu.wire import read_message, write_message
-from daest.litter import follow_folder
 from daest.model.fmu import FmuModel
 from daest.numerics.compiler import native_platform
 

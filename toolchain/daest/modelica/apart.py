@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import IO, Any, TypeVar
 
 from daest.cache import cache_folder, forget_unused, hash_of, keep_content, kept_content
-from daest.litter import die_with_parent
+from daest.files import die_with_parent
 
 T = TypeVar("T")
 

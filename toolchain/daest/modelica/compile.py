@@ -13,7 +13,7 @@ from daest.modelica import syntax as s
 from daest.modelica.assemble import assemble
 from daest.modelica.change import declare, with_values
 from daest.modelica.compiler import Job, compile_source, modification, with_room
-from daest.modelica.dialect import Names, adapted, without_broken, without_quotes
+from daest.modelica.dialect import Names, adapted, with_named_classes, without_broken, without_quotes
 from daest.modelica.excerpt import adapted_text, excerpt
 from daest.modelica.library import (
     Roots,
@@ -26,7 +26,6 @@ from daest.modelica.library import (
 from daest.modelica.modifications import check_modifications
 from daest.modelica.outline import class_heads, tokens
 from daest.modelica.parameters import is_parameter
-from daest.modelica.redeclared import with_named_classes
 from daest.modelica.source import read_source, select_class
 
 __all__ = ["compile_model", "compile_text", "declare", "with_values"]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from daest.errors import ModelError, Place
-from daest.litter import passing_folder, run_program
+from daest.files import passing_folder, run_program
 from daest.modelica.library import library_entries, library_name, library_roots
 from daest.modelica.outline import class_heads, tokens, within
 

@@ -24,7 +24,7 @@ from pathlib import Path
 
 from daest.cache import cache_folder, forget_unused, is_whole, put_whole, was_used
 from daest.errors import FmuError
-from daest.litter import passing_folder, removed_at_the_end, run_program
+from daest.files import passing_folder, removed_at_the_end, run_program
 
 # Nobody waits longer for a compiler than this; zig builds its C library on the first cross-compilation.
 COMPILE_SECONDS = 600.0

@@ -42,7 +42,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 import daest
 from daest.errors import ConfigError, DaestError
-from daest.litter import die_with_parent
+from daest.files import die_with_parent
 from daest.numerics import deadline
 from daest.numerics.compiler import find_compiler
 

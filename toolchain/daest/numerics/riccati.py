@@ -1,10 +1,22 @@
-"""Stationary covariances: the filter Riccati equation, and the modes that stand in its way."""
+"""Stationary covariances of a filter, and the innovations form of (47): predictor gains, constant or sample
+by sample, with exact derivatives.
+
+The filter Riccati equation is solved by Schur vectors or by structured doubling, which still converges
+(linearly) when a mode on the unit circle has almost no noise, where the Schur method breaks down. Derivatives
+of the stationary covariance solve a discrete Lyapunov equation, by squaring (Smith).
+
+No output sees some parts of a state, such as the absolute angle of a machine that measures speeds. A hidden
+mode that does not die out has no stationary covariance, yet it reaches no prediction. With the projection Π
+on the unobservable subspace, Φ (I - Π) forgets that part at every step: the innovations and their covariances
+stay what they are, gains change along hidden directions only, and every covariance settles.
+"""
 
 from __future__ import annotations
 
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import wraps
 from hashlib import blake2b
 from typing import TypeVar
@@ -13,6 +25,7 @@ import numpy as np
 import scipy.linalg
 
 from daest.numerics.exponential import balanced
+from daest.numerics.kalman_pass import StepMatrices, kalman_steps
 
 RESIDUAL_TOLERANCE = 1e-8  # of a Riccati solution, relative to the size of its terms
 STABILITY_MARGIN = 1e-12  # a closed loop with a pole beyond 1 - this does not forget its start
@@ -64,7 +77,7 @@ def filter_riccati(
     """
     if Phi.shape[0] == 0:
         return np.zeros((0, 0))
-    for method in (_doubling, _schur):
+    for method in (_doubled, _schur):
         # A diverging solution is dropped below. Next to no noise on an integrator leaves a closed-loop pole
         # next to the unit circle: scipy warns of the Lyapunov equation then, but what counts is the residual.
         with np.errstate(over="ignore", invalid="ignore"), warnings.catch_warnings():
@@ -130,7 +143,7 @@ def undamped_modes(Phi: np.ndarray, subspace: np.ndarray, margin: float) -> tupl
     return values[keep], (subspace @ vectors)[:, keep]
 
 
-def _doubling(
+def _doubled(
     Phi: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, S12: np.ndarray
 ) -> np.ndarray | None:
     """Structure-preserving doubling (Chu, Fan, Lin & Wang 2004) for the filter equation without cross
@@ -194,3 +207,277 @@ def _solves(
     size = np.sqrt(np.maximum(np.diagonal(P), 0.0))
     limit = RESIDUAL_TOLERANCE * (np.abs(Phi) @ np.abs(P) @ np.abs(Phi).T + np.abs(Q) + np.outer(size, size))
     return bool(np.all(np.isfinite(P)) and np.all(np.abs(residual) <= limit) and is_stable(Phi - K @ C))
+
+
+MAX_DOUBLINGS = 60
+DOUBLING_TOLERANCE = (
+    1e-14  # change of P per doubling, relative to the standard deviations of its rows and columns
+)
+FORGOTTEN = 1e-12  # size of a power of the closed loop whose square adds nothing any more
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Φ (n, n), C (n_y, n), Q (n, n), R (n_y, n_y), cross covariance S12 (n, n_y) of (47).
+
+    For derivatives every field has a leading axis of p directions; for models that change with time an
+    axis of samples follows it.
+    """
+
+    Phi: np.ndarray
+    C: np.ndarray
+    Q: np.ndarray
+    R: np.ndarray
+    S12: np.ndarray
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Predictor gain K (…, n, n_y), innovation covariance S (…, n_y, n_y), covariance P (…, n, n) of
+    x[k|k-1].
+    """
+
+    K: np.ndarray
+    S: np.ndarray
+    P: np.ndarray
+
+
+def stationary_gains(noise: NoiseModel) -> Gains | None:
+    """P = Φ P Φᵀ + Q - K S Kᵀ reached from P = 0, with its gain; None when R is singular or P does not
+    settle.
+    """
+    try:
+        P = _doubling(noise)
+    except np.linalg.LinAlgError:
+        return None
+    if P is None:
+        return None
+    K, S = _gain(noise, P)
+    return Gains(K, S, P)
+
+
+def stationary_gain_derivatives(noise: NoiseModel, gains: Gains, change: NoiseModel) -> Gains | None:
+    """Derivatives of `stationary_gains` in p directions; None when the closed loop does not settle."""
+    closed = noise.Phi - gains.K @ noise.C
+    still = np.zeros_like(change.Phi)
+    _, _, forcing = _step_derivatives(noise, gains, change, still)
+    dP = _lyapunov(closed, forcing)
+    if dP is None:
+        return None
+    dK, dS, _ = _step_derivatives(noise, gains, change, dP)
+    return Gains(dK, dS, dP)
+
+
+def varying_gains(
+    noise: NoiseModel, change: NoiseModel, observed: np.ndarray, P0: np.ndarray, dP0: np.ndarray
+) -> tuple[Gains, Gains]:
+    """Gains for every sample, and their derivatives, of the time-varying Kalman filter that starts with P0.
+
+    `observed` (n_samples, n_y): a missing output gets a zero gain and a unit innovation variance, so that it
+    adds nothing to the likelihood. Φ, Q, S12 are constant or have an axis of n_samples - 1 steps; C and R are
+    constant. Returns arrays with leading axes (n_samples,) and (p, n_samples).
+
+    For a given gain the change of P obeys dP[k+1] = F dP[k] Fᵀ + M[k], F = Φ - K C, since P is stationary in
+    K; only this recursion and that of P itself go sample by sample.
+    """
+    n_samples, n = observed.shape[0], P0.shape[0]
+    value = _varying_values(noise, observed, P0)
+    now, d_now = _per_sample(noise, observed, 0), _per_sample(change, observed, 1)
+    K, P = value.K, value.P
+    closed = now.Phi - K @ now.C
+    half = (d_now.Phi - K @ d_now.C) @ P @ _t(closed) - d_now.S12 @ _t(K)
+    forcing = half + _t(half) + d_now.Q + K @ d_now.R @ _t(K)
+    dP = np.empty((n_samples, change.Phi.shape[0], n, n))
+    dP[0] = dP0
+    steps = np.ascontiguousarray(np.swapaxes(forcing, 0, 1))
+    for k in range(n_samples - 1):
+        dP[k + 1] = closed[k] @ dP[k] @ closed[k].T + steps[k]
+    dP = np.swapaxes(dP, 0, 1)
+    dPC = dP @ _t(now.C) + P @ _t(d_now.C)
+    dS = d_now.C @ P @ _t(now.C) + now.C @ dPC + d_now.R
+    dK = d_now.Phi @ P @ _t(now.C) + now.Phi @ dPC + d_now.S12 - K @ dS
+    return value, Gains(dK @ np.linalg.inv(value.S), dS, dP)
+
+
+def _varying_values(noise: NoiseModel, observed: np.ndarray, P0: np.ndarray) -> Gains:
+    """P, K and S sample by sample, by the step of the Kalman filter with all signals zero."""
+    n_samples, n, n_y = observed.shape[0], P0.shape[0], observed.shape[1]
+    rows, mode = np.unique(observed, axis=0, return_inverse=True)
+    varies = max(noise.Phi.ndim, noise.Q.ndim, noise.S12.ndim) > 2
+    if varies:
+        rows, mode = observed, np.arange(n_samples)
+    now = _per_sample(noise, rows, 0) if varies else _by_pattern(noise, rows)
+    R = now.R + (~rows)[:, :, None] * np.eye(n_y)
+    parts = (now.Phi, now.C, now.Q, now.S12, R, np.zeros((1, 0, 0)), np.zeros((1, 0, n_y)))
+    matrices = StepMatrices(*(np.broadcast_to(part, (len(rows), *part.shape[1:])) for part in parts))
+    signals = np.zeros((n_samples, n_y)), np.zeros((n_samples, n))
+    found = kalman_steps(matrices, mode.ravel(), *signals, np.zeros((n, 1)), P0)
+    assert found.cov is not None
+    if found.failed is not None:  # the caller sees that the numbers are none
+        return Gains(*(np.full((n_samples, *shape), np.nan) for shape in ((n, n_y), (n_y, n_y), (n, n))))
+    return Gains(found.gain, found.innovation_cov, found.cov)
+
+
+def _by_pattern(noise: NoiseModel, observed: np.ndarray) -> NoiseModel:
+    """Constant matrices for every pattern (n_patterns, n_y) of observed outputs, rows of others cleared."""
+    keep = observed.astype(float)
+    return NoiseModel(
+        noise.Phi[None],
+        noise.C * keep[:, :, None],
+        noise.Q[None],
+        noise.R * keep[:, :, None] * keep[:, None, :],
+        noise.S12 * keep[:, None, :],
+    )
+
+
+def _per_sample(noise: NoiseModel, observed: np.ndarray, lead: int) -> NoiseModel:
+    """All samples at once, rows of missing outputs cleared; `lead` axes of directions come first.
+
+    The last sample has no step: it repeats that of the sample before, and nothing depends on it.
+    """
+    keep = observed.astype(float)
+    rows = np.minimum(np.arange(observed.shape[0]), observed.shape[0] - 2)
+
+    def spread(array: np.ndarray) -> np.ndarray:
+        return array[..., None, :, :] if array.ndim == 2 + lead else array[..., rows, :, :]
+
+    pairs = keep[:, :, None] * keep[:, None, :]
+    return NoiseModel(
+        spread(noise.Phi),
+        noise.C[..., None, :, :] * keep[:, :, None],
+        spread(noise.Q),
+        noise.R[..., None, :, :] * pairs,
+        spread(noise.S12) * keep[:, None, :],
+    )
+
+
+def _gain(noise: NoiseModel, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    PC = P @ noise.C.T
+    S = noise.C @ PC + noise.R
+    S = (S + S.T) / 2
+    return np.linalg.solve(S, (noise.Phi @ PC + noise.S12).T).T, S
+
+
+def _step_derivatives(
+    noise: NoiseModel, gains: Gains, change: NoiseModel, dP: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Derivatives of K, S and of the next P when P itself changes by dP."""
+    K, S, P = gains.K, gains.S, gains.P
+    Phi, C = noise.Phi, noise.C
+    PC = P @ C.T
+    dPC = dP @ C.T + P @ _t(change.C)
+    dS = change.C @ PC + C @ dPC + change.R
+    numerator = change.Phi @ PC + Phi @ dPC + change.S12
+    dK = _t(np.linalg.solve(S, _t(numerator - K @ dS)))
+    half = change.Phi @ P @ Phi.T - numerator @ K.T
+    following = half + _t(half) + Phi @ dP @ Phi.T + change.Q + K @ dS @ K.T
+    return dK, dS, following
+
+
+def _doubling(noise: NoiseModel) -> np.ndarray | None:
+    """Structured doubling: after i steps P is the covariance after 2^i samples from P = 0."""
+    weighted = np.linalg.solve(noise.R, np.hstack([noise.C, noise.S12.T]))
+    n = noise.Phi.shape[0]
+    A = (noise.Phi - noise.S12 @ weighted[:, :n]).T
+    G = noise.C.T @ weighted[:, :n]
+    P = noise.Q - noise.S12 @ weighted[:, n:]
+    for _ in range(MAX_DOUBLINGS):
+        W = np.linalg.solve(np.eye(n) + G @ P, np.hstack([A, G]))
+        change = A.T @ P @ W[:, :n]
+        G = G + A @ W[:, n:] @ A.T
+        A = A @ W[:, :n]
+        P = P + change
+        P, G = (P + P.T) / 2, (G + G.T) / 2
+        if not np.all(np.isfinite(P)):
+            return None
+        size = np.sqrt(np.maximum(np.diagonal(P), 0.0))
+        if np.all(np.abs(change) <= DOUBLING_TOLERANCE * np.outer(size, size)):
+            return P
+    return P
+
+
+def _lyapunov(closed: np.ndarray, forcing: np.ndarray) -> np.ndarray | None:
+    """X = F X Fᵀ + M for every M (p, n, n), by squaring; None when the sum does not settle."""
+    X, power = forcing, closed
+    for _ in range(MAX_DOUBLINGS):
+        change = power @ X @ power.T
+        if not np.all(np.isfinite(change)):
+            return None
+        X = X + change
+        power = power @ power
+        if np.max(np.abs(power), initial=0.0) < FORGOTTEN or not np.any(change):
+            return X
+    return None
+
+
+def _t(matrix: np.ndarray) -> np.ndarray:
+    return np.swapaxes(matrix, -1, -2)
+
+
+UNDAMPED_MARGIN = 1e-9  # a mode with |λ| > 1 - this does not die out within a record
+
+
+def hidden_basis(Phi: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """Unobservable subspace (n, r) of (C, Φ), empty (n, 0) unless it holds a mode that does not die out, and
+    where no output sees anything at all."""
+    if not np.all(np.isfinite(Phi)) or not np.any(C):
+        return np.zeros((Phi.shape[0], 0))
+    if np.max(np.abs(np.linalg.eigvals(Phi)), initial=0.0) <= 1.0 - UNDAMPED_MARGIN:
+        return np.zeros((Phi.shape[0], 0))
+    _, hidden = unobservable_subspace(Phi, C)
+    return hidden if undamped_modes(Phi, hidden, UNDAMPED_MARGIN)[0].size else hidden[:, :0]
+
+
+def forgetting(Phi: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """Φ (I - Π) for a transition Φ (n, n): the same predictions without the undamped hidden modes."""
+    basis = hidden_basis(Phi, C)
+    return Phi - Phi @ _Projection(Phi, basis).whole if basis.shape[1] else Phi
+
+
+def forgetting_model(noise: NoiseModel, change: NoiseModel | None) -> tuple[NoiseModel, NoiseModel | None]:
+    """`noise` with Φ (I - Π) in place of Φ, and its derivatives in p directions.
+
+    Φ (…, n, n) may have an axis of steps: all are functions of one matrix of rates and hide the same
+    directions. Where these turn with a parameter, so does Π.
+    """
+    first = noise.Phi.reshape(-1, *noise.Phi.shape[-2:])[0]
+    basis = hidden_basis(first, noise.C)
+    if not basis.shape[1]:
+        return noise, change
+    onto = _Projection(first, basis)
+    still = replace(noise, Phi=noise.Phi - noise.Phi @ onto.whole)
+    if change is None:
+        return still, None
+    directions = change.Phi.reshape(change.Phi.shape[0], -1, *change.Phi.shape[-2:])[:, 0]
+    turned = onto.turning(first, noise.C, directions, change.C)
+    turned = turned.reshape(turned.shape[0], *(1,) * (noise.Phi.ndim - 2), *turned.shape[1:])
+    return still, replace(change, Phi=change.Phi - change.Phi @ onto.whole - noise.Phi @ turned)
+
+
+class _Projection:
+    """Π = N L on the columns of N (n, r), L N = I; orthogonal in the units that balance Φ."""
+
+    def __init__(self, Phi: np.ndarray, basis: np.ndarray) -> None:
+        self._size = balanced(Phi - np.eye(Phi.shape[0]))[1]
+        self._columns = np.linalg.qr(basis / self._size[:, None])[0]
+        self._back = self._columns.T / self._size
+        self.whole = self._size[:, None] * self._columns @ self._back
+
+    def turning(self, Phi: np.ndarray, C: np.ndarray, dPhi: np.ndarray, dC: np.ndarray) -> np.ndarray:
+        """dΠ (p, n, n) = dN L. C N = 0 and Φ N = N Λ hold for every θ, so that C dN = -dC N and, outside of
+        N, Φ dN - dN Λ = -dΦ N."""
+        size, inside = self._size, self._columns
+        outside = scipy.linalg.null_space(inside.T)
+        (m, r), rate = (outside.shape[1], inside.shape[1]), Phi * size / size[:, None]
+        sylvester = np.kron(np.eye(r), outside.T @ rate @ outside)
+        sylvester -= np.kron((inside.T @ rate @ inside).T, np.eye(m))
+        system = np.vstack([sylvester, np.kron(np.eye(r), C * size @ outside)])
+        drift = outside.T @ (dPhi * size / size[:, None]) @ inside
+        wanted = np.concatenate([_stacked(drift), _stacked(dC * size @ inside)], axis=1)
+        found = np.linalg.lstsq(system, -wanted.T, rcond=None)[0].T.reshape(-1, r, m)
+        return size[:, None] * (outside @ found.transpose(0, 2, 1)) @ self._back
+
+
+def _stacked(matrices: np.ndarray) -> np.ndarray:
+    """The columns of each of p matrices one below the other, (p, m r)."""
+    return matrices.transpose(0, 2, 1).reshape(matrices.shape[0], -1)

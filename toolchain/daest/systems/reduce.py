@@ -16,16 +16,19 @@ import numpy as np
 
 from daest.errors import ModelError
 from daest.model.flat import Dynamics, ExplicitModel, FlatModel, InputDerivative, Model
-from daest.systems.expand import ExpandedSystem, SamplePoint, derivative_name, nudged, sample_point
-from daest.systems.loops import Definitions, ImplicitLoop, equations_at, solve_blocks
-from daest.systems.pantelides import (
+from daest.systems.expand import (
     Differentiations,
+    ExpandedSystem,
+    SamplePoint,
     check_structure,
+    derivative_name,
     differentiations,
     flat_signature,
     name_equations,
+    nudged,
+    sample_point,
 )
-from daest.systems.regular import regular_system
+from daest.systems.loops import Definitions, ImplicitLoop, equations_at, regular_system, solve_blocks
 from daest.systems.state_choice import (
     DependentEquations,
     StateChoice,
@@ -44,7 +47,7 @@ def reduce_index(flat: FlatModel) -> ExplicitModel:
     """The explicit form of the model, states chosen among its own variables.
 
     Steps: alias elimination; Pantelides' differentiation counts; combinations of equations whose highest
-    derivatives depend on each other (`systems.regular`); dummy derivatives with pivots chosen by
+    derivatives depend on each other (`systems.loops`); dummy derivatives with pivots chosen by
     value at the start point, such that `stateSelect`, then differentiated variables with (fixed) start values
     stay states; block lower triangular order; tearing. Linear loops are written out, nonlinear ones become
     Newton iterations.

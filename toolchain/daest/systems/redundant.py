@@ -18,11 +18,17 @@ import casadi as ca
 import numpy as np
 
 from daest.model.flat import Dynamics, ExplicitModel, FlatModel
-from daest.systems.expand import ExpandedSystem, SamplePoint, nudged, sample_point
-from daest.systems.loops import Definitions, equations_at, solve_blocks
-from daest.systems.pantelides import check_structure, differentiations, flat_signature
+from daest.systems.expand import (
+    ExpandedSystem,
+    SamplePoint,
+    check_structure,
+    differentiations,
+    flat_signature,
+    nudged,
+    sample_point,
+)
+from daest.systems.loops import Definitions, equations_at, regular_system, solve_blocks
 from daest.systems.reduce import ARGUMENTS, assemble, expressions_of, refuse_differentiated_noise
-from daest.systems.regular import regular_system
 from daest.systems.state_choice import (
     DependentEquations,
     StateChoice,

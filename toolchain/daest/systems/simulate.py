@@ -21,6 +21,7 @@ from daest.numerics.projection import pull
 from daest.numerics.recursions import linear_recursion
 from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import Mode, settled_start
+from daest.systems.expand import name_equations
 from daest.systems.hybrid import HybridRun, Inputs, follow
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import (
@@ -33,11 +34,9 @@ from daest.systems.integrate import (
 from daest.systems.integration import IntegrationError
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.modes import in_starting_mode
-from daest.systems.pantelides import name_equations
 from daest.systems.reduce import dynamics
 from daest.systems.redundant import good_everywhere, matching_states
-from daest.systems.sample import sample
-from daest.systems.state_space import state_space, state_space_family
+from daest.systems.state_space import sample, state_space, state_space_family
 from daest.systems.switches import extended, with_switches
 from daest.systems.tolerances import SOLVER
 

@@ -25,8 +25,8 @@ from daest.numerics.pencils import Scaling, apply_scaling, split_pencil, unit_sc
 from daest.numerics.precise_pencil import precise_form
 from daest.numerics.ranks import decide_rank, default_tolerance, warning
 from daest.systems.exact_structure import ExactStructure, exact_structure, generic_structure
+from daest.systems.expand import Signature, check_structure
 from daest.systems.generic_verdict import special_values
-from daest.systems.pantelides import Signature, check_structure
 
 LISTED = 8
 """Equations or unknowns that an error message lists before it says how many more there are."""

@@ -17,8 +17,14 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
 from daest.errors import ModelError
-from daest.systems.expand import SELECT_RANK, ExpandedSystem, SamplePoint, nudged, sparse_jacobian
-from daest.systems.pantelides import name_equations
+from daest.systems.expand import (
+    SELECT_RANK,
+    ExpandedSystem,
+    SamplePoint,
+    name_equations,
+    nudged,
+    sparse_jacobian,
+)
 
 MOST_PLACES = 256  # sizes of alias groups beyond this are not told apart
 

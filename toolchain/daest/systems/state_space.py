@@ -1,21 +1,250 @@
-"""State-space matrices as functions of the parameters, and their exact derivatives."""
+"""State-space matrices as functions of the parameters, sampled exactly, and their exact derivatives.
+
+StateSpace -> DiscreteModel as in report (43)-(45), (47): inputs between the samples are constant (zoh) or
+straight lines (foh). White noise is integrated exactly (Van Loan), or held over a sample as in (43) with the
+variance intensity/period that gives it the same power.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache, singledispatch
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
 
 from daest.errors import ModelError
 from daest.model.flat import Dynamics, ExplicitModel, Model
-from daest.model.linear import StateSpace, StateSpaceFamily
+from daest.model.linear import DiscreteModel, StateSpace, StateSpaceFamily
 from daest.near import near_names
+from daest.numerics.exponential import (
+    TransitionIntegrals,
+    covariance_integral,
+    covariance_integral_derivatives,
+    transition_integral_derivatives,
+    transition_integrals,
+)
 from daest.systems.initialize import initial_point
 from daest.systems.linearize import has_affine_dynamics, is_affine_model, operating_point
 from daest.systems.reduce import dynamics
+
+Hold = Literal["foh", "zoh"]
+Noise = Literal["white", "held"]
+
+
+@dataclass(frozen=True)
+class SampledDerivatives:
+    """Derivatives of the fields of DiscreteModel with the same names; the first axis counts the p
+    directions.
+    """
+
+    transition: np.ndarray  # (p, n, n)
+    input_now: np.ndarray  # (p, n, n_ū)
+    input_next: np.ndarray  # (p, n, n_ū)
+    drift: np.ndarray  # (p, n)
+    output: np.ndarray  # (p, n_y, n)
+    feedthrough: np.ndarray  # (p, n_y, n_ū)
+    output_offset: np.ndarray  # (p, n_y)
+    process_cov: np.ndarray  # (p, n, n)
+    measurement_cov: np.ndarray  # (p, n_y, n_y), without the derivative of the given measurement_cov
+    cross_cov: np.ndarray  # (p, n, n_y)
+
+
+def sample(
+    ss: StateSpace,
+    period: float,
+    hold: Hold = "foh",
+    process_intensity: np.ndarray | None = None,
+    measurement_cov: np.ndarray | None = None,
+    noise: Noise = "white",
+) -> DiscreteModel:
+    """Sample `ss` with `period` [s].
+
+    `process_intensity` (n_w,) or (n_w, n_w): two-sided intensity of w, zero when not given. `measurement_cov`
+    (n_y, n_y) or (n_y,): covariance of e, zero when not given. `noise` "white" integrates w exactly; "held"
+    holds w over a sample, (43)-(45), cov(w) = intensity / period, and is needed where w reaches an output
+    directly (H w), since sampled white noise has no finite variance.
+
+    An input derivative of order 1 is, with foh, the slope of the interval; its effect on the states is
+    moved into the columns of the input, and the columns of the derivative in Γ0 and Γ1 are zero. In y = D
+    ū its column stays: ū comes from `stacked_inputs`. Errors (ModelError): `input-derivative-order`,
+    `input-derivative-hold`, `output-white-noise`.
+
+        >>> daest.sample(ss, 0.01, "zoh").transition.shape
+        (4, 4)
+    """
+    _check_input_derivatives(ss, hold)
+    intensity = _square(process_intensity, ss.G.shape[1])
+    _check_direct_noise(ss, intensity, noise)
+    integrals = transition_integrals(ss.A, period)
+    now, following = _input_matrices(ss.B, integrals, ss, period, hold)
+    noise_cov = intensity / period
+    held = integrals.first @ ss.G
+    if noise == "held":
+        process_cov = held @ noise_cov @ held.T
+    else:
+        process_cov = covariance_integral(ss.A, ss.G @ intensity @ ss.G.T, period)
+    direct = ss.H if noise == "held" else np.zeros_like(ss.H)
+    return DiscreteModel(
+        transition=integrals.transition,
+        input_now=now,
+        input_next=following,
+        drift=integrals.first @ ss.b,
+        output=ss.C,
+        feedthrough=ss.D,
+        output_offset=ss.d,
+        process_cov=process_cov,
+        measurement_cov=_square(measurement_cov, ss.C.shape[0]) + direct @ noise_cov @ direct.T,
+        cross_cov=held @ noise_cov @ direct.T,
+        noise_cov=noise_cov,
+        noise_process_cov=noise_cov @ held.T,
+        noise_measurement_cov=noise_cov @ direct.T,
+        period=period,
+        hold=hold,
+    )
+
+
+def sample_derivatives(
+    ss: StateSpace,
+    derivatives: dict[str, np.ndarray],
+    period: float,
+    hold: Hold = "foh",
+    process_intensity: np.ndarray | None = None,
+    intensity_derivatives: np.ndarray | None = None,
+    noise: Noise = "white",
+) -> SampledDerivatives:
+    """Exact derivatives of `sample` in p directions.
+
+    `derivatives` maps the names of the StateSpace matrices (at least A, B, G, b, C, D, H, d) to arrays
+    with a first axis of length p; `intensity_derivatives` (p, n_w, n_w) are those of the intensity, zero
+    when not given.
+    """
+    dA, dB, dG, db = (derivatives[name] for name in ("A", "B", "G", "b"))
+    dH = derivatives["H"]
+    p, n_w = dA.shape[0], ss.G.shape[1]
+    intensity = _square(process_intensity, n_w)
+    dW = np.zeros((p, n_w, n_w)) if intensity_derivatives is None else intensity_derivatives
+    integrals = transition_integrals(ss.A, period)
+    change = transition_integral_derivatives(ss.A, dA, period)
+    now, following = _input_matrices(ss.B, change, ss, period, hold)
+    now_b, following_b = _input_matrices(dB, integrals, ss, period, hold)
+    held, dheld = integrals.first @ ss.G, change.first @ ss.G + integrals.first @ dG
+    if noise == "held":
+        dprocess = _product_change(held, intensity, held, dheld, dW, dheld) / period
+        dmeasurement = _product_change(ss.H, intensity, ss.H, dH, dW, dH) / period
+        dcross = _product_change(held, intensity, ss.H, dheld, dW, dH) / period
+    else:
+        Q, dQ = ss.G @ intensity @ ss.G.T, _product_change(ss.G, intensity, ss.G, dG, dW, dG)
+        dprocess = covariance_integral_derivatives(ss.A, Q, dA, dQ, period) if n_w else np.zeros_like(dA)
+        n_y = ss.C.shape[0]
+        dmeasurement, dcross = np.zeros((p, n_y, n_y)), np.zeros((p, ss.A.shape[0], n_y))
+    return SampledDerivatives(
+        transition=change.transition,
+        input_now=now + now_b,
+        input_next=following + following_b,
+        drift=change.first @ ss.b + (integrals.first @ db[..., None])[..., 0],
+        output=derivatives["C"],
+        feedthrough=derivatives["D"],
+        output_offset=derivatives["d"],
+        process_cov=dprocess,
+        measurement_cov=dmeasurement,
+        cross_cov=dcross,
+    )
+
+
+def slope_note(input_names: Sequence[str], sources: Collection[int]) -> tuple[str, ...]:
+    """Why inputs must run straight between samples, in one sentence: the model needs the derivatives of the
+    inputs with the indices `sources`. Empty where both holds are possible."""
+    if not sources:
+        return ()
+    names = ", ".join(input_names[i] for i in sorted(set(sources)))
+    return (
+        f"hold foh: the model needs the time derivative of input {names}, which a held input does not have",
+    )
+
+
+def stacked_inputs(
+    inputs: np.ndarray, time: np.ndarray, input_derivatives: tuple[tuple[int, int], ...]
+) -> np.ndarray:
+    """ū = (u, v) (n_samples, n_u + n_v): v are slopes of the inputs by central differences over `time`
+    [s].
+    """
+    if not input_derivatives:
+        return inputs
+    if len(time) < 2:
+        return np.hstack([inputs, np.zeros((len(time), len(input_derivatives)))])
+    slopes = np.column_stack([np.gradient(inputs[:, i], time) for i, _ in input_derivatives])
+    return np.hstack([inputs, slopes])
+
+
+def _input_matrices(
+    B: np.ndarray, integrals: TransitionIntegrals, ss: StateSpace, period: float, hold: Hold
+) -> tuple[np.ndarray, np.ndarray]:
+    """Γ0 and Γ1 for B (..., n, n_ū); linear in B and in `integrals`, so it serves derivatives as well."""
+    whole = integrals.first @ B
+    if hold == "zoh":
+        return whole, np.zeros_like(whole)
+    ramp = integrals.second @ B
+    now, following = whole - ramp, ramp.copy()
+    n_u = B.shape[-1] - len(ss.input_derivatives)
+    for column, (source, _) in enumerate(ss.input_derivatives, start=n_u):
+        # v = (u[k+1] - u[k]) / period over the whole interval.
+        now[..., source] -= whole[..., column] / period
+        following[..., source] += whole[..., column] / period
+        now[..., column] = following[..., column] = 0.0
+    return now, following
+
+
+def _product_change(
+    left: np.ndarray, W: np.ndarray, right: np.ndarray, dleft: np.ndarray, dW: np.ndarray, dright: np.ndarray
+) -> np.ndarray:
+    """d(left W rightᵀ) for (p, ...) directions."""
+    outer = left @ W @ np.swapaxes(dright, -1, -2)
+    return dleft @ W @ right.T + outer + left @ dW @ right.T
+
+
+def _square(value: np.ndarray | None, size: int) -> np.ndarray:
+    """Covariance or intensity as a (size, size) matrix; a vector is a diagonal."""
+    if value is None:
+        return np.zeros((size, size))
+    value = np.asarray(value, dtype=float)
+    return np.diag(value) if value.ndim == 1 else value
+
+
+def _check_input_derivatives(ss: StateSpace, hold: Hold) -> None:
+    for source, order in ss.input_derivatives:
+        name = ss.input_names[source]
+        if order > 1:
+            raise ModelError(
+                "input-derivative-order",
+                f"the model needs the time derivative of order {order} of input {name}",
+                where=name,
+                remedy="a sampled input gives only its slope; let the model take the derivative as its input",
+            )
+        if hold == "zoh":
+            raise ModelError(
+                "input-derivative-hold",
+                f"the model needs the time derivative of input {name}, which a held input does not have",
+                where=name,
+                remedy="use first-order hold (--hold foh)",
+            )
+
+
+def _check_direct_noise(ss: StateSpace, intensity: np.ndarray, noise: Noise) -> None:
+    if noise == "held" or not ss.H.size:
+        return
+    direct = np.abs(ss.H @ intensity @ ss.H.T).diagonal() > 0.0
+    if np.any(direct):
+        output = ss.output_names[int(np.flatnonzero(direct)[0])]
+        raise ModelError(
+            "output-white-noise",
+            f"output {output} contains white noise directly, so that a sample of it has no finite variance",
+            where=output,
+            remedy="hold the noise over a sample (noise = held), or filter it before it reaches the output",
+        )
+
 
 MATRICES = ("A", "B", "G", "b", "C", "D", "H", "d", "X", "U", "W", "x0")
 VECTORS = frozenset({"b", "d", "x0"})

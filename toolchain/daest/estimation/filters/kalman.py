@@ -26,7 +26,7 @@ from daest.model.estimates import InitialState, KalmanResult
 from daest.model.experiment import Experiment
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.numerics.gaussian import FREE_TOLERANCE, marginals
-from daest.systems.sample import sample, stacked_inputs
+from daest.systems.state_space import sample, stacked_inputs
 
 NAMED_AT_MOST = 8  # variables in a message
 # Time constants of a stationary filter that the record must hold for its start not to matter.
