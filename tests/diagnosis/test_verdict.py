@@ -9,8 +9,9 @@ import pytest
 from hidden_plants import model, rubbing, some_effects
 
 from daest.diagnosis.candidates import pairs
+from daest.diagnosis.coloured import Residual
 from daest.diagnosis.diagnose import says_as_much
-from daest.diagnosis.verdict import Evidence, decide
+from daest.diagnosis.verdict import Evidence, Loads, decide
 from daest.model.diagnosis import Ahead, FreeForm, Load, PlaceGain, Proof, Screen, Screened, Unproved
 from daest.model.fit import Agreement, FittedParameter
 from daest.modelica.sites import sites
@@ -53,17 +54,15 @@ def evidence(
         0, "rotor.flange_a", "rotor.w", "", "N.m", "rad/s", 80.0, 8, 1e-9 if related else 0.3, x, np.sign(x),
         0.1 + 0 * x,
     )  # fmt: skip
-    return Evidence(
+    loads = Loads(
         model(),
         SimpleNamespace(loads=(load,), experiments=(SimpleNamespace(outputs=np.zeros((900, 1))),)),
         SimpleNamespace(observed=(SimpleNamespace(whitened=innovations),)),
-        fit(simulated, parameters=parameters),
-        Screen((entry,), np.eye(1), p_value, 12, ()),
-        tuple(proofs),
         (PlaceGain(("rotor.flange_a", "bearing"), gain, size, "N.m"),),
         form,
-        fitted or {},
     )
+    baseline, screen = fit(simulated, parameters=parameters), Screen((entry,), np.eye(1), p_value, 12, ())
+    return Evidence(baseline, screen, tuple(proofs), fitted or {}, loads)
 
 
 def test_one_accepted_candidate_is_supported_with_its_numbers():
@@ -101,7 +100,9 @@ def test_leader_that_could_not_be_tried_is_named_where_nothing_else_is_found():
 
 def test_curve_that_foresees_nothing_is_no_effect():
     assert decide(evidence(related=True)).name == "unknown effect"
-    found = decide(replace(evidence(related=True), against_form="unseen data are foreseen no better"))
+    known = evidence(related=True)
+    loads = replace(known.rest, against_form="unseen data are foreseen no better")
+    found = decide(replace(known, rest=loads))
     assert found.name == "external disturbance"
     assert "rotor.w" in found.message and "foreseen no better" in found.message
 
@@ -211,7 +212,7 @@ def test_a_rejected_law_that_foresees_unseen_data_is_named_beside_an_unknown_eff
 
 
 def test_second_effect_behind_a_supported_one_is_told():
-    form = evidence(related=True).form
+    form = evidence(related=True).rest.form
     found = decide(evidence(proofs=[replace(proof(), left=form)]))
     assert found.name == "supported" and "Something else is missing besides" in found.message
 
@@ -239,3 +240,19 @@ def test_another_hold_is_kept_only_where_it_has_a_law_that_says_as_much():
     assert not says_as_much([with_likelihood(8.0)], first)
     assert not says_as_much([with_likelihood(12.0, "rejected")], first)
     assert not says_as_much([], first)
+
+
+def simulated(is_noise, **known):
+    """Evidence of a diagnosis by simulation: of an FMU, or of a model with events."""
+    return replace(evidence(**known), rest=Residual(lambda: is_noise, "FMU"), is_closed=True)
+
+
+def test_fmu_is_judged_by_the_rules_of_equations():
+    assert decide(simulated(True)).name == "nothing missing"
+    assert decide(simulated(False)).name == "external disturbance"
+    assert decide(simulated(False, proofs=[proof()])).name == "supported"
+    moved = FittedParameter("J", 2.0, 0.01, 1.0, "kg.m2", None, None, None)
+    assert decide(simulated(True, parameters=(moved,), fitted={"J": 1.0})).name == "parameters off"
+    untold = decide(replace(simulated(False, proofs=[proof()]), unproved=(untried(31.0),)))
+    assert untold.name == "cannot tell"
+    assert "daest extend" not in untold.next_experiment, "nothing can be put into an FMU"

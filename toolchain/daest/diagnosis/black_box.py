@@ -15,28 +15,32 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import cast
 
 import numpy as np
 
 from daest.diagnosis.coloured import (
+    SHARES,
+    Leader,
+    Residual,
     beside_starts,
     diagnosis_of,
-    foreseen,
+    fitted_null,
     is_white,
+    judged,
     log_likelihood,
-    refusal,
+    refitted,
     refuse_gaps,
     screened,
-    verdict,
     worth_a_refit,
 )
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.trial import fitted_candidate
+from daest.diagnosis.verdict import Evidence
 from daest.errors import ConfigError, ModelError, NumericalError
 from daest.estimation.coordinates import Coordinate, Unknowns, objective, parameter_coordinate
 from daest.estimation.identify import identify
@@ -48,13 +52,12 @@ from daest.fmu.binary_model import BinaryDynamics, BinaryIntegrator, BinaryModel
 from daest.fmu.drive import Law
 from daest.fmu.drive import Step as LawStep
 from daest.fmu.outside import InputLaw, SensorFault, input_law, program_of, sensor_fault, tried_as
-from daest.model.diagnosis import Candidate, Diagnosis, Proof, Screen, Screened
+from daest.model.diagnosis import Candidate, Diagnosis, Proof, Screen
 from daest.model.effects import Effect, Site
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult, FittedParameter, IdentifyOptions
 from daest.model.flat import Model
 from daest.model.parts import Parameter, Variable
-from daest.numerics.parallel import workers
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import Hold, Run, Trajectory
 from daest.systems.integration import IntegrationError
@@ -62,11 +65,9 @@ from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import dynamics
 
 REFITTED = 3  # candidates by their score, and as many by the share of the residual that they would explain
-SHARES = (1.0, 0.3, 0.0)  # of the size that one step from the null gives, where a refit starts
 MOST_STATES = 12  # whose laws are tried
 MOST_ITERATIONS = 15  # of a refit
 START_ITERATIONS = 30  # of a search for initial states
-REFIT_SECONDS = 3.0  # times that of the model as it is
 TRANSLATIONAL = ("N", "m", "m/s", "m/s2")  # units by which the one of two effects of a name is told
 NO_TEXT = "an FMU cannot be extended from outside; the law is told above"
 
@@ -108,14 +109,6 @@ class Case:
     sizes: np.ndarray
 
 
-@dataclass(frozen=True)
-class Scored:
-    """A trial with its entry in the screen."""
-
-    trial: Trial
-    entry: Screened
-
-
 def diagnose_black_box(
     flat: BinaryModel,
     library: Sequence[Effect],
@@ -138,25 +131,26 @@ def diagnose_black_box(
     effects = chosen(library, flat, options)
     quiet = replace(flat, noises=())
     progress("fitting the FMU as it is")
-    fitting = IdentifyOptions(
-        method="oe", hold=options.hold, seed=options.seed, jobs=options.jobs, cluster=options.cluster
-    )
-    baseline = options.step("fmu null", (), flat, lambda: identify(quiet, estimation, fitting, validation))
+    baseline = fitted_null(flat, quiet, estimation, validation, options, "fmu null")
     case = _case(quiet, baseline, tuple(estimation))
     residuals = _residuals(case)
     trials = candidates(case, effects, options.places)
     progress(f"screening {len(trials)} effects at inputs and outputs")
     labels = [trial.label for trial in trials]
-    scored, screen = options.step(
+    screen = options.step(
         "fmu screen", labels, flat, lambda: _screened(case, trials, residuals, options.seed)
     )
+    leaders = [Leader(entry) for entry in worth_a_refit(screen.entries, REFITTED)]
     tried = _case(quiet, baseline, tuple(validation))
-    refit = _Refit(case, tried, baseline, tuple(residuals), screen.n_screened)
-    worth = worth_a_refit([one.entry for one in scored], REFITTED)
-    chosen_ones = [next(one for one in scored if one.entry is entry) for entry in worth]
-    found = _proofs(refit, chosen_ones, options, progress)
-    told = verdict(found, lambda: is_white(residuals) or _is_noise_of(flat, baseline, estimation))
-    return diagnosis_of(told, _limits_of_the_box(case), baseline, screen, began)
+    alone = _simulated_alone(baseline, tried) if leaders else baseline
+    worth = {trial.label: trial for trial in trials if any(trial.label == one.label for one in leaders)}
+    refit = _Refit(case, tried, alone, tuple(residuals), worth, screen.n_screened)
+    proofs, unproved = refitted(
+        partial(_proof, refit), leaders, flat, baseline, options, progress, "fmu proof"
+    )
+    rest = Residual(lambda: is_white(residuals) or _is_noise_of(flat, baseline, estimation), "FMU")
+    evidence = Evidence(alone, screen, proofs, options.fitted, rest, unproved=unproved, is_closed=True)
+    return diagnosis_of(evidence, baseline, _limits_of_the_box(case), began)
 
 
 def _require_places(flat: Model, places: Sequence[str]) -> None:
@@ -398,15 +392,10 @@ def _size_step(case: Case, trial: Trial) -> float:
 # ---------------------------------------------------------------------------------------------- screen
 
 
-def _screened(
-    case: Case, trials: Sequence[Trial], residuals: Sequence[np.ndarray], seed: int
-) -> tuple[list[Scored], Screen]:
+def _screened(case: Case, trials: Sequence[Trial], residuals: Sequence[np.ndarray], seed: int) -> Screen:
     """All trials on the whitened residual, as the screen of a model with equations, best first."""
     responses = [[_response(case, trial)] for trial in trials]
-    told = [trial.candidate for trial in trials]
-    screen = screened(told, _parameter_slopes(case), responses, residuals, seed)
-    known = {id(c): trial for c, trial in zip(told, trials, strict=True)}
-    return [Scored(known[id(entry.candidate)], entry) for entry in screen.entries], screen
+    return screened([t.candidate for t in trials], _parameter_slopes(case), responses, residuals, seed)
 
 
 # ----------------------------------------------------------------------------------------------- proof
@@ -414,57 +403,41 @@ def _screened(
 
 @dataclass(frozen=True)
 class _Refit:
-    """What every refit needs: the FMU at its fit with the recordings and the validation data, and the
-    residuals of that fit. `without`: rms errors of the validation data as the FMU is, by output."""
+    """What every refit needs: the FMU at its fit, with the recordings and with the validation data, the
+    residuals of that fit, and the trials that are worth a refit by their labels, of `n_trials`."""
 
     case: Case
     validation: Case
     baseline: FitResult
     residuals: tuple[np.ndarray, ...]
+    trials: Mapping[str, Trial]
     n_trials: int
-    without: Mapping[str, float | None] = field(default_factory=dict)
 
 
-def _proofs(
-    task: _Refit, scored: Sequence[Scored], options: DiagnoseOptions, progress: Progress
-) -> list[Proof]:
-    """Of all that were scored; an effect that the FMU cannot be simulated with is none."""
-    if not scored:
-        return []
+def _simulated_alone(baseline: FitResult, validation: Case) -> FitResult:
+    """The fit with the errors of the validation data from the initial states that fit them best, as they are
+    told of every effect; unchanged where the FMU cannot be simulated so."""
     try:
-        alone = _with_fitted_starts(task.validation)
-        task = replace(task, without=_agreement(alone, _residuals(alone)).rms)
+        alone = _with_fitted_starts(validation)
+        told = _agreement(alone, _residuals(alone))
     except IntegrationError:
-        return []
-    for one in scored:
-        progress(f"refitting with {one.trial.label}")
-    with workers(options.jobs, options.cluster) as pool:
-        seconds = REFIT_SECONDS * task.baseline.seconds
-        outcomes = list(pool.map(partial(_kept_proof, task, options), scored, seconds=seconds))
-    return [o.get() for o in outcomes if not isinstance(o.error, IntegrationError)]
+        return baseline
+    return replace(baseline, simulated={**baseline.simulated, "validation": told})
 
 
-def _kept_proof(task: _Refit, options: DiagnoseOptions, one: Scored) -> Proof:
-    """The proof, now or of an earlier run. Raises IntegrationError."""
-    return options.step("fmu proof", (one.trial.label,), task.case.flat, lambda: _proof(task, one))
-
-
-def _proof(task: _Refit, one: Scored) -> Proof:
-    """The effect put at its place and refitted with all parameters, and tried on validation data."""
-    case, trial, baseline = task.case, one.trial, task.baseline
-    fitted, size, std_error, errors = _refitted(case, trial, one.entry.sizes[0])
-    gain = log_likelihood(errors) - log_likelihood(task.residuals)
-    n = sum(e.size for e in errors)
+def _proof(task: _Refit, leader: Leader) -> Proof:
+    """The effect put at its place and refitted with all parameters, and tried on validation data. Raises
+    IntegrationError."""
+    case, baseline, entry = task.case, task.baseline, leader.entry
+    trial = task.trials[leader.label]
+    fitted, size, std_error, errors = _refitted(case, trial, entry.sizes[0])
     tried = _with_fitted_starts(replace(task.validation, theta=fitted.theta), trial, size)
     unseen = _agreement(tried, _residuals(tried, trial, size))
-    shares = [(unseen.rms[name], error) for name, error in task.without.items()]
-    better = float(np.mean([1 - (a or 0.0) / b for a, b in shares if b]))
-    share = foreseen(errors, task.residuals) / (foreseen(task.residuals, errors) or 1.0)
     theta = dict(zip((p.name for p in case.flat.parameters), fitted.theta.tolist(), strict=True))
     own, unit = f"{trial.candidate.name}.size", trial.candidate.size_unit
     known = [replace(p, value=theta[p.name], std_error=None) for p in baseline.parameters]
-    fitted_size = FittedParameter(own, size, std_error, one.entry.sizes[0], unit, None, None, None)
-    reason = refusal(gain, fitted_size, better, share, n, task.n_trials)
+    fitted_size = FittedParameter(own, size, std_error, entry.sizes[0], unit, None, None, None)
+    gain = log_likelihood(errors) - log_likelihood(task.residuals)
     fit = replace(
         baseline,
         parameters=(*known, fitted_size),
@@ -473,19 +446,8 @@ def _proof(task: _Refit, one: Scored) -> Proof:
         simulated={"estimation": _agreement(case, errors), "validation": unseen},
         one_step={},
     )
-    return Proof(
-        candidate=trial.candidate,
-        flat=case.flat.with_theta(theta),
-        fit=fit,
-        delta_log_likelihood=gain,
-        delta_bic=2 * gain - float(np.log(n)),
-        p_value=one.entry.p_value,
-        explained=max(0.0, better),
-        equivalent=(),
-        not_separable_from=(),
-        verdict="rejected" if reason else "supported",
-        reason=reason,
-    )
+    flat = case.flat.with_theta(theta)
+    return judged(leader, flat, fit, baseline, errors, task.residuals, task.n_trials)
 
 
 def _refitted(case: Case, trial: Trial, size: float) -> tuple[Case, float, float | None, list[np.ndarray]]:

@@ -1,25 +1,35 @@
 """What a simulation leaves of a recording, of any colour: the residual is whitened by an autoregression, and
-candidates are scored, refused and told from their rivals by it."""
+candidates are scored, refitted, refused and told from their rivals by it. The verdict is told by the rules of
+every diagnosis (`verdict.decide`)."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.screen import projected, scored
-from daest.errors import EstimationError
-from daest.model.diagnosis import Candidate, Diagnosis, Proof, Screen, Screened, VerdictName
+from daest.diagnosis.verdict import Decided, Evidence, decide, foreseen_by
+from daest.errors import DaestError, EstimationError
+from daest.estimation.identify import identify
+from daest.model.diagnosis import Candidate, Diagnosis, Proof, Screen, Screened, Unproved
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult, FittedParameter
+from daest.model.fit import FitResult, FittedParameter, IdentifyOptions, error_ratios
+from daest.model.flat import Model
+from daest.numerics.parallel import workers
 from daest.numerics.statistics import chi2, ljung_box
+from daest.systems.integration import IntegrationError
 
 MOST_ORDER = 8  # of the autoregression that whitens the residual
 WHITE_LAGS = 20
+SHARES = (1.0, 0.3, 0.0)  # of the size that one step from the null gives, where a refit starts
+REFIT_SECONDS = 3.0  # times that of the model as it is
 
 
 def screened(
@@ -195,69 +205,160 @@ def beside_starts(sensitivities: np.ndarray, n_parameters: int, number: int, n_r
     return table
 
 
-Told = tuple[VerdictName, str, str, tuple[Proof, ...]]
-"""Verdict, message, what to record next, and the proofs with what was decided of each."""
+def fitted_null(
+    flat: Model,
+    quiet: Model,
+    estimation: Sequence[Experiment],
+    validation: Sequence[Experiment],
+    options: DiagnoseOptions,
+    step: str,
+) -> FitResult:
+    """The fit of the model as it is, `quiet` without its noises, by its simulation; kept as `step`. Raises
+    what identification raises."""
+    fitting = IdentifyOptions(
+        method="oe", hold=options.hold, seed=options.seed, jobs=options.jobs, cluster=options.cluster
+    )
+    return options.step(step, (), flat, lambda: identify(quiet, estimation, fitting, validation))
 
 
-def diagnosis_of(told: Told, remarks: str, baseline: FitResult, screen: Screen, began: float) -> Diagnosis:
+@dataclass(frozen=True)
+class Leader:
+    """An entry of the screen that is worth a refit, and the other places at which it does the same."""
+
+    entry: Screened
+    alike: tuple[str, ...] = ()
+
+    @property
+    def label(self) -> str:
+        return self.entry.candidate.label
+
+
+def refitted(
+    proof: Callable[[Leader], Proof],
+    leaders: Sequence[Leader],
+    flat: Model,
+    baseline: FitResult,
+    options: DiagnoseOptions,
+    progress: Progress,
+    step: str,
+) -> tuple[tuple[Proof, ...], tuple[Unproved, ...]]:
+    """The proofs of the leaders, in several processes, each now or of an earlier run as `step`; and the
+    leaders with which the model could not be refitted."""
+    for leader in leaders:
+        progress(f"refitting with {leader.label}")
+    with workers(options.jobs, options.cluster) as pool:
+        seconds = REFIT_SECONDS * baseline.seconds
+        outcomes = list(pool.map(partial(_kept, proof, flat, options, step), leaders, seconds=seconds))
+    proofs: list[Proof] = []
+    failed: list[Unproved] = []
+    for leader, outcome in zip(leaders, outcomes, strict=True):
+        if isinstance(outcome.error, IntegrationError | DaestError):
+            failed.append(_unproved(leader))
+        else:
+            proofs.append(outcome.get())
+    return tuple(proofs), tuple(failed)
+
+
+def _kept(
+    proof: Callable[[Leader], Proof], flat: Model, options: DiagnoseOptions, step: str, leader: Leader
+) -> Proof:
+    return options.step(step, (leader.label,), flat, lambda: proof(leader))
+
+
+def _unproved(leader: Leader) -> Unproved:
+    entry, reason = leader.entry, "the model could not be refitted with it"
+    return Unproved(entry.candidate, leader.alike, entry.score, entry.p_value, entry.sizes, reason, True)
+
+
+def judged(
+    leader: Leader,
+    flat: Model,
+    fit: FitResult,
+    baseline: FitResult,
+    errors: Sequence[np.ndarray],
+    residuals: Sequence[np.ndarray],
+    n_trials: int,
+) -> Proof:
+    """The proof of a leader whose `fit` leaves `errors` (n, n_y) per recording where the model as it is, by
+    `baseline`, leaves `residuals`; `n_trials` candidates were screened."""
+    candidate = leader.entry.candidate
+    n_sizes, n = len(leader.entry.sizes), sum(e.size for e in errors)
+    gain = log_likelihood(errors) - log_likelihood(residuals)
+    better = _validation_gain(baseline, fit)
+    share = foreseen(errors, residuals) / (foreseen(residuals, errors) or 1.0)
+    first = f"{candidate.name}.{candidate.effect.sizes[0].name}"
+    size = next(p for p in fit.parameters if p.name == first)
+    reason = refusal(gain, size, better, share, n, n_trials)
+    return Proof(
+        candidate=candidate,
+        flat=flat,
+        fit=fit,
+        delta_log_likelihood=gain,
+        delta_bic=2 * gain - n_sizes * float(np.log(n)),
+        p_value=leader.entry.p_value,
+        explained=max(0.0, better),
+        equivalent=leader.alike,
+        not_separable_from=(),
+        verdict="rejected" if reason else "supported",
+        reason=reason,
+    )
+
+
+def _validation_gain(before: FitResult, after: FitResult) -> float:
+    """Mean over the outputs of the relative fall of the simulation error on unseen data."""
+    falls = [1.0 - ratio for ratio in error_ratios(before.simulated, after.simulated)]
+    return float(np.mean(falls)) if falls else 0.0
+
+
+@dataclass(frozen=True)
+class Residual:
+    """The rest where a simulation leaves a residual of any colour. `is_noise` tells whether it is white, or
+    that of declared noise; `what` is the model, in words."""
+
+    is_noise: Callable[[], bool]
+    what: str = "model"
+
+    def is_explained(self, _evidence: Evidence) -> bool:
+        return self.is_noise()
+
+    def verdict(self, evidence: Evidence) -> Decided:
+        return Decided(
+            "external disturbance",
+            "The residual is coloured, and no law that was tried explains it: a load from outside, or "
+            f"something else inside the {self.what}." + foreseen_by(evidence, None),
+            "Measure what may act on the plant, and add the column to the recording.",
+        )
+
+
+def diagnosis_of(evidence: Evidence, baseline: FitResult, remarks: str, began: float) -> Diagnosis:
     """The diagnosis of a model whose loads are not modelled; `remarks` follow the message, `began` is when it
     began by the clock `time.perf_counter`."""
-    name, message, experiment, proofs = told
+    decided = decide(replace(evidence, proofs=_told_apart(evidence.proofs)))
     return Diagnosis(
-        verdict=name,
-        message=f"{message} {remarks}".rstrip(),
+        verdict=decided.name,
+        message=f"{decided.message} {remarks}".rstrip(),
         baseline=baseline,
-        proofs=proofs,
-        screen=screen,
+        proofs=decided.proofs,
+        unproved=evidence.unproved,
+        screen=evidence.screen,
         places=(),
         disturbance=None,
         validation=baseline.simulated.get("validation"),
-        next_experiment=experiment,
+        next_experiment=decided.next_experiment,
         seconds=time.perf_counter() - began,
         has_loads=False,
     )
 
 
-def verdict(proofs: Sequence[Proof], is_explained: Callable[[], bool], what: str = "FMU") -> Told:
-    """Verdict, message, what to record next, and the proofs with what was decided of each. `is_explained`,
-    asked where no effect is supported: the residual is white, or that of declared noise; `what` is
-    the model, in words."""
+def _told_apart(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
+    """The proofs, best first, those that are supported told from the best of them."""
     ranked = sorted(proofs, key=lambda p: -p.delta_log_likelihood)
     supported = [p for p in ranked if p.verdict == "supported"]
-    if supported:
-        best = supported[0]
-        close = [
-            p
-            for p in supported
-            if best.delta_log_likelihood - p.delta_log_likelihood < GATES.fmu_same_log_likelihood
-        ]
-        decided = tuple(_beside_the_best(p, best, close) if p.verdict == "supported" else p for p in ranked)
-        size = best.fit.parameters[-1]
-        text = f"{best.candidate.label}, size {size.value:.4g} ± {size.std_error or 0.0:.2g}"
-        if len(close) == 1:
-            return "supported", f"{text}: the data ask for it, and it predicts better.", "", decided
-        others = ", ".join(p.candidate.label for p in close[1:])
-        return (
-            "cannot tell",
-            f"{text}, or {others}: the data cannot tell them apart.",
-            "excite the inputs at other amplitudes and speeds, where these laws differ",
-            decided,
-        )
-    if is_explained():
-        return (
-            "nothing missing",
-            f"The residual of the refitted {what} is white, or explained by its declared process noise; no "
-            "effect improves the fit.",
-            "",
-            tuple(ranked),
-        )
-    return (
-        "external disturbance",
-        f"The residual is coloured, and no law that was tried explains it: a load from outside, or something "
-        f"else inside the {what}.",
-        "measure what may act on the plant, and add the column to the recording",
-        tuple(ranked),
-    )
+    if not supported:
+        return tuple(ranked)
+    best, least = supported[0], supported[0].delta_log_likelihood - GATES.fmu_same_log_likelihood
+    close = [p for p in supported if p.delta_log_likelihood > least]
+    return tuple(_beside_the_best(p, best, close) if p.verdict == "supported" else p for p in ranked)
 
 
 def _beside_the_best(proof: Proof, best: Proof, close: Sequence[Proof]) -> Proof:

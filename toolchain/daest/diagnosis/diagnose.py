@@ -404,19 +404,8 @@ def _examined(
         stand, run, load, form, (found, used), candidates, chosen_library, options, progress
     )
     form = _told_by_rest(forms, proofs)
-    evidence = verdicts.Evidence(
-        stand.declared,
-        null,
-        run,
-        stand.baseline,
-        found,
-        proofs,
-        gains,
-        form,
-        options.fitted,
-        stand.told,
-        unproved,
-    )
+    loads = verdicts.Loads(stand.declared, null, run, gains, form)
+    evidence = verdicts.Evidence(stand.baseline, found, proofs, options.fitted, loads, stand.told, unproved)
     decided = verdicts.decide(evidence)
     learned = None
     is_curve = decided.name == "unknown effect" and form is not None and form.p_value < GATES.missing_level
@@ -424,7 +413,7 @@ def _examined(
         progress(f"refitting with the load as a curve over {form.label}")
         learned = _learned(stand, run, form)
         if learned is not None and learned.against:
-            decided = verdicts.decide(replace(evidence, against_form=learned.against))
+            decided = verdicts.decide(replace(evidence, rest=replace(loads, against_form=learned.against)))
         elif learned is not None:
             learned = with_formula(learned)
     message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")

@@ -18,18 +18,22 @@ import numpy as np
 
 from daest.diagnosis.candidates import attached, fed, placement, with_shapes
 from daest.diagnosis.coloured import (
+    SHARES,
+    Leader,
+    Residual,
     beside_starts,
     diagnosis_of,
-    foreseen,
+    fitted_null,
     is_white,
+    judged,
     log_likelihood,
-    refusal,
+    refitted,
     refuse_gaps,
     screened,
-    verdict,
     worth_a_refit,
 )
 from daest.diagnosis.options import DiagnoseOptions, Progress
+from daest.diagnosis.verdict import Evidence
 from daest.errors import DaestError, EstimationError
 from daest.estimation.fitted import fitted_model
 from daest.estimation.identify import identify
@@ -38,7 +42,6 @@ from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import ExplicitModel, FlatModel, with_equations
 from daest.modelica.attach import attach_all
-from daest.numerics.parallel import workers
 from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import settled_start
 from daest.systems.integrate import Hold, integrate, integrator
@@ -51,8 +54,6 @@ REFITTED = 4  # candidates by their score, and as many by the share of the resid
 MOST_SHAPES = 3  # of one effect at one place, which the screen tries
 AT_ONCE = 24  # candidates that stand in one model of the screen
 ITERATIONS = 30  # of a refit
-SHARES = (1.0, 0.3, 0.0)  # of the size that one step from the null gives, where a refit starts
-REFIT_SECONDS = 3.0  # times that of the model as it is
 SAME = 1.0 - 1e-6  # correlation of the responses of one effect at two places that the sensors see alike
 MOST_NAMED = 6  # modes that were never seen
 
@@ -82,10 +83,7 @@ def diagnose_switching(
     began = clock.perf_counter()
     refuse_gaps([*estimation, *validation], "a simulation")
     progress("fitting the model as it is, by its simulation through the events")
-    fitting = IdentifyOptions(
-        method="oe", hold=options.hold, seed=options.seed, jobs=options.jobs, cluster=options.cluster
-    )
-    baseline = options.step("events null", (), flat, lambda: identify(flat, estimation, fitting, validation))
+    baseline = fitted_null(flat, flat, estimation, validation, options, "events null")
     case = _case(flat, baseline, tuple(estimation))
     residuals = _residuals(case)
     shaped, skipped = _shaped(case, candidates)
@@ -97,10 +95,13 @@ def diagnose_switching(
         lambda: _screen(case, shaped, residuals, options.seed, skipped),
     )
     refit = _Refit(case, baseline, tuple(validation), tuple(residuals), screen.n_screened)
-    worth = _distinct(screen, worth_a_refit(screen.entries, REFITTED))
-    proofs = _proofs(refit, worth, options, progress)
-    told = verdict(proofs, lambda: is_white(residuals), "model")
-    return diagnosis_of(told, " ".join(_remarks(case)), baseline, screen, began)
+    leaders = _distinct(screen, worth_a_refit(screen.entries, REFITTED))
+    proofs, unproved = refitted(
+        partial(_proof, refit), leaders, flat, baseline, options, progress, "events proof"
+    )
+    rest = Residual(lambda: is_white(residuals))
+    evidence = Evidence(baseline, screen, proofs, options.fitted, rest, unproved=unproved)
+    return diagnosis_of(evidence, baseline, " ".join(_remarks(case)), began)
 
 
 # The model as it is ---------------------------------------------------------------------------------------
@@ -249,7 +250,7 @@ class _Refit:
     n_trials: int
 
 
-def _distinct(screen: Screen, entries: Sequence[Screened]) -> list[tuple[Screened, tuple[str, ...]]]:
+def _distinct(screen: Screen, entries: Sequence[Screened]) -> list[Leader]:
     """One entry of an effect at a place, the one that comes first; with it the other places at which the
     effect does the same to the outputs."""
     rows = {id(entry): i for i, entry in enumerate(screen.entries)}
@@ -266,32 +267,13 @@ def _distinct(screen: Screen, entries: Sequence[Screened]) -> list[tuple[Screene
                 break
         else:
             found.append((entry, []))
-    return [(entry, tuple(places)) for entry, places in found]
+    return [Leader(entry, tuple(places)) for entry, places in found]
 
 
-def _proofs(
-    task: _Refit,
-    entries: Sequence[tuple[Screened, tuple[str, ...]]],
-    options: DiagnoseOptions,
-    progress: Progress,
-) -> tuple[Proof, ...]:
-    for entry, _ in entries:
-        progress(f"refitting with {entry.candidate.label}")
-    with workers(options.jobs, options.cluster) as pool:
-        seconds = REFIT_SECONDS * task.baseline.seconds
-        outcomes = list(pool.map(partial(_kept_proof, task, options), entries, seconds=seconds))
-    return tuple(o.get() for o in outcomes if not isinstance(o.error, IntegrationError | DaestError))
-
-
-def _kept_proof(task: _Refit, options: DiagnoseOptions, one: tuple[Screened, tuple[str, ...]]) -> Proof:
-    label = (one[0].candidate.label,)
-    return options.step("events proof", label, task.case.flat, lambda: _proof(task, *one))
-
-
-def _proof(task: _Refit, entry: Screened, alike: tuple[str, ...]) -> Proof:
+def _proof(task: _Refit, leader: Leader) -> Proof:
     """The effect put at its place and refitted with all parameters, and tried on validation data."""
-    case, baseline, candidate = task.case, task.baseline, entry.candidate
-    flat, start = _begun(task, entry)
+    case, candidate = task.case, leader.entry.candidate
+    flat, start = _begun(task, leader.entry)
     names = (*case.names, *_sizes(candidate))
     options = IdentifyOptions(
         method="oe",
@@ -303,26 +285,7 @@ def _proof(task: _Refit, entry: Screened, alike: tuple[str, ...]) -> Proof:
     )
     fit = identify(flat, fed(case.experiments, candidate), options, fed(task.validation, candidate))
     after = _case(flat, fit, fed(case.experiments, candidate))
-    errors = _residuals(after)
-    gain = log_likelihood(errors) - log_likelihood(task.residuals)
-    better = _validation_gain(baseline, fit)
-    share = foreseen(errors, task.residuals) / (foreseen(task.residuals, errors) or 1.0)
-    own = next(p for p in fit.parameters if p.name == _sizes(candidate)[0])
-    n = sum(e.size for e in errors)
-    reason = refusal(gain, own, better, share, n, task.n_trials)
-    return Proof(
-        candidate=candidate,
-        flat=after.flat,
-        fit=fit,
-        delta_log_likelihood=gain,
-        delta_bic=2 * gain - len(_sizes(candidate)) * float(np.log(n)),
-        p_value=entry.p_value,
-        explained=max(0.0, better),
-        equivalent=alike,
-        not_separable_from=(),
-        verdict="rejected" if reason else "supported",
-        reason=reason,
-    )
+    return judged(leader, after.flat, fit, task.baseline, _residuals(after), task.residuals, task.n_trials)
 
 
 def _begun(task: _Refit, entry: Screened) -> tuple[FlatModel, dict[str, float]]:
@@ -346,16 +309,6 @@ def _begun(task: _Refit, entry: Screened) -> tuple[FlatModel, dict[str, float]]:
             best = (error, flat)
     flat = attach_all(case.flat, [placement(candidate)]) if best is None else best[1]
     return flat, {p.name: p.value for p in flat.parameters}
-
-
-def _validation_gain(before: FitResult, after: FitResult) -> float:
-    """Mean over the outputs of the relative fall of the simulation error on unseen data."""
-    a, b = after.simulated.get("validation"), before.simulated.get("validation")
-    if a is None or b is None:
-        return 0.0
-    pairs = [(a.rms.get(name), rms) for name, rms in b.rms.items()]
-    falls = [1 - new / old for new, old in pairs if old and new is not None]
-    return float(np.mean(falls)) if falls else 0.0
 
 
 # What the recordings show of the events -------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -19,22 +20,55 @@ from daest.numerics.statistics import whiteness_p_value
 from daest.quantities import spoken_duration
 
 
+class Rest(Protocol):
+    """What is left where no candidate is accepted, as the null hypothesis of a diagnosis tells it."""
+
+    def is_explained(self, evidence: Evidence) -> bool:
+        """Whether the null hypothesis explains the data, so that nothing is missing."""
+
+    def verdict(self, evidence: Evidence) -> Decided:
+        """The verdict where it does not."""
+
+
 @dataclass(frozen=True)
 class Evidence:
-    """All that the verdict rests on."""
+    """All that the verdict rests on. `fitted` are values of an earlier fit."""
+
+    baseline: FitResult
+    screen: Screen
+    proofs: tuple[Proof, ...]
+    fitted: Mapping[str, float]
+    rest: Rest
+    told: FitResult | None = None  # of the model as it is, without coloured loads
+    unproved: tuple[Unproved, ...] = ()
+    is_closed: bool = False  # nothing can be put, or measured, between the parts of the model
+
+
+@dataclass(frozen=True)
+class Loads:
+    """The rest where unknown loads stand beside the model as it is. `form` is what the load follows best,
+    `against_form` why unseen data speak against a curve over its variable."""
 
     flat: FlatModel
     null: Null
     run: NullObserver
-    baseline: FitResult
-    screen: Screen
-    proofs: tuple[Proof, ...]
     gains: tuple[PlaceGain, ...]
-    form: FreeForm | None  # the one that the load of the null follows best
-    fitted: Mapping[str, float]
-    told: FitResult | None = None  # of the model as it is, without coloured loads
-    unproved: tuple[Unproved, ...] = ()
-    against_form: str = ""  # why unseen data speak against a curve over the variable of the form
+    form: FreeForm | None
+    against_form: str = ""
+
+    @property
+    def is_related(self) -> bool:
+        return self.form is not None and self.form.p_value < GATES.missing_level
+
+    def is_explained(self, evidence: Evidence) -> bool:
+        return _simulates_to_noise(evidence, self) or (
+            evidence.screen.p_value > GATES.missing_level
+            and not self.is_related
+            and not _has_unexpected_load(self)
+        )
+
+    def verdict(self, evidence: Evidence) -> Decided:
+        return _of_loads(evidence, self)
 
 
 @dataclass(frozen=True)
@@ -78,12 +112,14 @@ def _beside_untried(evidence: Evidence, accepted: Sequence[Proof], leader: Unpro
         "cannot tell",
         f"{names} would do, but {label} says more in the screen (p = {leader.p_value:.1g}), and "
         f"{leader.reason}.",
-        _by_hand(leader),
+        _by_hand(evidence, leader),
         proofs,
     )
 
 
-def _by_hand(one: Unproved) -> str:
+def _by_hand(evidence: Evidence, one: Unproved) -> str:
+    if evidence.is_closed:
+        return "Record again with smaller amplitudes, at which the model can be simulated with it."
     return (
         f"Add {one.candidate.label} to the model (daest extend) and identify it, from sizes that make "
         "sense in the machine."
@@ -94,33 +130,28 @@ def _decided(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved | N
     if len(accepted) == 1:
         return Decided("supported", _supported(evidence, accepted[0]))
     if accepted:
-        return _cannot_tell(list(accepted))
-    if _simulates_to_noise(evidence):
-        return _nothing(evidence)
-    form = evidence.form
-    is_related = form is not None and form.p_value < GATES.missing_level
-    if (
-        evidence.screen.p_value > GATES.missing_level
-        and not is_related
-        and not _has_unexpected_load(evidence)
-    ):
+        return _cannot_tell(evidence, accepted)
+    if evidence.rest.is_explained(evidence):
         return _nothing(evidence)
     if leader is not None:
         return Decided(
             "cannot tell",
             f"Something is missing. {leader.candidate.label} leads the screen "
             f"(p = {leader.p_value:.1g}), but {leader.reason}.",
-            _by_hand(leader),
+            _by_hand(evidence, leader),
         )
-    if form is not None and is_related and not evidence.against_form:
-        return _unknown(evidence, form)
-    if form is not None and is_related and evidence.against_form:
-        return _no_law(evidence, form)
-    if _is_coloured(evidence):
+    return evidence.rest.verdict(evidence)
+
+
+def _of_loads(evidence: Evidence, loads: Loads) -> Decided:
+    form = loads.form
+    if form is not None and loads.is_related:
+        return _no_law(evidence, loads, form) if loads.against_form else _unknown(evidence, loads, form)
+    if _is_coloured(loads):
         return Decided(
             "unknown effect",
             "Something dynamic is missing: the prediction errors stay correlated in time although loads "
-            f"were admitted at {_load_places(evidence)}, and no effect of the library explains them.",
+            f"were admitted at {_load_places(loads)}, and no effect of the library explains them.",
             "Excite the machine over a wider band of frequencies, and measure a motion or a current between.",
         )
     near = [p for p in evidence.proofs if p.delta_bic > GATES.min_told_bic_gain]
@@ -128,25 +159,25 @@ def _decided(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved | N
         return _not_proven(evidence, near)
     return Decided(
         "external disturbance",
-        f"An unexplained load acts at {_load_places(evidence)}, but it is related to no variable of the "
+        f"An unexplained load acts at {_load_places(loads)}, but it is related to no variable of the "
         "model and no effect of the library explains it.",
         "Repeat the same experiment: what comes back in the same way belongs to the machine.",
     )
 
 
-def _no_law(evidence: Evidence, form: FreeForm) -> Decided:
+def _no_law(evidence: Evidence, loads: Loads, form: FreeForm) -> Decided:
     """A load that seems to follow a variable, though no curve over it foresees anything."""
     near = [p for p in evidence.proofs if p.delta_bic > GATES.min_told_bic_gain]
     text = (
-        f"An unexplained load acts at {_load_places(evidence)}. It seems to follow {form.label} (p = "
-        f"{form.p_value:.1g}), but with a curve over that in the model {evidence.against_form}: it is noise "
+        f"An unexplained load acts at {_load_places(loads)}. It seems to follow {form.label} (p = "
+        f"{form.p_value:.1g}), but with a curve over that in the model {loads.against_form}: it is noise "
         "or a load from outside, or a law that this recording does not show well enough."
     )
     if near:
         text += f" The nearest of the library is {near[0].candidate.label}, but {near[0].reason}."
     return Decided(
         "external disturbance",
-        text + _foreseen(evidence, near[0] if near else None),
+        text + foreseen_by(evidence, near[0] if near else None),
         "Repeat the same experiment: what comes back in the same way belongs to the machine.",
     )
 
@@ -161,7 +192,7 @@ def _supported(evidence: Evidence, proof: Proof) -> str:
         text += f" Something else is missing besides: what is left follows {proof.left.label}."
     ratio = _error_ratio(evidence, proof)
     told = _errors(evidence, proof) + _importance(evidence, proof) + _certainty(evidence, proof)
-    return text + told + _foreseen(evidence, proof, GATES.max_told_ratio * min(ratio, 1.0))
+    return text + told + foreseen_by(evidence, proof, GATES.max_told_ratio * min(ratio, 1.0))
 
 
 def _importance(evidence: Evidence, proof: Proof) -> str:
@@ -208,13 +239,15 @@ def _errors(evidence: Evidence, proof: Proof) -> str:
     return f" Validation error (rms): {', '.join(parts)}." if parts else ""
 
 
-def _cannot_tell(accepted: list[Proof]) -> Decided:
+def _cannot_tell(evidence: Evidence, accepted: Sequence[Proof]) -> Decided:
     names = [p.candidate.label for p in accepted]
     differ = {p.candidate.site.name for p in accepted}
     separate = (
         "Run the machine slowly and at several constant speeds, and with amplitudes from small to large: "
         "friction, elasticity and play differ there most."
         if len(differ) == 1
+        else "Excite the inputs at other amplitudes and speeds, where these laws differ."
+        if evidence.is_closed
         else f"Measure a motion, torque or current between {_listed(tuple(differ))}."
     )
     return Decided(
@@ -235,24 +268,24 @@ def _not_proven(evidence: Evidence, near: list[Proof]) -> Decided:
     )
 
 
-def _simulates_to_noise(evidence: Evidence) -> bool:
+def _simulates_to_noise(evidence: Evidence, loads: Loads) -> bool:
     """Whether the simulation is as good as the one-step prediction on data it has not seen: then nothing acts
     on the machine that the model does not know, whatever small loads the likelihood likes to have."""
-    noise = _one_step_errors(evidence)
+    noise = _one_step_errors(evidence.baseline, loads.null)
     fits = [evidence.baseline] + ([] if evidence.told is None else [evidence.told])
     return bool(noise) and any(_is_at_noise(fit, noise) for fit in fits)
 
 
-def _one_step_errors(evidence: Evidence) -> dict[str, float]:
+def _one_step_errors(baseline: FitResult, null: Null) -> dict[str, float]:
     """Of each output the one-step error on unseen data; empty where there are none. It is at most that on the
     data of the fit and what chance may add: an observer may take long to find the start of unseen data."""
-    one_step = evidence.baseline.one_step
+    one_step = baseline.one_step
     if "validation" not in one_step:
         return {}
     fitted = one_step["estimation"].rms if "estimation" in one_step else {}
     found: dict[str, float] = {}
     for column, (name, unseen) in enumerate(one_step["validation"].rms.items()):
-        n = sum(int(np.isfinite(e.outputs[:, column]).sum()) for e in evidence.null.experiments)
+        n = sum(int(np.isfinite(e.outputs[:, column]).sum()) for e in null.experiments)
         own = fitted.get(name)
         # The ratio of two rms values of n normal errors each has the standard deviation 1 / sqrt(n).
         limit = np.inf if own is None or n == 0 else own * (1.0 + GATES.min_significance / np.sqrt(n))
@@ -269,10 +302,10 @@ def _is_at_noise(fit: FitResult, noise: Mapping[str, float]) -> bool:
     )
 
 
-def _has_unexpected_load(evidence: Evidence) -> bool:
+def _has_unexpected_load(loads: Loads) -> bool:
     """Whether the data ask for a load that the model's declared noise does not account for."""
-    declared = max((n.intensity or 0.0 for n in evidence.flat.noises), default=0.0)
-    for gain, load in zip(evidence.gains, evidence.null.loads, strict=True):
+    declared = max((n.intensity or 0.0 for n in loads.flat.noises), default=0.0)
+    for gain, load in zip(loads.gains, loads.null.loads, strict=True):
         # The correlation function size² exp(-|τ|/T) has the spectral density 2 size² T at low frequency.
         if (
             gain.log_likelihood_gain > GATES.min_load_gain
@@ -320,7 +353,7 @@ def _moved(evidence: Evidence) -> list[str]:
     return result
 
 
-def _unknown(evidence: Evidence, form: FreeForm) -> Decided:
+def _unknown(evidence: Evidence, loads: Loads, form: FreeForm) -> Decided:
     nearest = next(
         (
             p
@@ -330,17 +363,17 @@ def _unknown(evidence: Evidence, form: FreeForm) -> Decided:
         None,
     )
     text = (
-        f"An effect that the library does not hold acts at {_group(evidence.gains[form.load])}: the "
+        f"An effect that the library does not hold acts at {_group(loads.gains[form.load])}: the "
         f"unexplained load follows {form.label} (p = {form.p_value:.1g}); the curve is given."
     )
     if nearest is not None:
         text += f" The nearest of the library is {nearest.candidate.label}, but {nearest.reason}."
-    text += _foreseen(evidence, nearest)
+    text += foreseen_by(evidence, nearest)
     record = f"Record {form.variable} over a wider range, slowly and in both directions, to tell its form."
     return Decided("unknown effect", text, record)
 
 
-def _foreseen(evidence: Evidence, named: Proof | None, limit: float = GATES.max_told_ratio) -> str:
+def foreseen_by(evidence: Evidence, named: Proof | None, limit: float = GATES.max_told_ratio) -> str:
     """The rejected candidates other than `named` whose error on unseen data is below `limit` times that of
     the model as it is, those about as good as the best of them, as a sentence; empty where there is none. An
     unknown load that is free enough takes the likelihood from a law that is right; a simulation has no such
@@ -378,18 +411,18 @@ def _told(evidence: Evidence, proof: Proof) -> tuple[FitResult, FitResult]:
     return evidence.told, proof.final
 
 
-def _is_coloured(evidence: Evidence) -> bool:
+def _is_coloured(loads: Loads) -> bool:
     """Whether the null leaves innovations that are certainly not white."""
     p_values = [
         whiteness_p_value(o.whitened[:, j], np.isfinite(o.whitened[:, j]))
-        for o in evidence.run.observed
+        for o in loads.run.observed
         for j in range(o.whitened.shape[1])
     ]
     return min(p_values) * len(p_values) < GATES.white_level
 
 
-def _load_places(evidence: Evidence) -> str:
-    found = [g for g in evidence.gains if g.log_likelihood_gain > GATES.min_load_gain] or list(evidence.gains)
+def _load_places(loads: Loads) -> str:
+    found = [g for g in loads.gains if g.log_likelihood_gain > GATES.min_load_gain] or list(loads.gains)
     return _group(max(found, key=lambda g: g.log_likelihood_gain))
 
 
