@@ -4,7 +4,7 @@ import tomllib
 
 import pytest
 
-from daest.data.toml_faults import fault
+from daest.data.project import fault
 
 
 @pytest.mark.parametrize(

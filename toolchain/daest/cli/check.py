@@ -103,7 +103,7 @@ def checked(path: Path, project: Project, flat: Model | None, window: Preparatio
 def _against(path: Path, project: Project, flat: Model, window: Preparation) -> Sequence[Finding]:
     """What the model says about a recording; what makes it unreadable is one of the findings."""
     from daest.cli.recordings import measured_recordings
-    from daest.data.polarity import polarity_findings
+    from daest.data.check import polarity_findings
 
     try:
         measured, experiments = measured_recordings(flat, project, [path], window)
