@@ -8,7 +8,8 @@ import pytest
 
 from daest.errors import EstimationError
 from daest.estimation.filter import run_filter
-from daest.model.estimates import FilterOptions, InitialState
+from daest.estimation.online_filter import online_filter
+from daest.model.estimates import FilterOptions, InitialState, Sample
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
 from daest.systems.hybrid import Inputs
@@ -127,6 +128,9 @@ def test_a_linear_filter_says_which_ones_follow_events(loop):
         run_filter(loop, recording, "stationary")
     assert caught.value.code == "filter-events"
     assert "ekf" in caught.value.remedy
+    with pytest.raises(EstimationError) as caught:
+        online_filter(loop, 0.025, "stationary")
+    assert caught.value.code == "filter-events"
 
 
 def rough_table(seed, n=201, parts=100):
@@ -162,6 +166,32 @@ def test_a_block_that_sticks_and_slides(block):
     assert np.sqrt(np.mean((column(found, "v") - speed) ** 2)) < 0.1
     smooth = run_filter(block, recording, "ekf", FilterOptions(hold="zoh", initial=start, smooth=True))
     assert np.mean(smooth.std[:, smooth.names.index("s")]) < np.mean(found.std[:, found.names.index("s")])
+
+
+@pytest.mark.parametrize(
+    ("kind", "case"), [("ekf", "loop"), ("ukf", "loop"), ("ekf", "block"), ("ukf", "block")]
+)
+def test_sample_by_sample_the_filter_is_that_of_the_record(request, kind, case):
+    """Also where the memory was kept in a file on the way: the mode is a part of it."""
+    flat, recording = request.getfixturevalue(case), loop_recording(60)[0]
+    size = 3
+    if case == "block":
+        whole, size = rough_table(0, n=101)[0], 2
+        recording = experiment(whole.time[:60], whole.inputs[:60, 0], whole.outputs[:60, 0], "u")
+    options = FilterOptions(hold="zoh", initial=InitialState(np.zeros(size), 0.01 * np.eye(size)))
+    known = run_filter(flat, recording, kind, options)
+    online = online_filter(flat, float(np.diff(recording.time)[0]), kind, options)
+    memory, found = online.begin(), []
+    for k, time in enumerate(recording.time):
+        if k in (7, 33):
+            memory = online.restored({n: v.copy() for n, v in online.stored(memory).items()})
+        memory, one = online.advance(memory, Sample(time, recording.inputs[k], recording.outputs[k]))
+        found.append(one)
+    assert online.names == known.names
+    values = np.array([one.values for one in found])
+    assert np.nanmax(np.abs(values - known.values) / (1e-3 + np.nan_to_num(known.std))) < 1e-6
+    assert found[-1].log_likelihood == pytest.approx(known.log_likelihood, rel=1e-7)
+    assert sum(one.nis for one in found) == pytest.approx(known.nis.mean * len(found), rel=1e-6)
 
 
 def passages_under(block, *levels):

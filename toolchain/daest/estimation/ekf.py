@@ -17,6 +17,7 @@ import numpy as np
 
 from daest.estimation import hybrid_filter, interpreted
 from daest.estimation.filter_task import Directions, Noise, Record, Start, Task, raise_failure
+from daest.systems.event_update import Mode
 from daest.systems.local_linear import LocalModel, pointer
 
 
@@ -50,7 +51,8 @@ class EkfRun:
     ∂x̂(k+1|k)/∂x̂(k|k), at the last sample the identity; noise (n_samples, n, n_w): covariance of the state
     at the end of the interval with the mean of the noise over it; turn (n_samples, n, n): projection of the
     filtered estimate onto invariants of the model, the identity where there are none; modes (n_samples,
-    n_theta): parameters with the mode after the measurement, None for a model without events.
+    n_theta): parameters with the mode after the measurement, and last_mode, the one at the end; both None for
+    a model without events.
     """
 
     predicted: np.ndarray
@@ -65,6 +67,7 @@ class EkfRun:
     turn: np.ndarray
     log_likelihood: float
     modes: np.ndarray | None = None
+    last_mode: Mode | None = None
 
 
 def ekf_likelihood(
@@ -92,9 +95,16 @@ def ekf_likelihood(
 
 
 def run_ekf(
-    model: LocalModel, data: Record, theta: np.ndarray, noise: Noise, start: Start, longest: float = np.inf
+    model: LocalModel,
+    data: Record,
+    theta: np.ndarray,
+    noise: Noise,
+    start: Start,
+    longest: float = np.inf,
+    mode: Mode | None = None,
 ) -> EkfRun:
-    """Filter a recording; errors as `ekf_likelihood`."""
+    """Filter a recording; errors as `ekf_likelihood`. `mode`: of a model with events, that of the first
+    sample, where the filter goes on."""
     (samples, n_y), n, n_w = data.outputs.shape, model.n_states, model.n_noises
     shapes = [(n,), (n, n), (n,), (n, n), (n_y,), (n_y,), (n_y, n), (n, n), (n, n_w), (n, n)]
     details = [np.empty((samples, *shape)) for shape in shapes]
@@ -104,9 +114,9 @@ def run_ekf(
         np.empty((samples, 0, n_y)),
     )
     call = Task.of(model, data, theta, noise, start, longest)
-    modes = None
+    modes, last = None, None
     if model.engine is not None:
-        modes = hybrid_filter.ekf(call, white, log_variance, details)
+        modes, last = hybrid_filter.ekf(call, white, log_variance, details, mode)
     else:
         run = interpreted.ekf if model.library is None else _compiled_ekf
         run(call, white, log_variance, None, nothing, nothing, details)
@@ -115,6 +125,7 @@ def run_ekf(
         **dict(zip(names, details, strict=True)),
         log_likelihood=_log_likelihood(white, log_variance, data),
         modes=modes,
+        last_mode=last,
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from daest.errors import EstimationError
 from daest.estimation.filters import FILTERS
-from daest.estimation.filters.case import AnyModel, Case, Estimates, FilterModel
+from daest.estimation.filters.case import AnyModel, Case, Estimates, FilterModel, linear_refused
 from daest.model.estimates import (
     FilterOptions,
     FilterResult,
@@ -83,12 +83,7 @@ def run_filter(
             "filter-kind-unknown", f"there is no filter {name}", remedy=f"there are {', '.join(FILTERS)}"
         )
     if has_events and FILTERS[name].is_linear:
-        raise EstimationError(
-            "filter-events",
-            f"the {name} filter sees one linear model, and the model changes at events (when, reinit, "
-            "pre, sample)",
-            remedy="use ekf, ukf or particle, which follow the events",
-        )
+        raise linear_refused(name)
     estimate = import_module(f"daest.estimation.filters.{FILTERS[name].file}").estimate
 
     def one(experiment: Experiment) -> FilterResult:

@@ -49,9 +49,11 @@ class Mover:
         self._see, self._flow = Evaluator(task.model.see), Evaluator(task.model.flow)
         self.passages = Passages(task.model.engine, inputs, SOLVER.search_rtol, atol, most)
 
-    def start(self) -> tuple[np.ndarray, np.ndarray, Mode]:
-        """Mean, covariance and mode before the first measurement."""
+    def start(self, mode: Mode | None = None) -> tuple[np.ndarray, np.ndarray, Mode]:
+        """Mean, covariance and mode before the first measurement; with a `mode` the filter goes on."""
         task = self.task
+        if mode is not None:
+            return task.start.mean, task.start.cov, mode.copy()
         x, mode, legs = self.passages.start(task.theta, task.start.mean)
         P = task.start.cov
         for leg in legs:
@@ -115,13 +117,14 @@ def ekf(
     white: np.ndarray,
     log_variance: np.ndarray,
     details: list[np.ndarray],
-) -> np.ndarray:
-    """The extended Kalman filter; fills the tables of `ekf.EkfRun` as `interpreted.ekf` does, and
-    returns the parameters with
-    the mode at each sample (n_samples, n_theta)."""
+    mode: Mode | None = None,
+) -> tuple[np.ndarray, Mode]:
+    """The extended Kalman filter; fills the tables of `ekf.EkfRun` as `interpreted.ekf` does, and returns the
+    parameters with the mode at each sample (n_samples, n_theta), and the mode of the last one. `mode`: that
+    of the first sample, where the filter goes on."""
     data, mover = task.data, Mover(task)
     modes = np.empty((data.time.size, task.theta.size))
-    x, P, mode = mover.start()
+    x, P, mode = mover.start(mode)
     for k in range(data.time.size):
         predicted = (x, P)
         h, C = mover.see(k, x, mode)
@@ -139,7 +142,7 @@ def ekf(
         rows = (*predicted, *filtered, e, s, C, step.transition, step.noise, turn)
         for table, row in zip(details, rows, strict=True):
             table[k] = row
-    return modes
+    return modes, mode
 
 
 def _standing(task: Task) -> Step:
@@ -168,15 +171,18 @@ def _update(
     return x, (P + P.T) / 2, e, s
 
 
-def ukf(task: Task, weights: np.ndarray, tables: list[np.ndarray]) -> np.ndarray:
+def ukf(
+    task: Task, weights: np.ndarray, tables: list[np.ndarray], mode: Mode | None = None
+) -> tuple[np.ndarray, Mode]:
     """The unscented Kalman filter, each point with a mode of its own from sample to sample; fills the tables
-    as `interpreted.ukf` does and returns the parameters with the mode of the centre (n_samples, n_theta)."""
+    as `interpreted.ukf` does and returns the parameters with the mode of the centre (n_samples, n_theta), and
+    the last mode. `mode` as in `ekf`."""
     data, mover = task.data, Mover(task)
     n, n_w = task.model.n_states, task.model.n_noises
     spread, mean0, cov0, each = weights
     mean_weight, cov_weight = (np.concatenate([[w], np.full(2 * n, each)]) for w in (mean0, cov0))
     modes = np.empty((data.time.size, task.theta.size))
-    x, P, mode = mover.start()
+    x, P, mode = mover.start(mode)
     for k in range(data.time.size):
         predicted = (x, P)
         points, own = _points(mover, k, x, P, mode, spread)
@@ -200,7 +206,7 @@ def ukf(task: Task, weights: np.ndarray, tables: list[np.ndarray]) -> np.ndarray
             x = x_next
         for table, value in zip(tables, row, strict=True):
             table[k] = value
-    return modes
+    return modes, mode
 
 
 def _points(

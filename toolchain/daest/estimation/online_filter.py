@@ -6,12 +6,13 @@ from typing import Literal
 
 import numpy as np
 
-from daest.estimation.filters.case import AnyModel, FilterModel
+from daest.estimation.filters.case import AnyModel, FilterModel, linear_refused
 from daest.estimation.online import OnlineFilter
 from daest.estimation.online_gaussian import online_gaussian
 from daest.estimation.online_kalman import online_kalman
 from daest.model.estimates import FilterOptions
-from daest.model.flat import events_refused
+from daest.model.flat import FlatModel
+from daest.systems.modes import in_starting_mode
 
 OnlineKind = Literal["time-varying", "stationary", "ekf", "ukf"]
 
@@ -21,14 +22,16 @@ def online_filter(
 ) -> OnlineFilter:
     """The filter of `model`, with all its outputs, for steps of about `period` [s].
 
-    `kind` None: time-varying for an affine model, ekf for another. Of `options` the numbers, the start, the
-    hold and the longest substep are used. Raises ModelError `events-not-supported` and what
-    `FilterModel.of`, `online_kalman` and `online_gaussian` raise.
+    `kind` None: time-varying for an affine model, ekf for another, and for one with events. Of `options` the
+    numbers, the start, the hold and the longest substep are used. Raises EstimationError `filter-events` and
+    what `FilterModel.of`, `online_kalman` and `online_gaussian` raise.
     """
     options = options or FilterOptions()
+    if isinstance(model, FlatModel) and model.events is not None:
+        if kind in ("time-varying", "stationary"):
+            raise linear_refused(kind)
+        kind, model = kind or "ekf", in_starting_mode(model, theta=options.theta)
     ready = FilterModel.of(model, options)
-    if ready.flat is not None and ready.flat.events is not None:
-        raise events_refused("a filter")
     if ready.flat is not None:
         ready.flat.refuse_hidden_states("filter")
     chosen = kind or ("time-varying" if ready.is_affine else "ekf")

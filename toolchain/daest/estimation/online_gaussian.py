@@ -17,12 +17,14 @@ import numpy as np
 from daest.errors import EstimationError
 from daest.estimation.ekf import run_ekf
 from daest.estimation.filter_task import Noise, Record, Start, Task
-from daest.estimation.filters.local import in_states_of
+from daest.estimation.filters.local import MODES_FOLLOWED, discrete_names, discrete_slots, in_states_of
 from daest.estimation.interpreted import project
 from daest.estimation.online import checked_arrays
 from daest.estimation.ukf import run_ukf
 from daest.model.estimates import Estimate, InitialState, Sample
-from daest.model.flat import Dynamics
+from daest.model.flat import Dynamics, ExplicitModel
+from daest.systems.event_functions import EventFunctions
+from daest.systems.event_update import Mode, settled_start
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import Hold, interval_inputs
 from daest.systems.local_linear import LocalModel, internal_function, internal_names, local_model
@@ -35,7 +37,8 @@ Kind = Literal["ekf", "ukf"]
 @dataclass(frozen=True)
 class GaussianMemory:
     """Mean (n,) and covariance (n, n) of the state at the last sample, with its outputs; `inputs` (n_u,) and
-    `time` of that sample, NaN before the first; `step`: the last step."""
+    `time` of that sample, NaN before the first; `step`: the last step; `mode`: `Mode.stored` of a model with
+    events, else empty."""
 
     time: float
     step: float
@@ -43,6 +46,7 @@ class GaussianMemory:
     mean: np.ndarray
     cov: np.ndarray
     log_likelihood: float
+    mode: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,8 @@ class OnlineGaussian:
             task = Task.of(self.model, data, self.theta, self.noise, start, np.inf)
             start = Start(*project(task, start.mean, start.cov, data.u0[0], sample.time)[:2])
         run: Any = run_ekf if self.kind == "ekf" else run_ukf
-        found = run(self.model, data, self.theta, self.noise, start, self.longest)
+        mode = None if is_first else self._mode(memory)
+        found = run(self.model, data, self.theta, self.noise, start, self.longest, mode=mode)
         step = memory.step if is_first else sample.time - memory.time
         after = GaussianMemory(
             sample.time,
@@ -92,6 +97,7 @@ class OnlineGaussian:
             found.filtered[-1],
             found.filtered_cov[-1],
             memory.log_likelihood + found.log_likelihood,
+            np.zeros(0) if found.last_mode is None else found.last_mode.stored(),
         )
         innovations = np.asarray(found.innovations[-1])
         whitened = self._whitened(found, innovations)
@@ -101,6 +107,13 @@ class OnlineGaussian:
         return after, Estimate(
             sample.time, values, std, innovations, whitened, nis, dof, after.log_likelihood
         )
+
+    def _mode(self, memory: GaussianMemory) -> Mode | None:
+        """That of the last sample; None for a model without events."""
+        events = self.model.explicit.flat.events
+        if events is None:
+            return None
+        return Mode.of_stored(memory.mode, self.theta.size, events.conditions.numel())
 
     def _record(self, memory: GaussianMemory, sample: Sample, is_first: bool) -> Record:
         """The interval before the sample, without outputs at its begin; the first sample is alone."""
@@ -127,25 +140,32 @@ class OnlineGaussian:
 
     def _variables(self, memory: GaussianMemory, ubar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         n, n_w, n_u = memory.mean.size, self.noise.intensity.size, memory.inputs.size
-        value, slopes = self.inside(
-            memory.mean, ubar[:n_u], ubar[n_u:], np.zeros(n_w), self.theta, memory.time
-        )
+        mode = self._mode(memory)
+        theta = self.theta if mode is None else mode.theta
+        value, slopes = self.inside(memory.mean, ubar[:n_u], ubar[n_u:], np.zeros(n_w), theta, memory.time)
         self.model.explicit.raise_failure()
         rows = np.array(slopes)
         cov = np.zeros((n + n_w, n + n_w))
         cov[:n, :n] = memory.cov
         cov[np.arange(n, n + n_w), np.arange(n, n + n_w)] = self.noise.intensity / memory.step
         variance = np.einsum("ij,jk,ik->i", rows, cov, rows)
-        return np.array(value).ravel(), np.sqrt(np.maximum(variance, 0.0))
+        std = np.sqrt(np.maximum(variance, 0.0))
+        kept = theta[discrete_slots(self.model.explicit)]
+        return np.append(np.array(value).ravel(), kept), np.append(std, np.full(kept.size, np.nan))
 
     def stored(self, memory: GaussianMemory) -> dict[str, np.ndarray]:
         return {name: np.asarray(value) for name, value in vars(memory).items()}
+
+    @property
+    def _mode_size(self) -> int:
+        events = self.model.explicit.flat.events
+        return 0 if events is None else self.theta.size + events.conditions.numel() + events.ticks.numel()
 
     def restored(self, arrays: Mapping[str, np.ndarray]) -> GaussianMemory:
         n = self.first.mean.size
         shapes: dict[str, tuple[int | None, ...]] = {
             "time": (), "step": (), "inputs": (len(self.input_names),), "mean": (n,), "cov": (n, n),
-            "log_likelihood": (),
+            "log_likelihood": (), "mode": (self._mode_size,),
         }  # fmt: skip
         found = checked_arrays(arrays, shapes)
         plain = {name: float(found[name]) for name in ("time", "step", "log_likelihood")}
@@ -173,15 +193,19 @@ def online_gaussian(
     Raises EstimationError `filter-initial-state`, `output-white-noise`; ModelError of the initial point.
     """
     start, notes = _start(explicit, theta, initial)
-    used = good_everywhere(explicit)
+    has_events = explicit.flat.events is not None
+    used = explicit if has_events else good_everywhere(explicit)
     if used is not explicit:
         start = _in_other_states(used, explicit, start, theta)
         explicit = used
     model = local_model(explicit)
     names = internal_names(explicit)
     units = {o.name: o.unit for o in explicit.flat.outputs} | {v.name: v.unit for v in explicit.flat.unknowns}
+    discrete = discrete_names(explicit)
+    names, units = (*names, *discrete), {**units, **dict.fromkeys(discrete, "")}
+    notes = (*notes, MODES_FOLLOWED) if has_events else notes
     first = GaussianMemory(
-        float("nan"), period, np.zeros(len(explicit.flat.inputs)), start.mean, start.cov, 0.0
+        float("nan"), period, np.zeros(len(explicit.flat.inputs)), start.mean, start.cov, 0.0, np.zeros(0)
     )
     return OnlineGaussian(
         kind, model, np.asarray(theta, float), Noise(np.asarray(intensity, float), np.asarray(std, float) **
@@ -195,6 +219,14 @@ def _in_other_states(used: Dynamics, explicit: Dynamics, start: Start, theta: np
     mean, cov = in_states_of(used, explicit, start.mean, start.cov, theta, time, inputs)
     assert cov is not None  # all of it is finite
     return Start(mean, cov)
+
+
+def _first_point(explicit: Dynamics, theta: np.ndarray) -> np.ndarray:
+    """The start of the model itself, with inputs at zero."""
+    if isinstance(explicit, ExplicitModel) and explicit.flat.events is not None:
+        none = np.zeros(explicit.rhs.numel_in(1) + explicit.rhs.numel_in(2))
+        return settled_start(EventFunctions(explicit), theta, none, 0.0)[0]
+    return initial_point(explicit, theta)[0]
 
 
 def inside_function(explicit: Dynamics) -> ca.Function:
@@ -218,7 +250,7 @@ def _start(
         )
     if initial is not None and not np.any(initial.is_unknown):
         return Start(initial.mean, initial.cov), ()
-    x0, _ = initial_point(explicit, theta)
+    x0 = _first_point(explicit, theta)
     nominal = {v.name: v.nominal for v in explicit.flat.unknowns}
     size = np.array([abs(nominal.get(name) or 0.0) for name in explicit.state_names])
     size = np.maximum(size, np.abs(x0))

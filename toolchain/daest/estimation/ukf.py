@@ -8,12 +8,13 @@ path of the mean. On an affine model this is the Kalman filter.
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from daest.estimation import hybrid_filter, interpreted
 from daest.estimation.filter_task import Noise, Record, Start, Task, raise_failure
+from daest.systems.event_update import Mode
 from daest.systems.local_linear import LocalModel, pointer
 
 
@@ -56,6 +57,7 @@ class UkfRun:
     cross: np.ndarray
     noise: np.ndarray
     modes: np.ndarray | None = None
+    last_mode: Mode | None = None
 
     @property
     def log_likelihood(self) -> float:
@@ -70,8 +72,9 @@ def run_ukf(
     start: Start,
     longest: float = np.inf,
     points: SigmaPoints | None = None,
+    mode: Mode | None = None,
 ) -> UkfRun:
-    """Filter a recording with substeps no longer than `longest` seconds.
+    """Filter a recording with substeps no longer than `longest` seconds; `mode` as in `run_ekf`.
 
     Raises IntegrationError where the model has no finite value at a sigma point, EstimationError
     `filter-singular-innovation`.
@@ -81,11 +84,13 @@ def run_ukf(
     tables = [np.zeros((samples, *shape)) for shape in shapes]
     task = Task.of(model, data, theta, noise, start, longest)
     weights = (points or SigmaPoints()).weights(n)
+    modes, last = None, None
     if model.engine is not None:
-        modes = hybrid_filter.ukf(task, weights, tables)
-        return replace(UkfRun(*tables), modes=modes)
-    (interpreted.ukf if model.library is None else _compiled)(task, weights, tables)
-    return UkfRun(*tables)
+        modes, last = hybrid_filter.ukf(task, weights, tables, mode)
+    else:
+        (interpreted.ukf if model.library is None else _compiled)(task, weights, tables)
+    names = [f.name for f in fields(UkfRun)][: len(tables)]
+    return UkfRun(**dict(zip(names, tables, strict=True)), modes=modes, last_mode=last)
 
 
 def _compiled(task: Task, weights: np.ndarray, tables: list[np.ndarray]) -> None:

@@ -110,6 +110,16 @@ class EventFunctions:
         """The values of `roots` (n_roots,)."""
         return self._root_values(x, ubar, theta, t)[0].ravel()
 
+    @cached_property
+    def root_slopes(self) -> Evaluator:
+        """(x, ū, θ, t) -> the values of `roots` and their slopes along x, ū and t."""
+        roots, owners = self._roots
+        names = ("x", "u", "theta", "t")
+        symbols = [ca.MX.sym(name, *roots.size_in(i)) for i, name in enumerate(names)]
+        g = roots(*symbols) if owners.size else ca.MX(0, 1)
+        slopes = [ca.densify(ca.jacobian(g, symbols[i])) for i in (0, 1, 3)]
+        return Evaluator(ca.Function("root_slopes", symbols, [ca.densify(g), *slopes]))
+
     # Building them ------------------------------------------------------------------------------------------
 
     @cached_property

@@ -38,6 +38,20 @@ class Mode:
         """A mode that changes on its own."""
         return Mode(self.theta.copy(), self.conditions.copy(), self.ticks_done.copy())
 
+    def become(self, other: Mode) -> None:
+        """Take over another mode."""
+        self.theta, self.conditions, self.ticks_done = other.theta, other.conditions, other.ticks_done
+
+    def stored(self) -> np.ndarray:
+        """All of it as numbers."""
+        return np.concatenate([self.theta, self.conditions, self.ticks_done])
+
+    @classmethod
+    def of_stored(cls, numbers: np.ndarray, n_theta: int, n_conditions: int) -> Mode:
+        """The mode of `stored`."""
+        theta, conditions, ticks = np.split(numbers, [n_theta, n_theta + n_conditions])
+        return cls(theta, conditions > 0.5, ticks)
+
 
 @dataclass
 class Slopes:

@@ -7,13 +7,10 @@ does a covariance (Kong, Payne, Council & Johnson, "The Salted Kalman Filter", A
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 
-from daest.numerics.evaluator import Evaluator
 from daest.systems.event_update import HybridError, Mode, settled_start
 from daest.systems.hybrid import Engine, Inputs, Runner
 
@@ -57,7 +54,7 @@ class Passages:
         self.inputs, self.functions = inputs, self.runner.functions
         self.size = atol / np.max(atol)
         self.eye = np.eye(n) if with_slopes else np.zeros((n, 0))
-        self._roots = Evaluator(_root_slopes(*self.functions.roots()))
+        self._roots = self.functions.root_slopes
 
     def start(self, theta: np.ndarray, x: np.ndarray | None) -> tuple[np.ndarray, Mode, list[Leg]]:
         """State, mode and events at the first instant; `x` None: the start of the model itself."""
@@ -186,8 +183,7 @@ class Passages:
         try:
             after, S = self.runner.state_event(back, self.eye, t, passed, interval)
         except HybridError:
-            mode = self.runner.mode
-            mode.theta, mode.conditions, mode.ticks_done = before.theta, before.conditions, before.ticks_done
+            self.runner.mode.become(before)
             return None
         jump = self._jump(S)
         jump = np.eye(x.size) if jump is None else jump
@@ -212,11 +208,3 @@ def _on_the_border(
         if np.all(np.diagonal(S) > SINGULAR * wanted**2):
             return np.asarray(x + cov @ G.T @ (np.linalg.pinv(S) @ wanted))
     return x
-
-
-def _root_slopes(roots: ca.Function, owners: np.ndarray) -> ca.Function:
-    """(x, ū, θ, t) -> the root functions and their slopes along x, ū and t."""
-    symbols = [ca.MX.sym(name, *roots.size_in(i)) for i, name in enumerate(("x", "u", "theta", "t"))]
-    g = roots(*symbols) if owners.size else ca.MX(0, 1)
-    slopes: Sequence[ca.MX] = [ca.densify(ca.jacobian(g, symbols[i])) for i in (0, 1, 3)]
-    return ca.Function("root_slopes", symbols, [ca.densify(g), *slopes])

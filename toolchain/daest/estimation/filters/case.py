@@ -21,6 +21,16 @@ from daest.systems.state_space import state_space, state_space_family
 AnyModel = Model | Dynamics | StateSpaceFamily | StateSpace
 
 
+def linear_refused(name: str) -> EstimationError:
+    """The error for a filter of one linear model, where the model has events."""
+    return EstimationError(
+        "filter-events",
+        f"the {name} filter sees one linear model, and the model changes at events (when, reinit, pre, "
+        "sample)",
+        remedy="use ekf, ukf or particle, which follow the events",
+    )
+
+
 @dataclass(frozen=True)
 class FilterModel:
     """A model with numbers for its parameters and its noise, in the forms that filters take. Each form is

@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 from daest.estimation.ekf import EkfRun, run_ekf
 from daest.estimation.filter_task import Task
 from daest.estimation.filters.case import Case, Estimates
-from daest.estimation.filters.local import prepared
+from daest.estimation.filters.local import discrete_names, discrete_slots, prepared
 from daest.estimation.interpreted import project
 from daest.estimation.nonlinear_smoother import Joint, filtered_joint, smooth_ekf, smooth_ukf
 from daest.estimation.ukf import UkfRun, run_ukf
@@ -31,9 +31,9 @@ def estimate(case: Case, name: str) -> Estimates:
     n = task.model.n_states
     own = np.diagonal(joint.cov, axis1=1, axis2=2)[:, n:]
     return Estimates(
-        names=(*internal_names(task.model.explicit), *discrete_names(task)),
+        names=(*internal_names(task.model.explicit), *discrete_names(task.model.explicit)),
         values=np.hstack([values, discrete_values(task, modes)]),
-        std=np.hstack([std, np.full((len(std), len(discrete_names(task))), np.nan)]),
+        std=np.hstack([std, np.full((len(std), len(discrete_names(task.model.explicit))), np.nan)]),
         noise_values=joint.mean[:, n:],
         noise_std=np.sqrt(np.maximum(own, 0.0)),
         innovations=innovations[:, [case.model.output_names.index(n) for n in case.measure]],
@@ -44,18 +44,11 @@ def estimate(case: Case, name: str) -> Estimates:
     )
 
 
-def discrete_names(task: Task) -> tuple[str, ...]:
-    """Boolean and Integer variables that events assign."""
-    events = task.model.explicit.flat.events
-    return () if events is None else tuple(one.name for one in events.assignments if one.slot >= 0)
-
-
 def discrete_values(task: Task, modes: np.ndarray | None) -> np.ndarray:
-    """Their values in the modes of a filter (n_samples, n_discrete)."""
-    events = task.model.explicit.flat.events
-    if events is None or modes is None:
+    """Values of the discrete variables in the modes of a filter (n_samples, n_discrete)."""
+    if modes is None:
         return np.empty((task.data.time.size, 0))
-    return modes[:, [one.slot for one in events.assignments if one.slot >= 0]]
+    return modes[:, discrete_slots(task.model.explicit)]
 
 
 def _extended(task: Task, smooth: bool) -> tuple[np.ndarray, np.ndarray, float, Joint, np.ndarray | None]:

@@ -83,6 +83,18 @@ def prepared(case: Case, inside: bool = False) -> Prepared:
     return _with_substeps(found)
 
 
+def discrete_slots(explicit: Dynamics) -> list[int]:
+    """The parameters that hold the Boolean and Integer variables which events assign."""
+    events = explicit.flat.events
+    return [] if events is None else [one.slot for one in events.assignments if one.slot >= 0]
+
+
+def discrete_names(explicit: Dynamics) -> tuple[str, ...]:
+    """Boolean and Integer variables that events assign."""
+    events = explicit.flat.events
+    return () if events is None else tuple(one.name for one in events.assignments if one.slot >= 0)
+
+
 def _with_longest(ready: Prepared, longest: float, *notes: str) -> Prepared:
     return Prepared(replace(ready.task, longest=longest), (*ready.notes, *notes))
 

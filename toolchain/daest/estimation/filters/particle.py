@@ -6,8 +6,7 @@ import numpy as np
 
 from daest.estimation.filter_task import Task
 from daest.estimation.filters.case import Case, Estimates
-from daest.estimation.filters.gaussian import discrete_names
-from daest.estimation.filters.local import prepared
+from daest.estimation.filters.local import discrete_names, prepared
 from daest.estimation.hybrid_filter import HybridPoints
 from daest.estimation.particle import ContinuousPoints, ParticleRun, run_particles, smooth_particles
 from daest.systems.local_linear import internal_names
@@ -45,7 +44,7 @@ def estimate(case: Case, name: str) -> Estimates:
     noise_std = np.sqrt(task.noise.intensity / steps[:, None])
     unknown = np.full_like(noise_std, np.nan)
     return Estimates(
-        names=(*internal_names(task.model.explicit), *discrete_names(task)),
+        names=(*internal_names(task.model.explicit), *discrete_names(task.model.explicit)),
         values=values,
         std=std,
         noise_values=unknown if options.smooth else np.zeros_like(noise_std),
