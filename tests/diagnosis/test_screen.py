@@ -21,7 +21,7 @@ from hidden_plants import (
 )
 from scipy.stats import kstest
 
-from daest.diagnosis.candidates import attachable, pairs, with_shapes
+from daest.diagnosis.candidates import attachable, attached, pairs, with_shapes
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import loads_of
 from daest.diagnosis.screen import (
@@ -34,6 +34,7 @@ from daest.diagnosis.screen import (
     promising_pairs,
     run_null,
     screen,
+    size_names,
 )
 from daest.errors import EstimationError
 from daest.model.diagnosis import Screen, Screened
@@ -159,6 +160,25 @@ def test_responses_are_derivatives_of_the_predictor():
         found = responses[row.start]
         # Effects are held over a sample, which is all that differs.
         assert np.linalg.norm(found - exact) < 0.1 * np.linalg.norm(exact), candidate.label
+
+
+def test_loops_of_effects_are_written_out_to_the_first_order_where_all_vanish():
+    null, _ = quiet()
+    chosen, _, at_null = attachable(null.flat, candidates("LoadDependentFriction", "CoulombFriction"))
+    whole = reduce_index(attached(null.flat, chosen))
+    assert at_null.is_symbolic and not whole.is_symbolic
+    assert at_null.state_names == whole.state_names
+    names = [p.name for p in whole.flat.parameters]
+    sizes = [names.index(name) for c in chosen for name in size_names(c)]
+    x = np.random.default_rng(0).normal(size=whole.n_states)
+    point = (x, [0.3], np.zeros(whole.rhs.numel_in(2)), np.zeros(whole.rhs.numel_in(3)))
+    point = (*point, whole.flat.theta_values, 0.0)
+    for name in ("rhs", "outputs", "variables"):
+        exact, found = getattr(whole, name), getattr(at_null, name)
+        np.testing.assert_allclose(found(*point).full(), exact(*point).full(), rtol=1e-9, atol=1e-12)
+        slopes = [f.jacobian()(*point, f(*point))[4].full()[:, sizes] for f in (found, exact)]
+        assert np.any(slopes[1]) or name == "outputs"
+        np.testing.assert_allclose(*slopes, rtol=1e-9, atol=1e-12)
 
 
 def test_projection_leaves_nothing_of_the_parameters():

@@ -76,7 +76,7 @@ def attachable(
     """The candidates that leave a model that can be solved, the others with the reason, and that model."""
     possible, refused = _with_possible_values(candidates)
     kept, others, whole = _told_apart(flat, possible)
-    return kept, (*refused, *others), whole or reduce_index(attached(flat, kept))
+    return kept, (*refused, *others), whole or explicit_at_null(flat, kept)
 
 
 def _with_possible_values(
@@ -100,13 +100,20 @@ def _told_apart(
     """As `attachable`, by halves: where one of hundreds cannot be attached, few models are built. The model
     where all can be."""
     try:
-        return candidates, (), reduce_index(attached(flat, candidates))
+        return candidates, (), explicit_at_null(flat, candidates)
     except DaestError as error:
         if len(candidates) == 1:
             return (), ((candidates[0].label, error.what),), None
     middle = len(candidates) // 2
     parts = [_told_apart(flat, half) for half in (candidates[:middle], candidates[middle:])]
     return parts[0][0] + parts[1][0], parts[0][1] + parts[1][1], None
+
+
+def explicit_at_null(flat: FlatModel, candidates: Sequence[Candidate]) -> ExplicitModel:
+    """The explicit form of `attached`, of which values and derivatives over the sizes are wanted where all
+    effects vanish. Raises what attaching and index reduction raise."""
+    sizes = {f"{c.name}.{p.name}" for c in candidates for p in c.effect.sizes}
+    return reduce_index(attached(flat, candidates), first_order=sizes)
 
 
 def attached(flat: FlatModel, candidates: Sequence[Candidate]) -> FlatModel:

@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 from scipy.special import ndtri_exp
 
-from daest.diagnosis.candidates import attachable, attached, with_shapes
+from daest.diagnosis.candidates import attachable, explicit_at_null, with_shapes
 from daest.diagnosis.clipping import CLIPPED
 from daest.diagnosis.error_dynamics import ErrorDynamics, dynamics_along
 from daest.diagnosis.gates import GATES
@@ -34,7 +34,6 @@ from daest.modelica.attach import components_with
 from daest.numerics.statistics import autoregression, chi2, norm
 from daest.systems.integrate import Correction, Integrator, Trajectory, integrate, integrator, interval_inputs
 from daest.systems.integration import IntegrationError
-from daest.systems.reduce import reduce_index
 from daest.systems.sensor_laws import slopes_along
 
 DRAWS = 20_000  # of the largest score under the null
@@ -352,7 +351,7 @@ def law_response(
     effect = candidate.effect
     shape = {name: theta.get(f"{candidate.name}.{name}", value) for name, value in candidate.shape.items()}
     placed = replace(candidate, shape=shape)
-    responses, _ = _responses(null, run, reduce_index(attached(null.flat, [placed])), [placed])
+    responses, _ = _responses(null, run, explicit_at_null(null.flat, [placed]), [placed])
     weights = [theta.get(f"{candidate.name}.{p.name}", 0.0) - (p.null or 0.0) for p in effect.sizes]
     return np.array(weights)[None] @ responses
 

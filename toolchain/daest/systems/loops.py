@@ -104,6 +104,14 @@ class Equations:
         return function(*self.sample).full()
 
 
+@dataclass(frozen=True)
+class Around:
+    """Parameters whose effect on the solution is wanted to the first order, and their values (n,)."""
+
+    symbols: ca.SX
+    values: np.ndarray
+
+
 def equations_at(
     residual: ca.SX, z: ca.SX, known: ca.SX, theta: ca.SX, sample: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> Equations:
@@ -134,8 +142,9 @@ def _explicit_entries(
     return sp.csr_array((values, (rows, columns)), shape=shape)
 
 
-def solve_blocks(equations: Equations, check: sp.csr_array) -> Definitions:
-    """Definitions of all z. `check` is the Jacobian at the point where regularity is judged.
+def solve_blocks(equations: Equations, check: sp.csr_array, around: Around | None = None) -> Definitions:
+    """Definitions of all z. `check` is the Jacobian at the point where regularity is judged; nonlinear loops
+    that are linear at the values of `around` are written out, to the first order in its parameters.
 
     Raises `DependentEquations` with the rows of a block that is singular there."""
     column_of = maximum_matching(equations.entry)
@@ -151,7 +160,7 @@ def solve_blocks(equations: Equations, check: sp.csr_array) -> Definitions:
             pivot = equations.entries[pivots[rows[0]]]
             _solve_single(equations, int(rows[0]), int(columns[0]), pivot, definitions)
         else:
-            _solve_loop(equations, rows, columns, definitions)
+            _solve_loop(equations, rows, columns, definitions, around)
     return definitions
 
 
@@ -176,7 +185,11 @@ def _solve_single(
 
 
 def _solve_loop(
-    equations: Equations, rows: np.ndarray, columns: np.ndarray, definitions: Definitions
+    equations: Equations,
+    rows: np.ndarray,
+    columns: np.ndarray,
+    definitions: Definitions,
+    around: Around | None,
 ) -> None:
     """Tear, write the causal part as definitions, close the rest by elimination or by Newton's method."""
     inner = equations.entry[rows][:, columns]
@@ -195,7 +208,7 @@ def _solve_loop(
     if tearing.tears:
         tears = equations.z[columns[list(tearing.tears)].tolist()]
         core = causal.insert_into(equations.residual[rows[list(tearing.residual_rows)].tolist()])
-        _close(equations, tears, core, is_linear, definitions)
+        _close(equations, tears, core, is_linear, definitions, around)
     definitions.symbols += causal.symbols
     definitions.expressions += causal.expressions
 
@@ -237,17 +250,45 @@ def _solvable(equations: Equations, rows: np.ndarray, columns: np.ndarray) -> li
 
 
 def _close(
-    equations: Equations, tears: ca.SX, core: ca.SX, is_linear: bool, definitions: Definitions
+    equations: Equations,
+    tears: ca.SX,
+    core: ca.SX,
+    is_linear: bool,
+    definitions: Definitions,
+    around: Around | None,
 ) -> None:
-    matrix = ca.jacobian(core, tears)
-    if not is_linear or _is_too_large(equations, matrix):
+    solution = _written_out(equations, tears, core) if is_linear else None
+    if not is_linear and around is not None and around.values.size:
+        solution = _to_first_order(equations, tears, core, around)
+    if solution is None:
         definitions.loops.append(_implicit(equations, tears, core, is_linear))
         return
-    right = -ca.substitute(core, tears, ca.SX.zeros(tears.numel()))
-    for symbol, expression in zip(
-        ca.vertsplit(tears), ca.vertsplit(_solve_linear(equations, matrix, right)), strict=True
-    ):
+    for symbol, expression in zip(ca.vertsplit(tears), ca.vertsplit(solution), strict=True):
         definitions.add(symbol, expression)
+
+
+def _written_out(equations: Equations, tears: ca.SX, core: ca.SX) -> ca.SX | None:
+    """The tears of a core that is linear in them; None where that takes too many operations."""
+    matrix = ca.jacobian(core, tears)
+    if _is_too_large(equations, matrix):
+        return None
+    return _solve_linear(equations, matrix, -ca.substitute(core, tears, ca.SX.zeros(tears.numel())))
+
+
+def _to_first_order(equations: Equations, tears: ca.SX, core: ca.SX, around: Around) -> ca.SX | None:
+    """The tears z = z0 + ∂z/∂s (s - s0), ∂z/∂s by the theorem of the implicit function, of a core that is
+    linear in them at the values s0 of the parameters s of `around`; None where it is not."""
+    at = ca.SX(around.values)
+    there = ca.substitute(core, around.symbols, at)
+    matrix = ca.jacobian(there, tears)
+    if ca.depends_on(matrix, tears):
+        return None
+    solution = _written_out(equations, tears, there)
+    if solution is None:
+        return None
+    slopes = ca.substitute(ca.jacobian(core, around.symbols), around.symbols, at)
+    moved = ca.substitute(ca.mtimes(slopes, around.symbols - at), tears, solution)
+    return solution + _solve_linear(equations, matrix, -moved)
 
 
 def _is_too_large(equations: Equations, matrix: ca.SX) -> bool:

@@ -5,7 +5,7 @@ The functions of an explicit model, from the solved definitions of its variables
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import singledispatch
 from itertools import pairwise
@@ -28,7 +28,14 @@ from daest.systems.expand import (
     nudged,
     sample_point,
 )
-from daest.systems.loops import Definitions, ImplicitLoop, equations_at, regular_system, solve_blocks
+from daest.systems.loops import (
+    Around,
+    Definitions,
+    ImplicitLoop,
+    equations_at,
+    regular_system,
+    solve_blocks,
+)
 from daest.systems.state_choice import (
     DependentEquations,
     StateChoice,
@@ -43,8 +50,11 @@ def dynamics(model: Model) -> Dynamics:
     raise NotImplementedError(type(model).__name__)
 
 
-def reduce_index(flat: FlatModel) -> ExplicitModel:
+def reduce_index(flat: FlatModel, first_order: Collection[str] = ()) -> ExplicitModel:
     """The explicit form of the model, states chosen among its own variables.
+
+    `first_order` names parameters at whose values only values and first derivatives are wanted: a loop that
+    is linear where they have these values is then written out, to the first order in them.
 
     Steps: alias elimination; Pantelides' differentiation counts; combinations of equations whose highest
     derivatives depend on each other (`systems.loops`); dummy derivatives with pivots chosen by
@@ -64,7 +74,7 @@ def reduce_index(flat: FlatModel) -> ExplicitModel:
     system = regular_system(flat)
     point = sample_point(system)
     choice = choose_states(system, point)
-    definitions = _solve(system, choice, point)
+    definitions = _solve(system, choice, point, first_order)
     parts = expressions_of(system, choice, definitions)
     refuse_differentiated_noise(system, parts, definitions)
     return assemble(system, choice, definitions, parts, in_source)
@@ -73,7 +83,9 @@ def reduce_index(flat: FlatModel) -> ExplicitModel:
 dynamics.register(FlatModel, reduce_index)
 
 
-def _solve(system: ExpandedSystem, choice: StateChoice, point: SamplePoint) -> Definitions:
+def _solve(
+    system: ExpandedSystem, choice: StateChoice, point: SamplePoint, first_order: Collection[str]
+) -> Definitions:
     solved, states = choice.solved, choice.states
     z = system.pick(solved)
     # What changes at events counts as known, not as a parameter: a coefficient that vanishes in some mode is
@@ -95,14 +107,17 @@ def _solve(system: ExpandedSystem, choice: StateChoice, point: SamplePoint) -> D
         )
 
     equations = equations_at(system.residual, z, known, tunable, values(point))
+    small = [i for i, p in enumerate(system.flat.parameters) if p.name in first_order]
+    symbols = ca.vertcat(ca.SX(0, 1), *(system.flat.theta[i] for i in small))
+    around = Around(symbols, system.flat.theta_values[small])
     try:
-        return solve_blocks(equations, equations.values)
+        return solve_blocks(equations, equations.values, around)
     except DependentEquations as error:
         if not np.any(equations.varying):
             raise singular_after_reduction(system, [system.rows[r] for r in error.rows]) from error
         elsewhere = equations_at(system.residual, z, known, tunable, values(nudged(point)))
         try:
-            return solve_blocks(equations, elsewhere.values)
+            return solve_blocks(equations, elsewhere.values, around)
         except DependentEquations as generic:
             raise singular_after_reduction(system, [system.rows[r] for r in generic.rows]) from generic
 
