@@ -3,9 +3,16 @@
 import os
 import time
 
+import pytest
+
 from daest.cache import forget_unused, was_used
 
 OLD = time.time() - 86_400
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("DAEST_CACHE", str(tmp_path))
 
 
 def folder_of(tmp_path, n_files, size=1):
@@ -52,6 +59,14 @@ def test_what_is_in_use_stays_although_there_is_too_much(tmp_path):
         was_used(file)
     forget_unused(folder, most_entries=1)
     assert len(names(folder)) == 4
+
+
+def test_folders_of_others_and_the_cache_itself_are_left_alone(tmp_path, monkeypatch):
+    folder = folder_of(tmp_path, 4)
+    for cache in (tmp_path / "elsewhere", folder, folder / "000"):
+        monkeypatch.setenv("DAEST_CACHE", str(cache))
+        forget_unused(folder, most_entries=1, most_bytes=1)
+        assert len(names(folder)) == 4
 
 
 def test_a_folder_that_is_not_there_is_no_error(tmp_path):

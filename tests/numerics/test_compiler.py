@@ -2,6 +2,7 @@
 
 import contextvars
 import ctypes
+import os
 
 import fmu_models as models
 import pytest
@@ -75,10 +76,19 @@ def test_unknown_platform_lists_the_known_ones():
 
 
 def test_unwritable_cache_does_not_stop_the_work(monkeypatch, tmp_path):
-    blocked = tmp_path / "file"
+    """Nor is anything taken away from the folder for temporary files, which serves instead."""
+    blocked, others = tmp_path / "file", tmp_path / "temporary" / "old"
     blocked.write_text("")
+    others.mkdir(parents=True)
+    (others / "large").write_bytes(bytes(1000))
+    os.utime(others, (0, 0))
+    monkeypatch.setattr("tempfile.tempdir", str(others.parent))
+    compiler._spare_folder.cache_clear()
     monkeypatch.setenv("DAEST_CACHE", str(blocked / "below"))
+    monkeypatch.setattr(compiler, "MOST_KEPT", 1)
     assert compiler.build_shared(SOURCE, "twice", ("-DFACTOR=2",)).is_file()
+    compiler._spare_folder.cache_clear()
+    assert (others / "large").stat().st_size == 1000
 
 
 def test_cache_follows_the_environment(monkeypatch, tmp_path):

@@ -66,8 +66,11 @@ def forget_unused(folder: Path, most_entries: int, most_bytes: int = MOST_BYTES)
     """Take away what was not used for longest where a folder of the cache has more files and folders, or more
     bytes in them, than these; to be called when something was added.
 
-    It goes down to three quarters, so that it is not called for nothing every time.
+    It goes down to three quarters, so that it is not called for nothing every time. A folder that is not
+    inside the cache is left alone: what lies there belongs to others.
     """
+    if Path(os.path.realpath(cache_folder())) not in Path(os.path.realpath(folder)).parents:
+        return
     try:
         paths = [Path(entry.path) for entry in os.scandir(folder)]
     except OSError:

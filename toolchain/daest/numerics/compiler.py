@@ -216,7 +216,7 @@ def build_shared(
             (work / file_name).write_text(text, encoding="utf-8")
         built = _compile(compiler, where, flags, work, name)
         put_whole(built, library)
-    forget_unused(folder.parent, MOST_KEPT)
+    forget_unused(cache_folder() / "compiled", MOST_KEPT)
     return library
 
 
