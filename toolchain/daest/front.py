@@ -23,7 +23,7 @@ from daest.data.read import Signal, measured_names, read_experiments, read_sourc
 from daest.diagnosis import compare as comparing
 from daest.diagnosis import diagnose as diagnosing
 from daest.diagnosis import improve as improving
-from daest.diagnosis.options import MOST_EFFECTS, DiagnoseOptions
+from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.trial import Candidate, fitted_candidate
 from daest.errors import ConfigError
 from daest.estimation import identify as identifying
@@ -31,6 +31,7 @@ from daest.estimation.filter import run_filter
 from daest.estimation.fitted import fitted_model
 from daest.estimation.profile import silent
 from daest.model.comparison import Comparison
+from daest.model.defaults import MOST_EFFECTS
 from daest.model.diagnosis import Diagnosis, Improvement
 from daest.model.effects import Effect
 from daest.model.estimates import FilterOptions, FilterResult

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ import click
 
 from daest.cli.given import Files, ParameterOptions, files, parameter_options
 from daest.cli.options import (
+    PLAIN,
     DataOptions,
     ModelOptions,
     cluster_option,
@@ -38,15 +39,6 @@ if TYPE_CHECKING:
     from daest.model.comparison import Comparison
     from daest.model.experiment import Experiment
     from daest.model.flat import Model
-    from daest.report.documents.compare import CompareDocument
-
-
-@dataclass(frozen=True)
-class Compared:
-    """A comparison and its document."""
-
-    comparison: Comparison
-    document: CompareDocument
 
 
 @click.command("compare", epilog=example("daest compare Servo.mo ServoFriction.mo run2.csv"))
@@ -91,7 +83,9 @@ def command(
 
     Models and recordings are by default those of daest.toml.
     """
+    from daest.diagnosis.compare import compare_models
     from daest.report.comparison_figure import comparison_figure
+    from daest.report.documents import compare as documents
     from daest.report.texts import compare as texts
 
     project = model_options.project()
@@ -99,29 +93,28 @@ def command(
     keep_inputs(output, files.all)
     _require_use(parameters, refit)
     require_cluster(cluster)
-    found = compared(
-        project,
-        models,
-        data,
-        data_options,
-        model_options.class_name,
-        model_options.libraries,
-        refit=refit,
+    chosen, experiments = opened(
+        project, models, data, data_options, model_options, refit=refit, seed=seed, parameters=parameters
+    )
+    found = compare_models(
+        chosen,
+        experiments,
         bootstrap=bootstrap or 0,
         seed=seed,
         jobs=jobs or os.cpu_count() or 1,
         cluster=cluster,
-        parameters=parameters,
     )
-    with telling(lambda: emit(found.document, "compare", form, output, texts.text)):
+    with telling(lambda: emit(documents.document(found), "compare", form, output, texts.text)):
         keep_comparison(project, models, data, found)
-        draw(plot, lambda: comparison_figure(found.comparison))
-    too_low = fail_below is not None and _is_below(found.comparison, fail_below)
-    falsified = fail_if_falsified and _is_falsified(found.comparison)
+        draw(plot, lambda: comparison_figure(found))
+    too_low = fail_below is not None and _is_below(found, fail_below)
+    falsified = fail_if_falsified and _is_falsified(found)
     return int(too_low or falsified)
 
 
-def keep_comparison(project: Project, models: Sequence[Path], data: Sequence[Path], found: Compared) -> None:
+def keep_comparison(
+    project: Project, models: Sequence[Path], data: Sequence[Path], found: Comparison
+) -> None:
     """Leave the comparison in the results of the project, for `daest report`."""
     from daest.cli.models import model_source
     from daest.cli.results import keep, made_from, unseen_files
@@ -129,35 +122,7 @@ def keep_comparison(project: Project, models: Sequence[Path], data: Sequence[Pat
 
     sources = [model_source(project, path) for path in models] or [model_source(project, None)]
     origin = made_from(project, sources, unseen_files(project, data))
-    keep(project, "comparison", "compare", found.document, origin, documents.series(found.comparison))
-
-
-def compared(
-    project: Project,
-    models: Sequence[Path],
-    data: Sequence[Path],
-    options: DataOptions,
-    class_name: str | None = None,
-    libraries: Sequence[Path] = (),
-    *,
-    refit: bool = False,
-    bootstrap: int = 0,
-    seed: int = 0,
-    jobs: int = 1,
-    cluster: str | None = None,
-    parameters: ParameterOptions | None = None,
-) -> Compared:
-    """Every model (default: that of daest.toml) on the same recordings."""
-    from daest.diagnosis.compare import compare_models
-    from daest.report.documents import compare as documents
-
-    chosen, experiments = opened(
-        project, models, data, options, class_name, libraries, refit=refit, seed=seed, parameters=parameters
-    )
-    comparison = compare_models(
-        chosen, experiments, bootstrap=bootstrap, seed=seed, jobs=jobs, cluster=cluster
-    )
-    return Compared(comparison, documents.document(comparison))
+    keep(project, "comparison", "compare", documents.document(found), origin, documents.series(found))
 
 
 def opened(
@@ -165,19 +130,18 @@ def opened(
     models: Sequence[Path],
     data: Sequence[Path],
     options: DataOptions,
-    class_name: str | None = None,
-    libraries: Sequence[Path] = (),
+    model_options: ModelOptions = PLAIN,
     *,
     refit: bool = False,
     seed: int = 0,
     parameters: ParameterOptions | None = None,
 ) -> tuple[list[Candidate], list[Experiment]]:
     """The models with the values of their fits, and the recordings that they are compared on."""
-    from daest.cli.models import load_model, model_source, with_settings
+    from daest.cli.models import model_source, with_settings
     from daest.cli.recordings import unseen_data
 
     sources = [model_source(project, path) for path in models] or [model_source(project, None)]
-    flats = [load_model(project, source, class_name, libraries) for source in sources]
+    flats = [model_options.load(project, source) for source in sources]
     measured, experiments = unseen_data(flats[0], project, data, options)
     held = {} if parameters is None else parameters.held
     for name, value in held.items():

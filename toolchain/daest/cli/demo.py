@@ -44,10 +44,12 @@ def command(name: str | None, form: str) -> None:
 
 
 def _run(name: str) -> DemoDocument:
-    from daest.cli.compare import compared, keep_comparison
+    from daest.cli.compare import keep_comparison, opened
     from daest.cli.identify import identified, keep_fit
     from daest.data.examples import copy_example, demo_folder
     from daest.data.project import load_project
+    from daest.diagnosis.compare import compare_models
+    from daest.report.documents import compare as documents
 
     folder = demo_folder(name, Path.cwd())
     if not copy_example(name, folder).has_recording:
@@ -57,7 +59,7 @@ def _run(name: str) -> DemoDocument:
     project = load_project(folder)
     fit = identified(project, None, (), DataOptions())
     keep_fit(project, fit)
-    comparison = compared(project, (), (), DataOptions())
+    comparison = compare_models(*opened(project, (), (), DataOptions()))
     keep_comparison(project, (), (), comparison)
     note(
         f"what next: cd {folder}; daest diagnose (what the model lacks); daest report (all of it in one page)"
@@ -65,7 +67,7 @@ def _run(name: str) -> DemoDocument:
     return {
         "folder": str(folder),
         "identify": fit.document,
-        "compare": comparison.document,
+        "compare": documents.document(comparison),
         "noise": None,
     }
 

@@ -13,6 +13,7 @@ import click
 from daest.cli import offered
 from daest.cli.given import Files, ParameterOptions, files, parameter_options
 from daest.cli.options import (
+    PLAIN,
     DataOptions,
     ModelOptions,
     cluster_option,
@@ -136,8 +137,7 @@ def command(
         files.data,
         data_options,
         search,
-        model_options.class_name,
-        model_options.libraries,
+        model_options,
         is_extended=False,
         parameters=parameters,
     )
@@ -154,8 +154,7 @@ def opened(
     data: Sequence[Path],
     data_choice: DataOptions,
     search: Search,
-    class_name: str | None = None,
-    libraries: Sequence[Path] = (),
+    model_options: ModelOptions = PLAIN,
     is_extended: bool = True,
     parameters: ParameterOptions | None = None,
 ) -> Case:
@@ -165,7 +164,7 @@ def opened(
     Raises ModelError `effect-unknown`, `effect-place` or `effect-fit`, FmuError `fmu-no-equations`, and
     ConfigError of `workers`.
     """
-    from daest.cli.models import chosen_class, load_model, model_source
+    from daest.cli.models import chosen_class, model_source
     from daest.cli.recordings import training_data
     from daest.cli.results import training_files
     from daest.data.prepare import split_all
@@ -175,7 +174,7 @@ def opened(
 
     require_cluster(search.cluster)
     source = model_source(project, model)
-    loaded = load_model(project, source, class_name, libraries)
+    loaded = model_options.load(project, source)
     if not loaded.has_equations and is_extended:
         raise FmuError(
             "fmu-no-equations",
@@ -190,7 +189,7 @@ def opened(
         note("no validation data: the second half of every recording validates")
         halves = replace(data_choice.preparation(project), split=HALF)
         estimation, validation = split_all(estimation, halves)
-    folders = (*libraries, *project.libraries)
+    folders = (*model_options.libraries, *project.libraries)
     library = effect_library(folders)
     if loaded.has_equations:
         clipped = clips_of(estimation)
@@ -212,7 +211,7 @@ def opened(
     return Case(
         project,
         source,
-        chosen_class(project, source, class_name),
+        chosen_class(project, source, model_options.class_name),
         folders,
         flat,
         estimation,

@@ -13,6 +13,7 @@ import click
 
 from daest.cli.given import Files, ParameterOptions, files, parameter_options
 from daest.cli.options import (
+    PLAIN,
     DataOptions,
     ModelOptions,
     checked,
@@ -157,8 +158,7 @@ def command(
         files.data,
         data_options,
         options,
-        model_options.class_name,
-        model_options.libraries,
+        model_options,
         bootstrap=bootstrap or 0,
         others=plot is not None,
     )
@@ -176,8 +176,7 @@ def identified(
     data: Sequence[Path],
     data_options: DataOptions,
     options: IdentifyOptions | None = None,
-    class_name: str | None = None,
-    libraries: Sequence[Path] = (),
+    model_options: ModelOptions = PLAIN,
     flat: Model | None = None,
     *,
     bootstrap: int = 0,
@@ -185,7 +184,7 @@ def identified(
 ) -> Identified:
     """Identify the model (default: that of daest.toml) from the recordings; not `others`: columns that are no
     signal of the model are not read."""
-    from daest.cli.models import load_model, model_source
+    from daest.cli.models import model_source
     from daest.cli.recordings import training_data
     from daest.cli.results import training_files
     from daest.estimation.bootstrap import with_bootstrap
@@ -196,7 +195,7 @@ def identified(
 
     source = model_source(project, model)
     if flat is None:
-        flat = load_model(project, source, class_name, libraries)
+        flat = model_options.load(project, source)
     loaded = flat
     flat, estimation, validation = training_data(loaded, project, data, data_options, others=others)
     options = options or IdentifyOptions(hold=data_options.known_hold(project))

@@ -24,6 +24,7 @@ from daest.cli.output import emit, note, telling, to_json, whole_file, with_sche
 from daest.cli.progress import progress
 from daest.errors import ConfigError, DaestError, Place
 from daest.files import passing_folder
+from daest.model.defaults import MOST_EFFECTS
 
 if TYPE_CHECKING:
     from daest.cli.diagnose import Case, Search
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
 FOLDER = "improve"
 LEDGER = "ledger.json"
 PICTURE = "staircase.png"
-MOST_EFFECTS = 6
 TIME_LIMIT = 300.0  # seconds, after which models are still written and simulated
 CLOSE = 0.05  # relative difference of errors up to which a written model counts as the one that was fitted
 
@@ -101,8 +101,7 @@ def command(
         files.data,
         data_options,
         search,
-        model_options.class_name,
-        model_options.libraries,
+        model_options,
         parameters=parameters,
     )
     case = replace(case, options=replace(case.options, time_limit=time_limit))

@@ -117,6 +117,9 @@ class ModelOptions:
         return load_model(project, given, self.class_name, self.libraries, settings)
 
 
+PLAIN = ModelOptions()  # of a command without these options
+
+
 @dataclass(frozen=True)
 class DataOptions:
     """The options on data of the command line. None: use the value in daest.toml."""

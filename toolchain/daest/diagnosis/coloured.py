@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.options import DiagnoseOptions, Progress
+from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
 from daest.diagnosis.screen import projected, scored
 from daest.diagnosis.verdict import Decided, Evidence, decide, foreseen_by
 from daest.errors import DaestError, EstimationError
@@ -29,7 +29,6 @@ from daest.systems.integration import IntegrationError
 MOST_ORDER = 8  # of the autoregression that whitens the residual
 WHITE_LAGS = 20
 SHARES = (1.0, 0.3, 0.0)  # of the size that one step from the null gives, where a refit starts
-REFIT_SECONDS = 3.0  # times that of the model as it is
 
 
 def screened(

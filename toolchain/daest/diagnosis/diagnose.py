@@ -39,7 +39,7 @@ from daest.diagnosis.null import (
     with_other_hold,
 )
 from daest.diagnosis.open_loop import fitted_in_use, open_screen, simulated_errors
-from daest.diagnosis.options import DiagnoseOptions, Progress
+from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
 from daest.diagnosis.proof import (
     GENTLE,
     Prepared,
@@ -120,7 +120,6 @@ FIRST_TRIALS = 2  # are refitted in any case, the second one alone where the fir
 MOST_PLACES = 5  # that the sensors see alike, where a refit is tried again
 ITERATIONS = 15  # of the simulation's fit from which one is tried again
 LOOP = 3  # times the time of a run where a loop is solved by iterations at every point
-REFIT_SECONDS = 3.0  # times that of the model as it is: a refit has more parameters, and is judged besides
 
 
 def diagnose(

@@ -32,12 +32,13 @@ from daest.diagnosis.diagnose import (
     unsettled_hold,
 )
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.options import MOST_EFFECTS, DiagnoseOptions, Progress
+from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import SHARPER, Trial
 from daest.diagnosis.screen import promising_pairs
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.unseen import is_better, is_likelier
 from daest.errors import EstimationError, ModelError
+from daest.model.defaults import MOST_EFFECTS
 from daest.model.diagnosis import Diagnosis, Improvement, Proof, Screened, Step
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment

@@ -16,7 +16,7 @@ from daest.model.flat import Model
 from daest.systems.state_space import Hold
 
 MOST_TRIALS = 5
-MOST_EFFECTS = 6  # that an improvement adds
+REFIT_SECONDS = 3.0  # times that of the model as it is: a refit has more parameters, and is judged besides
 
 Progress = Callable[[str], None]
 

@@ -11,3 +11,6 @@ LEAST_REFITS = 39
 
 LEAST_NULL_RECORDS = 99
 """Records without fault of `daest compare`: fewer cannot tell the level of its tests, 1 %."""
+
+MOST_EFFECTS = 6
+"""Effects that `daest improve` adds."""
