@@ -292,7 +292,7 @@ def _shown(name: str, recordings: Sequence[Experiment]) -> tuple[float, float, f
     """Lowest and highest value and fastest change of an input in the recordings; NaN where none holds it."""
     import numpy as np
 
-    columns = [(e.time, e.inputs[:, e.input_names.index(name)]) for e in recordings if name in e.input_names]
+    columns = [(e.time, e.input(name)) for e in recordings if name in e.input_names]
     if not columns:
         return float("nan"), float("nan"), float("inf")
     rates = [float(np.max(np.abs(np.diff(u) / np.diff(t)), initial=0.0)) for t, u in columns]

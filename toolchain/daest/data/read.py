@@ -130,7 +130,6 @@ def measured_names(experiments: Sequence[Experiment]) -> tuple[str, ...]:
 
 def select_outputs(experiment: Experiment, names: Sequence[str]) -> Experiment:
     """The experiment with the outputs `names` alone, in that order; the others move to `extra`."""
-    index = [experiment.output_names.index(name) for name in names]
     dropped = {
         name: experiment.outputs[:, i]
         for i, name in enumerate(experiment.output_names)
@@ -138,7 +137,7 @@ def select_outputs(experiment: Experiment, names: Sequence[str]) -> Experiment:
     }
     return replace(
         experiment,
-        outputs=experiment.outputs[:, index],
+        outputs=experiment.outputs_of(names),
         output_names=tuple(names),
         extra={**experiment.extra, **dropped},
     )

@@ -114,8 +114,7 @@ def at_period(experiment: Experiment, names: Sequence[str], period: float) -> np
     """The recorded inputs (n, n_u), in that order, on straight lines at a period."""
     time_ = experiment.time - experiment.time[0]
     grid = period * np.arange(int(np.floor(time_[-1] / period + 1e-9)) + 1)
-    columns = [experiment.inputs[:, experiment.input_names.index(name)] for name in names]
-    return np.column_stack([np.interp(grid, time_, column) for column in columns])
+    return np.column_stack([np.interp(grid, time_, experiment.input(name)) for name in names])
 
 
 def _first_families(task: Task, guard: Guard, began: float, notes: list[str]) -> tuple[Task, list[Played]]:

@@ -89,6 +89,6 @@ def with_clipped_sensors(flat: FlatModel, library: Sequence[Effect], clips: Mapp
 
 def share_at_limit(experiments: Sequence[Experiment], output: str, limit: float) -> float:
     """The share of the samples of an output that stand at the limit of its sensor."""
-    values = np.concatenate([e.outputs[:, e.output_names.index(output)] for e in experiments])
+    values = np.concatenate([e.output(output) for e in experiments])
     values = values[np.isfinite(values)]
     return float(np.mean(np.abs(np.abs(values) - limit) <= WITHIN * limit)) if values.size else 0.0

@@ -90,7 +90,7 @@ def _limits(asked: Asked, flat: Model) -> Limits:
     longest = max(float(e.time[-1] - e.time[0]) for e in experiments)
     inputs = []
     for variable in flat.inputs:
-        values = [e.inputs[:, e.input_names.index(variable.name)] for e in experiments]
+        values = [e.input(variable.name) for e in experiments]
         rates = [
             np.max(np.abs(np.diff(u) / np.diff(e.time))) for u, e in zip(values, experiments, strict=True)
         ]

@@ -122,7 +122,7 @@ def _result(case: Case, kind: str, found: Estimates) -> FilterResult:
     unused = [n for n in experiment.output_names if n in case.model.output_names and n not in case.measure]
     compared = {
         name: comparison(
-            experiment.outputs[:, experiment.output_names.index(name)],
+            experiment.output(name),
             found.values[:, found.names.index(name)],
             found.std[:, found.names.index(name)],
         )

@@ -90,7 +90,7 @@ def in_model_order(experiment: Experiment, model: Model | StateSpaceFamily) -> E
     outputs = np.full((experiment.n_samples, len(model.outputs)), np.nan)
     for column, output in enumerate(model.outputs):
         if output.name in experiment.output_names:
-            outputs[:, column] = experiment.outputs[:, experiment.output_names.index(output.name)]
+            outputs[:, column] = experiment.output(output.name)
     return replace(
         experiment,
         inputs=inputs,
@@ -123,7 +123,7 @@ def _in_order(experiment: Experiment, model: Model | StateSpaceFamily) -> np.nda
                 remedy="map a column to it ([data] inputs); "
                 f"the recording has: {', '.join(experiment.input_names)}",
             )
-        columns.append(experiment.inputs[:, experiment.input_names.index(variable.name)])
+        columns.append(experiment.input(variable.name))
         if not np.all(np.isfinite(columns[-1])):
             row = int(np.flatnonzero(~np.isfinite(columns[-1]))[0])
             raise DataError(

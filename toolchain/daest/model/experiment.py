@@ -46,6 +46,22 @@ class Experiment(Timed):
     def n_samples(self) -> int:
         return self.time.shape[0]
 
+    def input(self, name: str) -> np.ndarray:
+        """The course (n_samples,) of one input."""
+        return self.inputs[:, self.input_names.index(name)]
+
+    def output(self, name: str) -> np.ndarray:
+        """The course (n_samples,) of one output, NaN where a sample is missing."""
+        return self.outputs[:, self.output_names.index(name)]
+
+    def inputs_of(self, names: Sequence[str]) -> np.ndarray:
+        """The inputs `names` (n_samples, n_names), in that order."""
+        return self.inputs[:, [self.input_names.index(name) for name in names]]
+
+    def outputs_of(self, names: Sequence[str]) -> np.ndarray:
+        """The outputs `names` (n_samples, n_names), in that order."""
+        return self.outputs[:, [self.output_names.index(name) for name in names]]
+
     def driven_by(self, names: Sequence[str]) -> Experiment:
         """The recording with columns of `extra` as further inputs, zero where they hold no value."""
         inputs = np.column_stack([self.inputs, *(np.nan_to_num(self.extra[name]) for name in names)])

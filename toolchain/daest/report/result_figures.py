@@ -121,7 +121,7 @@ def _draw_estimate(result: FilterResult, experiment: Experiment, name: str, ax: 
     value, std, unit = result.values[:, at], result.std[:, at], result.units[at]
     measured = np.zeros(0)
     if name in experiment.output_names:
-        measured = experiment.outputs[:, experiment.output_names.index(name)]
+        measured = experiment.output(name)
         ax.plot(experiment.time, measured, **MEASURED)
     finite = np.isfinite(std)
     low, high = np.where(finite, value - BAND * std, np.nan), np.where(finite, value + BAND * std, np.nan)
@@ -166,7 +166,7 @@ def simulation_figure(simulation: Simulation, recording: Experiment) -> Figure:
         steps = "steps-post" if is_input and simulation.hold == "zoh" else "default"
         color = INPUT if is_input else LINES[0]
         if name in recording.output_names:
-            ax.plot(recording.time, recording.outputs[:, recording.output_names.index(name)], **MEASURED)
+            ax.plot(recording.time, recording.output(name), **MEASURED)
         ax.plot(simulation.time, simulation[name], color=color, lw=1.0, drawstyle=steps, label="simulated")
         ax.set_ylabel(style.label(name, simulation.units.get(name)))
         style.zero_line(ax)

@@ -172,8 +172,7 @@ def _with_memory(flat: FlatModel, values: np.ndarray) -> FlatModel:
 def _beginning(flat: FlatModel, recording: Any) -> tuple[float, np.ndarray]:
     names = [v.name for v in flat.inputs]
     if isinstance(recording, Experiment) and all(name in recording.input_names for name in names):
-        columns = [recording.input_names.index(name) for name in names]
-        return float(recording.time[0]), recording.inputs[0, columns]
+        return float(recording.time[0]), recording.inputs_of(names)[0]
     if isinstance(recording, tuple):
         time, u = (np.asarray(part, dtype=float) for part in recording)
         return float(time[0]), u.reshape(time.size, -1)[0]

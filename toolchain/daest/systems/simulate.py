@@ -202,8 +202,7 @@ def _inputs(flat: Model, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
                 f"the recording {recording.name} has no input {', '.join(missing)}",
                 remedy="map a column to it under [data.inputs]",
             )
-        columns = [recording.input_names.index(name) for name in names]
-        time, u = recording.time, recording.inputs[:, columns]
+        time, u = recording.time, recording.inputs_of(names)
     else:
         time, u = (np.asarray(part, dtype=float) for part in recording)
         u = u.reshape(time.size, -1) if u.ndim == 1 else u

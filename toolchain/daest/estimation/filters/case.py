@@ -159,8 +159,8 @@ class Case:
     @property
     def measured(self) -> Experiment:
         """The recording without the outputs that are not used."""
-        rows = [self.experiment.output_names.index(name) for name in self.measure]
-        return replace(self.experiment, outputs=self.experiment.outputs[:, rows], output_names=self.measure)
+        outputs = self.experiment.outputs_of(self.measure)
+        return replace(self.experiment, outputs=outputs, output_names=self.measure)
 
 
 @dataclass(frozen=True)

@@ -141,9 +141,8 @@ def _with_outputs(ss: StateSpace, rows: list[int]) -> StateSpace:
 
 def _record(ss: StateSpace, experiment: Experiment, measure: tuple[str, ...]) -> Experiment:
     """The used columns, with the inputs ū of the model in its order."""
-    columns = [experiment.input_names.index(name) for name in ss.input_names]
-    inputs = stacked_inputs(experiment.inputs[:, columns], experiment.time, ss.input_derivatives)
-    outputs = experiment.outputs[:, [experiment.output_names.index(name) for name in measure]]
+    inputs = stacked_inputs(experiment.inputs_of(ss.input_names), experiment.time, ss.input_derivatives)
+    outputs = experiment.outputs_of(measure)
     slopes = tuple(f"der({ss.input_names[i]})" for i, _ in ss.input_derivatives)
     return Experiment(
         experiment.name, experiment.time, inputs, outputs, tuple(ss.input_names) + slopes, measure

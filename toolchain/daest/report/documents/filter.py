@@ -107,9 +107,7 @@ def series(result: FilterResult, experiment: Experiment, names: Sequence[str]) -
     known."""
     columns = [_column(result, name) for name in names]
     measured = [
-        experiment.outputs[:, experiment.output_names.index(name)]
-        if name in experiment.output_names
-        else np.full(result.time.size, np.nan)
+        experiment.output(name) if name in experiment.output_names else np.full(result.time.size, np.nan)
         for name in names
     ]
     return {
