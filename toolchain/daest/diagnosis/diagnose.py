@@ -62,7 +62,9 @@ from daest.diagnosis.proof import (
 )
 from daest.diagnosis.rivals import (
     DynamicFits,
+    Simulation,
     best_dynamic,
+    best_simulation,
     dynamic_fits,
     no_richer_ones,
     reduced_laws,
@@ -96,7 +98,6 @@ from daest.modelica.sites import sites
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Outcome, Workers, workers
 from daest.numerics.statistics import chi2
-from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import reduce_index
 from daest.systems.state_space import Hold
 
@@ -762,15 +763,17 @@ def _proved(search: _Search, prepared: Prepared) -> Proof:
 def _dynamic_parts(null: Null, candidates: Sequence[Candidate]) -> list[Callable[[], DynamicFits]]:
     """The fits of the effects with states as a few tasks; none where there are none."""
     wanted = [c for c in candidates if c.effect.is_dynamic and not c.inputs]
-    if not wanted or not has_affine_dynamics(null.explicit):
+    with _quiet():
+        simulation = best_simulation(null) if wanted else None
+    if simulation is None:
         return []
     size = -(-len(wanted) // DYNAMIC_PARTS)
-    return [partial(_dynamic, null, wanted[i : i + size]) for i in range(0, len(wanted), size)]
+    return [partial(_dynamic, null, wanted[i : i + size], simulation) for i in range(0, len(wanted), size)]
 
 
-def _dynamic(null: Null, candidates: Sequence[Candidate]) -> DynamicFits:
+def _dynamic(null: Null, wanted: Sequence[Candidate], simulation: Simulation) -> DynamicFits:
     with _quiet():
-        return dynamic_fits(null, candidates)
+        return dynamic_fits(null, wanted, simulation)
 
 
 def _called(task: Callable[[], Any]) -> Any:

@@ -50,20 +50,16 @@ DynamicFits = list[tuple[float, Prepared]]  # log-likelihoods of simulations wit
 def dynamic_trials(null: Null, candidates: Sequence[Candidate]) -> tuple[Prepared, ...]:
     """The dynamic effects that improve the simulation most, started from their output-error fits. Only for
     models with affine dynamics, where such a fit takes a fraction of a second."""
-    return best_dynamic([dynamic_fits(null, candidates)])
-
-
-def dynamic_fits(null: Null, candidates: Sequence[Candidate]) -> DynamicFits:
-    """Output-error fits of those of the candidates that are dynamic and improve the simulation.
-
-    They start where the model as it is simulates best: beside loads that are free enough to take the place of
-    an effect with states, the null's parameters may have gone anywhere."""
     wanted = [c for c in candidates if c.effect.is_dynamic and not c.inputs]
-    if not wanted or not has_affine_dynamics(null.explicit):
-        return []
-    simulation = _best_simulation(null)
-    if simulation is None:
-        return []
+    simulation = best_simulation(null) if wanted else None
+    return () if simulation is None else best_dynamic([dynamic_fits(null, wanted, simulation)])
+
+
+def dynamic_fits(null: Null, wanted: Sequence[Candidate], simulation: Simulation) -> DynamicFits:
+    """Output-error fits of those of the wanted effects with states that improve the simulation.
+
+    They start from the `simulation` of the model as it is (`best_simulation`): beside loads that are free
+    enough to take the place of an effect with states, the null's parameters may have gone anywhere."""
     fits = [_best_dynamic(null, candidate, simulation) for candidate in wanted]
     return [fit for fit in fits if fit is not None and fit[0] - simulation[0] >= GATES.min_dynamic_gain]
 
@@ -134,9 +130,11 @@ def _options(null: Null, names: Sequence[str]) -> IdentifyOptions:
     )
 
 
-def _best_simulation(null: Null) -> Simulation | None:
+def best_simulation(null: Null) -> Simulation | None:
     """The better of two fits of the model as it is by simulation, from the null's parameters and from those
-    that its search began with; None where neither succeeds."""
+    that its search began with; None where neither succeeds, and where its dynamics are not affine."""
+    if not has_affine_dynamics(null.explicit):
+        return None
     begun = {p.name: p.initial for p in null.fit.parameters if p.name in null.estimated}
     family, found = state_space_family(null.explicit), []
     for start in ({}, begun):
