@@ -131,7 +131,8 @@ def placement(candidate: Candidate, sizes: Mapping[str, float] | None = None) ->
 def ranges(
     explicit: ExplicitModel, time: np.ndarray, states: Mapping[str, np.ndarray], inputs: np.ndarray
 ) -> dict[str, float]:
-    """Largest magnitude of every internal variable along the trajectory."""
+    """Largest magnitude of every internal variable along the trajectory. Shapes: time (n_samples,), states
+    (n_samples,) by name, inputs (n_samples, n_u)."""
     chosen = np.unique(np.linspace(0, time.size - 1, min(time.size, MOST_POINTS)).astype(int))
     x = np.array(
         [states[name][chosen] if name in states else np.zeros(chosen.size) for name in explicit.state_names]

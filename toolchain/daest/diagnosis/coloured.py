@@ -113,7 +113,8 @@ def refuse_gaps(experiments: Sequence[Experiment], what: str) -> None:
 
 
 def autoregression(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Coefficients of the whitening filter of every output, order by BIC."""
+    """Coefficients of the whitening filter of every output, order by BIC. Shapes: residuals (n, n_y) per
+    recording; a filter (order + 1,) per output."""
     filters = []
     for j in range(residuals[0].shape[1]):
         best: tuple[float, np.ndarray] | None = None
@@ -132,7 +133,8 @@ def autoregression(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def lagged(e: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of the last `order` values before each sample from MOST_ORDER on, and these samples."""
+    """Rows of the last `order` values before each sample from MOST_ORDER on, and these samples. Shapes: e
+    (n,); rows (n - MOST_ORDER, order), samples (n - MOST_ORDER,)."""
     columns = [e[MOST_ORDER - k : e.size - k] for k in range(1, order + 1)]
     X = np.column_stack(columns) if columns else np.zeros((e.size - MOST_ORDER, 0))
     return X, e[MOST_ORDER:]
@@ -170,13 +172,15 @@ def spreads(residuals: Sequence[np.ndarray], filters: Sequence[np.ndarray]) -> n
 
 
 def weights(residuals: Sequence[np.ndarray], spreads: np.ndarray) -> np.ndarray:
-    """1 / standard deviation of the whitened residual of every output, in the order of `white`."""
+    """1 / standard deviation of the whitened residual of every output, in the order of `white`. Shapes:
+    residuals (n, n_y) per recording, spreads (n_y,)."""
     parts = [np.full(e.shape[0] - MOST_ORDER, 1.0 / s) for e in residuals for s in spreads]
     return np.concatenate(parts)
 
 
 def log_likelihood(errors: Sequence[np.ndarray]) -> float:
-    """Gaussian, of the innovations of the autoregression of the errors, up to a constant."""
+    """Gaussian, of the innovations of the autoregression of the errors, up to a constant. Shapes: errors
+    (n, n_y) per recording."""
     total = 0.0
     for j, taps in enumerate(autoregression(errors)):
         white = np.concatenate([np.convolve(e[:, j], taps)[: e.shape[0]][MOST_ORDER:] for e in errors])
@@ -186,7 +190,8 @@ def log_likelihood(errors: Sequence[np.ndarray]) -> float:
 
 def foreseen(errors: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> float:
     """How much of the residual could be foreseen from its own past: its mean square beyond that of the
-    innovations, in units of the latter, over all outputs. As innovations counts the smaller of both."""
+    innovations, in units of the latter, over all outputs. As innovations counts the smaller of both.
+    Shapes: errors and others (n, n_y) per recording."""
     floors = [spreads(some, autoregression(some)) ** 2 for some in (errors, others)]
     squares = np.mean(np.concatenate(errors) ** 2, axis=0)
     return float(np.sum(np.maximum(squares / np.minimum(*floors) - 1.0, 0.0)))
@@ -373,7 +378,8 @@ def _beside_the_best(proof: Proof, best: Proof, close: Sequence[Proof]) -> Proof
 
 
 def is_white(residuals: Sequence[np.ndarray]) -> bool:
-    """Ljung-Box of every output, all together at GATES.fmu_level."""
+    """Ljung-Box of every output, all together at GATES.fmu_level. Shapes: residuals (n, n_y) per
+    recording."""
     long = [e - e.mean(axis=0) for e in residuals if e.shape[0] > 2 * WHITE_LAGS]
     p_values = [1.0]
     for j in range(residuals[0].shape[1]):

@@ -565,7 +565,8 @@ class _Test:
 
 
 def projected(responses: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Responses with what the nuisance directions explain removed, and the share that is left of each."""
+    """Responses with what the nuisance directions explain removed, and the share that is left of each.
+    Shapes: responses (k, m), directions (d, m); shares (k,)."""
     scale = np.linalg.norm(directions, axis=1)
     used = directions[scale > 0.0] / scale[scale > 0.0, None]
     values, vectors = np.linalg.eigh(used @ used.T)

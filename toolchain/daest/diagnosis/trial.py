@@ -88,7 +88,8 @@ class Trial:
 
 
 def agreement(flat: Model, experiments: Sequence[Experiment], outputs: Sequence[np.ndarray]) -> Agreement:
-    """100 (1 - |y - ŷ| / |y - mean y|) and rms per output; the mean is that of each recording."""
+    """100 (1 - |y - ŷ| / |y - mean y|) and rms per output; the mean is that of each recording. Shapes:
+    outputs ŷ (n_samples, n_y) per experiment."""
     fits: dict[str, float | None] = {}
     rms: dict[str, float | None] = {}
     for j, output in enumerate(flat.outputs):

@@ -137,7 +137,8 @@ def parameter_coordinate(
 
 
 def lost_ones(unknowns: Unknowns, z: np.ndarray, start: np.ndarray) -> list[int]:
-    """The logarithmic parameters that have run off by orders of magnitude on the way from `start` to z."""
+    """The logarithmic parameters that have run off by orders of magnitude on the way from `start` to z.
+    Shapes: z and start (n_z,)."""
     return [
         i
         for i, coordinate in enumerate(unknowns.coordinates)

@@ -66,8 +66,8 @@ class EkfProblem:
         return z[self.n_unknowns :].reshape(len(self.records), -1) * self.state_scale
 
     def predict(self, z: np.ndarray, with_slopes: bool = False) -> EkfPredicted | None:
-        """Every record at z, with derivatives along the unknowns, then its own initial state; None where the
-        filter cannot run."""
+        """Every record at z, with derivatives along the unknowns, then its own initial state; None where
+        the filter cannot run. Shapes: z (n_z,)."""
         theta, intensity, std = self.unknowns.values(z[: self.n_unknowns])
         noise = Noise(intensity, std**2)
         directions = _directions(self, z, std) if with_slopes else None
@@ -82,7 +82,8 @@ class EkfProblem:
         return EkfPredicted(tuple(result))
 
     def derivatives(self, found: EkfPredicted, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gradient and Fisher information along z."""
+        """Gradient and Fisher information along z. Shapes: z (n_z,); gradient (n_z,), information (n_z,
+        n_z)."""
         p, n = self.n_unknowns, self.state_scale.size
         gradient, information = np.zeros(z.size), np.zeros((z.size, z.size))
         for number, part in enumerate(found.parts):
@@ -282,8 +283,8 @@ def _is_coloured(problem: EkfProblem, found: Found) -> bool:
 
 
 def with_substeps(problem: EkfProblem, z: np.ndarray) -> EkfProblem | None:
-    """Halve the longest substep until the log-likelihood changes by no more than FIT.substep_change allows;
-    None where MOST_HALVINGS are not enough."""
+    """Halve the longest substep until the log-likelihood changes by no more than FIT.substep_change
+    allows; None where MOST_HALVINGS are not enough. Shapes: z (n_z,)."""
     period, allowed = _period(problem), _allowed_change(problem)
     longest = np.inf
     coarse = objective(replace(problem, longest=longest))(z, False)

@@ -35,7 +35,7 @@ Objective = Callable[[np.ndarray, bool], Evaluation | None]
 
 def best_start(objective: Objective, unknowns: Unknowns, starts: list[np.ndarray]) -> np.ndarray:
     """The start with the highest likelihood at the noise levels tried; the first one where the filter runs
-    nowhere. `starts` are search vectors that begin with `unknowns`."""
+    nowhere. `starts` are search vectors that begin with `unknowns`. All of them have the shape (n_z,)."""
     process, measurement = unknowns.of_kind("process"), unknowns.of_kind("measurement")
     factors = product(PROCESS_LOGS if process else (0.0,), STD_LOGS if measurement else (0.0,))
     changes = []
@@ -91,8 +91,8 @@ def felt_intensity(
 
 
 def with_lost_ones(unknowns: Unknowns, z: np.ndarray, given: np.ndarray) -> np.ndarray:
-    """z with the parameters that a search has lost back where the user started, as what drove them there may
-    by now be known to be noise; z itself where there are none."""
+    """z with the parameters that a search has lost back where the user started, as what drove them there
+    may by now be known to be noise; z itself where there are none. Shapes: z and given (n_z,)."""
     lost = lost_ones(unknowns, z, given)
     if not lost:
         return z

@@ -164,7 +164,8 @@ def nis_summary(total: float, n_innovations: int) -> NisSummary:
 
 
 def comparison(measured: np.ndarray, estimate: np.ndarray, std: np.ndarray) -> OutputComparison:
-    """Samples whose estimate is less certain than the spread of the signal say nothing and are left out."""
+    """Samples whose estimate is less certain than the spread of the signal say nothing and are left out.
+    All arrays have the shape (n_samples,)."""
     recorded = measured[np.isfinite(measured)]
     spread = float(np.std(recorded)) if recorded.size else 0.0
     use = np.isfinite(measured) & np.isfinite(estimate) & (std <= spread)

@@ -50,7 +50,8 @@ def flat_directions(information: np.ndarray) -> np.ndarray:
 
 
 def covariance(information: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Inverse information over the free unknowns; NaN for the others and for those inside flat directions."""
+    """Inverse information over the free unknowns; NaN for the others and for those inside flat directions.
+    Shapes: information and covariance (n, n), free (n,)."""
     result = np.full(information.shape, np.nan)
     rows = np.flatnonzero(free)
     if not rows.size:
@@ -112,7 +113,7 @@ def std_errors(cov: np.ndarray, values: np.ndarray) -> list[float | None]:
 
 
 def correlation(cov: np.ndarray) -> np.ndarray:
-    """Correlation matrix; NaN where a variance is unknown."""
+    """Correlation matrix; NaN where a variance is unknown. Both have the shape (n, n)."""
     with np.errstate(all="ignore"):
         std = np.sqrt(np.diagonal(cov))
         return cov / np.outer(std, std)

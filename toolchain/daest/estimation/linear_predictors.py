@@ -354,7 +354,8 @@ class Problem:
         return simulate(self, theta, std, with_slopes)
 
     def derivatives(self, found: Predicted, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gradient and Fisher information along z."""
+        """Gradient and Fisher information along z. Shapes: z (n_z,); gradient (n_z,), information (n_z,
+        n_z)."""
         slopes = self.unknowns.slopes(z)
         gradient, information = np.zeros(slopes.size), np.zeros((slopes.size, slopes.size))
         for part, innovation, record in zip(all_scores(found), found.found, self.records, strict=True):
@@ -389,7 +390,8 @@ class Predicted:
 def simulate(
     problem: Problem, theta: np.ndarray, given_std: np.ndarray, with_slopes: bool = False
 ) -> Predicted | None:
-    """Simulate every record from its best initial state; None where the outputs overflow."""
+    """Simulate every record from its best initial state; None where the outputs overflow. Shapes: theta
+    (n_theta,), given_std (n_y,)."""
     with np.errstate(all="ignore"):
         ss = state_space(problem.family, theta)
         derivatives = None
@@ -478,7 +480,8 @@ def all_scores(predicted: Predicted) -> list[Scores]:
 
 
 def noise_levels(problem: Problem, intensity: np.ndarray, std: np.ndarray) -> NoiseLevels:
-    """Noise at one point, and its derivatives in all directions of the search."""
+    """Noise at one point, and its derivatives in all directions of the search. Shapes: intensity (n_w,),
+    std (n_y,)."""
     coordinates = problem.unknowns.coordinates
     p, n_w, n_y = len(coordinates), intensity.size, std.size
     dW, dR = np.zeros((p, n_w, n_w)), np.zeros((p, n_y, n_y))
@@ -491,7 +494,8 @@ def noise_levels(problem: Problem, intensity: np.ndarray, std: np.ndarray) -> No
 
 
 def matrix_slopes(problem: Problem, theta: np.ndarray) -> dict[str, np.ndarray]:
-    """Derivatives of the state space in all directions: parameters first, then zeros for the noises."""
+    """Derivatives of the state space in all directions: parameters first, then zeros for the noises.
+    Shapes: theta (n_theta,); of a matrix (n, m) the slopes (d, n, m)."""
     names = problem.unknowns.parameter_names()
     extra = len(problem.unknowns.coordinates) - len(names)
     exact = state_space_derivatives(problem.family, theta, names)

@@ -83,7 +83,7 @@ def modes_of(models: list[DiscreteModel], which: np.ndarray, outputs: np.ndarray
 
 
 def has_equal_steps(time: np.ndarray) -> bool:
-    """Whether one sampled model serves the whole record; times are rounded."""
+    """Whether one sampled model serves the whole record; times are rounded. Shapes: time (n_samples,)."""
     steps = np.diff(time)
     mean = float((time[-1] - time[0]) / max(steps.size, 1))
     return bool(np.all(np.abs(steps - mean) <= 1e-6 * mean + 1e-9 * abs(float(time[-1]))))
@@ -130,7 +130,7 @@ def _affine(
 
 
 def select_outputs(model: DiscreteModel, rows: np.ndarray) -> DiscreteModel:
-    """The model with the outputs `rows` only."""
+    """The model with the outputs `rows` only. Shapes: rows (n_rows,)."""
     fields = dict(model.__dict__)
     for name in ("output", "feedthrough", "output_offset"):
         fields[name] = fields[name][rows]

@@ -54,7 +54,7 @@ def with_gain(
     """The problem with the gain of the most likely noise levels at the parameters z, and these levels.
 
     Searched from `around`, by default from `known` levels and a first guess where there are none. Where no
-    level makes a gain, the problem as it is with `known`.
+    level makes a gain, the problem as it is with `known`. Shapes: z (n_z,).
     """
     average = average_along(problem, z)
     assert average is not None
@@ -134,7 +134,7 @@ def assumed(
 ) -> tuple[TrajectoryProblem, Levels] | None:
     """The predictor for an assumed noise on every state, and its levels: the most likely of `levels`, by
     default as large as the measurement noise, with the intensity times each of `factors`. None where the
-    model cannot be run at z or no level makes a gain."""
+    model cannot be run at z or no level makes a gain. Shapes: z (n_z,)."""
     average = average_along(problem, z)
     if average is None:
         return None
@@ -175,7 +175,8 @@ def _misfit(errors: Errors, found: Observer) -> float:
 
 
 def average_along(problem: TrajectoryProblem, z: np.ndarray) -> AverageModel | None:
-    """Average linearisation along the longest experiment; None where the integration fails."""
+    """Average linearisation along the longest experiment; None where the integration fails. Shapes: z
+    (n_z,)."""
     longest = int(np.argmax([e.n_samples for e in problem.experiments]))
     experiment = problem.experiments[longest]
     errors = prediction_errors(problem, z)

@@ -48,7 +48,8 @@ HILLS = 1  # looked over after a last search: each costs as much as several of a
 
 
 def best_ends(setup: Setup, problem: TrajectoryProblem, z: np.ndarray, tell: Tell) -> list[Ending]:
-    """The ends of the searches from z and from further starts, best first. Error `identify-no-start`."""
+    """The ends of the searches from z and from further starts, best first. Error `identify-no-start`.
+    Shapes: z (n_z,)."""
     options = setup.options
     starts = [z, *further_starts(problem, z, options)]
     if len(starts) == 1:
@@ -72,7 +73,7 @@ def search_of(
     problem: TrajectoryProblem, home: np.ndarray, max_iterations: int, enough: float | None = None
 ) -> Search:
     """What is searched; `home` is where the user started. A search that another one follows ends where the
-    next step would gain less than `enough`, and does not look beyond hills."""
+    next step would gain less than `enough`, and does not look beyond hills. Shapes: home (n_z,)."""
     lower, upper = limits(problem)
     objective = objective_of(problem)
     gain, hills = (FIT.converged_gain, HILLS) if enough is None else (enough, 0)

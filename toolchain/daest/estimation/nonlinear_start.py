@@ -53,7 +53,8 @@ def scaled(problem: TrajectoryProblem, z: np.ndarray) -> tuple[TrajectoryProblem
 def fit_initial_states(
     problem: TrajectoryProblem, z: np.ndarray, lower: np.ndarray, upper: np.ndarray
 ) -> np.ndarray:
-    """z with the initial states within bounds that fit the first samples, parameters held."""
+    """z with the initial states within bounds that fit the first samples, parameters held. Shapes: z,
+    lower and upper (n_z,)."""
     heads = tuple(part_of(e, 0, FIRST_LENGTH) for e in problem.experiments)
     n = len(problem.unknowns.coordinates)
     short = replace(problem, experiments=heads).held_at(z)
@@ -62,7 +63,7 @@ def fit_initial_states(
 
 
 def limits(problem: TrajectoryProblem) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds of the search vector."""
+    """Bounds of the search vector. Shapes: lower and upper bounds (n_z,)."""
     n_initial = len(problem.experiments) * problem.n_states
     initial = np.full(n_initial, FIT.state_range)
     logs = np.full(0 if problem.family is None else problem.family.n_logs, LONGEST_LOG)
@@ -74,7 +75,7 @@ def limits(problem: TrajectoryProblem) -> tuple[np.ndarray, np.ndarray]:
 def with_hold(
     problem: TrajectoryProblem, z: np.ndarray, options: IdentifyOptions
 ) -> tuple[TrajectoryProblem, np.ndarray]:
-    """The given hold, or the one with the higher likelihood after short fits."""
+    """The given hold, or the one with the higher likelihood after short fits. Shapes: z (n_z,)."""
     if options.hold is not None or not problem.model.explicit.flat.inputs:
         return problem, z
     if problem.model.explicit.input_derivatives:
@@ -91,7 +92,8 @@ def with_hold(
 
 def check_nonlinear_start(problem: TrajectoryProblem, z: np.ndarray, may_be_cut: bool) -> None:
     """Errors of `check_start`. An unstable simulation drowns every direction but one in its growth: a
-    direction is flat only if a short piece agrees. Where the record may be cut, the piece is enough."""
+    direction is flat only if a short piece agrees. Where the record may be cut, the piece is enough.
+    Shapes: z (n_z,)."""
     short = replace(problem, experiments=tuple(part_of(e, 0, SHORT_LENGTH) for e in problem.experiments))
     observed = sum(int(np.isfinite(e.outputs).sum()) for e in problem.experiments)
     whole, piece = (_of_parameters(part, z) for part in (problem, short))
@@ -119,7 +121,7 @@ def _of_parameters(problem: TrajectoryProblem, z: np.ndarray) -> Evaluation | No
 
 
 def further_starts(problem: TrajectoryProblem, z: np.ndarray, options: IdentifyOptions) -> list[np.ndarray]:
-    """Random parameters around z, with initial states refitted."""
+    """Random parameters around z, with initial states refitted. All of them have the shape (n_z,)."""
     rng = np.random.default_rng(options.seed)
     lower, upper = limits(problem)
     spread = problem.unknowns.spread

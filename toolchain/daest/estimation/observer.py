@@ -103,8 +103,8 @@ def observer_of(sampled: DiscreteModel) -> Observer | None:
 
 
 def sampled_average(model: AverageModel, intensity: np.ndarray, measurement_std: np.ndarray) -> DiscreteModel:
-    """The average model sampled, without inputs and without undamped modes that no output sees: those have no
-    stationary covariance, and reach no prediction."""
+    """The average model sampled, without inputs and without undamped modes that no output sees: those have
+    no stationary covariance, and reach no prediction. Shapes: intensity (n_w,), measurement_std (n_y,)."""
     n, n_w, n_y = model.A.shape[0], model.G.shape[1], model.C.shape[0]
     space = StateSpace(
         state_names=("",) * n,

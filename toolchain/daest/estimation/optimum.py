@@ -62,7 +62,7 @@ def best_point(
 
     The most likely start goes first, and the others are left out unless its end `is_doubtful`; then come the
     `further` ones, each asked for only when its turn comes. `reason` is "stalled" where a better point lies
-    beside the end after the last round.
+    beside the end after the last round. All points have the shape (n_z,).
     """
     best: Found | None = None
     for z in chain(_by_value(search, starts), further):
@@ -238,7 +238,8 @@ def better_noise(search: Search, found: Found) -> np.ndarray | None:
     """A point that differs in one noise and is more likely, or None.
 
     On a logarithmic scale the likelihood is flat towards zero noise, so that a search can come to rest there
-    although more noise would be better. Noises with hardly any information are tried decade by decade.
+    although more noise would be better. Noises with hardly any information are tried decade by decade. The
+    point has the shape (n_z,).
     """
     trials = []
     for i, coordinate in enumerate(search.unknowns.coordinates):
@@ -257,8 +258,8 @@ def _beside(search: Search, found: Found) -> np.ndarray | None:
 
 
 def weak_points(search: Search, found: Found) -> list[np.ndarray]:
-    """Points to both sides of the unknowns that the data hardly tell, the others following as a parabola has
-    it; no further than one step of a search."""
+    """Points to both sides of the unknowns that the data hardly tell, the others following as a parabola
+    has it; no further than one step of a search. The points have the shape (n_z,)."""
     directions = profile_directions(search, found)
     weak = sorted(directions, key=lambda pair: -pair[1])[:MOST_PROBED]
     points = []
@@ -272,7 +273,7 @@ def weak_points(search: Search, found: Found) -> list[np.ndarray]:
 
 def profile_directions(search: Search, found: Found) -> list[tuple[np.ndarray, float]]:
     """For every unknown off its bounds and with influence: the direction in which it moves by 1 while the
-    others follow, by the information, and its standard deviation in z."""
+    others follow, by the information, and its standard deviation in z. A direction has the shape (n_z,)."""
     inside = (found.z > search.lower) & (found.z < search.upper)
     diagonal = np.diagonal(found.evaluation.information)
     free = np.flatnonzero(inside & (diagonal > 0.0))

@@ -235,7 +235,8 @@ def held_minimum(search: Searched, here: Found, index: int, value: float) -> Fou
 
 
 def tangent(information: np.ndarray, index: int) -> np.ndarray:
-    """dz / dz_i along which the others stay optimal to first order."""
+    """dz / dz_i along which the others stay optimal to first order. Shapes: information (n_z, n_z); the
+    direction (n_z,)."""
     others = np.flatnonzero((np.arange(len(information)) != index) & (np.diagonal(information) > 0.0))
     scale = np.sqrt(np.diagonal(information)[others])
     part = information[np.ix_(others, others)] / np.outer(scale, scale)

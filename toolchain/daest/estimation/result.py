@@ -179,7 +179,8 @@ def _fitted_parameter(
 def fitted_initial_state(
     name: str, names: tuple[str, ...], x0: np.ndarray, part: Scores, cov: np.ndarray
 ) -> FittedInitialState:
-    """The initial state of one recording, with what the covariance `cov` of the unknowns adds to its own."""
+    """The initial state of one recording, with what the covariance `cov` of the unknowns adds to its own.
+    Shapes: x0 (n_x,), cov (d, d) of the d unknowns."""
     spread = part.initial_slope @ np.nan_to_num(cov) @ part.initial_slope.T
     with np.errstate(invalid="ignore"):
         errors = np.sqrt(np.diagonal(part.initial_cov) + np.diagonal(spread))

@@ -70,7 +70,8 @@ def minimise(
     converged_gain: float = FIT.converged_gain,
 ) -> Found | None:
     """Search from `start` until a step would gain less than `converged_gain` in log-likelihood, or several
-    steps have gained little more; None when the objective has no value there. Raises OutOfTimeError."""
+    steps have gained little more; None when the objective has no value there. Raises OutOfTimeError.
+    Shapes: start, lower and upper (n_z,)."""
     z = np.clip(start, lower, upper)
     here = objective(z, True)
     if here is None:

@@ -92,7 +92,7 @@ def without_unseen(model: DiscreteModel, present: np.ndarray) -> tuple[DiscreteM
 
 def unseen_directions(A: np.ndarray, C: np.ndarray, period: float, names: tuple[str, ...]) -> tuple[str, ...]:
     """What outputs C x of ẋ = A x, sampled every `period` [s], do not show and what does not die out, in
-    words."""
+    words. A (n, n), C (n_y, n)."""
     if not np.all(np.isfinite(A)):
         return ()
     basis = hidden_basis(transition_integrals(A, period).transition, C)

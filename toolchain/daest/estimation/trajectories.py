@@ -51,7 +51,7 @@ class TrajectoryProblem:
         return self.state_scale.size
 
     def theta(self, z: np.ndarray) -> np.ndarray:
-        """All parameters of the model at z."""
+        """All parameters of the model at z. Shapes: z (n_z,); parameters (n_theta,)."""
         return self.unknowns.values(z[: len(self.unknowns.coordinates)])[0]
 
     def initial_states(self, z: np.ndarray) -> np.ndarray:
@@ -82,16 +82,17 @@ class TrajectoryProblem:
         return self.gain is not None or self.family is not None
 
     def held_at(self, z: np.ndarray) -> TrajectoryProblem:
-        """The problem with its parameters held as in z: only initial states are searched."""
+        """The problem with its parameters held as in z: only initial states are searched. Shapes: z
+        (n_z,)."""
         held = replace(self.unknowns, coordinates=(), theta=self.theta(z))
         return replace(self, unknowns=held, holds_parameters=True)
 
     def predict(self, z: np.ndarray, with_slopes: bool = False) -> Errors | None:
-        """Every experiment at z; None where an integration fails."""
+        """Every experiment at z; None where an integration fails. Shapes: z (n_z,)."""
         return prediction_errors(self, z, with_slopes)
 
     def derivatives(self, found: Errors, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gradient and information along z."""
+        """Gradient and information along z. Shapes: z (n_z,); gradient (n_z,), information (n_z, n_z)."""
         residuals, slopes = whitened(self, found, z)
         return slopes @ residuals, slopes @ slopes.T
 
@@ -137,7 +138,7 @@ def prediction_errors(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bo
 
 
 def integrated(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = False) -> list[Trajectory]:
-    """Trajectories of every experiment at z. Raises IntegrationError."""
+    """Trajectories of every experiment at z. Raises IntegrationError. Shapes: z (n_z,)."""
     theta = problem.theta(z)
     gain, gain_slopes = problem.corrected_by(z, with_slopes)
     result = []

@@ -131,7 +131,8 @@ def _offsets(
 
 
 def sparse_system(matrix: sp.csr_array, partner: np.ndarray) -> SparseSystem:
-    """The system of a regular matrix whose row i is matched to column partner[i]: a perfect matching.
+    """The system of a regular matrix whose row i is matched to column partner[i]: a perfect matching. Shapes:
+    matrix (n, n), partner (n,).
 
     Raises NumericalError `system-jacobian-singular` when a pivot is zero.
     """

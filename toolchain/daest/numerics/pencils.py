@@ -179,9 +179,10 @@ def staircase(
 ) -> Staircase:
     """Orthogonal reduction that peels the infinite eigenvalues off, one level of the nilpotent part a step.
 
-    Each step: V2 spans the null space of the active E; J V2 has full column rank in a regular pencil, its
-    row compression is the next diagonal block of J_i. Thresholds are relative to the norms of the whole E and
-    J: orthogonal steps do not amplify rounding errors. `known` sizes are not decided again.
+    Each step: V2 spans the null space of the active E; J V2 has full column rank in a regular pencil, its row
+    compression is the next diagonal block of J_i. Thresholds are relative to the norms of the whole E and J:
+    orthogonal steps do not amplify rounding errors. `known` sizes are not decided again. Shapes: E and J (n,
+    n).
     """
     n = E.shape[0]
     norms = tuple(float(np.linalg.norm(matrix, 2)) if n else 0.0 for matrix in (E, J))

@@ -100,7 +100,8 @@ def predictor_gain(
 
 @remembered
 def is_stable(F: np.ndarray) -> bool:
-    """Whether all eigenvalues of a transition matrix lie within the unit circle, by `STABILITY_MARGIN`."""
+    """Whether all eigenvalues of a transition matrix lie within the unit circle, by `STABILITY_MARGIN`.
+    Shapes: F (n, n)."""
     return F.size == 0 or float(np.max(np.abs(np.linalg.eigvals(F)))) < 1.0 - STABILITY_MARGIN
 
 

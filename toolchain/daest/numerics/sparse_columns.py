@@ -20,7 +20,8 @@ def pencil_entries(E: sp.csr_array, J: sp.csr_array) -> tuple[np.ndarray, np.nda
 
 
 def compressed(dense: np.ndarray) -> sp.csc_array:
-    """The entries that are not zero, by columns: several times as fast as by way of triplets."""
+    """The entries that are not zero, by columns: several times as fast as by way of triplets. Shapes:
+    dense (n, m)."""
     by_column = np.ascontiguousarray(dense.T)
     kept = by_column != 0.0
     indices = (np.flatnonzero(kept) % dense.shape[0]).astype(np.int32)
@@ -43,7 +44,7 @@ def scaled_norms(matrix: sp.csc_array, left: np.ndarray, right: np.ndarray) -> n
 
 
 def largest_entries(matrix: sp.csc_array) -> np.ndarray:
-    """Largest size of an entry of each column, 0 where there is none."""
+    """Largest size of an entry of each column, 0 where there is none. Shapes: matrix (n, m); sizes (m,)."""
     return _reduced(np.maximum, np.abs(matrix.data), matrix)
 
 

@@ -76,7 +76,7 @@ class NoiseGains:
         return np.where(np.abs(value) > limit, value, 0.0)
 
     def differentiated(self, b: np.ndarray) -> bool:
-        """Whether noise with the column b enters some unknown differentiated."""
+        """Whether noise with the column b enters some unknown differentiated. Shapes: b (n,)."""
         if len(self.maps) < 2:
             return False
         known = None if self.exact is None else self.exact.response(1, b)
@@ -84,7 +84,7 @@ class NoiseGains:
 
     def strength(self, b: np.ndarray) -> float:
         """Size of the first derivative of the noise in ξ, scaled; 1 is the most that one equation could
-        give."""
+        give. Shapes: b (n,)."""
         size = np.linalg.norm(self.rows * b) * self.largest[1] if len(self.maps) > 1 else 0.0
         value = float(np.linalg.norm(product(self.maps[1], b) / self.columns)) if size > 0 else 0.0
         return value / float(size) if value > float((self.rows * np.abs(b)) @ self.rounding[1]) else 0.0

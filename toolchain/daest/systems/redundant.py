@@ -134,7 +134,8 @@ def _without_copies(explicit: ExplicitModel, invariants: ca.Function, orders: li
 def matching_states(
     chosen: Dynamics, redundant: Dynamics, x: np.ndarray, xi: np.ndarray, arguments: tuple
 ) -> np.ndarray:
-    """The states of the redundant model where the other one has states x and internal variables xi."""
+    """The states of the redundant model where the other one has states x and internal variables xi.
+    Shapes: x (n_x,), xi (n_xi,)."""
     names = [v.name for v in chosen.flat.unknowns]
     known = dict(zip(names, xi, strict=True))
     rates = np.array(chosen.variable_derivatives(x, *arguments)).ravel()

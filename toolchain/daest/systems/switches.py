@@ -148,7 +148,7 @@ def _made(operation: int, at: list[Any], moves: bool, found: _Switches) -> Any:
 
 
 def extended(theta: np.ndarray | None, flat: FlatModel) -> np.ndarray | None:
-    """Parameter values of the model before `with_switches`, as those of `flat`."""
+    """Parameter values of the model before `with_switches`, as those of `flat`. Shapes: theta (n_theta,)."""
     if theta is None:
         return None
     return np.concatenate([theta, np.zeros(len(flat.parameters) - len(theta))])

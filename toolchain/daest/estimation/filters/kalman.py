@@ -116,7 +116,8 @@ def sampled_models(
     noise: Noise,
 ) -> DiscreteModel | list[DiscreteModel]:
     """One sampled model for a uniform record, else one per interval; equal steps share their model. Raises
-    EstimationError `data-too-few-rows` below two samples."""
+    EstimationError `data-too-few-rows` below two samples. Shapes: time (n_samples,), intensity (n_w,),
+    measurement_cov (n_y, n_y)."""
     steps = np.diff(time)
     if steps.size == 0:
         raise EstimationError("data-too-few-rows", "a filter needs at least two samples")

@@ -146,8 +146,9 @@ def in_states_of(
     time: np.ndarray,
     inputs: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """A start of `explicit` in the states of the redundant model. A covariance is carried over by the slopes
-    of the internal variables; one with unknown states becomes unknown as a whole."""
+    """A start of `explicit` in the states of the redundant model. A covariance is carried over by the
+    slopes of the internal variables; one with unknown states becomes unknown as a whole. Shapes: mean
+    (n_x,), cov (n_x, n_x), theta (n_theta,), time (n_samples,), inputs (n_samples, n_u)."""
     u0, v0 = inputs[0], _first_slopes(explicit, time, inputs)
     arguments = (u0, v0, np.zeros(len(explicit.flat.noises)), theta, float(time[0]))
 
