@@ -68,7 +68,8 @@ def test_two_hidden_effects(cart, daest):
 
 def test_written_models_have_the_errors_of_the_ledger(cart, daest):
     """By plain simulation of a second recording from rest; the ledger's are those from the best start."""
-    write_recording(cart / "other.csv", recording(800, 9, friction=FRICTION, cubic=CUBIC))
+    write_recording(cart / "rough.csv", recording(700, 1, friction=FRICTION, cubic=CUBIC))
+    write_recording(cart / "other.csv", recording(500, 9, friction=FRICTION, cubic=CUBIC))
     data = 'estimate = ["rough.csv"]\nvalidate = ["other.csv"]\nhold = "zoh"\n'
     (cart / "daest.toml").write_text(f'[model]\nsource = "Cart.mo"\n[data]\n{data}')
     code, out, _ = daest("improve", *BOTH, "-o", "models")
@@ -107,7 +108,7 @@ def test_foreign_folder_is_refused(cart, daest):
 
 
 def test_nothing_to_add(cart, daest):
-    write_recording(cart / "clean.csv", recording(1000, 2))
+    write_recording(cart / "clean.csv", recording(500, 2))
     found, _ = improvement(daest, "clean.csv", "--model", "Cart.mo", *BOTH)
     assert len(found["steps"]) == 1 and found["final"]["verdict"] == "nothing missing"
     code, out, _ = daest("improve", "clean.csv", "--model", "Cart.mo", "--hold", "zoh", *BOTH)

@@ -10,8 +10,10 @@
 
 #if defined(__GNUC__)
 #define INLINE static inline __attribute__((always_inline))
+#define UNROLLED _Pragma("GCC unroll 8") /* before a loop of constant length */
 #else
 #define INLINE static inline
+#define UNROLLED
 #endif
 
 #if defined(__AVX512F__)
@@ -70,8 +72,8 @@ INLINE void tile(const int rows, const int vectors, long k, long n, const double
                  const double *B, const double *base, double *out)
 {
     lanes_t sum[TILE_ROWS][TILE_VECTORS];
-    for (int i = 0; i < rows; i++)
-        for (int v = 0; v < vectors; v++) {
+    UNROLLED for (int i = 0; i < rows; i++)
+        UNROLLED for (int v = 0; v < vectors; v++) {
             if (base)
                 sum[i][v] = *(const anywhere_t *)(base + i * n + v * LANES);
             else
@@ -79,12 +81,12 @@ INLINE void tile(const int rows, const int vectors, long k, long n, const double
         }
     for (long l = 0; l < k; l++) {
         lanes_t b[TILE_VECTORS];
-        for (int v = 0; v < vectors; v++) b[v] = *(const anywhere_t *)(B + l * n + v * LANES);
-        for (int i = 0; i < rows; i++)
-            for (int v = 0; v < vectors; v++) sum[i][v] += A[i * down + l * across] * b[v];
+        UNROLLED for (int v = 0; v < vectors; v++) b[v] = *(const anywhere_t *)(B + l * n + v * LANES);
+        UNROLLED for (int i = 0; i < rows; i++)
+            UNROLLED for (int v = 0; v < vectors; v++) sum[i][v] += A[i * down + l * across] * b[v];
     }
-    for (int i = 0; i < rows; i++)
-        for (int v = 0; v < vectors; v++) *(anywhere_t *)(out + i * n + v * LANES) = sum[i][v];
+    UNROLLED for (int i = 0; i < rows; i++)
+        UNROLLED for (int v = 0; v < vectors; v++) *(anywhere_t *)(out + i * n + v * LANES) = sum[i][v];
 }
 
 /* Tiles over the columns `from` … n - 1 >= LANES; the last vectors reach back over columns that are done. */
