@@ -159,6 +159,22 @@ class Inputs:
         share = (t - a) / (b - a)
         return self.u0[interval] + share * (self.u1[interval] - self.u0[interval])
 
+    def along(self, knots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs (n_knots - 1, n_ū) at both ends of the pieces between the knots, each in the interval that it
+        begins in: `interval` and `at` for all of them."""
+        starts, n = knots[:-1], len(self.u0)
+        near = SAME_INSTANT * np.maximum(float(self.time[-1] - self.time[0]) or 1.0, np.abs(starts))
+        which = np.clip(np.searchsorted(self.time, starts + near, side="right") - 1, 0, n)
+        if n == 0:
+            ends = np.tile(self.last.ravel(), (starts.size, 1))
+            return ends, ends.copy()
+        inside, which = (which < n)[:, None], np.minimum(which, n - 1)
+        a, length = self.time[which], self.time[which + 1] - self.time[which]
+        first, change = self.u0[which], self.u1[which] - self.u0[which]
+        shares = ((t - a) / length for t in (starts, knots[1:]))
+        u0, u1 = (np.where(inside, first + share[:, None] * change, self.last.ravel()) for share in shares)
+        return u0, u1
+
     def rate(self, interval: int) -> np.ndarray:
         if interval >= len(self.u0):
             return np.zeros(self.last.size)
@@ -286,12 +302,7 @@ class Runner:
         inner = time[first:beyond]
         inner = inner[np.diff(inner, prepend=-np.inf) > near]
         knots = np.concatenate([[t], inner, [stop]])
-        at = [inputs.interval(knot) for knot in knots[:-1]]
-        u0 = np.array([inputs.at(a, k) for a, k in zip(knots[:-1], at, strict=True)])
-        u1 = np.array([inputs.at(b, k) for b, k in zip(knots[1:], at, strict=True)])
-        width = inputs.last.size
-        u0, u1 = u0.reshape(len(at), width), u1.reshape(len(at), width)
-        piece = self._call(knots, u0, u1, x, S)
+        piece = self._call(knots, *inputs.along(knots), x, S)
         # Row 0 is a sample where t is one; the stop itself belongs to what follows it, and so does a sample
         # at which a jump of the input is an event.
         for row in range(min(piece.done, knots.size - 1)):
