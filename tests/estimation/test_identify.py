@@ -203,7 +203,7 @@ def test_given_noises_stay_as_they_are():
 
 
 @pytest.mark.parametrize("method", ["oe", "pem"])
-@pytest.mark.parametrize("seed", [1, 2, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
 def test_start_values_off_by_ten_lead_to_the_same_optimum(seed, method):
     noise = UNKNOWN_NOISE if method == "pem" else None
     far = {
@@ -228,7 +228,9 @@ def test_more_starts_are_repeatable_and_reported():
 
 
 def test_a_bound_that_binds_is_flagged():
-    result = identify(rig(), [simulated(2)], IdentifyOptions(bounds={"c": (None, 1.4)}, start={"c": 1.3}))
+    result = identify(
+        rig(), [simulated(2, n_samples=600)], IdentifyOptions(bounds={"c": (None, 1.4)}, start={"c": 1.3})
+    )
     found = {p.name: p for p in result.parameters}
     assert found["c"].value == pytest.approx(1.4)
     assert found["c"].at_bound == "max"
@@ -270,36 +272,41 @@ def test_experiments_together_tell_more_than_each():
 
 
 def test_missing_and_dropped_samples_are_no_obstacle():
-    complete = simulated(6, 1e-4, n_samples=700)
+    complete = simulated(6, 1e-4, n_samples=350)
     rng = np.random.default_rng(0)
     holes = np.where(rng.random(complete.outputs.shape) < 0.1, np.nan, complete.outputs)
-    kept = np.sort(rng.choice(np.arange(700), 650, replace=False))
+    kept = np.sort(rng.choice(np.arange(350), 325, replace=False))
     dropped = replace(
         complete, time=complete.time[kept], inputs=complete.inputs[kept], outputs=complete.outputs[kept]
     )
-    for method in ("oe", "pem"):
-        noise = UNKNOWN_NOISE if method == "pem" else None
-        options = IdentifyOptions(method=method, hold="foh")
-        whole = identify(rig(noise=noise), [complete], options)
-        for experiment in (replace(complete, outputs=holes), dropped):
-            result = identify(rig(noise=noise), [experiment], options)
-            for p, q in zip(result.parameters, whole.parameters, strict=True):
-                assert abs(p.value - q.value) < 2.0 * q.std_error
+    incomplete = (replace(complete, outputs=holes), dropped)
+    for experiment in incomplete:
+        options = IdentifyOptions(method="pem", hold="foh")
+        result = identify(rig(noise=UNKNOWN_NOISE), [experiment], options)
+        assert max(abs(e) for e in errors(result).values()) < 3.5
+    # Output error does not know the process noise, which moves all of its estimates alike.
+    whole, *others = (
+        identify(rig(), [experiment], IdentifyOptions(method="oe", hold="foh"))
+        for experiment in (complete, *incomplete)
+    )
+    for result in others:
+        for p, q in zip(result.parameters, whole.parameters, strict=True):
+            assert abs(p.value - q.value) < 2.0 * q.std_error
 
 
 def test_uneven_samples_are_identified():
     family = hand.servo(TRUE)
     rng = np.random.default_rng(1)
-    time = np.cumsum(rng.uniform(0.005, 0.02, 800))
+    time = np.cumsum(rng.uniform(0.005, 0.02, 400))
     ss = state_space(family, theta_of(family, TRUE))
     u = 6.0 * np.sin(np.outer(time, [1.3, 4.1, 9.7, 17.0])).sum(axis=1)[:, None] / 4
     x, states = np.array([0.3, 0.1, -0.1, 0.5]), []
-    for k in range(800):
+    for k in range(400):
         states.append(x)
-        if k < 799:
+        if k < 399:
             step = sample(ss, time[k + 1] - time[k])
             x = step.transition @ x + step.input_now @ u[k] + step.input_next @ u[k + 1]
-    y = np.array(states) @ ss.C.T + [0.02, 0.01] * rng.standard_normal((800, 2))
+    y = np.array(states) @ ss.C.T + [0.02, 0.01] * rng.standard_normal((400, 2))
     result = identify(rig(), [Experiment("uneven", time, u, y, ("u",), ("omega", "phi"))])
     assert result.period is None
     assert result.hold == "foh"
@@ -307,7 +314,7 @@ def test_uneven_samples_are_identified():
 
 
 def test_one_output_is_enough_when_the_other_was_not_recorded():
-    run = simulated(3, n_samples=4000)
+    run = simulated(3, n_samples=2000)
     only_phi = replace(run, outputs=run.outputs[:, 1:], output_names=("phi",))
     result = identify(rig(estimate=("c", "J2", "d")), [only_phi], IdentifyOptions(hold="foh"))
     assert max(abs(e) for e in errors(result).values()) < 3.5
@@ -324,13 +331,13 @@ def test_an_unstable_plant_is_identified_by_prediction():
     model = sample(state_space(family, np.array([1.7])), 0.05, "zoh", np.array([0.05]))
     rng = np.random.default_rng(3)
     x, rows = 0.0, []
-    for _ in range(2000):
+    for _ in range(800):
         u = -3.0 * x + rng.standard_normal()
         rows.append((u, x + 0.01 * rng.standard_normal()))
         noise = np.sqrt(model.process_cov[0, 0]) * rng.standard_normal()
         x = model.transition[0, 0] * x + model.input_now[0, 0] * u + noise
     table = np.array(rows)
-    experiment = Experiment("loop", 0.05 * np.arange(2000), table[:, :1], table[:, 1:], ("u",), ("y",))
+    experiment = Experiment("loop", 0.05 * np.arange(800), table[:, :1], table[:, 1:], ("u",), ("y",))
     result = identify(family, [experiment], IdentifyOptions(hold="zoh"))
     (a,) = result.parameters
     assert abs(a.value - 1.7) < 3.5 * a.std_error
@@ -348,7 +355,7 @@ def test_noise_free_data_give_the_exact_parameters():
 
 def test_starts_that_agree_end_the_search_for_a_better_optimum():
     """Slow noise on the sensors leaves coloured residuals at the only optimum there is."""
-    quiet = simulated(1)
+    quiet = simulated(1, n_samples=800)
     rng = np.random.default_rng(0)
     slow = lfilter([1.0], [1.0, -0.95], 0.02 * rng.standard_normal(quiet.outputs.shape), axis=0)
     experiment = replace(quiet, outputs=quiet.outputs + slow)

@@ -160,8 +160,8 @@ class Inputs:
         return self.u0[interval] + share * (self.u1[interval] - self.u0[interval])
 
     def along(self, knots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Inputs (n_knots - 1, n_ū) at both ends of the pieces between the knots, each in the interval that it
-        begins in: `interval` and `at` for all of them."""
+        """Inputs (n_knots - 1, n_ū) at both ends of the pieces between the knots, each in the interval that
+        it begins in: `interval` and `at` for all of them."""
         starts, n = knots[:-1], len(self.u0)
         near = SAME_INSTANT * np.maximum(float(self.time[-1] - self.time[0]) or 1.0, np.abs(starts))
         which = np.clip(np.searchsorted(self.time, starts + near, side="right") - 1, 0, n)
