@@ -86,8 +86,8 @@ class GainFamily:
 def gain_family(
     average: AverageModel, levels: Levels, intensity_free: np.ndarray, std_free: np.ndarray
 ) -> GainFamily | None:
-    """The gains of an average linearisation; None where it has none for numbers. intensity_free (n_w,) and
-    std_free (n_y,) tell which levels are searched."""
+    """The gains of an average linearisation; None where it has none for numbers. `intensity_free` (n_free,)
+    and `std_free` (n_free,) are the indices of the levels that are searched."""
     n_w = average.G.shape[1]
     if not np.all(np.isfinite(average.A)):
         return None
