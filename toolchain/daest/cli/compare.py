@@ -108,7 +108,7 @@ def command(
         keep_comparison(project, models, data, found)
         draw(plot, lambda: comparison_figure(found))
     too_low = fail_below is not None and _is_below(found, fail_below)
-    falsified = fail_if_falsified and _is_falsified(found)
+    falsified = fail_if_falsified and any(trial.verdict == "falsified" for trial in found.models)
     return int(too_low or falsified)
 
 
@@ -267,7 +267,3 @@ def _require_use(parameters: ParameterOptions, refit: bool) -> None:
 def _is_below(comparison: Comparison, limit: float) -> bool:
     fits = [fit for trial in comparison.models for fit in trial.simulation.fit_percent.values()]
     return any(fit is None or fit < limit for fit in fits)
-
-
-def _is_falsified(comparison: Comparison) -> bool:
-    return any(trial.verdict == "falsified" for trial in comparison.models)

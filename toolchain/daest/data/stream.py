@@ -112,7 +112,7 @@ def line_format(
     DataError with all problems at once: no time, missing inputs, units that do not fit, no output.
     """
     is_json = line.lstrip().startswith("{")
-    separator = None if is_json else _separator(line)
+    separator = None if is_json else max(SEPARATORS, key=line.count)
     names = (
         list(_object(line, source, number)) if separator is None else _cells(line, separator, source, number)
     )
@@ -143,10 +143,6 @@ def _cell(column: Column, signal: Signal, keys: Mapping[int, Any], unit: str | N
     change = conversion(given, signal.unit) if given is not None and signal.unit else None
     is_same = change is None or change.is_identity
     return _Cell(keys[id(column)], signal.name, None if is_same else change)
-
-
-def _separator(line: str) -> str:
-    return max(SEPARATORS, key=line.count)
 
 
 def _cells(line: str, separator: str, source: str, number: int) -> list[str]:

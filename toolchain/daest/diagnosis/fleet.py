@@ -92,7 +92,7 @@ def examine(task: tuple[Recorded, FleetOptions]) -> Machine:
     machine = _fitted_machine(one.name, fit, _verdict(one.flat, fit, validation))
     if machine.verdict == "falsified" and options.diagnoses:
         machine = _diagnosed(machine, one.flat, estimation, validation, fit, options)
-    return _timed(machine, time.perf_counter() - began)
+    return Machine(**{**vars(machine), "seconds": time.perf_counter() - began})
 
 
 def _verdict(flat: Model, fit: FitResult, validation: Sequence[Experiment]) -> str | None:
@@ -132,10 +132,6 @@ def _fitted_machine(name: str, fit: FitResult, verdict: str | None) -> Machine:
 
 def _number(value: float | None) -> float:
     return float("nan") if value is None else float(value)
-
-
-def _timed(machine: Machine, seconds: float) -> Machine:
-    return Machine(**{**vars(machine), "seconds": seconds})
 
 
 def _diagnosed(

@@ -255,7 +255,7 @@ def _search(
     found: Found | None = None
     for _ in range(ROUNDS):
         # A start may be far from smooth where the optimum is not: the shortest substeps then have to do.
-        finer = with_substeps(problem, z) or replace(problem, longest=_shortest(problem))
+        finer = with_substeps(problem, z) or replace(problem, longest=_period(problem) / 2**MOST_HALVINGS)
         if found is not None and finer.longest >= problem.longest:
             break
         problem = finer
@@ -299,10 +299,6 @@ def with_substeps(problem: EkfProblem, z: np.ndarray) -> EkfProblem | None:
 
 def _period(problem: EkfProblem) -> float:
     return float(np.median(np.concatenate([data.steps for data in problem.records])))
-
-
-def _shortest(problem: EkfProblem) -> float:
-    return _period(problem) / 2**MOST_HALVINGS
 
 
 def _allowed_change(problem: EkfProblem) -> float:

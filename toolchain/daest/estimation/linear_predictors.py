@@ -128,7 +128,7 @@ def kalman_gains(dyn: Recursion, record: Record) -> tuple[Gains, Gains | None] |
     uniform records it is then stationary from the first sample: nothing is approximated. Otherwise it is
     time-varying. Directions of the state that no output sees and that never settle are left out of P.
     """
-    noise, change = forgetting_model(_noise_model(dyn), _noise_slope(dyn))
+    noise, change = forgetting_model(NoiseModel(dyn.Phi, dyn.C, dyn.Q, dyn.R, dyn.S12), _noise_slope(dyn))
     typical = noise if dyn.is_constant else _typical(noise)
     start = stationary_gains(typical)
     if start is None:
@@ -272,10 +272,6 @@ def _interpolation(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         nodes.append(points)
         blocks = np.hstack([blocks, block])
     return np.concatenate(nodes), blocks
-
-
-def _noise_model(dyn: Recursion) -> NoiseModel:
-    return NoiseModel(dyn.Phi, dyn.C, dyn.Q, dyn.R, dyn.S12)
 
 
 def _noise_slope(dyn: Recursion) -> NoiseModel | None:

@@ -21,7 +21,7 @@ import casadi as ca
 
 from daest.cache import cache_folder, forget_unused, keep_content, kept_content, was_used
 from daest.errors import ModelError, Place
-from daest.model.effects import Attachment, Domain, Effect, EffectParameter, ParameterRole
+from daest.model.effects import Attachment, Effect, EffectParameter, ParameterRole
 from daest.model.flat import FlatModel
 from daest.model.parts import DerivedParameter, Equation, NoiseInput, Parameter, Variable
 from daest.modelica import syntax as s
@@ -459,7 +459,7 @@ def _entry(i: int, source: _Source, parts: Mapping[str, EffectModel], libraries:
     effect = Effect(
         name=source.head.name.rpartition(".")[2],
         class_name=source.head.name,
-        domain="signal" if signals else _domain(connectors[name].domain for name in connectors),
+        domain="signal" if signals else next(iter(connectors[name].domain for name in connectors)),
         attach=source.entry("attach"),
         law=source.entry("law"),
         description=_description(source),
@@ -490,10 +490,6 @@ def _entry(i: int, source: _Source, parts: Mapping[str, EffectModel], libraries:
 def _is_formula(model: EffectModel) -> bool:
     names = [unknown.name for unknown in model.unknowns]
     return sorted(names) == ["u", "y"] and model.equations[0].text.startswith(f"{OWN}y = ")
-
-
-def _domain(domains: Iterable[Domain]) -> Domain:
-    return next(iter(domains))
 
 
 def _check_connectors(source: _Source, connectors: Sequence[str]) -> None:

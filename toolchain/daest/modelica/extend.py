@@ -232,16 +232,12 @@ def _extension(
     """The text of class `name`, compiled."""
     source = original.source
     added = _class_text(name, original, about, draft)
-    text = added if within(source) else _together(source, added)
+    text = added if within(source) else source.decode().replace("\r\n", "\n").rstrip() + "\n\n" + added
     # A file of the original's name would take its place among the files of the library.
     beside = original.path.with_name(f"{name}.mo") if within(source) else original.path
     file = Path(target or beside)
     compiled = compile_text(text.encode(), file, name, _roots(original, libraries))
     return Extension(text, name, added, component, compiled)
-
-
-def _together(source: bytes, added: str) -> str:
-    return source.decode().replace("\r\n", "\n").rstrip() + "\n\n" + added
 
 
 def _roots(original: _Original, libraries: Sequence[str | Path]) -> tuple[str | Path, ...]:

@@ -305,7 +305,7 @@ def _unknown(message: str, path: Path, text: bytes, class_name: str) -> ModelErr
     for phrase in ("unresolved component", "unresolved function"):
         if phrase in message:
             name = _name_after(phrase, message)
-            near = _near(name, _identifiers(text))
+            near = _near(name, sorted({token.text for token in tokens(text) if token.kind == "name"}))
             remedy = "Declare it, or check its spelling."
             return _not_known("model-unknown-name", "name", name, near, remedy, path, text)
     return None
@@ -388,10 +388,6 @@ def _library_neighbours(name: str) -> list[str]:
 def _class_names(text: bytes) -> list[str]:
     names = [head.name for head in class_heads(text)]
     return [*names, *(name.rpartition(".")[2] for name in names)]
-
-
-def _identifiers(text: bytes) -> list[str]:
-    return sorted({token.text for token in tokens(text) if token.kind == "name"})
 
 
 def _first_place(path: Path, text: bytes, wanted: Callable[[Token], bool]) -> Place | None:

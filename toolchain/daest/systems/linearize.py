@@ -74,7 +74,7 @@ def _of_equations(
     is_affine = is_affine_model(flat)
     point = operating_point(flat, at)
     family = linear_dae_function(flat, at)
-    matrices = [_array(m) for m in family(values)]
+    matrices = [sp.csc_array(m.sparse()) for m in family(values)]
     unread = _unread_rows(flat, matrices, point)
     if unread:
         found = linearize(_with_values(flat, unread, point), theta, at)
@@ -257,10 +257,6 @@ def _matrices(flat: FlatModel, at: Mapping[str, float] | None) -> list[ca.SX]:
     values = ca.vertcat(point.derivatives, point.xi, point.u, np.zeros(len(flat.noises)), point.time)
     expressions = [E, J, K, B, C, D, H, offset, output_offset]
     return [ca.sparsify(m) for m in ca.substitute(expressions, [signals], [ca.SX(values)])]
-
-
-def _array(matrix: ca.DM) -> sp.csc_array:
-    return sp.csc_array(matrix.sparse())
 
 
 def _compact(matrix: sp.csc_array) -> Matrix:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daest.errors import DaestError, ModelError, NumericalError
+from daest.errors import ModelError, NumericalError
 from daest.model.experiment import Experiment, Simulation
 from daest.model.flat import Dynamics, FlatModel
 from daest.model.noise import NoiseAlong, NoiseMode, NoisePlace, NoisePlaceAlong, NoiseReport
@@ -58,7 +58,7 @@ def noise_along(
         try:
             report = noise_report(linearize(point.flat, at=point.values), at=at, tolerance=tolerance)
         except (ModelError, NumericalError) as error:
-            unjudged.append((point.time, _first_line(error)))
+            unjudged.append((point.time, error.what.splitlines()[0]))
         else:
             reports.append(_Judged(point.time, point.mode, report))
     if not reports:
@@ -109,10 +109,6 @@ def _of_mode(number: int, mode: _Mode, reports: Sequence[_Judged]) -> NoiseMode:
         n_forbidden=len(forbidden),
         forbidden=tuple(dict.fromkeys(named)),
     )
-
-
-def _first_line(error: DaestError) -> str:
-    return error.what.splitlines()[0]
 
 
 def _operating_points(

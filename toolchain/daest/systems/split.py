@@ -306,7 +306,7 @@ def _check_structure(dae: LinearDAE) -> None:
 def dependent_equations(dae: LinearDAE) -> ModelError:
     """The error of a singular pencil, naming the equations of the null vector of sE - J at a random s."""
     scaling = unit_scaling(dae.E, dae.J)
-    vector = _last_left_vector(_at_random_point(dae)) if dae.n < ITERATED else null_vector(dae)
+    vector = sla.svd(_at_random_point(dae).toarray())[0][:, -1] if dae.n < ITERATED else null_vector(dae)
     vector = np.ones(dae.n) if vector is None else vector
     weights = vector * scaling.rows
     weights = weights / np.max(np.abs(weights))
@@ -348,10 +348,6 @@ def _at_random_point(dae: LinearDAE) -> sp.csr_array:
     E, J = sp.csr_array(dae.E), sp.csr_array(dae.J)
     E, J = apply_scaling(unit_scaling(E, J), E, J)
     return sp.csr_array(np.random.default_rng(0).uniform(0.5, 2.0) * E - J)
-
-
-def _last_left_vector(matrix: sp.csr_array) -> np.ndarray:
-    return sla.svd(matrix.toarray())[0][:, -1]
 
 
 def null_vector(dae: LinearDAE) -> np.ndarray | None:
