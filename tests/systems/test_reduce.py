@@ -1,6 +1,7 @@
 """Index reduction: the explicit model must satisfy the equations that it was made from."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -18,9 +19,11 @@ from dae_models import (
 
 from daest.errors import ModelError
 from daest.model.parts import NoiseInput
+from daest.modelica.compile import compile_text
 from daest.systems.linearize import linearize
 from daest.systems.noise import noise_report
 from daest.systems.reduce import reduce_index
+from daest.systems.simulate import _from_sample_to_sample
 
 MODELS = {
     "servo": lambda: servo(with_noise=True),
@@ -390,3 +393,39 @@ def test_second_derivatives_through_newton_iterations():
             first(*arguments[:4], arguments[4] + s, arguments[5]).full().ravel("F") for s in (shift, -shift)
         )
         np.testing.assert_allclose(exact[:, j], (high - low) / (2 * step), rtol=1e-5, atol=1e-6)
+
+
+COIL = """model Coil "Iron that saturates, beside a leak"
+  parameter Real n = 14;
+  Real Phi(start = 0, fixed = true);
+  Real iron;
+  Real bn = abs(iron/7.25e-4);
+  Real mu(start = 1) = 1 + (1210 + 24630*bn)/(1 + 2.44*bn + bn^n);
+  Real mmf;
+equation
+  mmf = iron*(1.3e5 + 3.3e8/mu);
+  mmf = (Phi - iron)*1.2e7;
+  600*der(Phi) = 325*sin(314*time + 1.57) - mmf/80;
+end Coil;
+"""
+
+
+def test_variables_of_a_loop_are_the_same_from_sample_to_sample():
+    explicit = reduce_index(compile_text(COIL.encode(), Path("Coil.mo")))
+    time = np.linspace(0, 1, 11)
+    columns = (
+        np.linspace(0, 2e-3, 11)[None],
+        *[np.zeros((0, 11))] * 3,
+        explicit.flat.theta_values,
+        time[None],
+    )
+    slopes = explicit.rhs(0.0, [], [], [], explicit.flat.theta_values, 0.0)
+    assert np.isfinite(float(slopes))
+    found = _from_sample_to_sample(explicit, explicit.near_variables, time, columns)
+    assert found == pytest.approx(explicit.variables(*columns).full().T, rel=1e-9, abs=1e-12)
+
+
+def test_a_division_by_an_unknown_without_a_start_value_is_reduced():
+    """The start value zero is no point of the model; its structure is seen beside it."""
+    flat = compile_text(COIL.replace("mu(start = 1)", "mu").encode(), Path("Coil.mo"))
+    assert reduce_index(flat).largest_loop == 2

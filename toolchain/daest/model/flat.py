@@ -195,9 +195,9 @@ class Dynamics:
 class ExplicitModel(Dynamics):
     """The dynamics of a `FlatModel` by index reduction, with exact derivatives of every function.
 
-    `near` are `rhs` and `outputs` of a model with Newton iterations as functions of (x, u, v, w, theta, t,
-    guess) -> (value, tears): the iterations start from a guess (n_tears,), the tears of a point nearby, where
-    it is a number; None where there are none.
+    `near` are `rhs` and `outputs`, `near_variables` is `variables` of a model with Newton iterations as
+    functions of (x, u, v, w, theta, t, guess) -> (value, tears): the iterations start from a guess
+    (n_tears,), the tears of a point nearby, where it is a number; None where there are none.
     """
 
     flat: FlatModel
@@ -205,6 +205,7 @@ class ExplicitModel(Dynamics):
     structural_index: int
     largest_loop: int  # unknowns in the largest algebraic loop after tearing, 0 when there is none
     near: tuple[ca.Function, ca.Function] | None = None
+    near_variables: ca.Function | None = None
 
     @property
     def check_if_stopped(self) -> str:

@@ -42,6 +42,7 @@ from daest.modelica.function_text import (
 from daest.modelica.library import Roots, stamp
 from daest.modelica.outline import check_depth, class_heads, place_of, within
 from daest.modelica.parse import ParseError
+from daest.numerics.quiet import native_silence
 
 T = TypeVar("T")
 
@@ -320,25 +321,6 @@ def _load(job: Job, text: str, name: str) -> tuple[dict[str, Any], list[Any]]:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
-    """Native code does not write to stderr inside the block: a panic of the compiler prints its own traceback
-    there, in addition to the exception."""
-    try:
-        saved = os.dup(2)
-    except OSError:  # a program without a console has no stderr to keep quiet
-        yield
-        return
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 2)
-        yield
-    finally:
-        os.dup2(saved, 2)
-        os.close(saved)
-        os.close(nowhere)
-
-
-@contextmanager
 def _without_search_path() -> Iterator[None]:
     """The compiler does not see MODELICAPATH inside the block: its folders are among the roots already, each
     library once."""
@@ -370,7 +352,7 @@ def _compiled_here(job: Job, text: str, name: str, file: Path) -> tuple[dict[str
         session: Any = rumoca.Session(roots=[str(root) for root in job.roots.folders])
     model: Any = None
     try:
-        with _quiet(), _without_search_path():
+        with native_silence(), _without_search_path():
             model = session.loads(text, model=name, filename=str(file))
             return model.to_dict("flat"), model.to_dict("dae")["source_map"]["files"]
     finally:

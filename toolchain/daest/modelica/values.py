@@ -134,14 +134,27 @@ def divide(a: Scalar, b: Scalar) -> Scalar:
     return a / b  # type: ignore[operator]
 
 
+NOT_ZERO = 1e-300
+
+
 def power(a: Scalar, b: Scalar) -> Scalar:
     """a^b; a negative number to a fractional power raises ValueError."""
+    if is_symbolic(a) and is_symbolic(b):
+        return _power_of_symbols(symbolic(a), symbolic(b))
     if is_symbolic(a) or is_symbolic(b):
         return a**b  # type: ignore[operator]
     made = float(a) ** float(b)
     if isinstance(made, complex):
         raise ValueError(f"{a}^{b} is not real")
     return made
+
+
+def _power_of_symbols(a: ca.SX, b: ca.SX) -> ca.SX:
+    """a^b by the size of a, and its sign where b is whole. The slope along b contains log(a): it would be
+    undefined at zero, and where rounding has put an a that is never negative a little below zero."""
+    size = ca.if_else(a < 0, -a, a) + NOT_ZERO * (a == 0)
+    sign = ca.if_else(ca.floor(b) == b, ca.cos(np.pi * b), np.nan)
+    return size**b * ca.if_else(a < 0, sign, 1)
 
 
 def negate(a: Scalar) -> Scalar:

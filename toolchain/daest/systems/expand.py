@@ -409,7 +409,12 @@ def sample_point(system: ExpandedSystem) -> SamplePoint:
     if not ca.depends_on(jacobian, ca.vertcat(unknowns, *system.u, *system.w, system.flat.time)):
         return point
     point.z[0] = _agreed(system)
-    moved = _project(ca.Function("F", [unknowns, system.others], [system.residual, jacobian]), system, point)
+    function = ca.Function("F", [unknowns, system.others], [system.residual, jacobian])
+    moved = _project(function, system, point)
+    if moved is None and not _is_finite(*_linearised(function, point.z.ravel(), point.others)):
+        # A division by an unknown without a start value: a point beside zero tells the structure as well.
+        point = nudged(point)
+        moved = _project(function, system, point)
     return point if moved is None else moved
 
 

@@ -172,7 +172,9 @@ def _check_regular(
         if rows.size == 1:
             dependent = np.flatnonzero(diagonal[rows] == 0)
         else:
-            dependent = dependent_rows(check[rows][:, columns].toarray())
+            block = check[rows][:, columns].toarray()
+            # A point outside of the domain of the equations, as x^n of a negative x, tells nothing.
+            dependent = dependent_rows(block) if np.all(np.isfinite(block)) else np.zeros(0, dtype=int)
         if dependent.size:
             raise DependentEquations(tuple(rows[dependent].tolist()))
 

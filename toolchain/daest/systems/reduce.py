@@ -215,6 +215,7 @@ def assemble(
         else _functions(symbols, results)
     )
     chosen = [(system.aliases.variables[j], k) for j, k in states]
+    has_newton = any(not loop.is_linear for loop in definitions.loops)
     return ExplicitModel(
         flat=flat,
         state_names=tuple(derivative_name(variable.name, k) for variable, k in chosen),
@@ -228,7 +229,8 @@ def assemble(
         n_differentiations=int(in_source.equations.sum()),
         structural_index=in_source.structural_index,
         largest_loop=definitions.largest_loop,
-        near=(near[0], near[2]) if any(not loop.is_linear for loop in definitions.loops) else None,
+        near=(near[0], near[2]) if has_newton else None,
+        near_variables=near[1] if has_newton else None,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import singledispatch
 from types import MappingProxyType
@@ -18,6 +19,7 @@ from daest.model.flat import Dynamics, ExplicitModel, FlatModel, Model, events_r
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.numerics.exponential import covariance_integral, transition_integrals
 from daest.numerics.projection import pull
+from daest.numerics.quiet import native_silence
 from daest.numerics.recursions import linear_recursion
 from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import Mode, settled_start
@@ -592,10 +594,53 @@ def _of_equations(
     columns = (states.T, ubar[:, :n_u].T, ubar[:, n_u:].T, w.T, theta, time[None, :])
     try:
         # Adding zero turns the -0.0 of negated aliases into 0.0.
-        outputs, variables = (f(*columns).full().T + 0.0 for f in (explicit.outputs, explicit.variables))
+        with native_silence() if explicit.near else nullcontext():
+            outputs, variables = (f(*columns).full().T + 0.0 for f in (explicit.outputs, explicit.variables))
     except RuntimeError as error:
-        raise _failed(explicit, float(time[-1]), "an internal variable has no solution") from error
+        if explicit.near is None or explicit.near_variables is None:
+            raise _failed(explicit, float(time[-1]), UNSOLVED) from error
+        functions = (explicit.near[1], explicit.near_variables)
+        with native_silence():
+            outputs, variables = (_from_sample_to_sample(explicit, f, time, columns) for f in functions)
     return outputs, variables
+
+
+MOST_HALVINGS = 6  # of the way between two samples on which the iterations of a loop are led to a solution
+UNSOLVED = "an internal variable has no solution"
+
+
+def _from_sample_to_sample(
+    explicit: ExplicitModel, near: ca.Function, time: np.ndarray, columns: tuple
+) -> np.ndarray:
+    """Values (n_samples, rows) of one of the functions `near`, each iteration begun at the solution of the
+    sample before."""
+    parts = [np.asarray(c) for c in columns]
+    table = [np.broadcast_to(c.T if c.ndim == 2 else c, (time.size, c.shape[0])) for c in parts]
+    cuts = np.cumsum([part.shape[1] for part in table])[:-1]
+    rows = np.hstack(table)
+
+    def solved(row: np.ndarray, tears: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        value, found = near(*np.split(row, cuts), tears)
+        return value.full().ravel() + 0.0, found.full().ravel()
+
+    def reached(old: np.ndarray, new: np.ndarray, tears: np.ndarray, halvings: int) -> tuple:
+        """On the straight way from one row to the other, by smaller steps where the iteration fails."""
+        try:
+            return solved(new, tears)
+        except RuntimeError:
+            if halvings == 0:
+                raise
+        middle = 0.5 * (old + new)
+        _, tears = reached(old, middle, tears, halvings - 1)
+        return reached(middle, new, tears, halvings - 1)
+
+    values, tears = np.empty((time.size, near.numel_out(0))), np.full(near.numel_in(6), np.nan)
+    for k in range(time.size):
+        try:
+            values[k], tears = reached(rows[max(k - 1, 0)], rows[k], tears, MOST_HALVINGS if k else 0)
+        except RuntimeError as error:
+            raise _failed(explicit, float(time[k]), UNSOLVED) from error
+    return values
 
 
 def _collect(task: _Task, states: np.ndarray, w: np.ndarray, method: str) -> Simulation:
