@@ -82,6 +82,8 @@ class NonlinearEnds:
     def agreements(self, experiments: tuple[Experiment, ...] | None = None) -> tuple[Agreement, Agreement]:
         """Of simulations and of one-step predictions; None: with the recordings that were fitted."""
         simulated = self.agreement(experiments, with_gain=False)
+        if not self.best.problem.is_predictor and not self.at_rest:
+            return simulated, simulated  # without a gain, predictions are simulations
         return simulated, self.agreement(experiments, with_gain=True)
 
     def agreement(self, experiments: tuple[Experiment, ...] | None, *, with_gain: bool) -> Agreement:
