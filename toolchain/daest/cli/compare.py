@@ -19,12 +19,10 @@ from daest.cli.options import (
     data_options,
     draw,
     example,
-    format_option,
     jobs_option,
     model_options,
-    output_option,
-    plot_option,
     require_cluster,
+    result_options,
     seed_option,
 )
 from daest.cli.output import emit, keep_inputs, note, telling
@@ -58,9 +56,7 @@ if TYPE_CHECKING:
 @click.option("--fail-if-falsified", is_flag=True, help="Exit 1 if the data contradict a model.")
 @model_options
 @data_options
-@format_option
-@output_option
-@plot_option
+@result_options
 @seed_option
 def command(
     files: Files,

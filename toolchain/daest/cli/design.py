@@ -17,12 +17,10 @@ from daest.cli.options import (
     data_options,
     draw,
     example,
-    format_option,
     gathered,
     listed_names,
     model_options,
-    output_option,
-    plot_option,
+    result_options,
     seed_option,
     set_option,
 )
@@ -128,9 +126,7 @@ wish_options = gathered(
 @wish_options
 @model_options
 @data_options
-@format_option
-@output_option
-@plot_option
+@result_options
 @seed_option
 def command(
     files: Files,

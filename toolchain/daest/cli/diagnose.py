@@ -19,13 +19,11 @@ from daest.cli.options import (
     cluster_option,
     draw,
     example,
-    format_option,
     gathered,
     jobs_option,
     model_options,
-    output_option,
-    plot_option,
     require_cluster,
+    result_options,
     seed_option,
     split_data_options,
 )
@@ -107,9 +105,7 @@ class Case:
 @search_options
 @model_options
 @split_data_options
-@format_option
-@output_option
-@plot_option
+@result_options
 def command(
     files: Files,
     parameters: ParameterOptions,

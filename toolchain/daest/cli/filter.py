@@ -27,10 +27,8 @@ from daest.cli.options import (
     data_options,
     draw,
     example,
-    format_option,
     model_options,
-    output_option,
-    plot_option,
+    result_options,
     seed_option,
     set_option,
 )
@@ -90,9 +88,7 @@ LONG = 10.0  # seconds from which on progress is shown
 @stream_options
 @model_options
 @data_options
-@format_option
-@output_option
-@plot_option
+@result_options
 @seed_option
 def command(
     files: Files,

@@ -20,12 +20,10 @@ from daest.cli.options import (
     cluster_option,
     draw,
     example,
-    format_option,
     jobs_option,
     model_options,
-    output_option,
-    plot_option,
     require_cluster,
+    result_options,
     seed_option,
     split_data_options,
 )
@@ -106,9 +104,7 @@ class Identified:
 @cluster_option
 @model_options
 @split_data_options
-@format_option
-@output_option
-@plot_option
+@result_options
 @seed_option
 def command(
     files: Files,

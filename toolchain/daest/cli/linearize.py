@@ -14,10 +14,8 @@ from daest.cli.options import (
     ModelOptions,
     draw,
     example,
-    format_option,
     model_options,
-    output_option,
-    plot_option,
+    result_options,
     set_option,
 )
 from daest.cli.output import emit, keep_inputs, note, whole_file
@@ -45,9 +43,7 @@ ARRAYS = (".npz", ".mat")
 )
 @click.option("--source", "route", metavar="SOURCE", help="For an FMU: where the matrices come from.")
 @model_options
-@format_option
-@output_option
-@plot_option
+@result_options
 def command(
     files: Files,
     settings: Mapping[str, float],

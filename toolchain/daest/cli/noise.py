@@ -14,10 +14,8 @@ from daest.cli.options import (
     ModelOptions,
     draw,
     example,
-    format_option,
     model_options,
-    output_option,
-    plot_option,
+    result_options,
     set_option,
 )
 from daest.cli.output import emit, keep_inputs
@@ -40,9 +38,7 @@ if TYPE_CHECKING:
 @click.option("--at", "places", metavar="EQUATION|NAME", multiple=True, help="Ask for this place too.")
 @set_option
 @model_options
-@format_option
-@output_option
-@plot_option
+@result_options
 def command(
     files: Files,
     tolerance: float | None,

@@ -226,6 +226,7 @@ plot_option = click.option(
     callback=checked,
     help="Draw the result (.png, .svg or .pdf).",
 )
+result_options = _stacked(format_option, output_option, plot_option)
 hold_option = click.option(
     "--hold",
     type=click.Choice(["zoh", "foh"]),

@@ -15,10 +15,8 @@ from daest.cli.options import (
     data_options,
     draw,
     example,
-    format_option,
     model_options,
-    output_option,
-    plot_option,
+    result_options,
     seed_option,
     set_option,
 )
@@ -41,9 +39,7 @@ MOST_LOST = 5
 @set_option
 @model_options
 @data_options
-@format_option
-@output_option
-@plot_option
+@result_options
 @seed_option
 def command(
     files: Files,
