@@ -163,6 +163,18 @@ def _is_open(parameter: Parameter) -> bool:
     return parameter.estimate and parameter.prior is None and is_log and parameter.value > 0.0
 
 
+def with_noise(null: Null, intensity: np.ndarray, std: np.ndarray) -> Null:
+    """The null, not fitted again, with white noises of that `intensity` (n_w,) and sensors of that `std`
+    (n_y,)."""
+    process = dict(zip((w.name for w in null.flat.noises), intensity.tolist(), strict=True))
+    measured = dict(zip((o.name for o in null.flat.outputs), std.tolist(), strict=True))
+    noises = tuple(
+        replace(n, value=(process if n.kind == "process" else measured).get(n.name, n.value))
+        for n in null.fit.noises
+    )
+    return replace(null, fit=replace(null.fit, noises=noises))
+
+
 def with_other_hold(null: Null) -> Null:
     """The null, not fitted again, with the other hold of the inputs of the recordings."""
     assert null.other_hold is not None

@@ -9,14 +9,17 @@ reached tells nothing of the rest of the record.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import Null
-from daest.diagnosis.screen import RTOL, NullObserver
+from daest.diagnosis.null import Null, with_noise
+from daest.diagnosis.screen import RTOL, NullObserver, run_null
+from daest.errors import DaestError
+from daest.estimation.observer import observer
 from daest.model.diagnosis import Ahead, Confirmed
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
@@ -32,9 +35,16 @@ UNSEEN = 1e-9  # share of a direction that is new to the outputs, below which it
 START_SAMPLES = 300  # that the initial state is fitted to
 START_PARTS = (0.02, 0.07, 0.25, 1.0)  # of these: windows over which the search for it grows
 FEWEST_AT_START = 4  # samples of such a window
+LONGER = 2  # times as long is the next window, as long as the observer remembers the start
+FORGOTTEN = 0.1  # of what the start does to the outputs at most, below which the observer has forgotten it
 START_ITERATIONS = 15
 START_PROGRESS = 1e-3  # of the mean squared error, below which the search for the start ends
 FEWEST_STRETCHES = 5
+LOST_TRACK = (
+    2.0  # times the squared innovations of the fit, from which an observer does not follow unseen data
+)
+CORRECTED = (0.03, 0.1, 0.3)  # of an innovation, by observers that follow more closely than the fit asks for
+LOUDER = 10.0 ** np.arange(-12, 13)  # times the loads of the fit
 
 
 @dataclass(frozen=True)
@@ -46,7 +56,9 @@ class Foreseen:
 
 
 def foreseen(run: NullObserver, experiments: Sequence[Experiment]) -> Foreseen | None:
-    """The validation `experiments` foreseen by the observer `run`; None where it cannot be integrated."""
+    """The validation `experiments` foreseen by the observer `run`, or by one that follows them more closely
+    where that loses them; None where it cannot be integrated."""
+    run = _following(run, experiments)
     null = run.null
     model = integrator(null.explicit)
     shortest = min(e.n_samples for e in experiments)
@@ -71,6 +83,56 @@ class Innovations:
     log_scale: float
 
 
+def _following(run: NullObserver, experiments: Sequence[Experiment]) -> NullObserver:
+    """The observer, if it follows these data as it does those of its fit; else the one that follows them best
+    among it and those of the same model with louder loads.
+
+    A law that leaves no load has an observer that corrects nothing. Over data that the parameters were not
+    fitted to, the smallest error of theirs adds up, in a motion that turns over to more than any law would
+    explain. What is judged is the law: how well it foresees from a state that is known.
+    """
+    misfit = _misfit(run, run, experiments)
+    if misfit <= LOST_TRACK:
+        return run
+    found = [(misfit, 0, run)]
+    found += [(_misfit(one, run, experiments), k, one) for k, one in enumerate(_louder(run), 1)]
+    return min(found, key=lambda one: one[:2])[2]
+
+
+def _misfit(run: NullObserver, first: NullObserver, experiments: Sequence[Experiment]) -> float:
+    """Mean squared error one sample ahead, whitened as the innovations of the `first` observer; inf where the
+    observer cannot be integrated."""
+    model = integrator(run.null.explicit)
+    squares, count = 0.0, 0
+    for experiment in experiments:
+        try:
+            x0 = _initial_state(run.null, model, experiment, run.gain, run.root)
+            errors = _stretches(run.null, model, experiment, x0, run.gain, 1) @ first.root.T
+        except IntegrationError:
+            return np.inf
+        squares, count = squares + float(np.nansum(errors**2)), count + int(np.isfinite(errors).sum())
+    return squares / count if count else np.inf
+
+
+def _louder(run: NullObserver) -> Iterator[NullObserver]:
+    """Observers that correct the outputs by CORRECTED shares of their innovations, by louder loads."""
+    null, std = run.null, np.sqrt(np.diag(np.linalg.inv(run.root.T @ run.root)))
+    loads = {f"{load.name}.w" for load in null.loads}
+    is_load = np.array([w.name in loads for w in null.flat.noises], dtype=bool)
+    base = null.intensity if np.any(null.intensity[is_load] > 0.0) else np.where(is_load, 1.0, null.intensity)
+    wanted = list(CORRECTED)
+    for factor in LOUDER:
+        intensity = np.where(is_load, np.maximum(factor * base, null.intensity), null.intensity)
+        found = observer(run.average, intensity, std)
+        if found is None or np.max(np.diag(run.average.C @ found.gain)) < wanted[0]:
+            continue
+        wanted = [share for share in wanted if share > np.max(np.diag(run.average.C @ found.gain))]
+        with suppress(DaestError, RuntimeError, np.linalg.LinAlgError):
+            yield run_null(with_noise(null, intensity, std))
+        if not wanted:
+            return
+
+
 def is_silent(told: Confirmed) -> bool:
     """Whether a law makes too little of a difference in unseen data to be told from its absence."""
     return told.expected < GATES.min_expected_gain and told.certainty > -GATES.likelier_significance
@@ -86,6 +148,7 @@ def innovations(run: NullObserver, experiments: Sequence[Experiment]) -> Innovat
 
     Most of what a small law does to a measured value is far below the noise of that value; the likelihood of
     these adds up what it does to all of them."""
+    run = _following(run, experiments)
     model = integrator(run.null.explicit)
     parts = []
     for experiment in experiments:
@@ -253,18 +316,34 @@ def _initial_state(
     any load needs no measurement, and leaves the noise of a sensor open, be it beyond all that it shows.
 
     It is looked for from the model's start at once, and over windows that grow: over a short one a law that
-    bends or sticks hardly matters, so that what it finds is near."""
+    bends or sticks hardly matters, so that what it finds is near. Where hardly any load is left, the observer
+    does not correct anything and the start decides over all that follows: the window grows with it.
+    """
     begin = initial_point(null.explicit, null.theta, experiment.inputs[0])[0]
     loads = {load.name for load in null.loads}
     free = np.array([name not in loads for name in null.explicit.state_names])
     begin = np.where(free, begin, 0.0)
     n = min(START_SAMPLES, experiment.n_samples)
     at_once = _searched_start(null, model, experiment, gain, root, begin, free, n)
-    grown = (begin, np.inf)
+    grown = _Start(begin)
     for part in START_PARTS:
         rows = max(int(part * n), FEWEST_AT_START)
-        grown = _searched_start(null, model, experiment, gain, root, grown[0], free, rows)
-    return min(at_once, grown, key=lambda found: found[1])[0]
+        grown = _searched_start(null, model, experiment, gain, root, grown.state, free, rows)
+    best = min(at_once, grown, key=lambda found: found.error)
+    while n < experiment.n_samples and best.remembered > FORGOTTEN:
+        n = min(LONGER * n, experiment.n_samples)
+        best = _searched_start(null, model, experiment, gain, root, best.state, free, n)
+    return best.state
+
+
+@dataclass(frozen=True)
+class _Start:
+    """A state (n_x,) to begin with, its mean squared whitened error over a window, and what it does to the
+    outputs at the end of that relative to what it does at most."""
+
+    state: np.ndarray
+    error: float = np.inf
+    remembered: float = 0.0
 
 
 def _searched_start(
@@ -276,15 +355,15 @@ def _searched_start(
     begin: np.ndarray,
     free: np.ndarray,
     n: int,
-) -> tuple[np.ndarray, float]:
+) -> _Start:
     """The state found from `begin` by Gauss-Newton in the states that are `free` over the first n samples,
-    and its mean squared error there, whitened with the `root`."""
+    whose errors are whitened with the `root`."""
     time, inputs, y = experiment.time[:n], experiment.inputs[:n], experiment.outputs[:n]
-    best, least, step = begin, np.inf, np.zeros(begin.size)
+    best, step = _Start(begin), np.zeros(begin.size)
     for _ in range(START_ITERATIONS):
         try:
             run = integrate(
-                model, time, inputs, null.theta, best + step, hold=null.hold, sensitivities=True,
+                model, time, inputs, null.theta, best.state + step, hold=null.hold, sensitivities=True,
                 correction=Correction(y, gain), rtol=RTOL,
             )  # fmt: skip
         except IntegrationError:
@@ -293,17 +372,24 @@ def _searched_start(
         seen = np.isfinite(y - run.outputs)
         error = np.where(seen, y - run.outputs, 0.0) @ root.T
         value = float(np.sum(error**2)) / seen.sum() if seen.any() else np.inf
-        if value >= least:  # a law that bends lets whole steps miss
+        if value >= best.error:  # a law that bends lets whole steps miss
             step = 0.5 * step
             continue
-        is_there = value > (1.0 - START_PROGRESS) * least
-        best, least = best + step, value
+        is_there = value > (1.0 - START_PROGRESS) * best.error
+        slopes = root @ np.where(seen[:, :, None], run.sensitivities[:, :, free], 0.0)
+        best = _Start(best.state + step, value, _share_at_end(slopes))
         if is_there:
             break
-        slopes = root @ np.where(seen[:, :, None], run.sensitivities[:, :, free], 0.0)
-        step = np.zeros(best.size)
+        step = np.zeros(begin.size)
         step[free] = np.linalg.lstsq(slopes.reshape(error.size, -1), error.ravel(), rcond=1e-8)[0]
-    return best, least
+    return best
+
+
+def _share_at_end(slopes: np.ndarray) -> float:
+    """The size of slopes (n, n_y, n_free) in the last tenth of the samples relative to the largest one."""
+    sizes = np.linalg.norm(slopes, axis=(1, 2))
+    largest = float(np.max(sizes, initial=0.0))
+    return float(np.max(sizes[-max(sizes.size // 10, 1) :])) / largest if largest > 0.0 else 0.0
 
 
 def _stretches(

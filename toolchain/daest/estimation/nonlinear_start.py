@@ -10,7 +10,7 @@ from daest.estimation.coordinates import objective
 from daest.estimation.gain_family import LONGEST_LOG
 from daest.estimation.gates import FIT
 from daest.estimation.records import part_of
-from daest.estimation.search import Evaluation, minimise
+from daest.estimation.search import Evaluation, Found, minimise
 from daest.estimation.setup import check_start, no_start
 from daest.estimation.trajectories import TrajectoryProblem, integrated, prediction_errors
 from daest.model.fit import IdentifyOptions
@@ -19,6 +19,7 @@ from daest.systems.integrate import Hold
 from daest.systems.integration import IntegrationError
 
 FIRST_LENGTH = 500  # samples of the fit that finds the initial state before the whole record is used
+GROWN_LENGTHS = (50, 150, FIRST_LENGTH)  # over which it is looked for once more, each from the one before
 SHORT_LENGTH = 100  # samples that also must show a direction as flat before it is called unidentifiable
 INITIAL_ITERATIONS = 15
 HOLD_ITERATIONS = 6
@@ -53,13 +54,27 @@ def scaled(problem: TrajectoryProblem, z: np.ndarray) -> tuple[TrajectoryProblem
 def fit_initial_states(
     problem: TrajectoryProblem, z: np.ndarray, lower: np.ndarray, upper: np.ndarray
 ) -> np.ndarray:
-    """z with the initial states within bounds that fit the first samples, parameters held. Shapes: z,
-    lower and upper (n_z,)."""
-    heads = tuple(part_of(e, 0, FIRST_LENGTH) for e in problem.experiments)
+    """z with the initial states within bounds that fit the first samples best, parameters held.
+
+    They are looked for at once and over windows that grow. Over a long one the start of an arm that turns
+    over may end whole turns away from what was measured: over a short one it cannot. Shapes: z, lower and
+    upper (n_z,).
+    """
     n = len(problem.unknowns.coordinates)
-    short = replace(problem, experiments=heads).held_at(z)
-    found = minimise(objective(short), z[n:], lower[n:], upper[n:], INITIAL_ITERATIONS)
-    return z if found is None else np.concatenate([z[:n], found.z])
+
+    def found_over(length: int, states: np.ndarray) -> Found | None:
+        heads = tuple(part_of(e, 0, length) for e in problem.experiments)
+        short = replace(problem, experiments=heads).held_at(z)
+        return minimise(objective(short), states, lower[n:], upper[n:], INITIAL_ITERATIONS)
+
+    at_once, grown = found_over(FIRST_LENGTH, z[n:]), None
+    states = z[n:]
+    for length in GROWN_LENGTHS:
+        grown = found_over(length, states)
+        states = states if grown is None else grown.z
+    ends = [end for end in (at_once, grown) if end is not None]
+    best = min(ends, key=lambda end: end.evaluation.value, default=None)
+    return z if best is None else np.concatenate([z[:n], best.z])
 
 
 def limits(problem: TrajectoryProblem) -> tuple[np.ndarray, np.ndarray]:
