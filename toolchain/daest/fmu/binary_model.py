@@ -15,7 +15,7 @@ from daest.fmu.binary_functions import model_function, raise_failure
 from daest.fmu.semi_explicit import linearize_semi_explicit, refuse_hidden
 from daest.model.flat import Dynamics, Model
 from daest.model.linear import LinearDAE, StateSpaceFamily
-from daest.model.parts import Equation, NoiseInput
+from daest.model.parts import NoiseInput
 from daest.modelica.change import with_noises
 from daest.systems.initialize import initial_point, start_arguments
 from daest.systems.integrate import Hold, Integrator, Run, Trajectory, integrator
@@ -77,19 +77,13 @@ def binary_model(path: str | Path) -> BinaryModel:
     """The FMU at `path` as a model. Errors as `fmu.load.load_fmu` and `semi_explicit_form`."""
     form = BinaryForm(path)
     fmu = form.model
-    inner = [fmu.variables[vr] for vr in (*form.form.states, *form.form.variables)]
+    unknowns = (*form.form.states, *form.form.variables)
     inputs, _, noises = words.inputs_and_noises(fmu)
-    n_x = len(form.form.states)
-    equations = [words.rate_equation(v) for v in inner[:n_x]]
-    equations += [Equation(f"{v.name} = g", "binding", v.name) for v in inner[n_x:]]
+    inner = [fmu.variables[vr] for vr in unknowns]
     return BinaryModel(
         name=fmu.model_name or fmu.path.stem,
-        unknowns=tuple(words.variable_of(v) for v in inner),
-        inputs=tuple(words.variable_of(fmu.variables[vr]) for vr in inputs),
-        noises=tuple(words.noise_of(fmu.variables[vr]) for vr in noises),
-        parameters=words.parameters_of(fmu, form.parameter_starts().tolist()),
-        outputs=tuple(words.output_of(fmu.variables[vr]) for vr in form.form.outputs),
-        equations=tuple(equations),
+        equations=words.explicit_equations(inner, len(form.form.states)),
+        **words.declared(fmu, unknowns, inputs, noises, form.form.outputs, form.parameter_starts().tolist()),
         source=str(fmu.path),
         form=form,
     )

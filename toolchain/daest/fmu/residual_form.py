@@ -128,16 +128,11 @@ def linearize_residuals(
             matrices = _matrices(instance, start)
         offset, output_offset = _offsets(instance, zero if is_affine else start, matrices)
     E, J, K, B, C, D, H = matrices
-    names = [model.variables[vr] for vr in form.unknowns]
     explicit = [model.variables[vr] for vr in form.explicit]
     equations = [words.equation_of(model.variables[vr]) for vr in form.residuals]
     return LinearDAE(
         equations=(*[words.rate_equation(v) for v in explicit], *equations),
-        unknowns=tuple(words.variable_of(v) for v in names),
-        inputs=tuple(words.variable_of(model.variables[vr]) for vr in form.inputs),
-        noises=tuple(words.noise_of(model.variables[vr]) for vr in form.noises),
-        outputs=tuple(words.output_of(model.variables[vr]) for vr in form.outputs),
-        parameters=words.parameters_of(model, theta.tolist()),
+        **words.declared(model, form.unknowns, form.inputs, form.noises, form.outputs, theta.tolist()),
         E=E,
         J=J,
         K=K,

@@ -23,7 +23,6 @@ from daest.fmu.points import (
 from daest.fmu.runner import Evaluated, Points, Runner, refused, running
 from daest.model.fmu import FmuModel
 from daest.model.linear import LinearDAE
-from daest.model.parts import Equation
 
 # Directional derivatives that differ from central differences by more than this, relative to their row, are
 # taken for wrong: some FMUs return zeros without an error, or forget that an output is a state.
@@ -374,16 +373,9 @@ def _assemble(
     for row, reference in enumerate(form.outputs):
         C[row, columns.index(reference)] = 1.0
     unknowns = [model.variables[vr] for vr in columns]
-    names = [v.name for v in unknowns]
-    equations = [words.rate_equation(v) for v in unknowns[:n_x]]
-    equations += [Equation(f"{name} = g", "binding", name) for name in names[n_x:]]
     return LinearDAE(
-        equations=tuple(equations),
-        unknowns=tuple(words.variable_of(v) for v in unknowns),
-        inputs=tuple(words.variable_of(model.variables[vr]) for vr in form.inputs),
-        noises=tuple(words.noise_of(model.variables[vr]) for vr in form.noises),
-        outputs=tuple(words.output_of(model.variables[vr]) for vr in form.outputs),
-        parameters=words.parameters_of(model, theta.tolist()),
+        equations=words.explicit_equations(unknowns, n_x),
+        **words.declared(model, columns, form.inputs, form.noises, form.outputs, theta.tolist()),
         E=E,
         J=J,
         K=jacobian[:, n_x : n_x + n_u],

@@ -111,6 +111,33 @@ def parameters_of(model: FmuModel, values: Sequence[float]) -> tuple[Parameter, 
     return tuple(made)
 
 
+def declared(
+    model: FmuModel,
+    unknowns: Sequence[int],
+    inputs: Sequence[int],
+    noises: Sequence[int],
+    outputs: Sequence[int],
+    values: Sequence[float],
+) -> dict[str, Any]:
+    """What a model says of its signals, given by their references, and of its parameters at `values`: the
+    fields unknowns, inputs, noises, outputs and parameters."""
+    known = model.variables
+    return {
+        "unknowns": tuple(variable_of(known[vr]) for vr in unknowns),
+        "inputs": tuple(variable_of(known[vr]) for vr in inputs),
+        "noises": tuple(noise_of(known[vr]) for vr in noises),
+        "outputs": tuple(output_of(known[vr]) for vr in outputs),
+        "parameters": parameters_of(model, values),
+    }
+
+
+def explicit_equations(unknowns: Sequence[FmuVariable], n_states: int) -> tuple[Equation, ...]:
+    """The equations of what the FMU computes: rates of the first unknowns, which are states, and values of
+    the others."""
+    rates = [rate_equation(v) for v in unknowns[:n_states]]
+    return (*rates, *(Equation(f"{v.name} = g", "binding", v.name) for v in unknowns[n_states:]))
+
+
 def equation_of(variable: FmuVariable) -> Equation:
     """The equation behind a residual variable; other tools tell its name and description alone."""
     told = facts(variable, EQUATION)
