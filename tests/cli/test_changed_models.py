@@ -2,21 +2,36 @@
 on."""
 
 import json
+import shutil
+from contextlib import chdir
 
 import pytest
 from cart_data import CART, write_recording
 from cart_data import recording as cart_recording
-from lag_data import LAG, PROJECT
+from lag_data import LAG, PROJECT, write_lag
+
+from daest.cli.main import run
 
 MOVED = LAG.replace('Real k(unit = "1") = 1.0', 'Real k(unit = "1") = 3.0')
 WHAT = "Lag has changed since the fit"
 
 
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """A fit to run1."""
+    made = tmp_path_factory.mktemp("fitted")
+    write_lag(made)
+    (made / "daest.toml").write_text(PROJECT + 'hold = "zoh"\n')
+    with chdir(made):
+        assert run(["identify"]) == 0
+    return made / "results"
+
+
 @pytest.fixture
-def kept(folder, daest):
-    """The folder with a fit to run1."""
+def kept(folder, results):
+    """The folder with that fit."""
     (folder / "daest.toml").write_text(PROJECT + 'hold = "zoh"\n')
-    assert daest("identify")[0] == 0
+    shutil.copytree(results, folder / "results")
     return folder
 
 
