@@ -278,6 +278,27 @@ def test_linear_in_the_mode_of_the_start(sampled):
     assert not any(p.name.startswith("pre(") for p in linear.parameters if not p.is_memory)
 
 
+def test_linear_in_the_mode_of_the_operating_point():
+    """Time, states and discrete variables of the point decide; hysteresis keeps what is given."""
+    stepped = model(STEPPED)
+    slope = {}
+    for u in (0.0, 1.0):
+        found = linearize(stepped, at={"u": u, "x": 0.2, "z": 0.5})
+        z = [v.name for v in found.unknowns].index("z")
+        slope[u] = np.abs(found.J.toarray() if hasattr(found.J, "toarray") else found.J)[:, z].max()
+        assert "of the operating point" in found.notes[0]
+        assert f"u - x > 0.4: {'true' if u else 'false'}" in found.notes[0]
+    assert slope == {0.0: 1.0, 1.0: 0.0}  # z fades where the switch is off, and follows x where it is on
+    relay = model(RELAY)
+    drives = [
+        np.abs(linearize(relay, at=at).offset).max()
+        for at in ({"x": 0, "on": 0}, {"x": 0, "on": 1}, {"x": 1})
+    ]
+    assert drives == [0.0, 1.0, 0.0]
+    late = linearize(model(SWITCHED), at={"time": 0.4}).notes[0]
+    assert "time < 0.6: true" in late and "time >= 0.3: true" in late
+
+
 def test_what_does_not_follow_events_says_so(ball):
     with pytest.raises(ModelError) as caught:
         estimator_model(ball, 0.01)

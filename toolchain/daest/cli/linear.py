@@ -70,9 +70,9 @@ def load_linear(
     if source.suffix == ".fmu":
         return _of_fmu(source, values, point, route)
     flat = with_equations(options.load(project, source, values), "the linear DAE")
-    from daest.systems.linearize import linearize
+    from daest.systems.linearize import continuous_part, linearize
 
-    return Linear(linearize(flat, at=point), flat, point, {})
+    return Linear(linearize(flat, at=point), flat, continuous_part(flat, point), {})
 
 
 def _of_fmu(

@@ -38,6 +38,9 @@ class ThetaEntry:
     parameters: tuple[str, ...]
 
 
+MOST_TURNS = 50  # of relations and discrete variables until they agree at an operating point
+
+
 @dataclass(frozen=True)
 class OperatingPoint:
     """Values that the model is linearised at: ξ' and ξ (n,), u (n_u,), time. White noise is zero there."""
@@ -59,7 +62,9 @@ def linearize(
     start value, or zero (algebraic unknowns: at values that agree with these), and derivatives and the time
     are zero. An affine model is the same everywhere, so
     there `at` has no effect. For a nonlinear model without `at` the start values are used, and a note in the
-    result says so; another note tells the time where the equations contain it.
+    result says so; another note tells the time where the equations contain it. A model with events is in the
+    mode in which it starts; with `at` in that of the operating point, which may name Boolean and Integer
+    variables, too.
     """
     raise NotImplementedError(type(model).__name__)
 
@@ -114,15 +119,72 @@ def _of_equations(
 
 
 def _in_its_mode(flat: FlatModel, theta: np.ndarray | None, at: Mapping[str, float] | None) -> LinearDAE:
-    """The linear DAE of a model with events in the mode in which it starts."""
+    """The linear DAE of a model with events in the mode in which it starts, or in that of the operating
+    point."""
     from daest.systems.modes import frozen, in_starting_mode, mode_text, without_noise
 
     # A noise that would be differentiated forbids a reduction, and leaves the mode as it is.
-    begun = in_starting_mode(without_noise(flat), theta=theta)
-    found = linearize(frozen(flat, begun.theta_values), at=at)
-    mode = mode_text(begun)
-    note = f"The model changes at events: these are the matrices of the mode it starts in ({mode})."
+    quiet = without_noise(flat)
+    values, which = in_starting_mode(quiet, theta=theta).theta_values, "it starts in"
+    if at is not None:
+        values, which = _mode_at(quiet, values, at), "of the operating point"
+    found = linearize(frozen(flat, values), at=continuous_part(flat, at))
+    mode = mode_text(flat, values)
+    note = f"The model changes at events: these are the matrices of the mode {which} ({mode})."
     return replace(found, notes=(note, *found.notes))
+
+
+def continuous_part(flat: Model, at: Mapping[str, float] | None) -> Mapping[str, float] | None:
+    """An operating point without the Boolean and Integer variables that events assign."""
+    if at is None or flat.events is None or not isinstance(flat, FlatModel):
+        return at
+    discrete = {one.name for one in flat.events.assignments if one.slot >= 0}
+    discrete |= {_remembered(one.name) for one in flat.events.memories}
+    continuous = {v.name for v in (*flat.unknowns, *flat.inputs)}
+    return {name: value for name, value in at.items() if name in continuous or name not in discrete}
+
+
+def _remembered(name: str) -> str:
+    """The variable x of `pre(x)`."""
+    return name.removeprefix("pre(").removesuffix(")")
+
+
+def _mode_at(flat: FlatModel, begun: np.ndarray, at: Mapping[str, float]) -> np.ndarray:
+    """Parameters with the mode of an operating point (n_theta,).
+
+    Discrete variables that events assign have the values that `at` gives them; the others and the relations
+    follow, from the mode `begun` or values of `at` before the event on. Raises NumericalError
+    `events-do-not-settle`."""
+    from daest.systems.event_update import unsettled
+    from daest.systems.modes import frozen
+
+    events = flat.events
+    assert events is not None
+    discrete = [(i, one) for i, one in enumerate(events.assignments) if one.slot >= 0]
+    given = {one.slot: float(at[one.name]) for _, one in discrete if one.name in at}
+    symbols = [flat.derivatives, flat.xi, flat.u, flat.w, flat.theta, flat.time, events.active, events.ticks]
+    told = [events.values, events.wholes, events.assigned, events.sources]
+    function = ca.Function("mode", symbols, [ca.densify(part) for part in told])
+    values = begun.copy()
+    values[list(given)] = list(given.values())
+    for memory in events.memories:
+        values[memory.slot] = at.get(_remembered(memory.name), values[memory.slot])
+    for _ in range(MOST_TURNS):
+        point = operating_point(frozen(flat, values), continuous_part(flat, at))
+        none = np.zeros(flat.w.numel()), np.zeros(events.active.numel()), np.zeros(events.ticks.numel())
+        arguments = (point.derivatives, point.xi, point.u, none[0], values, point.time, *none[1:])
+        relations, wholes, assigned, sources = (part.full().ravel() for part in function(*arguments))
+        new = values.copy()
+        for one, value in zip(events.relations, relations, strict=True):
+            new[one.slot] = float(value > 0 if one.is_strict else value >= 0)
+        new[[one.slot for one in events.whole_parts]] = np.floor(wholes)
+        new[[one.slot for one in events.memories]] = sources
+        new[[one.slot for _, one in discrete]] = assigned[[i for i, _ in discrete]]
+        new[list(given)] = list(given.values())
+        if np.array_equal(new, values, equal_nan=True):
+            return values
+        values = new
+    raise unsettled(float(at.get("time", 0.0)), "the operating point")
 
 
 def linear_dae_function(flat: FlatModel, at: Mapping[str, float] | None = None) -> ca.Function:
