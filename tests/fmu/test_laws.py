@@ -53,8 +53,14 @@ def along(name, size, reads):
     return solve_ivp(rate, (0.0, 2.0), [1.0, 0.0], t_eval=TIME, **options).y[0]
 
 
-def followed(path, name, size, by_size):
-    flat, law = binary_model(path), of_name(name)
+@pytest.fixture(scope="module")
+def flat(tmp_path_factory):
+    """The falling ball."""
+    return binary_model(ball(tmp_path_factory.mktemp("ball")))
+
+
+def followed(flat, name, size, by_size):
+    law = of_name(name)
     u = np.column_stack([FORCE, COLUMN])
     column = 1 if law.reads in ("recorded", "signal") else None
     reads = 1 if law.reads == "state" else None
@@ -72,10 +78,10 @@ def followed(path, name, size, by_size):
 
 @pytest.mark.parametrize("name", FORMULAS)
 @pytest.mark.parametrize("compiled", [True, False])
-def test_law_at_an_input(tmp_path, monkeypatch, name, compiled):
+def test_law_at_an_input(flat, monkeypatch, name, compiled):
     if not compiled:
         monkeypatch.setattr(binary_form, "engine_library", lambda *_: None)
-    method, (_, outputs, slopes) = followed(ball(tmp_path), name, SIZE, True)
+    method, (_, outputs, slopes) = followed(flat, name, SIZE, True)
     assert method.startswith("Radau IIA" if compiled else "CVODE")
     reads = of_name(name).reads
     np.testing.assert_allclose(outputs[:, 0], along(name, SIZE, reads), atol=2e-5)
@@ -123,7 +129,7 @@ def test_effects_of_another_form_are_refused(name):
     assert caught.value.code == "effect-law-outside" and caught.value.remedy
 
 
-def test_simulation_alone_has_no_slopes(tmp_path):
-    _, (states, outputs, slopes) = followed(ball(tmp_path), "QuadraticDrag", SIZE, False)
+def test_simulation_alone_has_no_slopes(flat):
+    _, (states, outputs, slopes) = followed(flat, "QuadraticDrag", SIZE, False)
     assert slopes.shape == (41, 1, 0)
     np.testing.assert_array_equal(states[:, 0], outputs[:, 0])
