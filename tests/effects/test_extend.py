@@ -184,7 +184,7 @@ equation
   else
     x = 1;
   end if;
-  der(q) = sum({F, -q});
+  (1 + m)*der(q) = sum({F, -q});
   y = max(s, -9) + 0*F;
 end Cart;
 model Other "Extends a class with bare equations" extends Cart(m = 3); end Other;
@@ -209,7 +209,7 @@ def bare(tmp_path_factory) -> Path:
         ),
         ("Translational.QuadraticDrag", "v", "Other", '3*s) + v_term.total "momentum" annotation(Icon());'),
         ("Thermal.ConstantHeatGain", "T", "Cart", "0 + T_term.total = P - 0.5*(T - 20) - C*der(T);"),
-        ("Translational.CoulombFriction", "q", "Cart", "der(q) + q_term.total = sum({F, -q});"),
+        ("Translational.CoulombFriction", "q", "Cart", "(1 + m)*der(q) + q_term.total = sum({F, -q});"),
         ("Signals.Saturation", "F", "Cart", "0.3*der(w[i]) = F_used - w[i];"),
         ("Signals.Lag", "y", "Cart", 'output Real y(unit = "m") = max(s, -9) + 0*F, z('),
         ("Signals.Offset", "z", "Other", "extends Other(z = offset.y);"),

@@ -106,6 +106,8 @@ def _term(flat: FlatModel, balance: Balance, domain: Domain, name: str) -> str:
 def _sides(words: Sequence[Token], start: int) -> tuple[list[Token], list[Token]]:
     """The tokens left and right of the equality sign of the equation that begins at byte `start`."""
     at = next((i for i, w in enumerate(words) if w.start == start), None)
+    while at and words[at - 1].text not in (";", *_SECTIONS):
+        at -= 1  # the place of `(a + b)*c = d` is told without its first bracket
     if at is None or not _stands_alone(words, at):
         raise NotOpened("stands inside of if, for or when")
     statement = _statement(words, at)
