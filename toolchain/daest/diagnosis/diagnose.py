@@ -736,7 +736,12 @@ def _by_shooting(search: _Search, prepared: Prepared) -> Prepared:
     null = search.stand.null
     quick = null.shortest_times
     options = IdentifyOptions(
-        method="oe", estimate=prepared.names, fix=quick, hold=null.hold, max_iterations=ITERATIONS
+        method="oe",
+        estimate=prepared.names,
+        fix=quick,
+        hold=null.hold,
+        max_iterations=ITERATIONS,
+        second_look=False,  # the refit from there looks for itself
     )
     fit = identify(prepared.flat, fed(null.experiments, prepared.trial.candidate), options)
     values = {name: fit.theta[name] for name in prepared.names}
