@@ -6,7 +6,7 @@ import pytest
 from scipy.signal import chirp, lfilter, lsim
 
 from daest.data.check import check_table
-from daest.data.faults import clock_findings
+from daest.data.faults import Samples, clock_findings, column_findings
 from daest.data.read import read_table
 from daest.data.table import Column, Table
 
@@ -274,3 +274,20 @@ def test_measured_recordings_give_no_warning(shared_data):
     assert len(paths) >= 20
     found = {path.name: [f.sentence for f in check_table(read_table(path)).warnings] for path in paths}
     assert not {name: warnings for name, warnings in found.items() if warnings}
+
+
+def test_clipping_is_seen_on_coarse_steps():
+    """Few steps make every value frequent: the limit stands out against the steps below it."""
+    rng = np.random.default_rng(0)
+    time = np.arange(1600.0)
+    slow = np.convolve(rng.normal(size=1700), np.exp(-np.arange(100) / 30.0), "valid")[:1600]
+    y = 0.6 * slow / slow.std() + 0.03 * rng.normal(size=1600)
+    cut = np.round(np.minimum(y, np.quantile(y, 0.85)) / 0.06) * 0.06
+
+    def told(values):
+        return [f.code for f in column_findings(Samples("y", "output", time, values), 0)]
+
+    assert told(cut) == ["check-saturation"]
+    assert told(np.round(y / 0.06) * 0.06) == []
+    # A sine stays longest where it turns.
+    assert "check-saturation" not in told(np.round(np.sin(0.02 * time) / 0.06) * 0.06)

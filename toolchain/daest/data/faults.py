@@ -36,7 +36,8 @@ STUCK_JUMP = 5.0
 # Saturation: share of all values at the limit, how many times more than at any other value, and the slope
 # before and after in units of the median step.
 AT_LIMIT = 0.002
-PILE = 5.0
+PILE = 5  # times as often as the levels next to it: a limit
+NEXT_LEVELS = 5
 EDGE = 0.3
 # A spike of one or two samples, in units of the spread (1.4826 MAD) of what a median filter takes away; of
 # what only RARE of the samples exceed, or of the resolution; and of the largest step among its neighbours.
@@ -190,7 +191,7 @@ def _saturation(samples: Samples) -> list[Finding]:
     found = []
     for at_end, name in ((-1, "upper"), (0, "lower")):
         limit, count = levels[at_end], counts[at_end]
-        others = counts[1:-1].max()
+        others = (counts[-1 - NEXT_LEVELS : -1] if at_end else counts[1 : 1 + NEXT_LEVELS]).mean()
         # Zero is where many signals rest: a flow, the sun, a duty cycle.
         if limit == 0 or count < max(LEVELS, AT_LIMIT * values.size) or count < PILE * others:
             continue

@@ -267,7 +267,7 @@ def limited(
     stand: Stand, library: Sequence[Effect], options: DiagnoseOptions
 ) -> tuple[Stand, tuple[Proof, ...]]:
     """The stand with the limits of the sensors that are certain to clip, and the proofs of these."""
-    clips = options.clips(stand.null.experiments)
+    clips = options.clips([*stand.null.experiments, *stand.validation])
     found = with_clipped_sensors(stand.declared, library, clips)
     if not found.laws:
         return stand, ()
@@ -889,7 +889,7 @@ def _proofs(
     null, (found, used) = stand.null, screens
     wanted = trials(found, GATES.screen_level, options.most_trials + MORE_TRIALS)
     wanted, n_used = _with_leaders(wanted, used)
-    given = clipping_trials(null, candidates, options.clips(null.experiments))
+    given = clipping_trials(null, candidates, options.clips([*null.experiments, *stand.validation]))
     with workers(options.jobs, options.cluster) as pool:
         stages = _Stages(_Search(stand, run, load, form, found.n_screened), pool, options, progress)
         chosen = stages.prepared(wanted[: options.most_trials])
