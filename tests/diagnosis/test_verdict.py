@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hidden_plants import model, rubbing, some_effects
 
+from daest.diagnosis import verdict as verdict_module
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.coloured import Residual
 from daest.diagnosis.diagnose import says_as_much
@@ -256,3 +257,12 @@ def test_fmu_is_judged_by_the_rules_of_equations():
     untold = decide(replace(simulated(False, proofs=[proof()]), unproved=(untried(31.0),)))
     assert untold.name == "cannot tell"
     assert "daest extend" not in untold.next_experiment, "nothing can be put into an FMU"
+
+
+@pytest.mark.parametrize("adds_up", [False, True])
+def test_a_simulation_that_gets_worse_is_told_as_worse(monkeypatch, adds_up):
+    monkeypatch.setattr(verdict_module, "_error_ratio", lambda evidence, proof: 1.57)
+    proof = SimpleNamespace(ahead=(Ahead(50, 0.2, 0.28, 9.0),), adds_up=adds_up)
+    text = verdict_module._importance(None, proof)
+    assert "removes 72 % of the error of predictions 0.2 s ahead." in text
+    assert "whole simulation gets 1.57 times larger" in text and ("it adds up" in text) == adds_up

@@ -204,9 +204,14 @@ def _importance(evidence: Evidence, proof: Proof) -> str:
         ahead = spoken_duration(best.seconds)
         parts.append(f"{_removed(best.ratio)} of the error of predictions {ahead} ahead")
     ratio = _error_ratio(evidence, proof)
-    if np.isfinite(ratio):
+    is_larger = np.isfinite(ratio) and ratio > 1.0 + GATES.same_unseen_error
+    if np.isfinite(ratio) and not is_larger:
         parts.append(f"{_removed(ratio)} of that of the whole simulation")
-    return f" Importance: it removes {' and '.join(parts)}." if parts else ""
+    text = f" Importance: it removes {' and '.join(parts)}." if parts else ""
+    if is_larger:
+        text += f" The error of the whole simulation gets {ratio:.3g} times larger"
+        text += ": nothing holds what is measured, so that it adds up." if proof.adds_up else "."
+    return text
 
 
 def _removed(ratio: float) -> str:
