@@ -20,6 +20,7 @@ from daest.modelica.sites import fits
 from daest.systems.reduce import reduce_index
 
 MOST_SHAPES = 32  # of one effect at one place: thinned out, periodic effects lose whole phases
+MOST_PERIODS = 60  # in a turn, that the data are searched for
 MOST_POINTS = 400  # of a trajectory that a range is taken from
 LEARNED = "Learned"  # curves describe what no effect explains; they are no hypothesis themselves
 NO_SITES = ("parameter",)  # a drifting parameter is looked for by name, not everywhere
@@ -56,17 +57,20 @@ def with_shapes(
     time: np.ndarray,
     states: Mapping[str, np.ndarray],
     inputs: np.ndarray,
+    innovations: np.ndarray | None = None,
 ) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...]]:
     """One candidate per shape, with sharpness and shapes in multiples of what the variables reach along the
     trajectory `states` (by name, each (n_samples,)); and those that cannot be attached, with the reason."""
     usable, refused, explicit = attachable(flat, candidates)
     reached = ranges(explicit, time, states, inputs)
+    counts = {} if innovations is None else periods(usable, explicit, time, states, inputs, innovations)
     result: list[Candidate] = []
     for candidate in usable:
         units = units_at(flat, candidate.effect, candidate.site)
-        for number, values in enumerate(_shapes(candidate, reached)):
+        for number, values in enumerate(_shapes(candidate, reached, counts)):
             name = f"{candidate.name}_{number + 1}"
-            result.append(replace(candidate, name=name, shape=values, units=units))
+            searched = MOST_PERIODS if _is_from_data(candidate, values, counts) else 1
+            result.append(replace(candidate, name=name, shape=values, units=units, searched=searched))
     return tuple(result), refused
 
 
@@ -134,6 +138,61 @@ def ranges(
     """Largest magnitude of every internal variable along the trajectory. Shapes: time (n_samples,), states
     (n_samples,) by name, inputs (n_samples, n_u)."""
     chosen = np.unique(np.linspace(0, time.size - 1, min(time.size, MOST_POINTS)).astype(int))
+    along = courses(explicit, time, states, inputs, chosen)
+    return {name: float(np.max(np.abs(row), initial=0.0)) for name, row in along.items()}
+
+
+def periods(
+    candidates: Sequence[Candidate],
+    explicit: ExplicitModel,
+    time: np.ndarray,
+    states: Mapping[str, np.ndarray],
+    inputs: np.ndarray,
+    innovations: np.ndarray,
+) -> dict[str, float]:
+    """By name of the parameter, the number of periods whose sine and cosine over the effect's variable
+    explain most of the `innovations` (n_samples, n_y)."""
+    wanted = {
+        f"{c.name}.{p.name}": f"{c.name}.{p.periods_over}"
+        for c in candidates
+        for p in c.effect.parameters
+        if p.periods_over
+    }
+    if not wanted:
+        return {}
+    along = courses(explicit, time, states, inputs, np.arange(time.size))
+    found = {
+        name: most_likely_periods(along[variable], innovations)
+        for name, variable in wanted.items()
+        if variable in along
+    }
+    return {name: float(n) for name, n in found.items() if n is not None}
+
+
+def most_likely_periods(angle: np.ndarray, innovations: np.ndarray) -> int | None:
+    """The whole number of periods over 2*pi of `angle` (n_samples,) whose sine and cosine explain most of the
+    `innovations` (n_samples, n_y). None where the motion does not reach a turn, or a period is passed within
+    two samples: what is faster would look like fewer periods."""
+    if np.ptp(angle) < 2.0 * np.pi:
+        return None
+    fastest = np.quantile(np.abs(np.diff(angle)), 0.95)
+    most = int(min(MOST_PERIODS, np.pi / fastest)) if fastest > 0.0 else MOST_PERIODS
+    power = []
+    for n in range(1, most + 1):
+        table = np.column_stack([np.sin(n * angle), np.cos(n * angle)])
+        fitted = np.linalg.lstsq(table, innovations, rcond=None)[0]
+        power.append(float(np.sum((table @ fitted) ** 2)))
+    return 1 + int(np.argmax(power)) if power else None
+
+
+def courses(
+    explicit: ExplicitModel,
+    time: np.ndarray,
+    states: Mapping[str, np.ndarray],
+    inputs: np.ndarray,
+    chosen: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """Every internal variable and input by name at the `chosen` samples, each (n_chosen,)."""
     x = np.array(
         [states[name][chosen] if name in states else np.zeros(chosen.size) for name in explicit.state_names]
     )
@@ -143,20 +202,23 @@ def ranges(
     x = with_integrals(explicit, brought_rows(explicit, states), time[chosen], x.T, (u, v)).T
     theta = np.tile(explicit.flat.theta_values[:, None], (1, chosen.size))
     values = explicit.variables.map(chosen.size)(x, u, v, w, theta, time[chosen])
-    largest = np.max(np.abs(np.array(values)), axis=1, initial=0.0)
     names = [v.name for v in explicit.flat.unknowns]
-    found = dict(zip(names, largest.tolist(), strict=True))
-    found |= {v.name: float(np.max(np.abs(row))) for v, row in zip(explicit.flat.inputs, u, strict=True)}
-    return found
+    found = dict(zip(names, np.array(values), strict=True))
+    return found | {v.name: row for v, row in zip(explicit.flat.inputs, u, strict=True)}
 
 
-def _shapes(candidate: Candidate, ranges: Mapping[str, float]) -> list[dict[str, float]]:
+def _shapes(
+    candidate: Candidate, ranges: Mapping[str, float], counts: Mapping[str, float]
+) -> list[dict[str, float]]:
     """Values of shape and sharpness parameters to try."""
     axes = []
     for parameter in candidate.effect.parameters:
         if parameter.role not in ("shape", "sharpness") or not parameter.grid:
             continue
         values = parameter.grid if parameter.role == "shape" else parameter.grid[:1]
+        count = counts.get(f"{candidate.name}.{parameter.name}")
+        if count is not None and count not in values:
+            values = (*values, count)
         scale = _scale(candidate, parameter, ranges)
         axes.append(
             [(parameter.name, scale * value) for value in values if scale > 0.0]
@@ -165,6 +227,15 @@ def _shapes(candidate: Candidate, ranges: Mapping[str, float]) -> list[dict[str,
     combinations = [dict(choice) for choice in product(*axes)]
     step = -(-len(combinations) // MOST_SHAPES)
     return combinations[::step]
+
+
+def _is_from_data(candidate: Candidate, values: Mapping[str, float], counts: Mapping[str, float]) -> bool:
+    """Whether a value of the shape is one that the data chose and the grid has not."""
+    return any(
+        values.get(p.name) not in p.grid and values.get(p.name) == counts.get(f"{candidate.name}.{p.name}")
+        for p in candidate.effect.parameters
+        if p.periods_over
+    )
 
 
 def _scale(candidate: Candidate, parameter: EffectParameter, ranges: Mapping[str, float]) -> float:

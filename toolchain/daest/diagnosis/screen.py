@@ -244,7 +244,9 @@ def _screened(
 ) -> Screen:
     first, filtered = null.experiments[0], run.observed[0].filtered
     states = dict(zip(run.state_names, filtered.T, strict=True))
-    shaped, refused = with_shapes(null.flat, static, first.time, states, first.inputs)
+    shaped, refused = with_shapes(
+        null.flat, static, first.time, states, first.inputs, run.observed[0].whitened
+    )
     if not shaped and len(static) == n_all:
         raise EstimationError(
             "diagnose-no-candidate",
@@ -488,7 +490,10 @@ def scored(
                 candidate=test.candidate,
                 score=float(score),
                 sizes=tuple((null_values + size).tolist()),
-                p_value=_p_value(float(score), largest) if test.is_seen else 1.0,
+                # Bonferroni's bound for what was compared before the screen.
+                p_value=min(1.0, test.candidate.searched * _p_value(float(score), largest))
+                if test.is_seen
+                else 1.0,
                 absorbed=not test.is_seen,
                 detectable=float(detectable) if detectable > 0.0 else np.inf,
             )

@@ -43,7 +43,8 @@ class Load:
 @dataclass(frozen=True)
 class Candidate:
     """An effect at a site as component `name`, with its shape and sharpness values, the recorded signals
-    that supply its inputs, and the units that its parameters have there."""
+    that supply its inputs, and the units that its parameters have there. `searched` counts the values of its
+    shape that were compared on the data before it was chosen."""
 
     effect: Effect
     site: Site
@@ -51,6 +52,7 @@ class Candidate:
     shape: dict[str, float] = field(default_factory=dict)
     inputs: dict[str, str] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
+    searched: int = 1
 
     @property
     def size_unit(self) -> str:

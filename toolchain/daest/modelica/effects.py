@@ -543,6 +543,7 @@ def _parameter(parameter: Parameter, source: _Source) -> EffectParameter:
         estimate=parameter.estimate,
         required=bool(entries.get("required", False)),
         signal_unit=signal_unit,
+        periods_over=str(entries.get("periods", "")),
     )
 
 

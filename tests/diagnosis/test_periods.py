@@ -1,0 +1,28 @@
+"""The number of periods of an effect in a turn, from the innovations along the motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import daest
+from daest.diagnosis.candidates import most_likely_periods
+
+
+@pytest.mark.parametrize("n", [1, 7, 20, 36])
+def test_periods_are_found_under_noise(n: int) -> None:
+    angle = np.cumsum(0.03 + 0.02 * np.sin(np.arange(2000) / 90.0))
+    noise = np.random.default_rng(n).standard_normal((2000, 2))
+    noise[:, 1] += 0.5 * np.sin(n * angle + 0.4)
+    assert most_likely_periods(angle, noise) == n
+
+
+def test_motion_that_resolves_no_period_tells_none() -> None:
+    white = np.random.default_rng(0).standard_normal((500, 1))
+    assert most_likely_periods(np.linspace(0.0, 3.0, 500), white) is None
+    assert most_likely_periods(np.linspace(0.0, 2000.0, 500), white) is None
+
+
+def test_cogging_says_over_which_variable_it_repeats() -> None:
+    effect = daest.find_effect("Daest.Effects.Rotational.CoggingTorque")
+    assert {p.name: p.periods_over for p in effect.parameters if p.periods_over} == {"n": "phi"}
