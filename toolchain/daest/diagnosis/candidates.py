@@ -180,8 +180,8 @@ def most_likely_periods(angle: np.ndarray, innovations: np.ndarray) -> int | Non
     power = []
     for n in range(1, most + 1):
         table = np.column_stack([np.sin(n * angle), np.cos(n * angle)])
-        fitted = np.linalg.lstsq(table, innovations, rcond=None)[0]
-        power.append(float(np.sum((table @ fitted) ** 2)))
+        seen = table.T @ innovations
+        power.append(float(np.sum(seen * np.linalg.lstsq(table.T @ table, seen, rcond=None)[0])))
     return 1 + int(np.argmax(power)) if power else None
 
 
