@@ -33,10 +33,10 @@ DIGITS = 5e-5  # noise below this share of large values is that of written digit
 STUCK = 20
 STUCK_EQUAL = 0.1
 STUCK_JUMP = 5.0
-# Saturation: share of all values at the limit, how many times more than at any other value, and the slope
-# before and after in units of the median step.
+# Saturation: share of all values at the limit, how many times more than at the next levels on average, and
+# the slope before and after in units of the median step.
 AT_LIMIT = 0.002
-PILE = 5  # times as often as the levels next to it: a limit
+PILE = 5.0
 NEXT_LEVELS = 5
 EDGE = 0.3
 # A spike of one or two samples, in units of the spread (1.4826 MAD) of what a median filter takes away; of

@@ -40,9 +40,7 @@ FORGOTTEN = 0.1  # of what the start does to the outputs at most, below which th
 START_ITERATIONS = 15
 START_PROGRESS = 1e-3  # of the mean squared error, below which the search for the start ends
 FEWEST_STRETCHES = 5
-LOST_TRACK = (
-    2.0  # times the squared innovations of the fit, from which an observer does not follow unseen data
-)
+LOST_TRACK = 2.0  # times the squared innovations of the fit, from which an observer has lost unseen data
 CORRECTED = (0.03, 0.1, 0.3)  # of an innovation, by observers that follow more closely than the fit asks for
 LOUDER = 10.0 ** np.arange(-12, 13)  # times the loads of the fit
 
@@ -58,20 +56,24 @@ class Foreseen:
 def foreseen(run: NullObserver, experiments: Sequence[Experiment]) -> Foreseen | None:
     """The validation `experiments` foreseen by the observer `run`, or by one that follows them more closely
     where that loses them; None where it cannot be integrated."""
-    run = _following(run, experiments)
-    null = run.null
+    followed = _best_followed(run, experiments)
+    if followed is None:
+        return None
+    run, null = followed.run, followed.run.null
     model = integrator(null.explicit)
     shortest = min(e.n_samples for e in experiments)
-    steps = [h for h in HORIZONS if h == 1 or h <= LONGEST * shortest]
-    errors: dict[int, list[np.ndarray]] = {h: [] for h in steps}
-    for experiment in experiments:
-        try:
-            x0 = _initial_state(null, model, experiment, run.gain, run.root)
-            for h in steps:
-                errors[h].append(_stretches(null, model, experiment, x0, run.gain, h))
-        except IntegrationError:
-            return None
-    return Foreseen({h: np.concatenate(parts) for h, parts in errors.items()})
+    errors = {1: followed.errors}
+    try:
+        for h in HORIZONS:
+            if 1 < h <= LONGEST * shortest:
+                found = (
+                    _stretches(null, model, experiment, x0, run.gain, h)
+                    for experiment, x0 in zip(experiments, followed.starts, strict=True)
+                )
+                errors[h] = np.concatenate(list(found))
+    except IntegrationError:
+        return None
+    return Foreseen(errors)
 
 
 @dataclass(frozen=True)
@@ -83,35 +85,47 @@ class Innovations:
     log_scale: float
 
 
-def _following(run: NullObserver, experiments: Sequence[Experiment]) -> NullObserver:
-    """The observer, if it follows these data as it does those of its fit; else the one that follows them best
-    among it and those of the same model with louder loads.
+@dataclass(frozen=True)
+class _Followed:
+    """Experiments that an observer follows: the state (n_x,) that each begins with, and the errors one sample
+    ahead of all stretches (n_stretches, length, n_y)."""
+
+    run: NullObserver
+    starts: tuple[np.ndarray, ...]
+    errors: np.ndarray
+
+    def misfit(self, root: np.ndarray) -> float:
+        """Mean squared error, whitened with the `root` (n_y, n_y); inf without a measured value."""
+        white = self.errors @ root.T
+        count = int(np.isfinite(white).sum())
+        return float(np.nansum(white**2)) / count if count else np.inf
+
+
+def _best_followed(run: NullObserver, experiments: Sequence[Experiment]) -> _Followed | None:
+    """By the observer, if it follows these data as it does those of its fit; else by the one that follows
+    them best among it and those of the same model with louder loads; None where none can be integrated.
 
     A law that leaves no load has an observer that corrects nothing. Over data that the parameters were not
     fitted to, the smallest error of theirs adds up, in a motion that turns over to more than any law would
     explain. What is judged is the law: how well it foresees from a state that is known.
     """
-    misfit = _misfit(run, run, experiments)
-    if misfit <= LOST_TRACK:
-        return run
-    found = [(misfit, 0, run)]
-    found += [(_misfit(one, run, experiments), k, one) for k, one in enumerate(_louder(run), 1)]
-    return min(found, key=lambda one: one[:2])[2]
+    own = _followed(run, experiments)
+    if own is not None and own.misfit(run.root) <= LOST_TRACK:
+        return own
+    found = [own, *(_followed(one, experiments) for one in _louder(run))]
+    return min((one for one in found if one is not None), key=lambda one: one.misfit(run.root), default=None)
 
 
-def _misfit(run: NullObserver, first: NullObserver, experiments: Sequence[Experiment]) -> float:
-    """Mean squared error one sample ahead, whitened as the innovations of the `first` observer; inf where the
-    observer cannot be integrated."""
+def _followed(run: NullObserver, experiments: Sequence[Experiment]) -> _Followed | None:
     model = integrator(run.null.explicit)
-    squares, count = 0.0, 0
+    starts, errors = [], []
     for experiment in experiments:
         try:
-            x0 = _initial_state(run.null, model, experiment, run.gain, run.root)
-            errors = _stretches(run.null, model, experiment, x0, run.gain, 1) @ first.root.T
+            starts.append(_initial_state(run.null, model, experiment, run.gain, run.root))
+            errors.append(_stretches(run.null, model, experiment, starts[-1], run.gain, 1))
         except IntegrationError:
-            return np.inf
-        squares, count = squares + float(np.nansum(errors**2)), count + int(np.isfinite(errors).sum())
-    return squares / count if count else np.inf
+            return None
+    return _Followed(run, tuple(starts), np.concatenate(errors))
 
 
 def _louder(run: NullObserver) -> Iterator[NullObserver]:
@@ -124,9 +138,10 @@ def _louder(run: NullObserver) -> Iterator[NullObserver]:
     for factor in LOUDER:
         intensity = np.where(is_load, np.maximum(factor * base, null.intensity), null.intensity)
         found = observer(run.average, intensity, std)
-        if found is None or np.max(np.diag(run.average.C @ found.gain)) < wanted[0]:
+        corrected = 0.0 if found is None else float(np.max(np.diag(run.average.C @ found.gain)))
+        if corrected < wanted[0]:
             continue
-        wanted = [share for share in wanted if share > np.max(np.diag(run.average.C @ found.gain))]
+        wanted = [share for share in wanted if share > corrected]
         with suppress(DaestError, RuntimeError, np.linalg.LinAlgError):
             yield run_null(with_noise(null, intensity, std))
         if not wanted:
@@ -148,16 +163,11 @@ def innovations(run: NullObserver, experiments: Sequence[Experiment]) -> Innovat
 
     Most of what a small law does to a measured value is far below the noise of that value; the likelihood of
     these adds up what it does to all of them."""
-    run = _following(run, experiments)
-    model = integrator(run.null.explicit)
-    parts = []
-    for experiment in experiments:
-        try:
-            x0 = _initial_state(run.null, model, experiment, run.gain, run.root)
-            parts.append(_stretches(run.null, model, experiment, x0, run.gain, 1) @ run.root.T)
-        except IntegrationError:
-            return None
-    return Innovations(np.concatenate(parts), float(np.log(np.diag(run.root)).sum()))
+    followed = _best_followed(run, experiments)
+    if followed is None:
+        return None
+    root = followed.run.root
+    return Innovations(followed.errors @ root.T, float(np.log(np.diag(root)).sum()))
 
 
 def confirmed(before: Innovations | None, after: Innovations | None) -> Confirmed:

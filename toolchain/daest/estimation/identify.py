@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
-from daest.errors import DaestError, EstimationError
+from daest.errors import EstimationError
 from daest.estimation.coordinates import log_likelihood
 from daest.estimation.ekf_likelihood import identify_by_ekf
 from daest.estimation.identify_nonlinear import identify_nonlinear
@@ -90,7 +90,7 @@ def _nonlinear_fit(model: Model, setup: Setup, tell: Tell, began: float) -> FitR
 
 
 def _woken(
-    search: Callable[[Setup, Tell], FitResult], setup: Setup, tell: Tell, error: DaestError
+    search: Callable[[Setup, Tell], FitResult], setup: Setup, tell: Tell, error: EstimationError
 ) -> FitResult:
     """The fit from where all parameters act, found with those held that do nothing at the start values:
     the rim of a tank that the start values never fill is reached once the others are right. Raises `error`

@@ -19,7 +19,7 @@ from daest.systems.integrate import Hold
 from daest.systems.integration import IntegrationError
 
 FIRST_LENGTH = 500  # samples of the fit that finds the initial state before the whole record is used
-GROWN_LENGTHS = (50, 150, FIRST_LENGTH)  # over which it is looked for once more, each from the one before
+GROWN_LENGTHS = (50, 150)  # over which it is looked for before, for a second search of that fit
 SHORT_LENGTH = 100  # samples that also must show a direction as flat before it is called unidentifiable
 INITIAL_ITERATIONS = 15
 HOLD_ITERATIONS = 6
@@ -67,13 +67,17 @@ def fit_initial_states(
         short = replace(problem, experiments=heads).held_at(z)
         return minimise(objective(short), states, lower[n:], upper[n:], INITIAL_ITERATIONS)
 
-    at_once, grown = found_over(FIRST_LENGTH, z[n:]), None
+    longest = max(e.n_samples for e in problem.experiments)
     states = z[n:]
-    for length in GROWN_LENGTHS:
+    ends = [found_over(FIRST_LENGTH, states)]
+    grown_lengths = [length for length in GROWN_LENGTHS if length < longest]
+    for length in grown_lengths:
         grown = found_over(length, states)
         states = states if grown is None else grown.z
-    ends = [end for end in (at_once, grown) if end is not None]
-    best = min(ends, key=lambda end: end.evaluation.value, default=None)
+    if grown_lengths:
+        ends.append(found_over(FIRST_LENGTH, states))
+    found = [end for end in ends if end is not None]
+    best = min(found, key=lambda end: end.evaluation.value, default=None)
     return z if best is None else np.concatenate([z[:n], best.z])
 
 
