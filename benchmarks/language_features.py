@@ -194,7 +194,7 @@ def features() -> Iterator[Feature]:
     )
     yield Feature(
         area,
-        "`initial equation`",
+        "`initial equation` (an `if` on an `outer` component: see [MSL](how-to/msl.md))",
         "Real x; initial equation der(x) = -3; equation der(x) = -x;",
         (("x", 1.0, 3 * math.exp(-1)),),
     )
