@@ -21,6 +21,18 @@ def test_written_project_is_read_back(folder, daest):
     assert project.measurement_noise["y"].size == 0.02
 
 
+def test_recordings_for_validation_are_known_by_their_names(folder, daest):
+    (folder / "run_Test2.csv").write_text((folder / "run1.csv").read_text())
+    (folder / "latest.csv").write_text((folder / "run1.csv").read_text())
+    assert daest("init", "Lag.mo", "run_Test2.csv", "run1.csv", "latest.csv")[0] == 0
+    project = load_project()
+    assert [path.name for path in project.estimate] == ["run1.csv", "latest.csv"]
+    assert [path.name for path in project.validate] == ["run_Test2.csv"]
+    assert project.preparation.split is None
+    assert daest("init", "Lag.mo", "run_Test2.csv", "-p", "alone.toml")[0] == 0
+    assert [path.name for path in load_project(folder / "alone.toml").estimate] == ["run_Test2.csv"]
+
+
 def test_existing_file_is_kept(folder, daest):
     (folder / "daest.toml").write_text("# mine\n")
     code, out, err = daest("init", "Lag.mo")

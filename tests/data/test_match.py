@@ -8,12 +8,14 @@ from daest.data.read import Signal, with_units
 from daest.data.table import (
     Column,
     Table,
+    column_unit,
     in_seconds,
     split_header,
     time_unit,
     told_unit,
     unit_findings,
 )
+from daest.data.table import stem as stem_of
 from daest.errors import DataError
 
 NUMBERS = np.arange(3.0)
@@ -93,6 +95,30 @@ def test_a_column_with_a_unit_for_a_signal_without_is_warned_of():
     signals = [Signal("pos", "", "x"), Signal("u", "V"), Signal("ratio", "")]
     found = unitless_findings(table("time", "x [mm]", "u [mV]", "ratio [1]"), signals)
     assert [(f.column, f.code) for f in found] == [("x", "check-unit-unknown")]
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "stem"),
+    [
+        ("speed_rad_s", "rad/s", "speed"),
+        ("flow_m3_h", "m3/h", "flow"),
+        ("a_m_s2", "m/s2", "a"),
+        ("speed_rad_per_s", "rad/s", "speed"),
+        ("motor_force_N", "N", "motor_force"),
+        ("delay_ms_s", "s", "delay_ms"),
+        ("pos_x_s", "s", "pos_x"),
+        ("T_mean", "", "T_mean"),
+    ],
+)
+def test_units_at_the_end_of_a_name(name, unit, stem):
+    column = Column(name, None, NUMBERS)
+    assert (column_unit(column), stem_of(column)) == (unit, stem)
+
+
+def test_a_speed_is_found_by_its_name_and_unit():
+    signals = [Signal("angle", "rad"), Signal("speed", "rad/s")]
+    found = [("angle_rad", "similar name"), ("speed_rad_s", "similar name")]
+    assert proposals(signals, "time_s", "angle_rad", "speed_rad_s") == found
 
 
 def test_name_inside_a_longer_one():

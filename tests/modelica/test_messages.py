@@ -34,6 +34,20 @@ CASES = {
         "unexpected `=`",
         "expected",
     ),
+    "reserved word": (
+        'model M\n input Real flow(unit = "1");\n Real x;\nequation\n x = 3;\nend M;',
+        "model-syntax",
+        (2, 13),
+        "unexpected `flow`",
+        "`flow` is a word of the language and cannot name anything: write `flow_`.",
+    ),
+    "semicolon before a reserved word": (
+        "model M\n Real x\n flow Real u;\nequation\n x = 3;\nend M;",
+        "model-syntax",
+        (2, 7),
+        "unexpected",
+        ";",
+    ),
     "semicolon": ("model M\n Real x\nequation\n x = 3;\nend M;", "model-syntax", (2, 7), "unexpected", ";"),
     "class": (
         "model Resistor Real x; equation x = 1; end Resistor;\nmodel M\n  Resistr r; Resistor q;\nend M;",

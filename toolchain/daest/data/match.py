@@ -141,7 +141,7 @@ def _fits(signal: Signal, column: Column, how: How, others: Sequence[Signal]) ->
     if how == "name":
         return signal.name in (column.name, column.header)
     if how == "similar name":
-        names = {column.name.lower(), _stem(column.name).lower()}
+        names = {column.name.lower(), _stem(column.name).lower(), stem(column).lower()}
         return signal.name.lower() in names or signal.name.rsplit(".", 1)[-1].lower() in names
     if how == "part of its name":
         unit = _told_unit(column, signal)

@@ -30,6 +30,7 @@ _BEHIND_IN = re.compile(r"^(?P<name>.*\S)\s+in\s+(?P<unit>\S+)$")
 _LETTERS = "VAsmNKJWCFTHghdlL%°Ω"  # units of one letter that a header gives behind a slash
 _TIME = re.compile(r"^time(?:_(?P<unit>s|ms|us|min|h))?$", re.IGNORECASE)
 _BEHIND = re.compile(r"_(?P<unit>[^_]+?)(?:_per_(?P<per>[^_]+))?$")
+_BEHIND_RATE = re.compile(r"_(?P<unit>[^_]+)_(?P<per>s2?|h)$")  # not min, which may be a minimum
 
 
 @dataclass(frozen=True)
@@ -122,20 +123,31 @@ def _is_no_quantity(name: str, unit: str) -> bool:
 
 
 def column_unit(column: Column) -> str:
-    """The unit in the header, else the known one behind the last underscore of the name (`motor_force_N`,
-    `speed_rad_per_s`), else the empty text."""
-    if column.unit is not None:
-        return column.unit
-    behind = _BEHIND.search(column.name)
-    if behind is None:
-        return ""
-    unit = f"{behind['unit']}/{behind['per']}" if behind["per"] else behind["unit"]
-    return unit if is_known_unit(unit) else ""
+    """The unit in the header, else the known one that the name ends with (`motor_force_N`, `speed_rad_per_s`,
+    `speed_rad_s`), else the empty text."""
+    return column.unit if column.unit is not None else _name_and_unit(column.name)[1]
 
 
 def stem(column: Column) -> str:
     """The name of the column without the unit that it ends with."""
-    return column.name if column.unit is not None or not column_unit(column) else _BEHIND.sub("", column.name)
+    return column.name if column.unit is not None else _name_and_unit(column.name)[0]
+
+
+def _name_and_unit(name: str) -> tuple[str, str]:
+    """A name without the known unit that it ends with, and that unit; the whole name and the empty text where
+    it ends with none."""
+    rate = _BEHIND_RATE.search(name)
+    if rate is not None and is_known_unit(rate["unit"]) and not _is_time(rate["unit"]):
+        return name[: rate.start()], f"{rate['unit']}/{rate['per']}"
+    behind = _BEHIND.search(name)
+    if behind is None:
+        return name, ""
+    unit = f"{behind['unit']}/{behind['per']}" if behind["per"] else behind["unit"]
+    return (name[: behind.start()], unit) if is_known_unit(unit) else (name, "")
+
+
+def _is_time(unit: str) -> bool:
+    return dimensions(unit) == {"[time]": 1.0}
 
 
 def is_time(name: str) -> bool:

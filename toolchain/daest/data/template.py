@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import PurePath
 
 from daest.data.match import Match
 from daest.model.flat import Model
@@ -13,6 +15,7 @@ from daest.model.parts import Parameter
 _HEAD = """\
 # What daest knows beside the model. Options on the command line come before what stands here.
 # Paths count from the folder of this file; units are those of the model."""
+_VALIDATING = {"test", "testing", "val", "valid", "validate", "validation", "holdout", "unseen"}
 
 
 @dataclass(frozen=True)
@@ -50,7 +53,11 @@ def _model(draft: Draft) -> Iterator[str]:
 
 def _data(draft: Draft) -> Iterator[str]:
     yield "\n[data]"
-    if draft.data:
+    kept_back = kept_back_by_name(draft.data)
+    if kept_back:
+        yield f"estimate = {_list([file for file in draft.data if file not in kept_back])}"
+        yield f"validate = {_list(kept_back)}  # by their names: please check"
+    elif draft.data:
         yield f"estimate = {_list(draft.data)}"
         yield 'split = 0.5  # the first half estimates, the rest validates; or: validate = ["other.csv"]'
     else:
@@ -66,6 +73,13 @@ def _data(draft: Draft) -> Iterator[str]:
         yield "\n[data.units]  # column = unit, from its name: please check"
         for column, unit in draft.units.items():
             yield f"{_key(column)} = {_text(unit)}"
+
+
+def kept_back_by_name(files: Sequence[str]) -> list[str]:
+    """The recordings whose file names say that they are for validation (`run_test.csv`, `validation2.csv`);
+    none where all do."""
+    named = [file for file in files if _VALIDATING & set(re.findall(r"[a-z]+", PurePath(file).stem.lower()))]
+    return named if len(named) < len(files) else []
 
 
 def _mapping(kind: str, matches: Sequence[Match]) -> Iterator[str]:

@@ -237,6 +237,14 @@ def _syntax(message: str, path: Path, text: bytes, class_name: str) -> ModelErro
     return syntax_fault(path, text)
 
 
+_RESERVED = re.compile(
+    "algorithm|and|annotation|block|break|class|connect|connector|constant|constrainedby|der|discrete|each|else|"
+    "elseif|elsewhen|encapsulated|end|enumeration|equation|expandable|extends|external|false|final|flow|for|"
+    "function|if|import|impure|in|initial|inner|input|loop|model|not|operator|or|outer|output|package|parameter|"
+    "partial|protected|public|pure|record|redeclare|replaceable|return|stream|then|true|type|when|while|within"
+)
+
+
 def syntax_fault(path: Path, text: bytes) -> ModelError | None:
     """The first place where the text is no Modelica, if there is one."""
     strange = next((token for token in tokens(text) if token.kind == "other" and token.text > "~"), None)
@@ -260,8 +268,22 @@ def syntax_fault(path: Path, text: bytes) -> ModelError | None:
         said = re.sub(r"\s*\n\s+│\s*", " ", what[1]) if what else "syntax error"
         if "End name" in said:
             remedy = "Write the same name behind `model` and behind `end`."
+        reserved = _reserved_name(said, text, where)
+        if reserved:
+            remedy = f"`{reserved}` is a word of the language and cannot name anything: write `{reserved}_`."
         return ModelError("model-syntax", said, where=where, remedy=remedy)
     return None
+
+
+def _reserved_name(said: str, text: bytes, where: Place) -> str:
+    """The reserved word that the parser met where a name is declared (`Real flow(unit = "1");`): a name
+    or a bracket stands before it and what follows a name behind it. Empty where it is something else."""
+    unexpected = re.fullmatch(r"unexpected `(\w+)`", said)
+    if unexpected is None or not _RESERVED.fullmatch(unexpected[1]) or where.line is None:
+        return ""
+    line = text.decode("utf-8", "replace").splitlines()[where.line - 1]
+    is_declared = re.search(rf"[\w\]]\s+{unexpected[1]}\s*([(;=,\[\"]|$)", line)
+    return unexpected[1] if is_declared else ""
 
 
 def _expected(said: str) -> str:
