@@ -146,10 +146,6 @@ def _name_and_unit(name: str) -> tuple[str, str]:
     return (name[: behind.start()], unit) if is_known_unit(unit) else (name, "")
 
 
-def _is_time(unit: str) -> bool:
-    return dimensions(unit) == {"[time]": 1.0}
-
-
 def is_time(name: str) -> bool:
     """Whether a column of this name is the time."""
     return _TIME.match(name) is not None

@@ -56,7 +56,7 @@ def balances(flat: FlatModel) -> list[Balance]:
         return []
     slopes = slopes_near_start(flat)
     n = flat.n
-    rates, definitions = _rates(slopes, rows, n)
+    rates, definitions = _rates(slopes, rows, _own_unknowns(flat))
     positions = {rate: variable for variable, rate in rates.items()}
     found: list[Balance] = []
     for row in rows:
@@ -71,13 +71,22 @@ def balances(flat: FlatModel) -> list[Balance]:
     return found
 
 
-def _rates(slopes: np.ndarray, rows: list[int], n: int) -> tuple[dict[int, int], set[int]]:
-    """Variable -> the unknown that is its derivative, by rows such as `v = der(s)`; and these rows."""
+def _own_unknowns(flat: FlatModel) -> np.ndarray:
+    """Which unknowns (n,) stand for nothing that was attached to the model: `der(v) = g*beam + load` balances
+    v, it does not define the load."""
+    attached = {e.origin for e in flat.equations if e.kind == "component"}
+    return np.array([x.name not in attached for x in flat.unknowns])
+
+
+def _rates(slopes: np.ndarray, rows: list[int], is_own: np.ndarray) -> tuple[dict[int, int], set[int]]:
+    """Variable -> the unknown that is its derivative, by rows such as `v = der(s)`; and these rows. `is_own`
+    (n,) says which unknowns may be a derivative."""
+    n = len(is_own)
     rates: dict[int, int] = {}
     definitions: set[int] = set()
     for row in rows:
         used = np.flatnonzero(slopes[row])
-        if len(used) != 2 or not used[0] < n <= used[1] or used[0] == used[1] - n:
+        if len(used) != 2 or not used[0] < n <= used[1] or used[0] == used[1] - n or not is_own[used[0]]:
             continue
         if sorted(slopes[row, used]) == [-1, 1]:
             rates[int(used[1]) - n] = int(used[0])
