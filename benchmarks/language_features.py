@@ -142,6 +142,15 @@ def features() -> Iterator[Feature]:
     )
     yield Feature(
         area,
+        "`if` equations, start equations and conditional components by a parameter of an `outer` component",
+        "package P model E parameter Boolean b = false; end E; model A Real y = 2; end A;\n"
+        "model B outer E e; Real x; A a if e.b; initial equation if e.b then x = 3; end if;\n"
+        "equation der(x) = if e.b then 1 else 2; end B;\n"
+        "model M inner E e(b = true); B b; end M; end P;",
+        (("b.x", 1.0, 4.0), ("b.a.y", 1.0, 2.0)),
+    )
+    yield Feature(
+        area,
         "conditional components",
         "package P model A Real y = 2; end A;\nmodel M parameter Boolean with = false; A a if with; A b;\n"
         "Real x(start = 0, fixed = true); equation der(x) = b.y; end M; end P;",
@@ -194,7 +203,7 @@ def features() -> Iterator[Feature]:
     )
     yield Feature(
         area,
-        "`initial equation` (an `if` on an `outer` component: see [MSL](how-to/msl.md))",
+        "`initial equation`",
         "Real x; initial equation der(x) = -3; equation der(x) = -x;",
         (("x", 1.0, 3 * math.exp(-1)),),
     )

@@ -878,6 +878,11 @@ EXPLANATIONS: dict[str, str] = {
         "connection cannot be found there, or the base class stands in another file, where it cannot be "
         "removed. Write the base class into the same file."
     ),
+    "model-inner": (
+        "Two inner components of one class give different values to a parameter that outer components read, "
+        "and that decides branches, sizes or which components there are. The built-in compiler knows one "
+        "value in a class. Copy the class under another name for one of the two, or give both the same value."
+    ),
     "model-circular": (
         "A parameter or a Boolean is computed from itself, directly or through others. The message shows "
         "the circle; give one of them a value of its own."

@@ -15,6 +15,7 @@ from daest.modelica.change import declare, with_values
 from daest.modelica.compiler import Job, compile_source, modification, with_room
 from daest.modelica.dialect import Names, adapted, with_named_classes, without_broken, without_quotes
 from daest.modelica.excerpt import adapted_text, excerpt
+from daest.modelica.inner_values import with_inner_values
 from daest.modelica.library import (
     Roots,
     chosen_libraries,
@@ -118,14 +119,14 @@ def _chosen_class(text: bytes, names: Names, path: Path, wanted: str | None) -> 
 
 def _compile(job: Job, overrides: dict[str, float]) -> FlatModel:
     try:
-        source = compile_source(job)
+        job, source = _settled(job)
         if not job.names.shown:
             check_modifications(source, job.text, job.class_name, str(job.path))
         flat = assemble(source, str(job.path))
         structural = _structural(source, flat, overrides)
         if structural:
-            job = replace(job, modification=modification(structural))
-            flat = assemble(compile_source(job), str(job.path))
+            job, source = _settled(replace(job, modification=modification(structural)))
+            flat = assemble(source, str(job.path))
     except RecursionError:
         raise ModelError(
             "model-nesting",
@@ -134,6 +135,13 @@ def _compile(job: Job, overrides: dict[str, float]) -> FlatModel:
             remedy="Split it over several variables.",
         ) from None
     return with_values(flat, {name: value for name, value in overrides.items() if name not in structural})
+
+
+def _settled(job: Job) -> tuple[Job, s.FlatSource]:
+    """The flat source of the job, in which `outer` components see what the `inner` ones are given."""
+    source = compile_source(job)
+    settled = with_inner_values(source, job)
+    return (job, source) if settled is job else (settled, compile_source(settled))
 
 
 def _structural(source: s.FlatSource, flat: FlatModel, overrides: Mapping[str, float]) -> dict[str, str]:
