@@ -132,8 +132,6 @@ class WatchedPage:
     """A page of a browser without a network; `complaints` of its console, and addresses it asked for."""
 
     page: Any
-    scheme: str
-    width: int
     complaints: list[str] = field(default_factory=list)
     requests: list[str] = field(default_factory=list)
 
@@ -141,23 +139,25 @@ class WatchedPage:
     def loaded_from_outside(self) -> list[str]:
         return [url for url in self.requests if not url.startswith(("file:", "data:"))]
 
-    @property
-    def scroll_width(self) -> int:
-        """Width of the content: that of the window where nothing stands out."""
-        return self.page.evaluate("document.documentElement.scrollWidth")
+    def fits(self) -> bool:
+        """Whether the content becomes as wide as the window, and nothing stands out: a page that follows the
+        window moves for a moment."""
+        is_as_wide = "document.documentElement.scrollWidth === window.innerWidth"
+        return bool(self.page.wait_for_function(is_as_wide, timeout=5_000).json_value())
+
+    def screens(self) -> Iterator[tuple[int, str]]:
+        """Show what is loaded on a screen and on a telephone, light and dark: (width [px], scheme)."""
+        for width in (1280, 390):
+            self.page.set_viewport_size({"width": width, "height": 800})
+            for scheme in ("light", "dark"):
+                self.page.emulate_media(color_scheme=scheme)
+                yield width, scheme
 
 
-@pytest.fixture(params=["light", "dark"])
-def scheme(request) -> str:
-    return request.param
-
-
-@pytest.fixture(params=[1280, 390])
-def watched(request, browser, scheme):
-    """A page of a screen and of a telephone, light and dark."""
-    width = request.param
-    context = browser.new_context(color_scheme=scheme, viewport={"width": width, "height": 800}, offline=True)
-    found = WatchedPage(context.new_page(), scheme, width)
+@pytest.fixture
+def watched(browser):
+    context = browser.new_context(offline=True)
+    found = WatchedPage(context.new_page())
     is_complaint = ("error", "warning")
     found.page.on("console", lambda m: found.complaints.append(m.text) if m.type in is_complaint else None)
     found.page.on("pageerror", lambda e: found.complaints.append(str(e)))

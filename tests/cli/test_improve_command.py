@@ -36,20 +36,25 @@ def improvement(daest, *arguments):
 
 
 def test_two_hidden_effects(cart, daest):
-    """Also where an earlier run had no time."""
-    late, err = improvement(daest, "rough.csv", "--model", "Cart.mo", *BOTH, "--time-limit", "0.001")
+    """Also where an earlier run had no time; the errors are told of a second recording."""
+    write_recording(cart / "rough.csv", recording(700, 1, friction=FRICTION, cubic=CUBIC))
+    write_recording(cart / "other.csv", recording(500, 9, friction=FRICTION, cubic=CUBIC))
+    data = 'estimate = ["rough.csv"]\nvalidate = ["other.csv"]\n'
+    (cart / "daest.toml").write_text(f'[model]\nsource = "Cart.mo"\n[data]\n{data}')
+    late, err = improvement(daest, *BOTH, "--time-limit", "0.001")
     assert late["reason"].startswith("The time was up before all candidates of a round were refitted.")
     assert "the same command goes on" in late["reason"] and [s["added"] for s in late["steps"]] == [None]
     assert late["final"]["verdict"] == "cannot tell" and "the time was up" in late["final"]["message"]
-    found, err = improvement(daest, "rough.csv", "--model", "Cart.mo", *BOTH)
+    found, err = improvement(daest, *BOTH)
     folder = cart / "results" / "improve"
     assert found["schema"] == "daest/improve/1"
-    assert [step["added"] for step in found["steps"]] == [None, "HardeningSpring", "CoulombFriction"]
+    added = [(step["added"], step["at"]) for step in found["steps"][1:]]
+    assert added == [("HardeningSpring", "spring"), ("CoulombFriction", "cart.flange_a")]
     assert found["steps"][0]["verdict"] == "baseline" and found["final"]["verdict"] == "nothing missing"
     errors = [step["rms"]["validation"]["s"] for step in found["steps"]]
     assert errors[0] > 3 * errors[1] > 9 * errors[2] and errors[2] < 0.0025  # the sensor's noise is 0.002
     kept = json.loads((folder / "ledger.json").read_text())
-    assert {file["path"] for file in kept.pop("made_from")["files"]} >= {"Cart.mo", "rough.csv"}
+    assert {file["path"] for file in kept.pop("made_from")["files"]} >= {"Cart.mo", "rough.csv", "other.csv"}
     assert kept == found
     assert (folder / "staircase.png").stat().st_size > 5000
     assert sorted(file.name for file in folder.iterdir()) == [
@@ -64,24 +69,19 @@ def test_two_hidden_effects(cart, daest):
     assert values["hardeningSpring.c3"] == pytest.approx(CUBIC, rel=0.02)
     assert {name: values[name] for name in TRUE} == pytest.approx(TRUE, rel=0.02)
     assert set(found["steps"][2]["parameters"]) == {*TRUE, "hardeningSpring.c3", "coulombFriction.f_c"}
+    simulated_as_told(folder, found["steps"][1:])
 
 
-def test_written_models_have_the_errors_of_the_ledger(cart, daest):
-    """By plain simulation of a second recording from rest; the ledger's are those from the best start."""
-    write_recording(cart / "rough.csv", recording(700, 1, friction=FRICTION, cubic=CUBIC))
-    write_recording(cart / "other.csv", recording(500, 9, friction=FRICTION, cubic=CUBIC))
-    data = 'estimate = ["rough.csv"]\nvalidate = ["other.csv"]\nhold = "zoh"\n'
-    (cart / "daest.toml").write_text(f'[model]\nsource = "Cart.mo"\n[data]\n{data}')
-    code, out, _ = daest("improve", *BOTH, "-o", "models")
-    assert code == 0 and out.startswith(
-        "Added HardeningSpring at spring, then CoulombFriction at cart.flange_a."
-    )
-    steps = json.loads((cart / "models" / "ledger.json").read_text())["steps"]
-    table = np.loadtxt(cart / "other.csv", delimiter=",", skiprows=1)
+def simulated_as_told(folder, steps):
+    """The written models have the errors of the ledger, by plain simulation of the second recording from
+    rest; the ledger's are those from the best start."""
+    table = np.loadtxt("other.csv", delimiter=",", skiprows=1)
     experiment = Experiment("other", table[:, 0], table[:, 1:2], table[:, 2:], ("F",), ("s",))
-    for step in steps[1:]:
-        flat = compile_model(cart / "models" / step["model"])
-        error = experiment.outputs - simulate(flat, experiment, hold="zoh").outputs
+    for step in steps:
+        error = (
+            experiment.outputs
+            - simulate(compile_model(folder / step["model"]), experiment, hold="zoh").outputs
+        )
         expected = step["rms"]["validation"]["s"]
         assert np.sqrt(np.mean(error**2)) == pytest.approx(expected, rel=0.05)
         assert step["model_rms"]["s"] == pytest.approx(expected, rel=0.03)

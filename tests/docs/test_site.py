@@ -200,9 +200,11 @@ def test_rates_stand_on_the_page(site):
 
 @pytest.mark.browser
 def test_a_browser_opens_it_from_files(documents, watched):
+    """Each page is loaded once: it follows the screen and the scheme that it is shown on."""
     for path in documents:
         watched.page.goto(path.as_uri())
-        assert watched.scroll_width == watched.width, path.name
+        for width, scheme in watched.screens():
+            assert watched.fits(), (path.name, width, scheme)
     assert watched.complaints == []
     assert watched.requests and watched.loaded_from_outside == []
 
