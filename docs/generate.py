@@ -248,7 +248,7 @@ def filled(markdown: str) -> str:
         wrong=wrong,
         gates=GATES,
         formulas=formulas,
-        thresholds=(("fit", FIT, "estimation/gates.py"), ("solver", SOLVER, "systems/tolerances.py")),
+        thresholds=(("fit", FIT, "estimation/gates.txt"), ("solver", SOLVER, "systems/tolerances.txt")),
         unseen=unseen,
         prepare=prepare,
         percent=percent,

@@ -36,11 +36,8 @@ START_SAMPLES = 300  # that the initial state is fitted to
 START_PARTS = (0.02, 0.07, 0.25, 1.0)  # of these: windows over which the search for it grows
 FEWEST_AT_START = 4  # samples of such a window
 LONGER = 2  # times as long is the next window, as long as the observer remembers the start
-FORGOTTEN = 0.1  # of what the start does to the outputs at most, below which the observer has forgotten it
 START_ITERATIONS = 15
-START_PROGRESS = 1e-3  # of the mean squared error, below which the search for the start ends
 FEWEST_STRETCHES = 5
-LOST_TRACK = 2.0  # times the squared innovations of the fit, from which an observer has lost unseen data
 CORRECTED = (0.03, 0.1, 0.3)  # of an innovation, by observers that follow more closely than the fit asks for
 LOUDER = 10.0 ** np.arange(-12, 13)  # times the loads of the fit
 
@@ -110,7 +107,7 @@ def _best_followed(run: NullObserver, experiments: Sequence[Experiment]) -> _Fol
     explain. What is judged is the law: how well it foresees from a state that is known.
     """
     own = _followed(run, experiments)
-    if own is not None and own.misfit(run.root) <= LOST_TRACK:
+    if own is not None and own.misfit(run.root) <= GATES.max_misfit:
         return own
     found = [own, *(_followed(one, experiments) for one in _louder(run))]
     return min((one for one in found if one is not None), key=lambda one: one.misfit(run.root), default=None)
@@ -340,7 +337,7 @@ def _initial_state(
         rows = max(int(part * n), FEWEST_AT_START)
         grown = _searched_start(null, model, experiment, gain, root, grown.state, free, rows)
     best = min(at_once, grown, key=lambda found: found.error)
-    while n < experiment.n_samples and best.remembered > FORGOTTEN:
+    while n < experiment.n_samples and best.remembered > GATES.max_remembered:
         n = min(LONGER * n, experiment.n_samples)
         best = _searched_start(null, model, experiment, gain, root, best.state, free, n)
     return best.state
@@ -385,7 +382,7 @@ def _searched_start(
         if value >= best.error:  # a law that bends lets whole steps miss
             step = 0.5 * step
             continue
-        is_there = value > (1.0 - START_PROGRESS) * best.error
+        is_there = value > (1.0 - GATES.unseen_start_progress) * best.error
         slopes = root @ np.where(seen[:, :, None], run.sensitivities[:, :, free], 0.0)
         best = _Start(best.state + step, value, _share_at_end(slopes))
         if is_there:
