@@ -410,3 +410,11 @@ def test_chattering_names_the_switch():
     with pytest.raises(NumericalError) as caught:
         run(model(text), 2)
     assert caught.value.code == "events-chatter" and "x > 0" in str(caught.value)
+
+
+def test_no_event_makes_none_beside_other_events():
+    text = "model N Real x(start = 0, fixed = true); Real c(start = 1, fixed = true); equation "
+    text += "der(x) = noEvent(if x > 0.5 then 0.5 else 1); when time > 2 then c = 2; end when; end N;"
+    flat = model(text)
+    assert flat.events is not None and [one.text for one in flat.events.relations] == ["time > 2"]
+    assert run(flat, 2)["x"][-1] == pytest.approx(0.5 + 0.5 * 1.5, abs=1e-7)

@@ -160,9 +160,11 @@ class Evaluator:
         return made.shape if isinstance(made, np.ndarray) else ()
 
     def decided(self, condition: s.Node) -> bool | None:
-        """Whether a condition holds for the constants that it depends on; None when it depends on more."""
+        """Whether a condition holds for the constants that it depends on; None when it depends on more.
+        Asking makes no event: the condition may stand in noEvent()."""
         try:
-            made = self.value(condition)
+            with self.at_events():
+                made = self.value(condition)
         except ModelError:
             return None
         made = v.constant(made) if isinstance(made, ca.SX) else made
