@@ -83,3 +83,23 @@ def test_a_table_begins_later():
     made = table("ExternalCombiTimeTable", start=0.5, shift=0.5)
     exact = np.array([(0, 0), (0.5, 0), (0.5, 1), (1.5, 3)])
     assert np.array(walked(made, 1.5)) == pytest.approx(exact)
+
+
+@pytest.mark.parametrize("extrapolation", [tables.HOLD, tables.LAST, tables.PERIODIC])
+def test_rows_at_one_place_are_a_step(extrapolation):
+    rows, columns = from_flat([20.0, 0.0, 20.0, 1.0], (2, 2)), from_flat([2], (1,))
+    given = ["NoName", "NoName", rows, columns, tables.CONSTANT, extrapolation]
+    made = tables.called("Modelica.Blocks.Types.ExternalCombiTable1D_constructor", given)
+    assert at("getTable1DValue", made, np.array([0.0, 19.9, 20.0, 30.0])) == pytest.approx([0, 0, 1, 1])
+
+
+def test_a_time_table_of_one_instant_steps_at_its_event():
+    rows, columns = from_flat([20.0, 0.0, 20.0, 1.0], (2, 2)), from_flat([2], (1,))
+    given = ["NoName", "NoName", rows, 0.0, columns, tables.CONSTANT, tables.HOLD, 0.0]
+    made = tables.called("Modelica.Blocks.Types.ExternalCombiTimeTable_constructor", given)
+    t = ca.SX.sym("t")
+    following = tables.called("getNextTimeEvent", [made, t])
+    values = [tables.called("getTimeTableValue", [made, 1, t, f, 0.0]) for f in (20.0, following)]
+    both = ca.Function("both", [t], [following, *values])
+    assert [float(one) for one in both(5.0)] == [20.0, 0.0, 0.0]
+    assert float(both(20.5)[2]) == 1.0

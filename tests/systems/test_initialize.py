@@ -97,3 +97,19 @@ def test_unknown_name_is_refused():
     with pytest.raises(ModelError) as caught:
         initial_point(reduce_index(rc_pair()), given={"v9": 1.0})
     assert caught.value.code == "unknown-variable"
+
+
+def test_states_that_the_start_equations_lead_to():
+    """A tank: without mass it has no temperature, but its level and temperature give mass and energy."""
+    b = FlatBuilder("Tank")
+    m, energy, level, heat = (b.unknown(name) for name in ("m", "energy", "level", "heat"))
+    b.equation("m = 2000*level", m, 2000 * level)
+    b.equation("energy = m*heat", energy, m * heat)
+    b.equation("der(m) = -1", b.der("m"), -1)
+    b.equation("der(energy) = -heat", b.der("energy"), -heat)
+    b.initial_equation("level = 4", level - 4)
+    b.initial_equation("heat = 300", heat - 300)
+    explicit = reduce_index(b.build())
+    assert set(explicit.state_names) == {"m", "energy"}
+    _, xi0 = initial_point(explicit)
+    np.testing.assert_allclose(xi0, [8000.0, 2.4e6, 4.0, 300.0], rtol=1e-12)

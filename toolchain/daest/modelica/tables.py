@@ -87,7 +87,7 @@ def _value(table: Value, column: Value, u: Value) -> Value:
     if x.size == 1:
         return y[0]
     at: Any = u
-    if extrapolation == PERIODIC:
+    if extrapolation == PERIODIC and x[-1] > x[0]:
         period = x[-1] - x[0]
         at = at - period * ca.floor((at - x[0]) / period)
     return _piece(x, y, at, lambda i: at >= x[i], smoothness, extrapolation)
@@ -101,9 +101,12 @@ def _piece(
     smoothness: int,
     extrapolation: int,
 ) -> Any:
-    """The curve at `at` on the piece that begins with the last row i for which `is_past(i)` holds."""
+    """The curve at `at` on the piece that begins with the last row i for which `is_past(i)` holds. Where all
+    rows stand at one place it is a step there."""
     lines = [_line(x, y, i, at, smoothness) for i in range(x.size - 1) if x[i + 1] > x[i]]
     starts = [i for i in range(x.size - 1) if x[i + 1] > x[i]]
+    if not lines:
+        return _if(is_past(x.size - 1), y[-1], y[0])
     made: Any = lines[0]
     if extrapolation == HOLD:
         made = _if(is_past(0), made, y[0])
@@ -170,10 +173,10 @@ def _time_value(table: Value, column: Value, time: Value, following: Value, befo
         return y[0]
     end: Any = following - shift
     width = float(knots[-1] - knots[0])
-    if extrapolation == PERIODIC:
+    if extrapolation == PERIODIC and width > 0:
         turn = ca.ceil((end - knots[0]) / width - NEAR) - 1
         t, end = t - width * turn, end - width * turn
-    made = _piece(knots, y, t, lambda i: end > knots[i] + NEAR * width, smoothness, extrapolation)
+    made = _piece(knots, y, t, lambda i: end > knots[i] + NEAR * (width or 1.0), smoothness, extrapolation)
     # The event at the beginning ends the time before it.
     return ca.if_else(following <= start, 0.0, made)
 

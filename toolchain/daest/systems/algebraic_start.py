@@ -24,14 +24,39 @@ def agreed_start(flat: FlatModel, xi: np.ndarray, u: np.ndarray, time: float, he
     derivatives that has one unknown left is solved for it, again and again. Where loops of unknowns are left,
     those with a start value of their own are taken to have that, and what follows from them is computed.
     """
-    rates = ca.jacobian_sparsity(flat.residual, flat.derivatives)
-    is_open = np.ones(flat.n, dtype=bool)
-    is_open[rates.row()] = False
+    differentiated = ca.jacobian_sparsity(flat.residual, flat.derivatives).get_col()
     is_known = held.copy()
-    is_known[rates.get_col()] = True
-    slopes = ca.jacobian(flat.residual, flat.xi)
+    is_known[differentiated] = True
+    return _followed(flat, flat.residual, is_known, xi, u, flat.theta_values, time)[0]
+
+
+def conditioned_start(
+    flat: FlatModel, xi: np.ndarray, u: np.ndarray, theta: np.ndarray, time: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """ξ (n,) from `xi`, with the unknowns that follow one by one from those with `fixed` and from the initial
+    equations, and which of them are known now (bool, (n,)): as `agreed_start`, but no unknown is taken as
+    known for being differentiated."""
+    fixed = np.array([bool(v.fixed) for v in flat.unknowns], dtype=bool)
+    conditions = ca.vertcat(flat.residual, flat.initial_residual)
+    return _followed(flat, conditions, fixed, xi, u, theta, time)
+
+
+def _followed(
+    flat: FlatModel,
+    conditions: ca.SX,
+    is_known: np.ndarray,
+    xi: np.ndarray,
+    u: np.ndarray,
+    theta: np.ndarray,
+    time: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """What follows from the unknowns that are known by those of the `conditions` without derivatives, and
+    what is known then."""
+    is_open = np.ones(conditions.numel(), dtype=bool)
+    is_open[ca.jacobian_sparsity(conditions, flat.derivatives).row()] = False
+    slopes = ca.jacobian(conditions, flat.xi)
     arguments = [flat.derivatives, flat.xi, flat.u, flat.w, flat.theta, flat.time]
-    evaluate = ca.Function("agreed", arguments, [flat.residual, slopes])
+    evaluate = ca.Function("agreed", arguments, [conditions, slopes])
     pattern = sp.csr_array(sp.csc_array(ca.DM(slopes.sparsity(), 1).sparse()))
     point = xi.copy()
     declared = np.array([v.start is not None for v in flat.unknowns], dtype=bool)
@@ -43,9 +68,9 @@ def agreed_start(flat: FlatModel, xi: np.ndarray, u: np.ndarray, time: float, he
             is_known |= declared  # in loops of unknowns those with a start value of their own have that
             continue
         is_open[rows] = False
-        solved = _solved(lambda x: evaluate(0, x, u, 0, flat.theta_values, time), point, rows, columns)
+        solved = _solved(lambda x: evaluate(0, x, u, 0, theta, time), point, rows, columns)
         is_known[columns[solved]] = True
-    return point
+    return point, is_known
 
 
 def _single(

@@ -12,6 +12,7 @@ import numpy as np
 
 from daest.errors import ModelError, Place
 from daest.model.flat import Dynamics, ExplicitModel
+from daest.systems.algebraic_start import conditioned_start
 from daest.systems.tolerances import SOLVER
 
 MAX_STEPS = 50
@@ -66,6 +67,8 @@ def _of_equations(
     arguments = start_arguments(explicit, theta, u0, v0, t0)
     conditions = _conditions(explicit, dict(given or {}), arguments)
     start, wish = _start_values(explicit, arguments)
+    if not np.all(np.isfinite(_evaluate(conditions, start)[0])):
+        start = _conditioned(explicit, start, arguments)
     x = _solve(conditions, start, wish)
     try:
         return x, explicit.variables(x, *arguments).full().ravel()
@@ -157,6 +160,23 @@ def _start_values(explicit: ExplicitModel, arguments: tuple) -> tuple[np.ndarray
             if abs(share[i, j]) == 1.0:
                 value[j], wish[j] = variable.start * share[i, j], 1
     return value, wish
+
+
+def _conditioned(explicit: ExplicitModel, start: np.ndarray, arguments: tuple) -> np.ndarray:
+    """The start values of the states with those in their place that follow one by one from what is fixed and
+    from the initial equations: a tank whose mass is 0 has no temperature, but its mass follows from its
+    level."""
+    flat = explicit.flat
+    u, _, _, theta, t = arguments
+    declared = np.array([0.0 if v.start is None else v.start for v in flat.unknowns])
+    point, is_known = conditioned_start(flat, declared, u, theta, t)
+    number = {v.name: i for i, v in enumerate(flat.unknowns)}
+    found = start.copy()
+    for j, name in enumerate(explicit.state_names):
+        i = number.get(name, -1)
+        if i >= 0 and is_known[i] and np.isfinite(point[i]):
+            found[j] = point[i]
+    return found
 
 
 def _solve(conditions: Conditions, start: np.ndarray, wish: np.ndarray) -> np.ndarray:
