@@ -878,11 +878,6 @@ EXPLANATIONS: dict[str, str] = {
         "connection cannot be found there, or the base class stands in another file, where it cannot be "
         "removed. Write the base class into the same file."
     ),
-    "model-inner": (
-        "Two inner components of one class give different values to a parameter that outer components read, "
-        "and that decides branches, sizes or which components there are. The built-in compiler knows one "
-        "value in a class. Copy the class under another name for one of the two, or give both the same value."
-    ),
     "model-circular": (
         "A parameter or a Boolean is computed from itself, directly or through others. The message shows "
         "the circle; give one of them a value of its own."
@@ -913,6 +908,11 @@ EXPLANATIONS: dict[str, str] = {
         "A Modelica function cannot be executed symbolically: it is external, recurses without end, uses a "
         "variable before it has a value, or loops on a condition that depends on variables. Write it with "
         "assignments, if, and for-loops over constant ranges, or replace the call by its formula."
+    ),
+    "model-inner": (
+        "Two inner components of one class give different values to a parameter that outer components read, "
+        "and that decides branches, sizes or which components there are. The built-in compiler knows one "
+        "value in a class. Copy the class under another name for one of the two, or give both the same value."
     ),
     "model-kind": (
         "The class that was named is a package, function, type, connector, record or partial model. Only a "
