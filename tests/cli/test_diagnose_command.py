@@ -122,22 +122,22 @@ def test_fit_of_other_data_is_contradicted(cart, daest):
 @pytest.mark.slow
 def test_interrupted_run_goes_on(cart, daest, monkeypatch):
     arguments = ("rub.csv", *COULOMB, "--effect", "StribeckFriction", "--jobs", "1")
-    prove, calls = engine.prove, []
+    proof_of, calls = engine.proof_of, []
 
     def interrupted(*given, **named):
         calls.append(given)
         if len(calls) == 2:
             raise KeyboardInterrupt
-        return prove(*given, **named)
+        return proof_of(*given, **named)
 
-    monkeypatch.setattr(engine, "prove", interrupted)
+    monkeypatch.setattr(engine, "proof_of", interrupted)
     code, out, err = daest("diagnose", *arguments, "--model", "Cart.mo", "--hold", "zoh")
     assert (code, out) == (130, "") and "interrupted" in err
     assert not (cart / "results" / "diagnosis.json").exists()
     kept = list((cart / "results" / "diagnosis").iterdir())
     assert len(kept) == 1 and kept[0].suffix == ".json"
 
-    monkeypatch.setattr(engine, "prove", prove)
+    monkeypatch.setattr(engine, "proof_of", proof_of)
     first, err = diagnosis(daest, *arguments)
     refitted = err.count("refitting with")
     assert 1 <= refitted < 1 + refitted == len(list((cart / "results" / "diagnosis").iterdir()))

@@ -314,20 +314,28 @@ def test_effect_with_states_is_tried_until_it_is_better_than_its_simulation(monk
     null, tried = SimpleNamespace(flat=None, estimated=()), []
     ends = {"loads": 50.0, "calm": 90.0, "small": 130.0}
 
-    def proved(_, start):
+    judged = []
+
+    def searched(_, start):
         tried.append(start if start == "small" else "calm" if start.simulation else "loads")
         end = ends[tried[-1]]
         fit = SimpleNamespace(log_likelihood=end)
-        return SimpleNamespace(delta_log_likelihood=end - 100.0, fit=fit, final=None)
+        return SimpleNamespace(gain=end - 100.0, refit=SimpleNamespace(fit=fit))
+
+    def proof_of(_, found):
+        judged.append(found.gain)
+        return SimpleNamespace(fit=found.refit.fit, final=None)
 
     def end(simulation):
         tried.clear()
+        judged.clear()
         baseline = SimpleNamespace(log_likelihood=100.0)
         search = SimpleNamespace(stand=SimpleNamespace(null=null, baseline=baseline))
         first = Prepared(trial, None, (), simulation=SimpleNamespace(log_likelihood=simulation))
         return _refitted(search, first).fit.log_likelihood
 
-    monkeypatch.setattr(diagnosis_module, "_proved", proved)
+    monkeypatch.setattr(diagnosis_module, "_searched", searched)
+    monkeypatch.setattr(diagnosis_module, "_proof_of", proof_of)
     monkeypatch.setattr(diagnosis_module, "prepare", lambda *_, share, sharper: "small")
     assert end(40.0) == 130.0 and tried == ["loads", "calm", "small"]
     ends["loads"] = 110.0
@@ -336,6 +344,7 @@ def test_effect_with_states_is_tried_until_it_is_better_than_its_simulation(monk
     ends["calm"] = 120.0
     assert end(115.0) == 120.0 and tried == ["calm"]
     assert end(140.0) == 130.0 and tried == ["calm", "loads", "small"]
+    assert judged == [30.0]  # the likeliest end alone
 
 
 def behind(numerator, denominator, seed):

@@ -44,6 +44,7 @@ from daest.diagnosis.proof import (
     GENTLE,
     Prepared,
     Reference,
+    Searched,
     Trial,
     at_full_size,
     best_accepted,
@@ -54,10 +55,12 @@ from daest.diagnosis.proof import (
     from_simulation,
     has_lost_its_way,
     is_significant,
+    may_be_likelier,
     moved,
     prepare,
-    prove,
+    proof_of,
     ranked,
+    searched,
     trials,
 )
 from daest.diagnosis.rivals import (
@@ -636,31 +639,51 @@ def _refitted(search: _Search, prepared: Prepared) -> Proof:
     """The proof of a candidate. Where its refit fails, it is tried again at places that the sensors do not
     tell from its own, unless it only loses its way, which it would there, too; then from a small and gentle
     effect, and from a simulation's fit by multiple shooting. One that replaces a sensor is tried at its full
-    size first. Raises the error of the first attempt."""
-    first: Exception | None = None
-    best: Proof | None = None
-    at_full = at_full_size(search.stand.null, prepared)
+    size first. Of several ends the likeliest is judged. Raises the error of the first attempt."""
+    errors: list[Exception] = []
     with _quiet():
-        elsewhere = _elsewhere(search, prepared)
-        for attempt in (*at_full, *_attempts(search, prepared, elsewhere)):
-            if best is not None and attempt in elsewhere:
+        for ends in _tried(search, prepared, errors):
+            best = _judged(search, ends, errors)
+            if best is None:
                 continue
-            try:
-                proof = _proved(search, attempt())
-            except FAILURES as error:
-                first = first or error
-                continue
-            if best is None or proof.delta_log_likelihood > best.delta_log_likelihood:
-                best = proof
-            if attempt not in at_full and not has_lost_its_way(proof, prepared.simulation):
-                break
-        if best is not None:
             best = _found_again(search, prepared, best)
             if prepared.trial.is_seen_in_use and best.verdict == "rejected":
                 return _shown_in_use(search, prepared, best)
             return best
-    assert first is not None
-    raise first
+    raise errors[0]
+
+
+def _tried(search: _Search, prepared: Prepared, errors: list[Exception]) -> Iterator[list[Searched]]:
+    """The ends of the attempts so far, whenever one of them has not lost its way, and at last; with the
+    `errors` of those that failed."""
+    ends: list[Searched] = []
+    at_full = at_full_size(search.stand.null, prepared)
+    elsewhere = _elsewhere(search, prepared)
+    for attempt in (*at_full, *_attempts(search, prepared, elsewhere)):
+        if ends and attempt in elsewhere:
+            continue
+        try:
+            end = _searched(search, attempt())
+        except FAILURES as error:
+            errors.append(error)
+            continue
+        ends.append(end)
+        if attempt not in at_full and not has_lost_its_way(end, prepared.simulation):
+            yield ends
+    yield ends
+
+
+def _judged(search: _Search, ends: list[Searched], errors: list[Exception]) -> Proof | None:
+    """The proof of the likeliest of some ends that can be judged; None where none can, which leaves none of
+    them in `ends`."""
+    while ends:
+        best = max(ends, key=lambda end: end.gain)
+        try:
+            return _proof_of(search, best)
+        except FAILURES as error:
+            errors.append(error)
+            ends.remove(best)
+    return None
 
 
 def _shown_in_use(search: _Search, prepared: Prepared, beside: Proof) -> Proof:
@@ -688,11 +711,15 @@ def _shown_in_use(search: _Search, prepared: Prepared, beside: Proof) -> Proof:
 def _found_again(search: _Search, prepared: Prepared, best: Proof) -> Proof:
     """The proof, or that from its estimates without loads, where it has lost a parameter: the one that makes
     the recordings and the unseen data likelier together."""
-    again = from_simulation(prepared, best)
+    stand, again = search.stand, from_simulation(prepared, best)
     if again is None:
         return best
     try:
-        proof = _proved(search, again)
+        end = _searched(search, again)
+        unseen = fed(stand.validation, prepared.trial.candidate)
+        if not may_be_likelier(stand.null, end, best, unseen, stand.reference):
+            return best
+        proof = _proof_of(search, end)
     except FAILURES:
         return best
     return max(best, proof, key=lambda p: p.delta_log_likelihood + p.confirmed.gain)
@@ -748,14 +775,19 @@ def _by_shooting(search: _Search, prepared: Prepared) -> Prepared:
     return replace(prepared, flat=prepared.flat.with_theta(values))
 
 
-def _proved(search: _Search, prepared: Prepared) -> Proof:
-    stand, candidate = search.stand, prepared.trial.candidate
-    return prove(
+def _searched(search: _Search, prepared: Prepared) -> Searched:
+    stand = search.stand
+    experiments = fed(stand.null.experiments, prepared.trial.candidate)
+    return searched(stand.null, stand.baseline, prepared, experiments, search.leader)
+
+
+def _proof_of(search: _Search, found: Searched) -> Proof:
+    stand = search.stand
+    return proof_of(
         stand.null,
         stand.baseline,
-        prepared,
-        fed(stand.null.experiments, candidate),
-        fed(stand.validation, candidate),
+        found,
+        fed(stand.validation, found.prepared.trial.candidate),
         search.run,
         search.load,
         search.n_screened,

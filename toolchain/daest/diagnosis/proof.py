@@ -160,7 +160,9 @@ class Prepared:
     """A candidate model ready for its search, which starts from the noise and the initial states of
     `similar`, if there is a fit of a simpler law, or of `simulation`, if it comes from one, else from the
     null's. One that `has_loop` is solved by iterations at every point, and takes longest. A refit below the
-    log-likelihood `useless` says less than one of the same law that is known: it is not judged further."""
+    log-likelihood `useless` says less than one of the same law that is known: it is not judged further. One
+    that says less than the accepted `simpler` law, which it contains and was started from, is judged in
+    brief."""
 
     trial: Trial
     flat: FlatModel
@@ -169,6 +171,7 @@ class Prepared:
     simulation: FitResult | None = None
     has_loop: bool = False
     useless: float = -np.inf
+    simpler: Proof | None = None
 
 
 def prepare(
@@ -277,12 +280,53 @@ def prove(
     `experiments` are the null's with the signals that the effect needs; `n_screened` candidates were
     searched. Raises what `refit` raises.
     """
+    found = searched(null, null_fit, prepared, experiments, leader)
+    return proof_of(null, null_fit, found, validation, run, load, n_screened, leader, form, reference)
+
+
+@dataclass(frozen=True)
+class Searched:
+    """The end of the search for one candidate, on the `experiments` that feed its effect, and its `gain` in
+    log-likelihood over the null, before it is judged."""
+
+    prepared: Prepared
+    explicit: ExplicitModel
+    experiments: tuple[Experiment, ...]
+    refit: Refit
+    gain: float
+
+
+def searched(
+    null: Null,
+    null_fit: FitResult,
+    prepared: Prepared,
+    experiments: Sequence[Experiment],
+    leader: Proof | None = None,
+) -> Searched:
+    """The refit of one candidate, as `prove` judges it. Raises what `refit` raises."""
     explicit = reduce_index(prepared.flat)
     fed = replace(null, experiments=tuple(experiments))
-    hopeless = least_hope(leader)
-    refit = _refit(fed, prepared, explicit, hopeless, null_fit.log_likelihood)
-    fit = refit.fit
-    gain = fit.log_likelihood - null_fit.log_likelihood
+    refit = _refit(fed, prepared, explicit, least_hope(leader), null_fit.log_likelihood)
+    gain = refit.fit.log_likelihood - null_fit.log_likelihood
+    return Searched(prepared, explicit, fed.experiments, refit, float(gain))
+
+
+def proof_of(
+    null: Null,
+    null_fit: FitResult,
+    found: Searched,
+    validation: Sequence[Experiment],
+    run: NullObserver,
+    load: SmoothedLoad | None,
+    n_screened: int = 1,
+    leader: Proof | None = None,
+    form: FreeForm | None = None,
+    reference: Reference | None = None,
+) -> Proof:
+    """The judgement of a candidate whose search has ended; arguments and errors as those of `prove`."""
+    prepared, explicit, experiments = found.prepared, found.explicit, found.experiments
+    refit, gain, hopeless = found.refit, found.gain, least_hope(leader)
+    fed, fit = replace(null, experiments=experiments), found.refit.fit
     n_own = len(prepared.names) - len(null.estimated)
     delta_bic = bic_gain(gain, n_own, null)
     with_effect = grown(fed, prepared.flat, explicit, fit, experiments)
@@ -297,8 +341,9 @@ def prove(
     ahead: tuple[Ahead, ...] = ()
     told = Confirmed()
     is_open = is_curve = is_told = is_shown = False
-    if not reason and leader is not None and fit.log_likelihood < hopeless:
-        final, ahead, reason = _in_brief(fed, refit, prepared, explicit, validation, leader, reference)
+    ahead_of_it = leader if fit.log_likelihood < hopeless else _better_simpler(prepared, fit)
+    if not reason and ahead_of_it is not None:
+        final, ahead, reason = _in_brief(fed, refit, prepared, explicit, validation, ahead_of_it, reference)
     if not reason:
         after = after or run_null(with_effect)
         if reference is not None and validation:
@@ -334,7 +379,7 @@ def prove(
         candidate=prepared.trial.candidate,
         flat=prepared.flat.with_theta(fit.theta),
         fit=fit,
-        delta_log_likelihood=float(gain),
+        delta_log_likelihood=gain,
         delta_bic=delta_bic,
         p_value=p_value,
         explained=explained,
@@ -349,6 +394,35 @@ def prove(
         confirmed=told,
         adds_up=reference is not None and reference.adds_up,
     )
+
+
+def _better_simpler(prepared: Prepared, fit: FitResult) -> Proof | None:
+    """The simpler law that a candidate contains, where the candidate's search ended below it."""
+    simpler = prepared.simpler
+    return simpler if simpler is not None and fit.log_likelihood < simpler.fit.log_likelihood else None
+
+
+def may_be_likelier(
+    null: Null,
+    found: Searched,
+    other: Proof,
+    validation: Sequence[Experiment],
+    reference: Reference | None,
+) -> bool:
+    """Whether the end of a search may make the recordings and the unseen data together likelier than `other`
+    does, however it is judged. Raises what the observer raises."""
+    told = Confirmed()
+    if reference is not None and validation:
+        model = grown(
+            replace(null, experiments=found.experiments),
+            found.prepared.flat,
+            found.explicit,
+            found.refit.fit,
+            found.experiments,
+        )
+        told = confirmed(reference.innovations, innovations(run_null(model), validation))
+    most = found.gain + max(told.gain, 0.0)
+    return not most <= other.delta_log_likelihood + other.confirmed.gain
 
 
 def bic_gain(gain: float, n_more: int, null: Null) -> float:
@@ -429,7 +503,8 @@ def _in_brief(
     if may_be_rival:
         return None, (), ""
     behind = leader.fit.log_likelihood - refit.fit.log_likelihood
-    reason = f"{leader.candidate.label} explains the data far better (log-likelihood {behind:.0f})"
+    much = "far better" if behind > GATES.hopeless_log_likelihood else "better with fewer parameters"
+    reason = f"{leader.candidate.label} explains the data {much} (log-likelihood {behind:.0f})"
     return rough, ahead, reason
 
 
@@ -466,11 +541,11 @@ def _calm(null_fit: FitResult, simulation: FitResult) -> FitResult:
     return replace(simulation, noises=(*loads, *measured))
 
 
-def has_lost_its_way(proof: Proof, simulation: FitResult | None = None) -> bool:
+def has_lost_its_way(found: Searched, simulation: FitResult | None = None) -> bool:
     """Whether the search ended below the null, which the law contains, or below a simulation's fit, which is
     the law without any load."""
     least = -np.inf if simulation is None else simulation.log_likelihood
-    return proof.delta_log_likelihood < -LOST or proof.fit.log_likelihood < least - LOST
+    return found.gain < -LOST or found.refit.fit.log_likelihood < least - LOST
 
 
 def _on_unseen(

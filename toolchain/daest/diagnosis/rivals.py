@@ -298,7 +298,9 @@ def _in_place(null: Null, best: Proof, candidate: Candidate, size: float) -> Pre
         return None
     at_fit = flat.with_theta({name: best.fit.theta[name] for name in null.estimated})
     trial = Trial(candidate, (size,), _at_other_places(best.candidate, best))
-    return Prepared(trial, at_fit, (*null.estimated, *_own(candidate)), similar=best.fit)
+    is_richer = len(_own(candidate)) > len(_own(best.candidate)) and best.verdict != "rejected"
+    names = (*null.estimated, *_own(candidate))
+    return Prepared(trial, at_fit, names, similar=best.fit, simpler=best if is_richer else None)
 
 
 def _simulation_value(null: Null, best: Proof, prepared: Prepared) -> float | None:

@@ -47,9 +47,16 @@ class Search:
     hills: int = MOST_PROBED  # parameters that are moved over the hills beside the best end
     trusts_parabola: bool = False  # no hill is looked for where the likelihood is as its parabola has it
 
-    def minimum(self, z: np.ndarray, iterations: int | None = None) -> Found | None:
+    def minimum(self, z: np.ndarray, iterations: int | None = None, goal: float = np.inf) -> Found | None:
         count = self.max_iterations if iterations is None else iterations
-        return minimise(self.objective, z, self.lower, self.upper, count, self.converged_gain)
+        return minimise(self.objective, z, self.lower, self.upper, count, self.converged_gain, goal)
+
+    def better(self, found: Found, z: np.ndarray) -> np.ndarray | None:
+        """The end (n_z,) of a search from z if it is better than `found` by what is worth it; None if it is
+        not, or will not be."""
+        goal = found.evaluation.value - FIT.worthwhile_gain
+        end = self.minimum(z, goal=goal)
+        return end.z if end is not None and end.evaluation.value < goal else None
 
 
 def best_point(
@@ -105,9 +112,9 @@ def _over_the_hill(search: Search, found: Found) -> np.ndarray | None:
         direction, _, move = moves[i]
         there = _followed(search, found, direction, move)
         near = there and _elsewhere(search, found, there.z)
-        freed = near and search.minimum(near.z)
-        if freed and freed.evaluation.value < found.evaluation.value - FIT.worthwhile_gain:
-            return freed.z
+        freed = None if near is None else search.better(found, near.z)
+        if freed is not None:
+            return freed
     return None
 
 
@@ -346,9 +353,9 @@ def _put_back(search: Search, found: Found) -> np.ndarray | None:
         lower, upper = search.lower.copy(), search.upper.copy()
         lower[group] = upper[group] = held[group]
         followed = minimise(search.objective, held, lower, upper, HELD_ITERATIONS)
-        freed = followed and search.minimum(followed.z)
-        if freed and freed.evaluation.value < found.evaluation.value - FIT.worthwhile_gain:
-            return freed.z
+        freed = None if followed is None else search.better(found, followed.z)
+        if freed is not None:
+            return freed
     return None
 
 

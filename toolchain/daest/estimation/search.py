@@ -68,10 +68,12 @@ def minimise(
     upper: np.ndarray,
     max_iterations: int = 60,
     converged_gain: float = FIT.converged_gain,
+    goal: float = np.inf,
 ) -> Found | None:
-    """Search from `start` until a step would gain less than `converged_gain` in log-likelihood, or several
-    steps have gained little more; None when the objective has no value there. Raises OutOfTimeError.
-    Shapes: start, lower and upper (n_z,)."""
+    """Search from `start` until a step would gain less than `converged_gain` in log-likelihood, several
+    steps have gained little more, or the objective will not fall to the `goal`, to judge by what the next
+    step promises; None when the objective has no value there. Raises OutOfTimeError. Shapes: start, lower and
+    upper (n_z,)."""
     z = np.clip(start, lower, upper)
     here = objective(z, True)
     if here is None:
@@ -87,6 +89,8 @@ def minimise(
         gain = _predicted_gain(here, free)
         if gain < converged_gain:
             return Found(last, here, "converged", iteration, gain)
+        if here.value - FIT.goal_reach * (max_iterations - iteration) * gain > goal:
+            return Found(last, here, "stalled", iteration, gain)
         is_slow = (
             len(values) > SLOW_STEPS and values[-1 - SLOW_STEPS] - values[-1] < FIT.slow_gain * converged_gain
         )
