@@ -54,6 +54,7 @@ from daest.diagnosis.proof import (
     could_compete,
     from_simulation,
     has_lost_its_way,
+    is_below_null,
     is_significant,
     may_be_likelier,
     moved,
@@ -542,7 +543,7 @@ def proved_beside(stand: Stand, trial: Trial, values: Mapping[str, float], sharp
             stand = replace(stand, reference=known)
         flat = null.flat.with_theta({n: values[n] for n in null.estimated if n in values})
         prepared = prepare(flat, null.estimated, trial, sharper=sharper)
-        return _refitted(_Search(stand, run, load, form, 1), prepared)
+        return _found_somehow(_Search(stand, run, load, form, 1), prepared)
 
 
 def without_noises(flat: FlatModel) -> FlatModel:
@@ -638,8 +639,8 @@ class _Search:
 def _refitted(search: _Search, prepared: Prepared) -> Proof:
     """The proof of a candidate. Where its refit fails, it is tried again at places that the sensors do not
     tell from its own, unless it only loses its way, which it would there, too; then from a small and gentle
-    effect, and from a simulation's fit by multiple shooting. One that replaces a sensor is tried at its full
-    size first. Of several ends the likeliest is judged. Raises the error of the first attempt."""
+    effect; one that is `by_shooting`, from a simulation's fit alone. One that replaces a sensor is tried at
+    its full size first. Of several ends the likeliest is judged. Raises the error of the first attempt."""
     errors: list[Exception] = []
     with _quiet():
         for ends in _tried(search, prepared, errors):
@@ -653,11 +654,30 @@ def _refitted(search: _Search, prepared: Prepared) -> Proof:
     raise errors[0]
 
 
+def _found_somehow(search: _Search, prepared: Prepared) -> Proof:
+    """The proof of a candidate, by shooting where a search from the screen does not find it. Raises the error
+    of the first attempt."""
+    proof, error = None, None
+    try:
+        proof = _refitted(search, prepared)
+    except FAILURES as failure:
+        error = failure
+    if proof is not None and not is_below_null(proof):
+        return proof
+    with suppress(*FAILURES):
+        again = _refitted(search, replace(prepared, by_shooting=True))
+        proof = again if proof is None else max(proof, again, key=lambda p: p.delta_log_likelihood)
+    if proof is None:
+        assert error is not None
+        raise error
+    return proof
+
+
 def _tried(search: _Search, prepared: Prepared, errors: list[Exception]) -> Iterator[list[Searched]]:
     """The ends of the attempts so far, whenever one of them has not lost its way, and at last; with the
     `errors` of those that failed."""
     ends: list[Searched] = []
-    at_full = at_full_size(search.stand.null, prepared)
+    at_full = () if prepared.by_shooting else at_full_size(search.stand.null, prepared)
     elsewhere = _elsewhere(search, prepared)
     for attempt in (*at_full, *_attempts(search, prepared, elsewhere)):
         if ends and attempt in elsewhere:
@@ -737,6 +757,9 @@ def _attempts(
 ) -> Iterator[Callable[[], Prepared]]:
     null, trial = search.stand.null, prepared.trial
     gentle = partial(prepare, null.flat, null.estimated, trial, share=GENTLE, sharper=1.0)
+    if prepared.by_shooting:
+        yield partial(_by_shooting, search, prepared)
+        return
     if prepared.simulation is not None:
         # Its loads may be as large as those of the null, or hardly there.
         starts = (replace(prepared, simulation=None), prepared)
@@ -751,7 +774,6 @@ def _attempts(
         return
     yield from elsewhere
     yield gentle
-    yield partial(_by_shooting, search, prepared)
 
 
 def _same(prepared: Prepared) -> Prepared:
@@ -821,7 +843,7 @@ def _called(task: Callable[[], Any]) -> Any:
 class _Stages:
     """Refits stage by stage. What is clearly worse than the best of the stages before is cut short: what runs
     beside it makes no difference, so that the result does not depend on the number of workers. Trials for
-    which the time does not suffice are `late`."""
+    which the time does not suffice are `late`, candidates that no search from the screen has found `lost`."""
 
     search: _Search
     pool: Workers
@@ -829,6 +851,7 @@ class _Stages:
     progress: Progress
     failed: list[tuple[Trial, str]] = field(default_factory=list)
     late: list[Trial] = field(default_factory=list)
+    lost: list[Prepared] = field(default_factory=list)
 
     def prepared(self, found: Iterable[Trial]) -> list[Prepared]:
         """The trials that can be built into the model, of the places where the sensors would see them alike
@@ -885,11 +908,36 @@ class _Stages:
                 self.failed.append((stage[i].trial, TIME_IS_UP))
             elif isinstance(outcomes[number].error, FAILURES):
                 what = _what(outcomes[number].error)
-                self.failed.append((stage[i].trial, f"it could not be refitted: {what}"))
+                if not stage[i].by_shooting:
+                    self.failed.append((stage[i].trial, f"it could not be refitted: {what}"))
+                self.lost.append(stage[i])
             else:
                 known[i] = outcomes[number].get()
+        self.lost.extend(stage[i] for i in sorted(known) if is_below_null(known[i]))
         others = [outcomes[i].get() if i in outcomes else None for i in range(len(missing), len(tasks))]
         return [known[i] for i in sorted(known)], others
+
+    def second_tries(self, proofs: Sequence[Proof], found: Screen) -> list[Proof]:
+        """All laws, those that are `lost` from the start of a simulation by multiple shooting, which takes
+        longer than all other searches, as long as they may still be what is missing: none that is far from an
+        accepted law that leaves nothing."""
+        best = best_accepted(ranked(proofs))
+        names = {entry.candidate.name for entry in found.entries}
+        is_told = best is not None and best.candidate.name not in names and _is_settled([best])
+        again = [
+            replace(one, by_shooting=True)
+            for one in self.lost
+            if one.similar is None and one.simulation is None and not one.by_shooting
+            if not is_told and could_compete(one.trial, best, found)
+        ]
+        self.lost.clear()
+        result = list(proofs)
+        for proof in self.proved(again, proofs)[0]:
+            same = next((p for p in result if _is_same_law(proof, p)), None)
+            if same is None or proof.delta_log_likelihood > same.delta_log_likelihood:
+                result = [*(p for p in result if p is not same), proof]
+        self.lost.clear()
+        return result
 
 
 def _length(prepared: Prepared) -> int:
@@ -938,11 +986,14 @@ def _proofs(
         best = best_accepted(ranked(proofs))
         rest += [p for p in chosen[max(FIRST_TRIALS, n_first) :] if could_compete(p.trial, best, found)]
         proofs += stages.proved(rest, proofs)[0]
+        proofs = stages.second_tries(proofs, found)
         if not _is_settled(ranked(proofs)):
             proofs += stages.proved(stages.prepared(wanted[options.most_trials :]), proofs)[0]
+            proofs = stages.second_tries(proofs, found)
         best = most_likely(proofs)
         if best is not None and best.verdict == "rejected":
             proofs += stages.proved(stages.prepared(simpler_laws(best, found, proofs)), proofs)[0]
+            proofs = stages.second_tries(proofs, found)
         best = best_start(ranked(proofs))
         if best is not None:
             doubted = [best] if _leaves_something(best) else []
@@ -1064,6 +1115,14 @@ def _is_same(trial: Trial, candidate: Candidate) -> bool:
     """Whether a candidate is the trial, at its place or at one that the sensors see alike."""
     places = {trial.candidate.site.name, *(c.site.name for c in trial.alike)}
     return trial.candidate.effect.class_name == candidate.effect.class_name and candidate.site.name in places
+
+
+def _is_same_law(one: Proof, other: Proof) -> bool:
+    """Whether two proofs are of one effect at one place, or at places that the sensors see alike."""
+    places = {one.candidate.site.name, *one.equivalent}
+    return one.candidate.effect.class_name == other.candidate.effect.class_name and bool(
+        places & {other.candidate.site.name, *other.equivalent}
+    )
 
 
 def _what(error: Exception | None) -> str:

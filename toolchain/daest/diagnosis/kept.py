@@ -141,7 +141,7 @@ def _model_parts(prepared: Prepared) -> list[Any]:
     flat, trial = prepared.flat, prepared.trial
     values = [(p.name, f"{p.value:.{DIGITS}g}") for p in flat.parameters]
     labels = [trial.candidate.label, *(c.label for c in trial.alike)]
-    return [prepared.names, labels, values, *_equations(flat)]
+    return [prepared.names, labels, values, prepared.by_shooting, *_equations(flat)]
 
 
 def _equations(flat: Model) -> list[Any]:

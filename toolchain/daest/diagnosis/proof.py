@@ -162,7 +162,7 @@ class Prepared:
     null's. One that `has_loop` is solved by iterations at every point, and takes longest. A refit below the
     log-likelihood `useless` says less than one of the same law that is known: it is not judged further. One
     that says less than the accepted `simpler` law, which it contains and was started from, is judged in
-    brief."""
+    brief. One that is `by_shooting` starts from a simulation by multiple shooting."""
 
     trial: Trial
     flat: FlatModel
@@ -172,6 +172,7 @@ class Prepared:
     has_loop: bool = False
     useless: float = -np.inf
     simpler: Proof | None = None
+    by_shooting: bool = False
 
 
 def prepare(
@@ -546,6 +547,11 @@ def has_lost_its_way(found: Searched, simulation: FitResult | None = None) -> bo
     the law without any load."""
     least = -np.inf if simulation is None else simulation.log_likelihood
     return found.gain < -LOST or found.refit.fit.log_likelihood < least - LOST
+
+
+def is_below_null(proof: Proof) -> bool:
+    """Whether all searches for a law have ended below the null, which the law contains."""
+    return proof.delta_log_likelihood < -LOST
 
 
 def _on_unseen(
