@@ -21,6 +21,7 @@ from daest.diagnosis import diagnose as diagnosis_module
 from daest.diagnosis.diagnose import (
     _is_new_signal,
     _refitted,
+    _Stages,
     _told_by_rest,
     diagnose,
     says_more,
@@ -345,6 +346,41 @@ def test_effect_with_states_is_tried_until_it_is_better_than_its_simulation(monk
     assert end(115.0) == 120.0 and tried == ["calm"]
     assert end(140.0) == 130.0 and tried == ["calm", "loads", "small"]
     assert judged == [30.0]  # the likeliest end alone
+
+
+def test_shooting_waits_until_nothing_else_explains_the_data(monkeypatch):
+    effect = SimpleNamespace(class_name="Rub")
+
+    def proof(site, gain, left=1.0):
+        candidate = SimpleNamespace(effect=effect, site=SimpleNamespace(name=site), name=site)
+        form = SimpleNamespace(p_value=left, log_likelihood_gain=0.5 * abs(gain))
+        verdict = "supported" if gain > 0.0 else "rejected"
+        return SimpleNamespace(
+            candidate=candidate, equivalent=(), delta_log_likelihood=gain, verdict=verdict, left=form
+        )
+
+    def shot(self, again, _):
+        tried.extend(one.trial.candidate.name for one in again)
+        assert all(one.by_shooting for one in again)
+        return [proof("a", 50.0)] if again else [], []
+
+    def tries(best):
+        tried.clear()
+        trial = SimpleNamespace(candidate=proof("a", -9.0).candidate)
+        first = Prepared(trial, None, ())
+        stages = _Stages(None, None, None, None, lost=[first, replace(first, similar="another")])
+        proofs = [p for p in (best, proof("a", -9.0)) if p is not None]
+        found = stages.second_tries(proofs, SimpleNamespace(entries=()))
+        assert not stages.lost
+        return {p.candidate.name: p.delta_log_likelihood for p in found}
+
+    tried = []
+    monkeypatch.setattr(_Stages, "proved", shot)
+    monkeypatch.setattr(diagnosis_module, "ranked", lambda proofs: proofs)
+    assert tries(None) == {"a": 50.0} and tried == ["a"]
+    # The best one leaves a form that matters, or nothing.
+    assert tries(proof("b", 90.0, left=1e-9)) == {"b": 90.0, "a": 50.0}
+    assert tries(proof("b", 90.0)) == {"b": 90.0, "a": -9.0} and not tried
 
 
 def behind(numerator, denominator, seed):

@@ -87,6 +87,23 @@ def test_candidate_far_behind_a_supported_one_is_judged_after_a_first_pass():
     assert after == pytest.approx(before, rel=0.02)
 
 
+def test_richer_law_below_the_simple_one_is_judged_in_brief():
+    stand, (prepared, full) = rubbing(), proved()
+    run = run_null(stand.null)
+    load = smoothed_load(stand.null, run, place_gains(stand.null, run))
+    given = (stand.null.experiments, stand.validation, run, load)
+
+    def after(lead):
+        once_more = replace(prepared, simpler=further_ahead(full, lead))
+        return prove(stand.null, stand.baseline, once_more, *given, reference=stand.reference)
+
+    below, above = after(1.0), after(-1.0)
+    reason = f"{full.candidate.label} explains the data better with fewer parameters (log-likelihood 1)"
+    assert below.verdict == "rejected" and below.reason == reason and below.left is None
+    assert above.reason == full.reason and above.verdict == full.verdict
+    assert above.final.theta == full.final.theta
+
+
 def test_size_of_coulomb_friction_and_parameters_are_right():
     _, proof = proved()
     found = {p.name.rpartition(".")[2]: p for p in proof.fit.parameters}

@@ -40,6 +40,24 @@ def test_curved_valley_is_followed_to_its_minimum(start):
     assert np.allclose(found.z, 1.0, atol=5e-3)
 
 
+def test_search_ends_where_its_goal_is_out_of_reach():
+    objective, calls = squares(rosenbrock, rosenbrock_slopes), []
+
+    def counted(z, with_slopes):
+        calls.append(z)
+        return objective(z, with_slopes)
+
+    start = np.array([-1.2, 1.0])
+    whole = minimise(counted, start, -FREE, FREE, 200)
+    n_whole = len(calls)
+    # All there is to gain is less than 20; the minimum is 0.
+    assert objective(start, False).value < 20.0
+    missed = minimise(counted, start, -FREE, FREE, 200, goal=-1e6)
+    assert missed.reason == "stalled" and len(calls) - n_whole == 1
+    reached = minimise(counted, start, -FREE, FREE, 200, goal=1e-6)
+    assert reached.reason == "converged" and np.array_equal(reached.z, whole.z)
+
+
 def test_bounded_minimum_equals_scipy():
     upper = np.array([0.5, np.inf])
     found = minimise(squares(rosenbrock, rosenbrock_slopes), np.array([-1.2, 1.0]), -FREE, upper, 200)
