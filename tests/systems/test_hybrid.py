@@ -418,3 +418,13 @@ def test_no_event_makes_none_beside_other_events():
     flat = model(text)
     assert flat.events is not None and [one.text for one in flat.events.relations] == ["time > 2"]
     assert run(flat, 2)["x"][-1] == pytest.approx(0.5 + 0.5 * 1.5, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    "more", ["", "Real c(start = 0, fixed = true); equation when time > 1 then c = 1; end when;"]
+)
+def test_a_tank_runs_empty(more):
+    """Torricelli: h = (1 - t/2)^2 until t = 2, then nothing flows any more."""
+    text = f"model T Real h(start = 1, fixed = true); {more} equation der(h) = -sqrt(max(0, h)); end T;"
+    found = run(model(text), 4)
+    assert found["h"] == pytest.approx(np.maximum(1 - found.time / 2, 0) ** 2, abs=1e-6)

@@ -366,6 +366,8 @@ class Evaluator:
                 return self.value(node.arguments[-1])
         if node.function == "size" and (declared := self._declared_size(node.arguments)) is not None:
             return declared
+        if node.function == "sqrt" and (inner := _clipped(node.arguments[0])) is not None:
+            return v.mapped(v.root_of_positive_part, self.value(inner))
         arguments = [self.value(argument) for argument in node.arguments]
         if node.function in _GUARDED:
             arguments = [self._inside(argument, _SAFE) for argument in arguments]
@@ -556,6 +558,14 @@ class Redirected:
 
     def declared_shape(self, name: str) -> tuple[int, ...] | None:
         return self.scope.declared_shape(name)
+
+
+def _clipped(node: s.Node) -> s.Node | None:
+    """x of `max(0, x)` and `max(x, 0)`."""
+    if not isinstance(node, s.Call) or node.function != "max" or len(node.arguments) != 2:
+        return None
+    is_zero = [isinstance(one, s.Constant) and one.value == 0 for one in node.arguments]
+    return node.arguments[1 - is_zero.index(True)] if any(is_zero) else None
 
 
 def _is_plain(node: s.Node) -> TypeGuard[s.Name]:

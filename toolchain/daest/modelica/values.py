@@ -149,6 +149,15 @@ def power(a: Scalar, b: Scalar) -> Scalar:
     return made
 
 
+def root_of_positive_part(x: Scalar) -> Scalar:
+    """sqrt(max(0, x)), whose slope is 0 where x is not positive: a tank that has run empty. The chain rule
+    would multiply the infinite slope of the root by zero there."""
+    if not is_symbolic(x):
+        return max(0.0, float(x)) ** 0.5  # type: ignore[arg-type]
+    is_positive = symbolic(x) > 0
+    return ca.if_else(is_positive, ca.sqrt(ca.if_else(is_positive, x, 1.0)), 0.0)
+
+
 def _power_of_symbols(a: ca.SX, b: ca.SX) -> ca.SX:
     """a^b by the size of a, and its sign where b is whole. The slope along b contains log(a): it would be
     undefined at zero, and where rounding has put an a that is never negative a little below zero."""
