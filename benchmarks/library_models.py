@@ -34,6 +34,7 @@ SAMPLES, SPAN = 51, 1.0  # of the simulation, in seconds
 MOST_SAMPLES = 1500  # of a reference that are compared
 WINDOW = 0.002  # of the span: the width of the tube of the Modelica Association's own tool
 MUCH = 0.01  # of a signal's range; references were made with relative tolerances of 1e-4 to 1e-6
+ZERO = 1e-9  # in a signal's own unit: what its reference does not tell from rest
 CRYPTIC = ("failed in ToDae", "canonical DAE", "Flat semantic", "panicked", "expression shape mismatch")
 
 _ONE = """
@@ -115,7 +116,7 @@ def deviation(t: np.ndarray, own: np.ndarray, when: np.ndarray, known: np.ndarra
     low = np.array([known[a:b].min() for a, b in zip(first, last, strict=True)])
     high = np.array([known[a:b].max() for a, b in zip(first, last, strict=True)])
     span, size = float(np.ptp(known)), float(np.abs(known).max())
-    scale = span if span > 1e-6 * size and span > 1e-12 else max(size, 1e-12)
+    scale = span if span > 1e-6 * size and span > ZERO else max(size, ZERO)
     return float(np.max(np.maximum(np.maximum(low - own, own - high), 0.0)) / scale)
 
 
