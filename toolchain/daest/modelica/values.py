@@ -153,9 +153,9 @@ def root_of_positive_part(x: Scalar) -> Scalar:
     """sqrt(max(0, x)), whose slope is 0 where x is not positive: a tank that has run empty. The chain rule
     would multiply the infinite slope of the root by zero there."""
     if not is_symbolic(x):
-        return max(0.0, float(x)) ** 0.5  # type: ignore[arg-type]
-    is_positive = symbolic(x) > 0
-    return ca.if_else(is_positive, ca.sqrt(ca.if_else(is_positive, x, 1.0)), 0.0)
+        return max(0.0, float(x)) ** 0.5
+    inside = symbolic(x)
+    return ca.if_else(inside > 0, ca.sqrt(ca.if_else(inside > 0, inside, 1.0)), 0.0)
 
 
 def _power_of_symbols(a: ca.SX, b: ca.SX) -> ca.SX:
