@@ -66,10 +66,11 @@ def patterns_of(argument):
 
 
 def test_every_code_that_is_raised_is_explained():
+    written = {re.escape(code) for code in EXPLANATIONS}  # most codes are no pattern
     unexplained = [
         f"{place}: {pattern}"
         for place, pattern in codes_of_calls()
-        if not any(re.fullmatch(pattern, code) for code in EXPLANATIONS)
+        if pattern not in written and not any(re.fullmatch(pattern, code) for code in EXPLANATIONS)
     ]
     assert not unexplained
 

@@ -36,6 +36,10 @@ FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 GROUND = 0
 
 
+# The parts of statements that hold statements: of `try` and `match`, too.
+BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")
+
+
 @cache
 def files() -> dict[str, Path]:
     """Every module of the package by its name."""
@@ -50,8 +54,15 @@ def tree(module: str) -> ast.Module:
 
 @cache
 def imports(module: str) -> list[ast.Import | ast.ImportFrom]:
-    """At whatever depth."""
-    return [node for node in ast.walk(tree(module)) if isinstance(node, ast.Import | ast.ImportFrom)]
+    """At whatever depth; of the tree only the statements are looked at."""
+    found, waiting = [], list(tree(module).body)
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            found.append(node)
+        for part in BLOCKS:
+            waiting += getattr(node, part, ())
+    return sorted(found, key=lambda node: node.lineno)
 
 
 @cache
