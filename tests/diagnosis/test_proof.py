@@ -18,6 +18,7 @@ from daest.diagnosis.null import grown
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.proof import (
     Trial,
+    _certainty,
     _inside,
     _too_short,
     _undetermined,
@@ -399,6 +400,35 @@ def test_law_of_which_nothing_is_known_is_no_finding():
     shapes = (replace(size, name=f"{proof.candidate.name}.w_st", value=0.1, std_error=0.01),)
     vaguer = replace(proof.fit, parameters=(replace(size, std_error=None), *shapes))
     assert _undetermined(replace(proof.candidate, effect=rich), vaguer) == ""
+
+
+def test_torque_is_known_by_its_ratio_where_no_sensor_tells_the_scale_of_all_torques():
+    """tau_c = 0.15 ± 0.06 N.m and J within the same 40 %, their ratio within 6 %: there is friction."""
+    _, proof = proved()
+    own, candidate = f"{proof.candidate.name}.tau_c", proof.candidate
+
+    def told(correlation, **changes):
+        fit = proof.fit
+        J = next(p for p in fit.parameters if p.name == "J")
+        vague = {own: {"value": 0.15, "std_error": 0.06}, "J": {"std_error": 0.4 * J.value, "min": 0.0}}
+        parameters = tuple(replace(p, **(vague.get(p.name, {}) | changes)) for p in fit.parameters)
+        i, j = (fit.correlation_names.index(name) for name in (own, "J"))
+        known = np.eye(len(fit.correlation_names))
+        known[i, j] = known[j, i] = correlation
+        return replace(fit, parameters=parameters, correlation=known)
+
+    def certainty(fit, effect=candidate.effect):
+        parameter = next(p for p in fit.parameters if p.name == own)
+        return _certainty(replace(candidate, effect=effect), fit, parameter, effect.sizes[0])
+
+    assert certainty(told(0.99)) == pytest.approx(1.0 / (0.4 * np.sqrt(2.0 * 0.01)))
+    assert _undetermined(candidate, told(0.99)) == ""
+    # Nothing in common, or with a parameter that may vanish: the size stands for itself.
+    assert certainty(told(0.0)) == pytest.approx(2.5)
+    assert certainty(told(0.99, min=None)) == pytest.approx(2.5)
+    assert "tau_c = 0.15 ± 0.06 N.m" in _undetermined(candidate, told(0.0))
+    # A lag that is long beside another time is no longer for that.
+    assert certainty(told(0.99), replace(candidate.effect, is_dynamic=True)) == pytest.approx(2.5)
 
 
 def test_parameter_that_is_lost_beside_loads_is_found_again():

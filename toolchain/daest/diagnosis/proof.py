@@ -732,7 +732,8 @@ def _weak(prepared: Prepared, fit: FitResult) -> str:
         # Beside estimated shapes a size alone tells little: there the likelihood ratio has spoken.
         shares = sum(p.estimate for p in candidate.effect.parameters) > len(candidate.effect.sizes)
         least = GATES.min_dynamic_significance if candidate.effect.is_dynamic else GATES.min_significance
-        reason = _weak_size(size, parameter.null or 0.0, 0.0 if shares else least)
+        certainty = _certainty(candidate, fit, size, parameter)
+        reason = _weak_size(size, parameter.null or 0.0, 0.0 if shares else least, certainty)
         if not reason:
             return ""
         reasons.append(reason)
@@ -746,7 +747,11 @@ def _undetermined(candidate: Candidate, told: FitResult) -> str:
         f"{candidate.name}.{p.name}": p for p in candidate.effect.parameters if p.role in ("size", "shape")
     }
     own = [p for p in told.parameters if p.name in law]
-    unknown = [told_value(p) for p in own if not _is_known(p, law[p.name])]
+    unknown = [
+        told_value(p)
+        for p in own
+        if not _is_known(p, law[p.name], _certainty(candidate, told, p, law[p.name]))
+    ]
     if not own or len(unknown) < len(own):
         return ""
     return f"the data determine none of its parameters ({', '.join(unknown)})"
@@ -775,12 +780,44 @@ def _is_place(parameter: EffectParameter) -> bool:
     return is_shape and PLACED <= max(map(abs, parameter.grid), default=0.0) < 1.0
 
 
-def _is_known(parameter: FittedParameter, declared: EffectParameter) -> bool:
-    null = declared.null or 0.0
-    if declared.role == "size" and parameter.at_bound == "max" and null < parameter.value:
+def _is_known(parameter: FittedParameter, declared: EffectParameter, certainty: float) -> bool:
+    if declared.role == "size" and parameter.at_bound == "max" and (declared.null or 0.0) < parameter.value:
         return True  # as much of the effect as there can be
-    error = parameter.std_error
-    return error is not None and abs(parameter.value - null) >= GATES.min_significance * error
+    return certainty >= GATES.min_significance
+
+
+def _certainty(
+    candidate: Candidate, told: FitResult, own: FittedParameter, declared: EffectParameter
+) -> float:
+    """How many standard errors a parameter of a law is off its null. A size counts by its ratio to a
+    parameter of the model, too, where that cannot vanish: torques whose scale no sensor tells are as
+    uncertain as this scale, each of them, and none of them is zero for that. Not the size of a law that
+    changes the order of the model, whose ratios to other times are no scales. 0 where nothing is known."""
+    null, error = declared.null or 0.0, own.std_error
+    if error is None:
+        return 0.0
+    alone = abs(own.value - null) / error if error else np.inf
+    if declared.role != "size" or null or candidate.effect.is_dynamic or not own.value:
+        return alone
+    names, cov = told.covariance()
+    known = dict(zip(names, range(len(names)), strict=True))
+    if own.name not in known:
+        return alone
+    scales = [
+        p
+        for p in told.parameters
+        if p.name in known
+        and not p.name.startswith(f"{candidate.name}.")
+        and p.min is not None
+        and p.min >= 0.0 < p.value
+    ]
+    i, found = known[own.name], alone
+    for p in scales:
+        j = known[p.name]
+        relative = np.array([1.0 / own.value, -1.0 / p.value])
+        spread = float(relative @ cov[np.ix_([i, j], [i, j])] @ relative)
+        found = max(found, float(1.0 / np.sqrt(spread)) if spread > 0.0 else 0.0)
+    return found
 
 
 def told_value(parameter: FittedParameter) -> str:
@@ -801,14 +838,14 @@ def _unexplained(explained: float, ratios: Sequence[float]) -> str:
     return f"it explains only {100 * explained:.0f} % of the unexplained load"
 
 
-def _weak_size(size: FittedParameter, null: float, least: float) -> str:
+def _weak_size(size: FittedParameter, null: float, least: float, certainty: float) -> str:
     if size.at_bound == "max" and null < size.value:
         return ""  # as much of the effect as there can be
     if size.at_bound:
         return f"its size rests at its bound ({size.at_bound} = {size.value:.4g})"
     if size.std_error is None:
         return "the data do not determine its size"
-    if abs(size.value - null) < least * size.std_error:
+    if certainty < least:
         return f"its size is not significant ({size.value:.4g} ± {size.std_error:.2g} {size.unit})"
     return ""
 
