@@ -73,7 +73,7 @@ def test_null_is_the_nominal_model(effect, site) -> None:
             "Signals.DeadZone",
             "Signals.Saturation",
         ),
-        *("General.DriftingParameter", "Signals.AbsoluteValueSensor"),
+        *("General.DriftingParameter", "Signals.AbsoluteValueSensor", "Signals.QuadraticGain"),
     ],
 )
 def test_null_gives_the_nominal_response(name: str) -> None:

@@ -19,7 +19,7 @@ FOLDER = library_root() / "Daest" / "Effects"
 # Names that a recorded signal of any unit may feed: they cannot have a unit themselves.
 UNITLESS = {"Signals", "General"}
 # Sizes of either sign: a load, an offset, the influence of a signal.
-SIGNED = {"Q_0", "tau_0", "f_0", "k", "b", "g", "r", "y", "c"}
+SIGNED = {"a", "Q_0", "tau_0", "f_0", "k", "b", "g", "r", "y", "c"}
 
 MECHANICAL = frozenset(
     (
@@ -43,7 +43,10 @@ EXPECTED = {
     "Thermal": frozenset(["Radiation", "MeasuredHeatGain", "MeasuredVentilation"]),
     "Hydraulic": frozenset(["Orifice", "Overflow", "Weir"]),
     "Signals": frozenset(
-        ["DeadZone", "Saturation", "Offset", "Gain", "Lag", "Delay", "AbsoluteValueSensor", "Drift"]
+        [
+            *("DeadZone", "Saturation", "Offset", "Gain", "QuadraticGain", "Lag", "Delay"),
+            *("AbsoluteValueSensor", "Drift"),
+        ]
     ),
     "General": frozenset(["MeasuredInput", "DriftingParameter", "LearnedCurve"]),
 }

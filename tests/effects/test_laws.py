@@ -92,6 +92,7 @@ OTHERS: dict[str, tuple[str, Law]] = {
     ),
     "Offset": ("y", lambda v: v["u"] + v["b"]),
     "Gain": ("y", lambda v: (1 + v["g"]) * v["u"]),
+    "QuadraticGain": ("y", lambda v: v["u"] * (1 + v["a"] * np.hypot(v["u"], v["u_s"]))),
     "Drift": ("y", lambda v: v["u"] + v["r"] * v["time"]),
     "AbsoluteValueSensor": ("y", lambda v: v["u"] + v["share"] * (np.hypot(v["u"], v["u_s"]) - v["u"])),
     "MeasuredInput": ("y", lambda v: v["u"] + v["k"] * v["z"]),

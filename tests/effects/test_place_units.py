@@ -84,6 +84,7 @@ def test_rates_and_factors_without_a_unit_tell_none(flat, place: str) -> None:
         ("Offset", "b", {"u": "V", "y": "m/s", "bare": ""}),
         ("Saturation", "limit", {"u": "V", "y": "m/s", "bare": ""}),
         ("Drift", "r", {"u": "V/s", "y": "(m/s)/s", "bare": ""}),
+        ("QuadraticGain", "a", {"u": "1/V", "y": "1/(m/s)", "bare": ""}),
         ("Gain", "g", {"u": "1", "y": "1", "bare": "1"}),
         ("Lag", "T", {"u": "s", "y": "s", "bare": "s"}),
     ],

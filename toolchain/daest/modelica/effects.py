@@ -46,7 +46,7 @@ _CATALOGUE = "Daest__Catalogue"
 _SIGNALS: tuple[Attachment, ...] = ("signal", "input", "output", "parameter")
 _ATTACHMENTS: tuple[Attachment, ...] = ("connector", "parallel", "series", *_SIGNALS)
 _ROLES: tuple[ParameterRole, ...] = ("size", "shape", "sharpness", "given")
-_SIGNAL_UNITS = ("", "u", "u/s")
+_SIGNAL_UNITS = ("", "u", "u/s", "1/u")
 MOST_KEPT = 100  # catalogues of effects in the cache
 _KEYS = ("effect", "attach", "law", "dynamic", "inputs", "outside", "sum_of")
 _DOCUMENTATION = re.compile(r'Documentation\s*\(\s*info\s*=\s*"((?:[^"\\]|\\.)*)"', re.DOTALL)
@@ -520,7 +520,7 @@ def _parameter(parameter: Parameter, source: _Source) -> EffectParameter:
         raise annotation.error(
             "unit",
             f"unit of `{parameter.name}`",
-            'Write "u" for the unit of the signal, "u/s" for that per second.',
+            'Write "u" for the unit of the signal, "u/s" for that per second, "1/u" for one over it.',
         )
     null = entries.get("null", 0 if role == "size" else None)
     grid = entries.get("grid", ())

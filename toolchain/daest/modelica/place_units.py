@@ -20,6 +20,7 @@ _FLOWS: dict[Domain, str] = {
     "hydraulic": "m3/s",
 }
 _SIGNAL = "u"  # in the unit of a parameter: the unit of the signal
+_INVERSE = "1/u"
 _TOLERANCE = 1e-9  # relative, of numbers that rounding alone makes differ
 _SCALES = {  # another size of every base unit; no power of one is a power of others
     "[mass]": 1.31,
@@ -58,12 +59,15 @@ def _balance_of(flat: FlatModel, site: Site) -> Balance | None:
 
 
 def _of_signal(parameter: EffectParameter, unit: str) -> str:
-    """`u` stands for the unit of the signal, `u/s` for that per second; without one, neither is known."""
+    """`u` stands for the unit of the signal, `u/s` for that per second, `1/u` for one over it; without one,
+    none is known."""
     written = parameter.signal_unit
     if not written:
         return parameter.unit
     if not unit or written == _SIGNAL:
         return unit
+    if written == _INVERSE:
+        return "1" if unit == "1" else f"1/({unit})" if set(unit) & set("./") else f"1/{unit}"
     return (f"({unit})" if "/" in unit else unit) + written.removeprefix(_SIGNAL)
 
 
