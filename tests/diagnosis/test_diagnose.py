@@ -1,6 +1,7 @@
 """Diagnoses from end to end on small records whose truth is known."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -381,6 +382,53 @@ def test_shooting_waits_until_nothing_else_explains_the_data(monkeypatch):
     # The best one leaves a form that matters, or nothing.
     assert tries(proof("b", 90.0, left=1e-9)) == {"b": 90.0, "a": 50.0}
     assert tries(proof("b", 90.0)) == {"b": 90.0, "a": -9.0} and not tried
+
+
+def test_law_seen_in_use_is_tried_at_every_place_that_the_screen_sees_alike(monkeypatch):
+    """Before a pump that cannot draw, and behind a sensor: alike at size zero alone."""
+    likelihood = {"level": -1401.0, "u": -713.0, "valve": -713.2, "leak": -900.0}
+    effect = SimpleNamespace(sizes=(), inputs=(), is_dynamic=False)
+
+    def at(name):
+        candidate = SimpleNamespace(name=name, effect=effect, site=SimpleNamespace(name=name), inputs=())
+        flat = SimpleNamespace(with_theta=lambda _: None)
+        return SimpleNamespace(trial=SimpleNamespace(candidate=candidate), flat=flat, names=(), place=name)
+
+    @dataclass(frozen=True)
+    class Found:
+        candidate: object
+        verdict: str = "rejected"
+        delta_log_likelihood: float = 0.0
+        fit: object = None
+        equivalent: tuple[str, ...] = ("u", "valve", "leak")
+
+    def fitted(stand, reference, prepared):
+        return SimpleNamespace(log_likelihood=likelihood[prepared.place], theta={})
+
+    def judged(null, prepared, beside, *_):
+        assert beside.candidate is prepared.trial.candidate
+        return replace(beside, verdict=verdict)
+
+    @dataclass(frozen=True)
+    class Loads:
+        experiments: tuple[()] = ()
+
+    null = Loads()
+    stand = SimpleNamespace(null=null, validation=(), reference=SimpleNamespace(simulated=1))
+    search = SimpleNamespace(stand=stand, n_screened=4)
+    others = [partial(at, name) for name in ("u", "valve", "leak")]
+    monkeypatch.setattr(diagnosis_module, "_elsewhere", lambda *_: others)
+    monkeypatch.setattr(diagnosis_module, "_fitted_in_use", fitted)
+    monkeypatch.setattr(diagnosis_module, "_beside_loads", lambda _, there: Found(there.trial.candidate))
+    monkeypatch.setattr(diagnosis_module, "by_simulation", judged)
+    monkeypatch.setattr(diagnosis_module, "fed", lambda experiments, _: experiments)
+    first = at("level")
+    beside, verdict = Found(first.trial.candidate), "supported"
+    shown = diagnosis_module._shown_in_use(search, first, beside)
+    assert shown.candidate.site.name == "u" and shown.equivalent == ("valve",)
+    # One that no simulation shows stays where it was, refused.
+    verdict = "rejected"
+    assert diagnosis_module._shown_in_use(search, first, beside) is beside
 
 
 def behind(numerator, denominator, seed):

@@ -708,24 +708,65 @@ def _judged(search: _Search, ends: list[Searched], errors: list[Exception]) -> P
 
 def _shown_in_use(search: _Search, prepared: Prepared, beside: Proof) -> Proof:
     """The proof of a candidate by its simulation; that `beside` the loads where a simulation does not show
-    it."""
-    stand, candidate = search.stand, prepared.trial.candidate
+    it.
+
+    The screen tells places apart by what a law of hardly any size does there. A dead zone of finite width
+    before a pump that cannot draw is not one behind the sensor: of the places that the screen sees alike,
+    the one with the likeliest simulation is taken, and those that simulate as well are equivalent."""
+    stand = search.stand
     if stand.reference is None or stand.reference.simulated is None:
         return beside
-    experiments, validation = fed(stand.null.experiments, candidate), fed(stand.validation, candidate)
-    found = fitted_in_use(
+    found: list[tuple[Prepared, FitResult]] = []
+    for make in [None, *_elsewhere(search, prepared)]:
+        with suppress(*FAILURES):
+            here = prepared if make is None else make()
+            fit = _fitted_in_use(stand, stand.reference, here)
+            if fit is not None:
+                found.append((here, fit))
+    if not found:
+        return beside
+    most = max(fit.log_likelihood for _, fit in found)
+    best, *others = [pair for pair in found if pair[1].log_likelihood >= most - GATES.same_fit]
+    there, fit = best
+    candidate = there.trial.candidate
+    proof = beside if candidate.site == beside.candidate.site else _beside_loads(search, there)
+    if proof is None:
+        return beside
+    null = replace(stand.null, experiments=fed(stand.null.experiments, candidate))
+    validation = fed(stand.validation, candidate)
+    shown = by_simulation(null, there, proof, fit, validation, stand.reference, search.n_screened)
+    if shown.verdict == "rejected":
+        return beside
+    return replace(shown, equivalent=tuple(other.trial.candidate.site.name for other, _ in others))
+
+
+def _beside_loads(search: _Search, prepared: Prepared) -> Proof | None:
+    """The proof of a candidate beside the loads, from a gentle effect where the search loses its way; None
+    where it cannot be refitted."""
+    null, best = search.stand.null, None
+    gentle = partial(prepare, null.flat, null.estimated, prepared.trial, share=GENTLE, sharper=1.0)
+    for start in (partial(_same, prepared), gentle):
+        with suppress(*FAILURES):
+            proof = _proved(search, start())
+            if best is None or proof.delta_log_likelihood > best.delta_log_likelihood:
+                best = proof
+            if not has_lost_its_way(proof):
+                break
+    return best
+
+
+def _fitted_in_use(stand: Stand, reference: Reference, prepared: Prepared) -> FitResult | None:
+    """The best simulation of a candidate; None where there is none."""
+    candidate = prepared.trial.candidate
+    return fitted_in_use(
         stand.null,
         prepared.flat,
         prepared.names,
         [f"{candidate.name}.{p.name}" for p in candidate.effect.sizes],
-        stand.reference.fit,
-        experiments,
-        validation,
+        reference.fit,
+        fed(stand.null.experiments, candidate),
+        fed(stand.validation, candidate),
     )
-    if found is None:
-        return beside
-    null = replace(stand.null, experiments=experiments)
-    return by_simulation(null, prepared, beside, found, validation, stand.reference, search.n_screened)
 
 
 def _found_again(search: _Search, prepared: Prepared, best: Proof) -> Proof:
