@@ -31,17 +31,21 @@ from pathlib import Path
 from typing import Any
 
 from daest.errors import ModelError
-from daest.modelica.class_text import (
+from daest.modelica.modifications import check_class_modification
+from daest.modelica.outline import (
     CLOSE,
     OPEN,
+    ClassHead,
+    Token,
+    class_heads,
     class_tokens,
     closing,
     connect_clauses,
     extends_clauses,
     find_base,
+    place_of,
+    tokens,
 )
-from daest.modelica.modifications import check_class_modification
-from daest.modelica.outline import ClassHead, Token, class_heads, place_of, tokens
 
 DER = "deR"
 """The function that stands for der() of an expression."""

@@ -26,11 +26,15 @@ from daest.model.flat import FlatModel
 from daest.model.parts import DerivedParameter, Equation, NoiseInput, Parameter, Variable
 from daest.modelica import syntax as s
 from daest.modelica.assemble import assemble
-from daest.modelica.class_text import class_tokens
 from daest.modelica.compiler import Job, compile_source, with_room
 from daest.modelica.connectors import connectors_of
 from daest.modelica.library import library_roots, readable_roots
-from daest.modelica.outline import ClassHead, class_heads, tokens
+from daest.modelica.outline import (
+    ClassHead,
+    class_heads,
+    class_tokens,
+    tokens,
+)
 from daest.modelica.parse import Annotation, annotation_of
 from daest.modelica.source import read_source
 from daest.modelica.text import text

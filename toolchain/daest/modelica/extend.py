@@ -15,13 +15,6 @@ from daest.model.effects import Effect, Placement, Site
 from daest.model.flat import FlatModel
 from daest.modelica.attach import attach, component_name, free_name, given_source, names_of
 from daest.modelica.balances import balances
-from daest.modelica.class_text import (
-    ConnectClause,
-    class_tokens,
-    connect_clauses,
-    extends_clauses,
-    find_base,
-)
 from daest.modelica.compile import compile_text
 from daest.modelica.compiler import modification
 from daest.modelica.effects import effect_model
@@ -32,7 +25,19 @@ from daest.modelica.opened import (
     opened_output,
     term_connector,
 )
-from daest.modelica.outline import ClassHead, Token, class_heads, offset_of, tokens, within
+from daest.modelica.outline import (
+    ClassHead,
+    ConnectClause,
+    Token,
+    class_heads,
+    class_tokens,
+    connect_clauses,
+    extends_clauses,
+    find_base,
+    offset_of,
+    tokens,
+    within,
+)
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import sites
 from daest.modelica.source import read_source, select_class

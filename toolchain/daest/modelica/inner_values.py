@@ -19,10 +19,16 @@ from pathlib import Path
 from daest.cache import cache_folder, forget_unused, was_used
 from daest.errors import ModelError
 from daest.modelica import syntax as s
-from daest.modelica.class_text import CLOSE, OPEN, closing
 from daest.modelica.compiler import Job
 from daest.modelica.library import MOST_KEPT, Roots, library_entries, put_in_place, stamp
-from daest.modelica.outline import Token, place_of, tokens
+from daest.modelica.outline import (
+    CLOSE,
+    OPEN,
+    Token,
+    closing,
+    place_of,
+    tokens,
+)
 from daest.modelica.parameters import is_parameter
 from daest.modelica.reading import Reading
 

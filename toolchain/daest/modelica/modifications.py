@@ -12,9 +12,21 @@ from functools import cached_property
 
 from daest.errors import ModelError
 from daest.modelica import syntax as s
-from daest.modelica.class_text import CLOSE, OPEN, class_tokens, closing, extends_clauses, find_base
 from daest.modelica.expressions import split_path
-from daest.modelica.outline import KINDS, ClassHead, Token, class_heads, place_of, tokens
+from daest.modelica.outline import (
+    CLOSE,
+    KINDS,
+    OPEN,
+    ClassHead,
+    Token,
+    class_heads,
+    class_tokens,
+    closing,
+    extends_clauses,
+    find_base,
+    place_of,
+    tokens,
+)
 from daest.near import near_names
 
 _PREFIXES = (

@@ -17,9 +17,18 @@ from daest.model.effects import Domain
 from daest.model.flat import FlatModel
 from daest.modelica.attach import ZERO_CELSIUS, free_name
 from daest.modelica.balances import Balance, needs_position
-from daest.modelica.class_text import CLOSE, OPEN, class_tokens, closing, depths
 from daest.modelica.connectors import connectors_of
-from daest.modelica.outline import ClassHead, Token, class_heads, offset_of
+from daest.modelica.outline import (
+    CLOSE,
+    OPEN,
+    ClassHead,
+    Token,
+    class_heads,
+    class_tokens,
+    closing,
+    depths,
+    offset_of,
+)
 
 _TERMS: dict[Domain, tuple[str, str, str]] = {
     "translational": ("Force", "s", "flange"),
