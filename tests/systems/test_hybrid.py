@@ -428,3 +428,15 @@ def test_a_tank_runs_empty(more):
     text = f"model T Real h(start = 1, fixed = true); {more} equation der(h) = -sqrt(max(0, h)); end T;"
     found = run(model(text), 4)
     assert found["h"] == pytest.approx(np.maximum(1 - found.time / 2, 0) ** 2, abs=1e-6)
+
+
+def test_initial_equations_of_the_elements_of_a_discrete_array():
+    """The slopes by hand: 10 + 2, then 10 + 20 where nothing holds any more."""
+    text = "model P Boolean a[2]; Real x(start = 0, fixed = true); parameter Real p[2] = {0.3, 0.6};\n"
+    text += "discrete Integer n(start = 0, fixed = true);\n"
+    text += "initial equation for i in 1:2 loop pre(a[i]) = p[i] > 0.5; end for;\n"
+    text += "equation der(x) = (if a[1] then 1 else 10) + (if a[2] then 2 else 20);\n"
+    text += "for i in 1:2 loop a[i] = pre(a[i]) and time <= 0.5; end for;\n"
+    text += "when time > 2 then n = 1; end when; end P;"
+    found = run(model(text), 1)
+    assert found["x"][-1] == pytest.approx(12 * 0.5 + 30 * 0.5)

@@ -139,13 +139,21 @@ def _initial(reading: Reading, declared: Declared) -> tuple[list[Row], dict[str,
         if name and other and not {name, other} & held:
             equal.append((name, other))
             continue
+        if (element := _remembered_element(equation, reading)) and element[0] not in held:
+            assert reading.events is not None and equation.right is not None
+            reading.events.pre(element[0])
+            evaluator.at = equation.span
+            with evaluator.bound(*_iterators(equation)):
+                one = v.symbolic(evaluator.scalar(equation.right))
+            starts |= {f"pre({element[1]})": one, element[1]: one}
+            continue
         if not name or equation.right is None or name in held:
             rows.append(equation)
             continue
         evaluator.at = equation.span
         value = evaluator.value(equation.right)
-        for one in _same(name, declared):
-            _start(starts, one, value, reading)
+        for same in _same(name, declared):
+            _start(starts, same, value, reading)
     _equal_starts(starts, equal, reading)
     made = _rows(reading, declared, rows)
     for algorithm in reading.source.initial_algorithms:
@@ -187,6 +195,29 @@ def _remembered(node: s.Node | None, reading: Reading) -> str:
         node = node.arguments[0]
     known = isinstance(node, s.Name) and not node.subscripts and reading.events is not None
     return node.name if known and node.name in reading.discrete | reading.targets else ""  # type: ignore[union-attr]
+
+
+def _iterators(equation: s.FlatEquation) -> tuple[list[str], list[Value]]:
+    """Names and values of the for-iterators around an equation."""
+    return [name for name, _ in equation.bound], [value for _, value in equation.bound]
+
+
+def _remembered_element(equation: s.FlatEquation, reading: Reading) -> tuple[str, str] | None:
+    """The array and the name of its element, where an initial equation `x[i] = …`, also with pre(x[i]), is
+    for an element of a discrete array."""
+    node = equation.left
+    if isinstance(node, s.Call) and node.function == "pre":
+        node = node.arguments[0]
+    is_element = isinstance(node, s.Name) and node.subscripts and reading.events is not None
+    if not is_element or equation.right is None or node.name not in reading.discrete:  # type: ignore[union-attr]
+        return None
+    assert isinstance(node, s.Name)
+    evaluator = reading.evaluator(reading.numeric, equation.span)
+    with evaluator.bound(*_iterators(equation)):
+        at = [evaluator.value(one) for one in node.subscripts]
+    if not all(isinstance(one, int) for one in at):
+        return None
+    return node.name, f"{node.name}[{','.join(map(str, at))}]"
 
 
 def _start(starts: dict[str, ca.SX], name: str, value: Value, reading: Reading) -> None:
