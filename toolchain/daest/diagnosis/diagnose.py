@@ -743,16 +743,15 @@ def _shown_in_use(search: _Search, prepared: Prepared, beside: Proof) -> Proof:
 def _beside_loads(search: _Search, prepared: Prepared) -> Proof | None:
     """The proof of a candidate beside the loads, from a gentle effect where the search loses its way; None
     where it cannot be refitted."""
-    null, best = search.stand.null, None
+    null = search.stand.null
     gentle = partial(prepare, null.flat, null.estimated, prepared.trial, share=GENTLE, sharper=1.0)
+    ends: list[Searched] = []
     for start in (partial(_same, prepared), gentle):
         with suppress(*FAILURES):
-            proof = _proved(search, start())
-            if best is None or proof.delta_log_likelihood > best.delta_log_likelihood:
-                best = proof
-            if not has_lost_its_way(proof):
+            ends.append(_searched(search, start()))
+            if not has_lost_its_way(ends[-1]):
                 break
-    return best
+    return _judged(search, ends, [])
 
 
 def _fitted_in_use(stand: Stand, reference: Reference, prepared: Prepared) -> FitResult | None:
