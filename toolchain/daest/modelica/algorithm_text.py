@@ -16,11 +16,7 @@ from daest.modelica import syntax as s
 from daest.modelica.dialect import DER, MARK
 from daest.modelica.expressions import split_path
 from daest.modelica.function_text import StatementParser
-from daest.modelica.outline import (
-    Token,
-    class_heads,
-    class_tokens,
-)
+from daest.modelica.outline import Token, class_heads, class_tokens
 from daest.modelica.parse import ParseError
 
 _OPEN, _CLOSE = ("(", "[", "{"), (")", "]", "}")

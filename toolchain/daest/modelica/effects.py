@@ -29,12 +29,7 @@ from daest.modelica.assemble import assemble
 from daest.modelica.compiler import Job, compile_source, with_room
 from daest.modelica.connectors import connectors_of
 from daest.modelica.library import library_roots, readable_roots
-from daest.modelica.outline import (
-    ClassHead,
-    class_heads,
-    class_tokens,
-    tokens,
-)
+from daest.modelica.outline import ClassHead, class_heads, class_tokens, tokens
 from daest.modelica.parse import Annotation, annotation_of
 from daest.modelica.source import read_source
 from daest.modelica.text import text

@@ -21,14 +21,7 @@ from daest.errors import ModelError
 from daest.modelica import syntax as s
 from daest.modelica.compiler import Job
 from daest.modelica.library import MOST_KEPT, Roots, library_entries, put_in_place, stamp
-from daest.modelica.outline import (
-    CLOSE,
-    OPEN,
-    Token,
-    closing,
-    place_of,
-    tokens,
-)
+from daest.modelica.outline import CLOSE, OPEN, Token, closing, place_of, tokens
 from daest.modelica.parameters import is_parameter
 from daest.modelica.reading import Reading
 
