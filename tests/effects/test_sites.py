@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from effect_rig import MODELS, characteristic, finite_poles, rig, rig_sites
 
 from daest.errors import ModelError
 from daest.modelica.attach import attach
+from daest.modelica.balances import balances
 from daest.modelica.compile import compile_model, compile_text
 from daest.modelica.effects import effect_library, find_effect
 from daest.modelica.sites import find_site, fits, sites
@@ -195,6 +197,22 @@ def test_term_of_a_bare_equation_has_the_sign_of_nature(tmp_path, name, place, v
     with pytest.raises(ModelError) as caught:
         attach(made, effect, find_site(made, place, effect))
     assert caught.value.code == "effect-present"
+
+
+def test_a_load_is_no_definition_of_a_rate() -> None:
+    text = b"""model Ball
+      input Real u(unit = "rad", start = 0);
+      Real s(unit = "m"), v(unit = "m/s"), load;
+    equation
+      der(s) = v;
+      der(v) = 9.81*u + load;
+      der(load) = -load;
+    end Ball;"""
+    flat = compile_text(text, Path("Ball.mo"))
+    assert {b.name(flat) for b in balances(flat)} .isdisjoint({"1:v", "0:s"})  # load may well be the rate of v
+    from_outside = replace(flat.equations[2], origin="load")
+    flat = replace(flat, equations=(*flat.equations[:2], from_outside))
+    assert "1:v" in {b.name(flat) for b in balances(flat)}
 
 
 def test_heat_of_a_bare_equation_in_celsius(tmp_path) -> None:

@@ -19,6 +19,7 @@ import casadi as ca
 import numpy as np
 from scipy.special import ndtri_exp
 
+from daest.diagnosis.absorbed import rescaling_sizes
 from daest.diagnosis.candidates import attachable, explicit_at_null, with_shapes
 from daest.diagnosis.clipping import CLIPPED
 from daest.diagnosis.error_dynamics import ErrorDynamics, dynamics_along
@@ -259,6 +260,7 @@ def _screened(
     if not usable:
         return Screen((), np.zeros((0, 0)), 1.0, 0, (*skipped, *refused, *refused_shapes))
     responses, columns = _responses(null, run, explicit, usable)
+    responses[_only_rescales(null, run, explicit, usable)] = 0.0
     directions = nuisance(run, len(null.estimated))
     rescaling = np.vstack([directions, _loads_rescaled(null, run)])
     return scored(
@@ -343,6 +345,24 @@ def _responses(
         g = grown.without_effects(np.stack([at_starts[:, :-1], at_ends[:, 1:]], axis=1))
         parts.append(innovation_responses(run, number, experiment, g, direct))
     return np.concatenate(parts, axis=1), rows
+
+
+def _only_rescales(
+    null: Null, run: NullObserver, explicit: ExplicitModel, candidates: Sequence[Candidate]
+) -> np.ndarray:
+    """Which sizes (k,) of the candidates do what the estimated parameters and the loads do already."""
+    experiment, filtered = null.experiments[0], run.observed[0].filtered
+    (inputs, derivatives), _ = _driven_inputs(null, explicit, experiment)
+    grown = grown_states(null.explicit, null.theta, filtered.mean(axis=0), explicit)
+    return rescaling_sizes(
+        explicit,
+        [name for c in candidates for name in size_names(c)],
+        null.estimated,
+        [load.name for load in null.loads],
+        grown.along(experiment.time, filtered, (inputs, derivatives)),
+        inputs.T,
+        derivatives.T,
+    )
 
 
 def law_response(
