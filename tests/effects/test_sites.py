@@ -209,7 +209,7 @@ def test_a_load_is_no_definition_of_a_rate() -> None:
       der(load) = -load;
     end Ball;"""
     flat = compile_text(text, Path("Ball.mo"))
-    assert {b.name(flat) for b in balances(flat)} .isdisjoint({"1:v", "0:s"})  # load may well be the rate of v
+    assert {b.name(flat) for b in balances(flat)}.isdisjoint({"1:v", "0:s"})  # load may well be the rate of v
     from_outside = replace(flat.equations[2], origin="load")
     flat = replace(flat, equations=(*flat.equations[:2], from_outside))
     assert "1:v" in {b.name(flat) for b in balances(flat)}

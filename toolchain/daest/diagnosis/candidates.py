@@ -45,6 +45,23 @@ def pairs(
     return tuple(found)
 
 
+def keeping_order(
+    flat: FlatModel, explicit: ExplicitModel, candidates: Sequence[Candidate]
+) -> tuple[Candidate, ...]:
+    """The candidates, with a word where an effect that changes the order elsewhere keeps that of `explicit`,
+    the explicit form of `flat`."""
+
+    def keeps(candidate: Candidate) -> bool:
+        if not candidate.effect.is_dynamic or candidate.site.kind in ("input", "output"):
+            return False
+        try:
+            return reduce_index(attached(flat, [candidate])).state_names == explicit.state_names
+        except DaestError:
+            return False
+
+    return tuple(replace(c, keeps_order=True) if keeps(c) else c for c in candidates)
+
+
 def fed(experiments: Sequence[Experiment], candidate: Candidate) -> tuple[Experiment, ...]:
     """The experiments with the recorded signals that the effect needs as further inputs."""
     names = tuple(candidate.inputs.values())

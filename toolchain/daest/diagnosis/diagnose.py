@@ -22,7 +22,7 @@ from scipy.linalg import LinAlgWarning
 
 from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.black_box import diagnose_black_box
-from daest.diagnosis.candidates import fed, pairs
+from daest.diagnosis.candidates import fed, keeping_order, pairs
 from daest.diagnosis.clipping import share_at_limit, with_clipped_sensors
 from daest.diagnosis.disturbance import SmoothedLoad, place_gains, smoothed_load
 from daest.diagnosis.free_forms import free_forms
@@ -377,7 +377,9 @@ def _quiet() -> Iterator[None]:
 def _examined(
     stand: Stand, library: Sequence[Effect], options: DiagnoseOptions, progress: Progress
 ) -> Diagnosis:
-    candidates = _chosen(library, sites(stand.declared), stand.null.experiments, options)
+    null = stand.null
+    chosen = _chosen(library, sites(stand.declared), null.experiments, options)
+    candidates = keeping_order(null.flat, null.explicit, chosen)
     progress(f"screening {len(candidates)} effect{'' if len(candidates) == 1 else 's'} at places")
 
     def screened() -> tuple[Stand, tuple[Candidate, ...], NullObserver, Screen, Screen | None]:
@@ -861,7 +863,7 @@ def _proof_of(search: _Search, found: Searched) -> Proof:
 
 def _dynamic_parts(null: Null, candidates: Sequence[Candidate]) -> list[Callable[[], DynamicFits]]:
     """The fits of the effects with states as a few tasks; none where there are none."""
-    wanted = [c for c in candidates if c.effect.is_dynamic and not c.inputs]
+    wanted = [c for c in candidates if c.is_dynamic and not c.inputs]
     with _quiet():
         simulation = best_simulation(null) if wanted else None
     if simulation is None:

@@ -370,7 +370,7 @@ def proof_of(
         fit = refit.simulated(validation)
     left = None if reason else _left(null, with_effect, after or run_null(with_effect))
     if left is not None:
-        if prepared.trial.candidate.effect.is_dynamic:
+        if prepared.trial.candidate.is_dynamic:
             reason = _other_dynamics(left, gain) or _too_short(null, prepared.trial.candidate, fit)
         if is_curve and left.p_value < GATES.rest_level and not is_told and not is_shown:
             reason = _unexplained(explained, ratios)
@@ -731,7 +731,7 @@ def _weak(prepared: Prepared, fit: FitResult) -> str:
             continue
         # Beside estimated shapes a size alone tells little: there the likelihood ratio has spoken.
         shares = sum(p.estimate for p in candidate.effect.parameters) > len(candidate.effect.sizes)
-        least = GATES.min_dynamic_significance if candidate.effect.is_dynamic else GATES.min_significance
+        least = GATES.min_dynamic_significance if candidate.is_dynamic else GATES.min_significance
         certainty = _certainty(candidate, fit, size, parameter)
         reason = _weak_size(size, parameter.null or 0.0, 0.0 if shares else least, certainty)
         if not reason:

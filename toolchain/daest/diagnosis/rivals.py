@@ -50,7 +50,7 @@ DynamicFits = list[tuple[float, Prepared]]  # log-likelihoods of simulations wit
 def dynamic_trials(null: Null, candidates: Sequence[Candidate]) -> tuple[Prepared, ...]:
     """The dynamic effects that improve the simulation most, started from their output-error fits. Only for
     models with affine dynamics, where such a fit takes a fraction of a second."""
-    wanted = [c for c in candidates if c.effect.is_dynamic and not c.inputs]
+    wanted = [c for c in candidates if c.is_dynamic and not c.inputs]
     simulation = best_simulation(null) if wanted else None
     return () if simulation is None else best_dynamic([dynamic_fits(null, wanted, simulation)])
 

@@ -35,6 +35,7 @@ from daest.modelica.attach import components_with
 from daest.numerics.statistics import autoregression, chi2, norm
 from daest.systems.integrate import Correction, Integrator, Trajectory, integrate, integrator, interval_inputs
 from daest.systems.integration import IntegrationError
+from daest.systems.linearize import has_affine_dynamics
 from daest.systems.sensor_laws import slopes_along
 
 DRAWS = 20_000  # of the largest score under the null
@@ -173,17 +174,17 @@ def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed:
     Raises EstimationError `diagnose-no-candidate`.
     """
     present = _already_there(null, candidates)
-    regular = [
-        c for c, there in zip(candidates, present, strict=True) if not there and not c.effect.is_dynamic
-    ]
+    regular = [c for c, there in zip(candidates, present, strict=True) if not there and not c.is_dynamic]
+    is_linear = has_affine_dynamics(null.explicit)
+    of_order = "changes the order of the model: " + (
+        "fitted by simulation, not screened" if is_linear else "not tried, since the model is not linear"
+    )
     skipped = [
-        (c.label, there or "changes the order of the model: refitted, not screened")
-        for c, there in zip(candidates, present, strict=True)
-        if c not in regular
+        (c.label, there or of_order) for c, there in zip(candidates, present, strict=True) if c not in regular
     ]
     contained = {c.label for c, there in zip(candidates, present, strict=True) if there}
-    bare = [c for c in regular if not c.effect.n_states]
-    with_states = [c for c in regular if c.effect.n_states]
+    with_states = [c for c in regular if c.effect.n_states and not c.keeps_order]
+    bare = [c for c in regular if c not in with_states]
     if not with_states or _follow_the_model(null, run, with_states):
         try:
             found = _screened(null, run, regular, skipped, seed, len(candidates))

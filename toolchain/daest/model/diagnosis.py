@@ -44,7 +44,8 @@ class Load:
 class Candidate:
     """An effect at a site as component `name`, with its shape and sharpness values, the recorded signals
     that supply its inputs, and the units that its parameters have there. `searched` counts the values of its
-    shape that were compared on the data before it was chosen."""
+    shape that were compared on the data before it was chosen. `keeps_order`: at this place the effect brings
+    no state of its own, whatever it does elsewhere (an inductance beside one that the model has)."""
 
     effect: Effect
     site: Site
@@ -53,6 +54,12 @@ class Candidate:
     inputs: dict[str, str] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     searched: int = 1
+    keeps_order: bool = False
+
+    @property
+    def is_dynamic(self) -> bool:
+        """Whether the model changes its order or index where the sizes vanish."""
+        return self.effect.is_dynamic and not self.keeps_order
 
     @property
     def size_unit(self) -> str:
