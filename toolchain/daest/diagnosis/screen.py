@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any, cast
 
 import casadi as ca
@@ -244,24 +244,22 @@ def _screened(
     seed: int,
     n_all: int,
 ) -> Screen:
-    first, filtered = null.experiments[0], run.observed[0].filtered
-    states = dict(zip(run.state_names, filtered.T, strict=True))
-    shaped, refused = with_shapes(
-        null.flat, static, first.time, states, first.inputs, run.observed[0].whitened
-    )
-    if not shaped and len(static) == n_all:
+    # States that effects bring beside those that the model has already leave others no place for theirs.
+    groups = [[c for c in static if c.keeps_order is kept] for kept in (False, True)]
+    parts = [_responding(null, run, group) for group in groups if group]
+    usable = tuple(chain.from_iterable(part.candidates for part in parts))
+    refused = tuple(chain.from_iterable(part.refused for part in parts))
+    if not usable and len(static) == n_all:
         raise EstimationError(
             "diagnose-no-candidate",
             "no effect of the library fits any place of this model",
             remedy="name effects and places (--effect, --at), or see `daest effects`",
         )
-    if not shaped:
-        return Screen((), np.zeros((0, 0)), 1.0, 0, (*skipped, *refused))
-    usable, refused_shapes, explicit = attachable(null.flat, shaped)
     if not usable:
-        return Screen((), np.zeros((0, 0)), 1.0, 0, (*skipped, *refused, *refused_shapes))
-    responses, columns = _responses(null, run, explicit, usable)
-    responses[_only_rescales(null, run, explicit, usable)] = 0.0
+        return Screen((), np.zeros((0, 0)), 1.0, 0, (*skipped, *refused))
+    responses = np.concatenate([part.responses for part in parts if part.candidates])
+    ends = np.cumsum([0, *(len(c.effect.sizes) for c in usable)]).tolist()
+    columns = [slice(begin, end) for begin, end in pairwise(ends)]
     directions = nuisance(run, len(null.estimated))
     rescaling = np.vstack([directions, _loads_rescaled(null, run)])
     return scored(
@@ -271,9 +269,34 @@ def _screened(
         directions,
         rescaling,
         responses,
-        (*skipped, *refused, *refused_shapes),
+        (*skipped, *refused),
         seed,
     )
+
+
+@dataclass(frozen=True)
+class _Responding:
+    """Candidates at their shapes, the `responses` (k, m) of the whitened innovations to their sizes, and what
+    cannot be attached with the reason."""
+
+    candidates: tuple[Candidate, ...]
+    responses: np.ndarray
+    refused: tuple[tuple[str, str], ...]
+
+
+def _responding(null: Null, run: NullObserver, static: Sequence[Candidate]) -> _Responding:
+    """The candidates with a shape for each that is worth trying, and what each does to the innovations."""
+    first, filtered = null.experiments[0], run.observed[0].filtered
+    states = dict(zip(run.state_names, filtered.T, strict=True))
+    shaped, refused = with_shapes(
+        null.flat, static, first.time, states, first.inputs, run.observed[0].whitened
+    )
+    usable, refused_shapes, explicit = attachable(null.flat, shaped) if shaped else ((), (), null.explicit)
+    if not usable:
+        return _Responding((), np.zeros((0, run.whitened.size)), (*refused, *refused_shapes))
+    responses = _responses(null, run, explicit, usable)
+    responses[_only_rescales(null, run, explicit, usable)] = 0.0
+    return _Responding(usable, responses, (*refused, *refused_shapes))
 
 
 def _already_there(null: Null, candidates: Sequence[Candidate]) -> list[str]:
@@ -328,11 +351,9 @@ def size_names(candidate: Candidate) -> tuple[str, ...]:
 
 def _responses(
     null: Null, run: NullObserver, explicit: ExplicitModel, candidates: Sequence[Candidate]
-) -> tuple[np.ndarray, list[slice]]:
-    """Responses (k, m) of the whitened innovations to each size, and the rows of each candidate."""
+) -> np.ndarray:
+    """Responses (k, m) of the whitened innovations to each size of the candidates, in their order."""
     names = [name for c in candidates for name in size_names(c)]
-    ends = np.cumsum([0, *(len(c.effect.sizes) for c in candidates)])
-    rows = [slice(a, b) for a, b in pairwise(ends.tolist())]
     of_rates, of_outputs = _drive_functions(explicit, names)
     grown = grown_states(null.explicit, null.theta, run.observed[0].filtered.mean(axis=0), explicit)
     parts = []
@@ -345,7 +366,7 @@ def _responses(
         direct = _drives(explicit, of_outputs, time, predicted, last)
         g = grown.without_effects(np.stack([at_starts[:, :-1], at_ends[:, 1:]], axis=1))
         parts.append(innovation_responses(run, number, experiment, g, direct))
-    return np.concatenate(parts, axis=1), rows
+    return np.concatenate(parts, axis=1)
 
 
 def _only_rescales(
@@ -374,7 +395,7 @@ def law_response(
     effect = candidate.effect
     shape = {name: theta.get(f"{candidate.name}.{name}", value) for name, value in candidate.shape.items()}
     placed = replace(candidate, shape=shape)
-    responses, _ = _responses(null, run, explicit_at_null(null.flat, [placed]), [placed])
+    responses = _responses(null, run, explicit_at_null(null.flat, [placed]), [placed])
     weights = [theta.get(f"{candidate.name}.{p.name}", 0.0) - (p.null or 0.0) for p in effect.sizes]
     return np.array(weights)[None] @ responses
 
