@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -133,7 +134,9 @@ def test_responses_are_derivatives_of_the_predictor():
     )
     chosen = {c.label: c for c in shaped if c.effect.name != "Unbalance" or c.shape["phi_0"] == 0.0}
     usable, _, explicit = attachable(null.flat, tuple(chosen.values()))
-    responses, rows = _responses(null, run, explicit, usable)
+    responses = _responses(null, run, explicit, usable)
+    ends = np.cumsum([0, *(len(c.effect.sizes) for c in usable)])
+    rows = [slice(begin, end) for begin, end in pairwise(ends.tolist())]
     one = null.experiments[0]
     start = null.initial_states[0]
     x0 = np.array([start.get(name, 0.0) for name in explicit.state_names])

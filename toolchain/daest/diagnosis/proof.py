@@ -760,11 +760,19 @@ def _undetermined(candidate: Candidate, told: FitResult) -> str:
 def _out_of_reach(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why the law is not what its name says, where its places along a variable, such as a rim or a stop, lie
     beyond all that the variable comes to in the simulation: the law then lives on how its kink is rounded.
+    Nor is it where a length or speed over which the law has its form is so much longer that the recordings
+    show a part of the form alone, which may belong to any other: a third of a period is a cubic spring.
     Empty where it does not."""
-    places = {p.name: f"{candidate.name}.{p.scale_of}" for p in candidate.effect.parameters if _is_place(p)}
-    if not places:
+    scaled = [p for p in candidate.effect.parameters if p.role == "shape" and p.estimate and p.scale_of]
+    if not scaled:
         return ""
+    variables = {p.name: f"{candidate.name}.{p.scale_of}" for p in scaled}
     reached = largest_values(grown(model, model.flat, model.explicit, told, model.experiments))
+    places = {p.name: variables[p.name] for p in scaled if _is_place(p)}
+    for name in (name for name in variables if name not in places):
+        value, most = abs(told.theta[f"{candidate.name}.{name}"]), reached.get(variables[name], np.inf)
+        if value > GATES.max_scale * most:
+            return f"the recordings (to {most:.4g}) show too little of its form ({name} = {value:.4g})"
     beyond = ""
     for name, variable in places.items():
         value, most = abs(told.theta[f"{candidate.name}.{name}"]), reached.get(variable, np.inf)
