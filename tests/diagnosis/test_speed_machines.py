@@ -40,7 +40,7 @@ def test_responses_to_angles_are_the_same_in_equations_and_from_components():
         chosen = [c for c in shaped if c.site.name == place]
         usable, refused, explicit = attachable(null.flat, chosen)
         assert not refused
-        responses, _ = _responses(null, run, explicit, usable)
+        responses = _responses(null, run, explicit, usable)
         found.append(
             {
                 (c.effect.name, round(c.shape.get("phi_0", 0.0), 6)): r
