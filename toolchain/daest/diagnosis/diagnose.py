@@ -1098,7 +1098,7 @@ def _with_better_kinks(proofs: Sequence[Proof], rounded: Sequence[Proof]) -> lis
         for before in proofs
         if before.candidate.name == proof.candidate.name
         and proof.delta_bic > before.delta_bic
-        and (_is_standing(proof) or not _is_standing(before))
+        and _standing(proof) >= _standing(before)
     }
     return [better.get(proof.candidate.name, proof) for proof in proofs]
 
@@ -1114,9 +1114,9 @@ def _as_refused(rounded: Proof, before: Proof) -> Proof:
     return replace(rounded, verdict="rejected", reason=before.reason, is_open=before.is_open)
 
 
-def _is_standing(proof: Proof) -> bool:
-    """Whether unseen data do not speak against a law."""
-    return proof.verdict != "rejected" or proof.is_open
+def _standing(proof: Proof) -> int:
+    """2 where a law is accepted, 1 where it is refused though nothing speaks against it, else 0."""
+    return 2 if proof.verdict != "rejected" else int(proof.is_open)
 
 
 def _unproved(

@@ -361,8 +361,11 @@ def proof_of(
         says_all = form is not None and form.p_value < GATES.rest_level and gain >= form.log_likelihood_gain
         is_curve = says_all and explained >= GATES.min_curve_explained
         undetermined = "" if against else _undetermined(prepared.trial.candidate, final or fit)
-        is_open = not against and not undetermined
-        undetermined = undetermined or _out_of_reach(with_effect, prepared.trial.candidate, final or fit)
+        formless = _formless(with_effect, prepared.trial.candidate, final or fit)
+        is_open = not against and not undetermined and not formless
+        undetermined = (
+            undetermined or formless or _out_of_reach(with_effect, prepared.trial.candidate, final or fit)
+        )
         reason = against or undetermined or _weak(prepared, final if is_shown and final else fit)
         if not reason and not is_curve and not is_told and not is_shown:
             reason = _unexplained(explained, ratios)
@@ -757,22 +760,30 @@ def _undetermined(candidate: Candidate, told: FitResult) -> str:
     return f"the data determine none of its parameters ({', '.join(unknown)})"
 
 
+def _formless(model: Null, candidate: Candidate, told: FitResult) -> str:
+    """Why the law is not what its name says, where a length or speed over which it has its form is so large
+    that the recordings show a part of the form alone, which may belong to any other: a third of a period is a
+    cubic spring beside a constant force. Empty where it is not."""
+    scaled = [p for p in _scaled(candidate) if not _is_place(p)]
+    reached = (
+        largest_values(grown(model, model.flat, model.explicit, told, model.experiments)) if scaled else {}
+    )
+    for p in scaled:
+        value = abs(told.theta[f"{candidate.name}.{p.name}"])
+        most = reached.get(f"{candidate.name}.{p.scale_of}", np.inf)
+        if value > GATES.max_scale * most:
+            return f"the recordings (to {most:.4g}) show too little of its form ({p.name} = {value:.4g})"
+    return ""
+
+
 def _out_of_reach(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why the law is not what its name says, where its places along a variable, such as a rim or a stop, lie
     beyond all that the variable comes to in the simulation: the law then lives on how its kink is rounded.
-    Nor is it where a length or speed over which the law has its form is so much longer that the recordings
-    show a part of the form alone, which may belong to any other: a third of a period is a cubic spring.
     Empty where it does not."""
-    scaled = [p for p in candidate.effect.parameters if p.role == "shape" and p.estimate and p.scale_of]
-    if not scaled:
+    places = {p.name: f"{candidate.name}.{p.scale_of}" for p in _scaled(candidate) if _is_place(p)}
+    if not places:
         return ""
-    variables = {p.name: f"{candidate.name}.{p.scale_of}" for p in scaled}
     reached = largest_values(grown(model, model.flat, model.explicit, told, model.experiments))
-    places = {p.name: variables[p.name] for p in scaled if _is_place(p)}
-    for name in (name for name in variables if name not in places):
-        value, most = abs(told.theta[f"{candidate.name}.{name}"]), reached.get(variables[name], np.inf)
-        if value > GATES.max_scale * most:
-            return f"the recordings (to {most:.4g}) show too little of its form ({name} = {value:.4g})"
     beyond = ""
     for name, variable in places.items():
         value, most = abs(told.theta[f"{candidate.name}.{name}"]), reached.get(variable, np.inf)
@@ -782,10 +793,14 @@ def _out_of_reach(model: Null, candidate: Candidate, told: FitResult) -> str:
     return beyond
 
 
+def _scaled(candidate: Candidate) -> list[EffectParameter]:
+    """The shapes of the effect that are estimated and lie along one of its variables."""
+    return [p for p in candidate.effect.parameters if p.role == "shape" and p.estimate and p.scale_of]
+
+
 def _is_place(parameter: EffectParameter) -> bool:
-    """Whether a shape is a place along a variable: it is looked for near the end of what that reaches."""
-    is_shape = parameter.role == "shape" and parameter.estimate and bool(parameter.scale_of)
-    return is_shape and PLACED <= max(map(abs, parameter.grid), default=0.0) < 1.0
+    """Whether a shape along a variable is a place there: it is looked for near the end of what that reaches."""
+    return PLACED <= max(map(abs, parameter.grid), default=0.0) < 1.0
 
 
 def _is_known(parameter: FittedParameter, declared: EffectParameter, certainty: float) -> bool:
