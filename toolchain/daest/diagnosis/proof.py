@@ -799,7 +799,7 @@ def _scaled(candidate: Candidate) -> list[EffectParameter]:
 
 
 def _is_place(parameter: EffectParameter) -> bool:
-    """Whether a shape along a variable is a place there: it is looked for near the end of what that reaches."""
+    """Whether a shape along a variable is a place there: it is looked for near the end of its reach."""
     return PLACED <= max(map(abs, parameter.grid), default=0.0) < 1.0
 
 
