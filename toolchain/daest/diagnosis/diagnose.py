@@ -981,6 +981,33 @@ class _Stages:
         self.lost.clear()
         return result
 
+    def shown_in_use(self, proofs: Sequence[Proof]) -> list[Proof]:
+        """All laws; those that are likelier than what is accepted, and refused since a load is left beside
+        them, by their simulation where that shows them: beside a load that may take any course a law keeps
+        no more than the load leaves it, a stiffening spring half of its size."""
+        null, reference = self.search.stand.null, self.search.stand.reference
+        if reference is None or reference.simulated is None or reference.adds_up or self.options.is_over:
+            return list(proofs)
+        best = best_accepted(ranked(proofs))
+        least = GATES.min_bic_gain if best is None else best.delta_bic
+        doubted = [
+            p
+            for p in sorted(proofs, key=lambda p: -p.delta_bic)
+            if p.is_open and p.explained < GATES.min_explained and p.delta_bic > least
+        ]
+        tasks = []
+        for proof in doubted[:MOST_IN_USE]:
+            candidate = proof.candidate
+            own = tuple(f"{candidate.name}.{p.name}" for p in candidate.effect.parameters if p.estimate)
+            sizes = tuple(proof.fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
+            flat = with_equations(proof.flat, "a simulation").with_theta(proof.fit.theta)
+            prepared = Prepared(Trial(candidate, sizes, ()), flat, (*null.estimated, *own))
+            self.progress(f"simulating with {candidate.label}")
+            tasks.append(partial(_shown_in_use, self.search, prepared, proof))
+        found = self.proved((), proofs, tasks)[1] if tasks else []
+        shown = {p.candidate.name: p for p in found if p is not None}
+        return [shown.get(p.candidate.name, p) for p in proofs]
+
 
 def _length(prepared: Prepared) -> int:
     """How long a refit takes beside others, roughly: what it multiplies its runs by, and their number."""
@@ -1050,6 +1077,7 @@ def _proofs(
             # They start from the best: a first pass that is worse has only not come back to it yet.
             again = stages.proved(richer_laws(null, run, best, library, proofs), ())[0]
             proofs = _with_second_tries(proofs, again)
+        proofs = stages.shown_in_use(proofs)
     order = ranked(proofs)
     is_whole = not stages.late and None not in fits
     return order, _unproved(found, wanted, order, stages.failed), is_whole

@@ -963,7 +963,17 @@ def _far_more_likely(order: Sequence[Proof], best: Proof) -> Proof | None:
 
 
 def _is_in_the_way(refused: Proof, best: Proof) -> bool:
-    return refused.is_open and not _unseen_ratio(refused, best) < GATES.max_rival_error
+    if not refused.is_open:
+        return False
+    return _is_likelier_part(refused, best) or not _unseen_ratio(refused, best) < GATES.max_rival_error
+
+
+def _is_likelier_part(refused: Proof, best: Proof) -> bool:
+    """Whether the best law is the sum of another one and something besides, and yet less likely than that
+    alone: what it owes to the other part belongs to a third effect that the model lacks, too."""
+    one, other = refused.candidate, best.candidate
+    is_part = one.effect.name in other.effect.sum_of and one.site == other.site
+    return is_part and refused.delta_bic > best.delta_bic + GATES.same_bic
 
 
 def _is_torn(refused: Proof, best: Proof) -> bool:

@@ -46,7 +46,9 @@ def scaled(problem: TrajectoryProblem, z: np.ndarray) -> tuple[TrajectoryProblem
     if errors is None:
         return problem, z
     size = np.max([np.max(np.abs(t.states), axis=0) for t in errors.trajectories], axis=0)
-    scale = np.where(np.isfinite(size) & (size > 0.0), size, 1.0)
+    # A state that rests at zero leaves it by rounding, which is no size to resolve it by.
+    least = FIT.rounded_state * np.max(size[np.isfinite(size)], initial=0.0)
+    scale = np.where(np.isfinite(size) & (size > least), size, 1.0)
     x0 = z[n:].reshape(len(problem.experiments), scale.size) / scale
     return replace(problem, state_scale=scale), np.concatenate([z[:n], x0.ravel()])
 
