@@ -3,6 +3,7 @@
 import dataclasses
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -11,7 +12,7 @@ from nonlinear_models import experiment_of, explicit_from, setup_of
 
 import daest.estimation.identify_nonlinear as identify_nonlinear_module
 from daest.errors import DaestError, EstimationError
-from daest.estimation import trajectories
+from daest.estimation import nonlinear_start, trajectories
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
 from daest.estimation.identify import identify
 from daest.estimation.identify_nonlinear import WarmStart, identify_nonlinear, search_on
@@ -335,3 +336,22 @@ def test_law_that_the_start_values_never_reach_waits_for_the_other_parameters():
         (found,) = (p for p in fit.parameters if p.name == name)
         assert abs(found.value - value) < 4.0 * found.std_error and found.std_error < 0.1 * value
     assert any("k, rim did nothing at the start values" in note for note in fit.notes)
+
+
+def test_a_state_at_rest_is_not_resolved_to_its_rounding(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A load that stays at zero but for rounding would set a tolerance of its own, and its search steps as
+    short as that asks for. A charge of picocoulombs beside volts is no rounding."""
+
+    @dataclasses.dataclass(frozen=True)
+    class Problem:
+        unknowns: SimpleNamespace
+        experiments: tuple[None, ...]
+        state_scale: np.ndarray
+
+    states = np.array([[0.0, 0.0, 0.0, 0.0], [-0.2, 90.0, 3e-23, 1e-12]])
+    runs = SimpleNamespace(trajectories=[SimpleNamespace(states=states)])
+    monkeypatch.setattr(nonlinear_start, "prediction_errors", lambda problem, z: runs)
+    problem = Problem(SimpleNamespace(coordinates=()), (None,), np.ones(4))
+    found, z = nonlinear_start.scaled(problem, np.array([0.1, 9.0, 1e-24, 0.0]))  # type: ignore[arg-type]
+    np.testing.assert_allclose(found.state_scale, [0.2, 90.0, 1.0, 1e-12])
+    np.testing.assert_allclose(z, [0.5, 0.1, 1e-24, 0.0])
