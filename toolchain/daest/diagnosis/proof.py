@@ -454,7 +454,7 @@ def by_simulation(
     candidate = prepared.trial.candidate
     refused = refused or bool(_weak(prepared, found))
     model = grown(null, prepared.flat, explicit, found, null.experiments)
-    refused = refused or bool(_out_of_reach(model, candidate, found))
+    refused = refused or bool(_formless(model, candidate, found) or _out_of_reach(model, candidate, found))
     p_value = float(min(1.0, n_screened * chi2.sf(2.0 * max(used.gain, 0.0), n_own)))
     if refused or p_value > GATES.max_chance:
         return beside
