@@ -53,7 +53,7 @@ def _model(draft: Draft) -> Iterator[str]:
 
 def _data(draft: Draft) -> Iterator[str]:
     yield "\n[data]"
-    kept_back = kept_back_by_name(draft.data)
+    kept_back = _kept_back_by_name(draft.data)
     if kept_back:
         yield f"estimate = {_list([file for file in draft.data if file not in kept_back])}"
         yield f"validate = {_list(kept_back)}  # by their names: please check"
@@ -75,7 +75,7 @@ def _data(draft: Draft) -> Iterator[str]:
             yield f"{_key(column)} = {_text(unit)}"
 
 
-def kept_back_by_name(files: Sequence[str]) -> list[str]:
+def _kept_back_by_name(files: Sequence[str]) -> list[str]:
     """The recordings whose file names say that they are for validation (`run_test.csv`, `validation2.csv`);
     none where all do."""
     named = [file for file in files if _VALIDATING & set(re.findall(r"[a-z]+", PurePath(file).stem.lower()))]

@@ -377,18 +377,16 @@ def _quiet() -> Iterator[None]:
 def _examined(
     stand: Stand, library: Sequence[Effect], options: DiagnoseOptions, progress: Progress
 ) -> Diagnosis:
-    null = stand.null
-    chosen = _chosen(library, sites(stand.declared), null.experiments, options)
-    candidates = keeping_order(null.flat, null.explicit, chosen)
+    candidates = _chosen(library, sites(stand.declared), stand.null.experiments, options)
     progress(f"screening {len(candidates)} effect{'' if len(candidates) == 1 else 's'} at places")
 
     def screened() -> tuple[Stand, tuple[Candidate, ...], NullObserver, Screen, Screen | None]:
-        run = run_null(stand.null)
-        reference = stand.reference
-        found = screen(stand.null, run, candidates, options.seed)
+        null, reference = stand.null, stand.reference
+        run, known = run_null(null), keeping_order(null.flat, null.explicit, candidates)
+        found = screen(null, run, known, options.seed)
         if reference is None or reference.adds_up:
-            return stand, candidates, run, found, None
-        return stand, candidates, run, found, open_screen(stand.null, reference.fit, candidates, options.seed)
+            return stand, known, run, found, None
+        return stand, known, run, found, open_screen(null, reference.fit, known, options.seed)
 
     # All together: what comes from an earlier run shares its symbols.
     names, began = [candidate.label for candidate in candidates], stand.began
@@ -998,10 +996,9 @@ class _Stages:
         tasks = []
         for proof in doubted[:MOST_IN_USE]:
             candidate = proof.candidate
-            own = tuple(f"{candidate.name}.{p.name}" for p in candidate.effect.parameters if p.estimate)
             sizes = tuple(proof.fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
             flat = with_equations(proof.flat, "a simulation").with_theta(proof.fit.theta)
-            prepared = Prepared(Trial(candidate, sizes, ()), flat, (*null.estimated, *own))
+            prepared = Prepared(Trial(candidate, sizes, ()), flat, (*null.estimated, *candidate.estimated))
             self.progress(f"simulating with {candidate.label}")
             tasks.append(partial(_shown_in_use, self.search, prepared, proof))
         found = self.proved((), proofs, tasks)[1] if tasks else []

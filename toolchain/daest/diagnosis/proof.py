@@ -194,8 +194,7 @@ def prepare(
     inside = {p.name: _inside(sizes[p.name], p.min, p.max) for p in effect.sizes}
     values = {**candidate.shape, **sharp, **inside}
     grown = attach(flat, effect, candidate.site, candidate.name, values, candidate.inputs)
-    own = tuple(f"{candidate.name}.{p.name}" for p in effect.parameters if p.estimate)
-    return Prepared(trial, grown, (*estimated, *own))
+    return Prepared(trial, grown, (*estimated, *candidate.estimated))
 
 
 def _inside(value: float, low: float | None, high: float | None) -> float:
@@ -361,8 +360,9 @@ def proof_of(
         says_all = form is not None and form.p_value < GATES.rest_level and gain >= form.log_likelihood_gain
         is_curve = says_all and explained >= GATES.min_curve_explained
         undetermined = "" if against else _undetermined(prepared.trial.candidate, final or fit)
-        formless = _formless(with_effect, prepared.trial.candidate, final or fit)
-        is_open = not against and not undetermined and not formless
+        is_doubted = bool(against or undetermined)
+        formless = "" if is_doubted else _formless(with_effect, prepared.trial.candidate, final or fit)
+        is_open = not is_doubted and not formless
         undetermined = (
             undetermined or formless or _out_of_reach(with_effect, prepared.trial.candidate, final or fit)
         )

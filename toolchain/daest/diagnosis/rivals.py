@@ -85,7 +85,7 @@ def _is_same(value: float, prepared: Prepared, other: tuple[float, Prepared]) ->
 
 
 def _best_dynamic(null: Null, candidate: Candidate, simulation: Simulation) -> tuple[float, Prepared] | None:
-    effect, names = candidate.effect, (*null.estimated, *_own(candidate))
+    effect, names = candidate.effect, (*null.estimated, *candidate.estimated)
     try:
         flat = attach(null.flat, effect, candidate.site, candidate.name, _sizes(effect, 1.0))
         explicit = reduce_index(flat)
@@ -144,10 +144,6 @@ def best_simulation(null: Null) -> Simulation | None:
     return max(found, key=_likelihood, default=None)
 
 
-def _own(candidate: Candidate) -> tuple[str, ...]:
-    return tuple(f"{candidate.name}.{p.name}" for p in candidate.effect.parameters if p.estimate)
-
-
 def no_richer_ones(best: Proof, tried: Sequence[Proof]) -> list[Proof]:
     """Other laws for the same at the place of `best`, with no more parameters, that are not much less likely
     than it."""
@@ -156,7 +152,7 @@ def no_richer_ones(best: Proof, tried: Sequence[Proof]) -> list[Proof]:
         for p in tried
         if p.candidate.site == best.candidate.site
         and _is_related(p.candidate.effect, best.candidate.effect)
-        and len(_own(p.candidate)) <= len(_own(best.candidate))
+        and len(p.candidate.estimated) <= len(best.candidate.estimated)
         and p.fit.log_likelihood > best.fit.log_likelihood - GATES.hopeless_log_likelihood
     ]
 
@@ -175,7 +171,7 @@ def rounded(null: Null, proofs: Sequence[Proof]) -> tuple[Prepared, ...]:
             sizes = tuple(proof.fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
             trial = Trial(candidate, sizes, _at_other_places(candidate, proof))
             flat = with_equations(proof.flat, "a refit")
-            names = (*null.estimated, *_own(candidate), *kinks)
+            names = (*null.estimated, *candidate.estimated, *kinks)
             # Without its parameters' worth it does not take the place of the law that it starts from.
             useless = proof.fit.log_likelihood - 0.5 * bic_gain(0.0, len(kinks), null)
             found.append(Prepared(trial, flat, names, similar=proof.fit, useless=useless))
@@ -188,7 +184,7 @@ def richer_laws(
     """Effects with more parameters and a size of the same unit in place of `best`, started from its fit in
     the shape that simulates best; those that were fitted from a worse start are tried again."""
     simple = best.candidate
-    n_own = len(_own(simple))
+    n_own = len(simple.estimated)
     rivals = [
         Candidate(effect, simple.site, f"{simple.name}_{i + 1}")
         for i, effect in enumerate(library)
@@ -240,7 +236,7 @@ def reduced_laws(null: Null, best: Proof, screen: Screen) -> list[Prepared]:
     """Laws with fewer parameters at the place of `best`, from its estimates, where the data leave one of its
     own undetermined: a search of a simpler law from the screen may have ended elsewhere."""
     rich = best.candidate
-    own = {p.name: p for p in best.fit.parameters if p.name in _own(rich)}
+    own = {p.name: p for p in best.fit.parameters if p.name in rich.estimated}
     known = [p for p in own.values() if p.std_error and abs(p.value) > GATES.min_significance * p.std_error]
     size = own.get(f"{rich.name}.{rich.effect.sizes[0].name}")
     if size is None or len(known) == len(own):
@@ -258,7 +254,7 @@ def _simpler_ones(rich: Candidate, screen: Screen) -> list[Screened]:
         if (
             simple.site == rich.site
             and _is_related(simple.effect, rich.effect)
-            and len(_own(simple)) < len(_own(rich))
+            and len(simple.estimated) < len(rich.estimated)
         ):
             found.setdefault(simple.effect.class_name, entry)
     return list(found.values())
@@ -298,8 +294,8 @@ def _in_place(null: Null, best: Proof, candidate: Candidate, size: float) -> Pre
         return None
     at_fit = flat.with_theta({name: best.fit.theta[name] for name in null.estimated})
     trial = Trial(candidate, (size,), _at_other_places(best.candidate, best))
-    is_richer = len(_own(candidate)) > len(_own(best.candidate)) and best.verdict != "rejected"
-    names = (*null.estimated, *_own(candidate))
+    is_richer = len(candidate.estimated) > len(best.candidate.estimated) and best.verdict != "rejected"
+    names = (*null.estimated, *candidate.estimated)
     return Prepared(trial, at_fit, names, similar=best.fit, simpler=best if is_richer else None)
 
 

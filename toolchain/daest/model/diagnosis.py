@@ -62,6 +62,11 @@ class Candidate:
         return self.effect.is_dynamic and not self.keeps_order
 
     @property
+    def estimated(self) -> tuple[str, ...]:
+        """Names in the model of the effect's parameters that are estimated."""
+        return tuple(f"{self.name}.{p.name}" for p in self.effect.parameters if p.estimate)
+
+    @property
     def size_unit(self) -> str:
         """Unit of the first size parameter of the effect; empty if it is unknown."""
         size = self.effect.sizes[0]
