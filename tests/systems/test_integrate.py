@@ -80,8 +80,22 @@ def test_states_and_sensitivities_are_those_of_scipy(hold):
         assert np.max(np.abs(angle - S[:, 0]) / scale) < 1e3 * allowed
 
 
-def test_sensitivities_of_outputs_are_finite_differences():
-    explicit = friction_oscillator(width=0.1)
+def looped_oscillator():
+    """The friction depends on the load that it changes: a Newton iteration finds both at every point."""
+    draft = Draft(
+        "Loop", parameters={**PARAMETERS, "width": 0.1}, unknowns=["phi", "w", "f", "push"], inputs=["u"]
+    )
+    draft.outputs = {"angle": "phi", "push": "push"}
+    draft.equation("der(phi) = w")
+    draft.equation("J*der(w) = push - d*w")
+    draft.equation("push = u - c*phi - f")
+    draft.equation("f = stick*tanh(w/width)*(1 + 0.5*tanh(push))")
+    return reduce_index(draft.flat())
+
+
+@pytest.mark.parametrize("make", [lambda: friction_oscillator(width=0.1), looped_oscillator])
+def test_sensitivities_of_outputs_are_finite_differences(make):
+    explicit = make()
     time, u = recording()
     theta, x0 = explicit.flat.theta_values, np.array([0.1, -0.2])
     engine = integrator(explicit, NAMES)

@@ -119,6 +119,7 @@ def _pushed(explicit: ExplicitModel) -> ExplicitModel:
         rhs=ca.Function("rhs", at, [rate]),
         outputs=ca.Function("outputs", at, [x]),
         near=None,
+        of_tears=None,
     )
 
 

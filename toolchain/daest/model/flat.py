@@ -197,7 +197,9 @@ class ExplicitModel(Dynamics):
 
     `near` are `rhs` and `outputs`, `near_variables` is `variables` of a model with Newton iterations as
     functions of (x, u, v, w, theta, t, guess) -> (value, tears): the iterations start from a guess
-    (n_tears,), the tears of a point nearby, where it is a number; None where there are none.
+    (n_tears,), the tears of a point nearby, where it is a number; None where there are none. `of_tears` are
+    `rhs`, `outputs` and the residuals (n_tears,) of those iterations as expressions, functions of (x, u, v,
+    w, theta, t, tears); None where a loop has too many tears for them to be short.
     """
 
     flat: FlatModel
@@ -206,6 +208,7 @@ class ExplicitModel(Dynamics):
     largest_loop: int  # unknowns in the largest algebraic loop after tearing, 0 when there is none
     near: tuple[ca.Function, ca.Function] | None = None
     near_variables: ca.Function | None = None
+    of_tears: tuple[ca.Function, ca.Function, ca.Function] | None = None
 
     @property
     def check_if_stopped(self) -> str:

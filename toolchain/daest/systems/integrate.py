@@ -304,12 +304,14 @@ def _near_functions(
     for position, column in enumerate(columns):
         whole[column] = chosen[position]
     (f, tears), (h, _) = (part(x, ubar[:n_u], ubar[n_u:], ca.MX.zeros(n_w), whole, t, guess) for part in near)
-    slopes = [ca.jacobian(f, x), ca.jacobian(f, chosen)]
-    results = {
-        "daest_rhs": [f, slopes[0], tears],
-        "daest_sens": slopes,
-        "daest_out": [h, ca.jacobian(h, x), ca.jacobian(h, chosen)],
-    }
+    if explicit.of_tears is None:
+        slopes = [ca.jacobian(f, x), ca.jacobian(f, chosen)]
+        shown = [h, ca.jacobian(h, x), ca.jacobian(h, chosen)]
+    else:
+        rates, outputs = _slopes_at_tears(explicit, explicit.of_tears, columns)
+        at = (x, ubar, chosen, theta, t, tears)
+        slopes, shown = list(rates.call(at, True, False)), list(outputs.call(at, True, False))
+    results = {"daest_rhs": [f, slopes[0], tears], "daest_sens": slopes, "daest_out": shown}
     parts = []
     for name, expressions in results.items():
         dense = list(map(ca.densify, expressions))
@@ -317,6 +319,35 @@ def _near_functions(
         values = inner.call([x, ubar, theta[columns], theta, t, guess], True, False)
         parts.append(ca.Function(name, [x, ubar, theta, t, guess], values))
     return parts[0], parts[1], parts[2]
+
+
+def _slopes_at_tears(
+    explicit: ExplicitModel, of_tears: tuple[ca.Function, ca.Function, ca.Function], columns: list[int]
+) -> tuple[ca.Function, ca.Function]:
+    """(x, ū, chosen, theta, t, tears) -> ∂f/∂x, ∂f/∂θ_chosen and -> h, ∂h/∂x, ∂h/∂θ_chosen, θ_chosen those in
+    `columns`, where the tears τ solve 0 = g: by the theorem of the implicit function
+    df/dx = ∂f/∂x - ∂f/∂τ (∂g/∂τ)⁻¹ ∂g/∂x. One solution of the loop then serves all slopes."""
+    n_u, n_v, n_w = (explicit.rhs.numel_in(i) for i in (1, 2, 3))
+    x, ubar, t = ca.SX.sym("x", explicit.n_states), ca.SX.sym("u", n_u + n_v), ca.SX.sym("t")
+    theta, chosen = ca.SX.sym("theta", len(explicit.flat.parameters)), ca.SX.sym("chosen", len(columns))
+    tears = ca.SX.sym("tears", of_tears[2].numel_out(0))
+    whole = ca.SX(theta)
+    for position, column in enumerate(columns):
+        whole[column] = chosen[position]
+    f, h, g = (part(x, ubar[:n_u], ubar[n_u:], ca.SX.zeros(n_w), whole, t, tears) for part in of_tears)
+    matrix = ca.densify(ca.jacobian(g, tears))
+    inverse = ca.adj(matrix) / ca.det(matrix)
+    moved = [-ca.mtimes(inverse, ca.jacobian(g, symbols)) for symbols in (x, chosen)]
+
+    def slopes(value: ca.SX) -> list[ca.SX]:
+        by_tears = ca.jacobian(value, tears)
+        own = (ca.jacobian(value, symbols) for symbols in (x, chosen))
+        return [part + ca.mtimes(by_tears, move) for part, move in zip(own, moved, strict=True)]
+
+    at = [x, ubar, chosen, theta, t, tears]
+    return ca.Function("slopes_of_rates", at, slopes(f)), ca.Function(
+        "slopes_of_outputs", at, [h, *slopes(h)]
+    )
 
 
 def _rates_alone(explicit: ExplicitModel, near: tuple[ca.Function, ca.Function] | None) -> ca.Function:

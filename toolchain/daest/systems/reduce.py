@@ -29,6 +29,7 @@ from daest.systems.expand import (
     sample_point,
 )
 from daest.systems.loops import (
+    CRAMER_LIMIT,
     Around,
     Definitions,
     ImplicitLoop,
@@ -231,6 +232,7 @@ def assemble(
         largest_loop=definitions.largest_loop,
         near=(near[0], near[2]) if has_newton else None,
         near_variables=near[1] if has_newton else None,
+        of_tears=_of_tears(symbols, results, definitions) if has_newton else None,
     )
 
 
@@ -301,6 +303,22 @@ def _near_functions(
             )
         )
     return functions
+
+
+def _of_tears(
+    symbols: list[ca.SX], results: list[ca.SX], definitions: Definitions
+) -> tuple[ca.Function, ca.Function, ca.Function] | None:
+    """Rates, outputs and residuals of the loops as functions of (x, u, v, w, theta, t, tears); None where the
+    tears are more than Cramer's rule is short for."""
+    tears = ca.vertcat(*(loop.tears for loop in definitions.loops))
+    if tears.numel() > CRAMER_LIMIT:
+        return None
+    residual = ca.vertcat(*(loop.residual / loop.row_size for loop in definitions.loops))
+    parts = {"rates": results[0], "outputs": results[2], "residual": definitions.insert_into(residual)}
+    rates, outputs, rest = (
+        ca.Function(f"{name}_of_tears", [*symbols, tears], [ca.densify(part)]) for name, part in parts.items()
+    )
+    return rates, outputs, rest
 
 
 def _from_scratch(name: str, near: ca.Function) -> ca.Function:

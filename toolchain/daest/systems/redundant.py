@@ -128,6 +128,7 @@ def _without_copies(explicit: ExplicitModel, invariants: ca.Function, orders: li
         outputs=reduced(explicit.outputs),
         invariants=held,
         near=None,
+        of_tears=None,
     )
 
 
