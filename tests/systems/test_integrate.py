@@ -93,16 +93,41 @@ def looped_oscillator():
     return reduce_index(draft.flat())
 
 
-@pytest.mark.parametrize("make", [lambda: friction_oscillator(width=0.1), looped_oscillator])
-def test_sensitivities_of_outputs_are_finite_differences(make):
-    explicit = make()
+def chain(*, rubbed, slips=False):
+    """Three inertias on springs, the first `rubbed` of them with friction: so many rates have slopes that
+    change along a step; if it `slips`, those of all six have."""
+    unknowns = [f"{name}{i}" for i in range(3) for name in ("phi", "w")]
+    draft = Draft("Chain", parameters={**PARAMETERS, "width": 0.1}, unknowns=unknowns, inputs=["u"])
+    draft.outputs = {"angle": "phi2", "torque": "c*(phi0 - phi1)"}
+    for i in range(3):
+        left = "u - c*phi0" if i == 0 else f"c*(phi{i - 1} - phi{i})"
+        right = f" - c*(phi{i} - phi{i + 1})" if i < 2 else ""
+        friction = f" - stick*tanh(w{i}/width)" if i < rubbed else ""
+        draft.equation(f"der(phi{i}) = w{i}" + (f" - 0.5*sin(phi{i})" if slips else ""))
+        draft.equation(f"J*der(w{i}) = {left}{right} - d*w{i}{friction}")
+    return reduce_index(draft.flat())
+
+
+ENGINES = {
+    "one rate": lambda: friction_oscillator(width=0.1),
+    "loop": looped_oscillator,
+    "one of six": lambda: chain(rubbed=1),
+    "two of six": lambda: chain(rubbed=2),
+    "all": lambda: chain(rubbed=3, slips=True),
+}
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_sensitivities_of_outputs_are_finite_differences(name):
+    explicit = ENGINES[name]()
     time, u = recording()
-    theta, x0 = explicit.flat.theta_values, np.array([0.1, -0.2])
+    n = explicit.n_states
+    theta, x0 = explicit.flat.theta_values, np.array([0.1, -0.2, 0.3, 0.4, -0.1, 0.2])[:n]
     engine = integrator(explicit, NAMES)
     found = integrate(engine, time, u, theta, x0, hold="foh", sensitivities=True, rtol=1e-8)
     h = 1e-6
-    for d in range(len(NAMES) + 2):
-        step, shift = np.zeros(theta.size), np.zeros(2)
+    for d in range(len(NAMES) + n):
+        step, shift = np.zeros(theta.size), np.zeros(n)
         if d < len(NAMES):
             step[list(PARAMETERS).index(NAMES[d])] = h
         else:

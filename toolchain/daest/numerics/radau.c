@@ -380,9 +380,11 @@ typedef struct {
   double real_step[NX], step_re[NX], step_im[NX], step[N3];
   double scale[NX], weight[NX], error[NX], u[NU > 0 ? NU : 1];
   double lastZ[N3], last_h;               /* for the extrapolated start of the next Newton iteration */
-  double stageJ[3 * NX * NX], system[N3 * N3_ROW]; /* for sensitivities; the system for the slopes solved_J and the */
-  double solved_J[3 * NX * NX], solved_h;          /* step solved_h is solved, 0: for none */
-  double along[3 * NX * ROW];
+  double stageJ[3 * NX * NX], system[N3 * N3_ROW]; /* for sensitivities */
+  double G[3 * NX * ROW];                          /* of `responses`, for the slopes solved_J and the step */
+  double solved_J[3 * NX * NX], solved_h;          /* solved_h, 0: for none */
+  double of_ones[3];                               /* A^-1 (1 1 1)' */
+  double on_single[9], on_re[9], on_im[9];         /* shares of the inverses in N of `responses_of_few` */
   double stage_tears[3 * NT + 1];         /* of the stages at the last iteration */
   double *made, *seen, *stage_p, *out_p;  /* NX and NY x WHOLE(directions); 3 x NX x NP; NY x NP */
 #if BENT > 0
@@ -509,59 +511,36 @@ static void stage_jacobians(Work *k, Model *m, const Interval *s, double t, doub
   }
 }
 
-/* Solves a x = b for the rows of `a` (N3), each the N3 coefficients of one equation and, from the column WHOLE(N3) on,
+/* Solves a x = b for the rows of `a` (n), each the n coefficients of one equation and, from the column WHOLE(n) on,
  * NX right-hand sides, in place of which the solutions are left; by Gauss with partial pivoting. 0 when singular. */
-static int solve_stages(double *a) {
-  for (int k = 0; k < N3; ++k) {
+static inline int solve_rows(double *a, const int n) {
+  const int size = WHOLE(n) + ROW;
+  for (int k = 0; k < n; ++k) {
     int best = k;
-    for (int i = k + 1; i < N3; ++i)
-      if (fabs(a[i * N3_ROW + k]) > fabs(a[best * N3_ROW + k])) best = i;
-    if (!(fabs(a[best * N3_ROW + k]) > 0.0)) return 0;
-    if (best != k) exchange(a + k * N3_ROW, a + best * N3_ROW, N3_ROW);
-    double inverse = 1.0 / a[k * N3_ROW + k];
-    for (int i = k + 1; i < N3; ++i) {
-      double factor = a[i * N3_ROW + k] * inverse;
-      if (factor != 0.0) subtract(a + i * N3_ROW, a + k * N3_ROW, factor, k + 1, N3_ROW);
+    for (int i = k + 1; i < n; ++i)
+      if (fabs(a[i * size + k]) > fabs(a[best * size + k])) best = i;
+    if (!(fabs(a[best * size + k]) > 0.0)) return 0;
+    if (best != k) exchange(a + k * size, a + best * size, size);
+    double inverse = 1.0 / a[k * size + k];
+    for (int i = k + 1; i < n; ++i) {
+      double factor = a[i * size + k] * inverse;
+      if (factor != 0.0) subtract(a + i * size, a + k * size, factor, k + 1, size);
     }
   }
-  for (int k = N3 - 1; k >= 0; --k) {
-    double *solution = a + k * N3_ROW + WHOLE(N3), inverse = 1.0 / a[k * N3_ROW + k];
+  for (int k = n - 1; k >= 0; --k) {
+    double *solution = a + k * size + WHOLE(n), inverse = 1.0 / a[k * size + k];
     for (int c = 0; c < ROW; ++c) solution[c] *= inverse;
     for (int i = 0; i < k; ++i) {
-      double factor = a[i * N3_ROW + k];
-      if (factor != 0.0) subtract(a + i * N3_ROW + WHOLE(N3), solution, factor, 0, ROW);
+      double factor = a[i * size + k];
+      if (factor != 0.0) subtract(a + i * size + WHOLE(n), solution, factor, 0, ROW);
     }
   }
   return 1;
 }
 
-/* made += sum_j G_j P_j, of `sensitivities`, in the columns of the parameters. */
-static void add_drive(Work *k, double h, const double *w, double *made, int size) {
-  double *along = k->along;
-  for (int j = 0; j < 3; ++j)
-    for (int q = 0; q < NX; ++q) {
-      const double *own = w + 3 * q * N3_ROW;
-      for (int c = 0; c < ROW; ++c)
-        along[(j * NX + q) * ROW + c] =
-            h * (k->A[j] * own[c] + k->A[3 + j] * own[N3_ROW + c] + k->A[6 + j] * own[2 * N3_ROW + c]);
-    }
-  for (int d = 0; d < k->by_parameter; ++d) {
-    double sum[ROW] = {0.0};
-    for (int j = 0; j < 3; ++j)
-      for (int q = 0; q < NX; ++q) {
-        double slope = k->stage_p[j * NX * NP + d * NX + q];
-        if (slope != 0.0) subtract(sum, along + (j * NX + q) * ROW, -slope, 0, ROW); /* most drive few states */
-      }
-    for (int c = 0; c < NX; ++c) made[c * size + d] += sum[c];
-  }
-}
-
-/* w of `sensitivities`, w_i[c, q] at ((3 q + i) N3_ROW + c); null when singular. The stages of one state stand together
- * in its equations, so that what few states share stays sparse. Known from the step before where that was as long and
- * the slopes are the same. */
-static const double *last_rows(Work *k, double h) {
-  const double *w = k->system + WHOLE(N3);
-  if (fabs(h - k->solved_h) <= SAME_STEP * h && !memcmp(k->solved_J, k->stageJ, sizeof k->stageJ)) return w;
+/* G of `responses` from the last block row of M^-1. The stages of one state stand together in its equations, so that
+ * what few states share stays sparse. 0 when singular. */
+static int responses_of_any(Work *k, double h) {
   memset(k->system, 0, sizeof k->system);
   for (int r = 0; r < NX; ++r)
     for (int j = 0; j < 3; ++j) {
@@ -573,10 +552,108 @@ static const double *last_rows(Work *k, double h) {
       equation[3 * r + j] += 1.0;
       if (j == 2) equation[WHOLE(N3) + r] = 1.0;
     }
-  int done = solve_stages(k->system);
+  if (!solve_rows(k->system, N3)) return 0;
+  for (int j = 0; j < 3; ++j)
+    for (int q = 0; q < NX; ++q) {
+      const double *w = k->system + WHOLE(N3) + 3 * q * N3_ROW;
+      for (int c = 0; c < ROW; ++c)
+        k->G[(j * NX + q) * ROW + c] =
+            h * (k->A[j] * w[c] + k->A[3 + j] * w[N3_ROW + c] + k->A[6 + j] * w[2 * N3_ROW + c]);
+    }
+  return 1;
+}
+
+#if NX <= FEW_STATES
+#define SAME_SLOPE 1e-13 /* difference of two slopes, relative: that of one expression by rounding */
+
+/* The rates whose slopes at some stage are not those where the step began. */
+static int bent_rows(const Work *k, int *rows) {
+  int n = 0;
+  for (int r = 0; r < NX; ++r) {
+    int is_bent = 0;
+    for (int j = 0; j < 3; ++j)
+      for (int q = 0; q < NX; ++q) {
+        double before = k->J0[q * NX + r], now = k->stageJ[(j * NX + q) * NX + r];
+        is_bent |= !(fabs(now - before) <= SAME_SLOPE * fabs(before));
+      }
+    if (is_bent) rows[n++] = r;
+  }
+  return n;
+}
+
+/* G of `responses` where the slopes of few rates, the `rows` (n_rows), differ from J_0, those where the step began.
+ *
+ * With J_0 in place of all J_j, h M^-1 (A x I) = N falls apart into the matrices of the Newton iteration, whose inverses
+ * are known: N_kj = a_kj S + b_kj C_re + c_kj C_im. With J_j = J_0 + E D_j, E the columns `rows` of the identity,
+ * G_j = N_3j + sum_k q_k D_k N_kj, and q_j = G_j E solves as many equations as there are rows and stages. */
+static int responses_of_few(Work *k, const int *rows, int n_rows) {
+  const double *a = k->on_single, *b = k->on_re, *c = k->on_im;
+  double DN[3 * 3 * (NX / 3 + 1) * ROW];
+  const Newton *inverse = &k->newton;
+  const int n = 3 * n_rows, size = WHOLE(n) + ROW;
+  for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < NX * ROW; ++i)
+      k->G[j * NX * ROW + i] = a[6 + j] * inverse->single[i] + b[6 + j] * inverse->re[i] + c[6 + j] * inverse->im[i];
+  if (!n_rows) return 1;
+  for (int s = 0; s < 3; ++s)
+    for (int r = 0; r < n_rows; ++r) { /* the row r of D_s N_sj, for all j */
+      double single[ROW] = {0.0}, re[ROW] = {0.0}, im[ROW] = {0.0};
+      for (int m = 0; m < NX; ++m) {
+        double change = k->stageJ[(s * NX + m) * NX + rows[r]] - k->J0[m * NX + rows[r]];
+        if (change == 0.0) continue;
+        for (int q = 0; q < NX; ++q) {
+          single[q] += change * inverse->single[q * ROW + m];
+          re[q] += change * inverse->re[q * ROW + m];
+          im[q] += change * inverse->im[q * ROW + m];
+        }
+      }
+      for (int j = 0; j < 3; ++j)
+        for (int q = 0; q < ROW; ++q)
+          DN[((s * n_rows + r) * 3 + j) * ROW + q] =
+              a[3 * s + j] * single[q] + b[3 * s + j] * re[q] + c[3 * s + j] * im[q];
+    }
+  for (int j = 0; j < 3; ++j)
+    for (int r = 0; r < n_rows; ++r) {
+      double *equation = k->system + (j * n_rows + r) * size;
+      for (int i = 0; i < n; ++i) equation[i] = (i == j * n_rows + r) - DN[(3 * i + j) * ROW + rows[r]];
+      for (int i = n; i < WHOLE(n); ++i) equation[i] = 0.0;
+      memcpy(equation + WHOLE(n), k->G + (j * NX + rows[r]) * ROW, sizeof(double) * ROW);
+    }
+  if (!solve_rows(k->system, n)) return 0;
+  for (int i = 0; i < n; ++i)
+    for (int j = 0; j < 3; ++j)
+      for (int q = 0; q < NX; ++q)
+        subtract(k->G + (j * NX + q) * ROW, k->system + i * size + WHOLE(n), -DN[(3 * i + j) * ROW + q], 0, ROW);
+  return 1;
+}
+#endif
+
+/* G of `sensitivities`, G_j[c, q] at ((j NX + q) ROW + c); 0 when singular. Known from the step before where that was
+ * as long and the slopes are the same. */
+static int responses(Work *k, double h) {
+  if (fabs(h - k->solved_h) <= SAME_STEP * h && !memcmp(k->solved_J, k->stageJ, sizeof k->stageJ)) return 1;
+#if NX <= FEW_STATES
+  int rows[NX], n_rows = bent_rows(k, rows);
+  int done = 3 * n_rows <= NX ? responses_of_few(k, rows, n_rows) : responses_of_any(k, h);
+#else
+  int done = responses_of_any(k, h);
+#endif
   k->solved_h = done ? h : 0.0;
   memcpy(k->solved_J, k->stageJ, sizeof k->stageJ);
-  return done ? w : 0;
+  return done;
+}
+
+/* made += sum_j G_j P_j, of `sensitivities`, in the columns of the parameters. */
+static void add_drive(Work *k, double *made, int size) {
+  for (int d = 0; d < k->by_parameter; ++d) {
+    double sum[ROW] = {0.0};
+    for (int j = 0; j < 3; ++j)
+      for (int q = 0; q < NX; ++q) {
+        double slope = k->stage_p[j * NX * NP + d * NX + q];
+        if (slope != 0.0) subtract(sum, k->G + (j * NX + q) * ROW, -slope, 0, ROW); /* most drive few states */
+      }
+    for (int c = 0; c < NX; ++c) made[c * size + d] += sum[c];
+  }
 }
 
 /* S <- dx(t+h)/d(directions): first the chosen parameters, where they are wanted, then what only the state carries.
@@ -584,19 +661,22 @@ static const double *last_rows(Work *k, double h) {
  * The stages' sensitivities solve M Z' = R with the blocks M_ij = delta_ij I - h a_ij J_j and R_i = sum_j h a_ij
  * (J_j S + P_j). Of them only the last is wanted: with the last block row w of M^-1 and G_j = h sum_i a_ij w_i, it is
  * sum_j G_j (J_j S + P_j), and w M = (0 0 I) says that G_j J_j = w_j - delta_3j I. So S <- (w_1 + w_2 + w_3) S +
- * sum_j G_j P_j: as many columns are solved for as there are states, however many directions there are. */
+ * sum_j G_j P_j, where w_1 + w_2 + w_3 = sum_j G_j (A^-1 1)_j / h: as many columns are solved for as there are states,
+ * however many directions there are. */
 static int sensitivities(Work *k, double h, double *S, int directions) {
   const int size = WHOLE(directions);
-  const double *w = last_rows(k, h);
   double *made = k->made;
-  if (!w) return 0;
+  if (!responses(k, h)) return 0;
   memset(made, 0, sizeof(double) * NX * size);
-  for (int q = 0; q < NX; ++q)
-    for (int c = 0; c < NX; ++c) {
-      double phi = w[3 * q * N3_ROW + c] + w[(3 * q + 1) * N3_ROW + c] + w[(3 * q + 2) * N3_ROW + c];
-      if (phi != 0.0) subtract(made + c * size, S + q * size, -phi, 0, size);
-    }
-  if (k->by_parameter) add_drive(k, h, w, made, size);
+  for (int q = 0; q < NX; ++q) {
+    double phi[ROW];
+    const double *G = k->G + q * ROW, part[3] = {k->of_ones[0] / h, k->of_ones[1] / h, k->of_ones[2] / h};
+    for (int c = 0; c < ROW; ++c)
+      phi[c] = part[0] * G[c] + part[1] * G[NX * ROW + c] + part[2] * G[2 * NX * ROW + c];
+    for (int c = 0; c < NX; ++c)
+      if (phi[c] != 0.0) subtract(made + c * size, S + q * size, -phi[c], 0, size);
+  }
+  if (k->by_parameter) add_drive(k, made, size);
   memcpy(S, made, sizeof(double) * NX * size);
   return 1;
 }
@@ -627,6 +707,19 @@ static void set_constants(Work *k) {
   const double c[3] = {(4 - S6) / 10, (4 + S6) / 10, 1.0};
   memcpy(k->A, A, sizeof A);
   memcpy(k->c, c, sizeof c);
+  double one[3], turned[3];
+  for (int i = 0; i < 3; ++i) one[i] = TI[3 * i] + TI[3 * i + 1] + TI[3 * i + 2];
+  turned[0] = MU * one[0];
+  turned[1] = MU_RE * one[1] + MU_IM * one[2];
+  turned[2] = MU_RE * one[2] - MU_IM * one[1];
+  for (int i = 0; i < 3; ++i)
+    k->of_ones[i] = T[3 * i] * turned[0] + T[3 * i + 1] * turned[1] + T[3 * i + 2] * turned[2];
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) {
+      k->on_single[3 * i + j] = T[3 * i] * TI[j];
+      k->on_re[3 * i + j] = T[3 * i + 1] * TI[3 + j] + T[3 * i + 2] * TI[6 + j];
+      k->on_im[3 * i + j] = T[3 * i + 2] * TI[3 + j] - T[3 * i + 1] * TI[6 + j];
+    }
 }
 
 #if NG > 0
