@@ -15,7 +15,7 @@ from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.proof import Trial, prepare, prove
 from daest.diagnosis.screen import run_null
 from daest.errors import EstimationError
-from daest.model.diagnosis import Diagnosis, Screen, Step
+from daest.model.diagnosis import Ahead, Diagnosis, Screen, Step
 from daest.model.fit import Agreement
 from daest.modelica.sites import sites
 
@@ -121,6 +121,32 @@ def test_effect_that_a_later_one_makes_superfluous_is_taken_out(rounds):
     own = "hidden_CoulombFriction.tau_c"
     alone = proof_of("CoulombFriction").told.theta[own]
     assert step.proof.told.theta[own] == pytest.approx(alone, rel=0.1)
+
+
+@pytest.mark.parametrize("is_worse", [False, True])
+def test_likelier_effect_takes_the_place_of_one_that_has_stood_for_it(rounds, is_worse):
+    """Drag comes first though others could not be told from it; beside it friction, which is what acts, is
+    refused since unseen data are foreseen no better."""
+    drag = replace(proof_of("QuadraticDrag"), verdict="supported", not_separable_from=("friction",))
+    friction = proof_of("CoulombFriction")
+    ahead = (Ahead(10, 0.1, 1.2 if is_worse else 1.0, -9.0 if is_worse else 0.1),)
+
+    def next_round(inside):
+        if not inside:
+            return found([drag], "supported")
+        if inside == ["QuadraticDrag"]:
+            both = proved_again(improving.accept(rubbing(), drag), friction, friction.told.theta)
+            return found([replace(both, verdict="rejected", reason="no better", ahead=ahead)])
+        return found([], "nothing missing")
+
+    result, asked = rounds(next_round)
+    (step,) = [s for s in result.steps if s.proof]
+    if is_worse:
+        assert asked == [[], ["QuadraticDrag"]] and step.proof is drag
+        return
+    assert asked == [[], ["QuadraticDrag"], ["CoulombFriction"]]
+    assert step.proof.candidate.effect.name == "CoulombFriction" and step.proof.verdict == "supported"
+    assert "in place of QuadraticDrag at rotor.flange_a, which had stood for it" in step.remark
 
 
 def path(bic, rms, adds_up=False):

@@ -12,7 +12,7 @@ from hidden_plants import MODELS, library, model, rotor_record
 from daest.diagnosis import learned
 from daest.diagnosis.diagnose import begin, without_noises
 from daest.diagnosis.free_forms import free_forms
-from daest.diagnosis.learned import learned_load, load_sign, said, with_curve
+from daest.diagnosis.learned import learned_load, load_sign, said, with_curve, with_formula
 from daest.diagnosis.loads import load_places
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.screen import run_null
@@ -70,6 +70,13 @@ def test_validation_error_falls_and_is_said():
     assert said(found) == (
         f" With the curve, refitted, in the model: validation error (rms) phi {before:.3g} -> {after:.3g}."
     )
+
+
+def test_formula_is_told_where_the_data_show_a_coefficient():
+    found = refitted()
+    assert with_formula(found).formula is not None
+    vague = replace(found, fit=None, curve=replace(found.curve, std=10.0 * np.abs(found.curve.y) + 1.0))
+    assert with_formula(vague).formula is None
 
 
 def test_a_curve_that_does_not_help_is_called_a_hint():

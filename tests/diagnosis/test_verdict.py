@@ -210,6 +210,10 @@ def test_a_rejected_law_that_foresees_unseen_data_is_named_beside_an_unknown_eff
     assert "foresees" not in accepted.message
     near = decide(evidence(proofs=[proof(verdict="rejected")], related=True)).message
     assert near.count("CoulombFriction") == 1
+    # A law that the data do not show stands for any other that does the same.
+    vague = [replace(p, is_known=False) for p in (proof(verdict="rejected"), good)]
+    message = decide(evidence(proofs=vague, related=True)).message
+    assert "foresees" not in message and "nearest" not in message
 
 
 def test_second_effect_behind_a_supported_one_is_told():

@@ -36,7 +36,7 @@ from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import SHARPER, Trial
 from daest.diagnosis.screen import promising_pairs
 from daest.diagnosis.settled import FAILURES
-from daest.diagnosis.unseen import is_better, is_likelier
+from daest.diagnosis.unseen import is_better, is_likelier, is_worse
 from daest.errors import EstimationError, ModelError
 from daest.model.defaults import MOST_EFFECTS
 from daest.model.diagnosis import Diagnosis, Improvement, Proof, Screened, Step
@@ -194,8 +194,8 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
             path = _with_best(task, path, diagnosis)
         return [_late(task, replace(path, last=diagnosis), "all candidates of a round were refitted")]
     if not accepted:
-        both = _with_pair(task, path, diagnosis)
-        return [path.ended(diagnosis, diagnosis.message) if both is None else both]
+        other = _exchanged(task, path, diagnosis) or _with_pair(task, path, diagnosis)
+        return [path.ended(diagnosis, diagnosis.message) if other is None else other]
     helpful = [proof for proof in accepted if _helps(stand.told, proof)]
     if not helpful:
         labels = accepted[0].candidate.label
@@ -261,6 +261,57 @@ def _in_turn(stand: Stand, one: Screened, other: Screened, jobs: int) -> tuple[P
     beside = accept(stand, first, jobs)
     last = proved_beside(beside, trials[1], first.fit.theta, SHARPER)
     return None if last.verdict == "rejected" else (first, beside, last)
+
+
+def _exchanged(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
+    """The path with an effect of its last round in place of one that was added before and has stood for it:
+    beside that, unseen data are foreseen no better with the likelier effect, and no worse. None where there
+    is no such effect, or the model is not likelier with it instead."""
+    likely = [
+        proof
+        for proof in diagnosis.proofs
+        if proof.is_known
+        and proof.ahead
+        and proof.delta_bic > GATES.min_bic_gain
+        and not any(is_worse(one) for one in proof.ahead)
+    ]
+    best = max(likely, key=lambda proof: proof.delta_bic, default=None)
+    if best is None or task.options.is_over:
+        return None
+    step = Step(best, best.told, diagnosis, "")
+    steps = (*path.steps, step)
+    try:
+        with until(task.options.until):
+            for number in _ambiguous(steps):
+                former = _label(path.steps[number])
+                task.progress(f"refitting with {best.candidate.label} in place of {former}")
+                other = _without(task, replace(path, steps=steps), number)
+                if other is not None and _is_instead(other, path):
+                    said = f"supported in place of {former}, which had stood for it"
+                    last = replace(other.steps[-1], remark=said)
+                    return replace(other, steps=(*other.steps[:-1], last))
+    except OutOfTimeError:
+        pass
+    return None
+
+
+def _ambiguous(steps: Sequence[Step]) -> list[int]:
+    """Earlier steps that may stand for what the last one does: those that were not separable from others when
+    they were added, and those that have lost their certainty beside it."""
+    doubtful = _doubtful(steps)
+    return [
+        number
+        for number, step in enumerate(steps[:-1])
+        if number in doubtful or (step.diagnosis and step.proof and step.proof.not_separable_from)
+    ]
+
+
+def _is_instead(other: _Path, path: _Path) -> bool:
+    """Whether a path with as many effects takes the place of another: its last effect is accepted, it is
+    likelier, and does not simulate unseen data worse."""
+    last = other.steps[-1].proof
+    is_accepted = last is not None and last.verdict != "rejected"
+    return is_accepted and other.bic < path.bic - GATES.min_bic_gain and not _is_worse(path, other)
 
 
 def _without_superfluous(task: _Task, path: _Path) -> _Path:

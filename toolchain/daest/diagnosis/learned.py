@@ -129,13 +129,15 @@ def said(learned: LearnedLoad) -> str:
 
 
 def with_formula(learned: LearnedLoad) -> LearnedLoad:
-    """The load with the short formula for its curve, where there is one."""
+    """The load with the short formula for its curve, where there is one that the data show."""
     form, fit = learned.form, learned.fit
     n, correlation = learned.curve.x.size, None
     # The values of the curve are the last parameters of the model with it.
     if fit is not None and all(".y[" in name for name in fit.correlation_names[-n:]):
         correlation = fit.correlation[-n:, -n:]
-    return replace(learned, formula=formula(learned.curve, form.unit, form.variable_unit, correlation))
+    found = formula(learned.curve, form.unit, form.variable_unit, correlation)
+    is_shown = found is not None and any(abs(c.value) > BAND * c.std_error for c in found.coefficients)
+    return replace(learned, formula=found if is_shown else None)
 
 
 def _formula_said(learned: LearnedLoad) -> str:

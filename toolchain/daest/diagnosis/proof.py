@@ -341,6 +341,7 @@ def proof_of(
     ahead: tuple[Ahead, ...] = ()
     told = Confirmed()
     is_open = is_curve = is_told = is_shown = False
+    is_known = True
     ahead_of_it = leader if fit.log_likelihood < hopeless else _better_simpler(prepared, fit)
     if not reason and ahead_of_it is not None:
         final, ahead, reason = _in_brief(fed, refit, prepared, explicit, validation, ahead_of_it, reference)
@@ -359,13 +360,12 @@ def proof_of(
         # A law that says all that the load has to do with any variable need not explain more of the load.
         says_all = form is not None and form.p_value < GATES.rest_level and gain >= form.log_likelihood_gain
         is_curve = says_all and explained >= GATES.min_curve_explained
-        undetermined = "" if against else _undetermined(prepared.trial.candidate, final or fit)
-        is_doubted = bool(against or undetermined)
-        formless = "" if is_doubted else _formless(with_effect, prepared.trial.candidate, final or fit)
-        is_open = not is_doubted and not formless
-        undetermined = (
-            undetermined or formless or _out_of_reach(with_effect, prepared.trial.candidate, final or fit)
-        )
+        undetermined = _undetermined(prepared.trial.candidate, final or fit)
+        if not against and not undetermined:
+            formless = _formless(with_effect, prepared.trial.candidate, final or fit)
+            is_open = not formless
+            undetermined = formless or _out_of_reach(with_effect, prepared.trial.candidate, final or fit)
+        is_known = not undetermined
         reason = against or undetermined or _weak(prepared, final if is_shown and final else fit)
         if not reason and not is_curve and not is_told and not is_shown:
             reason = _unexplained(explained, ratios)
@@ -395,6 +395,7 @@ def proof_of(
         final=final,
         ahead=ahead,
         is_open=bool(reason) and is_open,
+        is_known=is_known and not _undetermined(prepared.trial.candidate, final or fit),
         confirmed=told,
         adds_up=reference is not None and reference.adds_up,
     )

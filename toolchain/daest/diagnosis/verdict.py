@@ -363,7 +363,7 @@ def _unknown(evidence: Evidence, loads: Loads, form: FreeForm) -> Decided:
         (
             p
             for p in evidence.proofs
-            if p.delta_bic > GATES.min_told_bic_gain and p.explained > GATES.min_told_explained
+            if p.is_known and p.delta_bic > GATES.min_told_bic_gain and p.explained > GATES.min_told_explained
         ),
         None,
     )
@@ -382,8 +382,8 @@ def foreseen_by(evidence: Evidence, named: Proof | None, limit: float = GATES.ma
     """The rejected candidates other than `named` whose error on unseen data is below `limit` times that of
     the model as it is, those about as good as the best of them, as a sentence; empty where there is none. An
     unknown load that is free enough takes the likelihood from a law that is right; a simulation has no such
-    load."""
-    others = [p for p in evidence.proofs if p is not named and p.verdict == "rejected"]
+    load. None that the data do not show: it stands for any other that does the same."""
+    others = [p for p in evidence.proofs if p is not named and p.verdict == "rejected" and p.is_known]
     ratios = [_error_ratio(evidence, proof) for proof in others]
     best = min(ratios, default=np.inf)
     if not best < limit:
