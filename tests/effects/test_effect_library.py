@@ -111,7 +111,7 @@ def test_sizes_have_a_null_and_physical_bounds(effect) -> None:
         if parameter.role == "given":
             assert parameter.given_from
         if parameter.scale_of:
-            assert parameter.scale_of in {x.name for x in effect_model(effect).unknowns}
+            assert parameter.scale_of in {"time", *(x.name for x in effect_model(effect).unknowns)}
         if not parameter.scale_of:
             assert all((low is None or low <= v) and (high is None or v <= high) for v in parameter.grid)
 
@@ -131,6 +131,7 @@ def test_states_and_dynamics() -> None:
     expected = {f"{domain}.{name}": 1 for domain in ("Rotational", "Translational") for name in one}
     expected |= dict.fromkeys(("Electrical.Inductance", "Electrical.SaturatingInductance", "Signals.Lag"), 1)
     expected |= {"Electrical.TemperatureDependentResistance": 1, "Signals.Delay": 2}
+    expected |= {"Electrical.VoltageRelaxation": 1, "Thermal.ExtraHeatCapacity": 1}
     assert states == expected
     dynamic = {effect.name for effect in EFFECTS if effect.is_dynamic}
     assert dynamic == {

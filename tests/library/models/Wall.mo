@@ -23,7 +23,7 @@ model Wall "A wall between a fixed and a prescribed temperature, with heating; t
   Daest.Thermal.HeatTransfer.Celsius.FixedTemperature cold(T = 4) "Cold side";
   Daest.Thermal.HeatTransfer.Celsius.PrescribedTemperature warm "Warm side";
   Daest.Thermal.HeatTransfer.Components.ThermalResistor cold_layer(R = 1) "Cold layer";
-  Daest.Thermal.HeatTransfer.Components.ThermalResistor warm_layer(R = 3) "Warm layer";
+  Daest.Thermal.HeatTransfer.Components.ThermalConductor warm_layer(G = 1/3) "Warm layer";
   Daest.Thermal.HeatTransfer.Celsius.TemperatureSensor middle "Thermometer in the middle";
 equation
   connect(T_out, outside.T);

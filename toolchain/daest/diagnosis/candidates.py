@@ -20,6 +20,9 @@ from daest.modelica.sites import fits
 from daest.systems.reduce import reduce_index
 
 MOST_SHAPES = 32  # of one effect at one place: thinned out, periodic effects lose whole phases
+TIME = (
+    "time"  # what a grid may be relative to beside the variables of an effect: the duration of the recording
+)
 MOST_PERIODS = 60  # in a turn, that the data are searched for
 MOST_POINTS = 400  # of a trajectory that a range is taken from
 LEARNED = "Learned"  # curves describe what no effect explains; they are no hypothesis themselves
@@ -152,11 +155,12 @@ def placement(candidate: Candidate, sizes: Mapping[str, float] | None = None) ->
 def ranges(
     explicit: ExplicitModel, time: np.ndarray, states: Mapping[str, np.ndarray], inputs: np.ndarray
 ) -> dict[str, float]:
-    """Largest magnitude of every internal variable along the trajectory. Shapes: time (n_samples,), states
-    (n_samples,) by name, inputs (n_samples, n_u)."""
+    """Largest magnitude of every internal variable along the trajectory, and its duration [s] as that of
+    `time`. Shapes: time (n_samples,), states (n_samples,) by name, inputs (n_samples, n_u)."""
     chosen = np.unique(np.linspace(0, time.size - 1, min(time.size, MOST_POINTS)).astype(int))
     along = courses(explicit, time, states, inputs, chosen)
-    return {name: float(np.max(np.abs(row), initial=0.0)) for name, row in along.items()}
+    reached = {name: float(np.max(np.abs(row), initial=0.0)) for name, row in along.items()}
+    return reached | {TIME: float(np.ptp(time))}
 
 
 def periods(
@@ -259,5 +263,9 @@ def _scale(candidate: Candidate, parameter: EffectParameter, ranges: Mapping[str
     """The largest magnitude of the effect's variable that the grid is relative to; 1 where it is absolute."""
     if not parameter.scale_of:
         return 1.0
-    own = f"{candidate.name}.{parameter.scale_of}"
-    return ranges.get(own, ranges.get(candidate.site.name, 0.0))
+    return ranges.get(scaled_by(candidate, parameter), ranges.get(candidate.site.name, 0.0))
+
+
+def scaled_by(candidate: Candidate, parameter: EffectParameter) -> str:
+    """The name in `ranges` of what the grid of the parameter is relative to."""
+    return TIME if parameter.scale_of == TIME else f"{candidate.name}.{parameter.scale_of}"

@@ -10,6 +10,7 @@ motion, too, where their rates are linear in them.
 from __future__ import annotations
 
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -59,7 +60,7 @@ def with_integrals(
     result[:, rows] = 0.0
     theta = np.tile(explicit.flat.theta_values[:, None], (1, n_samples))
     w = np.zeros((explicit.rhs.numel_in(3), n_samples))
-    law = _own_rates(explicit, rows)[0].map(n_samples)
+    law = _own_rates(explicit, rows).map(n_samples)
     a, b = (np.array(part) for part in law(result.T, *inputs, w, theta, time[None, :]))
     if not np.any(b):
         result[:, rows] = cumulative_trapezoid(a, time, axis=1, initial=0.0).T
@@ -78,17 +79,32 @@ def with_integrals(
 
 def brought_rows(explicit: ExplicitModel, known: Collection[str]) -> list[int]:
     """Rows of the states without a `known` name, where none of them moves another, and the rate of each is
-    linear in itself; else none."""
+    linear in itself; else none. All at the parameters of the model: an effect of size zero moves nothing."""
     new = [i for i, name in enumerate(explicit.state_names) if name not in known]
-    moved_by = ca.DM(explicit.rhs.jac_sparsity(0, 0), 1.0).full()[np.ix_(new, new)]
+    if not new:
+        return []
+    arguments, rates = _rates_at_parameters(explicit)
+    slopes = ca.jacobian(rates[new], arguments[0][new])
+    moved_by = ca.DM(slopes.sparsity(), 1.0).full()
     if np.any(moved_by - np.diag(np.diag(moved_by))):
         return []
-    return new if not np.any(moved_by) or _own_rates(explicit, new)[1] else []
+    return new if not any(ca.which_depends(slopes, arguments[0][new], 1, True)) else []
 
 
-def _own_rates(explicit: ExplicitModel, rows: list[int]) -> tuple[ca.Function, bool]:
-    """(x, u, v, w, theta, t) -> the rates of the states `rows` and their slopes, each over the state itself;
-    and whether these slopes are independent of the states."""
+def _rates_at_parameters(explicit: ExplicitModel) -> tuple[list[Any], Any]:
+    """(x, u, v, w, t) as symbols and the rates of the states at the parameters of the model; without what is
+    multiplied by a parameter of zero, where the equations are no loops that are solved by iterations."""
+    rhs, names = explicit.rhs, [explicit.rhs.name_in(i) for i in range(explicit.rhs.n_in())]
+    symbols: Any = ca.MX
+    with suppress(RuntimeError):
+        rhs, symbols = rhs.expand(), ca.SX
+    x, u, v, w, t = (symbols.sym(names[i], rhs.numel_in(i)) for i in (0, 1, 2, 3, 5))
+    return [x, u, v, w, t], rhs(x, u, v, w, symbols(explicit.flat.theta_values), t)
+
+
+def _own_rates(explicit: ExplicitModel, rows: list[int]) -> ca.Function:
+    """(x, u, v, w, theta, t) -> the rates of the states `rows` and their slopes, each over the state
+    itself."""
     names = [explicit.rhs.name_in(i) for i in range(explicit.rhs.n_in())]
     arguments = [ca.MX.sym(name, explicit.rhs.numel_in(i)) for i, name in enumerate(names)]
     own = ca.MX.sym("own", len(rows))
@@ -98,8 +114,7 @@ def _own_rates(explicit: ExplicitModel, rows: list[int]) -> tuple[ca.Function, b
     slopes = ca.gradient(ca.sum1(rates), own)
     at_own = ca.Function("own", [own, *arguments], [rates, slopes])
     values: Any = at_own(arguments[0][rows], *arguments)
-    is_linear = not any(ca.which_depends(slopes, own, 1, True))
-    return ca.Function("rates", arguments, list(values)), is_linear
+    return ca.Function("rates", arguments, list(values))
 
 
 def grown_states(

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from daest.diagnosis.candidates import scaled_by
 from daest.diagnosis.clipping import SATURATION, Clip
 from daest.diagnosis.disturbance import SmoothedLoad, smoothed_at
 from daest.diagnosis.free_forms import covers, free_forms
@@ -771,7 +772,7 @@ def _formless(model: Null, candidate: Candidate, told: FitResult) -> str:
     )
     for p in scaled:
         value = abs(told.theta[f"{candidate.name}.{p.name}"])
-        most = reached.get(f"{candidate.name}.{p.scale_of}", np.inf)
+        most = reached.get(scaled_by(candidate, p), np.inf)
         if value > GATES.max_scale * most:
             return f"the recordings (to {most:.4g}) show too little of its form ({p.name} = {value:.4g})"
     return ""

@@ -20,9 +20,10 @@ class EffectParameter:
     `role` is "size" (the effect vanishes where all sizes are `null`), "shape" (its form), "sharpness"
     (rounds a kink; not estimated) or "given" (taken from the parameter `given_from` of the component that
     the effect belongs to; `required` if the effect makes no sense without it). `grid` holds values worth
-    trying, in multiples of the largest magnitude of the effect's variable `scale_of`, or as they are where
-    that is empty. An element of an array is called `y[1]`. `signal_unit` is "u", "u/s" or "1/u" for a
-    parameter in the unit of the signal that the effect sits on, in that per second, or in one over it.
+    trying, in multiples of the largest magnitude of the effect's variable `scale_of`, of the duration of the
+    recording where that is "time", or as they are where it is empty. An element of an array is called `y[1]`.
+    `signal_unit` is "u", "u/s" or "1/u" for a parameter in the unit of the signal that the effect sits on, in
+    that per second, or in one over it.
     `periods_over` is the effect's variable over a period of 2*pi of which the effect repeats as often as the
     parameter says: the screen adds the whole number of periods that the data show to `grid`.
     """

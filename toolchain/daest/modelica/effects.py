@@ -455,6 +455,7 @@ def _entry(i: int, source: _Source, parts: Mapping[str, EffectModel], libraries:
     connectors = connectors_of(model.unknowns)
     signals = source.entry("attach") in _SIGNALS
     _check_connectors(source, list(connectors))
+    parameters = tuple(_parameter(p, source) for p in model.parameters)
     effect = Effect(
         name=source.head.name.rpartition(".")[2],
         class_name=source.head.name,
@@ -462,10 +463,10 @@ def _entry(i: int, source: _Source, parts: Mapping[str, EffectModel], libraries:
         attach=source.entry("attach"),
         law=source.entry("law"),
         description=_description(source),
-        parameters=tuple(_parameter(p, source) for p in model.parameters),
+        parameters=parameters,
         connectors=("u", "y") if signals else tuple(connectors),
         is_dynamic=source.annotation.flag("dynamic", False),
-        n_states=_own_states(model, _signals(source)),
+        n_states=_own_states(model, parameters, _signals(source)),
         has_support=across is not None,
         inputs=tuple(source.entry("inputs") or ()),
         outside=source.entry("outside") or "",
@@ -558,25 +559,38 @@ def _annotation_of(parameter: Parameter) -> Annotation:
     )
 
 
-def _own_states(model: EffectModel, signals: Sequence[str]) -> int:
+def _own_states(model: EffectModel, parameters: Sequence[EffectParameter], signals: Sequence[str]) -> int:
     """How many variables are differentiated that the connectors, signals and their derivatives do not
-    determine."""
+    determine, without the sizes: where `v = R*x` and R = 0, v does not tell x."""
     n = len(model.unknowns)
     derivatives, xi = ca.SX.sym("d", n), ca.SX.sym("x", n)
     w, theta = ca.SX.sym("w", len(model.noises)), ca.SX.sym("p", len(model.parameters))
     residual = model.function(derivatives, xi, w, theta, ca.SX.sym("t"))[0]
-    pattern = ca.jacobian_sparsity(residual, ca.vertcat(xi, derivatives))
-    rows: dict[int, set[int]] = {}
-    for row, column in zip(pattern.row(), pattern.get_col(), strict=True):
-        rows.setdefault(row, set()).add(column)
+    at_null = [p.start if p.null is None else p.null for p in parameters]
+    both = ca.vertcat(xi, derivatives)
+    rows = _variables_of(residual, both)
+    rows_at_null = _variables_of(ca.substitute(residual, theta, ca.DM(at_null)), both)
     potentials = {c.potential for c in connectors_of(model.unknowns).values()}
     known = potentials | {i for i, unknown in enumerate(model.unknowns) if unknown.name in signals}
     known |= {i + n for i in known}
     while True:
-        single = [left for used in rows.values() if len(left := used - known) == 1]
+        single = [
+            left
+            for used, used_at_null in zip(rows, rows_at_null, strict=True)
+            if len(left := used - known) == 1 and left <= used_at_null
+        ]
         found = {i for left in single for i in left if i < n} - known
         if not found:
             break
         known |= found | {i + n for i in found}
-    differentiated = {column - n for used in rows.values() for column in used if column >= n}
+    differentiated = {column - n for used in rows for column in used if column >= n}
     return len({i for i in differentiated if i not in known})
+
+
+def _variables_of(residual: ca.SX, variables: ca.SX) -> list[set[int]]:
+    """Of each row of the residual the numbers of the variables in it."""
+    pattern = ca.jacobian_sparsity(residual, variables)
+    rows: list[set[int]] = [set() for _ in range(residual.numel())]
+    for row, column in zip(pattern.row(), pattern.get_col(), strict=True):
+        rows[row].add(column)
+    return rows

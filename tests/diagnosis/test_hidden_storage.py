@@ -1,0 +1,104 @@
+"""Storage behind what is measured: a wall behind a room, the polarisation of a battery. Simulated by matrix
+exponentials."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.options import DiagnoseOptions
+from daest.model.experiment import Experiment
+from daest.modelica.compile import compile_model
+from daest.modelica.effects import effect_library
+
+ROOM = """model Room
+  parameter Real C(unit = "W.s/K", min = 0) = 3e5 annotation(__Daest(estimate = true, scale = "log"));
+  parameter Real R(unit = "K/W", min = 0) = 0.02 annotation(__Daest(estimate = true, scale = "log"));
+  Daest.Blocks.Interfaces.RealInput heater(unit = "W");
+  Daest.Blocks.Interfaces.RealOutput room(unit = "K");
+  Daest.Thermal.HeatTransfer.Sources.PrescribedHeatFlow source;
+  Daest.Thermal.HeatTransfer.Components.HeatCapacitor air(C = C, T(start = 280));
+  Daest.Thermal.HeatTransfer.Components.ThermalResistor wall(R = R);
+  Daest.Thermal.HeatTransfer.Sources.FixedTemperature outdoor(T = 280);
+equation
+  connect(heater, source.Q_flow);
+  connect(source.port, air.port);
+  connect(air.port, wall.port_a);
+  connect(wall.port_b, outdoor.port);
+  room = air.T;
+end Room;
+"""
+BATTERY = """model Battery
+  parameter Real C(unit = "F", min = 0) = 1e5 annotation(__Daest(estimate = true, scale = "log"));
+  parameter Real R(unit = "Ohm", min = 0) = 0.06 annotation(__Daest(estimate = true, scale = "log"));
+  Daest.Blocks.Interfaces.RealInput i(unit = "A");
+  Daest.Blocks.Interfaces.RealOutput v(unit = "V");
+  Daest.Electrical.Analog.Basic.Capacitor store(C = C, v(start = 12));
+  Daest.Electrical.Analog.Basic.Resistor resistor(R = R);
+  Daest.Electrical.Analog.Sources.SignalCurrent load;
+  Daest.Electrical.Analog.Basic.Ground ground;
+equation
+  connect(i, load.i);
+  connect(store.p, resistor.p);
+  connect(resistor.n, load.p);
+  connect(load.n, store.n);
+  connect(store.n, ground.p);
+  v = resistor.n.v;
+end Battery;
+"""
+
+
+def recorded(A, B, C, D, offset, levels, dt, hold_for, noise, shaken, names) -> Experiment:
+    """y = C x + D u + offset, x' = A x + B u from zero, inputs drawn from `levels` and held."""
+    rng = np.random.default_rng(5)
+    n = A.shape[0]
+    whole = expm(np.block([[A, B], [np.zeros((1, n + 1))]]) * dt)
+    u = np.repeat(rng.choice(levels, 480 // hold_for), hold_for)
+    x, outputs = np.zeros(n), []
+    for value in u:
+        outputs.append(float(C @ x + D * value) + offset)
+        x = whole[:n, :n] @ x + whole[:n, n] * value + shaken * rng.normal(size=n)
+    measured = np.array(outputs) + rng.normal(0.0, noise, u.size)
+    return Experiment("run", dt * np.arange(u.size), u[:, None], measured[:, None], *names)
+
+
+def found(tmp_path, text: str, record: Experiment, effects: tuple[str, ...]):
+    name = text.split()[1]
+    (tmp_path / f"{name}.mo").write_text(text)
+    options = DiagnoseOptions(effects=effects, hold="zoh")
+    return diagnose(compile_model(tmp_path / f"{name}.mo"), effect_library(), [record], (), options)
+
+
+def test_wall_behind_a_room(tmp_path) -> None:
+    C, R, G, T = 4e5, 0.02, 80.0, 9000.0
+    A = np.array([[-(1.0 / R + G) / C, G / C], [1.0 / T, -1.0 / T]])
+    B = np.array([[1.0 / C], [0.0]])
+    shaken = np.array([2e-3, 0.0])
+    names = (("heater",), ("room",))
+    record = recorded(A, B, np.array([1.0, 0.0]), 0.0, 280.0, [0.0, 1500.0], 120.0, 20, 0.03, shaken, names)
+    diagnosis = found(tmp_path, ROOM, record, ("ExtraHeatCapacity", "Radiation", "Conduction"))
+    assert diagnosis.verdict == "supported", diagnosis.message
+    best = diagnosis.proofs[0]
+    assert best.candidate.effect.name == "ExtraHeatCapacity"
+    for name, true in (("G", G), ("T", T)):
+        own = next(p for p in best.told.parameters if p.name == f"{best.candidate.name}.{name}")
+        assert abs(own.value - true) < 4.0 * own.std_error
+
+
+def test_polarisation_of_a_battery_beside_effects_that_share_its_current(tmp_path) -> None:
+    """Of size zero no effect moves the states of another, though the equations let it."""
+    R0, R1, T = 0.05, 0.03, 40.0
+    A = np.array([[-1.0 / T, 0.0], [0.0, 0.0]])
+    B = np.array([[1.0 / T], [-1.0 / 72000.0]])
+    output, levels = np.array([-R1, 1.0]), [0.0, 0.0, 2.0, 5.0, -1.0]
+    names = (("i",), ("v",))
+    record = recorded(A, B, output, -R0, 12.0, levels, 1.0, 40, 2e-3, np.zeros(2), names)
+    effects = ("VoltageRelaxation", "TemperatureDependentResistance", "Leakage", "BrushVoltageDrop")
+    diagnosis = found(tmp_path, BATTERY, record, effects)
+    assert not diagnosis.screen.skipped
+    best = diagnosis.proofs[0]
+    assert best.candidate.effect.name == "VoltageRelaxation" and best.verdict != "rejected"
+    own = {
+        p.name.partition(".")[2]: p for p in best.told.parameters if p.name.startswith(best.candidate.name)
+    }
+    assert own["R"].value == pytest.approx(R1, rel=0.05) and own["T"].value == pytest.approx(T, rel=0.05)
