@@ -113,7 +113,9 @@ class OnlineGaussian:
         events = self.model.explicit.flat.events
         if events is None:
             return None
-        return Mode.of_stored(memory.mode, self.theta.size, events.conditions.numel())
+        return Mode.of_stored(
+            memory.mode, self.theta.size, events.conditions.numel(), self.model.explicit.n_tears
+        )
 
     def _record(self, memory: GaussianMemory, sample: Sample, is_first: bool) -> Record:
         """The interval before the sample, without outputs at its begin; the first sample is alone."""

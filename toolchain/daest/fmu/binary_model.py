@@ -211,6 +211,7 @@ def _values_along(
     states: np.ndarray,
     hold: Hold,
     w: np.ndarray | None = None,
+    tears: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outputs of an FMU are variables. Noise that reaches them directly is left out."""
     model = explicit.flat

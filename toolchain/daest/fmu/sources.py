@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from importlib.resources import files
 from typing import Any
 
@@ -58,12 +59,17 @@ def model_functions(layout: Layout) -> list[ca.Function]:
     return [_dense(f) for f in functions]
 
 
+def _events_from_scratch(layout: Layout) -> EventFunctions:
+    """The events in functions without a guess of their loops, which a caller of the FMU does not give."""
+    return EventFunctions(replace(layout.explicit, near=None, near_variables=None, near_derivatives=None))
+
+
 def event_functions(layout: Layout) -> list[ca.Function]:
     """What the model does at events: model_at, everything at one instant; model_roots, the event indicators;
     model_clock, what moves with time alone."""
     if layout.flat.events is None:
         return []
-    functions = EventFunctions(layout.explicit)
+    functions = _events_from_scratch(layout)
     roots, _ = functions.roots()
     pairs = (("model_at", functions.whole), ("model_roots", roots), ("model_clock", functions.along_time))
     return [_named(name, function) for name, function in pairs]
@@ -153,7 +159,7 @@ def model_header(layout: Layout, state_start: np.ndarray, token: str) -> str:
 
 def _event_tables(layout: Layout, events: Events, state_start: np.ndarray) -> list[str]:
     """Sizes and tables of what happens at events; the names are those of `model.events`."""
-    functions = EventFunctions(layout.explicit)
+    functions = _events_from_scratch(layout)
     n_ubar = layout.explicit.rhs.numel_in(1) + layout.explicit.rhs.numel_in(2)
     mode = Mode(layout.flat.theta_values, np.zeros(0), np.zeros(0))
     ubar = np.zeros(n_ubar)

@@ -176,6 +176,11 @@ class Dynamics:
         return len(self.state_names)
 
     @property
+    def n_tears(self) -> int:
+        """Numbers from which the Newton iterations of algebraic loops start."""
+        return 0
+
+    @property
     def may_jump(self) -> bool:
         """True if the functions may depend on more than their arguments: on discrete variables that events
         have changed, or on integrator steps that were reported to the model."""
@@ -195,11 +200,12 @@ class Dynamics:
 class ExplicitModel(Dynamics):
     """The dynamics of a `FlatModel` by index reduction, with exact derivatives of every function.
 
-    `near` are `rhs` and `outputs`, `near_variables` is `variables` of a model with Newton iterations as
-    functions of (x, u, v, w, theta, t, guess) -> (value, tears): the iterations start from a guess
-    (n_tears,), the tears of a point nearby, where it is a number; None where there are none. `of_tears` are
-    `rhs`, `outputs` and the residuals (n_tears,) of those iterations as expressions, functions of (x, u, v,
-    w, theta, t, tears); None where a loop has too many tears for them to be short.
+    `near` are `rhs` and `outputs`, `near_variables` and `near_derivatives` are `variables` and
+    `variable_derivatives` of a model with Newton iterations as functions of (x, u, v, w, theta, t, guess) ->
+    (value, tears), the last one -> value: the iterations start from a guess (n_tears,), the tears of a point
+    nearby, where it is a number; None where there are none. `of_tears` are `rhs`, `outputs` and the residuals
+    (n_tears,) of those iterations as expressions, functions of (x, u, v, w, theta, t, tears); None where a
+    loop has too many tears for them to be short.
     """
 
     flat: FlatModel
@@ -209,6 +215,11 @@ class ExplicitModel(Dynamics):
     near: tuple[ca.Function, ca.Function] | None = None
     near_variables: ca.Function | None = None
     of_tears: tuple[ca.Function, ca.Function, ca.Function] | None = None
+    near_derivatives: ca.Function | None = None
+
+    @property
+    def n_tears(self) -> int:
+        return 0 if self.near is None else self.near[0].numel_in(6)
 
     @property
     def check_if_stopped(self) -> str:

@@ -386,6 +386,7 @@ typedef struct {
   double of_ones[3];                               /* A^-1 (1 1 1)' */
   double on_single[9], on_re[9], on_im[9];         /* shares of the inverses in N of `responses_of_few` */
   double stage_tears[3 * NT + 1];         /* of the stages at the last iteration */
+  double tears[NT + 1];                   /* of the point x, from which every try of a step begins */
   double *made, *seen, *stage_p, *out_p;  /* NX and NY x WHOLE(directions); 3 x NX x NP; NY x NP */
 #if BENT > 0
   double slope[NY], slope_x[NY * NX], *slope_p; /* relative slopes of the sensors, over the states; NY x NP */
@@ -886,6 +887,11 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
   const double newton_tolerance = fmax(10 * 2.2e-16 / rtol, fmin(0.03, sqrt(rtol)));
   double t = s->t0, *h = p->reached + 1;
   int rejected = 0;
+  if (NX == 0) { /* only the solution that a loop is at goes on */
+    input_at(s, s->t1, k->u);
+    p->reached[0] = s->t1;
+    return rates_at(m, k->x, k->u, s->t1, k->f0, 0) ? NOT_FINITE : DONE;
+  }
   if (s->t1 - t <= 8 * 2.2e-16 * fabs(s->t1)) { /* an event just before the sample leaves no room for a step */
     p->reached[0] = s->t1;
     return DONE;
@@ -918,9 +924,11 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
     if (b.hi > 0.0) last = 0, step = *h;
 #endif
     input_at(s, t, k->u);
+    if (NT > 0) memcpy(m->tears, k->tears, sizeof m->tears);
     if (!rejected &&
         (rates_at(m, k->x, k->u, t, k->f0, k->J0) || !all_finite(k->f0, NX) || !all_finite(k->J0, NX * NX)))
       return NOT_FINITE;
+    if (NT > 0) memcpy(k->tears, m->tears, sizeof m->tears);
     set_scale(k, rtol, atol);
     int iterations = solved_stages(k, m, s, t, step, newton_tolerance);
     if (!iterations) {
@@ -948,6 +956,7 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
     if (p->side) {
       double end[NX];
       for (int q = 0; q < NX; ++q) end[q] = k->x[q] + k->Z[2 * NX + q];
+      if (NT > 0) memcpy(m->tears, k->stage_tears + 2 * NT, sizeof(double) * NT);
       if (roots_at(k, m, s, end, t + step, roots)) return NOT_FINITE;
       int left = any_left(roots, p->side);
       if (!left && b.hi == 0.0) {
@@ -975,6 +984,8 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
     for (int q = 0; q < NX; ++q) k->x[q] += k->Z[2 * NX + q];
     memcpy(k->lastZ, k->Z, sizeof k->Z);
     k->last_h = step;
+    if (NT > 0) memcpy(m->tears, k->stage_tears + 2 * NT, sizeof(double) * NT); /* of the last stage: the end */
+    if (NT > 0) memcpy(k->tears, m->tears, sizeof(double) * NT);
     t = last ? s->t1 : t + step;
 #if NG > 0
     input_at(s, t, k->u);
@@ -1103,7 +1114,7 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
                const double *theta, const double *x0, int directions, int by_parameter, const double *S0,
                const double *y, const double *gain, long gain_stride, const double *gain_slopes, int by_gain, double rtol, const double *atol, long max_steps, double *states,
                double *predicted, double *sens, long *steps, double *reached, const double *side, double *flags,
-               long *done, double *x_end, double *S_end) {
+               long *done, double *x_end, double *S_end, double *tears, double *seen) {
   Model m;
   Work *k = 0;
   double *S = 0;
@@ -1112,13 +1123,14 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
   reached[0] = n > 0 ? time[0] : 0.0;
   reached[1] = 0.0;
   m.theta = theta;
-  for (int i = 0; i < NT; ++i) m.tears[i] = NAN; /* no point nearby is known yet */
+  for (int i = 0; i < NT; ++i) m.tears[i] = tears ? tears[i] : NAN; /* not a number: no point nearby is known yet */
   if (allocate(&k, &m, &S, directions)) {
     set_constants(k);
     k->by_parameter = by_parameter;
     k->gain_slopes = gain_slopes;
     k->by_gain = by_gain;
     memcpy(k->x, x0, sizeof(double) * NX);
+    memcpy(k->tears, m.tears, sizeof(double) * NT);
     for (int q = 0; q < NX && directions > 0; ++q)
       memcpy(S + q * WHOLE(directions), S0 + q * directions, sizeof(double) * directions);
     status = DONE;
@@ -1134,6 +1146,7 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
 #endif
     for (long i = 0; i < n && status == DONE; ++i) {
       memcpy(states + i * NX, k->x, sizeof(double) * NX);
+      if (seen) memcpy(seen + i * NT, m.tears, sizeof(double) * NT);
       measure(k, &m, i + 1 < n ? u0 + i * NU : u_last, time[i], y ? y + i * NY : 0,
               gain ? gain + i * gain_stride : 0, S, directions, predicted + i * NY,
               sens ? sens + i * NY * directions : 0);
@@ -1157,6 +1170,7 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
     if (x_end) memcpy(x_end, k->x, sizeof(double) * NX);
     for (int q = 0; q < NX && S_end && directions > 0; ++q)
       memcpy(S_end + q * directions, S + q * WHOLE(directions), sizeof(double) * directions);
+    if (tears) memcpy(tears, NX > 0 ? k->tears : m.tears, sizeof(double) * NT);
   }
   release(k, &m, S);
   return status;
@@ -1167,24 +1181,27 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
  * values, and by_gain changes of the gain, gain_slopes (by_gain x NX x NY); S0: NX x directions row-major, or null. y: n x NY
  * (NaN: missing) and gain: NX x NY, advanced by gain_stride per sample, or null. Out: states n x NX before correction; predicted n x NY; sens
  * n x NY x directions of `predicted`, or null; steps; reached: {time, step that was to come next, not zero where
- * another thread wants an end}. Returns a code above. */
+ * another thread wants an end}; seen (n x NT): the tears from which the loops at each sample are solved. Returns a
+ * code above. */
 int daest_simulate(long n, const double *time, const double *u0, const double *u1, const double *u_last,
                    const double *theta, const double *x0, int directions, int by_parameter, const double *S0,
                    const double *y, const double *gain, long gain_stride, const double *gain_slopes, int by_gain,
                    double rtol, const double *atol, long max_steps, double *states, double *predicted, double *sens,
-                   long *steps, double *reached) {
+                   long *steps, double *reached, double *seen) {
   return run(n, time, u0, u1, u_last, theta, x0, directions, by_parameter, S0, y, gain, gain_stride, gain_slopes, by_gain,
-             rtol, atol, max_steps, states, predicted, sens, steps, reached, 0, 0, 0, 0, 0);
+             rtol, atol, max_steps, states, predicted, sens, steps, reached, 0, 0, 0, 0, 0, 0, seen);
 }
 
 /* The same without corrections, up to the first root (of NR > 0 functions): `side` (NR) is the sign that each root function keeps, 0 where
  * it does not matter. Returns EVENT just behind a root, or at a knot
  * at which a jump of the input makes functions leave their sides, with reached[0] its time, flags (NR) 1 for what has left its
- * side, done the samples that were written. x_end (NX), S_end (NX x directions): where it stopped. */
+ * side, done the samples that were written. x_end (NX), S_end (NX x directions): where it stopped. tears (NT): those of
+ * the start, not numbers where none are known; then those of where it stopped. */
 int daest_follow(long n, const double *time, const double *u0, const double *u1, const double *u_last,
                  const double *theta, const double *x0, int directions, const double *S0, double rtol,
                  const double *atol, long max_steps, const double *side, double *states, double *predicted, double *sens,
-                 long *steps, double *reached, double *flags, long *done, double *x_end, double *S_end) {
+                 long *steps, double *reached, double *flags, long *done, double *x_end, double *S_end,
+                 double *tears, double *seen) {
   return run(n, time, u0, u1, u_last, theta, x0, directions, NP, S0, 0, 0, 0, 0, 0, rtol, atol, max_steps, states, predicted,
-             sens, steps, reached, side, flags, done, x_end, S_end);
+             sens, steps, reached, side, flags, done, x_end, S_end, tears, seen);
 }

@@ -33,7 +33,9 @@ class EventPoint:
 @dataclass(frozen=True)
 class EventFunctions:
     """Functions of the events of `explicit`, in its arguments (x, ū, θ, t); ū are inputs and their
-    derivatives."""
+    derivatives. Where the model has Newton iterations a last argument of every function of CasADi, and
+    `tears` of the methods, is the guess from which they start (`ExplicitModel.near`), NaN where none is
+    known: a loop with several solutions keeps the one that it is at."""
 
     explicit: ExplicitModel
 
@@ -50,18 +52,53 @@ class EventFunctions:
         t: float,
         active: np.ndarray,
         ticks: np.ndarray,
+        tears: np.ndarray | None = None,
     ) -> EventPoint:
         """Everything at one instant."""
-        made = self._at(x, ubar, theta, t, active, ticks)
+        made = self._at(x, ubar, theta, t, active, ticks, *self._guess(tears))
         return EventPoint(*[m if name in _TABLES else m.ravel() for name, m in zip(PARTS, made, strict=True)])
 
-    def variables(self, x: np.ndarray, ubar: np.ndarray, theta: np.ndarray, t: float) -> np.ndarray:
-        """ξ (n,)."""
-        return self._variables(x, ubar, theta, t)[0].ravel()
+    def variables(
+        self,
+        x: np.ndarray,
+        ubar: np.ndarray,
+        theta: np.ndarray,
+        t: float,
+        tears: np.ndarray | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """ξ (n,) and ∂ξ/∂x (n, n_states)."""
+        value, slopes = self._variables(x, ubar, theta, t, *self._guess(tears))
+        return value.ravel(), slopes
 
-    def slopes(self, x: np.ndarray, ubar: np.ndarray, theta: np.ndarray, t: float) -> np.ndarray:
-        """∂ξ/∂x (n, n_states)."""
-        return self._variables(x, ubar, theta, t)[1]
+    def rates(
+        self,
+        x: np.ndarray,
+        ubar: np.ndarray,
+        theta: np.ndarray,
+        t: float,
+        tears: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """ẋ (n_states,)."""
+        return self._rates(x, ubar, theta, t, *self._guess(tears))[0].ravel()
+
+    def outputs(
+        self,
+        x: np.ndarray,
+        ubar: np.ndarray,
+        theta: np.ndarray,
+        t: float,
+        tears: np.ndarray | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """y (n_y,) and the tears of the loops there."""
+        value, found = self._outputs(x, ubar, theta, t, *self._guess(tears))
+        return value.ravel(), found.ravel()
+
+    def _guess(self, tears: np.ndarray | None) -> tuple[np.ndarray, ...]:
+        """The last argument of the functions, where they have it."""
+        n = self.explicit.n_tears
+        if not n:
+            return ()
+        return (np.full(n, np.nan) if tears is None or not tears.size else tears,)
 
     def derivatives(
         self,
@@ -72,10 +109,11 @@ class EventFunctions:
         t: float,
         active: np.ndarray,
         ticks: np.ndarray,
+        tears: np.ndarray | None = None,
     ) -> list[np.ndarray]:
         """Slopes along x, ū, θ and t of what `Events` calls `name`: restarted, assigned, sources, values,
         wholes or samples."""
-        return self._slopes[name](x, ubar, theta, t, active, ticks)
+        return self._slopes[name](x, ubar, theta, t, active, ticks, *self._guess(tears))
 
     # Which switches need to be watched ----------------------------------------------------------------------
 
@@ -96,9 +134,11 @@ class EventFunctions:
             dtype=bool,
         )
 
-    def clock(self, x: np.ndarray, ubar: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def clock(
+        self, x: np.ndarray, ubar: np.ndarray, theta: np.ndarray, tears: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Values at time zero and slopes along time of relations, then of whole parts."""
-        value, slope = self._clock(x, ubar, theta)
+        value, slope = self._clock(x, ubar, theta, *self._guess(tears))
         return value.ravel(), slope.ravel()
 
     def roots(self) -> tuple[ca.Function, np.ndarray]:
@@ -106,16 +146,32 @@ class EventFunctions:
         each belongs to: relations first, then of every whole part the next number and the last one."""
         return self._roots
 
-    def root_values(self, x: np.ndarray, ubar: np.ndarray, theta: np.ndarray, t: float) -> np.ndarray:
+    def root_values(
+        self,
+        x: np.ndarray,
+        ubar: np.ndarray,
+        theta: np.ndarray,
+        t: float,
+        tears: np.ndarray | None = None,
+    ) -> np.ndarray:
         """The values of `roots` (n_roots,)."""
-        return self._root_values(x, ubar, theta, t)[0].ravel()
+        return self._root_values(x, ubar, theta, t, *self._guess(tears))[0].ravel()
+
+    def root_slopes(
+        self,
+        x: np.ndarray,
+        ubar: np.ndarray,
+        theta: np.ndarray,
+        t: float,
+        tears: np.ndarray | None = None,
+    ) -> list[np.ndarray]:
+        """The values of `roots` (n_roots, 1) and their slopes along x, ū and t."""
+        return self._root_slopes(x, ubar, theta, t, *self._guess(tears))
 
     @cached_property
-    def root_slopes(self) -> Evaluator:
-        """(x, ū, θ, t) -> the values of `roots` and their slopes along x, ū and t."""
+    def _root_slopes(self) -> Evaluator:
         roots, owners = self._roots
-        names = ("x", "u", "theta", "t")
-        symbols = [ca.MX.sym(name, *roots.size_in(i)) for i, name in enumerate(names)]
+        symbols = [ca.MX.sym(f"s{i}", *roots.size_in(i)) for i in range(roots.n_in())]
         g = roots(*symbols) if owners.size else ca.MX(0, 1)
         slopes = [ca.densify(ca.jacobian(g, symbols[i])) for i in (0, 1, 3)]
         return Evaluator(ca.Function("root_slopes", symbols, [ca.densify(g), *slopes]))
@@ -146,17 +202,21 @@ class EventFunctions:
         return ca.Function("daest_root", symbols, [ca.densify(g)]), np.array(owners, dtype=int)
 
     def _point(self) -> tuple[Any, list[Any], Any, Any]:
-        """Symbols (x, ū, θ, t), ξ and ξ' of them."""
+        """Symbols (x, ū, θ, t) and perhaps the guess, ξ and ξ' of them."""
         explicit = self.explicit
         kind: Any = ca.SX if explicit.is_symbolic else ca.MX
         n_u, n_v = explicit.rhs.numel_in(1), explicit.rhs.numel_in(2)
         x, ubar, t = kind.sym("x", explicit.n_states), kind.sym("u", n_u + n_v), kind.sym("t")
         theta = kind.sym("theta", len(explicit.flat.parameters))
         at = (x, ubar[:n_u], ubar[n_u:], kind.zeros(explicit.rhs.numel_in(3)), theta, t)
-        xi, rates = explicit.variables(*at), kind.zeros(explicit.flat.n)
-        if self._needs_rates:
-            rates = explicit.variable_derivatives(*at)
-        return kind, [x, ubar, theta, t], xi, rates
+        guess, derivatives = [], explicit.variable_derivatives
+        if explicit.near_variables is None or explicit.near_derivatives is None:
+            xi = explicit.variables(*at)
+        else:
+            guess, derivatives = [kind.sym("guess", explicit.n_tears)], explicit.near_derivatives
+            xi = explicit.near_variables(*at, *guess)[0]
+        rates = derivatives(*at, *guess) if self._needs_rates else kind.zeros(explicit.flat.n)
+        return kind, [x, ubar, theta, t, *guess], xi, rates
 
     @cached_property
     def _needs_rates(self) -> bool:
@@ -165,7 +225,7 @@ class EventFunctions:
 
     def _flat_arguments(self, symbols: list[Any]) -> list[Any]:
         """(u, w, θ, t) of the flat model."""
-        _, ubar, theta, t = symbols
+        _, ubar, theta, t = symbols[:4]
         n_u = len(self.explicit.flat.inputs)
         kind = type(t)
         return [ubar[:n_u], kind.zeros(len(self.explicit.flat.noises)), theta, t]
@@ -187,20 +247,22 @@ class EventFunctions:
         chosen = switches or [kind.zeros(events.active.numel()), kind.zeros(events.ticks.numel())]
         return function(*at, *chosen)
 
-    def _whole(self) -> tuple[list[Any], list[Any], dict[str, Any]]:
+    def _whole(self) -> tuple[list[Any], dict[str, Any]]:
+        """Symbols (x, ū, θ, t, active, ticks) and perhaps the guess, and all `PARTS`."""
         kind, symbols, xi, rates = self._point()
         switches = [
             kind.sym("active", self.events.active.numel()),
             kind.sym("ticks", self.events.ticks.numel()),
         ]
         at = [rates, xi, *self._flat_arguments(symbols)]
-        return symbols, switches, {name: self._expression(name, at, switches) for name in PARTS}
+        parts = {name: self._expression(name, at, switches) for name in PARTS}
+        return [*symbols[:4], *switches, *symbols[4:]], parts
 
     @cached_property
     def whole(self) -> ca.Function:
         """(x, ū, θ, t, active, ticks) -> all `PARTS`."""
-        symbols, switches, parts = self._whole()
-        return ca.Function("events", [*symbols, *switches], [ca.densify(parts[name]) for name in PARTS])
+        symbols, parts = self._whole()
+        return ca.Function("events", symbols, [ca.densify(parts[name]) for name in PARTS])
 
     @cached_property
     def _at(self) -> Evaluator:
@@ -212,13 +274,13 @@ class EventFunctions:
 
     @cached_property
     def _slopes(self) -> dict[str, Evaluator]:
-        symbols, switches, parts = self._whole()
+        symbols, parts = self._whole()
         parts["restarted"] = parts["restarted"][:, 1]
         parts["samples"] = ca.vec(parts["samples"].T)
         found = {}
         for name in ("restarted", "assigned", "sources", "values", "wholes", "samples"):
-            slopes = [ca.densify(ca.jacobian(parts[name], symbol)) for symbol in symbols]
-            found[name] = Evaluator(ca.Function(f"slopes_of_{name}", [*symbols, *switches], slopes))
+            slopes = [ca.densify(ca.jacobian(parts[name], symbol)) for symbol in symbols[:4]]
+            found[name] = Evaluator(ca.Function(f"slopes_of_{name}", symbols, slopes))
         return found
 
     @cached_property
@@ -228,6 +290,27 @@ class EventFunctions:
         return Evaluator(ca.Function("variables", symbols, [ca.densify(xi), slopes]))
 
     @cached_property
+    def _rates(self) -> Evaluator:
+        return self._of_near(self.explicit.rhs, 0)
+
+    @cached_property
+    def _outputs(self) -> Evaluator:
+        return self._of_near(self.explicit.outputs, 1)
+
+    def _of_near(self, plain: ca.Function, number: int) -> Evaluator:
+        """The function `plain`, or that number of `near`, in the arguments used here: its value and the
+        tears."""
+        near = self.explicit.near
+        function = plain if near is None else near[number]
+        n, n_u, n_v, n_w, n_theta = (function.numel_in(i) for i in range(5))
+        x, ubar = ca.MX.sym("x", n), ca.MX.sym("u", n_u + n_v)
+        theta, t = ca.MX.sym("theta", n_theta), ca.MX.sym("t")
+        guess = [] if near is None else [ca.MX.sym("guess", self.explicit.n_tears)]
+        value = function.call([x, ubar[:n_u], ubar[n_u:], ca.MX.zeros(n_w), theta, t, *guess])
+        results = [ca.densify(value[0]), value[1] if near is not None else ca.MX(0, 1)]
+        return Evaluator(ca.Function("near", [x, ubar, theta, t, *guess], results))
+
+    @cached_property
     def along_time(self) -> ca.Function:
         """(x, ū, θ) -> values at time zero and slopes along time of relations, then of whole parts."""
         kind, symbols, xi, rates = self._point()
@@ -235,7 +318,7 @@ class EventFunctions:
         watched = ca.vertcat(self._expression("values", at), self._expression("wholes", at))
         slope = ca.jacobian(watched, symbols[3])
         zero = [ca.substitute(part, symbols[3], kind(0)) for part in (watched, slope)]
-        return ca.Function("clock", symbols[:3], [ca.densify(part) for part in zero])
+        return ca.Function("clock", [*symbols[:3], *symbols[4:]], [ca.densify(part) for part in zero])
 
 
 _TABLES = ("restarted", "samples")

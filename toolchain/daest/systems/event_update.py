@@ -28,29 +28,33 @@ at which it does. Rounding does not undo that."""
 @dataclass
 class Mode:
     """What keeps its value between events: θ with it, and the conditions of when-clauses at the last
-    event."""
+    event; and the tears of the algebraic loops at the last instant (`ExplicitModel.near`), NaN or none where
+    they are not known: which solution a loop with several is at."""
 
     theta: np.ndarray
     conditions: np.ndarray
     ticks_done: np.ndarray  # how often each sample has been taken
+    tears: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def copy(self) -> Mode:
         """A mode that changes on its own."""
-        return Mode(self.theta.copy(), self.conditions.copy(), self.ticks_done.copy())
+        return Mode(self.theta.copy(), self.conditions.copy(), self.ticks_done.copy(), self.tears.copy())
 
     def become(self, other: Mode) -> None:
         """Take over another mode."""
         self.theta, self.conditions, self.ticks_done = other.theta, other.conditions, other.ticks_done
+        self.tears = other.tears
 
     def stored(self) -> np.ndarray:
         """All of it as numbers."""
-        return np.concatenate([self.theta, self.conditions, self.ticks_done])
+        return np.concatenate([self.theta, self.conditions, self.tears, self.ticks_done])
 
     @classmethod
-    def of_stored(cls, numbers: np.ndarray, n_theta: int, n_conditions: int) -> Mode:
+    def of_stored(cls, numbers: np.ndarray, n_theta: int, n_conditions: int, n_tears: int) -> Mode:
         """The mode of `stored`."""
-        theta, conditions, ticks = np.split(numbers, [n_theta, n_theta + n_conditions])
-        return cls(theta, conditions > 0.5, ticks)
+        sizes = np.cumsum([n_theta, n_conditions, n_tears])
+        theta, conditions, tears, ticks = np.split(numbers, sizes)
+        return cls(theta, conditions > 0.5, ticks, tears)
 
 
 @dataclass
@@ -87,6 +91,7 @@ def settled_start(
         np.array(theta, dtype=float),
         np.zeros(events.conditions.numel(), dtype=bool),
         np.zeros(events.ticks.numel()),
+        np.full(explicit.n_tears, np.nan),
     )
     if events.initial_slot >= 0:
         mode.theta[events.initial_slot] = 1.0
@@ -158,7 +163,7 @@ class EventUpdate:
     def point(self, theta: np.ndarray) -> EventPoint:
         """Everything at the instant, as it is now."""
         assert self.ticks is not None
-        return self.functions.at(self.x, self.ubar, theta, self.t, self.active, self.ticks)
+        return self.functions.at(self.x, self.ubar, theta, self.t, self.active, self.ticks, self.mode.tears)
 
     def settled(self) -> np.ndarray:
         """The states after the event. Raises HybridError where it goes on for ever."""
@@ -250,7 +255,7 @@ class EventUpdate:
         if not wanted:
             return self.x
         made = self.x.copy()
-        present = self.functions.variables(self.x, self.ubar, self.mode.theta, self.t)
+        present, _ = self._variables()
         for unknown, value in wanted:
             state, share = self.state_behind(unknown)
             if present[unknown] != value:
@@ -258,13 +263,18 @@ class EventUpdate:
                 made[state] = moved if abs(share) != 1 else share * value
         return made
 
+    def _variables(self) -> tuple[np.ndarray, np.ndarray]:
+        """ξ and ∂ξ/∂x as they are now."""
+        mode = self.mode
+        return self.functions.variables(self.x, self.ubar, mode.theta, self.t, mode.tears)
+
     def state_behind(self, unknown: int) -> tuple[int, float]:
         """The state that decides an unknown, and its share in it."""
         explicit = self.functions.explicit
         variable = explicit.flat.unknowns[unknown]
         if variable.name in explicit.state_names:
             return explicit.state_names.index(variable.name), 1.0
-        row = self.functions.slopes(self.x, self.ubar, self.mode.theta, self.t)[unknown]
+        row = self._variables()[1][unknown]
         (states,) = np.nonzero(row)
         if states.size != 1:
             raise ModelError(
@@ -297,7 +307,14 @@ class EventUpdate:
         """Total derivatives (rows, d) of what `Events` calls `name`, at the instant of the event."""
         assert self.ticks is not None
         by_x, by_u, by_theta, by_t = self.functions.derivatives(
-            name, self.x, self.ubar, self.mode.theta, self.t, self.active, self.ticks
+            name,
+            self.x,
+            self.ubar,
+            self.mode.theta,
+            self.t,
+            self.active,
+            self.ticks,
+            self.mode.tears,
         )
         rates = by_t[:, 0] + by_u @ slopes.input_rate
         return by_x @ slopes.states + by_theta @ slopes.theta + np.outer(rates, slopes.time)

@@ -23,7 +23,6 @@ import casadi as ca
 import numpy as np
 
 from daest.model.flat import ExplicitModel
-from daest.numerics.evaluator import Evaluator
 from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import EventUpdate, Forced, HybridError, Mode, Slopes, settled_start
 from daest.systems.integration import FAILURES, IntegrationError, pointer
@@ -37,12 +36,14 @@ MOST_EVENTS = 2_000_000
 @dataclass(frozen=True)
 class HybridRun:
     """As `integrate.Trajectory`; `theta` (n_samples, n_theta) holds what keeps its value between events.
+    `tears` (n_samples, n_tears): from which the loops at each sample are solved.
     `n_events` counts events, `instants` holds the first of them [s] and what they were."""
 
     states: np.ndarray
     outputs: np.ndarray
     sensitivities: np.ndarray
     theta: np.ndarray
+    tears: np.ndarray
     n_steps: int
     n_events: int
     instants: tuple[tuple[float, str], ...]
@@ -70,7 +71,7 @@ class Schedule:
         found: list[tuple[float, int, float]] = []
         n = len(events.relations)
         if np.any(functions.timed):
-            zero, slope = functions.clock(x, ubar, mode.theta)
+            zero, slope = functions.clock(x, ubar, mode.theta, mode.tears)
             for i in np.flatnonzero(functions.timed):
                 if i < n:
                     truth = mode.theta[events.relations[i].slot]
@@ -95,7 +96,7 @@ class Schedule:
         if not events.ticks.numel():
             return np.zeros((0, 2))
         none = np.zeros(events.active.numel()), np.zeros(events.ticks.numel())
-        return self.functions.at(x, ubar, mode.theta, t, *none).samples
+        return self.functions.at(x, ubar, mode.theta, t, *none, mode.tears).samples
 
 
 # Integration ------------------------------------------------------------------------------------------------
@@ -224,12 +225,13 @@ class Runner:
         self.model, self.inputs, self.rtol, self.atol = model, inputs, rtol, atol
         self.functions, self.owners = model.events
         span = float(inputs.time[-1] - inputs.time[0]) or 1.0
-        self.schedule, self._rates = Schedule(self.functions, span), Evaluator(model.rhs)
+        self.schedule = Schedule(self.functions, span)
         self.max_steps, self.directions = max_steps, directions
         n, n_states, n_y = inputs.time.size, model.explicit.n_states, model.out.numel_out(0)
         self.states, self.outputs = np.full((n, n_states), np.nan), np.full((n, n_y), np.nan)
         self.sens = np.empty((n, n_y, directions))
         self.theta = np.empty((n, len(model.explicit.flat.parameters)))
+        self.tears = np.full((n, model.explicit.n_tears), np.nan)
         self.n_steps = self.n_events = self.dense = 0
         self.last_event = -np.inf
         self.instants: list[tuple[float, str]] = []
@@ -268,6 +270,7 @@ class Runner:
             self.outputs,
             self.sens,
             self.theta,
+            self.tears,
             self.n_steps,
             self.n_events,
             tuple(self.instants),
@@ -309,22 +312,27 @@ class Runner:
             if piece.left is not None and knots[row] >= piece.t:
                 break
             while i < time.size and time[i] <= knots[row] + near:
-                self._write(i, piece.states[row], piece.outputs[row], piece.sens[row])
+                self._write(i, piece, row)
                 i += 1
         self.n_steps += piece.steps
         return i, piece.t, piece.x, piece.S, piece.left
 
-    def _write(self, i: int, x: np.ndarray, y: np.ndarray, sens: np.ndarray) -> None:
-        self.states[i], self.outputs[i], self.theta[i] = x, y, self.mode.theta
+    def _write(self, i: int, piece: _Piece, row: int) -> None:
+        self.states[i], self.outputs[i], self.theta[i] = (
+            piece.states[row],
+            piece.outputs[row],
+            self.mode.theta,
+        )
+        self.tears[i] = piece.tears[row]
         if self.directions:
-            self.sens[i] = sens
+            self.sens[i] = piece.sens[row]
 
     def _write_last(self, i: int, t: float, x: np.ndarray, S: np.ndarray) -> None:
         if i >= self.inputs.time.size:
             return
         piece = self._call(np.array([t]), np.zeros((0, self.inputs.last.size)), np.zeros((0, 0)), x, S)
         for row in range(i, self.inputs.time.size):
-            self._write(row, x, piece.outputs[0], piece.sens[0])
+            self._write(row, piece, 0)
 
     def _call(
         self, knots: np.ndarray, u0: np.ndarray, u1: np.ndarray, x: np.ndarray, S: np.ndarray
@@ -343,6 +351,8 @@ class Runner:
             for a in (knots, u0, u1, self.inputs.last, self.mode.theta, x)
         ]
         start = np.ascontiguousarray(S)
+        seen = np.full((n, self.tears.shape[1]), np.nan)
+        tears = np.append(self.mode.tears, np.nan)
         common = (
             ctypes.c_long(n), *map(pointer, arrays), ctypes.c_int(d), pointer(start),
         )  # fmt: skip
@@ -350,46 +360,62 @@ class Runner:
         status = library.daest_follow(
             *common, ctypes.c_double(self.rtol), pointer(self.atol), ctypes.c_long(self.max_steps),
             *map(pointer, (side, states, outputs, sens)), ctypes.byref(steps), pointer(reached),
-            pointer(flags), ctypes.byref(done), pointer(x_end), pointer(S_end),
+            pointer(flags), ctypes.byref(done), pointer(x_end), pointer(S_end), pointer(tears), pointer(seen),
         )  # fmt: skip
         if status not in (0, _EVENT):
             raise IntegrationError(FAILURES[status].format(steps=steps.value, next=reached[1]), reached[0])
+        self.mode.tears = tears[:-1]
         left = flags[: self.owners.size] > 0.5 if status == _EVENT else None
         t = float(reached[0]) if status == _EVENT else float(knots[-1])
-        return _Piece(states, outputs, sens, steps.value, done.value, t, x_end, S_end, left)
+        return _Piece(states, outputs, sens, seen, steps.value, done.value, t, x_end, S_end, left)
 
     def _without_states(self, knots: np.ndarray, u0: np.ndarray, u1: np.ndarray) -> _Piece:
         """A model that has only time and inputs: roots are looked for at `SCANNED` instants of each interval,
         and bisected."""
-        roots, side = self.functions.roots()[0], self.sides()
+        functions, mode, side = self.functions, self.mode, self.sides()
         empty = np.zeros(0)
         outputs = np.full((knots.size, self.outputs.shape[1]), np.nan)
+        seen = np.full((knots.size, self.tears.shape[1]), np.nan)
+
+        def inputs_at(i: int, t: float) -> np.ndarray:
+            share = (t - knots[i]) / (knots[i + 1] - knots[i])
+            return np.asarray(u0[i] + share * (u1[i] - u0[i]))
 
         def left_at(i: int, t: float) -> np.ndarray:
-            share = (t - knots[i]) / (knots[i + 1] - knots[i])
-            g = roots(empty, u0[i] + share * (u1[i] - u0[i]), self.mode.theta, t).full().ravel()
-            return side * g < 0
+            return side * functions.root_values(empty, inputs_at(i, t), mode.theta, t, mode.tears) < 0
 
         def piece(t: float, done: int, left: np.ndarray | None) -> _Piece:
             shape = (knots.size, outputs.shape[1], self.directions)
             states, sens = np.zeros((knots.size, 0)), np.zeros(shape)
-            return _Piece(states, outputs, sens, 0, done, t, empty, np.zeros((0, self.directions)), left)
+            return _Piece(
+                states, outputs, sens, seen, 0, done, t, empty, np.zeros((0, self.directions)), left
+            )
 
         for i, knot in enumerate(knots):
             u = u0[i] if i < len(u0) else self.inputs.last.ravel()
-            outputs[i] = self.model.out(empty, u, self.mode.theta, knot)[0].full().ravel()
-            if i + 1 == knots.size or not side.size:
+            seen[i] = mode.tears
+            outputs[i], mode.tears = self._seen(u, knot)
+            if i + 1 == knots.size or not (side.size or seen.size):
                 continue
             low = knot
             for high in np.linspace(knot, knots[i + 1], SCANNED + 1)[1:]:
                 if not np.any(left_at(i, high)):
                     low = high
+                    if seen.size:
+                        _, mode.tears = self._seen(inputs_at(i, high), high)
                     continue
                 while high - low > self.schedule.near(high):
                     middle = 0.5 * (low + high)
                     low, high = (low, middle) if np.any(left_at(i, middle)) else (middle, high)
                 return piece(float(high), i + 1, left_at(i, high))
         return piece(float(knots[-1]), knots.size, None)
+
+    def _seen(self, ubar: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Outputs and tears of a model without states."""
+        try:
+            return self.functions.outputs(np.zeros(0), ubar, self.mode.theta, t, self.mode.tears)
+        except RuntimeError as error:
+            raise IntegrationError(UNSOLVED, t) from error
 
     def sides(self) -> np.ndarray:
         """The sign that each root function keeps: what it tells is so, or is not yet."""
@@ -415,7 +441,7 @@ class Runner:
             interval = self.inputs.interval(t) if by_input else self.inputs.interval_before(t)
         ubar = self.inputs.at(t, interval)
         none = np.zeros(events.active.numel()), np.zeros(events.ticks.numel())
-        point = self.functions.at(x, ubar, self.mode.theta, t, *none)
+        point = self.functions.at(x, ubar, self.mode.theta, t, *none, self.mode.tears)
         forced: dict[int, tuple[float, float]] = {}
         up: dict[int, bool] = {}
         for k in np.flatnonzero(left):
@@ -447,7 +473,8 @@ class Runner:
         """Which root functions have left their sides, under the inputs of `interval` (None: the one that ends
         at t)."""
         interval = self.inputs.interval_before(t) if interval is None else interval
-        g = self.functions.root_values(x, self.inputs.at(t, interval), self.mode.theta, t)
+        ubar, mode = self.inputs.at(t, interval), self.mode
+        g = self.functions.root_values(x, ubar, mode.theta, t, mode.tears)
         return np.asarray(self.sides() * g < -ROOT_NOISE)
 
     def timed_event(
@@ -458,7 +485,8 @@ class Runner:
         ubar = self.inputs.at(t, interval)
         ticks = np.zeros(events.ticks.numel())
         forced: dict[int, tuple[float, float]] = {}
-        point = self.functions.at(x, ubar, self.mode.theta, t, np.zeros(events.active.numel()), ticks)
+        none, mode = np.zeros(events.active.numel()), self.mode
+        point = self.functions.at(x, ubar, mode.theta, t, none, ticks, mode.tears)
         for _, number, value in self.schedule.due:
             if number < 0:
                 ticks[-1 - number] = 1.0
@@ -515,7 +543,7 @@ class Runner:
             return slopes
 
         def along(name: str) -> list[np.ndarray]:
-            return functions.derivatives(name, x, ubar, self.mode.theta, t, *none)
+            return functions.derivatives(name, x, ubar, self.mode.theta, t, *none, self.mode.tears)
 
         if owner >= 0:
             name, row = ("values", owner) if owner < n else ("wholes", owner - n)
@@ -535,7 +563,7 @@ class Runner:
 
     def rate(self, x: np.ndarray, ubar: np.ndarray, t: float) -> np.ndarray:
         """ẋ (n_states,) in the mode of the instant."""
-        return self._rates(x, ubar, self.mode.theta, t)[0].ravel()
+        return self.functions.rates(x, ubar, self.mode.theta, t, self.mode.tears)
 
     def _after(
         self,
@@ -557,6 +585,7 @@ class _Piece:
     states: np.ndarray
     outputs: np.ndarray
     sens: np.ndarray
+    tears: np.ndarray
     steps: int
     done: int
     t: float
@@ -565,6 +594,7 @@ class _Piece:
     left: np.ndarray | None
 
 
+UNSOLVED = "a nonlinear equation inside the model has no solution that was found from the one before"
 _EVENT = 8  # the status of radau.c
 MOST_SHOWN = 20  # events that a run names
 SCANNED = 16  # instants of each sample interval at which a model without states is looked at for switches

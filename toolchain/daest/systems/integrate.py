@@ -53,13 +53,16 @@ def search_steps(n_samples: int) -> int:
 class Trajectory:
     """states (n_samples, n) and outputs (n_samples, n_y), before the correction of a sample where a gain
     corrects; sensitivities (n_samples, n_y, n_directions): ∂y/∂(chosen parameters, then x0). `modes`
-    (n_samples, n_theta): parameters with what keeps its value between events, None without events."""
+    (n_samples, n_theta): parameters with what keeps its value between events, None without events. `tears`
+    (n_samples, n_tears): from which the iterations of the loops at each sample started, NaN from scratch;
+    None where none were kept."""
 
     states: np.ndarray
     outputs: np.ndarray
     sensitivities: np.ndarray
     n_steps: int
     modes: np.ndarray | None = None
+    tears: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -202,7 +205,7 @@ def _of_equations(
         root, owners = functions.roots()
         events = functions, owners
     if compiled:
-        near = explicit.near if events is None else None
+        near = explicit.near
         driven = (rhs, sens, out) if near is None else _near_functions(explicit, near, tuple(names))
         try:
             library = _compile(
@@ -517,14 +520,14 @@ def _run_hybrid(model: EquationIntegrator, run: Run) -> Trajectory:
         )  # fmt: skip
     except HybridError as error:
         raise IntegrationError(error.what, float(run.time[0])) from error
-    return Trajectory(made.states, made.outputs, made.sensitivities, made.n_steps, made.theta)
+    return Trajectory(made.states, made.outputs, made.sensitivities, made.n_steps, made.theta, made.tears)
 
 
 def _run_radau(model: EquationIntegrator, run: Run) -> Trajectory:
     assert model.library is not None
     n, n_states, n_y = run.time.size, run.x0.size, model.out.numel_out(0)
     states, outputs = np.empty((n, n_states)), np.empty((n, n_y))
-    sens = np.empty((n, n_y, run.directions))
+    sens, seen = np.empty((n, n_y, run.directions)), np.full((n, model.explicit.n_tears), np.nan)
     steps, reached = ctypes.c_long(0), np.zeros(3)
     start = np.ascontiguousarray(run.start_sensitivities)
     y, gain, stride, slopes = None, None, 0, None
@@ -539,12 +542,13 @@ def _run_radau(model: EquationIntegrator, run: Run) -> Trajectory:
         pointer(y), pointer(gain), ctypes.c_long(stride), pointer(slopes), ctypes.c_int(run.by_gain),
         ctypes.c_double(run.rtol), pointer(run.atol), ctypes.c_long(run.max_steps),
         *map(pointer, (states, outputs, sens)), ctypes.byref(steps), pointer(reached),
+        pointer(seen),
     )  # fmt: skip
     status = _watched(model.library.daest_simulate, arguments, reached, run.tell)
     if status:
         reason = FAILURES[status].format(steps=steps.value, next=reached[1])
         raise IntegrationError(reason, float(reached[0]))
-    return Trajectory(states, outputs, sens, steps.value)
+    return Trajectory(states, outputs, sens, steps.value, tears=seen)
 
 
 def _watched(

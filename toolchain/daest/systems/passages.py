@@ -54,7 +54,6 @@ class Passages:
         self.inputs, self.functions = inputs, self.runner.functions
         self.size = atol / np.max(atol)
         self.eye = np.eye(n) if with_slopes else np.zeros((n, 0))
-        self._roots = self.functions.root_slopes
 
     def start(self, theta: np.ndarray, x: np.ndarray | None) -> tuple[np.ndarray, Mode, list[Leg]]:
         """State, mode and events at the first instant; `x` None: the start of the model itself."""
@@ -152,9 +151,8 @@ class Passages:
             return None
         t = float(self.inputs.time[k])
         interval = self.inputs.interval(t)
-        theta = self.runner.mode.theta
-        ubar = self.inputs.at(t, interval)
-        g, along, by_u, by_t = self._roots(x, ubar, theta, t)
+        mode, ubar = self.runner.mode, self.inputs.at(t, interval)
+        g, along, by_u, by_t = self.functions.root_slopes(x, ubar, mode.theta, t, mode.tears)
         g = g.ravel()
         left = side * g < 0
         if not np.any(left):

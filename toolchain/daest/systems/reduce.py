@@ -127,8 +127,11 @@ NEWTON_STEPS = 50
 NEWTON_TOLERANCE = 1e-11  # of a loop's residual and step, both scaled to the sample point
 NEWTON_MISSED, NEWTON_LOST = 1e-8, 1e-6  # residual above which a loop is tried anew, and is called unsolved
 DAMPED_DOUBLINGS, DAMPED_HALVINGS = 5, 10
+BEYOND_FIRST, BEYOND_DOUBLINGS = 2.0**-8, 5  # of the size of the tears; 2 ** 5 starts, each twice as far off
+BEYOND_SAME = 1e-6  # relative difference of one solution found twice
 # A function whose result is a start only: it is not differentiated, and its code is not written twice.
 UNTOUCHED: Any = {"never_inline": True, "is_diff_in": [False, False], "is_diff_out": [False]}
+UNINLINED: Any = {"never_inline": True}
 ARGUMENTS = ["x", "u", "v", "w", "theta", "t"]
 RESULTS = ["rhs", "variables", "outputs", "rates"]
 
@@ -217,6 +220,7 @@ def assemble(
     )
     chosen = [(system.aliases.variables[j], k) for j, k in states]
     has_newton = any(not loop.is_linear for loop in definitions.loops)
+    chained = (derivatives, parts.rate_rows)
     return ExplicitModel(
         flat=flat,
         state_names=tuple(derivative_name(variable.name, k) for variable, k in chosen),
@@ -224,7 +228,7 @@ def assemble(
         input_derivatives=derivatives,
         rhs=rhs,
         variables=variables,
-        variable_derivatives=_derivative_function(derivatives, rhs, variables, rate, parts.rate_rows),
+        variable_derivatives=_derivative_function(*chained, rhs, variables, rate),
         outputs=outputs,
         is_symbolic=not definitions.loops,
         n_differentiations=int(in_source.equations.sum()),
@@ -233,6 +237,7 @@ def assemble(
         near=(near[0], near[2]) if has_newton else None,
         near_variables=near[1] if has_newton else None,
         of_tears=_of_tears(symbols, results, definitions) if has_newton else None,
+        near_derivatives=_derivative_function(*chained, near[0], near[1], near[3]) if has_newton else None,
     )
 
 
@@ -372,8 +377,8 @@ def _guarded(
     name: str, problem: dict[str, ca.SX], options: dict[str, Any], guess: np.ndarray, scale: np.ndarray
 ) -> ca.Function:
     """(tears nearby, p) -> tears: full Newton steps from the tears nearby, where these are numbers, else from
-    the guess; where they do not arrive, from the guess, and then damped ones. Where these do not either it
-    raises an error, and gives NaN as C code.
+    the guess; where they do not arrive, from the guess, then damped ones, then from starts farther and
+    farther off (`_beyond`). Where these do not either it raises an error, and gives NaN as C code.
 
     The plugin that can be written out as C code does not tell there whether it arrived, so that the residual
     is looked at. The damped iteration is evaluated only where it is needed."""
@@ -386,18 +391,28 @@ def _guarded(
 
     attempt = ca.rootfinder(f"{name}_attempt", "fast_newton", problem, {**options, "error_on_fail": False})
     arrive = ca.rootfinder(name, "fast_newton", problem, options)
-    near = _damped_newton(name, inner, guess)(guess, p)
-    end = arrive(near, p)
+    begin = ca.MX.sym("begin", guess.size)
+
+    def or_else(what: str, result: ca.MX) -> ca.Function:
+        """(is missed, z, begin, p) -> the result where it is, else z."""
+        other = ca.Function(f"{name}_{what}", [z, begin, p], [result])
+        kept = ca.Function(f"{name}_kept", [z, begin, p], [z])
+        return ca.Function.if_else(f"{name}_or_{what}", other, kept)
+
+    walked = _damped_newton(name, inner, guess)(guess, p)
+    elsewhere = _beyond(name, inner, attempt)(begin, p)
+    # From where nothing was found, which is no number, the iteration would not tell that it did not arrive.
+    end = arrive(ca.if_else(ca.fabs(elsewhere) < np.inf, elsewhere, walked), p)
     lost = ca.if_else(missed(end, NEWTON_LOST), np.nan, 0.0)
-    damped = ca.Function(f"{name}_damped", [z, p], [end + lost])
-    kept = ca.Function(f"{name}_kept", [z, p], [z])
-    either = ca.Function.if_else(f"{name}_either", damped, kept)
+    or_beyond = or_else("beyond", end + lost)
+    damped = attempt(walked, p)
+    or_damped = or_else("damped", or_beyond(missed(damped, NEWTON_LOST), damped, begin, p))
     plain = attempt(guess, p)
-    anew = ca.Function(f"{name}_anew", [z, p], [either(missed(plain, NEWTON_MISSED), plain, p)])
-    or_anew = ca.Function.if_else(f"{name}_or_anew", anew, kept)
+    or_anew = or_else("anew", or_damped(missed(plain, NEWTON_MISSED), plain, begin, p))
     nearby = ca.MX.sym("nearby", guess.size)
     is_known = ca.fabs(nearby) < np.inf  # no number is not
-    first = attempt(ca.if_else(is_known, nearby / scale, guess), p)
+    at = ca.if_else(is_known, nearby / scale, guess)
+    first = attempt(at, p)
     # What leads to the solution is not differentiated: ways that were not taken may have no number.
     solution: Any = {
         "never_inline": True,
@@ -405,7 +420,7 @@ def _guarded(
         "jac_penalty": 0,
     }
     found = ca.Function(
-        f"{name}_found", [nearby, p], [or_anew(missed(first, NEWTON_MISSED), first, p)], solution
+        f"{name}_found", [nearby, p], [or_anew(missed(first, NEWTON_MISSED), first, at, p)], solution
     )
     return ca.Function(f"{name}_guarded", [nearby, p], [scale * found(nearby, p)])
 
@@ -430,10 +445,8 @@ def _damped_newton(name: str, residual: ca.Function, guess: np.ndarray) -> ca.Fu
     that leaves the smallest residual."""
     n = guess.size
     z, p = ca.MX.sym("z", n), ca.MX.sym("p", residual.numel_in(1))
-    value = residual(z, p)
-    matrix = ca.densify(ca.jacobian(value, z)) if n == 1 else ca.jacobian(value, z)
-    step = value / matrix if n == 1 else ca.solve(matrix, value, "qr")
-    best, size = z, ca.norm_2(value)
+    step = _newton_step(residual, z, p)
+    best, size = z, ca.norm_2(residual(z, p))
     for halvings in range(DAMPED_HALVINGS):
         there = z - step / 2**halvings
         found = ca.norm_2(residual(there, p))
@@ -445,18 +458,61 @@ def _damped_newton(name: str, residual: ca.Function, guess: np.ndarray) -> ca.Fu
     return walk
 
 
+def _beyond(name: str, residual: ca.Function, attempt: ca.Function) -> ca.Function:
+    """(z, p) -> a solution away from z, where the one that z belonged to has ended; NaN where none is found.
+
+    A solution that changes with p ends where two meet, in a fold, and the loop jumps to another: a trigger
+    with hysteresis switches. Near a fold the Newton step points along the direction in which the two met;
+    Newton iterations start on that line on either side, each twice as far off as the one before, until one
+    arrives. Where the sides lead to different solutions the equations do not tell where it jumps: NaN."""
+    n = residual.numel_in(0)
+    z, p, found = ca.MX.sym("z", n), ca.MX.sym("p", residual.numel_in(1)), ca.MX.sym("found", n)
+    along, off = ca.MX.sym("along", n), ca.MX.sym("off")
+
+    def is_missed(at: ca.MX) -> ca.MX:
+        return ca.logic_not(ca.norm_1(residual(at, p)) <= NEWTON_MISSED)
+
+    arguments = [found, off, z, along, p]
+    other = ca.Function(f"{name}_hop", arguments, [attempt(z + off * along, p)])
+    kept = ca.Function(f"{name}_stay", arguments, [found])
+    either = ca.Function.if_else(f"{name}_hop_or_stay", other, kept)
+    search = ca.Function(
+        f"{name}_search0", arguments, [either(is_missed(found), *arguments), 2 * off], UNINLINED
+    )
+    for level in range(BEYOND_DOUBLINGS):
+        once = search(*arguments)
+        twice = search(*once, z, along, p)
+        search = ca.Function(f"{name}_search{level + 1}", arguments, list(twice), UNINLINED)
+    step = _newton_step(residual, z, p)
+    line = step / ca.norm_inf(step) if n > 1 else ca.MX(1)
+    nothing, first = ca.MX(ca.DM.nan(n, 1)), BEYOND_FIRST * (1 + ca.norm_inf(z))
+    up, down = (search(nothing, first, z, sign * line, p)[0] for sign in (1, -1))
+    missed_up, missed_down = is_missed(up), is_missed(down)
+    is_one = ca.norm_inf(up - down) <= BEYOND_SAME * (1 + ca.norm_inf(up))
+    or_down = ca.if_else(ca.logic_or(missed_up, is_one), down, nothing)
+    chosen = ca.if_else(missed_down, ca.if_else(missed_up, nothing, up), or_down)
+    return ca.Function(f"{name}_elsewhere", [z, p], [chosen], UNTOUCHED)
+
+
+def _newton_step(residual: ca.Function, z: ca.MX, p: ca.MX) -> ca.MX:
+    value = residual(z, p)
+    matrix = ca.densify(ca.jacobian(value, z)) if z.numel() == 1 else ca.jacobian(value, z)
+    return value / matrix if z.numel() == 1 else ca.solve(matrix, value, "qr")
+
+
 def _derivative_function(
     derivatives: tuple[InputDerivative, ...],
+    rate_rows: np.ndarray,
     rhs: ca.Function,
     variables: ca.Function,
     rates: ca.Function,
-    rate_rows: np.ndarray,
 ) -> ca.Function:
     """ξ': from the system where it contains the derivative, else by the chain rule; NaN where that needs the
-    derivative of a noise or one more derivative of an input than the model has."""
+    derivative of a noise or one more derivative of an input than the model has. Of functions with a guess the
+    result has it, too."""
     kind: Any = ca.SX if rhs.is_a("SXFunction") else ca.MX
-    arguments = [kind.sym(n, rhs.size1_in(i)) for i, n in enumerate(ARGUMENTS)]
-    x, u, v, w, _, t = arguments
+    arguments = [kind.sym(rhs.name_in(i), rhs.size1_in(i)) for i in range(rhs.n_in())]
+    x, u, v, w, _, t = arguments[:6]
     position = {(d.index, d.order): i for i, d in enumerate(derivatives)}
     levels = [(i, 0) for i in range(u.numel())] + [(d.index, d.order) for d in derivatives]
     missing = kind.sym("missing", len(levels) + w.numel())
@@ -464,14 +520,15 @@ def _derivative_function(
         v[position[i, k + 1]] if (i, k + 1) in position else missing[m] for m, (i, k) in enumerate(levels)
     ]
     rate += [missing[len(levels) + i] for i in range(w.numel())]
-    along = ca.vertcat(rhs(*arguments), *rate, 1)
-    chained = ca.jtimes(variables(*arguments), ca.vertcat(x, u, v, w, t), along)
+    along = ca.vertcat(rhs.call(arguments)[0], *rate, 1)
+    chained = ca.jtimes(variables.call(arguments)[0], ca.vertcat(x, u, v, w, t), along)
     known = kind(ca.DM.nan(chained.numel(), 1))
     reachable = np.setdiff1d(
         np.arange(chained.numel()), ca.jacobian_sparsity(chained, missing).get_triplet()[0]
     )
-    known[reachable.tolist()] = ca.substitute(chained, missing, kind.zeros(missing.numel()))[
-        reachable.tolist()
-    ]
-    known[rate_rows.tolist()] = rates(*arguments)
-    return ca.Function("variable_derivatives", arguments, [known], ARGUMENTS, ["value"])
+    if reachable.size:  # an empty selection has the shape of a row
+        reached = reachable.tolist()
+        known[reached] = ca.substitute(chained, missing, kind.zeros(missing.numel()))[reached]
+    if rate_rows.size:
+        known[rate_rows.tolist()] = rates.call(arguments)[0]
+    return ca.Function("variable_derivatives", arguments, [known], rhs.name_in(), ["value"])

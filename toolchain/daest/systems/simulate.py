@@ -66,6 +66,7 @@ class _Task:
     x0: np.ndarray
     hold: Hold
     mode: Mode | None = None
+    tears: np.ndarray | None = None  # guesses at the samples, as `values_along` takes them
 
     @property
     def steps(self) -> np.ndarray:
@@ -158,7 +159,7 @@ def _simulate(
         elif is_affine:
             states, method = _affine(task)
         else:
-            states, method = _nonlinear(task, rtol, tell)
+            task, states, method = _nonlinear(task, rtol, tell)
     result = _collect(task, states, w, method)
     if not noise:
         return result
@@ -363,7 +364,8 @@ def _good_everywhere(task: _Task) -> _Task:
     return replace(task, explicit=redundant, x0=x0)
 
 
-def _nonlinear(task: _Task, rtol: float, tell: Callable[[str], object]) -> tuple[np.ndarray, str]:
+def _nonlinear(task: _Task, rtol: float, tell: Callable[[str], object]) -> tuple[_Task, np.ndarray, str]:
+    """The task with the solutions that its loops were at, states and method."""
     begin, end = task.time[0], task.time[-1]
 
     def told(reached: float) -> None:
@@ -379,7 +381,7 @@ def _nonlinear(task: _Task, rtol: float, tell: Callable[[str], object]) -> tuple
         )  # fmt: skip
     except IntegrationError as error:
         raise _failed(task.explicit, error.time, error.reason) from error
-    return run.states, f"{engine.method(rtol, task.hold)}"
+    return replace(task, tears=run.tears), run.states, engine.method(rtol, task.hold)
 
 
 def simulate_modes(
@@ -419,7 +421,8 @@ def _told(task: _Task, run: HybridRun, rtol: float) -> Simulation:
     count = f"{run.n_events} event{'' if run.n_events == 1 else 's'}"
     method = f"Radau IIA order 5, adaptive steps, rtol {rtol:g}, {count}, {task.hold}"
     w = np.zeros((task.time.size, len(task.explicit.flat.noises)))
-    return _with_memory(_collect(replace(task, theta=run.theta.T), run.states, w, method), task, run)
+    along = replace(task, theta=run.theta.T, tears=run.tears)
+    return _with_memory(_collect(along, run.states, w, method), task, run)
 
 
 def _with_memory(result: Simulation, task: _Task, run: HybridRun) -> Simulation:
@@ -573,9 +576,11 @@ def values_along(
     states: np.ndarray,
     hold: Hold,
     w: np.ndarray | None = None,
+    tears: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outputs (n_samples, n_y) and internal variables (n_samples, n) along states (n_samples, n_states),
-    inputs with their slopes ū (n_samples, n_ū) and noises w (n_samples, n_w), zero for None."""
+    inputs with their slopes ū (n_samples, n_ū) and noises w (n_samples, n_w), zero for None. `tears`
+    (n_samples, n_tears): guesses of loops with several solutions (`Trajectory.tears`)."""
     raise NotImplementedError(type(explicit).__name__)
 
 
@@ -588,6 +593,7 @@ def _of_equations(
     states: np.ndarray,
     hold: Hold,
     w: np.ndarray | None = None,
+    tears: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     n_u = len(explicit.flat.inputs)
     w = np.zeros((time.size, len(explicit.flat.noises))) if w is None else w
@@ -595,7 +601,7 @@ def _of_equations(
     try:
         # Adding zero turns the -0.0 of negated aliases into 0.0.
         with native_silence() if explicit.near else nullcontext():
-            outputs, variables = (f(*columns).full().T + 0.0 for f in (explicit.outputs, explicit.variables))
+            outputs, variables = (f(*columns).full().T + 0.0 for f in _along_guesses(explicit, tears))
     except RuntimeError as error:
         if explicit.near is None or explicit.near_variables is None:
             raise _failed(explicit, float(time[-1]), UNSOLVED) from error
@@ -603,6 +609,16 @@ def _of_equations(
         with native_silence():
             outputs, variables = (_from_sample_to_sample(explicit, f, time, columns) for f in functions)
     return outputs, variables
+
+
+def _along_guesses(
+    explicit: ExplicitModel, tears: np.ndarray | None
+) -> tuple[Callable[..., ca.DM], Callable[..., ca.DM]]:
+    """Outputs and variables as functions of columns, one for each sample."""
+    if tears is None or explicit.near is None or explicit.near_variables is None:
+        return explicit.outputs, explicit.variables
+    of_outputs, of_variables = explicit.near[1], explicit.near_variables
+    return lambda *at: of_outputs(*at, tears.T)[0], lambda *at: of_variables(*at, tears.T)[0]
 
 
 MOST_HALVINGS = 6  # of the way between two samples on which the iterations of a loop are led to a solution
@@ -646,7 +662,7 @@ def _from_sample_to_sample(
 def _collect(task: _Task, states: np.ndarray, w: np.ndarray, method: str) -> Simulation:
     explicit, flat = task.explicit, task.explicit.flat
     ubar = np.hstack([task.u, task.v])
-    outputs, variables = values_along(explicit, task.time, ubar, task.theta, states, task.hold, w)
+    outputs, variables = values_along(explicit, task.time, ubar, task.theta, states, task.hold, w, task.tears)
     signals: list[Any] = [*flat.inputs, *flat.unknowns, *flat.noises, *flat.outputs]
     units = {signal.name: signal.unit for signal in signals}
     return Simulation(
