@@ -1,5 +1,5 @@
-"""Storage behind what is measured: a wall behind a room, the polarisation of a battery. Simulated by matrix
-exponentials."""
+"""Storage behind what is measured: a wall behind a room, the polarisation of a battery, a load that swings.
+Simulated by matrix exponentials."""
 
 import numpy as np
 import pytest
@@ -45,6 +45,24 @@ equation
   connect(store.n, ground.p);
   v = resistor.n.v;
 end Battery;
+"""
+
+TROLLEY = """model Trolley
+  parameter Real m(unit = "kg", min = 0) = 8 annotation(__Daest(estimate = true, scale = "log"));
+  parameter Real d(unit = "N.s/m", min = 0) = 3 annotation(__Daest(estimate = true, scale = "log"));
+  Daest.Blocks.Interfaces.RealInput force(unit = "N");
+  Daest.Blocks.Interfaces.RealOutput speed(unit = "m/s");
+  Daest.Mechanics.Translational.Sources.Force drive;
+  Daest.Mechanics.Translational.Components.Mass body(m = m);
+  Daest.Mechanics.Translational.Components.Damper damper(d = d);
+  Daest.Mechanics.Translational.Components.Fixed rail;
+equation
+  connect(force, drive.f);
+  connect(drive.flange, body.flange_a);
+  connect(rail.flange, damper.flange_a);
+  connect(damper.flange_b, body.flange_b);
+  speed = body.v;
+end Trolley;
 """
 
 
@@ -102,3 +120,22 @@ def test_polarisation_of_a_battery_beside_effects_that_share_its_current(tmp_pat
         p.name.partition(".")[2]: p for p in best.told.parameters if p.name.startswith(best.candidate.name)
     }
     assert own["R"].value == pytest.approx(R1, rel=0.05) and own["T"].value == pytest.approx(T, rel=0.05)
+
+
+def test_load_that_swings_on_a_trolley(tmp_path) -> None:
+    """A mass on a spring has two states that move each other."""
+    m, d, m2, T, zeta = 6.0, 4.0, 3.0, 1.6, 0.03
+    k, b = m2 * (2.0 * np.pi / T) ** 2, m2 * 4.0 * np.pi * zeta / T
+    # Speed of the trolley, deflection and speed of the load.
+    A = np.array([[-(d + b) / m, k / m, b / m], [-1.0, 0.0, 1.0], [b / m2, -k / m2, -b / m2]])
+    B = np.array([[1.0 / m], [0.0], [0.0]])
+    names, shaken = (("force",), ("speed",)), np.array([1e-3, 0.0, 0.0])
+    output = np.array([1.0, 0.0, 0.0])
+    record = recorded(A, B, output, 0.0, 0.0, [-5.0, 5.0], 0.05, 12, 0.01, shaken, names)
+    diagnosis = found(tmp_path, TROLLEY, record, ("FlexibleAppendage", "CoulombFriction"))
+    assert diagnosis.verdict == "supported", diagnosis.message
+    best = diagnosis.proofs[0]
+    assert best.candidate.effect.name == "FlexibleAppendage"
+    for name, true in (("m", m2), ("T", T), ("zeta", zeta)):
+        own = next(p for p in best.told.parameters if p.name == f"{best.candidate.name}.{name}")
+        assert abs(own.value - true) < 4.0 * own.std_error

@@ -26,6 +26,7 @@ MECHANICAL = frozenset(
         *("CoulombFriction", "ViscousFriction", "StribeckFriction", "AsymmetricFriction", "LuGreFriction"),
         *("LoadDependentFriction", "QuadraticDrag", "ConstantLoad", "AsymmetricDamper"),
         *("HardeningSpring", "HystereticSpring", "Backlash", "ExtraCompliance", "EndStop"),
+        *("FlexibleAppendage",),
     )
 )
 EXPECTED = {
@@ -131,6 +132,7 @@ def test_states_and_dynamics() -> None:
     expected = {f"{domain}.{name}": 1 for domain in ("Rotational", "Translational") for name in one}
     expected |= dict.fromkeys(("Electrical.Inductance", "Electrical.SaturatingInductance", "Signals.Lag"), 1)
     expected |= {"Electrical.TemperatureDependentResistance": 1, "Signals.Delay": 2}
+    expected |= {"Rotational.FlexibleAppendage": 2, "Translational.FlexibleAppendage": 2}
     expected |= {"Electrical.VoltageRelaxation": 1, "Thermal.ExtraHeatCapacity": 1}
     assert states == expected
     dynamic = {effect.name for effect in EFFECTS if effect.is_dynamic}

@@ -75,6 +75,7 @@ from daest.diagnosis.rivals import (
     richer_laws,
     rounded,
     simpler_laws,
+    storage_fits,
 )
 from daest.diagnosis.screen import NullObserver, run_null, screen
 from daest.diagnosis.settled import FAILURES, settled, simulated
@@ -979,6 +980,17 @@ class _Stages:
         self.lost.clear()
         return result
 
+    def storage(
+        self, found: Screen, candidates: Sequence[Candidate], proofs: Sequence[Proof]
+    ) -> tuple[Prepared, ...]:
+        """Effects with states of their own that a simulation shows and no refit has come to."""
+        null = self.search.stand.null
+        tried = {p.candidate.label for p in proofs if p.delta_bic > GATES.min_bic_gain}
+        wanted = [c for c in candidates if c.effect.n_states and c.label not in tried]
+        with _quiet():
+            simulation = best_simulation(null) if wanted else None
+            return () if simulation is None else best_dynamic([storage_fits(null, found, wanted, simulation)])
+
     def shown_in_use(self, proofs: Sequence[Proof]) -> list[Proof]:
         """All laws; those that are likelier than what is accepted, and refused since a load is left beside
         them, by their simulation where that shows them: beside a load that may take any course a law keeps
@@ -1074,6 +1086,8 @@ def _proofs(
             # They start from the best: a first pass that is worse has only not come back to it yet.
             again = stages.proved(richer_laws(null, run, best, library, proofs), ())[0]
             proofs = _with_second_tries(proofs, again)
+        if best_accepted(ranked(proofs)) is None and not options.is_over:
+            proofs += stages.proved(stages.storage(found, candidates, proofs), proofs)[0]
         proofs = stages.shown_in_use(proofs)
     order = ranked(proofs)
     is_whole = not stages.late and None not in fits

@@ -17,10 +17,12 @@ from typing import Any, cast
 import casadi as ca
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
+from scipy.linalg import expm
 
 from daest.errors import EstimationError
 from daest.model.flat import ExplicitModel
 
+STEP_DECIMALS = 12  # of a step [s], to which steps are the same
 Inputs = tuple[np.ndarray, np.ndarray]  # u (n_u, n_samples) and v (n_v, n_samples)
 
 
@@ -52,7 +54,8 @@ def with_integrals(
     explicit: ExplicitModel, rows: list[int], time: np.ndarray, states: np.ndarray, inputs: Inputs
 ) -> np.ndarray:
     """`states` (n_samples, n) with the integrals of their rates, from zero, in the columns `rows`, as
-    `brought_rows` tells them: each rate is a + b x in its own state x."""
+    `brought_rows` tells them: each rate is a + b x in its own state x, or a + B x with a constant B among
+    states that move each other."""
     if not rows:
         return states
     n_samples = time.size
@@ -62,33 +65,74 @@ def with_integrals(
     w = np.zeros((explicit.rhs.numel_in(3), n_samples))
     law = _own_rates(explicit, rows).map(n_samples)
     a, b = (np.array(part) for part in law(result.T, *inputs, w, theta, time[None, :]))
+    alone, together = _apart(explicit, rows)
+    result[:, [rows[i] for i in alone]] = _integrals(time, a[alone], b[alone])
+    if together:
+        moved = [rows[i] for i in together]
+        result[:, moved] = _linear_motion(time, a[together], _constant_slopes(explicit, moved))
+    return result
+
+
+def _integrals(time: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """x (n_samples, n) of x' = a + b x from zero, with a and b (n, n_samples); exact where they are constant
+    over an interval."""
     if not np.any(b):
-        result[:, rows] = cumulative_trapezoid(a, time, axis=1, initial=0.0).T
-        return result
-    # Exact where a and b are constant over an interval.
+        return np.asarray(cumulative_trapezoid(a, time, axis=1, initial=0.0)).T
     a, b = (0.5 * (part[:, 1:] + part[:, :-1]) for part in (a, b))
     grows = np.diff(time) * b
     shares = np.where(grows == 0.0, 1.0, np.expm1(grows) / np.where(grows == 0.0, 1.0, grows))
     added, kept = np.diff(time) * shares * a, np.exp(grows)
-    x = np.zeros(len(rows))
-    for k in range(n_samples - 1):
-        x = kept[:, k] * x + added[:, k]
-        result[k + 1, rows] = x
-    return result
+    x = np.zeros((time.size, a.shape[0]))
+    for k in range(time.size - 1):
+        x[k + 1] = kept[:, k] * x[k] + added[:, k]
+    return x
+
+
+def _linear_motion(time: np.ndarray, a: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """x (n_samples, n) of x' = a + B x from zero, with a (n, n_samples) and B (n, n); exact where a is
+    constant over an interval."""
+    n = B.shape[0]
+    steps, which = np.unique(np.round(np.diff(time), STEP_DECIMALS), return_inverse=True)
+    over = [expm(step * np.block([[B, np.eye(n)], [np.zeros((n, 2 * n))]])) for step in steps]
+    means = 0.5 * (a[:, 1:] + a[:, :-1])
+    x = np.zeros((time.size, n))
+    for k, one in enumerate(which):
+        x[k + 1] = over[one][:n, :n] @ x[k] + over[one][:n, n:] @ means[:, k]
+    return x
 
 
 def brought_rows(explicit: ExplicitModel, known: Collection[str]) -> list[int]:
-    """Rows of the states without a `known` name, where none of them moves another, and the rate of each is
-    linear in itself; else none. All at the parameters of the model: an effect of size zero moves nothing."""
+    """Rows of the states without a `known` name, where their rates are linear in them, and those that move
+    each other do so by constants; else none. All at the parameters of the model: an effect of size zero moves
+    nothing."""
     new = [i for i, name in enumerate(explicit.state_names) if name not in known]
     if not new:
         return []
     arguments, rates = _rates_at_parameters(explicit)
-    slopes = ca.jacobian(rates[new], arguments[0][new])
-    moved_by = ca.DM(slopes.sparsity(), 1.0).full()
-    if np.any(moved_by - np.diag(np.diag(moved_by))):
+    own = arguments[0][new]
+    slopes = ca.jacobian(rates[new], own)
+    if any(ca.which_depends(slopes, own, 1, True)):
         return []
-    return new if not any(ca.which_depends(slopes, arguments[0][new], 1, True)) else []
+    _, together = _apart(explicit, new)
+    among = ca.vec(slopes[together, together])
+    is_constant = not together or not any(ca.which_depends(among, ca.vertcat(*arguments), 1, True))
+    return new if is_constant else []
+
+
+def _apart(explicit: ExplicitModel, rows: list[int]) -> tuple[list[int], list[int]]:
+    """Places in `rows` of the states that no other one of them moves or is moved by, and of the rest."""
+    arguments, rates = _rates_at_parameters(explicit)
+    moved_by = ca.DM(ca.jacobian(rates[rows], arguments[0][rows]).sparsity(), 1.0).full()
+    among = moved_by - np.diag(np.diag(moved_by))
+    is_alone = ~(np.any(among, axis=0) | np.any(among, axis=1))
+    return np.flatnonzero(is_alone).tolist(), np.flatnonzero(~is_alone).tolist()
+
+
+def _constant_slopes(explicit: ExplicitModel, rows: list[int]) -> np.ndarray:
+    """Slopes (n, n) of the rates of the states `rows` over them, which depend on nothing."""
+    arguments, rates = _rates_at_parameters(explicit)
+    at = ca.Function("slopes", arguments, [ca.jacobian(rates[rows], arguments[0][rows])])
+    return np.array(at(*(np.zeros(argument.numel()) for argument in arguments)))
 
 
 def _rates_at_parameters(explicit: ExplicitModel) -> tuple[list[Any], Any]:

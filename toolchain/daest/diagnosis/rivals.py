@@ -8,7 +8,7 @@ behind Coulomb friction): it starts from the simple one's fit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
@@ -25,14 +25,14 @@ from daest.estimation.coordinates import Unknowns
 from daest.estimation.identify import searched
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.diagnosis import Candidate, Proof, Screen, Screened
-from daest.model.effects import Effect
+from daest.model.effects import Effect, EffectParameter
 from daest.model.fit import IdentifyOptions
-from daest.model.flat import with_equations
+from daest.model.flat import FlatModel, with_equations
 from daest.modelica.attach import attach
 from daest.systems.integrate import integrator
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import reduce_index
-from daest.systems.state_space import state_space_family
+from daest.systems.state_space import StateSpaceFamily, state_space_family
 
 MOST_DYNAMIC = 2  # of them go to the proof
 MOST_RICHER = 2
@@ -40,6 +40,11 @@ MOST_SIMPLER = 2
 ITERATIONS = 15
 FIRST_ITERATIONS = 4  # from each start; the better end is pursued ...
 FIRST_GAIN = 1.0  # ... where it has gained more than this in log-likelihood
+DETECTABLE_SHARES = (
+    3.0,
+    30.0,
+    300.0,
+)  # of the size that the screen would see, from which storage is looked for
 START_SHARES = (1.0, 30.0)  # of the library's start value, for sizes whose scale the machine decides
 RTOL = 1e-4
 
@@ -64,6 +69,64 @@ def dynamic_fits(null: Null, wanted: Sequence[Candidate], simulation: Simulation
     return [fit for fit in fits if fit is not None and fit[0] - simulation[0] >= GATES.min_dynamic_gain]
 
 
+def storage_fits(
+    null: Null, found: Screen, candidates: Sequence[Candidate], simulation: Simulation
+) -> DynamicFits:
+    """Output-error fits of effects with states of their own that leave the dynamics affine, and improve the
+    simulation: a mass that hangs on a spring, a wall behind a room. Half of its own mass moves a resonance so
+    far that no derivative at size zero tells of it. `candidates` are those that `found` was made from."""
+    fits = []
+    for candidate in candidates:
+        if not candidate.effect.n_states or candidate.is_dynamic or candidate.inputs:
+            continue
+        shaped = [e for e in found.entries if e.candidate.name.rpartition("_")[0] == candidate.name]
+        fits.append(_best_storage(null, candidate, shaped, simulation))
+    return [fit for fit in fits if fit is not None and fit[0] - simulation[0] >= GATES.min_dynamic_gain]
+
+
+def _best_storage(
+    null: Null, candidate: Candidate, shaped: Sequence[Screened], simulation: Simulation
+) -> tuple[float, Prepared] | None:
+    """The best fit that starts from the shapes of the screen, with multiples of the sizes that it would
+    see."""
+    size = candidate.effect.sizes[0]
+    starts = [
+        {**entry.candidate.shape, size.name: share * entry.detectable}
+        for entry in shaped
+        for share in DETECTABLE_SHARES
+        if np.isfinite(entry.detectable) and entry.detectable > 0.0
+    ]
+    model = _affine_with(null, candidate, starts[0]) if starts else None
+    if model is None:
+        return None
+    flat, family = model
+    names = (*null.estimated, *candidate.estimated)
+    (nominal, known), options = simulation, _options(null, names)
+    own = {name: known[name] for name in null.estimated}
+    first = []
+    for values in starts:
+        start = own | {f"{candidate.name}.{p.name}": values[p.name] for p in _estimated(candidate.effect)}
+        with suppress(DaestError):
+            short = replace(options, start=start, max_iterations=1)
+            first.append(searched(family, null.experiments, short))
+    first.sort(key=_likelihood, reverse=True)
+    ends = []
+    for _, theta in first[:MOST_DYNAMIC]:
+        with suppress(DaestError):
+            further = replace(options, start={name: theta[name] for name in names})
+            ends.append(searched(family, null.experiments, further))
+    best = max(ends, key=_likelihood, default=None)
+    if best is None or best[0] - nominal < FIRST_GAIN:
+        return None
+    value, theta = best
+    sizes = tuple(theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
+    return value, Prepared(Trial(candidate, sizes, ()), flat.with_theta(theta), names)
+
+
+def _estimated(effect: Effect) -> list[EffectParameter]:
+    return [p for p in effect.parameters if p.estimate]
+
+
 def best_dynamic(parts: Sequence[DynamicFits]) -> tuple[Prepared, ...]:
     """The best of all parts of `dynamic_fits`, each law with the places where it does the same."""
     found: DynamicFits = []
@@ -86,14 +149,10 @@ def _is_same(value: float, prepared: Prepared, other: tuple[float, Prepared]) ->
 
 def _best_dynamic(null: Null, candidate: Candidate, simulation: Simulation) -> tuple[float, Prepared] | None:
     effect, names = candidate.effect, (*null.estimated, *candidate.estimated)
-    try:
-        flat = attach(null.flat, effect, candidate.site, candidate.name, _sizes(effect, 1.0))
-        explicit = reduce_index(flat)
-        if not has_affine_dynamics(explicit):
-            return None
-        family = state_space_family(explicit)
-    except DaestError:
+    model = _affine_with(null, candidate, _sizes(effect, 1.0))
+    if model is None:
         return None
+    flat, family = model
     (nominal, known), options, first = simulation, _options(null, names), []
     for share in START_SHARES:
         start = {name: known[name] for name in null.estimated}
@@ -110,6 +169,19 @@ def _best_dynamic(null: Null, candidate: Candidate, simulation: Simulation) -> t
     value, theta = best
     values = tuple(theta[f"{candidate.name}.{p.name}"] for p in effect.sizes)
     return value, Prepared(Trial(candidate, values, ()), flat.with_theta(theta), names)
+
+
+def _affine_with(
+    null: Null, candidate: Candidate, values: Mapping[str, float]
+) -> tuple[FlatModel, StateSpaceFamily] | None:
+    """The model with the candidate, whose parameters have the `values`, and its matrices; None where it
+    cannot be solved, or is not affine."""
+    try:
+        flat = attach(null.flat, candidate.effect, candidate.site, candidate.name, values)
+        explicit = reduce_index(flat)
+        return (flat, state_space_family(explicit)) if has_affine_dynamics(explicit) else None
+    except DaestError:
+        return None
 
 
 def _likelihood(found: Simulation) -> float:
