@@ -127,7 +127,23 @@ CASES = {
         "model-unsupported",
         (5, 16),
         "clock",
-        "",
+        "`when sample(0, 0.1) then",
+    ),
+    "clocked partition": (
+        "model M\n Real x, s, u(start = 0), y;\nequation\n x = time;\n s = sample(x, Clock(0.2));\n"
+        " u = previous(u) + s;\n y = hold(u);\nend M;",
+        "model-unsupported",
+        (5, 16),
+        "`Clock(…)`: equations on a clock are not supported",
+        "`when sample(0, 0.2) then … end when;` around its equations, there pre(x) for previous(x)",
+    ),
+    "when a clock ticks": (
+        "model M\n Real x(start = 0, fixed = true);\n discrete Real s(start = 0, fixed = true);\nequation\n"
+        " der(x) = 1 - x;\n when Clock(0.1) then\n  s = x;\n end when;\nend M;",
+        "model-unsupported",
+        (6, 7),
+        "`Clock(…)`",
+        "`when sample(0, 0.1) then",
     ),
     "external": (
         'model M\n function f input Real x; output Real y; external "C" y = f(x); end f;\n'

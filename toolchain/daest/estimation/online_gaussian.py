@@ -161,7 +161,14 @@ class OnlineGaussian:
     @property
     def _mode_size(self) -> int:
         events = self.model.explicit.flat.events
-        return 0 if events is None else self.theta.size + events.conditions.numel() + events.ticks.numel()
+        return (
+            0
+            if events is None
+            else self.theta.size
+            + events.conditions.numel()
+            + self.model.explicit.n_tears
+            + events.ticks.numel()
+        )
 
     def restored(self, arrays: Mapping[str, np.ndarray]) -> GaussianMemory:
         n = self.first.mean.size

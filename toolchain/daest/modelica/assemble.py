@@ -18,6 +18,7 @@ from daest.modelica.balance import unbalanced
 from daest.modelica.connectors import without_empty_members
 from daest.modelica.events import Kept, finished, kept
 from daest.modelica.expressions import refusal
+from daest.modelica.failures import CLOCKED_REMEDY
 from daest.modelica.functions import run_algorithm
 from daest.modelica.metadata import derived_of, noise_of, output_of, parameter_of, start_rows, variable_of
 from daest.modelica.parameters import (
@@ -94,9 +95,7 @@ def _refuse_clocks(reading: Reading) -> None:
                 "model-unsupported",
                 f"the model has a clock, `{variable.name}`: clocked equations are not supported",
                 where=reading.declared_at(variable),
-                remedy="Write the sampled part with `when sample(start, interval) then` and pre(), or with "
-                "Modelica.Blocks.Discrete; or export the model by your own tool as an FMU, which all "
-                "commands take.",
+                remedy=CLOCKED_REMEDY.format(period="period"),
             )
 
 

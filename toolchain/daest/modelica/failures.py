@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
+from itertools import pairwise
 from pathlib import Path
 
 import rumoca
@@ -85,7 +86,16 @@ def translated(
             where=str(path),
             remedy=remedy,
         )
-    for translate in (_syntax, _balance, _unknown, _types, _der_expression, _unsupported, _missing_class):
+    for translate in (
+        _syntax,
+        _balance,
+        _unknown,
+        _types,
+        _der_expression,
+        _clocked,
+        _unsupported,
+        _missing_class,
+    ):
         made = translate(message, path, text, class_name)
         if made is not None:
             return made
@@ -480,12 +490,41 @@ def _unsupported(message: str, path: Path, text: bytes, class_name: str) -> Mode
     return None
 
 
+CLOCKED_REMEDY = (
+    "Write the sampled part as `when sample(0, {period}) then … end when;` around its equations, there "
+    "pre(x) for previous(x), {period} for interval(x), and x itself for sample(x, …) and hold(x), which "
+    "keeps its value between samples; or take Modelica.Blocks.Discrete; or export the model by your own "
+    "tool as an FMU, which all commands take."
+)
+_CLOCKED = ("Clock", "previous", "subSample", "superSample", "shiftSample", "backSample", "noClock")
+
+
+def _clocked(message: str, path: Path, text: bytes, class_name: str) -> ModelError | None:
+    """Equations on a clock, where the user's own text has them."""
+    if "failed in ToDae" not in message and "clock" not in message:
+        return None
+    found = list(tokens(text))
+    calls = [
+        i
+        for i, (token, following) in enumerate(pairwise(found))
+        if token.kind == "name" and token.text in _CLOCKED and following.text == "("
+    ]
+    if not calls:
+        return None
+    periods = [found[i + 2].text for i in calls if found[i].text == "Clock" and found[i + 2].kind == "number"]
+    return ModelError(
+        "model-unsupported",
+        f"`{found[calls[0]].text}(…)`: equations on a clock are not supported",
+        where=place_of(str(path), text, found[calls[0]].start),
+        remedy=CLOCKED_REMEDY.format(period=periods[0] if periods else "period"),
+    )
+
+
 # What the compiler's message contains, the keyword to look for, and what it is.
 _CONSTRUCTS = (
     ("`pre expression`", "pre", "`pre`"),
     ("model algorithm", "algorithm", "an algorithm section with loops or calls"),
     ("initial algorithm", "algorithm", "an initial algorithm"),
-    ("clock", "Clock", "a clocked equation"),
     ("when-", "when", "`when`"),
 )
 
