@@ -405,11 +405,12 @@ def _examined(
     load = smoothed_load(null, run, gains)
     forms = free_forms(null, run)
     form = next(iter(forms), None)
+    loads = verdicts.Loads(stand.declared, null, run, gains, form)
     proofs, unproved, is_whole = _proofs(
-        stand, run, load, form, (found, used), candidates, chosen_library, options, progress
+        stand, loads, load, (found, used), candidates, chosen_library, options, progress
     )
     form = _told_by_rest(forms, proofs)
-    loads = verdicts.Loads(stand.declared, null, run, gains, form)
+    loads = replace(loads, form=form)
     evidence = verdicts.Evidence(stand.baseline, found, proofs, options.fitted, loads, stand.told, unproved)
     decided = verdicts.decide(evidence)
     learned = None
@@ -1031,9 +1032,8 @@ def _leader(proofs: Sequence[Proof]) -> Proof | None:
 
 def _proofs(
     stand: Stand,
-    run: NullObserver,
+    loads: verdicts.Loads,
     load: SmoothedLoad | None,
-    form: FreeForm | None,
     screens: tuple[Screen, Screen | None],
     candidates: Sequence[Candidate],
     library: Sequence[Effect],
@@ -1044,12 +1044,12 @@ def _proofs(
     those that could compete with them; the leaders of the screen that were not, each with the reason; and
     whether the time sufficed. `screens` are that of the innovations and that in open loop, if there is
     one."""
-    null, (found, used) = stand.null, screens
+    null, run, (found, used) = stand.null, loads.run, screens
     wanted = trials(found, GATES.screen_level, options.most_trials + MORE_TRIALS)
     wanted, n_used = _with_leaders(wanted, used)
     given = clipping_trials(null, candidates, options.clips([*null.experiments, *stand.validation]))
     with workers(options.jobs, options.cluster) as pool:
-        stages = _Stages(_Search(stand, run, load, form, found.n_screened), pool, options, progress)
+        stages = _Stages(_Search(stand, run, load, loads.form, found.n_screened), pool, options, progress)
         chosen = stages.prepared(wanted[: options.most_trials])
         beside = _dynamic_parts(null, candidates)
         # Where no fits run beside the first refit, the second one does.
@@ -1086,7 +1086,9 @@ def _proofs(
             # They start from the best: a first pass that is worse has only not come back to it yet.
             again = stages.proved(richer_laws(null, run, best, library, proofs), ())[0]
             proofs = _with_second_tries(proofs, again)
-        if best_accepted(ranked(proofs)) is None and not options.is_over:
+        evidence = verdicts.Evidence(stand.baseline, found, tuple(proofs), options.fitted, loads, stand.told)
+        is_open = best_accepted(ranked(proofs)) is None and not loads.is_explained(evidence)
+        if is_open and not options.is_over:
             proofs += stages.proved(stages.storage(found, candidates, proofs), proofs)[0]
         proofs = stages.shown_in_use(proofs)
     order = ranked(proofs)

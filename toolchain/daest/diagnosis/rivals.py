@@ -40,11 +40,7 @@ MOST_SIMPLER = 2
 ITERATIONS = 15
 FIRST_ITERATIONS = 4  # from each start; the better end is pursued ...
 FIRST_GAIN = 1.0  # ... where it has gained more than this in log-likelihood
-DETECTABLE_SHARES = (
-    3.0,
-    30.0,
-    300.0,
-)  # of the size that the screen would see, from which storage is looked for
+DETECTABLE_SHARES = (10.0, 100.0)  # of the size that the screen would see, for storage
 START_SHARES = (1.0, 30.0)  # of the library's start value, for sizes whose scale the machine decides
 RTOL = 1e-4
 

@@ -4,7 +4,7 @@ model FlexibleAppendage "Mass that hangs on a body by a spring, such as a flexib
   parameter SI.Mass m(min = 0) = 0.1 "Mass that swings"
     annotation(__Daest(estimate = true, role = "size", null = 0));
   parameter SI.Time T(min = 1e-9) = 0.5 "Period of the swing where the body is held"
-    annotation(__Daest(estimate = true, role = "shape", of = "time", grid = {0.002, 0.003, 0.0045, 0.007, 0.01, 0.015, 0.022, 0.033, 0.05, 0.075, 0.11, 0.17}));
+    annotation(__Daest(estimate = true, role = "shape", of = "time", grid = {0.002, 0.0035, 0.006, 0.01, 0.018, 0.03, 0.055, 0.1, 0.17}));
   parameter Real zeta(unit = "1", min = 1e-4) = 0.1 "Damping ratio of the swing"
     annotation(__Daest(estimate = true, role = "shape", grid = {0.15}));
   constant Real pi = 3.141592653589793;
