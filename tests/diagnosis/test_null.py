@@ -1,16 +1,18 @@
 """The null against records with a known load."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hidden_plants import model, quiet, rotor_null, rotor_record, rubbing, some_effects
+from hidden_plants import library, model, quiet, rotor_null, rotor_record, rubbing, some_effects
 
 from daest.data.prepare import resample
+from daest.diagnosis import null as nulls
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.diagnose import begin, better_hold, examine, without_noises
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import fit_null, near_given, open_hold, refit, with_other_hold
+from daest.diagnosis.null import fit_null, near_given, open_hold, period_of, refit, with_other_hold
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.trial import Candidate
 from daest.errors import EstimationError, ModelError
@@ -198,3 +200,42 @@ def test_what_the_data_leave_open_stays_near_the_given_values():
     given = replace(flat, parameters=tuple(own if p.name == own.name else p for p in flat.parameters))
     assert next(p for p in near_given(given).parameters if p.name == own.name).prior == own.prior
     assert near_given(near) == near and of_flat.keys() == known.keys()
+
+
+def test_nonlinear_null_is_the_better_of_two_searches(monkeypatch):
+    """The second one starts from loads that are hardly more than white noise."""
+    one, _ = rotor_record(400, seed=3)
+    starts = []
+
+    def identified(flat, experiments, options):
+        starts.append(dict(options.start))
+        return SimpleNamespace(log_likelihood=7.0 if options.start else 5.0)
+
+    monkeypatch.setattr(nulls, "identify", identified)
+    first = SimpleNamespace(log_likelihood=6.0)
+    options = IdentifyOptions()
+    better = nulls._from_faster_loads(first, model(), [one], options, ("load_1.T",))
+    period = period_of([one])
+    assert better.log_likelihood == 7.0 and starts == [{"load_1.T": nulls.FASTER_LOAD * period}]
+    first = SimpleNamespace(log_likelihood=8.0)
+    assert nulls._from_faster_loads(first, model(), [one], options, ("load_1.T",)) is first
+    assert nulls.GATES.shortest_load < nulls.FASTER_LOAD
+
+
+def test_a_kept_screen_is_of_one_choice_of_holds():
+    """With the hold given, a search must not go on from one in which the other hold was open."""
+    stand, parts = rubbing(), []
+
+    class NotedError(Exception):
+        pass
+
+    class Keeper:
+        def step(self, name, own, flat, make):
+            parts.append((name, tuple(map(str, own))))
+            raise NotedError
+
+    options = DiagnoseOptions(effects=("CoulombFriction",), keeper=Keeper())
+    for other in (None, "zoh"):
+        with pytest.raises(NotedError):
+            examine(replace(stand, null=replace(stand.null, other_hold=other)), library(), options)
+    assert parts[0][0] == parts[1][0] == "screen" and parts[0] != parts[1]

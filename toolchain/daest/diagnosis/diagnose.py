@@ -291,7 +291,8 @@ def limited(
         baseline, reference = _told_fits(null, stand.validation)
         return replace(stand, null=null, baseline=baseline, reference=reference)
 
-    parts = (stand.null.hold, stand.null.recorded_hold, *(law.name for law in found.laws))
+    null = stand.null
+    parts = (null.hold, null.recorded_hold, null.other_hold, *(law.name for law in found.laws))
     grown = replace(options.step("limited", parts, found.flat, fitted), began=stand.began)
     gain = grown.baseline.log_likelihood - stand.baseline.log_likelihood
     n_observed = sum(int(np.isfinite(e.outputs).sum()) for e in stand.null.experiments)
@@ -391,7 +392,7 @@ def _examined(
 
     # All together: what comes from an earlier run shares its symbols.
     names, began = [candidate.label for candidate in candidates], stand.began
-    parts = (stand.null.recorded_hold, names)
+    parts = (stand.null.recorded_hold, stand.null.other_hold, names)
     stand, candidates, run, found, used = options.step("screen", parts, stand.null.flat, screened)
     stand = replace(stand, began=began)
     if stand.reference is not None and stand.validation:
