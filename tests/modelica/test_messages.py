@@ -71,6 +71,13 @@ CASES = {
         "`Modelica.Units.SI.Resistance`",
         "Write `Daest.Units.SI.Resistance`, which daest brings, or give the folder",
     ),
+    "class that a package of the library lacks": (
+        "model M\n Daest.Thermal.HeatTransfer.Components.Convection c;\nend M;",
+        "model-unknown-class",
+        (2, 2),
+        "Convection",
+        "Components holds HeatCapacitor, ThermalConductor, ThermalResistor.",
+    ),
     "package of the library": (
         "model M\n Daest.Electrical.Analog.Basik.Ground g;\nend M;",
         "model-unknown-class",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -325,13 +325,15 @@ def _unknown(message: str, path: Path, text: bytes, class_name: str) -> ModelErr
     for phrase in ("unresolved type", "base class not found"):
         if phrase in message:
             name = _name_after(phrase, message)
-            remedy = (
-                _own_name(name) or "Check its spelling, or give its library's folder by -L or MODELICAPATH."
-            )
             near = (
                 []
                 if name.startswith(STANDARD)
                 else _library_neighbours(name) or _near(name, _class_names(text))
+            )
+            remedy = (
+                _own_name(name)
+                or ("" if near else _said_members(name))
+                or "Check its spelling, or give its library's folder by -L or MODELICAPATH."
             )
             return _not_known("model-unknown-class", "class", name, near, remedy, path, text)
     for phrase in ("unresolved component", "unresolved function"):
@@ -404,17 +406,34 @@ def _place_of_name(path: Path, text: bytes, parts: list[str]) -> Place | None:
 
 def _library_neighbours(name: str) -> list[str]:
     """Classes of the bundled library that are called nearly like `name`, where it leaves the library."""
+    parts = name.split(".")
+    depth, members = _left_library(parts)
+    near = near_names(parts[depth], members, 2)
+    return [".".join([*parts[:depth], member, *parts[depth + 1 :]]) for member in near]
+
+
+def _said_members(name: str) -> str:
+    """What the bundled library holds in the package of a class that it does not hold, as a sentence; empty
+    where that is not a package of its own."""
+    parts = name.split(".")
+    depth, members = _left_library(parts)
+    if not depth or depth < len(parts) - 1:
+        return ""
+    return f"{'.'.join(parts[:-1])} holds {', '.join(sorted(members))}."
+
+
+def _left_library(parts: Sequence[str]) -> tuple[int, list[str]]:
+    """How many of the parts of a name are packages of the bundled library, and what the last of these
+    holds."""
     try:
         folder = library_root()
     except ModelError:
-        return []
-    parts = name.split(".")
+        return 0, []
     depth = 0
     while depth < len(parts) - 1 and (folder / parts[depth]).is_dir():
         folder, depth = folder / parts[depth], depth + 1
-    members = [entry.stem for entry in folder.iterdir() if entry.is_dir() or entry.suffix == ".mo"]
-    near = near_names(parts[depth], members, 2)
-    return [".".join([*parts[:depth], member, *parts[depth + 1 :]]) for member in near]
+    held = [entry.stem for entry in folder.iterdir() if entry.is_dir() or entry.suffix == ".mo"]
+    return depth, [member for member in held if member != "package"]
 
 
 def _class_names(text: bytes) -> list[str]:
