@@ -28,11 +28,12 @@ from daest.model.diagnosis import Candidate, Proof, Screen, Screened
 from daest.model.effects import Effect, EffectParameter
 from daest.model.fit import IdentifyOptions
 from daest.model.flat import FlatModel, with_equations
+from daest.model.linear import StateSpaceFamily
 from daest.modelica.attach import attach
 from daest.systems.integrate import integrator
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import reduce_index
-from daest.systems.state_space import StateSpaceFamily, state_space_family
+from daest.systems.state_space import state_space_family
 
 MOST_DYNAMIC = 2  # of them go to the proof
 MOST_RICHER = 2
