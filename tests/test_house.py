@@ -3,6 +3,7 @@ from the file that defines it."""
 
 import ast
 import re
+from collections.abc import Iterable, Mapping
 from functools import cache
 from itertools import chain
 from pathlib import Path
@@ -191,3 +192,63 @@ def test_quick_files_are_there(request):
     conftest = request.config.pluginmanager.get_plugin(str(TESTS / "conftest.py"))
     for name in (*conftest.QUICK, *conftest.NOT_QUICK):
         assert (TESTS / name).is_dir() or (TESTS / f"{name}.py").is_file(), name
+
+
+SHAPE = re.compile(r"\((?:[^\s(),]+|\.\.\.)(?: [-+*] [^\s(),]+)*,(?: [^(),]+(?:,|, )?)*\)|[Ss]hape")
+ARRAY = re.compile(r"\bnp\.ndarray\b|\bsp\.cs[rc]_array\b")
+
+
+def _told_methods(classes: Iterable[ast.ClassDef]) -> set[str]:
+    """Methods whose docstring tells shapes in one class: those of the same name in others do the same."""
+    return {
+        f.name
+        for one in classes
+        for f in one.body
+        if isinstance(f, ast.FunctionDef) and SHAPE.search(ast.get_docstring(f) or "")
+    }
+
+
+def _without_shapes(modules: Mapping[str, ast.Module]) -> list[str]:
+    """Public functions with arrays in their signature where neither their docstring, nor that of their class,
+    nor that of the method of a protocol tells a shape."""
+    classes = [n for one in modules.values() for n in one.body if isinstance(n, ast.ClassDef)]
+    told, astray = _told_methods(classes), []
+    for module, found in modules.items():
+        own = [(n, "") for n in found.body if isinstance(n, ast.FunctionDef)]
+        for one in found.body:
+            if isinstance(one, ast.ClassDef) and not one.name.startswith("_"):
+                whole = ast.get_docstring(one) or ""
+                own += [(f, whole) for f in one.body if isinstance(f, ast.FunctionDef) and f.name not in told]
+        astray += [
+            f"{module}:{f.lineno} {f.name}"
+            for f, whole in own
+            if not f.name.startswith("_")
+            and ARRAY.search(" ".join(map(ast.unparse, _annotations(f))))
+            and not SHAPE.search((ast.get_docstring(f) or "") + whole)
+        ]
+    return astray
+
+
+def _annotations(f: ast.FunctionDef) -> list[ast.expr]:
+    arguments = [*f.args.posonlyargs, *f.args.args, *f.args.kwonlyargs]
+    return [a for a in (*(one.annotation for one in arguments), f.returns) if a is not None]
+
+
+def test_arrays_of_public_functions_have_shapes():
+    assert _without_shapes({module: tree(module) for module in files()}) == []
+
+
+@pytest.mark.parametrize(
+    ("docstring", "is_told"),
+    [
+        ("The rank.", False),
+        ("The rank (see above, too).", False),
+        ("The rank of A (n, m).", True),
+        ("Of x (n,).", True),
+        ("Of x (..., n), y (2 n + 1, n).", True),
+        ("Of the same shape.", True),
+    ],
+)
+def test_a_function_without_shapes_is_found(docstring, is_told):
+    module = ast.parse(f'def rank(A: np.ndarray) -> int:\n    """{docstring}"""\n')
+    assert _without_shapes({"m": module}) == ([] if is_told else ["m:1 rank"])

@@ -44,7 +44,8 @@ class Following:
         return self.candidate.flat.parameters
 
     def theta(self, values: Mapping[str, Any]) -> np.ndarray:
-        """The values of the candidate with those of the page; what is no number there changes nothing."""
+        """The values of the candidate with those of the page; what is no number there changes nothing.
+        Shapes: (n_theta,)."""
         given = {p.name: values.get(p.name) for p in self.parameters}
         return np.array(
             [v if isinstance(v := given[p.name], int | float) else p.value for p in self.parameters],

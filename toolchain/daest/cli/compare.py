@@ -217,7 +217,7 @@ def _with_fit(flat: Model, document: Mapping[str, Any], hold: Hold, notes: tuple
 
 
 def parameter_covariance(document: Mapping[str, Any]) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names and covariance of the parameters of a fit that the data determined."""
+    """Names and covariance of the parameters of a fit that the data determined. Shapes: covariance (p, p)."""
     import numpy as np
 
     std = {

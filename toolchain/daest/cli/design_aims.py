@@ -35,8 +35,9 @@ def parameter_aim(
     names: Sequence[str],
     criterion: Criterion,
 ) -> tuple[ParameterAim, tuple[Subject, ...]]:
-    """The aim of knowing the parameters `names` (default: all that are estimated) better, besides the
-    others that are estimated. Raises EstimationError `identify-nothing-to-estimate`, `unknown-parameter`."""
+    """The aim of knowing the parameters `names` (default: all that are estimated) better, besides the others
+    that are estimated. Raises EstimationError `identify-nothing-to-estimate`, `unknown-parameter`. Shapes:
+    recorded inputs (n_samples, n_u) each."""
     import numpy as np
 
     from daest.design.aims import ParameterAim
@@ -79,7 +80,7 @@ def rivals_of(
     loop: Loop,
 ) -> tuple[RivalAim, tuple[Subject, ...]]:
     """The aim of telling apart what results/diagnosis.json leaves, each in the loop of the controller. Raises
-    EstimationError `design-no-rivals`."""
+    EstimationError `design-no-rivals`. Shapes: recorded inputs (n_samples, n_u) each."""
     from daest.design.effects import rival_aim
     from daest.diagnosis.gates import GATES
 
@@ -121,7 +122,8 @@ def effect_aim(
     folders: Sequence[Path],
     loop: Loop,
 ) -> tuple[DetectAim, tuple[Subject, ...]]:
-    """The aim of seeing an effect. Raises ModelError `effect-unknown`, `effect-place`, `effect-fit`."""
+    """The aim of seeing an effect. Raises ModelError `effect-unknown`, `effect-place`, `effect-fit`. Shapes:
+    recorded inputs (n_samples, n_u) each."""
     from daest.design.effects import detect_aim
     from daest.diagnosis.foreseeable import beside_loads, required
     from daest.model.flat import with_equations

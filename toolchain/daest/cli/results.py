@@ -202,7 +202,8 @@ def keep(
 ) -> None:
     """Write results/NAME.json, and the series as results/NAME.npz, beside a daest.toml; nothing without one.
 
-    A folder that cannot be written is no reason to fail: the result itself goes elsewhere.
+    A folder that cannot be written is no reason to fail: the result itself goes elsewhere. The series may
+    have any shape.
     """
     if project.file is None:
         return

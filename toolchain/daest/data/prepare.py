@@ -81,7 +81,7 @@ class Preparation:
 
 def regular_times(time: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
     """The uniform grid through `time` if no stamp is off by more than `GRID_TOLERANCE` periods, else `time`
-    itself; and a note if the stamps were not uniform already."""
+    itself; and a note if the stamps were not uniform already. Shapes: time (n_samples,) [s]."""
     n = time.size
     if n < 3:
         return time, ()

@@ -39,7 +39,7 @@ class Aim(Protocol):
         """The models that the input drives."""
 
     def merit(self, inputs: np.ndarray) -> float:
-        """-inf where a model cannot be simulated."""
+        """-inf where a model cannot be simulated. Shapes: inputs (n_samples, n_u)."""
 
     def gradient(self, inputs: np.ndarray) -> np.ndarray | None:
         """∂merit/∂inputs (n_samples, n_u); None where it is not known."""
@@ -47,10 +47,12 @@ class Aim(Protocol):
     def value(self, merit: float) -> float: ...
 
     def expected(self, recordings: Sequence[np.ndarray]) -> Expected | None:
-        """What is expected of recordings with these inputs; None where a model cannot be simulated."""
+        """What is expected of recordings with these inputs; None where a model cannot be simulated. Shapes:
+        recordings (n_samples, n_u) each."""
 
     def focused(self, inputs: np.ndarray) -> Aim:
-        """What decides the merit near an input, where that is less work than the whole."""
+        """What decides the merit near an input, where that is less work than the whole. Shapes: inputs
+        (n_samples, n_u)."""
 
     def watching(self, driven: Sequence[Explainer]) -> Aim:
         """The same aim with other measurements of the same models."""
@@ -114,7 +116,8 @@ class ParameterAim:
         return covariance(found, free) * np.outer(slopes, slopes), values
 
     def open_directions(self, recordings: Sequence[np.ndarray]) -> tuple[WeakDirection, ...]:
-        """Combinations of parameters that these recordings leave open."""
+        """Combinations of parameters that these recordings leave open. Shapes: recordings (n_samples, n_u)
+        each."""
         found = total_information(self.explainer, recordings)
         if found is None:
             return ()

@@ -79,18 +79,20 @@ class DetectAim:
 
     def evidence(self, recordings: Sequence[np.ndarray], size: float) -> Absorbed | None:
         """Twice the expected log-likelihood ratio of half recordings at a size, with the model refitted
-        beside loads; None where it cannot be simulated."""
+        beside loads; None where it cannot be simulated. Shapes: recordings (n_samples, n_u) each."""
         whole = self._evidence(recordings, size)
         found = None if whole is None else whole.least()
         return found if found is not None and np.isfinite(found.evidence) else None
 
     def power(self, recordings: Sequence[np.ndarray], size: float) -> float:
-        """Probability that the effect is named in recordings whose halves have these inputs each."""
+        """Probability that the effect is named in recordings whose halves have these inputs each. Shapes:
+        recordings (n_samples, n_u) each."""
         drawn = self._drawn(recordings, size)
         return 0.0 if drawn is None else drawn.power(1.0)
 
     def smallest(self, recordings: Sequence[np.ndarray]) -> float:
-        """The size that is named with the power POWER; NaN where none is found."""
+        """The size that is named with the power POWER; NaN where none is found. Shapes: recordings
+        (n_samples, n_u) each."""
         size = self.size
         for _ in range(ROUNDS):
             drawn = self._drawn(recordings, size)

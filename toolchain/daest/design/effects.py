@@ -63,7 +63,7 @@ def rival_aim(
     draws: int = DRAWS,
 ) -> tuple[RivalAim, tuple[Subject, ...]]:
     """The aim of telling the rivals apart. All are judged with the noise that the best of them leaves. Raises
-    EstimationError `design-no-rivals` for fewer than two."""
+    EstimationError `design-no-rivals` for fewer than two. Shapes: recorded inputs (n_samples, n_u) each."""
     if len(rivals) < 2:
         raise EstimationError(
             "design-no-rivals",
@@ -113,8 +113,8 @@ def detect_aim(
 ) -> tuple[DetectAim, tuple[Subject, ...]]:
     """The aim of seeing `effect` at a place of `flat`, through whose noises the `loads` act. `size` is that
     of its first size parameter (default: the smallest that the recorded halves show, else its start value).
-    `loop` closes that of a controller. Raises EstimationError `design-no-size` for an effect without a
-    size."""
+    `loop` closes that of a controller. Raises EstimationError `design-no-size` for an effect without a size.
+    Shapes: recorded inputs (n_samples, n_u) each."""
     sizes = [p for p in effect.sizes if p.start]
     if not sizes:
         raise EstimationError(

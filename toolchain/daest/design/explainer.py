@@ -83,7 +83,8 @@ class Explainer(Protocol):
     def variable_names(self) -> tuple[str, ...]: ...
 
     def start(self, inputs: np.ndarray, z: np.ndarray | None = None) -> Point:
-        """The parameters of the fit (or z), and the initial state that the model asks for."""
+        """The parameters of the fit (or z), and the initial state that the model asks for. Shapes: inputs
+        (n_samples, n_u), z (p,)."""
 
     def outputs(self, inputs: np.ndarray, at: Point) -> np.ndarray:
         """Outputs (n_samples, n_y) without noise; NaN where the model cannot be simulated."""
@@ -99,7 +100,8 @@ class Explainer(Protocol):
         """Information (p, p) that the noise of the process itself gives, whatever the input."""
 
     def error_model(self, inputs: np.ndarray) -> ErrorModel | None:
-        """How noises of the process reach the errors; None where the model cannot be simulated."""
+        """How noises of the process reach the errors; None where the model cannot be simulated. Shapes:
+        inputs (n_samples, n_u)."""
 
     def pulled_back(self, weights: np.ndarray, n_samples: int) -> np.ndarray | None:
         """∂/∂inputs (n_samples, n_u) of the sum of weights (p, n_samples, n_y) times slopes; None where the

@@ -110,7 +110,7 @@ class Bank:
 
     @property
     def times(self) -> np.ndarray:
-        """Time constants (s) that are tried."""
+        """Time constants (s) that are tried. Shapes: (n_times,)."""
         period = self.model.period
         first = self.loads.shortest * period
         last = max(first, self.loads.longest * self.n_samples * period)

@@ -34,8 +34,8 @@ def sensor_gains(
 ) -> tuple[SensorGain, ...]:
     """The aim with one more sensor, best first, for every variable that moves with these inputs. Its noise is
     that of `noise` by name, else it has the share of the motion that the present sensors' noise has on
-    average. Empty where the models have no such variables in common. `commanded`: variables that a
-    controller sets, and which are known therefore."""
+    average. Empty where the models have no such variables in common. `commanded`: variables that a controller
+    sets, and which are known therefore. Shapes: inputs (n_samples, n_u)."""
     groups = _groups(aim.driven[0], inputs, noise, commanded)
     names = [group[0] for group in groups]
     moved = dict(zip(names, _motion(aim.driven[0], inputs, names), strict=True))

@@ -114,7 +114,7 @@ def within(limits: Limits, signal: np.ndarray, amplitude: float = 1.0, *, keeps_
 
 def with_piece(limits: Limits, inputs: np.ndarray, column: int, piece: slice, level: float) -> np.ndarray:
     """The inputs with the samples `piece` of one of them at a level between its lowest (0) and highest (1)
-    value, reached on ramps where the rate is limited."""
+    value, reached on ramps where the rate is limited. Shapes: inputs (n_samples, n_u)."""
     one, changed = limits.inputs[column], inputs.copy()
     changed[piece, column] = one.low + level * (one.high - one.low)
     if np.isfinite(one.rate):
@@ -123,7 +123,8 @@ def with_piece(limits: Limits, inputs: np.ndarray, column: int, piece: slice, le
 
 
 def slewed(wanted: np.ndarray, largest: float) -> np.ndarray:
-    """The signal that follows `wanted` in steps of at most `largest`."""
+    """The signal that follows `wanted` in steps of at most `largest`. Shapes: wanted and result
+    (n_samples,)."""
     result, value = np.empty_like(wanted), float(wanted[0])
     for k, target in enumerate(wanted.tolist()):
         value += min(max(target - value, -largest), largest)

@@ -72,6 +72,7 @@ class Null:
 
     @property
     def measurement_std(self) -> np.ndarray:
+        """Standard deviation (n_y,) of every output's noise in its unit, 1 where none was estimated."""
         found = {n.name: n.value for n in self.fit.noises if n.kind == "measurement"}
         return np.array([found.get(o.name, 1.0) for o in self.flat.outputs])
 

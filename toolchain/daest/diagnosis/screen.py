@@ -81,6 +81,7 @@ class NullObserver:
 
     @property
     def whitened(self) -> np.ndarray:
+        """Whitened errors (m,) of all experiments, one after the other."""
         return np.concatenate([o.whitened.ravel() for o in self.observed])
 
 
@@ -330,7 +331,8 @@ def _loads_rescaled(null: Null, run: NullObserver) -> np.ndarray:
 
 
 def nuisance(run: NullObserver, n_parameters: int) -> np.ndarray:
-    """Slopes over the parameters (common to all experiments) and over each experiment's initial state."""
+    """Slopes over the parameters (common to all experiments) and over each experiment's initial state.
+    Shapes: (n_parameters + n_experiments n_states, m) for m whitened errors."""
     parameters = np.concatenate(
         [o.slopes[:n_parameters].reshape(n_parameters, -1) for o in run.observed], axis=1
     )

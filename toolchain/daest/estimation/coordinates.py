@@ -67,29 +67,34 @@ class Unknowns:
 
     @property
     def start(self) -> np.ndarray:
+        """Start values of the search (p,)."""
         return np.array([c.searched(c.initial) for c in self.coordinates])
 
     @property
     def lower(self) -> np.ndarray:
+        """Lower bounds of the search variables (p,)."""
         return np.array([c.searched(c.lower) for c in self.coordinates])
 
     @property
     def upper(self) -> np.ndarray:
+        """Upper bounds of the search variables (p,)."""
         return np.array([c.searched(c.upper) for c in self.coordinates])
 
     @property
     def spread(self) -> np.ndarray:
-        """How far a further start point may be from the given one: a factor of 10, or 3 linear scales."""
+        """How far a further start point may be from the given one: a factor of 10, or 3 linear scales.
+        Shapes: (p,)."""
         return np.array([np.log(10.0) if c.is_log else 3.0 for c in self.coordinates])
 
     def of_kind(self, kind: str) -> list[int]:
         return [i for i, c in enumerate(self.coordinates) if c.kind == kind]
 
     def natural(self, z: np.ndarray) -> np.ndarray:
+        """Values (p,) of the search variables z (p,), each in its unit."""
         return np.array([c.natural(value) for c, value in zip(self.coordinates, z, strict=True)])
 
     def slopes(self, z: np.ndarray) -> np.ndarray:
-        """∂value/∂z of every unknown."""
+        """∂value/∂z of every unknown. Shapes: z and slopes (p,)."""
         return np.array([c.slope(c.natural(value)) for c, value in zip(self.coordinates, z, strict=True)])
 
     def values(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -175,7 +180,8 @@ def with_priors(likelihood: Evaluate, unknowns: Unknowns) -> Evaluate:
 
 
 def prior_penalty(unknowns: Unknowns, z: np.ndarray) -> float:
-    """Σ (z - mean)² / (2 std²) over the coordinates with a prior."""
+    """Σ (z - mean)² / (2 std²) over the coordinates with a prior. Shapes: z (n_z,), whose first p entries are
+    the coordinates."""
     p = len(unknowns.coordinates)
     return float(prior_precisions(unknowns) @ (z[:p] - prior_means(unknowns)) ** 2 / 2)
 
@@ -241,7 +247,7 @@ class Predictor(Protocol[Predicted]):
     def unknowns(self) -> Unknowns: ...
 
     def predict(self, z: np.ndarray, with_slopes: bool = False) -> Predicted | None:
-        """Predictions at z; None where there are none, as where numbers overflow."""
+        """Predictions at z; None where there are none, as where numbers overflow. Shapes: z (n_z,)."""
 
     def derivatives(self, found: Predicted, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gradient (p,) and Fisher information (p, p) of the negative log-likelihood along z, of predictions

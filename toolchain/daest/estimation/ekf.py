@@ -82,6 +82,7 @@ def ekf_likelihood(
     """log p(y) with derivatives along `directions`, which need a model built with `tangents`.
 
     Raises IntegrationError where the model has no finite value, EstimationError `filter-singular-innovation`.
+    Shapes: theta (n_theta,); longest [s].
     """
     n, n_y = data.outputs.shape
     d = 0 if directions is None else directions.n
@@ -104,7 +105,7 @@ def run_ekf(
     mode: Mode | None = None,
 ) -> EkfRun:
     """Filter a recording; errors as `ekf_likelihood`. `mode`: of a model with events, that of the first
-    sample, where the filter goes on."""
+    sample, where the filter goes on. Shapes: theta (n_theta,); longest [s]."""
     (samples, n_y), n, n_w = data.outputs.shape, model.n_states, model.n_noises
     shapes = [(n,), (n, n), (n,), (n, n), (n_y,), (n_y,), (n_y, n), (n, n), (n, n_w), (n, n)]
     details = [np.empty((samples, *shape)) for shape in shapes]

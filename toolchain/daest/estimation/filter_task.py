@@ -88,6 +88,8 @@ class Task:
     def of(
         cls, model: LocalModel, data: Record, theta: np.ndarray, noise: Noise, start: Start, longest: float
     ) -> Task:
+        """The same with copies of all arrays; theta (n_theta,)."""
+
         def plain(a: np.ndarray) -> np.ndarray:
             return np.array(a, dtype=float, order="C")
 

@@ -105,8 +105,8 @@ def flat_evidence(flat: FlatStart, forward: FilterPass, start: np.ndarray) -> fl
 
 
 def solve_root(R: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Minimum-norm solution of R δ = right, a root of (RᵀR)⁺, the undetermined directions and the
-    condition."""
+    """Minimum-norm solution of R δ = right, a root of (RᵀR)⁺, the undetermined directions and the condition.
+    Shapes: R (m, p) with m ≤ p, right (m,); solution (p,), root and directions (p, p)."""
     p = R.shape[1]
     full = np.zeros((p, p))
     full[: R.shape[0]] = R

@@ -50,7 +50,8 @@ class Mover:
         self.passages = Passages(task.model.engine, inputs, SOLVER.search_rtol, atol, most)
 
     def start(self, mode: Mode | None = None) -> tuple[np.ndarray, np.ndarray, Mode]:
-        """Mean, covariance and mode before the first measurement; with a `mode` the filter goes on."""
+        """Mean, covariance and mode before the first measurement; with a `mode` the filter goes on. Shapes:
+        mean (n,), covariance (n, n)."""
         task = self.task
         if mode is not None:
             return task.start.mean, task.start.cov, mode.copy()
@@ -62,7 +63,7 @@ class Mover:
         return x, P, mode
 
     def over(self, k: int, x: np.ndarray, mode: Mode) -> Step:
-        """Over the interval that follows sample k."""
+        """Over the interval that follows sample k. Shapes: x (n,)."""
         x_next, legs = self.passages.over(k, x, mode)
         n, n_w = x.size, self.task.model.n_noises
         transition, Q, noise = np.eye(n), np.zeros((n, n)), np.zeros((n, n_w))
@@ -82,7 +83,8 @@ class Mover:
     def agreed(
         self, k: int, x: np.ndarray, P: np.ndarray, mode: Mode
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Mean and covariance that agree with the mode, and the slope of the change."""
+        """Mean and covariance that agree with the mode, and the slope of the change. Shapes: x (n,), P and
+        slope (n, n)."""
         x, turn = self.passages.agreed(k, x, P, mode)
         P = turn @ P @ turn.T
         return x, (P + P.T) / 2, turn
@@ -256,7 +258,7 @@ class HybridPoints:
         return means, roots
 
     def hold(self, k: int, points: np.ndarray) -> np.ndarray:
-        """Particles on the side of every switch that their mode has."""
+        """Particles on the side of every switch that their mode has. Shapes: points (m, n)."""
         held = points.copy()
         cov = np.diag(np.maximum(np.var(points, axis=0), np.finfo(float).tiny))
         for i, x in enumerate(points):
@@ -274,7 +276,7 @@ class HybridPoints:
         return h, C
 
     def select(self, rows: np.ndarray) -> None:
-        """The particles `rows`, each as often as it stands there."""
+        """The particles `rows`, each as often as it stands there. Shapes: rows (m,)."""
         self.modes = [self.modes[i].copy() for i in rows]
 
     def inside(

@@ -124,11 +124,11 @@ def weak_directions(
 ) -> tuple[WeakDirection, ...]:
     """Directions in log θ that the data leave open, weakest first.
 
-    Two kinds: parameters that are uncertain together, while their ratios are known (one direction
-    explains FIT.named_share of the variance of each), by more than FIT.weak_direction; and any direction
-    beyond FIT.open_direction, also that of one parameter. `information` and `cov` are in the units of the
-    unknowns. Linear unknowns near zero are measured by their scale. Exponents are rounded to multiples of
-    WEIGHT_STEP of the largest.
+    Two kinds: parameters that are uncertain together, while their ratios are known (one direction explains
+    FIT.named_share of the variance of each), by more than FIT.weak_direction; and any direction beyond
+    FIT.open_direction, also that of one parameter. `information` and `cov` are in the units of the unknowns.
+    Linear unknowns near zero are measured by their scale. Exponents are rounded to multiples of WEIGHT_STEP
+    of the largest. Shapes: values (p,), information and cov (p, p).
     """
     size = np.array(
         [abs(v) if c.is_log else max(abs(v), c.scale) for c, v in zip(coordinates, values, strict=True)]

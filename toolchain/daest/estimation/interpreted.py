@@ -31,7 +31,8 @@ def ekf(
     dlog: np.ndarray,
     details: list[np.ndarray] | None,
 ) -> None:
-    """The extended Kalman filter; fills the arrays as `daest_ekf` does."""
+    """The extended Kalman filter; fills the arrays as `daest_ekf` does. Shapes: white and log_variance
+    (n_samples, n_y), dwhite and dlog (n_samples, d, n_y)."""
     data, model = task.data, task.model
     along = _Along.of(task, directions)
     x, P = along.mean(task.start.mean), along.constant(task.start.cov)
@@ -255,7 +256,8 @@ class Flow:
 def solved(
     f: np.ndarray, A: np.ndarray, ramp: np.ndarray, D: np.ndarray, h: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """exp(A h), the increment of the mean, ∫ exp(Aτ) D exp(Aτ)ᵀ dτ and ∫ exp(Aτ) dτ over h, all as jets."""
+    """exp(A h), the increment of the mean, ∫ exp(Aτ) D exp(Aτ)ᵀ dτ and ∫ exp(Aτ) dτ over h, all as jets.
+    Shapes of jets with d directions: f and ramp (1 + d, n), A and D (1 + d, n, n); h [s]."""
     size = min(np.abs(A[0]).sum(axis=0).max(), np.abs(A[0]).sum(axis=1).max()) * h
     doublings = min(max(0, int(np.ceil(np.log2(max(size, RADIUS) / RADIUS)))), MOST_DOUBLINGS)
     s = h / 2**doublings
@@ -315,7 +317,8 @@ def project(
     task: Task, x: np.ndarray, P: np.ndarray, u: np.ndarray, time: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """x on the invariants of the model, smallest step in the sizes of the states; P along with it; and the
-    projection T of small changes (the identity where there are no invariants)."""
+    projection T of small changes (the identity where there are no invariants). Shapes: x (n,), P and T (n,
+    n), u (n_ū,); time [s]."""
     if task.model.hold is None:
         return x, P, np.eye(x.size)
     hold = task.model.hold
@@ -339,7 +342,8 @@ def points_hold(task: Task, i: int, points: np.ndarray) -> np.ndarray:
 
 
 def ukf(task: Task, weights: np.ndarray, tables: list[np.ndarray]) -> None:
-    """The unscented Kalman filter; fills the tables of `ukf.UkfRun` as `daest_ukf` does."""
+    """The unscented Kalman filter; fills the tables of `ukf.UkfRun` as `daest_ukf` does. Shapes: weights
+    (4,)."""
     data, model = task.data, task.model
     n, n_y = model.n_states, model.n_outputs
     spread, mean0, cov0, each = weights
@@ -364,6 +368,8 @@ def ukf(task: Task, weights: np.ndarray, tables: list[np.ndarray]) -> None:
 
 
 def sigma_points(x: np.ndarray, P: np.ndarray, spread: float) -> np.ndarray:
+    """The mean x (n,), then x plus and minus `spread` times each column of a root of P (n, n): (2 n + 1,
+    n)."""
     steps = spread * square_root(P).T
     return np.vstack([x, x + steps, x - steps])
 
@@ -384,6 +390,9 @@ def square_root(P: np.ndarray) -> np.ndarray:
 def gaussian_update(
     task: Task, i: int, x: np.ndarray, P: np.ndarray, cross: np.ndarray, innovation: np.ndarray, S: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """Mean (n,), covariance (n, n), log-density and normalised innovation squared after sample i. Shapes:
+    cross (n, n_y), innovation (n_y,), S (n_y, n_y). Raises EstimationError `filter-singular-innovation`,
+    IntegrationError."""
     there = np.isfinite(task.data.outputs[i])
     if not np.all(np.isfinite(innovation[there])):
         raise_failure(NOT_FINITE, task.model, task.data, i)

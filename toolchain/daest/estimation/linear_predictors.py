@@ -107,7 +107,8 @@ def recursion(
     noise: NoiseLevels | None = None,
     derivatives: dict[str, np.ndarray] | None = None,
 ) -> Recursion:
-    """Sample `ss` for the steps of a record; with `derivatives` (p directions) also the slopes."""
+    """Sample `ss` for the steps of a record; with `derivatives` (p directions) also the slopes. A derivative
+    of a matrix (n, m) is (p, n, m)."""
     if record.period is not None or record.n_samples < 2:
         return _one_step(ss, record.period or 1.0, hold, noise, derivatives)
     steps = np.diff(record.time)
@@ -406,7 +407,8 @@ def simulate(
 
 
 def predict(problem: Problem, z: np.ndarray, with_slopes: bool = False) -> Predicted | None:
-    """One-step predictions at a point of the search; None where the filter does not exist or overflows."""
+    """One-step predictions at a point of the search; None where the filter does not exist or overflows.
+    Shapes: z (p,)."""
     theta, intensity, std = problem.unknowns.values(z)
     with np.errstate(all="ignore"):
         ss = state_space(problem.family, theta)
@@ -444,7 +446,8 @@ def shared_recursions(
     noise: NoiseLevels | None,
     derivatives: dict[str, np.ndarray] | None,
 ) -> tuple[Recursion, ...] | None:
-    """Recursion of every record, sampled once per period; None when the sampled matrices are not finite."""
+    """Recursion of every record, sampled once per period; None when the sampled matrices are not finite. A
+    derivative of a matrix (n, m) is (p, n, m)."""
     by_period: dict[float, Recursion] = {}
     result = []
     for record in problem.records:

@@ -20,7 +20,7 @@ LONG_RUN = 64  # samples with the same matrices that are worth a treatment of th
 def models_by_interval(model: Models, time: np.ndarray) -> tuple[list[DiscreteModel], np.ndarray]:
     """Distinct models and, for every sample, which of them leads to the next one (the last repeats its
     predecessor). Raises EstimationError `filter-uneven-samples` where there is no model for a step of the
-    record."""
+    record. Shapes: time and the second result (n_samples,)."""
     steps = np.diff(time)
     if isinstance(model, DiscreteModel):
         models, which = [model], np.zeros(steps.size, dtype=int)
@@ -53,7 +53,8 @@ def models_by_interval(model: Models, time: np.ndarray) -> tuple[list[DiscreteMo
 
 
 def modes_of(models: list[DiscreteModel], which: np.ndarray, outputs: np.ndarray) -> Modes:
-    """One set of matrices per distinct pair of model and present outputs."""
+    """One set of matrices per distinct pair of model and present outputs. Shapes: which (n_samples,), outputs
+    (n_samples, n_y)."""
     present = ~np.isnan(outputs)
     if len(models) == 1 and np.all(present):
         first, index = np.zeros(1, dtype=np.int64), np.zeros(which.size, dtype=np.int64)

@@ -31,7 +31,8 @@ class Joint:
 
 
 def filtered_joint(data: Record, noise: Noise, filtered: np.ndarray, filtered_cov: np.ndarray) -> Joint:
-    """What the past says: the noise to come is independent of it. The last interval counts twice."""
+    """What the past says: the noise to come is independent of it. The last interval counts twice. Shapes:
+    filtered (n_samples, n), filtered_cov (n_samples, n, n)."""
     (samples, n), n_w = filtered.shape, noise.intensity.size
     steps = np.append(data.steps, data.steps[-1])
     cov = np.zeros((samples, n + n_w, n + n_w))

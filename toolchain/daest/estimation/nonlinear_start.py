@@ -26,7 +26,8 @@ HOLD_ITERATIONS = 6
 
 
 def started(problem: TrajectoryProblem) -> tuple[TrajectoryProblem, np.ndarray]:
-    """State scales from a first simulation, and initial states that fit the beginning of each experiment."""
+    """State scales from a first simulation, and initial states that fit the beginning of each experiment.
+    Shapes: the search vector is (n_z,)."""
     unknowns = problem.unknowns
     z = np.concatenate([unknowns.start, consistent_states(problem, unknowns.start).ravel()])
     problem, z = scaled(problem, z)
@@ -40,7 +41,8 @@ def consistent_states(problem: TrajectoryProblem, z_parameters: np.ndarray) -> n
 
 
 def scaled(problem: TrajectoryProblem, z: np.ndarray) -> tuple[TrajectoryProblem, np.ndarray]:
-    """The problem with state scales read off a simulation, and z (given unscaled) in them."""
+    """The problem with state scales read off a simulation, and z (given unscaled) in them. Shapes: z
+    (n_z,)."""
     n = len(problem.unknowns.coordinates)
     errors = prediction_errors(problem, z)
     if errors is None:

@@ -46,10 +46,11 @@ class OnlineFilter(Protocol):
         estimate."""
 
     def stored(self, memory: Memory) -> dict[str, np.ndarray]:
-        """The memory as named arrays of numbers."""
+        """The memory as named arrays of numbers. Their shapes are those of the model."""
 
     def restored(self, arrays: Mapping[str, np.ndarray]) -> Memory:
-        """The memory of `stored`. Raises ValueError for arrays of another model."""
+        """The memory of `stored`. Raises ValueError for arrays of another model. Each must have the shape
+        that it had there."""
 
 
 def checked_arrays(

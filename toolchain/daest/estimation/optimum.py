@@ -48,6 +48,7 @@ class Search:
     trusts_parabola: bool = False  # no hill is looked for where the likelihood is as its parabola has it
 
     def minimum(self, z: np.ndarray, iterations: int | None = None, goal: float = np.inf) -> Found | None:
+        """The end of a search from z (n_z,); None where the objective has no value there."""
         count = self.max_iterations if iterations is None else iterations
         return minimise(self.objective, z, self.lower, self.upper, count, self.converged_gain, goal)
 

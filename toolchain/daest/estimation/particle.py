@@ -48,7 +48,7 @@ class PointModel(Protocol):
 
     def hold(self, k: int, points: np.ndarray) -> np.ndarray:
         """The points on the constraints that the states of sample k obey; the points themselves where there
-        are none."""
+        are none. Shapes: points (m, n)."""
         ...
 
     def see(self, k: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -56,7 +56,7 @@ class PointModel(Protocol):
         ...
 
     def select(self, rows: np.ndarray) -> None:
-        """Particles were drawn again: each is now what that of its row was."""
+        """Particles were drawn again: each is now what that of its row was. Shapes: rows (m,)."""
         ...
 
 
@@ -287,7 +287,8 @@ def _collapse(time: float) -> EstimationError:
 
 
 def systematic(weights: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Systematic resampling: as many indices as weights (which sum to 1), with one random number."""
+    """Systematic resampling: as many indices as weights (which sum to 1), with one random number. Shapes:
+    weights and indices (m,)."""
     m = weights.size
     places = (rng.uniform() + np.arange(m)) / m
     return np.minimum(np.searchsorted(np.cumsum(weights), places), m - 1)
@@ -371,7 +372,8 @@ class ContinuousPoints:
     def loop(
         self, outputs: np.ndarray, variance: np.ndarray, start: Start, n_particles: int, proposal: Proposal
     ) -> ParticleLoop | None:
-        """The compiled loop over samples; None where `lane_library` has none."""
+        """The compiled loop over samples; None where `lane_library` has none. Shapes: outputs (n_samples,
+        n_y), variance (n_y,)."""
         library = lane_library(self.task.model)
         if library is None:
             return None

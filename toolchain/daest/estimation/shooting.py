@@ -118,8 +118,8 @@ def _with_states(explicit: Dynamics) -> Dynamics:
 def search_by_shooting(
     problem: TrajectoryProblem, z: np.ndarray, n_segments: int, max_iterations: int
 ) -> Cut | None:
-    """The end of the search; None where no segment can be simulated. z is the search vector of
-    `problem`."""
+    """The end of the search; None where no segment can be simulated. z is the search vector of `problem`.
+    Shapes: z (n_z,)."""
     shooting = shooting_of(problem, n_segments)
     p = len(problem.unknowns.coordinates)
     shooting, states = _states_near_data(shooting, z[:p], problem.initial_states(z))
@@ -150,7 +150,8 @@ def search_by_shooting(
 
 
 def start_of(shooting: Shooting, z: np.ndarray) -> np.ndarray:
-    """The search vector of the uncut problem: parameters and the states at the start of every record."""
+    """The search vector of the uncut problem: parameters and the states at the start of every record. Shapes:
+    z (p + n_pieces n_states,); result (p + n_records n_states,)."""
     p = len(shooting.problem.unknowns.coordinates)
     states = z[p:].reshape(-1, shooting.problem.n_states)
     return np.concatenate([z[:p], *(states[group[0]] for group in shooting.groups)])

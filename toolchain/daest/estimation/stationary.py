@@ -117,7 +117,8 @@ def unseen_note(directions: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def combination_text(vector: np.ndarray, names: tuple[str, ...]) -> str:
-    """A direction of the state space in words, for example `a common change of phi and psi (1 : 0.5)`."""
+    """A direction of the state space in words, for example `a common change of phi and psi (1 : 0.5)`.
+    Shapes: vector (n_states,)."""
     size = np.abs(vector)
     kept = np.flatnonzero(size > FIT.named_state * np.max(size))
     if kept.size == 1:

@@ -41,7 +41,7 @@ def with_ties(
 ) -> Evaluate:
     """The objective plus the squared distances of the initial states from the invariants of the model; the
     objective itself where the model has none. Search vector: `unknowns`, then the initial state of every
-    record in `state_scale`."""
+    record in `state_scale`. Shapes: state_scale (n_states,)."""
     if explicit.invariants is None:
         return likelihood
     function, p, n = _invariants(explicit), len(unknowns.coordinates), state_scale.size

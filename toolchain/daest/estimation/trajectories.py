@@ -123,7 +123,8 @@ def _beginning(problem: TrajectoryProblem, experiment: Experiment) -> Beginning:
 
 
 def prediction_errors(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = False) -> Errors | None:
-    """Run every experiment at z; None where an integration fails (the search then steps back)."""
+    """Run every experiment at z; None where an integration fails (the search then steps back). Shapes: z
+    (n_z,)."""
     try:
         trajectories = integrated(problem, z, with_slopes)
     except IntegrationError:

@@ -29,7 +29,7 @@ class SigmaPoints:
 
     def weights(self, n: int) -> np.ndarray:
         """Distance of the points in standard deviations; weight of the centre in the mean and in the
-        covariance; weight of every other point."""
+        covariance; weight of every other point. Shapes: (4,)."""
         kappa = max(3.0 - n, 0.0) if self.kappa is None else self.kappa
         total = self.alpha**2 * (n + kappa)
         centre = 1.0 - n / total
@@ -77,7 +77,7 @@ def run_ukf(
     """Filter a recording with substeps no longer than `longest` seconds; `mode` as in `run_ekf`.
 
     Raises IntegrationError where the model has no finite value at a sigma point, EstimationError
-    `filter-singular-innovation`.
+    `filter-singular-innovation`. Shapes: theta (n_theta,).
     """
     (samples, n_y), n, n_w = data.outputs.shape, model.n_states, model.n_noises
     shapes = [(n,), (n, n), (n,), (n, n), (n_y,), (n_y, n_y), (), (), (n, n), (n, n_w)]

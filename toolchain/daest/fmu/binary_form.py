@@ -108,7 +108,7 @@ class BinaryForm:
         return self._runner
 
     def parameter_starts(self) -> np.ndarray:
-        """Start values; what the description leaves out is asked of the FMU itself."""
+        """Start values; what the description leaves out is asked of the FMU itself. Shapes: (n_theta,)."""
         starts = np.array(
             [np.nan if (s := self.model.variables[vr].start) is None else s for vr in self.model.parameters]
         )
@@ -204,6 +204,8 @@ class BinaryForm:
     def start(
         self, flat: Model, theta: np.ndarray, u: np.ndarray, time: float, given: Mapping[str, float]
     ) -> np.ndarray:
+        """States (n_states,) after the initialisation of the FMU at theta (n_theta,) and u (n_u,), at the
+        time [s]; `given` ones by name in their place."""
         names = [v.name for v in flat.unknowns[: len(self.form.states)]]
         unknown = [name for name in given if name not in names]
         if unknown:
@@ -309,6 +311,8 @@ class BinaryForm:
         states: np.ndarray,
         hold: Literal["zoh", "foh"],
     ) -> np.ndarray:
+        """States and read variables (n_samples, n) along states (n_samples, n_states) under ubar
+        (n_samples, n_ū) at the times (n_samples,) [s]."""
         n_u = len(flat.inputs)
         ends = np.hstack([ubar[1:, :n_u] if hold == "foh" else ubar[:-1, :n_u], ubar[:-1, n_u:]])
         request = self.drive(time, ubar[:-1], ends, ubar[-1], self.form.variables)
@@ -407,6 +411,8 @@ class BinaryForm:
     def drive(
         self, time: np.ndarray, u0: np.ndarray, u1: np.ndarray, u_last: np.ndarray, read: Sequence[int]
     ) -> Drive:
+        """Inputs u0 and u1 (n_samples - 1, n_u) at both ends of the intervals of time (n_samples,) [s],
+        u_last (n_u,), and what is to be read."""
         inputs = self.form.inputs
         return Drive(time, inputs, u0, u1, np.ravel(u_last), tuple(read))
 
@@ -566,6 +572,8 @@ class BinaryForm:
         self, flat: Model, x: np.ndarray, u: np.ndarray, v: np.ndarray, w: np.ndarray,
         theta: np.ndarray, time: np.ndarray,
     ) -> np.ndarray:  # fmt: skip
+        """Rates and read variables (n,) at the states x (n_states,), inputs u (n_u,), their derivatives v
+        (n_v,) and noises w (n_w,)."""
         drivers = np.zeros(len(self.form.drivers))
         drivers[: u.size + v.size] = np.concatenate([u, v])
         added = np.zeros(len(self.form.states))

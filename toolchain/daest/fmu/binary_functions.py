@@ -141,6 +141,7 @@ class PointFunction:
         self._evaluate = evaluate
 
     def call(self, arguments: Sequence[Any]) -> list[np.ndarray]:
+        """Results (n, k) for k columns of arguments (m, k)."""
         tables = [_table(a) for a in arguments]
         columns = [
             self._evaluate(*(t[:, min(k, t.shape[1] - 1)] for t in tables)) for k in range(tables[0].shape[1])

@@ -243,7 +243,7 @@ def _names(kind: str, names: Sequence[str]) -> str:
 
 
 def numbers(declared: str, values: np.ndarray) -> str:
-    """A constant array, with one entry where there is none."""
+    """A constant array, with one entry where there is none. An array of any shape, row by row."""
     entries = [repr(float(v)) for v in np.asarray(values).ravel()] or ["0"]
     return f"{declared}[{len(entries)}] = {{{', '.join(entries)}}};"
 

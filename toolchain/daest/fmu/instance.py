@@ -118,7 +118,8 @@ class Instance:
         dae_mode: bool = False,
         inputs: tuple[Sequence[int], Sequence[float] | np.ndarray] = ((), ()),
     ) -> None:
-        """A new instance with the given parameter and input values, initialised and settled at `time`."""
+        """A new instance with the given parameter and input values, initialised and settled at `time`. Both
+        are references and values of the same shape (k,)."""
         unit = self._unit
         if self.binary.only_once and unit.component:
             self._call("Reset")  # some refuse another instance even after the first one was given back
@@ -202,6 +203,7 @@ class Instance:
         return values
 
     def set(self, references: Sequence[int], values: Sequence[float] | np.ndarray) -> None:
+        """Set the variables of references (k,) to values (k,)."""
         if len(references):
             vr, given = self._array_of(references), np.ascontiguousarray(values, dtype=float)
             self._call("SetFloat64" if self._is_fmi3 else "SetReal", *self._pairs(vr, given))
@@ -214,23 +216,24 @@ class Instance:
         self._call("SetTime", _DOUBLE(time))
 
     def set_states(self, values: np.ndarray) -> None:
-        """Continuous states in the order of `binary.states`."""
+        """Continuous states in the order of `binary.states`. Shapes: values (n_states,)."""
         if self.n_states:
             given = np.ascontiguousarray(values, dtype=float)
             self._call("SetContinuousStates", _POINTER(given.ctypes.data), _SIZE(self.n_states))
 
     def states(self) -> np.ndarray:
+        """The continuous states (n_states,)."""
         return self._vector("GetContinuousStates", self.n_states)
 
     def rates(self) -> np.ndarray:
-        """The derivatives of the continuous states."""
+        """The derivatives of the continuous states. Shapes: (n_states,)."""
         name = "GetContinuousStateDerivatives" if self._is_fmi3 else "GetDerivatives"
         return self._vector(name, self.n_states)
 
     # The inner loop of an integrator: everything is prepared, and vectors go by their addresses.
 
     def writer(self, references: Sequence[int]) -> tuple[np.ndarray, Callable[[], None]]:
-        """A buffer and a call that sets the variables to what stands in it."""
+        """A buffer and a call that sets the variables to what stands in it. Shapes: buffer (k,)."""
         buffer, vr = np.zeros(len(references)), self._array_of(references)
         if not buffer.size:
             return buffer, lambda: None

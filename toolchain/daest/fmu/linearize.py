@@ -31,12 +31,12 @@ def linearize_fmu(
     values).
 
     `at` maps unknowns, inputs and `der(name)` to the operating point; what is left out is at its start value
-    or zero. `source` is one of `SOURCES`; None takes the first that the FMU offers:
-    "symbolic" (the model inside), "fmi-ls-dae" (residuals of the binary: the same unknowns and equations),
-    "directional derivatives" or "finite differences" (x' = f, 0 = z - g over all continuous variables).
-    `runner` is the process of the FMU's binary to use; None: a new one. Directional derivatives are compared
-    with finite differences, and not used where they are wrong; the result tells. Errors: those of `load_fmu`
-    and of the binary (`fmu-without-binary`, `fmu-call-failed`), `fmu-source`.
+    or zero. `source` is one of `SOURCES`; None takes the first that the FMU offers: "symbolic" (the model
+    inside), "fmi-ls-dae" (residuals of the binary: the same unknowns and equations), "directional
+    derivatives" or "finite differences" (x' = f, 0 = z - g over all continuous variables). `runner` is the
+    process of the FMU's binary to use; None: a new one. Directional derivatives are compared with finite
+    differences, and not used where they are wrong; the result tells. Errors: those of `load_fmu` and of the
+    binary (`fmu-without-binary`, `fmu-call-failed`), `fmu-source`. Shapes: theta (n_theta,).
 
         >>> daest.linearize_fmu("Servo.fmu").source
         'symbolic'
@@ -77,7 +77,7 @@ def cross_check_fmu(
 
     Compared are E, J, K, B, C, D, H and the offsets, entry by entry against the largest entry of the
     equation. Empty if the FMU offers only one source, or has no binary that runs here. `known`: linear DAEs
-    at the same point that need not be computed again.
+    at the same point that need not be computed again. Shapes: theta (n_theta,).
     """
     model = load_fmu(path)
     found: dict[str, float] = {}

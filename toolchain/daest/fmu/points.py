@@ -18,7 +18,7 @@ STEP = float(np.finfo(float).eps ** (1 / 3))
 
 
 def probe_point(size: int, seed: int) -> np.ndarray:
-    """A fixed point without symmetry, entries between 0.5 and 1.5."""
+    """A fixed point without symmetry, entries between 0.5 and 1.5. Shapes: (size,)."""
     return 0.5 + np.random.default_rng(seed).random(size)
 
 
@@ -32,7 +32,8 @@ def difference(these: Sequence[np.ndarray], those: Sequence[np.ndarray], floor: 
 
     Rows have their own units (volt here, newton there), so a difference counts against its own row only; but
     no row counts as smaller than `floor` times the largest entry of its matrix, because a row that is zero in
-    truth is nothing but rounding in finite differences. NaN where any entry is.
+    truth is nothing but rounding in finite differences. NaN where any entry is. Matrices have the same shape
+    in both.
     """
     largest = 0.0
     for a, b in zip(these, those, strict=True):
@@ -59,7 +60,7 @@ def moved_points(point: np.ndarray, nominal: Sequence[float | None]) -> np.ndarr
 
 def long_points(point: np.ndarray, nominal: Sequence[float | None]) -> np.ndarray:
     """As `moved_points`, by steps of nominal size: exact for an affine model, and with the fewest digits
-    lost."""
+    lost. Shapes: point (n,); rows (2 n, n)."""
     rows = np.repeat(point[None, :], 2 * point.size, axis=0)
     for i, size in enumerate(nominal):
         rows[2 * i, i] += abs(size or 1.0)

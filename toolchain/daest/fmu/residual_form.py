@@ -113,7 +113,8 @@ def _rates(model: FmuModel) -> dict[int, int]:
 def linearize_residuals(
     model: FmuModel, theta: np.ndarray, at: Mapping[str, float] | None, runner: Runner | None = None
 ) -> LinearDAE:
-    """The linear DAE through the FMU's residuals, by `runner` if it is given. See `linearize_fmu`."""
+    """The linear DAE through the FMU's residuals, by `runner` if it is given. See `linearize_fmu`. Shapes:
+    theta (n_theta,)."""
     form = residual_form(model)
     start = _start_point(model, form, at)
     refuse_hidden(model, "linear model")

@@ -98,7 +98,7 @@ def linearize_semi_explicit(
     runner: Runner | None = None,
 ) -> LinearDAE:
     """The linear DAE of x' = f, 0 = z - g, by `runner` if it is given. See `linearize_fmu`. Raises FmuError
-    `fmu-nothing-continuous`."""
+    `fmu-nothing-continuous`. Shapes: theta (n_theta,)."""
     form = semi_explicit_form(model)
     offer = allow_directional and model.provides_directional_derivatives
     refuse_hidden(model, "linear model")

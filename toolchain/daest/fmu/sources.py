@@ -112,7 +112,7 @@ def code_of(generate: Callable[[], str]) -> str:
 
 
 def model_header(layout: Layout, state_start: np.ndarray, token: str) -> str:
-    """model.h: sizes, value references and start values."""
+    """model.h: sizes, value references and start values. Shapes: state_start (n_states,)."""
     explicit, flat = layout.explicit, layout.flat
     sizes = {
         "N_X": explicit.n_states,

@@ -21,7 +21,7 @@ LARGEST_ARRAY = 8 * 1024**3
 def write_message(
     stream: BinaryIO, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray] | None = None
 ) -> None:
-    """Send a header and arrays, converted to doubles."""
+    """Send a header and arrays, converted to doubles. Arrays of any shape."""
     tables = {name: np.ascontiguousarray(array, dtype=np.float64) for name, array in (arrays or {}).items()}
     shapes = {name: list(np.shape((arrays or {})[name])) for name in tables}
     text = json.dumps({"header": dict(header), "shapes": shapes}).encode()
@@ -32,7 +32,8 @@ def write_message(
 
 
 def read_message(stream: BinaryIO) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Header and arrays of the next message. Raises EOFError at the end, ValueError for rubbish."""
+    """Header and arrays of the next message. Raises EOFError at the end, ValueError for rubbish. Arrays have
+    the shapes that they were sent with."""
     (length,) = _LENGTH.unpack(_exactly(stream, _LENGTH.size))
     if length > LARGEST_HEADER:
         raise ValueError("the header of a message is too long")

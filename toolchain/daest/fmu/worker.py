@@ -109,7 +109,8 @@ class Session:
         threading.Thread(target=self._beat, daemon=True).start()
 
     def answer(self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
-        """One request, one reply: results, or why there are none."""
+        """One request, one reply: results, or why there are none. Shapes of the arrays are those of the
+        request's function."""
         work = {
             "evaluate": self._evaluate,
             "hear steps": self._hear_steps,

@@ -192,7 +192,7 @@ def _matrix(arguments: Sequence[Value]) -> Value:
 
 
 def diagonal(values: Sequence[Scalar]) -> np.ndarray:
-    """The square matrix with the values on its diagonal."""
+    """The square matrix with the values on its diagonal. Shapes: values (n,); matrix (n, n)."""
     n = len(values)
     return from_flat((values[i] if i == j else 0 for i in range(n) for j in range(n)), (n, n))
 
@@ -250,7 +250,7 @@ def _concatenate(arguments: Sequence[Value]) -> Value:
 
 def matrix_of_rows(rows: Sequence[Sequence[Value]]) -> np.ndarray:
     """`[a, b; c, d]`: scalars and vectors become columns, then rows are put side by side and below each
-    other."""
+    other. Shapes: parts (k_i, m_j) become (Σ k_i, Σ m_j)."""
     made = [np.concatenate([_as_matrix(value) for value in row], axis=1) for row in rows]
     return np.concatenate(made, axis=0)
 

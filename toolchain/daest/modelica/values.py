@@ -31,7 +31,8 @@ class ShapeError(ValueError):
 
 
 def array(elements: Sequence[Value]) -> np.ndarray:
-    """The array with `elements` along a new first dimension. Raises ShapeError when their sizes differ."""
+    """The array with `elements` along a new first dimension. Raises ShapeError when their sizes differ.
+    Shapes: n elements (...) become (n, ...)."""
     shapes = {e.shape if isinstance(e, np.ndarray) else () for e in elements}
     if len(shapes) > 1:
         raise ShapeError(f"elements of sizes {', '.join(sorted(map(size_text, shapes)))} in one array")
@@ -46,6 +47,7 @@ def array(elements: Sequence[Value]) -> np.ndarray:
 
 
 def filled(value: Scalar, shape: tuple[int, ...]) -> np.ndarray:
+    """An array of `shape` with `value` everywhere."""
     made = np.empty(shape, dtype=object)
     for i in range(made.size):
         made.flat[i] = value
@@ -53,6 +55,7 @@ def filled(value: Scalar, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def from_flat(elements: Iterable[Scalar], shape: tuple[int, ...]) -> np.ndarray:
+    """The array of `shape` whose elements, the last index running fastest, are given."""
     made = np.empty(shape, dtype=object)
     for i, element in enumerate(elements):
         made.flat[i] = element
@@ -196,7 +199,7 @@ def product(a: Value, b: Value) -> Value:
 
 
 def matrix_power(a: np.ndarray, exponent: int) -> np.ndarray:
-    """a^n of a square matrix, n >= 0."""
+    """a^n of a square matrix, n >= 0. Shapes: a (n, n)."""
     n = a.shape[0]
     made: Value = from_flat((float(i == j) for i in range(n) for j in range(n)), (n, n))
     for _ in range(exponent):

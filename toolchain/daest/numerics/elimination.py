@@ -31,6 +31,7 @@ def choose_pivots(matrix: sp.csr_array, rows: np.ndarray, avoid: np.ndarray, zer
     `avoid` (bool per column), then the rest for any column. In a pass the shortest row is next; in it, the
     column with the fewest entries among those not below `PIVOT_THRESHOLD` times the largest. A row whose
     entries all fall below `zero_tolerance` is dependent on those before. Values are used for choosing only.
+    Shapes: matrix (n, m), rows (k,), avoid (m,).
     """
     table, members = _tables(matrix, rows)
     pivots = [*_pass(table, members, avoid), *_pass(table, members, np.zeros_like(avoid), zero_tolerance)]

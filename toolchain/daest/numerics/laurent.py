@@ -103,7 +103,7 @@ def expand_at_infinity(E: sp.csr_array, J: sp.csr_array, tolerance: float | None
 
     Â0 counts as regular when 1 / ‖Â0⁻¹‖₁ (estimated) exceeds `tolerance` ‖Â0‖₁, None for 256 n eps. Raises
     NumericalError `system-jacobian-singular` otherwise, and where no assignment of equations to unknowns
-    exists.
+    exists. Shapes: E and J (n, n).
     """
     entries, offsets = _offsets(E, J)
     row, column, power, value = entries
@@ -172,7 +172,8 @@ def inverse_columns(
     expansion: Expansion, wanted: np.ndarray, powers: Sequence[int], rows: np.ndarray | None = None
 ) -> dict[int, sp.csc_array]:
     """Columns `wanted` of the coefficients of s^m in (sE - J)⁻¹, m in `powers`; each (n, len(wanted)), or
-    (len(rows), len(wanted)) where only these rows are asked for."""
+    (len(rows), len(wanted)) where only these rows are asked for. Shapes: wanted (k,), rows (m,) or None for
+    all n."""
     parts: dict[int, list[sp.csc_array]] = {m: [] for m in powers}
     chunks = list(_chunks(expansion.rows[wanted]))
     rows = np.arange(expansion.rows.size) if rows is None else rows
@@ -193,7 +194,8 @@ def _chunks(offsets: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def inverse_rows(expansion: Expansion, wanted: np.ndarray, powers: Sequence[int]) -> dict[int, sp.csr_array]:
-    """Rows `wanted` of the coefficients of s^m in (sE - J)⁻¹, m in `powers`; each (len(wanted), n)."""
+    """Rows `wanted` of the coefficients of s^m in (sE - J)⁻¹, m in `powers`; each (len(wanted), n). Shapes:
+    wanted (k,)."""
     found = inverse_columns(expansion.transposed, wanted, powers)
     return {m: sp.csr_array(part.T) for m, part in found.items()}
 

@@ -57,8 +57,8 @@ def maximum_matching(incidence: sp.csr_array) -> np.ndarray:
 
 
 def find_defect(incidence: sp.csr_array) -> Defect | None:
-    """The structural defect of a square incidence (coarse Dulmage-Mendelsohn parts), None if there is
-    none."""
+    """The structural defect of a square incidence (coarse Dulmage-Mendelsohn parts), None if there is none.
+    Shapes: incidence (n, n)."""
     column_of = maximum_matching(incidence)
     if np.all(column_of >= 0):
         return None

@@ -45,7 +45,7 @@ class _Entries:
 
 def proportional_rows(E: sp.csr_array, J: sp.csr_array) -> Proportions:
     """Groups of rows of the coefficients of s^m, m ≥ 1, of (sE - J)⁻¹: those that equations of one or two
-    unknowns tell, with groups in place of unknowns again and again."""
+    unknowns tell, with groups in place of unknowns again and again. Shapes: E and J (n, n)."""
     entries = _entries(E, J)
     n = E.shape[0]
     group, factor = np.arange(n), np.ones(n)

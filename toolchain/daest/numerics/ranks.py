@@ -32,7 +32,7 @@ def decide_rank(
     """Count the singular values above `tolerance * norm`; `tolerance` None means `default_tolerance(size)`.
 
     `norm` is the 2-norm of the whole matrix that rounding errors are relative to, not of the block decided.
-    `known` is the rank where exact arithmetic has told it.
+    `known` is the rank where exact arithmetic has told it. Shapes: singular_values (k,).
     """
     values = np.sort(np.asarray(singular_values, dtype=float))[::-1]
     if not np.all(np.isfinite(values)):

@@ -91,7 +91,8 @@ def filter_riccati(
 def predictor_gain(
     P: np.ndarray, Phi: np.ndarray, C: np.ndarray, R: np.ndarray, S12: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """K = (Φ P Cᵀ + S12) S⁻¹ and S = C P Cᵀ + R; leading axes are broadcast."""
+    """K = (Φ P Cᵀ + S12) S⁻¹ and S = C P Cᵀ + R; leading axes are broadcast. Shapes: P and Phi (..., n, n), C
+    (..., n_y, n), R and S (..., n_y, n_y), S12 and K (..., n, n_y)."""
     PC = P @ np.swapaxes(C, -1, -2)
     S = C @ PC + R
     K = np.linalg.solve(S, np.swapaxes(Phi @ PC + S12, -1, -2))

@@ -23,6 +23,7 @@ def independent_block(
 
     Entries of `matrix` are of comparable size; what elimination leaves below `tolerance` (None: 256 n eps)
     times the largest entry is zero. Sparse elimination, or QR with pivoting where there is little to save.
+    Shapes: matrix (n, m) of rank r; rows and columns (r,).
     """
     rows, columns = different_rows(sp.csr_array(matrix))[0], different_rows(sp.csr_array(matrix.T))[0]
     core = sp.csr_array(matrix[rows][:, columns])

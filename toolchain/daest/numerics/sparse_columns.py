@@ -30,14 +30,16 @@ def compressed(dense: np.ndarray) -> sp.csc_array:
 
 
 def scaled(matrix: sp.csc_array, left: np.ndarray, right: np.ndarray) -> sp.csc_array:
-    """diag(left) · matrix · diag(right), on the structure of `matrix`."""
+    """diag(left) · matrix · diag(right), on the structure of `matrix`. Shapes: matrix (n, m), left (n,),
+    right (m,)."""
     data = matrix.data * left[matrix.indices]
     data *= np.repeat(right, np.diff(matrix.indptr))
     return sp.csc_array((data, matrix.indices, matrix.indptr), shape=matrix.shape)
 
 
 def scaled_norms(matrix: sp.csc_array, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Lengths of the columns of diag(left) · matrix · diag(right)."""
+    """Lengths of the columns of diag(left) · matrix · diag(right). Shapes: matrix (n, m), left (n,), right
+    (m,); lengths (m,)."""
     squares = matrix.data * left[matrix.indices]
     squares *= squares
     return np.sqrt(_reduced(np.add, squares, matrix)) * np.abs(right)
@@ -58,7 +60,7 @@ def _reduced(operation: np.ufunc, values: np.ndarray, matrix: sp.csc_array) -> n
 
 
 def ungrouped(matrix: sp.csc_array) -> GroupedMatrix:
-    """The matrix with every row and every column a group of its own."""
+    """The matrix with every row and every column a group of its own. Shapes: matrix (n, m)."""
     n_rows, n_columns = matrix.shape
     return GroupedMatrix(matrix, np.arange(n_rows), np.ones(n_rows), np.arange(n_columns), np.ones(n_columns))
 
@@ -80,7 +82,8 @@ def column(matrix: GroupedMatrix, k: int) -> np.ndarray:
 
 
 def column_norms(matrix: GroupedMatrix, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Lengths of the columns of diag(left) · matrix · diag(right)."""
+    """Lengths of the columns of diag(left) · matrix · diag(right). Shapes: matrix (n, m), left (n,), right
+    (m,); lengths (m,)."""
     used = matrix.row_group >= 0
     squares = np.square(matrix.row_factor * left)[used]
     weights = np.sqrt(np.bincount(matrix.row_group[used], squares, minlength=matrix.core.shape[0]))
@@ -89,5 +92,5 @@ def column_norms(matrix: GroupedMatrix, left: np.ndarray, right: np.ndarray) -> 
 
 
 def column_span(matrix: sp.csc_array, k: int) -> slice:
-    """Where the entries of column k stand."""
+    """Where the entries of column k stand. Shapes: matrix (n, m)."""
     return slice(int(matrix.indptr[k]), int(matrix.indptr[k + 1]))

@@ -48,7 +48,8 @@ def ljung_box(residuals: np.ndarray, observed: np.ndarray, lags: int) -> float:
 
 
 def weighted_past(weights: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Σ_i weights[i] v[k-i] along the last axis of `values` (…, n_samples); zero before the first sample."""
+    """Σ_i weights[i] v[k-i] along the last axis of `values` (…, n_samples); zero before the first sample.
+    Shapes: weights (n_lags,)."""
     total = weights[0] * values
     for lag, weight in enumerate(weights[1:], start=1):
         total[..., lag:] += weight * values[..., :-lag]

@@ -26,7 +26,7 @@ def linear_figure(
     functions: Sequence[TransferFunction], poles: np.ndarray, units: Mapping[str, str]
 ) -> Figure:
     """Magnitude and phase of every transfer function, by output, and the poles in the complex plane. `units`
-    are those of inputs and outputs by name."""
+    are those of inputs and outputs by name. Shapes: poles (n_poles,) [rad/s]."""
     outputs = list(dict.fromkeys(g.output for g in functions))
     heights = [2.6 * PANEL] * bool(outputs) + [1.7 * PANEL]
     figure = style.figure(sum(heights) + 0.3, max(style.WIDTH, 3.2 * len(outputs)))

@@ -46,12 +46,12 @@ class Mode:
         self.tears = other.tears
 
     def stored(self) -> np.ndarray:
-        """All of it as numbers."""
+        """All of it as numbers. Shapes: (n_theta + n_conditions + n_ticks,)."""
         return np.concatenate([self.theta, self.conditions, self.tears, self.ticks_done])
 
     @classmethod
     def of_stored(cls, numbers: np.ndarray, n_theta: int, n_conditions: int, n_tears: int) -> Mode:
-        """The mode of `stored`."""
+        """The mode of `stored`. Shapes: numbers (n_theta + n_conditions + n_ticks,)."""
         sizes = np.cumsum([n_theta, n_conditions, n_tears])
         theta, conditions, tears, ticks = np.split(numbers, sizes)
         return cls(theta, conditions > 0.5, ticks, tears)

@@ -38,6 +38,7 @@ class Signature:
 
     @property
     def incidence(self) -> sp.csr_array:
+        """1 where an unknown occurs in an equation (n, n)."""
         return sp.csr_array((np.ones(self.rows.size), (self.rows, self.columns)), shape=(self.n, self.n))
 
 

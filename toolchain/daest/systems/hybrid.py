@@ -66,7 +66,8 @@ class Schedule:
 
     def next(self, x: np.ndarray, ubar: np.ndarray, mode: Mode, t: float) -> float:
         """The next instant after t, infinite if there is none; `due` then tells what is due: the number of a
-        relation or whole part with its new value, or that of a sample (negative)."""
+        relation or whole part with its new value, or that of a sample (negative). Shapes: x (n_states,), ubar
+        (n_ū,); t [s]."""
         functions, events = self.functions, self.functions.events
         found: list[tuple[float, int, float]] = []
         n = len(events.relations)
@@ -92,6 +93,8 @@ class Schedule:
         return first
 
     def samples(self, x: np.ndarray, ubar: np.ndarray, mode: Mode, t: float) -> np.ndarray:
+        """Start and interval [s] of every `sample(start, interval)` (n_ticks, 2) at x (n_states,), ubar
+        (n_ū,) and the time t [s]."""
         events = self.functions.events
         if not events.ticks.numel():
             return np.zeros((0, 2))
@@ -121,7 +124,8 @@ class Engine(Protocol):
     def library(self) -> ctypes.CDLL | None: ...
 
     @property
-    def events(self) -> tuple[EventFunctions, np.ndarray] | None: ...
+    def events(self) -> tuple[EventFunctions, np.ndarray] | None:
+        """What events do, and the owner of each root function (n_roots,); None for a model without events."""
 
 
 @dataclass(frozen=True)
@@ -196,7 +200,7 @@ def follow(
     max_steps: int,
 ) -> HybridRun:
     """The trajectory at `inputs.time`. `mode` None: the start is settled at x0. Sensitivities have the
-    directions of `Integrator`."""
+    directions of `Integrator`. Shapes: theta (n_theta,), x0 and atol (n_states,)."""
     runner = Runner(model, inputs, rtol, atol, max_steps, directions)
     return runner.run(theta, x0, mode)
 
@@ -237,6 +241,8 @@ class Runner:
         self.instants: list[tuple[float, str]] = []
 
     def run(self, theta: np.ndarray, x0: np.ndarray, mode: Mode | None) -> HybridRun:
+        """The whole record at the parameters theta (n_theta,) from the states x0 (n_states,), or on in a
+        `mode`."""
         time = self.inputs.time
         t, i = float(time[0]), 0
         x = x0.copy()
@@ -277,7 +283,7 @@ class Runner:
         )
 
     def first_ticks(self, x: np.ndarray, t: float) -> None:
-        """Samples before the record begins are past."""
+        """Samples before the record begins are past. Shapes: x (n_states,); t [s]."""
         for k, (start, interval) in enumerate(self.schedule.samples(x, self.inputs.at(t, 0), self.mode, t)):
             if not interval > 0:
                 raise HybridError(
@@ -294,7 +300,7 @@ class Runner:
         self, i: int, t: float, stop: float, x: np.ndarray, S: np.ndarray
     ) -> tuple[int, float, np.ndarray, np.ndarray, np.ndarray | None]:
         """From t to `stop`, or to the first root before: the next sample, time, states, sensitivities, and
-        which roots were met."""
+        which roots were met. Shapes: x (n_states,), S (n_states, d), roots (n_roots,); t and `stop` [s]."""
         time, inputs = self.inputs.time, self.inputs
         near = self.schedule.near(t)
         if stop <= t + near:
@@ -418,7 +424,7 @@ class Runner:
             raise IntegrationError(UNSOLVED, t) from error
 
     def sides(self) -> np.ndarray:
-        """The sign that each root function keeps: what it tells is so, or is not yet."""
+        """The sign that each root function keeps: what it tells is so, or is not yet. Shapes: (n_roots,)."""
         events, n = self.functions.events, len(self.functions.events.relations)
         found = np.empty(self.owners.size)
         for k, owner in enumerate(self.owners):
@@ -434,7 +440,8 @@ class Runner:
         self, x: np.ndarray, S: np.ndarray, t: float, left: np.ndarray, interval: int | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """States and sensitivities after an event at which the root functions `left` leave their sides, under
-        the inputs of `interval` (None: the one that ends there, unless the next one makes them leave)."""
+        the inputs of `interval` (None: the one that ends there, unless the next one makes them leave).
+        Shapes: x (n_states,), S (n_states, d), left (n_roots,)."""
         events, n = self.functions.events, len(self.functions.events.relations)
         by_input = interval is None and self.inputs.jumps_at(t) and not np.any(left & self._beyond(x, t))
         if interval is None:
@@ -462,7 +469,8 @@ class Runner:
         return self._after(x, t, ubar, none[1], forced, slopes)
 
     def input_event(self, x: np.ndarray, S: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """States and sensitivities after what a jump of the inputs at t does to switches, if anything."""
+        """States and sensitivities after what a jump of the inputs at t does to switches, if anything.
+        Shapes: x (n_states,), S (n_states, d)."""
         if self.owners.size and self.inputs.jumps_at(t):
             left = self._beyond(x, t, self.inputs.interval(t))
             if np.any(left):
@@ -480,6 +488,7 @@ class Runner:
     def timed_event(
         self, x: np.ndarray, S: np.ndarray, t: float, interval: int
     ) -> tuple[np.ndarray, np.ndarray]:
+        """States (n_states,) and sensitivities (n_states, d) after what is due at the time t [s]."""
         events = self.functions.events
         interval = self.inputs.interval_before(t) if t > self.inputs.time[0] else interval
         ubar = self.inputs.at(t, interval)

@@ -36,5 +36,5 @@ class IntegrationError(NumericalError):
 
 
 def pointer(array: np.ndarray | None) -> ctypes.c_void_p | None:
-    """The data of an array as C sees them; null for None."""
+    """The data of an array as C sees them; null for None. Any shape."""
     return None if array is None else array.ctypes.data_as(ctypes.c_void_p)

@@ -60,11 +60,10 @@ def linearize(
 
     `at` maps unknowns, inputs, `der(name)` and `time` to the operating point; what it leaves out is at its
     start value, or zero (algebraic unknowns: at values that agree with these), and derivatives and the time
-    are zero. An affine model is the same everywhere, so
-    there `at` has no effect. For a nonlinear model without `at` the start values are used, and a note in the
-    result says so; another note tells the time where the equations contain it. A model with events is in the
-    mode in which it starts; with `at` in that of the operating point, which may name Boolean and Integer
-    variables, too.
+    are zero. An affine model is the same everywhere, so there `at` has no effect. For a nonlinear model
+    without `at` the start values are used, and a note in the result says so; another note tells the time
+    where the equations contain it. A model with events is in the mode in which it starts; with `at` in that
+    of the operating point, which may name Boolean and Integer variables, too. Shapes: theta (n_theta,).
     """
     raise NotImplementedError(type(model).__name__)
 

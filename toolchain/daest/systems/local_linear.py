@@ -314,5 +314,5 @@ def _load(source: str, wanted: str) -> ctypes.CDLL:
 
 
 def pointer(array: np.ndarray | None) -> ctypes.c_void_p | None:
-    """Address of a C-contiguous array of doubles (or 64-bit integers) for the compiled code."""
+    """Address of a C-contiguous array of doubles (or 64-bit integers) for the compiled code. Any shape."""
     return None if array is None else array.ctypes.data_as(ctypes.c_void_p)

@@ -115,7 +115,8 @@ class Around:
 def equations_at(
     residual: ca.SX, z: ca.SX, known: ca.SX, theta: ca.SX, sample: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> Equations:
-    """The system with its Jacobian differentiated and evaluated at the sample point."""
+    """The system with its Jacobian differentiated and evaluated at the sample point. Shapes: the point is z
+    (n,), known (n_known,), theta (n_theta,)."""
     jacobian = sparse_jacobian(residual, z)
     rows, columns = (np.array(part, dtype=int) for part in jacobian.sparsity().get_triplet())
     entries: list[Any] = jacobian.nonzeros()
@@ -146,7 +147,7 @@ def solve_blocks(equations: Equations, check: sp.csr_array, around: Around | Non
     """Definitions of all z. `check` is the Jacobian at the point where regularity is judged; nonlinear loops
     that are linear at the values of `around` are written out, to the first order in its parameters.
 
-    Raises `DependentEquations` with the rows of a block that is singular there."""
+    Raises `DependentEquations` with the rows of a block that is singular there. Shapes: check (n, n)."""
     column_of = maximum_matching(equations.entry)
     if np.any(column_of < 0):
         raise DependentEquations(tuple(np.flatnonzero(column_of < 0).tolist()))

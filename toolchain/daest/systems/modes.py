@@ -31,7 +31,7 @@ def in_starting_mode(flat: FlatModel, recording: Any = None, theta: np.ndarray |
     The reduced form of a model takes its pivots at the values of its parameters, so that the mode comes
     before the reduction; where it turns out otherwise the reduction is done again. A model without events is
     returned as it is. `recording` gives the first time and inputs (default: 0 and their start values). Raises
-    ModelError `model-unsupported` for a model in which nothing is continuous.
+    ModelError `model-unsupported` for a model in which nothing is continuous. Shapes: theta (n_theta,).
     """
     if flat.events is None:
         return flat

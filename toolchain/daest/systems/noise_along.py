@@ -43,7 +43,7 @@ def noise_along(
     `at` and `tolerance` as in `noise_report`. Points are spread evenly over the samples. An affine model is
     judged once; one with events in each of its modes that occurs, at one point of it or more. Raises what
     `simulate` raises, and NumericalError `noise-nowhere-regular` where the linearised model is singular at
-    every point."""
+    every point. A recording given as arrays is time (n_samples,) [s] and inputs (n_samples, n_u)."""
     if flat.events is None and is_affine_model(flat):
         report = noise_report(linearize(flat), at=at, tolerance=tolerance)
         return _gathered([_Judged(0.0, 0, report)], (), same_everywhere=True)

@@ -85,6 +85,7 @@ class LeadingJacobian:
     is_varying: bool
 
     def at(self, point: SamplePoint) -> sp.csr_array:
+        """Its value (n, n) at a point."""
         values = self.entries(point.z.ravel(), point.others).full().ravel()
         return sp.csr_array((values, (self.rows, self.columns)), shape=(self.n, self.n))
 
@@ -291,7 +292,8 @@ def _dependent_rows(block: np.ndarray) -> np.ndarray:
 
 
 def dependent_rows(block: np.ndarray) -> np.ndarray:
-    """The rows that make a square block singular (empty where it is regular), units scaled out."""
+    """The rows that make a square block singular (empty where it is regular), units scaled out. Shapes: block
+    (n, n); rows (k,)."""
     return _dependent_rows(_equilibrate(block))
 
 

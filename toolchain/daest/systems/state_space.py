@@ -290,7 +290,8 @@ def family_of(
     is_affine: bool,
     derivatives: Callable[[np.ndarray, tuple[int, ...]], list[np.ndarray]] | None = None,
 ) -> StateSpaceFamily:
-    """The family of an explicit model with its names; the functions as `StateSpaceFamily` has them."""
+    """The family of an explicit model with its names; the functions as `StateSpaceFamily` has them. Shapes:
+    theta (n_theta,); a derivative of a matrix (n, m) is (n_columns, n, m)."""
     flat = explicit.flat
     return StateSpaceFamily(
         state_names=explicit.state_names,

@@ -102,7 +102,8 @@ def _reached_by(rows: np.ndarray, directions: np.ndarray) -> np.ndarray:
 
 
 def noise_rule(ss: StateSpace, intensity: np.ndarray, outputs: Sequence[int]) -> Noise:
-    """ "held" when white noise with an intensity above zero reaches one of the outputs (rows) directly."""
+    """ "held" when white noise with an intensity above zero reaches one of the outputs (rows) directly.
+    Shapes: intensity (n_w, n_w)."""
     direct = ss.H[list(outputs)]
     return "held" if np.any(np.diagonal(direct @ intensity @ direct.T) > 0.0) else "white"
 

@@ -99,8 +99,9 @@ def document(comparison: Comparison) -> CompareDocument:
 
 
 def series(comparison: Comparison) -> dict[str, np.ndarray]:
-    """Arrays by `R.time` and `R.measured` of recording R, and `R.M.simulated`, `R.M.predicted` and, where
-    the model was tested, `R.M.residuals` of model M on it; columns are the outputs."""
+    """Arrays by `R.time` and `R.measured` of recording R, and `R.M.simulated`, `R.M.predicted` and, where the
+    model was tested, `R.M.residuals` of model M on it; columns are the outputs. Shapes: time (n_samples,)
+    [s]; the others (n_samples, n_y)."""
     arrays: dict[str, np.ndarray] = {}
     for r, experiment in enumerate(comparison.experiments):
         arrays[f"{r}.time"], arrays[f"{r}.measured"] = experiment.time, experiment.outputs

@@ -179,7 +179,8 @@ def recording_plot(number: int, name: str, time: np.ndarray, columns: Sequence[D
 
 def telling_window(time: np.ndarray, errors: Sequence[np.ndarray]) -> slice | None:
     """The part of a recording where the errors of the models are largest together; None where the recording
-    is so short that all of it can be read. Models count alike: each error is relative to its own size."""
+    is so short that all of it can be read. Models count alike: each error is relative to its own size.
+    Shapes: time (n_samples,) [s], errors (n_samples, n_y) each."""
     n = max(LEAST_DETAIL, int(DETAIL * time.size))
     if time.size < 2 * n:
         return None
