@@ -19,6 +19,7 @@ from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.proof import (
     Trial,
     _certainty,
+    _ends_in_a_simpler_law,
     _inside,
     _too_short,
     _undetermined,
@@ -277,6 +278,19 @@ def test_weak_candidate_is_not_accepted_beside_a_far_more_likely_one():
     lost = (Ahead(1, 0.01, 7.0, -60.0),)
     torn = replace(strong, fit=good, final=good, adds_up=False, is_open=False, ahead=lost)
     assert ranked([replace(proof, adds_up=False), torn])[0].verdict == "rejected"
+
+
+def test_richer_law_that_rests_at_a_bound_is_the_simple_one():
+    _, simple = proved()
+    rich = next(e for e in some_effects("LuGreFriction"))
+    size = next(p for p in simple.fit.parameters if p.name.startswith(simple.candidate.name))
+    shape = replace(size, name=f"{simple.candidate.name}.b", at_bound="min")
+    fit = replace(simple.fit, parameters=(*simple.fit.parameters, shape))
+    refused = replace(simple, candidate=replace(simple.candidate, effect=rich), fit=fit)
+    assert _ends_in_a_simpler_law(refused, simple)
+    inside = replace(fit, parameters=(*simple.fit.parameters, replace(shape, at_bound=None)))
+    assert not _ends_in_a_simpler_law(replace(refused, fit=inside), simple)
+    assert not _ends_in_a_simpler_law(simple, refused)
 
 
 def test_size_that_was_not_estimated_is_no_claim():

@@ -965,9 +965,19 @@ def _far_more_likely(order: Sequence[Proof], best: Proof) -> Proof | None:
 
 
 def _is_in_the_way(refused: Proof, best: Proof) -> bool:
-    if not refused.is_open:
+    if not refused.is_open or _ends_in_a_simpler_law(refused, best):
         return False
     return _is_likelier_part(refused, best) or not _unseen_ratio(refused, best) < GATES.max_rival_error
+
+
+def _ends_in_a_simpler_law(refused: Proof, best: Proof) -> bool:
+    """Whether a law with more parameters at the place of the best one has come to a bound of one of them: it
+    is the same law there, rounded otherwise, and no other that acts."""
+    own = f"{refused.candidate.name}."
+    rests = any(p.at_bound for p in refused.fit.parameters if p.name.startswith(own))
+    more = len(refused.candidate.estimated) > len(best.candidate.estimated)
+    unit = refused.candidate.effect.sizes[0].unit == best.candidate.effect.sizes[0].unit
+    return rests and more and unit and refused.candidate.site == best.candidate.site
 
 
 def _is_likelier_part(refused: Proof, best: Proof) -> bool:
