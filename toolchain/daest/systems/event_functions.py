@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -30,12 +30,22 @@ class EventPoint:
     starts: np.ndarray
 
 
+class Instant(NamedTuple):
+    """Where a model is: states x (n_states,), inputs and their derivatives ū (n_ū,), θ (n_theta,), time t
+    [s], and the `tears` (n_tears,) from which its loops are solved, NaN or none where they are not known."""
+
+    x: np.ndarray
+    ubar: np.ndarray
+    theta: np.ndarray
+    t: float
+    tears: np.ndarray
+
+
 @dataclass(frozen=True)
 class EventFunctions:
-    """Functions of the events of `explicit`, in its arguments (x, ū, θ, t); ū are inputs and their
-    derivatives. Where the model has Newton iterations a last argument of every function of CasADi, and
-    `tears` of the methods, is the guess from which they start (`ExplicitModel.near`), NaN where none is
-    known: a loop with several solutions keeps the one that it is at."""
+    """Functions of the events of `explicit`, in its arguments (x, ū, θ, t). Where the model has Newton
+    iterations a last argument of every function of CasADi is the guess from which they start
+    (`ExplicitModel.near`): a loop with several solutions keeps the one that it is at."""
 
     explicit: ExplicitModel
 
@@ -44,76 +54,41 @@ class EventFunctions:
         assert self.explicit.flat.events is not None
         return self.explicit.flat.events
 
-    def at(
-        self,
-        x: np.ndarray,
-        ubar: np.ndarray,
-        theta: np.ndarray,
-        t: float,
-        active: np.ndarray,
-        ticks: np.ndarray,
-        tears: np.ndarray | None = None,
-    ) -> EventPoint:
-        """Everything at one instant."""
-        made = self._at(x, ubar, theta, t, active, ticks, *self._guess(tears))
+    def at(self, instant: Instant, active: np.ndarray, ticks: np.ndarray) -> EventPoint:
+        """Everything at one instant. Shapes: active (n_conditions,), ticks (n_ticks,)."""
+        made = self._at(*instant[:4], active, ticks, *self._guess(instant))
         return EventPoint(*[m if name in _TABLES else m.ravel() for name, m in zip(PARTS, made, strict=True)])
 
-    def variables(
-        self,
-        x: np.ndarray,
-        ubar: np.ndarray,
-        theta: np.ndarray,
-        t: float,
-        tears: np.ndarray | None = None,
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def variables(self, instant: Instant) -> tuple[np.ndarray, np.ndarray]:
         """ξ (n,) and ∂ξ/∂x (n, n_states)."""
-        value, slopes = self._variables(x, ubar, theta, t, *self._guess(tears))
+        value, slopes = self._called(self._variables, instant)
         return value.ravel(), slopes
 
-    def rates(
-        self,
-        x: np.ndarray,
-        ubar: np.ndarray,
-        theta: np.ndarray,
-        t: float,
-        tears: np.ndarray | None = None,
-    ) -> np.ndarray:
+    def rates(self, instant: Instant) -> np.ndarray:
         """ẋ (n_states,)."""
-        return self._rates(x, ubar, theta, t, *self._guess(tears))[0].ravel()
+        return self._called(self._rates, instant)[0].ravel()
 
-    def outputs(
-        self,
-        x: np.ndarray,
-        ubar: np.ndarray,
-        theta: np.ndarray,
-        t: float,
-        tears: np.ndarray | None = None,
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def outputs(self, instant: Instant) -> tuple[np.ndarray, np.ndarray]:
         """y (n_y,) and the tears of the loops there."""
-        value, found = self._outputs(x, ubar, theta, t, *self._guess(tears))
+        value, found = self._called(self._outputs, instant)
         return value.ravel(), found.ravel()
 
-    def _guess(self, tears: np.ndarray | None) -> tuple[np.ndarray, ...]:
+    def _called(self, function: Evaluator, instant: Instant) -> list[np.ndarray]:
+        return function(*instant[:4], *self._guess(instant))
+
+    def _guess(self, instant: Instant) -> tuple[np.ndarray, ...]:
         """The last argument of the functions, where they have it."""
         n = self.explicit.n_tears
         if not n:
             return ()
-        return (np.full(n, np.nan) if tears is None or not tears.size else tears,)
+        return (instant.tears if instant.tears.size else np.full(n, np.nan),)
 
     def derivatives(
-        self,
-        name: str,
-        x: np.ndarray,
-        ubar: np.ndarray,
-        theta: np.ndarray,
-        t: float,
-        active: np.ndarray,
-        ticks: np.ndarray,
-        tears: np.ndarray | None = None,
+        self, name: str, instant: Instant, active: np.ndarray, ticks: np.ndarray
     ) -> list[np.ndarray]:
         """Slopes along x, ū, θ and t of what `Events` calls `name`: restarted, assigned, sources, values,
-        wholes or samples."""
-        return self._slopes[name](x, ubar, theta, t, active, ticks, *self._guess(tears))
+        wholes or samples. Shapes: active (n_conditions,), ticks (n_ticks,)."""
+        return self._slopes[name](*instant[:4], active, ticks, *self._guess(instant))
 
     # Which switches need to be watched ----------------------------------------------------------------------
 
@@ -134,11 +109,9 @@ class EventFunctions:
             dtype=bool,
         )
 
-    def clock(
-        self, x: np.ndarray, ubar: np.ndarray, theta: np.ndarray, tears: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def clock(self, instant: Instant) -> tuple[np.ndarray, np.ndarray]:
         """Values at time zero and slopes along time of relations, then of whole parts."""
-        value, slope = self._clock(x, ubar, theta, *self._guess(tears))
+        value, slope = self._clock(*instant[:3], *self._guess(instant))
         return value.ravel(), slope.ravel()
 
     def roots(self) -> tuple[ca.Function, np.ndarray]:
@@ -146,27 +119,13 @@ class EventFunctions:
         each belongs to: relations first, then of every whole part the next number and the last one."""
         return self._roots
 
-    def root_values(
-        self,
-        x: np.ndarray,
-        ubar: np.ndarray,
-        theta: np.ndarray,
-        t: float,
-        tears: np.ndarray | None = None,
-    ) -> np.ndarray:
+    def root_values(self, instant: Instant) -> np.ndarray:
         """The values of `roots` (n_roots,)."""
-        return self._root_values(x, ubar, theta, t, *self._guess(tears))[0].ravel()
+        return self._called(self._root_values, instant)[0].ravel()
 
-    def root_slopes(
-        self,
-        x: np.ndarray,
-        ubar: np.ndarray,
-        theta: np.ndarray,
-        t: float,
-        tears: np.ndarray | None = None,
-    ) -> list[np.ndarray]:
+    def root_slopes(self, instant: Instant) -> list[np.ndarray]:
         """The values of `roots` (n_roots, 1) and their slopes along x, ū and t."""
-        return self._root_slopes(x, ubar, theta, t, *self._guess(tears))
+        return self._called(self._root_slopes, instant)
 
     @cached_property
     def _root_slopes(self) -> Evaluator:

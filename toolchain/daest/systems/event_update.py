@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from daest.errors import ModelError, NumericalError
-from daest.systems.event_functions import EventFunctions, EventPoint
+from daest.systems.event_functions import EventFunctions, EventPoint, Instant
 from daest.systems.initialize import initial_point
 
 MOST_ROUNDS = 400  # updates of all variables at one event
@@ -40,18 +40,22 @@ class Mode:
         """A mode that changes on its own."""
         return Mode(self.theta.copy(), self.conditions.copy(), self.ticks_done.copy(), self.tears.copy())
 
+    def instant(self, x: np.ndarray, ubar: np.ndarray, t: float) -> Instant:
+        """An instant in this mode. Shapes: x (n_states,), ubar (n_ū,); t [s]."""
+        return Instant(x, ubar, self.theta, t, self.tears)
+
     def become(self, other: Mode) -> None:
         """Take over another mode."""
         self.theta, self.conditions, self.ticks_done = other.theta, other.conditions, other.ticks_done
         self.tears = other.tears
 
     def stored(self) -> np.ndarray:
-        """All of it as numbers. Shapes: (n_theta + n_conditions + n_ticks,)."""
+        """All of it as numbers. Shapes: (n_theta + n_conditions + n_tears + n_ticks,)."""
         return np.concatenate([self.theta, self.conditions, self.tears, self.ticks_done])
 
     @classmethod
     def of_stored(cls, numbers: np.ndarray, n_theta: int, n_conditions: int, n_tears: int) -> Mode:
-        """The mode of `stored`. Shapes: numbers (n_theta + n_conditions + n_ticks,)."""
+        """The mode of `stored`. Shapes: numbers (n_theta + n_conditions + n_tears + n_ticks,)."""
         sizes = np.cumsum([n_theta, n_conditions, n_tears])
         theta, conditions, tears, ticks = np.split(numbers, sizes)
         return cls(theta, conditions > 0.5, ticks, tears)
@@ -163,7 +167,8 @@ class EventUpdate:
     def point(self, theta: np.ndarray) -> EventPoint:
         """Everything at the instant, as it is now."""
         assert self.ticks is not None
-        return self.functions.at(self.x, self.ubar, theta, self.t, self.active, self.ticks, self.mode.tears)
+        instant = Instant(self.x, self.ubar, theta, self.t, self.mode.tears)
+        return self.functions.at(instant, self.active, self.ticks)
 
     def settled(self) -> np.ndarray:
         """The states after the event. Raises HybridError where it goes on for ever."""
@@ -265,8 +270,7 @@ class EventUpdate:
 
     def _variables(self) -> tuple[np.ndarray, np.ndarray]:
         """ξ and ∂ξ/∂x as they are now."""
-        mode = self.mode
-        return self.functions.variables(self.x, self.ubar, mode.theta, self.t, mode.tears)
+        return self.functions.variables(self.mode.instant(self.x, self.ubar, self.t))
 
     def state_behind(self, unknown: int) -> tuple[int, float]:
         """The state that decides an unknown, and its share in it."""
@@ -306,16 +310,8 @@ class EventUpdate:
     def _along(self, name: str, slopes: Slopes) -> np.ndarray:
         """Total derivatives (rows, d) of what `Events` calls `name`, at the instant of the event."""
         assert self.ticks is not None
-        by_x, by_u, by_theta, by_t = self.functions.derivatives(
-            name,
-            self.x,
-            self.ubar,
-            self.mode.theta,
-            self.t,
-            self.active,
-            self.ticks,
-            self.mode.tears,
-        )
+        instant = self.mode.instant(self.x, self.ubar, self.t)
+        by_x, by_u, by_theta, by_t = self.functions.derivatives(name, instant, self.active, self.ticks)
         rates = by_t[:, 0] + by_u @ slopes.input_rate
         return by_x @ slopes.states + by_theta @ slopes.theta + np.outer(rates, slopes.time)
 

@@ -72,7 +72,7 @@ class Schedule:
         found: list[tuple[float, int, float]] = []
         n = len(events.relations)
         if np.any(functions.timed):
-            zero, slope = functions.clock(x, ubar, mode.theta, mode.tears)
+            zero, slope = functions.clock(mode.instant(x, ubar, t))
             for i in np.flatnonzero(functions.timed):
                 if i < n:
                     truth = mode.theta[events.relations[i].slot]
@@ -99,7 +99,7 @@ class Schedule:
         if not events.ticks.numel():
             return np.zeros((0, 2))
         none = np.zeros(events.active.numel()), np.zeros(events.ticks.numel())
-        return self.functions.at(x, ubar, mode.theta, t, *none, mode.tears).samples
+        return self.functions.at(mode.instant(x, ubar, t), *none).samples
 
 
 # Integration ------------------------------------------------------------------------------------------------
@@ -324,12 +324,12 @@ class Runner:
         return i, piece.t, piece.x, piece.S, piece.left
 
     def _write(self, i: int, piece: _Piece, row: int) -> None:
-        self.states[i], self.outputs[i], self.theta[i] = (
+        self.states[i], self.outputs[i], self.tears[i] = (
             piece.states[row],
             piece.outputs[row],
-            self.mode.theta,
+            piece.tears[row],
         )
-        self.tears[i] = piece.tears[row]
+        self.theta[i] = self.mode.theta
         if self.directions:
             self.sens[i] = piece.sens[row]
 
@@ -388,7 +388,7 @@ class Runner:
             return np.asarray(u0[i] + share * (u1[i] - u0[i]))
 
         def left_at(i: int, t: float) -> np.ndarray:
-            return side * functions.root_values(empty, inputs_at(i, t), mode.theta, t, mode.tears) < 0
+            return side * functions.root_values(mode.instant(empty, inputs_at(i, t), t)) < 0
 
         def piece(t: float, done: int, left: np.ndarray | None) -> _Piece:
             shape = (knots.size, outputs.shape[1], self.directions)
@@ -419,7 +419,7 @@ class Runner:
     def _seen(self, ubar: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Outputs and tears of a model without states."""
         try:
-            return self.functions.outputs(np.zeros(0), ubar, self.mode.theta, t, self.mode.tears)
+            return self.functions.outputs(self.mode.instant(np.zeros(0), ubar, t))
         except RuntimeError as error:
             raise IntegrationError(UNSOLVED, t) from error
 
@@ -448,7 +448,7 @@ class Runner:
             interval = self.inputs.interval(t) if by_input else self.inputs.interval_before(t)
         ubar = self.inputs.at(t, interval)
         none = np.zeros(events.active.numel()), np.zeros(events.ticks.numel())
-        point = self.functions.at(x, ubar, self.mode.theta, t, *none, self.mode.tears)
+        point = self.functions.at(self.mode.instant(x, ubar, t), *none)
         forced: dict[int, tuple[float, float]] = {}
         up: dict[int, bool] = {}
         for k in np.flatnonzero(left):
@@ -481,8 +481,7 @@ class Runner:
         """Which root functions have left their sides, under the inputs of `interval` (None: the one that ends
         at t)."""
         interval = self.inputs.interval_before(t) if interval is None else interval
-        ubar, mode = self.inputs.at(t, interval), self.mode
-        g = self.functions.root_values(x, ubar, mode.theta, t, mode.tears)
+        g = self.functions.root_values(self.mode.instant(x, self.inputs.at(t, interval), t))
         return np.asarray(self.sides() * g < -ROOT_NOISE)
 
     def timed_event(
@@ -494,8 +493,8 @@ class Runner:
         ubar = self.inputs.at(t, interval)
         ticks = np.zeros(events.ticks.numel())
         forced: dict[int, tuple[float, float]] = {}
-        none, mode = np.zeros(events.active.numel()), self.mode
-        point = self.functions.at(x, ubar, mode.theta, t, none, ticks, mode.tears)
+        none = np.zeros(events.active.numel())
+        point = self.functions.at(self.mode.instant(x, ubar, t), none, ticks)
         for _, number, value in self.schedule.due:
             if number < 0:
                 ticks[-1 - number] = 1.0
@@ -552,7 +551,7 @@ class Runner:
             return slopes
 
         def along(name: str) -> list[np.ndarray]:
-            return functions.derivatives(name, x, ubar, self.mode.theta, t, *none, self.mode.tears)
+            return functions.derivatives(name, self.mode.instant(x, ubar, t), *none)
 
         if owner >= 0:
             name, row = ("values", owner) if owner < n else ("wholes", owner - n)
@@ -572,7 +571,7 @@ class Runner:
 
     def rate(self, x: np.ndarray, ubar: np.ndarray, t: float) -> np.ndarray:
         """ẋ (n_states,) in the mode of the instant."""
-        return self.functions.rates(x, ubar, self.mode.theta, t, self.mode.tears)
+        return self.functions.rates(self.mode.instant(x, ubar, t))
 
     def _after(
         self,

@@ -151,8 +151,8 @@ class Passages:
             return None
         t = float(self.inputs.time[k])
         interval = self.inputs.interval(t)
-        mode, ubar = self.runner.mode, self.inputs.at(t, interval)
-        g, along, by_u, by_t = self.functions.root_slopes(x, ubar, mode.theta, t, mode.tears)
+        ubar = self.inputs.at(t, interval)
+        g, along, by_u, by_t = self.functions.root_slopes(self.runner.mode.instant(x, ubar, t))
         g = g.ravel()
         left = side * g < 0
         if not np.any(left):
