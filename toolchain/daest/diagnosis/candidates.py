@@ -20,9 +20,7 @@ from daest.modelica.sites import fits
 from daest.systems.reduce import reduce_index
 
 MOST_SHAPES = 32  # of one effect at one place: thinned out, periodic effects lose whole phases
-TIME = (
-    "time"  # what a grid may be relative to beside the variables of an effect: the duration of the recording
-)
+TIME = "time"  # a grid may be relative to it: the duration of the recording
 MOST_PERIODS = 60  # in a turn, that the data are searched for
 MOST_POINTS = 400  # of a trajectory that a range is taken from
 LEARNED = "Learned"  # curves describe what no effect explains; they are no hypothesis themselves

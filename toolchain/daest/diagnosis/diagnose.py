@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import casadi as ca
@@ -291,8 +291,8 @@ def limited(
         baseline, reference = _told_fits(null, stand.validation)
         return replace(stand, null=null, baseline=baseline, reference=reference)
 
-    null = stand.null
-    parts = (null.hold, null.recorded_hold, null.other_hold, *(law.name for law in found.laws))
+    before = stand.null
+    parts = (before.hold, before.recorded_hold, before.other_hold, *(law.name for law in found.laws))
     grown = replace(options.step("limited", parts, found.flat, fitted), began=stand.began)
     gain = grown.baseline.log_likelihood - stand.baseline.log_likelihood
     n_observed = sum(int(np.isfinite(e.outputs).sum()) for e in stand.null.experiments)
@@ -862,17 +862,6 @@ def _proof_of(search: _Search, found: Searched) -> Proof:
     )
 
 
-def _dynamic_parts(null: Null, candidates: Sequence[Candidate]) -> list[Callable[[], DynamicFits]]:
-    """The fits of the effects with states as a few tasks; none where there are none."""
-    wanted = [c for c in candidates if c.is_dynamic and not c.inputs]
-    with _quiet():
-        simulation = best_simulation(null) if wanted else None
-    if simulation is None:
-        return []
-    size = -(-len(wanted) // DYNAMIC_PARTS)
-    return [partial(_dynamic, null, wanted[i : i + size], simulation) for i in range(0, len(wanted), size)]
-
-
 def _dynamic(null: Null, wanted: Sequence[Candidate], simulation: Simulation) -> DynamicFits:
     with _quiet():
         return dynamic_fits(null, wanted, simulation)
@@ -982,16 +971,36 @@ class _Stages:
         self.lost.clear()
         return result
 
+    @cached_property
+    def simulation(self) -> Simulation | None:
+        """The fit of the model as it is by its simulation, from which those of effects with states start."""
+        with _quiet():
+            return best_simulation(self.search.stand.null)
+
+    def dynamic(self, candidates: Sequence[Candidate]) -> list[Callable[[], DynamicFits]]:
+        """The fits of the effects that change the order of the model as a few tasks; none where there are
+        none."""
+        wanted = [c for c in candidates if c.is_dynamic and not c.inputs]
+        if not wanted or self.simulation is None:
+            return []
+        size = -(-len(wanted) // DYNAMIC_PARTS)
+        parts = [wanted[i : i + size] for i in range(0, len(wanted), size)]
+        return [partial(_dynamic, self.search.stand.null, part, self.simulation) for part in parts]
+
     def storage(
         self, found: Screen, candidates: Sequence[Candidate], proofs: Sequence[Proof]
     ) -> tuple[Prepared, ...]:
         """Effects with states of their own that a simulation shows and no refit has come to."""
-        null = self.search.stand.null
         tried = {p.candidate.label for p in proofs if p.delta_bic > GATES.min_bic_gain}
-        wanted = [c for c in candidates if c.effect.n_states and c.label not in tried]
+        wanted = [
+            c
+            for c in candidates
+            if c.effect.n_states and not c.is_dynamic and not c.inputs and c.label not in tried
+        ]
+        if not wanted or self.simulation is None:
+            return ()
         with _quiet():
-            simulation = best_simulation(null) if wanted else None
-            return () if simulation is None else best_dynamic([storage_fits(null, found, wanted, simulation)])
+            return best_dynamic([storage_fits(self.search.stand.null, found, wanted, self.simulation)])
 
     def shown_in_use(self, proofs: Sequence[Proof]) -> list[Proof]:
         """All laws; those that are likelier than what is accepted, and refused since a load is left beside
@@ -1052,7 +1061,7 @@ def _proofs(
     with workers(options.jobs, options.cluster) as pool:
         stages = _Stages(_Search(stand, run, load, loads.form, found.n_screened), pool, options, progress)
         chosen = stages.prepared(wanted[: options.most_trials])
-        beside = _dynamic_parts(null, candidates)
+        beside = stages.dynamic(candidates)
         # Where no fits run beside the first refit, the second one does.
         n_first = min(max(n_used, 1 if beside else FIRST_TRIALS), len(chosen))
         proofs, fits = stages.proved([*stages.prepared(given), *chosen[:n_first]], (), beside)

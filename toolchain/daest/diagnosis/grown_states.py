@@ -22,7 +22,7 @@ from scipy.linalg import expm
 from daest.errors import EstimationError
 from daest.model.flat import ExplicitModel
 
-STEP_DECIMALS = 12  # of a step [s], to which steps are the same
+STEP_DECIMALS = 9  # of a step in the usual one, to which steps are the same
 Inputs = tuple[np.ndarray, np.ndarray]  # u (n_u, n_samples) and v (n_v, n_samples)
 
 
@@ -65,11 +65,13 @@ def with_integrals(
     w = np.zeros((explicit.rhs.numel_in(3), n_samples))
     law = _own_rates(explicit, rows).map(n_samples)
     a, b = (np.array(part) for part in law(result.T, *inputs, w, theta, time[None, :]))
-    alone, together = _apart(explicit, rows)
+    arguments, slopes = _slopes_among(explicit, rows)
+    alone, together = _apart(slopes)
     result[:, [rows[i] for i in alone]] = _integrals(time, a[alone], b[alone])
     if together:
-        moved = [rows[i] for i in together]
-        result[:, moved] = _linear_motion(time, a[together], _constant_slopes(explicit, moved))
+        among = ca.Function("among", arguments, [slopes[together, together]])
+        B = np.array(among(*(np.zeros(argument.numel()) for argument in arguments)))
+        result[:, [rows[i] for i in together]] = _linear_motion(time, a[together], B)
     return result
 
 
@@ -92,8 +94,9 @@ def _linear_motion(time: np.ndarray, a: np.ndarray, B: np.ndarray) -> np.ndarray
     """x (n_samples, n) of x' = a + B x from zero, with a (n, n_samples) and B (n, n); exact where a is
     constant over an interval."""
     n = B.shape[0]
-    steps, which = np.unique(np.round(np.diff(time), STEP_DECIMALS), return_inverse=True)
-    over = [expm(step * np.block([[B, np.eye(n)], [np.zeros((n, 2 * n))]])) for step in steps]
+    usual = float(np.median(np.diff(time)))
+    steps, which = np.unique(np.round(np.diff(time) / usual, STEP_DECIMALS), return_inverse=True)
+    over = [expm(step * usual * np.block([[B, np.eye(n)], [np.zeros((n, 2 * n))]])) for step in steps]
     means = 0.5 * (a[:, 1:] + a[:, :-1])
     x = np.zeros((time.size, n))
     for k, one in enumerate(which):
@@ -108,42 +111,35 @@ def brought_rows(explicit: ExplicitModel, known: Collection[str]) -> list[int]:
     new = [i for i, name in enumerate(explicit.state_names) if name not in known]
     if not new:
         return []
-    arguments, rates = _rates_at_parameters(explicit)
-    own = arguments[0][new]
-    slopes = ca.jacobian(rates[new], own)
-    if any(ca.which_depends(slopes, own, 1, True)):
+    arguments, slopes = _slopes_among(explicit, new)
+    if any(ca.which_depends(slopes, arguments[0][new], 1, True)):
         return []
-    _, together = _apart(explicit, new)
+    _, together = _apart(slopes)
     among = ca.vec(slopes[together, together])
     is_constant = not together or not any(ca.which_depends(among, ca.vertcat(*arguments), 1, True))
     return new if is_constant else []
 
 
-def _apart(explicit: ExplicitModel, rows: list[int]) -> tuple[list[int], list[int]]:
-    """Places in `rows` of the states that no other one of them moves or is moved by, and of the rest."""
-    arguments, rates = _rates_at_parameters(explicit)
-    moved_by = ca.DM(ca.jacobian(rates[rows], arguments[0][rows]).sparsity(), 1.0).full()
+def _apart(slopes: Any) -> tuple[list[int], list[int]]:
+    """Places in the states of `_slopes_among` of those that no other one moves or is moved by, and of the
+    rest."""
+    moved_by = ca.DM(slopes.sparsity(), 1.0).full()
     among = moved_by - np.diag(np.diag(moved_by))
     is_alone = ~(np.any(among, axis=0) | np.any(among, axis=1))
     return np.flatnonzero(is_alone).tolist(), np.flatnonzero(~is_alone).tolist()
 
 
-def _constant_slopes(explicit: ExplicitModel, rows: list[int]) -> np.ndarray:
-    """Slopes (n, n) of the rates of the states `rows` over them, which depend on nothing."""
-    arguments, rates = _rates_at_parameters(explicit)
-    at = ca.Function("slopes", arguments, [ca.jacobian(rates[rows], arguments[0][rows])])
-    return np.array(at(*(np.zeros(argument.numel()) for argument in arguments)))
-
-
-def _rates_at_parameters(explicit: ExplicitModel) -> tuple[list[Any], Any]:
-    """(x, u, v, w, t) as symbols and the rates of the states at the parameters of the model; without what is
-    multiplied by a parameter of zero, where the equations are no loops that are solved by iterations."""
+def _slopes_among(explicit: ExplicitModel, rows: list[int]) -> tuple[list[Any], Any]:
+    """(x, u, v, w, t) as symbols and the slopes of the rates of the states `rows` over them, at the
+    parameters of the model; without what is multiplied by a parameter of zero, where the equations are no
+    loops that are solved by iterations."""
     rhs, names = explicit.rhs, [explicit.rhs.name_in(i) for i in range(explicit.rhs.n_in())]
     symbols: Any = ca.MX
     with suppress(RuntimeError):
         rhs, symbols = rhs.expand(), ca.SX
     x, u, v, w, t = (symbols.sym(names[i], rhs.numel_in(i)) for i in (0, 1, 2, 3, 5))
-    return [x, u, v, w, t], rhs(x, u, v, w, symbols(explicit.flat.theta_values), t)
+    rates = rhs(x, u, v, w, symbols(explicit.flat.theta_values), t)
+    return [x, u, v, w, t], ca.jacobian(rates, x)[rows, rows]
 
 
 def _own_rates(explicit: ExplicitModel, rows: list[int]) -> ca.Function:

@@ -278,20 +278,16 @@ def _exchanged(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
     best = max(likely, key=lambda proof: proof.delta_bic, default=None)
     if best is None or task.options.is_over:
         return None
-    step = Step(best, best.told, diagnosis, "")
-    steps = (*path.steps, step)
-    try:
-        with until(task.options.until):
-            for number in _ambiguous(steps):
-                former = _label(path.steps[number])
-                task.progress(f"refitting with {best.candidate.label} in place of {former}")
-                other = _without(task, replace(path, steps=steps), number)
-                if other is not None and _is_instead(other, path):
-                    said = f"supported in place of {former}, which had stood for it"
-                    last = replace(other.steps[-1], remark=said)
-                    return replace(other, steps=(*other.steps[:-1], last))
-    except OutOfTimeError:
-        pass
+    steps = (*path.steps, Step(best, best.told, diagnosis, ""))
+    with suppress(OutOfTimeError), until(task.options.until):
+        for number in _ambiguous(steps):
+            former = _label(path.steps[number])
+            task.progress(f"refitting with {best.candidate.label} in place of {former}")
+            other = _without(task, replace(path, steps=steps), number)
+            if other is not None and _is_instead(other, path):
+                said = f"supported in place of {former}, which had stood for it"
+                last = replace(other.steps[-1], remark=said)
+                return replace(other, steps=(*other.steps[:-1], last))
     return None
 
 

@@ -117,8 +117,10 @@ def fit_null(
     drives: dict[Hold, tuple[Sequence[Experiment], Hold]] = {one: (experiments, one) for one in HOLDS}
     if held is not None:
         drives = {"foh": (experiments, "foh"), "zoh": (held, "foh")}
-    asked = (hold,) if hold else HOLDS if held is not None else _possible_holds(loaded)
-    fits = {one: _loaded_fit(loaded, *drives[one], slowest) for one in asked}
+    explicit = reduce_index(loaded)
+    asked = (hold,) if hold else HOLDS if held is not None else _possible_holds(explicit)
+    is_affine = has_affine_dynamics(explicit)
+    fits = {one: _loaded_fit(loaded, *drives[one], slowest, is_affine) for one in asked}
     best, *others = sorted(fits, key=lambda one: -fits[one].log_likelihood)
     null = _at_estimate(loaded, fits[best], places, tuple(drives[best][0]))
     null = replace(null, recorded_hold=best, slowest=slowest)
@@ -193,9 +195,9 @@ def open_hold(null: Null, gain: float = 0.0) -> Hold | None:
     return null.other_hold if null.hold_lead < max(GATES.clear_hold_gain, gain) else None
 
 
-def _possible_holds(flat: FlatModel) -> tuple[Hold, ...]:
+def _possible_holds(explicit: ExplicitModel) -> tuple[Hold, ...]:
     """A held input has no slope."""
-    return ("foh",) if reduce_index(flat).input_derivatives else HOLDS
+    return ("foh",) if explicit.input_derivatives else HOLDS
 
 
 def period_of(experiments: Sequence[Experiment]) -> float:
@@ -231,17 +233,21 @@ def _no_place(nodes: Sequence[Site]) -> EstimationError:
 
 
 def _loaded_fit(
-    loaded: FlatModel, experiments: Sequence[Experiment], hold: Hold, slowest: float | None
+    loaded: FlatModel,
+    experiments: Sequence[Experiment],
+    hold: Hold,
+    slowest: float | None,
+    is_affine: bool,
 ) -> FitResult:
     """The fit; where the start values are a point at which parameters do the same, as those of two equal
     tanks in a row do, from start values beside it."""
     try:
-        return _fit_from(loaded, experiments, hold, slowest)
+        return _fit_from(loaded, experiments, hold, slowest, is_affine)
     except EstimationError as error:
         if error.code != "identify-unidentifiable" or str(error.where).startswith("load_"):
             raise
         try:
-            return _fit_from(_moved_apart(loaded), experiments, hold, slowest)
+            return _fit_from(_moved_apart(loaded), experiments, hold, slowest, is_affine)
         except EstimationError:
             raise error from None
 
@@ -267,7 +273,11 @@ def _inside(parameter: Parameter, value: float) -> float:
 
 
 def _fit_from(
-    loaded: FlatModel, experiments: Sequence[Experiment], hold: Hold, slowest: float | None
+    loaded: FlatModel,
+    experiments: Sequence[Experiment],
+    hold: Hold,
+    slowest: float | None,
+    is_affine: bool,
 ) -> FitResult:
     times = [p.name for p in loaded.parameters if p.name.startswith("load_")]
     bounds = dict.fromkeys(times, _time_constants(experiments, slowest))
@@ -277,9 +287,7 @@ def _fit_from(
     try:
         options = replace(given, estimate=(*physical, *bounds), bounds=bounds)
         fit = identify(loaded, experiments, options)
-        if has_affine_dynamics(reduce_index(loaded)):
-            return fit
-        return _from_faster_loads(fit, loaded, experiments, options, tuple(times))
+        return fit if is_affine else _from_faster_loads(fit, loaded, experiments, options, tuple(times))
     except EstimationError as error:
         if not str(error.where).startswith("load_"):
             raise

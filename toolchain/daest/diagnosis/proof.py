@@ -342,7 +342,7 @@ def proof_of(
     ahead: tuple[Ahead, ...] = ()
     told = Confirmed()
     is_open = is_curve = is_told = is_shown = False
-    is_known = True
+    unseen_form = ""
     ahead_of_it = leader if fit.log_likelihood < hopeless else _better_simpler(prepared, fit)
     if not reason and ahead_of_it is not None:
         final, ahead, reason = _in_brief(fed, refit, prepared, explicit, validation, ahead_of_it, reference)
@@ -365,9 +365,9 @@ def proof_of(
         if not against and not undetermined:
             formless = _formless(with_effect, prepared.trial.candidate, final or fit)
             is_open = not formless
-            undetermined = formless or _out_of_reach(with_effect, prepared.trial.candidate, final or fit)
-        is_known = not undetermined
-        reason = against or undetermined or _weak(prepared, final if is_shown and final else fit)
+            unseen_form = formless or _out_of_reach(with_effect, prepared.trial.candidate, final or fit)
+        reason = against or undetermined or unseen_form
+        reason = reason or _weak(prepared, final if is_shown and final else fit)
         if not reason and not is_curve and not is_told and not is_shown:
             reason = _unexplained(explained, ratios)
     elif final is None:
@@ -396,7 +396,7 @@ def proof_of(
         final=final,
         ahead=ahead,
         is_open=bool(reason) and is_open,
-        is_known=is_known and not _undetermined(prepared.trial.candidate, final or fit),
+        is_known=not unseen_form and not _undetermined(prepared.trial.candidate, final or fit),
         confirmed=told,
         adds_up=reference is not None and reference.adds_up,
     )

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -25,7 +25,7 @@ from daest.estimation.coordinates import Unknowns
 from daest.estimation.identify import searched
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.diagnosis import Candidate, Proof, Screen, Screened
-from daest.model.effects import Effect, EffectParameter
+from daest.model.effects import Effect
 from daest.model.fit import IdentifyOptions
 from daest.model.flat import FlatModel, with_equations
 from daest.model.linear import StateSpaceFamily
@@ -39,11 +39,23 @@ MOST_DYNAMIC = 2  # of them go to the proof
 MOST_RICHER = 2
 MOST_SIMPLER = 2
 ITERATIONS = 15
-FIRST_ITERATIONS = 4  # from each start; the better end is pursued ...
-FIRST_GAIN = 1.0  # ... where it has gained more than this in log-likelihood
 DETECTABLE_SHARES = (10.0, 100.0)  # of the size that the screen would see, for storage
 START_SHARES = (1.0, 30.0)  # of the library's start value, for sizes whose scale the machine decides
 RTOL = 1e-4
+
+
+@dataclass(frozen=True)
+class _Effort:
+    """Of a search from several starts: `iterations` from each, then to the end from the `most` best of those
+    that have gained `least_gain` in log-likelihood."""
+
+    iterations: int
+    most: int
+    least_gain: float
+
+
+DYNAMIC = _Effort(iterations=4, most=1, least_gain=1.0)
+STORAGE = _Effort(iterations=1, most=2, least_gain=-np.inf)
 
 Simulation = tuple[float, dict[str, float]]  # log-likelihood and all parameters of a fit by simulation
 DynamicFits = list[tuple[float, Prepared]]  # log-likelihoods of simulations with the effects
@@ -62,66 +74,35 @@ def dynamic_fits(null: Null, wanted: Sequence[Candidate], simulation: Simulation
 
     They start from the `simulation` of the model as it is (`best_simulation`): beside loads that are free
     enough to take the place of an effect with states, the null's parameters may have gone anywhere."""
-    fits = [_best_dynamic(null, candidate, simulation) for candidate in wanted]
-    return [fit for fit in fits if fit is not None and fit[0] - simulation[0] >= GATES.min_dynamic_gain]
+    fits = []
+    for candidate in wanted:
+        starts = [{p.name: share * p.start for p in candidate.effect.sizes} for share in START_SHARES]
+        fits.append(_best_fit(null, candidate, starts, simulation, DYNAMIC))
+    return _improving(fits, simulation)
 
 
 def storage_fits(
-    null: Null, found: Screen, candidates: Sequence[Candidate], simulation: Simulation
+    null: Null, found: Screen, wanted: Sequence[Candidate], simulation: Simulation
 ) -> DynamicFits:
-    """Output-error fits of effects with states of their own that leave the dynamics affine, and improve the
-    simulation: a mass that hangs on a spring, a wall behind a room. Half of its own mass moves a resonance so
-    far that no derivative at size zero tells of it. `candidates` are those that `found` was made from."""
+    """Output-error fits of the wanted effects with states of their own, those that leave the dynamics affine
+    and improve the simulation: a mass that hangs on a spring, a wall behind a room. Half of its own mass
+    moves a resonance so far that no derivative at size zero tells of it. They start from the shapes of the
+    screen `found`, with multiples of the sizes that it would see."""
     fits = []
-    for candidate in candidates:
-        if not candidate.effect.n_states or candidate.is_dynamic or candidate.inputs:
-            continue
+    for candidate in wanted:
         shaped = [e for e in found.entries if e.candidate.name.rpartition("_")[0] == candidate.name]
-        fits.append(_best_storage(null, candidate, shaped, simulation))
+        starts = [
+            {**entry.candidate.shape, candidate.effect.sizes[0].name: share * entry.detectable}
+            for entry in shaped
+            for share in DETECTABLE_SHARES
+            if np.isfinite(entry.detectable) and entry.detectable > 0.0
+        ]
+        fits.append(_best_fit(null, candidate, starts, simulation, STORAGE))
+    return _improving(fits, simulation)
+
+
+def _improving(fits: Sequence[tuple[float, Prepared] | None], simulation: Simulation) -> DynamicFits:
     return [fit for fit in fits if fit is not None and fit[0] - simulation[0] >= GATES.min_dynamic_gain]
-
-
-def _best_storage(
-    null: Null, candidate: Candidate, shaped: Sequence[Screened], simulation: Simulation
-) -> tuple[float, Prepared] | None:
-    """The best fit that starts from the shapes of the screen, with multiples of the sizes that it would
-    see."""
-    size = candidate.effect.sizes[0]
-    starts = [
-        {**entry.candidate.shape, size.name: share * entry.detectable}
-        for entry in shaped
-        for share in DETECTABLE_SHARES
-        if np.isfinite(entry.detectable) and entry.detectable > 0.0
-    ]
-    model = _affine_with(null, candidate, starts[0]) if starts else None
-    if model is None:
-        return None
-    flat, family = model
-    names = (*null.estimated, *candidate.estimated)
-    (nominal, known), options = simulation, _options(null, names)
-    own = {name: known[name] for name in null.estimated}
-    first = []
-    for values in starts:
-        start = own | {f"{candidate.name}.{p.name}": values[p.name] for p in _estimated(candidate.effect)}
-        with suppress(DaestError):
-            short = replace(options, start=start, max_iterations=1)
-            first.append(searched(family, null.experiments, short))
-    first.sort(key=_likelihood, reverse=True)
-    ends = []
-    for _, theta in first[:MOST_DYNAMIC]:
-        with suppress(DaestError):
-            further = replace(options, start={name: theta[name] for name in names})
-            ends.append(searched(family, null.experiments, further))
-    best = max(ends, key=_likelihood, default=None)
-    if best is None or best[0] - nominal < FIRST_GAIN:
-        return None
-    value, theta = best
-    sizes = tuple(theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
-    return value, Prepared(Trial(candidate, sizes, ()), flat.with_theta(theta), names)
-
-
-def _estimated(effect: Effect) -> list[EffectParameter]:
-    return [p for p in effect.parameters if p.estimate]
 
 
 def best_dynamic(parts: Sequence[DynamicFits]) -> tuple[Prepared, ...]:
@@ -144,28 +125,40 @@ def _is_same(value: float, prepared: Prepared, other: tuple[float, Prepared]) ->
     return effects[0] == effects[1] and abs(value - other[0]) < GATES.same_fit
 
 
-def _best_dynamic(null: Null, candidate: Candidate, simulation: Simulation) -> tuple[float, Prepared] | None:
-    effect, names = candidate.effect, (*null.estimated, *candidate.estimated)
-    model = _affine_with(null, candidate, _sizes(effect, 1.0))
+def _best_fit(
+    null: Null,
+    candidate: Candidate,
+    starts: Sequence[Mapping[str, float]],
+    simulation: Simulation,
+    effort: _Effort,
+) -> tuple[float, Prepared] | None:
+    """The likeliest output-error fit of the model with a candidate, from some of its parameters at each of
+    the `starts`, the others as declared; None where none is affine or gains enough to be pursued."""
+    model = _affine_with(null, candidate, starts[0]) if starts else None
     if model is None:
         return None
     flat, family = model
+    names = (*null.estimated, *candidate.estimated)
     (nominal, known), options, first = simulation, _options(null, names), []
-    for share in START_SHARES:
+    for values in starts:
+        own = {f"{candidate.name}.{name}": value for name, value in values.items()}
         start = {name: known[name] for name in null.estimated}
-        start |= {f"{candidate.name}.{name}": size for name, size in _sizes(effect, share).items()}
+        start |= {name: value for name, value in own.items() if name in names}
         with suppress(DaestError):
-            short = replace(options, start=start, max_iterations=FIRST_ITERATIONS)
+            short = replace(options, start=start, max_iterations=effort.iterations)
             first.append(searched(family, null.experiments, short))
-    best = max(first, key=_likelihood, default=None)
-    if best is None or best[0] - nominal < FIRST_GAIN:
+    first.sort(key=_likelihood, reverse=True)
+    pursued = [fit for fit in first[: effort.most] if fit[0] - nominal >= effort.least_gain]
+    ends = list(pursued)
+    for _, theta in pursued:
+        with suppress(DaestError):
+            further = replace(options, start={name: theta[name] for name in names})
+            ends.append(searched(family, null.experiments, further))
+    if not ends:
         return None
-    with suppress(DaestError):
-        further = replace(options, start={n: best[1][n] for n in names})
-        best = max(best, searched(family, null.experiments, further), key=_likelihood)
-    value, theta = best
-    values = tuple(theta[f"{candidate.name}.{p.name}"] for p in effect.sizes)
-    return value, Prepared(Trial(candidate, values, ()), flat.with_theta(theta), names)
+    value, theta = max(ends, key=_likelihood)
+    sizes = tuple(theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
+    return value, Prepared(Trial(candidate, sizes, ()), flat.with_theta(theta), names)
 
 
 def _affine_with(
@@ -183,10 +176,6 @@ def _affine_with(
 
 def _likelihood(found: Simulation) -> float:
     return found[0]
-
-
-def _sizes(effect: Effect, share: float) -> dict[str, float]:
-    return {p.name: share * p.start for p in effect.sizes}
 
 
 def _options(null: Null, names: Sequence[str]) -> IdentifyOptions:
