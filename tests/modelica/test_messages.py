@@ -78,6 +78,13 @@ CASES = {
         "Convection",
         "Components holds HeatCapacitor, ThermalConductor, ThermalResistor.",
     ),
+    "quantity by an import": (
+        "model M\n import Daest.Units.SI;\n parameter SI.Powr P = 1;\nend M;",
+        "model-unknown-class",
+        (3, 12),
+        "`SI.Powr`",
+        "Did you mean `Daest.Units.SI.Power`?",
+    ),
     "package of the library": (
         "model M\n Daest.Electrical.Analog.Basik.Ground g;\nend M;",
         "model-unknown-class",

@@ -43,6 +43,8 @@ from daest.modelica.outline import (
     connect_clauses,
     extends_clauses,
     find_base,
+    imported,
+    name_end,
     place_of,
     tokens,
 )
@@ -477,7 +479,7 @@ def _redeclared(words: Sequence[Token]) -> Iterator[_Modified]:
             at += 1
         if at + 3 >= len(words) or words[at].text not in _KINDS or words[at + 2].text != "=":
             continue
-        opening = _name_end(words, at + 3)
+        opening = name_end(words, at + 3)
         if opening < len(words) and words[opening].text == "(":
             yield _Modified(words[at].text, at + 3, opening, closing(words, opening))
 
@@ -488,24 +490,13 @@ def _constrained(words: Sequence[Token]) -> Iterator[_Modified]:
     for i, word in enumerate(words):
         if word.text != "replaceable" or i + 2 >= len(words) or words[i + 1].text in _KINDS:
             continue
-        named = _name_end(words, i + 1)
+        named = name_end(words, i + 1)
         opening = named + 1
         if opening >= len(words) or words[named].kind != "name" or words[opening].text != "(":
             continue
         end = closing(words, opening)
         if end < len(words) and words[end].text == "constrainedby":
             yield _Modified("", i + 1, opening, end)
-
-
-def _name_end(words: Sequence[Token], at: int) -> int:
-    """Index behind the dotted name that begins at `at`."""
-    at += words[at].text == "." if at < len(words) else 0
-    while at < len(words) and words[at].kind == "name":
-        at += 1
-        if at >= len(words) or words[at].text != ".":
-            break
-        at += 1
-    return at
 
 
 def _variable(words: Sequence[Token], one: _Modified) -> int | None:
@@ -533,7 +524,7 @@ def _names_variables(words: Sequence[Token], one: _Modified, at: int, text: byte
 
 def _full_name(words: Sequence[Token], one: _Modified, heads: Sequence[ClassHead]) -> str:
     """The name of the modified class as it is known at the end of the text."""
-    end = _name_end(words, one.first)
+    end = name_end(words, one.first)
     name = "".join(word.text for word in words[one.first : end])
     if name.startswith("."):
         return name
@@ -544,7 +535,7 @@ def _full_name(words: Sequence[Token], one: _Modified, heads: Sequence[ClassHead
         found = find_base(heads, local, first)
         if found is not None:
             return found.name + dot + rest
-    return _imported(words, name)
+    return imported(words, name)
 
 
 def _around(heads: Sequence[ClassHead], words: Sequence[Token], at: int) -> str:
@@ -566,18 +557,3 @@ def _is_short(words: Sequence[Token], head: ClassHead) -> bool:
     """`model M = N(…)` has no end."""
     at = next(i for i, word in enumerate(words) if word.start == head.start)
     return at + 1 < len(words) and words[at + 1].text == "="
-
-
-def _imported(words: Sequence[Token], name: str) -> str:
-    """The name with what an import clause says of its first part."""
-    first, dot, rest = name.partition(".")
-    for i, word in enumerate(words):
-        if word.text != "import":
-            continue
-        if words[i + 1].text == first and words[i + 2].text == "=":
-            at = i + 3
-            return "".join(w.text for w in words[at : _name_end(words, at)]) + dot + rest
-        end = _name_end(words, i + 1)
-        if words[end - 1].text == first:
-            return "".join(w.text for w in words[i + 1 : end]) + dot + rest
-    return name

@@ -11,7 +11,7 @@ import rumoca
 
 from daest.errors import ModelError, Place
 from daest.modelica.library import library_root
-from daest.modelica.outline import Token, class_heads, place_of, tokens
+from daest.modelica.outline import Token, class_heads, imported, place_of, tokens
 from daest.near import near_names
 
 STANDARD = "Modelica."  # how names of the Modelica Standard Library begin
@@ -21,6 +21,7 @@ _BALANCE = re.compile(r"unbalanced model: (\d+) equations, (\d+) unknowns")
 _QUOTED = re.compile(r"['`]([^'`]+)['`]")
 _BYTE = re.compile(r"start: BytePos\((\d+)\)")
 _POSITION = re.compile(r"╭─\[.*?:(\d+):(\d+)\]")
+_DECLARED_TYPE = re.compile(r"^  type (\w+) =", re.MULTILINE)
 
 
 class RefusedFunction(ModelError):
@@ -325,14 +326,15 @@ def _unknown(message: str, path: Path, text: bytes, class_name: str) -> ModelErr
     for phrase in ("unresolved type", "base class not found"):
         if phrase in message:
             name = _name_after(phrase, message)
+            full = imported(list(tokens(text)), name)
             near = (
                 []
-                if name.startswith(STANDARD)
-                else _library_neighbours(name) or _near(name, _class_names(text))
+                if full.startswith(STANDARD)
+                else _library_neighbours(full) or _near(name, _class_names(text))
             )
             remedy = (
-                _own_name(name)
-                or ("" if near else _said_members(name))
+                _own_name(full)
+                or ("" if near else _said_members(full))
                 or "Check its spelling, or give its library's folder by -L or MODELICAPATH."
             )
             return _not_known("model-unknown-class", "class", name, near, remedy, path, text)
@@ -432,8 +434,10 @@ def _left_library(parts: Sequence[str]) -> tuple[int, list[str]]:
     depth = 0
     while depth < len(parts) - 1 and (folder / parts[depth]).is_dir():
         folder, depth = folder / parts[depth], depth + 1
-    held = [entry.stem for entry in folder.iterdir() if entry.is_dir() or entry.suffix == ".mo"]
-    return depth, [member for member in held if member != "package"]
+    held = {entry.stem for entry in folder.iterdir() if entry.is_dir() or entry.suffix == ".mo"}
+    package = folder / "package.mo"
+    declared = package.read_text(encoding="utf-8") if package.is_file() else ""
+    return depth, sorted((held | set(_DECLARED_TYPE.findall(declared))) - {"package"})
 
 
 def _class_names(text: bytes) -> list[str]:

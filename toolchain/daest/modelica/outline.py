@@ -322,3 +322,29 @@ def _arguments(words: Sequence[Token], at: int) -> list[str]:
         else:
             arguments[-1] += token.text
     return arguments
+
+
+def name_end(words: Sequence[Token], at: int) -> int:
+    """Index behind the dotted name that begins at `at`."""
+    at += words[at].text == "." if at < len(words) else 0
+    while at < len(words) and words[at].kind == "name":
+        at += 1
+        if at >= len(words) or words[at].text != ".":
+            break
+        at += 1
+    return at
+
+
+def imported(words: Sequence[Token], name: str) -> str:
+    """The name with what an import clause says of its first part."""
+    first, dot, rest = name.partition(".")
+    for i, word in enumerate(words):
+        if word.text != "import":
+            continue
+        if words[i + 1].text == first and words[i + 2].text == "=":
+            at = i + 3
+            return "".join(w.text for w in words[at : name_end(words, at)]) + dot + rest
+        end = name_end(words, i + 1)
+        if words[end - 1].text == first:
+            return "".join(w.text for w in words[i + 1 : end]) + dot + rest
+    return name
