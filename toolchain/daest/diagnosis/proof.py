@@ -26,6 +26,7 @@ from daest.diagnosis.unseen import (
     innovations,
     is_worse,
     judged,
+    steady_misfit,
 )
 from daest.errors import DaestError
 from daest.estimation.identify_nonlinear import Refit
@@ -583,7 +584,30 @@ def _on_unseen(
     else:
         final = simulated(null, white, prepared.flat, null.experiments, validation, refit)
     against, _, is_told = judged(ahead, reference.fit, final, reference.adds_up, told)
+    if against and not reference.adds_up and not any(is_worse(one) for one in ahead):
+        steady = _steady_ratio(null, prepared.flat, explicit, final, validation, reference)
+        against, _, is_told = judged(ahead, reference.fit, final, False, told, steady)
     return final, ahead, against, is_told
+
+
+def _steady_ratio(
+    null: Null,
+    flat: FlatModel,
+    explicit: ExplicitModel,
+    final: FitResult,
+    validation: Sequence[Experiment],
+    reference: Reference,
+) -> float | None:
+    """Of the errors of the simulated unseen data, with to without the effect, where every recording has a
+    constant load of its own; None where one of the two cannot be simulated."""
+    before, after = (
+        steady_misfit(null, known, dynamics, validation)
+        for known, dynamics in (
+            (null.flat.with_theta(reference.fit.theta), null.explicit),
+            (flat.with_theta(final.theta), explicit),
+        )
+    )
+    return float(np.sqrt(after / before)) if before and after is not None else None
 
 
 def _left(null: Null, with_effect: Null, after: NullObserver) -> FreeForm | None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from daest.estimation.observer import observer
 from daest.model.diagnosis import Ahead, Confirmed
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
+from daest.model.flat import ExplicitModel, FlatModel
 from daest.quantities import spoken_duration
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import Correction, Integrator, Trajectory, integrate, integrator
@@ -39,6 +40,7 @@ LONGER = 2  # times as long is the next window, as long as the observer remember
 START_ITERATIONS = 15
 FEWEST_STRETCHES = 5
 CORRECTED = (0.03, 0.1, 0.3)  # of an innovation, by observers that follow more closely than the fit asks for
+CONSTANT = 1e6  # durations, the time constant of a load that keeps its value
 LOUDER = 10.0 ** np.arange(-12, 13)  # times the loads of the fit
 
 
@@ -234,14 +236,21 @@ def is_better(one: Ahead) -> bool:
 
 
 def judged(
-    ahead: Sequence[Ahead], before: FitResult, after: FitResult, adds_up: bool, told: Confirmed | None = None
+    ahead: Sequence[Ahead],
+    before: FitResult,
+    after: FitResult,
+    adds_up: bool,
+    told: Confirmed | None = None,
+    steady: float | None = None,
 ) -> tuple[str, bool, bool]:
     """Why unseen data speak against the effect (empty where they do not), whether they speak clearly for it,
     and whether it does away with most of the error at some horizon. `adds_up` tells that the whole
     simulation is dead reckoning, which counts for an effect, not against it; `told` is
-    what their likelihood says."""
+    what their likelihood says, and `steady` the ratio of the errors of simulations in which every recording
+    has a constant load of its own (`steady_misfit`), where it is smaller than that without."""
     ratios = error_ratios(before.simulated, after.simulated)
     whole = float(np.sqrt(np.mean(np.square(ratios)))) if ratios else np.nan
+    whole = whole if steady is None else min(whole, steady)
     if not ahead and not ratios:
         return "", True, False
     better = [one for one in ahead if is_better(one)]
@@ -313,6 +322,33 @@ def free_runs(null: Null, experiments: Sequence[Experiment]) -> tuple[Trajectory
         except IntegrationError:
             return None
     return tuple(runs)
+
+
+def steady_misfit(
+    null: Null, flat: FlatModel, explicit: ExplicitModel, experiments: Sequence[Experiment]
+) -> float | None:
+    """Mean squared error of the simulation of `flat`, whose dynamics are `explicit`, whitened with the noise
+    of the `null`'s sensors, where every experiment has a constant load and an initial state of its own. None
+    where it cannot be simulated.
+
+    From one recording to the next a room is warmer, the zero of a sensor elsewhere, a bearing tighter: that
+    much of the error belongs to no law, and hides what a law does.
+    """
+    duration = max(float(e.time[-1] - e.time[0]) for e in experiments)
+    lasting = flat.with_theta({f"{load.name}.T": CONSTANT * duration for load in null.loads})
+    still = replace(null, flat=lasting, explicit=replace(explicit, flat=lasting))
+    model = integrator(still.explicit)
+    gain = np.zeros((len(explicit.state_names), len(flat.outputs)))
+    root, free = np.diag(1.0 / null.measurement_std), np.ones(len(explicit.state_names), dtype=bool)
+    total = 0.0
+    for experiment in experiments:
+        try:
+            begin = _initial_state(still, model, experiment, gain, root)
+        except IntegrationError:
+            return None
+        found = _searched_start(still, model, experiment, gain, root, begin, free, experiment.n_samples)
+        total += found.error * float(np.isfinite(experiment.outputs).sum())
+    return total if np.isfinite(total) else None
 
 
 def _initial_state(
