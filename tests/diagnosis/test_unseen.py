@@ -11,7 +11,7 @@ from cart_data import recording
 
 from daest.diagnosis.diagnose import load_sites
 from daest.diagnosis.loads import load_places, with_loads
-from daest.diagnosis.null import Null
+from daest.diagnosis.null import Null, fit_null
 from daest.diagnosis.screen import run_null
 from daest.diagnosis.unseen import (
     Foreseen,
@@ -25,6 +25,7 @@ from daest.diagnosis.unseen import (
     is_silent,
     is_worse,
     judged,
+    steady_misfit,
 )
 from daest.estimation.coordinates import Unknowns
 from daest.estimation.nonlinear_start import fit_initial_states
@@ -279,3 +280,49 @@ def test_a_law_is_judged_from_states_that_are_known():
 
 def _start_of(null):
     return np.array([null.initial_states[0].get(name, 0.0) for name in null.explicit.state_names])
+
+
+def test_constant_load_of_every_recording_is_no_law():
+    whole, steady = fit_with(1.05), 0.8
+    assert judged([ahead(0.9, 1.5)], fit_with(1.0), whole, False)[0] != ""
+    assert judged([ahead(0.9, 1.5)], fit_with(1.0), whole, False, steady=steady)[0] == ""
+    assert "1.2 times worse" in judged([ahead(1.2, -4.0)], fit_with(1.0), whole, False, steady=steady)[0]
+
+
+ROOM = """model Room
+  parameter Real C(unit = "J/K", min = 0) = 1e5 annotation(__Daest(estimate = true, scale = "log"));
+  parameter Real G(unit = "W/K", min = 0) = 20 annotation(__Daest(estimate = true, scale = "log"));
+  input Real u(unit = "W");
+  Real T(unit = "K", start = 290);
+  output Real y(unit = "K");
+equation
+  C*der(T) = u - G*(T - 290);
+  y = T;
+end Room;
+"""
+
+
+def test_colder_room_does_not_count_against_the_model():
+    """The outside is 3 K colder in the unseen recordings, so that 60 W more are lost."""
+    rng = np.random.default_rng(4)
+    time, sigma = 60.0 * np.arange(400), 0.02
+
+    def recorded(outside):
+        u = np.repeat(rng.uniform(0.0, 400.0, 20), 20)
+        x, states = outside, []
+        for value in u:
+            states.append(x)
+            end = outside + value / 20.0
+            x = end + (x - end) * np.exp(-60.0 * 20.0 / 1e5)
+        y = np.array(states) + sigma * rng.standard_normal(400)
+        return Experiment("run", time, u[:, None], y[:, None], ("u",), ("y",))
+
+    flat = compile_text(ROOM.encode(), Path("Room.mo"))
+    null = fit_null(flat, load_sites(flat), [recorded(290.0)], "zoh")
+    same, colder = ([recorded(outside)] for outside in (290.0, 287.0))
+    true = null.flat.with_theta({"C": 1e5, "G": 20.0})
+    misfits = [steady_misfit(null, true, null.explicit, unseen) for unseen in (same, colder)]
+    noise = null.measurement_std[0]
+    assert np.sqrt(np.array(misfits) / 400) * noise == pytest.approx([sigma, sigma], rel=0.1)
+    slow = null.flat.with_theta({"C": 2e5, "G": 20.0})
+    assert steady_misfit(null, slow, null.explicit, colder) > 100.0 * misfits[1]

@@ -10,15 +10,20 @@ import numpy as np
 
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
+from daest.quantities import dimensions
 
-# Unit of the variable whose rate a balance gives -> domain: momentum, heat and volume.
+# Unit of the variable whose rate a balance gives -> domain: momentum, heat, volume and charge.
 DOMAINS: dict[str, Domain] = {
     "m/s": "translational",
     "rad/s": "rotational",
     "K": "thermal",
     "degC": "thermal",
     "Pa": "hydraulic",
+    "V": "electrical",
 }
+LEVEL = "m"  # of a liquid, where flows or areas stand in the equation; else a position
+_VOLUME_FLOW = {"[length]": 3.0, "[time]": -1.0}
+_AREA = {"[length]": 2.0}
 _MECHANICAL: tuple[Domain, ...] = ("translational", "rotational")
 _SEED = 20040101
 
@@ -40,7 +45,21 @@ class Balance:
 
     def domain(self, flat: FlatModel) -> Domain | None:
         """The domain by the unit of the variable; None for a unit that does not tell."""
+        if self.is_level(flat):
+            return "hydraulic"
         return DOMAINS.get(flat.unknowns[self.variable].unit)
+
+    def is_level(self, flat: FlatModel) -> bool:
+        """Whether the variable is the level of a liquid: a length beside a volume flow or an area."""
+        if flat.unknowns[self.variable].unit != LEVEL:
+            return False
+        others = (*flat.unknowns, *flat.inputs, *flat.parameters)
+        used = ca.which_depends(flat.residual[self.row], ca.vertcat(flat.xi, flat.u, flat.theta), 1, False)
+        return any(
+            dimensions(x.unit) in (_VOLUME_FLOW, _AREA)
+            for x, is_used in zip(others, used, strict=True)
+            if is_used
+        )
 
 
 def needs_position(domain: Domain) -> bool:

@@ -3,6 +3,7 @@ have no known unit."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
 import casadi as ca
@@ -10,7 +11,7 @@ import numpy as np
 
 from daest.model.effects import Domain, Effect, EffectParameter, Site
 from daest.model.flat import FlatModel
-from daest.modelica.balances import Balance, balances
+from daest.modelica.balances import LEVEL, Balance, balances
 from daest.quantities import dimensions
 
 _FLOWS: dict[Domain, str] = {
@@ -18,7 +19,9 @@ _FLOWS: dict[Domain, str] = {
     "rotational": "N.m",
     "thermal": "W",
     "hydraulic": "m3/s",
+    "electrical": "A",
 }
+_PRESSURE = re.compile(r"\bPa")  # in the unit of a parameter: the unit of a level, where that is the variable
 _SIGNAL = "u"  # in the unit of a parameter: the unit of the signal
 _INVERSE = "1/u"
 _TOLERANCE = 1e-9  # relative, of numbers that rounding alone makes differ
@@ -45,6 +48,8 @@ def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
         if balance is not None and not _balances_flows(flat, balance, site.domain):
             own = (flat.unknowns[balance.variable].unit, "s")
             return {p.name: p.unit if _is_made_of(p.unit, own) else "" for p in effect.parameters}
+        if balance is not None and balance.is_level(flat):
+            return {p.name: _PRESSURE.sub(LEVEL, p.unit) for p in effect.parameters}
     return {p.name: p.unit for p in effect.parameters}
 
 
