@@ -53,13 +53,11 @@ class Balance:
         """Whether the variable is the level of a liquid: a length beside a volume flow or an area."""
         if flat.unknowns[self.variable].unit != LEVEL:
             return False
-        others = (*flat.unknowns, *flat.inputs, *flat.parameters)
-        used = ca.which_depends(flat.residual[self.row], ca.vertcat(flat.xi, flat.u, flat.theta), 1, False)
-        return any(
-            dimensions(x.unit) in (_VOLUME_FLOW, _AREA)
-            for x, is_used in zip(others, used, strict=True)
-            if is_used
-        )
+        units = [x.unit for part in (flat.unknowns, flat.inputs, flat.parameters) for x in part]
+        symbols = ca.vertcat(flat.xi, flat.u, flat.theta)
+        used = ca.which_depends(flat.residual[self.row], symbols, 1, False)
+        known = [dimensions(unit) for unit, is_used in zip(units, used, strict=True) if is_used]
+        return _VOLUME_FLOW in known or _AREA in known
 
 
 def needs_position(domain: Domain) -> bool:
