@@ -53,7 +53,7 @@ def keeping_order(
     the explicit form of `flat`."""
 
     def keeps(candidate: Candidate) -> bool:
-        if not candidate.effect.is_dynamic or candidate.site.kind in ("input", "output"):
+        if not candidate.effect.is_dynamic or candidate.is_of_signal:
             return False
         try:
             return reduce_index(attached(flat, [candidate])).state_names == explicit.state_names

@@ -70,6 +70,7 @@ from daest.diagnosis.rivals import (
     best_dynamic,
     best_simulation,
     dynamic_fits,
+    lag_fits,
     no_richer_ones,
     reduced_laws,
     richer_laws,
@@ -103,6 +104,7 @@ from daest.modelica.sites import sites
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Outcome, Workers, workers
 from daest.numerics.statistics import chi2
+from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import reduce_index
 from daest.systems.state_space import Hold
 
@@ -867,6 +869,11 @@ def _dynamic(null: Null, wanted: Sequence[Candidate], simulation: Simulation) ->
         return dynamic_fits(null, wanted, simulation)
 
 
+def _lagging(null: Null, candidate: Candidate, reference: FitResult) -> DynamicFits:
+    with _quiet():
+        return lag_fits(null, [candidate], reference)
+
+
 def _called(task: Callable[[], Any]) -> Any:
     return task()
 
@@ -1002,6 +1009,18 @@ class _Stages:
         with _quiet():
             return best_dynamic([storage_fits(self.search.stand.null, found, wanted, self.simulation)])
 
+    def lags(self, candidates: Sequence[Candidate]) -> tuple[Prepared, ...]:
+        """Effects that delay a signal of a model that is not affine, those that its simulation shows."""
+        null, reference = self.search.stand.null, self.search.stand.reference
+        if reference is None or reference.adds_up or has_affine_dynamics(null.explicit):
+            return ()
+        wanted = [c for c in candidates if c.is_dynamic and c.is_of_signal and not c.inputs]
+        for candidate in wanted:
+            self.progress(f"simulating with {candidate.label}")
+        tasks = [partial(_lagging, null, candidate, reference.fit) for candidate in wanted]
+        found = self.proved((), (), tasks)[1] if tasks else []
+        return best_dynamic([part for part in found if part is not None])
+
     def shown_in_use(self, proofs: Sequence[Proof]) -> list[Proof]:
         """All laws; those that are likelier than what is accepted, and refused since a load is left beside
         them, by their simulation where that shows them: beside a load that may take any course a law keeps
@@ -1100,6 +1119,7 @@ def _proofs(
         is_open = best_accepted(ranked(proofs)) is None and not loads.is_explained(evidence)
         if is_open and not options.is_over:
             proofs += stages.proved(stages.storage(found, candidates, proofs), proofs)[0]
+            proofs += stages.proved(stages.lags(candidates), proofs)[0]
         proofs = stages.shown_in_use(proofs)
     order = ranked(proofs)
     is_whole = not stages.late and None not in fits

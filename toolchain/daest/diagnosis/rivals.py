@@ -17,16 +17,16 @@ import numpy as np
 
 from daest.diagnosis.candidates import with_shapes
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import Null
+from daest.diagnosis.null import Null, period_of
 from daest.diagnosis.proof import SHARPER, Prepared, Trial, bic_gain
 from daest.diagnosis.screen import NullObserver
 from daest.errors import DaestError
 from daest.estimation.coordinates import Unknowns
-from daest.estimation.identify import searched
+from daest.estimation.identify import identify, searched
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.diagnosis import Candidate, Proof, Screen, Screened
 from daest.model.effects import Effect
-from daest.model.fit import IdentifyOptions
+from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import FlatModel, with_equations
 from daest.model.linear import StateSpaceFamily
 from daest.modelica.attach import attach
@@ -39,6 +39,8 @@ MOST_DYNAMIC = 2  # of them go to the proof
 MOST_RICHER = 2
 MOST_SIMPLER = 2
 ITERATIONS = 15
+LAGS = (1.0, 10.0)  # sampling periods, from which the size of an effect that delays a signal is looked for
+LAG_ITERATIONS = 15
 DETECTABLE_SHARES = (10.0, 100.0)  # of the size that the screen would see, for storage
 START_SHARES = (1.0, 30.0)  # of the library's start value, for sizes whose scale the machine decides
 RTOL = 1e-4
@@ -99,6 +101,43 @@ def storage_fits(
         ]
         fits.append(_best_fit(null, candidate, starts, simulation, STORAGE))
     return _improving(fits, simulation)
+
+
+def lag_fits(null: Null, wanted: Sequence[Candidate], reference: FitResult) -> DynamicFits:
+    """Output-error fits of those of the wanted effects that delay a signal of a model that is not affine and
+    improve its simulation, started from that of the `reference`. With nothing to delay they have no state and
+    no derivative, and as many fits of a model that bends as for an affine one would take too long."""
+    times = null.shortest_times
+    options = replace(_options(null, null.estimated), fix=times, max_iterations=LAG_ITERATIONS, shooting=1)
+    with suppress(DaestError, RuntimeError, np.linalg.LinAlgError):
+        nominal = reference
+        if reference.method != "oe":
+            start = {name: reference.theta[name] for name in null.estimated}
+            nominal = identify(null.flat, null.experiments, replace(options, start=start))
+        fits = [_lag_fit(null, candidate, nominal, options) for candidate in wanted]
+        return _improving(fits, (nominal.log_likelihood, {}))
+    return []
+
+
+def _lag_fit(
+    null: Null, candidate: Candidate, nominal: FitResult, options: IdentifyOptions
+) -> tuple[float, Prepared] | None:
+    """The likeliest output-error fit of the model with a candidate; None where none succeeds."""
+    size = candidate.effect.sizes[0].name
+    names, ends = (*null.estimated, *candidate.estimated), []
+    for share in LAGS:
+        with suppress(DaestError, RuntimeError, np.linalg.LinAlgError):
+            value = share * period_of(null.experiments)
+            flat = attach(null.flat, candidate.effect, candidate.site, candidate.name, {size: value})
+            start = {name: nominal.theta[name] for name in null.estimated}
+            chosen = replace(options, estimate=names, start=start)
+            ends.append((identify(flat, null.experiments, chosen), flat))
+    if not ends:
+        return None
+    fit, flat = max(ends, key=lambda end: end[0].log_likelihood)
+    sizes = tuple(fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
+    trial = Trial(candidate, sizes, (), is_seen_in_use=True)
+    return fit.log_likelihood, Prepared(trial, flat.with_theta(fit.theta), names)
 
 
 def _improving(fits: Sequence[tuple[float, Prepared] | None], simulation: Simulation) -> DynamicFits:

@@ -62,6 +62,11 @@ class Candidate:
         return self.effect.is_dynamic and not self.keeps_order
 
     @property
+    def is_of_signal(self) -> bool:
+        """Whether it stands at an input or an output."""
+        return self.site.kind in ("input", "output")
+
+    @property
     def estimated(self) -> tuple[str, ...]:
         """Names in the model of the effect's parameters that are estimated."""
         return tuple(f"{self.name}.{p.name}" for p in self.effect.parameters if p.estimate)
