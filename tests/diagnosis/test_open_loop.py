@@ -1,9 +1,19 @@
 """Evidence in open loop: how it counts, and a slow law that an observer hides."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
-from daest.diagnosis.open_loop import InUse, Simulated, in_use
+from daest.diagnosis.diagnose import _said_of_inputs, load_sites
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.null import fit_null
+from daest.diagnosis.open_loop import InUse, Simulated, driven_share, in_use
+from daest.diagnosis.proof import _undriven
+from daest.model.experiment import Experiment
+from daest.modelica.compile import compile_text
 
 
 def lasting(n, seed, memory=0.9, size=1.0):
@@ -47,3 +57,40 @@ def test_what_is_not_known_says_nothing():
 def test_worse_on_one_side_is_no_evidence():
     better_fitted = Simulated(simulated(0.5, 3).fitted, simulated(1.1, 3).unseen)
     assert not in_use(simulated(1.0, 1), better_fitted).speaks_for(1)
+
+
+SPRING = b"""model Spring
+  parameter Real J(unit = "kg.m2", min = 0) = 0.1 annotation(__Daest(estimate = true, scale = "log"));
+  parameter Real c(unit = "N.m/rad", min = 0) = 2 annotation(__Daest(estimate = true, scale = "log"));
+  parameter Real d(unit = "N.m.s/rad", min = 0) = 0.05 annotation(__Daest(estimate = true, scale = "log"));
+  input Real u(unit = "N.m");
+  Real phi(unit = "rad", start = 0);
+  Real w(unit = "rad/s", start = 0);
+  output Real y(unit = "rad");
+equation
+  der(phi) = w;
+  J*der(w) = u - c*phi - d*w;
+  y = phi;
+end Spring;
+"""
+
+
+@pytest.mark.parametrize("is_recorded", [True, False])
+def test_a_model_that_its_inputs_do_not_move_is_told(is_recorded):
+    """The machine is moved by a torque; what is recorded is that, or noise that has nothing to do with it."""
+    rng, dt = np.random.default_rng(8), 0.05
+    acts, noise = np.repeat(rng.normal(0.0, 1.0, (2, 80)), 10, axis=1)
+    whole = expm(np.array([[0.0, 1.0, 0.0], [-20.0, -0.5, 10.0], [0.0, 0.0, 0.0]]) * dt)
+    x, angle = np.zeros(2), []
+    for torque in acts:
+        angle.append(x[0])
+        x = whole[:2, :2] @ x + whole[:2, 2] * torque
+    measured = np.array(angle) + rng.normal(0.0, 1e-3, acts.size)
+    recorded = (acts if is_recorded else noise)[:, None]
+    record = Experiment("run", dt * np.arange(acts.size), recorded, measured[:, None], ("u",), ("y",))
+    flat = compile_text(SPRING, Path("Spring.mo"))
+    null = fit_null(flat, load_sites(flat), [record], "zoh")
+    share = driven_share(null)
+    assert share == pytest.approx(1.0, abs=0.1) if is_recorded else share < GATES.min_driven
+    assert bool(_undriven(null)) == bool(_said_of_inputs(null)) == (not is_recorded)
+    assert driven_share(replace(null, experiments=(replace(record, inputs=0.0 * recorded),))) is None

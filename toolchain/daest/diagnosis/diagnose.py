@@ -38,7 +38,7 @@ from daest.diagnosis.null import (
     refitted,
     with_other_hold,
 )
-from daest.diagnosis.open_loop import fitted_in_use, open_screen, simulated_errors
+from daest.diagnosis.open_loop import driven_share, fitted_in_use, open_screen, simulated_errors
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
 from daest.diagnosis.proof import (
     GENTLE,
@@ -426,6 +426,7 @@ def _examined(
         elif learned is not None:
             learned = with_formula(learned)
     message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")
+    message += _said_of_inputs(null) if decided.name not in ("supported", "nothing missing") else ""
     return Diagnosis(
         verdict=decided.name,
         message=message if is_whole else f"{message} The time was up before all of them were refitted.",
@@ -440,6 +441,17 @@ def _examined(
         seconds=time.perf_counter() - stand.began,
         learned=learned if decided.name == "unknown effect" else None,
         is_whole=is_whole,
+    )
+
+
+def _said_of_inputs(null: Null) -> str:
+    """A sentence on inputs that hardly move the fitted model; empty where they do."""
+    share = driven_share(null)
+    if share is None or share >= GATES.min_driven:
+        return ""
+    return (
+        f" The recorded inputs move the fitted model by {share:.1%} of what its outputs do: check their "
+        "columns and units, and the noise on them."
     )
 
 

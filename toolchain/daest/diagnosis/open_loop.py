@@ -17,7 +17,7 @@ import numpy as np
 from daest.diagnosis.candidates import ranges
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown
-from daest.diagnosis.screen import run_null, screen
+from daest.diagnosis.screen import RTOL, run_null, screen
 from daest.diagnosis.unseen import free_runs
 from daest.errors import DaestError
 from daest.estimation.identify import identify
@@ -26,6 +26,8 @@ from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.numerics.statistics import autoregression
+from daest.systems.integrate import integrate, integrator
+from daest.systems.integration import IntegrationError
 
 ITERATIONS = 40  # of a search by simulation
 START_SHARES = (1.0, 0.1)  # of the sizes by the screen, from which it starts
@@ -145,6 +147,29 @@ def largest_values(model: Null) -> dict[str, float]:
         here = ranges(model.explicit, experiment.time, states, experiment.inputs)
         found = {name: max(value, found.get(name, 0.0)) for name, value in here.items()}
     return found
+
+
+def driven_share(model: Null) -> float | None:
+    """How far the inputs of its experiments move the outputs of a model, relative to what these do: the
+    largest over the outputs, None where no input moves or the model cannot be simulated."""
+    runs = free_runs(model, model.experiments)
+    if runs is None:
+        return None
+    simulate, shares = integrator(model.explicit), []
+    for experiment, run in zip(model.experiments, runs, strict=True):
+        level = np.broadcast_to(np.mean(experiment.inputs, axis=0), experiment.inputs.shape)
+        if not np.any(experiment.inputs != level):
+            continue
+        try:
+            still = integrate(
+                simulate, experiment.time, level, model.theta, run.states[0], hold=model.hold, rtol=RTOL
+            )
+        except IntegrationError:
+            return None
+        moved = np.sqrt(np.mean((run.outputs - still.outputs) ** 2, axis=0))
+        spread = np.nanstd(experiment.outputs, axis=0)
+        shares.append(float(np.max(moved[spread > 0.0] / spread[spread > 0.0], initial=0.0)))
+    return max(shares, default=None)
 
 
 def in_use(before: Simulated | None, after: Simulated | None) -> InUse:

@@ -14,7 +14,7 @@ from daest.diagnosis.disturbance import SmoothedLoad, smoothed_at
 from daest.diagnosis.free_forms import covers, free_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown, loads_of, period_of, refitted
-from daest.diagnosis.open_loop import InUse, Simulated, in_use, largest_values, simulated_errors
+from daest.diagnosis.open_loop import InUse, Simulated, driven_share, in_use, largest_values, simulated_errors
 from daest.diagnosis.screen import NullObserver, law_response, run_null
 from daest.diagnosis.settled import FAR, settled, simulated
 from daest.diagnosis.unseen import (
@@ -369,6 +369,7 @@ def proof_of(
             unseen_form = formless or _out_of_reach(with_effect, prepared.trial.candidate, final or fit)
         reason = against or undetermined or unseen_form
         reason = reason or _weak(prepared, final if is_shown and final else fit)
+        reason = reason or _undriven(grown(fed, prepared.flat, explicit, final or fit, experiments))
         if not reason and not is_curve and not is_told and not is_shown:
             reason = _unexplained(explained, ratios)
     elif final is None:
@@ -401,6 +402,17 @@ def proof_of(
         confirmed=told,
         adds_up=reference is not None and reference.adds_up,
     )
+
+
+def _undriven(model: Null) -> str:
+    """Why nothing can be told of a model that its inputs hardly move; empty where they do, or none moves.
+
+    What acts instead is unknown, and all forces may be larger together. Noise in a recorded input has the
+    same effect: the fit does without it."""
+    share = driven_share(model)
+    if share is None or share >= GATES.min_driven:
+        return ""
+    return f"the recorded inputs move the model by {share:.1%} of what its outputs do: no size can be told"
 
 
 def _better_simpler(prepared: Prepared, fit: FitResult) -> Proof | None:
@@ -457,6 +469,7 @@ def by_simulation(
     candidate = prepared.trial.candidate
     refused = refused or bool(_weak(prepared, found))
     model = grown(null, prepared.flat, explicit, found, null.experiments)
+    refused = refused or bool(_undriven(model))
     refused = refused or bool(_formless(model, candidate, found) or _out_of_reach(model, candidate, found))
     p_value = float(min(1.0, n_screened * chi2.sf(2.0 * max(used.gain, 0.0), n_own)))
     if refused or p_value > GATES.max_chance:
