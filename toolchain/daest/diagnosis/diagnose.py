@@ -127,6 +127,8 @@ MOST_IN_USE = 3  # trials that lead the screen in open loop
 FIRST_TRIALS = 2  # are refitted in any case, the second one alone where the first is not supported
 MOST_PLACES = 5  # that the sensors see alike, where a refit is tried again
 ITERATIONS = 15  # of the simulation's fit from which one is tried again
+CURVE_TIMES = 20.0  # those of the fit of the model as it is, that a refit with a curve may take
+CURVE_SECONDS = 60.0  # and that it may take in any case
 LOOP = 3  # times the time of a run where a loop is solved by iterations at every point
 
 
@@ -420,7 +422,9 @@ def _examined(
     is_curve = decided.name == "unknown effect" and form is not None and form.p_value < GATES.missing_level
     if is_curve and form is not None and not options.is_over:
         progress(f"refitting with the load as a curve over {form.label}")
-        learned = _learned(stand, run, form)
+        longest = max(CURVE_SECONDS, CURVE_TIMES * stand.baseline.seconds)
+        with suppress(OutOfTimeError), until(time.monotonic() + longest):
+            learned = _learned(stand, run, form)
         if learned is not None and learned.against:
             decided = verdicts.decide(replace(evidence, rest=replace(loads, against_form=learned.against)))
         elif learned is not None:
