@@ -302,7 +302,8 @@ def test_size_that_was_not_estimated_is_no_claim():
 def test_ranking():
     _, proof = proved()
     likelihood, bic = proof.delta_log_likelihood, proof.delta_bic
-    elsewhere = replace(proof.candidate, site=replace(proof.candidate.site, name="bearing"))
+    other_law = replace(proof.candidate.effect, class_name="Other")
+    elsewhere = replace(proof.candidate, effect=other_law, site=replace(proof.candidate.site, name="bearing"))
     close = replace(proof, candidate=elsewhere, delta_log_likelihood=likelihood - 2.5, delta_bic=bic - 5.0)
     far = replace(proof, delta_log_likelihood=likelihood - 3.5, delta_bic=bic - 7.0)
     failed = replace(proof, delta_bic=proof.delta_bic + 100.0, verdict="rejected", reason="no")
@@ -315,6 +316,35 @@ def test_ranking():
     assert ranked([]) == ()
 
 
+@pytest.mark.parametrize(
+    ("behind", "moved", "is_one"), [(0.5, 0.5, True), (0.5, 2.0, False), (3.5, 0.0, False)]
+)
+def test_one_effect_at_two_places_that_data_hardly_tell_apart_is_one_answer(behind, moved, is_one):
+    """With the same estimates: what it is is known, where it is not."""
+    _, proof = proved()
+    site = replace(proof.candidate.site, name="gear")
+    own = set(proof.candidate.estimated)
+    fit = replace(
+        proof.told,
+        parameters=tuple(
+            replace(p, value=p.value + moved * np.sqrt(2.0) * p.std_error) if p.name in own else p
+            for p in proof.told.parameters
+        ),
+    )
+    other = replace(
+        proof,
+        candidate=replace(proof.candidate, site=site),
+        fit=fit,
+        final=fit,
+        delta_log_likelihood=proof.delta_log_likelihood - behind,
+        delta_bic=proof.delta_bic - 2.0 * behind,
+    )
+    first, second = ranked([other, proof])
+    assert first.verdict == ("supported" if is_one or behind > 3.0 else "not separable")
+    assert first.equivalent == ((*proof.equivalent, "gear") if is_one else proof.equivalent)
+    assert ("do not tell it from the same effect" in second.reason) == is_one
+
+
 def test_one_equation_under_two_names_is_one_answer():
     _, proof = proved()
     other = replace(
@@ -323,7 +353,8 @@ def test_one_equation_under_two_names_is_one_answer():
     first, second = ranked([proof, other])
     assert first.verdict == "supported" and first.not_separable_from == ()
     assert second.verdict == "rejected" and "same equation" in second.reason
-    apart = replace(other, delta_log_likelihood=proof.delta_log_likelihood - 0.5)
+    law = replace(other.candidate, effect=replace(other.candidate.effect, class_name="Other"))
+    apart = replace(other, candidate=law, delta_log_likelihood=proof.delta_log_likelihood - 0.5)
     assert [p.verdict for p in ranked([proof, apart])] == ["not separable", "not separable"]
     # What is lost needs no second connector.
     between = replace(proof.candidate.effect, connectors=(*proof.candidate.effect.connectors, "flange_b"))
@@ -562,7 +593,9 @@ def test_law_that_is_less_likely_is_no_rival_by_parameters_that_nobody_knows(std
     better = {**simple.told.simulated, "validation": replace(before, rms={"phi": 0.8 * before.rms["phi"]})}
     rich = replace(
         simple,
-        candidate=replace(simple.candidate, effect=replace(simple.candidate.effect, name="Richer")),
+        candidate=replace(
+            simple.candidate, effect=replace(simple.candidate.effect, name="Richer", class_name="Richer")
+        ),
         fit=replace(simple.fit, parameters=(*simple.fit.parameters, shape)),
         final=replace(simple.told, simulated=better),
         delta_log_likelihood=simple.delta_log_likelihood + 1.0,

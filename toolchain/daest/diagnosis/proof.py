@@ -947,14 +947,25 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
         )
     close = [p for p in accepted if _is_rival(p, best)]
     close = [p for p in close if p is best or not _is_same_equation(p, best)]
+    twins = [p for p in close if p is not best and _is_twin(p, best)]
+    close = [p for p in close if p not in twins]
     result = []
     for proof in order:
         if proof.verdict == "rejected":
             result.append(proof)
+        elif proof in twins:
+            reason = f"the data do not tell it from the same effect at {best.candidate.site.name}"
+            result.append(replace(proof, verdict="rejected", reason=reason))
         elif proof in close:
             others = tuple(p.candidate.label for p in close if p is not proof)
+            alike = tuple(p.candidate.site.name for p in twins if proof is best)
             result.append(
-                replace(proof, not_separable_from=others, verdict="not separable" if others else "supported")
+                replace(
+                    proof,
+                    equivalent=(*proof.equivalent, *(name for name in alike if name not in proof.equivalent)),
+                    not_separable_from=others,
+                    verdict="not separable" if others else "supported",
+                )
             )
         else:
             worse = best.delta_bic - proof.delta_bic
@@ -988,6 +999,28 @@ def _is_same_equation(one: Proof, other: Proof) -> bool:
         abs(a.value - b.value) <= GATES.same_equation * (a.std_error or 0.0)
         for a, b in zip(values, others, strict=True)
     )
+
+
+def _is_twin(one: Proof, other: Proof) -> bool:
+    """Whether two laws are the same effect at two places that the data hardly tell apart, with the same
+    estimates: which effect it is is known, where it is not."""
+    if one.candidate.effect.class_name != other.candidate.effect.class_name:
+        return False
+    if abs(one.delta_log_likelihood - other.delta_log_likelihood) > GATES.same_fit_elsewhere:
+        return False
+    values, others = ({p.name.rpartition(".")[2]: p for p in _told_of_effect(law)} for law in (one, other))
+    return values.keys() == others.keys() and all(
+        a.unit == others[name].unit and _agree(a, others[name]) for name, a in values.items()
+    )
+
+
+def _told_of_effect(proof: Proof) -> list[FittedParameter]:
+    return [p for p in proof.told.parameters if p.name in proof.candidate.estimated]
+
+
+def _agree(a: FittedParameter, b: FittedParameter) -> bool:
+    """Whether two estimates are within one standard error of their difference."""
+    return abs(a.value - b.value) <= np.hypot(a.std_error or 0.0, b.std_error or 0.0)
 
 
 def _values_of_model(proof: Proof) -> list[FittedParameter]:
