@@ -72,6 +72,7 @@ from daest.diagnosis.rivals import (
     dynamic_fits,
     lag_fits,
     no_richer_ones,
+    nominal_simulation,
     reduced_laws,
     richer_laws,
     rounded,
@@ -885,9 +886,9 @@ def _dynamic(null: Null, wanted: Sequence[Candidate], simulation: Simulation) ->
         return dynamic_fits(null, wanted, simulation)
 
 
-def _lagging(null: Null, candidate: Candidate, reference: FitResult) -> DynamicFits:
+def _lagging(null: Null, candidate: Candidate, nominal: FitResult) -> DynamicFits:
     with _quiet():
-        return lag_fits(null, [candidate], reference)
+        return lag_fits(null, [candidate], nominal)
 
 
 def _called(task: Callable[[], Any]) -> Any:
@@ -1031,10 +1032,13 @@ class _Stages:
         if reference is None or reference.adds_up or has_affine_dynamics(null.explicit):
             return ()
         wanted = [c for c in candidates if c.is_dynamic and c.is_of_signal and not c.inputs]
+        with _quiet():
+            nominal = nominal_simulation(null, reference.fit) if wanted else None
+        if nominal is None:
+            return ()
         for candidate in wanted:
             self.progress(f"simulating with {candidate.label}")
-        tasks = [partial(_lagging, null, candidate, reference.fit) for candidate in wanted]
-        found = self.proved((), (), tasks)[1] if tasks else []
+        found = self.proved((), (), [partial(_lagging, null, one, nominal) for one in wanted])[1]
         return best_dynamic([part for part in found if part is not None])
 
     def shown_in_use(self, proofs: Sequence[Proof]) -> list[Proof]:

@@ -103,25 +103,33 @@ def storage_fits(
     return _improving(fits, simulation)
 
 
-def lag_fits(null: Null, wanted: Sequence[Candidate], reference: FitResult) -> DynamicFits:
-    """Output-error fits of those of the wanted effects that delay a signal of a model that is not affine and
-    improve its simulation, started from that of the `reference`. With nothing to delay they have no state and
-    no derivative, and as many fits of a model that bends as for an affine one would take too long."""
-    times = null.shortest_times
-    options = replace(_options(null, null.estimated), fix=times, max_iterations=LAG_ITERATIONS, shooting=1)
+def nominal_simulation(null: Null, reference: FitResult) -> FitResult | None:
+    """The output-error fit of a model that is not affine as it is, which the `reference` may be, and which
+    starts there; None where it fails."""
+    if reference.method == "oe":
+        return reference
+    start = {name: reference.theta[name] for name in null.estimated}
     with suppress(DaestError, RuntimeError, np.linalg.LinAlgError):
-        nominal = reference
-        if reference.method != "oe":
-            start = {name: reference.theta[name] for name in null.estimated}
-            nominal = identify(null.flat, null.experiments, replace(options, start=start))
-        fits = [_lag_fit(null, candidate, nominal, options) for candidate in wanted]
-        return _improving(fits, (nominal.log_likelihood, {}))
-    return []
+        return identify(
+            null.flat, null.experiments, replace(_lag_options(null), estimate=null.estimated, start=start)
+        )
+    return None
 
 
-def _lag_fit(
-    null: Null, candidate: Candidate, nominal: FitResult, options: IdentifyOptions
-) -> tuple[float, Prepared] | None:
+def lag_fits(null: Null, wanted: Sequence[Candidate], nominal: FitResult) -> DynamicFits:
+    """Output-error fits of those of the wanted effects that delay a signal of a model that is not affine and
+    improve its simulation, started from the `nominal` one (`nominal_simulation`). With nothing to delay they
+    have no state and no derivative, and as many fits of a model that bends as for an affine one would take
+    too long."""
+    fits = [_lag_fit(null, candidate, nominal) for candidate in wanted]
+    return _improving(fits, (nominal.log_likelihood, {}))
+
+
+def _lag_options(null: Null) -> IdentifyOptions:
+    return replace(_options(null, ()), fix=null.shortest_times, max_iterations=LAG_ITERATIONS, shooting=1)
+
+
+def _lag_fit(null: Null, candidate: Candidate, nominal: FitResult) -> tuple[float, Prepared] | None:
     """The likeliest output-error fit of the model with a candidate; None where none succeeds."""
     size = candidate.effect.sizes[0].name
     names, ends = (*null.estimated, *candidate.estimated), []
@@ -130,7 +138,7 @@ def _lag_fit(
             value = share * period_of(null.experiments)
             flat = attach(null.flat, candidate.effect, candidate.site, candidate.name, {size: value})
             start = {name: nominal.theta[name] for name in null.estimated}
-            chosen = replace(options, estimate=names, start=start)
+            chosen = replace(_lag_options(null), estimate=names, start=start)
             ends.append((identify(flat, null.experiments, chosen), flat))
     if not ends:
         return None
