@@ -45,7 +45,7 @@ def test_verdicts_on_every_example(path):
 
 @pytest.mark.parametrize(
     ("name", "n"),
-    [("Chain", 12), ("Ladder", 20), ("Resistors", 20), ("Rigid", 20), ("Grid", 4), ("Gears", 9)],
+    [("Chain", 7), ("Ladder", 12), ("Resistors", 12), ("Rigid", 12), ("Grid", 3), ("Gears", 6)],
 )
 def test_verdicts_poles_and_transfer_functions_of_arrays(name, n):
     dae = large(name, n)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from functools import cache
 from importlib import resources
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup, escape
 
@@ -13,6 +14,9 @@ from daest.report.console import number, percent
 from daest.report.page.material import Material
 from daest.report.page.plots import BORDERS, COLORS
 from daest.report.page.sections import TONES, Section, headline, places
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 ROOM = "daest.report.page"
 JOINT = re.compile("([_.])")
@@ -25,16 +29,9 @@ def page(material: Material, parts: Sequence[Section]) -> str:
 
     Raises KeyError, TypeError or ValueError for a document that no command wrote.
     """
-    from jinja2 import Environment, PackageLoader, UndefinedError
+    from jinja2 import UndefinedError
 
-    environment = Environment(loader=PackageLoader(ROOM, "."), autoescape=True, trim_blocks=True)
-    environment.filters["number"] = number
-    environment.filters["percent"] = percent
-    environment.filters["quoted"] = _quoted
-    environment.filters["breakable"] = _breakable
-    environment.globals["line_colors"], environment.globals["line_dashes"] = COLORS, BORDERS
-    environment.globals["places"], environment.globals["tones"] = places, TONES
-    template = environment.get_template("page.html.jinja")
+    template = _environment().get_template("page.html.jinja")
     try:
         return template.render(
             material=material,
@@ -48,6 +45,21 @@ def page(material: Material, parts: Sequence[Section]) -> str:
         raise KeyError(str(error)) from error
 
 
+@cache
+def _environment() -> Environment:
+    """The templates of the room, each of them compiled once."""
+    from jinja2 import Environment, PackageLoader
+
+    environment = Environment(loader=PackageLoader(ROOM, "."), autoescape=True, trim_blocks=True)
+    environment.filters["number"] = number
+    environment.filters["percent"] = percent
+    environment.filters["quoted"] = _quoted
+    environment.filters["breakable"] = _breakable
+    environment.globals["line_colors"], environment.globals["line_dashes"] = COLORS, BORDERS
+    environment.globals["places"], environment.globals["tones"] = places, TONES
+    return environment
+
+
 def _quoted(text: str) -> Markup:
     """The text, escaped, with what stands between backquotes as code."""
     return Markup(QUOTED.sub(r"<code>\1</code>", str(escape(text))))
@@ -58,6 +70,7 @@ def _breakable(name: str) -> Markup:
     return Markup(JOINT.sub(r"\1<wbr>", str(escape(name))))
 
 
+@cache
 def _library() -> str:
     """The drawing library, without the end of a script element in its texts."""
     from bokeh.resources import Resources
@@ -71,18 +84,12 @@ def _text(name: str) -> str:
 
 def fleet_page(document: Mapping[str, Any]) -> str:
     """HTML of a `FleetDocument`; every text is escaped."""
-    from jinja2 import Environment, PackageLoader
-
-    environment = Environment(
-        loader=PackageLoader("daest.report.page", "."), autoescape=True, trim_blocks=True
-    )
-    environment.filters["number"] = number
-    environment.filters["percent"] = percent
     machines = document["machines"]
-    return environment.get_template("fleet.html.jinja").render(
+    template = _environment().get_template("fleet.html.jinja")
+    return template.render(
         document=document,
         missing=sum(machine["effect"] is not None for machine in machines),
         outputs=list(dict.fromkeys(name for machine in machines for name in machine["fit_percent"])),
         parameters=list(dict.fromkeys(name for machine in machines for name in machine["parameters"])),
-        style=resources.files("daest.report.page").joinpath("style.css").read_text(encoding="utf-8"),
+        style=_text("style.css"),
     )
