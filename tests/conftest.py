@@ -15,6 +15,9 @@ import pytest
 # As the commands do: small matrices, and two test processes beside each other.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
+# Objects made between two looks of the garbage collector: with Python's 700, reading all sources of the package
+# takes three times as long.
+gc.set_threshold(20_000, 20, 20)
 # A shell that starts the tests in the background lets them ignore Ctrl-C, `nohup` the end of the terminal,
 # and all that they start with them.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
@@ -98,16 +101,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.quick)
 
 
-# Objects made between two looks of the garbage collector: 700 let it look thousands of times.
-MADE_BETWEEN = 20_000
-
-
 def pytest_collection_finish() -> None:
-    """The garbage collector looks neither at the modules and tests, which stay until the end, nor as often as
-    it does by itself: reading all sources of the package took three times as long by it."""
+    """What is there now stays until the end: the garbage collector need not look at it again."""
     gc.collect()
     gc.freeze()
-    gc.set_threshold(MADE_BETWEEN, 20, 20)
 
 
 @pytest.fixture(autouse=True)
