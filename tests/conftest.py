@@ -107,6 +107,10 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+def pytest_unconfigure() -> None:
+    gc.unfreeze()  # else modules of native code complain at the end that they are still there
+
+
 @pytest.fixture(autouse=True)
 def no_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     """Text as wide as in a pipe: pytest tells its worker processes the width of its own terminal."""
