@@ -15,8 +15,8 @@ import pytest
 # As the commands do: small matrices, and two test processes beside each other.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
-# Objects made between two looks of the garbage collector: with Python's 700, reading all sources of the package
-# takes three times as long.
+# Objects made between two looks of the garbage collector: with 700, reading all sources of the package takes
+# three times as long.
 gc.set_threshold(20_000, 20, 20)
 # A shell that starts the tests in the background lets them ignore Ctrl-C, `nohup` the end of the terminal,
 # and all that they start with them.
