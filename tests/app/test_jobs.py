@@ -191,6 +191,18 @@ def test_damaged_steps_are_one_message(home, content):
     assert caught.value.code == "results-unreadable"
 
 
+def test_a_job_whose_lock_is_made_but_not_yet_held_is_starting(home):
+    folder = home / "jobs" / "0001"
+    folder.mkdir(parents=True)
+    (folder / "lines.json").write_text("[[]]", encoding="utf-8")
+    about = {"action": "", "began": time.time(), "pid": os.getpid()}
+    (folder / "job.json").write_text(json.dumps(about), encoding="utf-8")
+    (folder / "alive").touch()
+    assert [job.status for job in jobs(home)] == ["running"]
+    (folder / "alive").write_bytes(b"1")  # a process held it, and holds it no longer
+    assert [job.status for job in jobs(home)] == ["lost"]
+
+
 def test_steps_form_a_tree_of_which_no_branch_is_lost():
     story = Story((read_story(Path("nowhere"), "A.mo").step,))
     one = story.added(HOME, "CoulombFriction", "motor")

@@ -137,8 +137,16 @@ def _status(folder: Path, began: float, codes: Sequence[int]) -> Status:
         return "running"
     if (_read(folder / ENDED) or {}).get("time"):
         return "running"  # it has just ended: the next look reads how
-    is_new = not (folder / ALIVE).exists() and time.time() - began < START_SECONDS
+    is_new = not _was_held(folder / ALIVE) and time.time() - began < START_SECONDS
     return "running" if is_new else "lost"
+
+
+def _was_held(path: Path) -> bool:
+    """Whether the process of the job has come to hold the lock; it makes the file a moment before."""
+    try:
+        return path.stat().st_size > 0
+    except FileNotFoundError:
+        return False
 
 
 def _new(home: Path) -> tuple[int, Path]:

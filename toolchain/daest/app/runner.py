@@ -25,14 +25,16 @@ from daest.files import ended_at_death, whole_file
 LINES, ENDED, ALIVE, STDOUT, STDERR = "lines.json", "ended.json", "alive", "stdout", "stderr"
 DONE = (0, 1)  # exit codes after which the next line is run: done, and done with a check that failed
 INTERRUPTED = 130
+LOCK_SECONDS = 2.0  # to wait for a lock that others only look at
 NICENESS = 5  # the page and other programs go first
 
 
 def main(folder: Path, job: Path) -> int:
     """Run the job in `folder`; returns the last exit code."""
-    held = locked(job / ALIVE)
+    held = _held(job / ALIVE)
     if held is None:
         return INTERRUPTED  # another process runs it
+    os.write(held, b"1")  # an empty file is one that no process has held yet
     if hasattr(os, "nice"):
         os.nice(NICENESS)
     lines = json.loads((job / LINES).read_text(encoding="utf-8"))
@@ -50,6 +52,14 @@ def main(folder: Path, job: Path) -> int:
             break
     os.close(held)
     return ends[-1]["code"] if ends else 0
+
+
+def _held(path: Path) -> int | None:
+    """The lock of the job; whoever looks whether it is held holds it for a moment."""
+    until = time.monotonic() + LOCK_SECONDS
+    while (held := locked(path)) is None and time.monotonic() < until:
+        time.sleep(0.01)
+    return held
 
 
 class _Stop:
