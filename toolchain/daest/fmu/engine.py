@@ -36,8 +36,7 @@ def engine_library(
     compiler."""
     sizes = {"FMI": fmi, "NX": n_x, "NU": n_u if n_columns is None else n_columns, "N_SET": n_u, "NL": n_laws}
     sizes |= {"NP": n_p, "NY": n_y, "NG": 0}
-    work = [f"{part}_{kind}" for part in ("RHS", "SENS", "OUT", "HOLD") for kind in ("ARG", "RES", "IW", "W")]
-    lines = [f"#define {name} {value}" for name, value in (sizes | dict.fromkeys(work, 0)).items()]
+    lines = [f"#define {name} {value}" for name, value in sizes.items()]
     asked = resources.files("daest.fmu").joinpath("foreign.c").read_text(encoding="utf-8")
     method = resources.files("daest.numerics").joinpath("radau.c").read_text(encoding="utf-8")
     try:

@@ -209,6 +209,9 @@ static int daest_rhs(const double **arg, double **res, casadi_int *iw, double *w
   return by_states(rates, NX, arg[0], arg[1], arg[3][0], res[0], res[1]);
 }
 
+#define daest_rate daest_rhs /* it leaves out what is not asked for */
+static const casadi_int daest_work[4];
+
 /* radau.c takes for granted that the next two succeed: what was refused is told by daest_refused. */
 static int daest_sens(const double **arg, double **res, casadi_int *iw, double *w, int memory) {
   (void)iw, (void)w, (void)memory;

@@ -17,7 +17,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
@@ -189,35 +189,53 @@ def build_shared(
     *,
     files: Mapping[str, str] | None = None,
     target: Platform | None = None,
+    objects: Sequence[Path] = (),
 ) -> Path:
     """The shared library made from the C text `source`, compiled now or before.
 
-    `name` is the stem of the file. `files` are texts that the source includes (file name -> text). The result
-    stands in the cache under a hash of source, files, flags, target and compiler; it appears there whole or
-    not at all, also when several processes build it at once.
+    `name` is the stem of the file. `files` are texts that the source includes (file name -> text), and
+    `objects` those of `build_object` that it is linked with. The result stands in the cache under a hash of
+    source, files, flags, objects, target and compiler; it appears there whole or not at all, also when
+    several processes build it at once.
     Errors: FmuError `no-c-compiler`; `compilation-failed` with the compiler's words.
     """
     where = target or native_platform()
-    compiler = find_compiler(where)
     texts = {f"{name}.c": source, **(files or {})}
-    key = _key(compiler, where, flags, texts)
+    return _built(texts, name, where.suffix, flags, where, tuple(objects))
+
+
+def build_object(source: str, name: str, flags: tuple[str, ...]) -> Path:
+    """The object file of the C text `source` for this platform, compiled now or before: what several
+    libraries of `build_shared` have in common. Errors as there."""
+    return _built({f"{name}.c": source}, name, ".o", flags, native_platform(), ())
+
+
+def _built(
+    texts: Mapping[str, str],
+    name: str,
+    suffix: str,
+    flags: tuple[str, ...],
+    target: Platform,
+    objects: tuple[Path, ...],
+) -> Path:
+    compiler = find_compiler(target)
+    key = _key(compiler, target, (*flags, *(one.parent.name for one in objects)), texts)
     folder = cache_folder() / "compiled" / key
-    library = folder / f"{name}{where.suffix}"
-    if is_whole(library):
+    file_name = f"{name}{suffix}"
+    if is_whole(folder / file_name):
         was_used(folder)
-        return library
+        return folder / file_name
     n_lines = sum(text.count("\n") for text in texts.values())
     if n_lines > TOLD_LINES:
         _telling.get()(f"compiling {n_lines} lines of C, which is kept for the next time")
     folder = _writable(folder)
-    library = folder / f"{name}{where.suffix}"
     with passing_folder("build-", folder) as work:
-        for file_name, text in texts.items():
-            (work / file_name).write_text(text, encoding="utf-8")
-        built = _compile(compiler, where, flags, work, name)
-        put_whole(built, library)
+        for source, text in texts.items():
+            (work / source).write_text(text, encoding="utf-8")
+        _compile(compiler, target, flags, work, name, file_name, objects)
+        put_whole(work / file_name, folder / file_name)
     forget_unused(cache_folder() / "compiled", MOST_KEPT)
-    return library
+    return folder / file_name
 
 
 def effort(source: str, wanted: str) -> str:
@@ -248,15 +266,24 @@ def _key(compiler: Compiler, target: Platform, flags: tuple[str, ...], texts: Ma
     return digest.hexdigest()[:32]
 
 
-def _compile(compiler: Compiler, target: Platform, flags: tuple[str, ...], work: Path, name: str) -> Path:
-    library = work / f"{name}{target.suffix}"
-    command = [*compiler.command, *flags, "-shared", "-w"]
+def _compile(
+    compiler: Compiler,
+    target: Platform,
+    flags: tuple[str, ...],
+    work: Path,
+    name: str,
+    made: str,
+    objects: tuple[Path, ...],
+) -> None:
+    """Make the file `made`, an object or a shared library, of `name`.c in the folder `work`."""
+    is_object = made.endswith(".o")
+    command = [*compiler.command, *flags, "-c" if is_object else "-shared", "-w"]
     if target.suffix != ".dll":
         command.append("-fPIC")
     if compiler.is_zig:
-        command += ["-target", target.zig_target, "-s"]
-    command += [f"-I{headers()}", f"{name}.c", "-o", library.name]
-    if target.suffix == ".so":
+        command += ["-target", target.zig_target, *([] if is_object else ["-s"])]
+    command += [f"-I{headers()}", f"{name}.c", *map(str, objects), "-o", made]
+    if target.suffix == ".so" and not is_object:
         command.append("-lm")
     try:
         done = run_program(command, work, COMPILE_SECONDS)
@@ -264,7 +291,7 @@ def _compile(compiler: Compiler, target: Platform, flags: tuple[str, ...], work:
         raise FmuError(
             "compilation-failed", f"The C compiler did not run: {problem}", where=command[0]
         ) from problem
-    if done.returncode != 0 or not library.is_file():
+    if done.returncode != 0 or not (work / made).is_file():
         words = "\n".join((done.stderr or done.stdout).splitlines()[:SHOWN_LINES])
         raise FmuError(
             "compilation-failed",
@@ -272,4 +299,3 @@ def _compile(compiler: Compiler, target: Platform, flags: tuple[str, ...], work:
             where=" ".join(compiler.command),
             remedy="Set the environment variable CC to another compiler, or `pip install daest[compiler]`.",
         )
-    return library

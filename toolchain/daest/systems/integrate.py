@@ -11,7 +11,7 @@ from __future__ import annotations
 import ctypes
 import functools
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import singledispatch
 from importlib import resources
@@ -22,7 +22,7 @@ import numpy as np
 
 from daest.errors import FmuError, ModelError
 from daest.model.flat import Dynamics, ExplicitModel, events_refused
-from daest.numerics.compiler import MOST_LINES, build_shared, effort, processor_flags
+from daest.numerics.compiler import MOST_LINES, build_object, build_shared, effort, processor_flags
 from daest.numerics.projection import pull
 from daest.numerics.watched import watched
 from daest.systems.event_functions import EventFunctions
@@ -387,48 +387,50 @@ def _compile(
 ) -> ctypes.CDLL | None:
     if root is not None and not root.numel_out(0):
         root = None
+    functions = [f for f in (rate, rhs, sens, out, hold, root, bend) if f is not None]
     generator = ca.CodeGenerator("model.c")
-    for function in (rate, rhs, sens, out, hold, root, bend):
-        if function is not None:
-            generator.add(function)
-    constants = [
-        ("NX", rhs.numel_in(0)),
-        ("NU", rhs.numel_in(1)),
-        ("NP", sens.numel_out(1) // max(rhs.numel_in(0), 1)),
-        ("NY", out.numel_out(0)),
-        ("NT", rhs.numel_out(2) if rhs.n_out() > 2 else 0),
-        ("NG", 0 if hold is None else hold.numel_out(0)),
-        ("NR", 0 if root is None else root.numel_out(0)),
-        ("BENT", int(bend is not None)),
-    ]
-    every: dict[str, ca.Function | None] = {
-        "RATE": rate,
-        "RHS": rhs,
-        "SENS": sens,
-        "OUT": out,
-        "HOLD": hold,
-        "ROOT": root,
+    for function in functions:
+        generator.add(function)
+    most = (str(max(getattr(f, f"sz_{kind}")() for f in functions)) for kind in ("arg", "res", "iw", "w"))
+    sizes = f"const casadi_int daest_work[4] = {{{', '.join(most)}}};\n"
+    constants = {
+        "NX": rhs.numel_in(0),
+        "NU": rhs.numel_in(1),
+        "NP": sens.numel_out(1) // max(rhs.numel_in(0), 1),
+        "NY": out.numel_out(0),
+        "NT": rhs.numel_out(2) if rhs.n_out() > 2 else 0,
+        "NG": 0 if hold is None else hold.numel_out(0),
+        "NR": 0 if root is None else root.numel_out(0),
+        "BENT": int(bend is not None),
     }
-    every |= {} if bend is None else {"BEND": bend}
-    for prefix, part in every.items():
-        sizes = [0 if part is None else getattr(part, f"sz_{work}")() for work in _WORK]
-        constants += [(f"{prefix}_{w.upper()}", size) for w, size in zip(_WORK, sizes, strict=True)]
-    header = "".join(f"#define {name} {value}\n" for name, value in constants)
-    names = ("radau.c",) if hold is None else ("project.c", "radau.c")
-    drivers = [resources.files("daest.numerics").joinpath(name).read_text(encoding="utf-8") for name in names]
-    return _load(generator.dump() + header + "".join(drivers), wanted)
+    return _load(generator.dump() + sizes, _driver(constants), wanted)
 
 
-_WORK = ("arg", "res", "iw", "w")
+FUNCTIONS = ("rate", "rhs", "sens", "out", "hold", "root", "bend")
+
+
+def _driver(constants: Mapping[str, int]) -> str:
+    """The integrator for all models of the same sizes, which are in another file."""
+    arguments = "(const double **, double **, casadi_int *, double *, int)"
+    lines = [f"#define {name} {value}" for name, value in constants.items()]
+    lines += ["#define casadi_int long long int", "extern const casadi_int daest_work[4];"]
+    lines += [f"int daest_{name}{arguments};" for name in FUNCTIONS]
+    names = ("project.c", "radau.c") if constants["NG"] else ("radau.c",)
+    texts = [resources.files("daest.numerics").joinpath(name).read_text(encoding="utf-8") for name in names]
+    return "\n".join((*lines, *texts))
 
 
 @functools.lru_cache(maxsize=64)
-def _load(source: str, wanted: str) -> ctypes.CDLL | None:
+def _load(source: str, driver: str, wanted: str) -> ctypes.CDLL | None:
     if source.count("\n") > MOST_LINES:
         return None
+    common = build_object(driver, "radau", _flags(driver, wanted))
+    return ctypes.CDLL(str(build_shared(source, "integrator", _flags(source, wanted), objects=(common,))))
+
+
+def _flags(source: str, wanted: str) -> tuple[str, ...]:
     level = effort(source, wanted)
-    flags = (level, *(FAST if level == wanted == "-O2" else ()), *processor_flags())
-    return ctypes.CDLL(str(build_shared(source, "integrator", flags=flags)))
+    return (level, *(FAST if level == wanted == "-O2" else ()), *processor_flags())
 
 
 def interval_inputs(
