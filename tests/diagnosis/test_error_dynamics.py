@@ -74,8 +74,8 @@ def relative_errors(flat):
     g = torque[:, None] * entry
     drive, expected = np.stack([g[:-1], g[1:]])[None], (up - down) / 2.0
     return [
-        np.max(np.abs(dynamics.errors(run.gain, drive)[0] - expected)) / np.max(np.abs(expected))
-        for dynamics in (run.dynamics[0], average_dynamics(run.average))
+        np.max(np.abs(dynamics.errors(drive)[0] - expected)) / np.max(np.abs(expected))
+        for dynamics in (run.dynamics[0], average_dynamics(run.average).watched(run.gain))
     ]
 
 

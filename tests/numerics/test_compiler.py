@@ -11,6 +11,8 @@ from daest.errors import FmuError
 from daest.fmu.export import export_fmu
 from daest.fmu.load import load_fmu
 from daest.numerics import compiler
+from daest.systems.integrate import integrator
+from daest.systems.reduce import reduce_index
 
 SOURCE = "double twice(double x) { return FACTOR * x; }"
 
@@ -35,6 +37,27 @@ def test_other_flags_give_another_library():
         function.restype, function.argtypes = ctypes.c_double, [ctypes.c_double]
         libraries.append(function(5.0))
     assert libraries == [10.0, 15.0]
+
+
+def test_libraries_share_an_object(tmp_path):
+    common = compiler.build_object("double half(double x) { return FACTOR * x; }", "half", ("-DFACTOR=0.5",))
+    other = compiler.build_object("double half(double x) { return FACTOR * x; }", "half", ("-DFACTOR=0.25",))
+    source = "double half(double); double quarter(double x) { return half(half(x)); }"
+    results = []
+    for part in (common, other):
+        function = ctypes.CDLL(str(compiler.build_shared(source, "quarter", objects=(part,)))).quarter
+        function.restype, function.argtypes = ctypes.c_double, [ctypes.c_double]
+        results.append(function(4.0))
+    assert results == [1.0, 0.25]
+
+
+def test_models_of_the_same_sizes_share_the_integrator(tmp_path):
+    explicit = reduce_index(models.tank())
+    for names in ([], [explicit.flat.parameters[0].name]):
+        assert integrator(explicit, names).library is not None
+    built = tmp_path / "cache" / "compiled"
+    assert len(list(built.glob("*/radau.o"))) == 1
+    assert len(list(built.glob(f"*/integrator{compiler.native_platform().suffix}"))) == 2
 
 
 def test_compiler_complaint_is_shown():

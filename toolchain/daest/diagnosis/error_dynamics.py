@@ -37,27 +37,36 @@ class ErrorDynamics:
     at_end: np.ndarray
     C: np.ndarray
 
-    def errors(
-        self,
-        gain: np.ndarray,
-        drive: np.ndarray,
-        direct: np.ndarray | None = None,
-        sensors: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """Errors of the predicted outputs (k, n_samples, n_y) from drives (k, 2, n_samples - 1, n) at the
-        starts and ends of the intervals, and `direct` errors (k, n_samples, n_y) of the predictions. The gain
-        follows the relative slopes of the `sensors` (n_samples, n_y)."""
+    def watched(self, gain: np.ndarray, sensors: np.ndarray | None = None) -> WatchedErrors:
+        """With an observer of `gain` (n, n_y), which follows the relative slopes of the `sensors` (n_samples,
+        n_y)."""
         s = np.ones((1, gain.shape[1])) if sensors is None or np.all(sensors == 1.0) else sensors[:-1]
-        pushed = _times(drive[:, 0], self.at_start) + _times(drive[:, 1], self.at_end)
-        if direct is not None:
-            pushed = pushed - _times((s * direct[:, :-1]) @ gain.T, self.transition)
         seen = s[:, :, None] * self.C[: max(self.C.shape[0] - 1, 1)]
-        closed = self.transition - self.transition @ gain @ seen
-        if closed.shape[0] == 1:
-            states = linear_recursion(closed[0], pushed, np.zeros(closed.shape[1]))
+        return WatchedErrors(self, gain, s, self.transition - self.transition @ gain @ seen)
+
+
+@dataclass(frozen=True)
+class WatchedErrors:
+    """`open_loop` under an observer of `gain` (n, n_y) that follows the `slopes` (n_samples - 1 or 1, n_y) of
+    the sensors: `closed` (n_samples - 1 or 1, n, n) takes the error of one predicted state to the next."""
+
+    open_loop: ErrorDynamics
+    gain: np.ndarray
+    slopes: np.ndarray
+    closed: np.ndarray
+
+    def errors(self, drive: np.ndarray, direct: np.ndarray | None = None) -> np.ndarray:
+        """Errors of the predicted outputs (k, n_samples, n_y) from drives (k, 2, n_samples - 1, n) at the
+        starts and ends of the intervals, and `direct` errors (k, n_samples, n_y) of the predictions."""
+        own = self.open_loop
+        pushed = _times(drive[:, 0], own.at_start) + _times(drive[:, 1], own.at_end)
+        if direct is not None:
+            pushed -= _times((self.slopes * direct[:, :-1]) @ self.gain.T, own.transition)
+        if self.closed.shape[0] == 1:
+            states = linear_recursion(self.closed[0], pushed, np.zeros(self.closed.shape[1]))
         else:
-            states = varying_recursion(closed, pushed)
-        change = _times(states, self.C)
+            states = varying_recursion(self.closed, pushed)
+        change = _times(states, own.C)
         return change if direct is None else change + direct
 
 

@@ -42,12 +42,12 @@ class GrownStates:
         grown[:, self.common] = states @ self.T.T
         return with_integrals(self.explicit, self.brought, time, grown, inputs)
 
-    def without_effects(self, rates: np.ndarray) -> np.ndarray:
-        """Rates (…, n) of the states without effects, from those of `explicit` (…, n_grown)."""
-        n = rates.shape[-1]
-        if self.common == list(range(n)) and np.array_equal(self.T, np.eye(n)):
-            return rates
-        return rates[..., self.common] @ np.linalg.inv(self.T).T
+    def rows_without_effects(self) -> np.ndarray:
+        """(n_grown, n): a row of rates of `explicit` times this is the row of those of the model without
+        effects."""
+        rows = np.zeros((self.explicit.n_states, len(self.common)))
+        rows[self.common] = np.linalg.inv(self.T).T
+        return rows
 
 
 def with_integrals(

@@ -22,7 +22,7 @@ from scipy.special import ndtri_exp
 from daest.diagnosis.absorbed import rescaling_sizes
 from daest.diagnosis.candidates import attachable, explicit_at_null, with_shapes
 from daest.diagnosis.clipping import CLIPPED
-from daest.diagnosis.error_dynamics import ErrorDynamics, dynamics_along
+from daest.diagnosis.error_dynamics import WatchedErrors, dynamics_along
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.grown_states import grown_states
 from daest.diagnosis.null import Null
@@ -43,6 +43,7 @@ RTOL = 1e-5
 HALVINGS = 8  # of a gain with which the observer runs away
 # Samples at a time: the pattern of a function mapped over all of them takes longer than its values.
 PIECE = 500
+AT_HAND = 1 << 20  # numbers (8 MiB) of the responses that are made at a time
 
 
 @dataclass(frozen=True)
@@ -71,12 +72,16 @@ class NullObserver:
     observed: tuple[Observed, ...]
 
     @cached_property
-    def dynamics(self) -> tuple[ErrorDynamics, ...]:
+    def dynamics(self) -> tuple[WatchedErrors, ...]:
         """Of every experiment. Asked for by responses alone: most candidates are judged without any."""
         null = self.null
         filtered, predicted = [o.filtered for o in self.observed], [o.predicted for o in self.observed]
-        return dynamics_along(
+        every = dynamics_along(
             null.explicit, self.average, null.experiments, filtered, predicted, null.hold, RTOL
+        )
+        return tuple(
+            one.watched(self.gain, observed.sensors)
+            for one, observed in zip(every, self.observed, strict=True)
         )
 
     @property
@@ -373,9 +378,21 @@ def _responses(
         at_starts = _drives(explicit, of_rates, time, filtered, first)
         at_ends = _drives(explicit, of_rates, time, predicted, last)
         direct = _drives(explicit, of_outputs, time, predicted, last)
-        g = grown.without_effects(np.stack([at_starts[:, :-1], at_ends[:, 1:]], axis=1))
-        parts.append(innovation_responses(run, number, experiment, g, direct))
+        back = grown.rows_without_effects()
+        rows = np.empty((len(names), experiment.outputs.size))
+        for several in _several(len(names), experiment.n_samples * back.shape[1]):
+            ends = [at_starts.of(several, slice(0, -1), back), at_ends.of(several, slice(1, None), back)]
+            shown = direct.of(several, slice(None), np.eye(experiment.outputs.shape[1]))
+            rows[several] = innovation_responses(run, number, experiment, np.stack(ends, axis=1), shown)
+        parts.append(rows)
     return np.concatenate(parts, axis=1)
+
+
+def _several(count: int, each: int) -> Iterator[range]:
+    """`count` things of `each` numbers, so many at a time that their numbers stay in the memory that is at
+    hand: all at once, most of the time goes into getting more of it."""
+    length = max(1, AT_HAND // each)
+    return (range(begin, min(begin + length, count)) for begin in range(0, count, length))
 
 
 def _only_rescales(
@@ -415,7 +432,7 @@ def innovation_responses(
     """Responses (k, n_samples · n_y) of the whitened innovations of an experiment to drives g (k, 2,
     n_samples - 1, n) of the states' rates at the starts and ends of its intervals, and `direct` (k,
     n_samples, n_y) of the outputs, through the observer's error dynamics."""
-    change = run.dynamics[number].errors(run.gain, g, direct, run.observed[number].sensors)
+    change = run.dynamics[number].errors(g, direct)
     change = np.where(np.isfinite(experiment.outputs), change, 0.0)
     return (change @ run.root.T).reshape(g.shape[0], -1)
 
@@ -459,15 +476,36 @@ def _driven_inputs(
     return tuple(found)
 
 
+@dataclass(frozen=True)
+class _Drives:
+    """Values (n_nonzeros, n_samples) of a drive function along a recording, and for each its row among the
+    rates or outputs and its column among the k sizes."""
+
+    values: np.ndarray
+    rows: np.ndarray
+    columns: np.ndarray
+
+    def of(self, sizes: range, samples: slice, turned: np.ndarray) -> np.ndarray:
+        """The drives (len(sizes), n_samples, n) of some sizes at some samples, as rows times `turned`
+        (n_rows, n)."""
+        values = self.values[:, samples]
+        found = np.zeros((len(sizes), values.shape[1], turned.shape[1]))
+        for place in range(*np.searchsorted(self.columns, [sizes.start, sizes.stop])):
+            row = turned[self.rows[place]]
+            for target in np.flatnonzero(row):
+                found[self.columns[place] - sizes.start, :, target] += row[target] * values[place]
+        return found
+
+
 def _drives(
     explicit: ExplicitModel,
     drives: ca.Function,
     time: np.ndarray,
     states: np.ndarray,
     inputs: tuple[np.ndarray, np.ndarray],
-) -> np.ndarray:
-    """Values (k, n_samples, n_rows) of a drive function along the states (n_samples, n) of `explicit`."""
-    n_samples, (n_rows, k) = time.size, drives.size_out(0)
+) -> _Drives:
+    """A drive function along the states (n_samples, n) of `explicit`."""
+    n_samples = time.size
     theta = np.tile(explicit.flat.theta_values, (n_samples, 1))
     columns = (states, inputs[0].T, inputs[1].T, theta, time)
     arguments = [np.ascontiguousarray(column, dtype=float) for column in columns]
@@ -475,11 +513,8 @@ def _drives(
     values = np.empty((n_samples, pattern.nnz()))
     for piece, several in _pieces(drives, n_samples if values.size else 0):
         _evaluate(several, [argument[piece] for argument in arguments], values[piece])
-    # Most effects drive few states.
-    whole = np.zeros((k, n_samples, n_rows))
-    rows, places = pattern.get_triplet()
-    whole[places, :, rows] = np.nan_to_num(values, copy=False).T
-    return whole
+    rows, places = (np.array(part, dtype=int) for part in pattern.get_triplet())
+    return _Drives(np.ascontiguousarray(np.nan_to_num(values, copy=False).T), rows, places)
 
 
 def _pieces(function: ca.Function, n_samples: int) -> Iterator[tuple[slice, ca.Function]]:

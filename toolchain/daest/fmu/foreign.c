@@ -5,7 +5,7 @@
  * sensitivities, one-sided ones for the Newton iteration.
  * Laws add a function of one variable of the FMU, or of one of u, and of a size to an input; the last of the chosen
  * parameters may be sizes: every instance has its own.
- * Constants: those of radau.c, FMI (2 or 3), N_SET (the first of u, which the FMU is given) and NL (laws).
+ * Constants: those of radau.c, NP (chosen parameters), FMI (2 or 3), N_SET (the first of u, which the FMU is given) and NL (laws).
  */
 #include <math.h>
 #include <stdbool.h>
@@ -210,7 +210,7 @@ static int daest_rhs(const double **arg, double **res, casadi_int *iw, double *w
 }
 
 #define daest_rate daest_rhs /* it leaves out what is not asked for */
-static const casadi_int daest_work[4];
+static const casadi_int daest_work[4], daest_n_chosen = NP;
 
 /* radau.c takes for granted that the next two succeed: what was refused is told by daest_refused. */
 static int daest_sens(const double **arg, double **res, casadi_int *iw, double *w, int memory) {

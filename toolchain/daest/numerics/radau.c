@@ -24,7 +24,8 @@
  *   daest_bend  (x, u, theta, t) -> s (n_y), ds/dx (n_y x n), ds/dtheta_e (n_y x p): relative slopes of the sensors
  *               (BENT > 0)
  *   daest_work  {arg, res, iw, w}: the largest work sizes of the functions
- * Compile-time constants: NX, NU, NP, NY, NG, NR, NT, BENT. The functions may stand before this text, or in another
+ *   daest_n_chosen: p
+ * Compile-time constants: NX, NU, NY, NG, NR, NT, BENT. The functions may stand before this text, or in another
  * file: declared after this one's constants, so that one compiled integrator serves all models of the same sizes.
  */
 #include <math.h>
@@ -380,12 +381,13 @@ typedef struct {
   double on_single[9], on_re[9], on_im[9];         /* shares of the inverses in N of `responses_of_few` */
   double stage_tears[3 * NT + 1];         /* of the stages at the last iteration */
   double tears[NT + 1];                   /* of the point x, from which every try of a step begins */
-  double *made, *seen, *stage_p, *out_p;  /* NX and NY x WHOLE(directions); 3 x NX x NP; NY x NP */
+  double *made, *seen;                    /* NX and NY x WHOLE(directions) */
+  double *stage_p, *out_p, *hold_p;       /* 3 x NX, NY and NG x daest_n_chosen */
 #if BENT > 0
-  double slope[NY], slope_x[NY * NX], *slope_p; /* relative slopes of the sensors, over the states; NY x NP */
+  double slope[NY], slope_x[NY * NX], *slope_p; /* relative slopes of the sensors, over states; NY x daest_n_chosen */
   double *error_sens;                     /* of the weighted errors: NY x WHOLE(directions) */
 #endif
-  int by_parameter;                       /* NP, or 0 where no sensitivities to the parameters are wanted */
+  int by_parameter;                       /* daest_n_chosen, or 0 where no sensitivities to the parameters are wanted */
   const double *gain_slopes;              /* by_gain x NX x NY: how the gain changes along the last directions */
   int by_gain;
 } Work;
@@ -501,7 +503,7 @@ static void stage_jacobians(Work *k, Model *m, const Interval *s, double t, doub
     for (int i = 0; i < NX; ++i) point[i] = k->x[i] + k->Z[j * NX + i];
     input_at(s, at, k->u);
     if (NT > 0) memcpy(m->tears, k->stage_tears + j * NT, sizeof(double) * NT);
-    call(daest_sens, m, point, k->u, at, k->stageJ + j * NX * NX, k->stage_p + j * NX * NP, 0);
+    call(daest_sens, m, point, k->u, at, k->stageJ + j * NX * NX, k->stage_p + j * NX * daest_n_chosen, 0);
   }
 }
 
@@ -643,7 +645,7 @@ static void add_drive(Work *k, double *made, int size) {
     double sum[ROW] = {0.0};
     for (int j = 0; j < 3; ++j)
       for (int q = 0; q < NX; ++q) {
-        double slope = k->stage_p[j * NX * NP + d * NX + q];
+        double slope = k->stage_p[j * NX * daest_n_chosen + d * NX + q];
         if (slope != 0.0) subtract(sum, k->G + (j * NX + q) * ROW, -slope, 0, ROW); /* most drive few states */
       }
     for (int c = 0; c < NX; ++c) made[c * size + d] += sum[c];
@@ -719,7 +721,7 @@ static void set_constants(Work *k) {
 #if NG > 0
 /* Until a step is below a thousandth of the absolute tolerance. */
 static int project(Work *k, Model *m, const double *u, double t, const double *atol, double *S, int directions) {
-  double g[NG], R[NG * NX], by_p[NG * NP + 1], K[NX * NG], L[NG * NG], moved = 1.0;
+  double g[NG], R[NG * NX], *by_p = k->hold_p, K[NX * NG], L[NG * NG], moved = 1.0;
   for (int step = 0; step < PROJECTIONS && moved > 1e-3; ++step)
     if (call(daest_hold, m, k->x, u, t, g, R, by_p) || !all_finite(g, NG))
       return NOT_FINITE;
@@ -729,7 +731,7 @@ static int project(Work *k, Model *m, const double *u, double t, const double *a
   for (int d = 0; d < directions; ++d) {
     double along[NG];
     for (int i = 0; i < NG; ++i) {
-      along[i] = d < k->by_parameter ? by_p[i * NP + d] : 0.0;
+      along[i] = d < k->by_parameter ? by_p[i * daest_n_chosen + d] : 0.0;
       for (int q = 0; q < NX; ++q) along[i] += R[i * NX + q] * S[q * size + d];
     }
     for (int q = 0; q < NX; ++q)
@@ -1051,14 +1053,15 @@ static int allocate(Work **k, Model *m, double **S, int directions) {
   if (!*k) return 0;
   (*k)->made = malloc(sizeof(double) * (NX * WHOLE(directions) + 1));
   (*k)->seen = malloc(sizeof(double) * (NY * WHOLE(directions) + 1));
-  (*k)->stage_p = malloc(sizeof(double) * (3 * NX * NP + 1));
-  (*k)->out_p = malloc(sizeof(double) * (NY * NP + 1));
+  (*k)->stage_p = malloc(sizeof(double) * (3 * NX * daest_n_chosen + 1));
+  (*k)->out_p = malloc(sizeof(double) * (NY * daest_n_chosen + 1));
+  (*k)->hold_p = malloc(sizeof(double) * (NG * daest_n_chosen + 1));
 #if BENT > 0
-  (*k)->slope_p = malloc(sizeof(double) * (NY * NP + 1));
+  (*k)->slope_p = malloc(sizeof(double) * (NY * daest_n_chosen + 1));
   (*k)->error_sens = calloc(NY * WHOLE(directions) + 1, sizeof(double));
   if (!(*k)->slope_p || !(*k)->error_sens) return 0;
 #endif
-  return m->iw && m->w && m->arg && m->res && *S && (*k)->made && (*k)->seen && (*k)->stage_p && (*k)->out_p;
+  return m->iw && m->w && m->arg && m->res && *S && (*k)->made && (*k)->seen && (*k)->stage_p && (*k)->out_p && (*k)->hold_p;
 }
 
 static void release(Work *k, Model *m, double *S) {
@@ -1072,6 +1075,7 @@ static void release(Work *k, Model *m, double *S) {
     free(k->seen);
     free(k->stage_p);
     free(k->out_p);
+    free(k->hold_p);
 #if BENT > 0
     free(k->slope_p);
     free(k->error_sens);
@@ -1148,7 +1152,7 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
 }
 
 /* Solution over n samples. u0, u1: (n-1) x NU inputs at the two ends of each interval; u_last: NU, input at the
- * last sample. x0 (NX). The directions of sensitivities are by_parameter chosen parameters (NP or 0), the NX initial
+ * last sample. x0 (NX). The directions of sensitivities are by_parameter chosen parameters (daest_n_chosen or 0), the NX initial
  * values, and by_gain changes of the gain, gain_slopes (by_gain x NX x NY); S0: NX x directions row-major, or null. y: n x NY
  * (NaN: missing) and gain: NX x NY, advanced by gain_stride per sample, or null. Out: states n x NX before correction; predicted n x NY; sens
  * n x NY x directions of `predicted`, or null; steps; reached: {time, step that was to come next, not zero where
@@ -1173,6 +1177,6 @@ int daest_follow(long n, const double *time, const double *u0, const double *u1,
                  const double *atol, long max_steps, const double *side, double *states, double *predicted, double *sens,
                  long *steps, double *reached, double *flags, long *done, double *x_end, double *S_end,
                  double *tears, double *seen) {
-  return run(n, time, u0, u1, u_last, theta, x0, directions, NP, S0, 0, 0, 0, 0, 0, rtol, atol, max_steps, states, predicted,
+  return run(n, time, u0, u1, u_last, theta, x0, directions, daest_n_chosen, S0, 0, 0, 0, 0, 0, rtol, atol, max_steps, states, predicted,
              sens, steps, reached, side, flags, done, x_end, S_end, tears, seen);
 }

@@ -392,11 +392,11 @@ def _compile(
     for function in functions:
         generator.add(function)
     most = (str(max(getattr(f, f"sz_{kind}")() for f in functions)) for kind in ("arg", "res", "iw", "w"))
-    sizes = f"const casadi_int daest_work[4] = {{{', '.join(most)}}};\n"
+    chosen = sens.numel_out(1) // max(rhs.numel_in(0), 1)
+    sizes = f"const casadi_int daest_work[4] = {{{', '.join(most)}}}, daest_n_chosen = {chosen};\n"
     constants = {
         "NX": rhs.numel_in(0),
         "NU": rhs.numel_in(1),
-        "NP": sens.numel_out(1) // max(rhs.numel_in(0), 1),
         "NY": out.numel_out(0),
         "NT": rhs.numel_out(2) if rhs.n_out() > 2 else 0,
         "NG": 0 if hold is None else hold.numel_out(0),
@@ -413,7 +413,7 @@ def _driver(constants: Mapping[str, int]) -> str:
     """The integrator for all models of the same sizes, which are in another file."""
     arguments = "(const double **, double **, casadi_int *, double *, int)"
     lines = [f"#define {name} {value}" for name, value in constants.items()]
-    lines += ["#define casadi_int long long int", "extern const casadi_int daest_work[4];"]
+    lines += ["#define casadi_int long long int", "extern const casadi_int daest_work[4], daest_n_chosen;"]
     lines += [f"int daest_{name}{arguments};" for name in FUNCTIONS]
     names = ("project.c", "radau.c") if constants["NG"] else ("radau.c",)
     texts = [resources.files("daest.numerics").joinpath(name).read_text(encoding="utf-8") for name in names]
