@@ -67,10 +67,10 @@ from daest.diagnosis.proof import (
 from daest.diagnosis.rivals import (
     DynamicFits,
     Simulation,
+    bent_fits,
     best_dynamic,
     best_simulation,
     dynamic_fits,
-    lag_fits,
     no_richer_ones,
     nominal_simulation,
     reduced_laws,
@@ -886,9 +886,9 @@ def _dynamic(null: Null, wanted: Sequence[Candidate], simulation: Simulation) ->
         return dynamic_fits(null, wanted, simulation)
 
 
-def _lagging(null: Null, candidate: Candidate, nominal: FitResult) -> DynamicFits:
+def _bent(null: Null, found: Screen, candidate: Candidate, nominal: FitResult) -> DynamicFits:
     with _quiet():
-        return lag_fits(null, [candidate], nominal)
+        return bent_fits(null, found, [candidate], nominal)
 
 
 def _called(task: Callable[[], Any]) -> Any:
@@ -1024,22 +1024,34 @@ class _Stages:
         if not wanted or self.simulation is None:
             return ()
         with _quiet():
-            return best_dynamic([storage_fits(self.search.stand.null, found, wanted, self.simulation)])
+            null = self.search.stand.null
+            return best_dynamic(null, [storage_fits(null, found, wanted, self.simulation)])
 
-    def lags(self, candidates: Sequence[Candidate]) -> tuple[Prepared, ...]:
-        """Effects that delay a signal of a model that is not affine, those that its simulation shows."""
+    def bent(
+        self, found: Screen, candidates: Sequence[Candidate], proofs: Sequence[Proof]
+    ) -> tuple[Prepared, ...]:
+        """Effects with states beside a model that is not affine, those that its simulation shows. Laws with
+        kinks, such as friction with bristles, are left to the screen."""
         null, reference = self.search.stand.null, self.search.stand.reference
         if reference is None or reference.adds_up or has_affine_dynamics(null.explicit):
             return ()
-        wanted = [c for c in candidates if c.is_dynamic and c.is_of_signal and not c.inputs]
+        tried = {p.candidate.label for p in proofs if p.delta_bic > GATES.min_bic_gain}
+        wanted = [
+            c
+            for c in candidates
+            if (c.is_dynamic or c.effect.n_states)
+            and not c.inputs
+            and c.label not in tried
+            and not any(p.role == "sharpness" for p in c.effect.parameters)
+        ]
         with _quiet():
             nominal = nominal_simulation(null, reference.fit) if wanted else None
         if nominal is None:
             return ()
         for candidate in wanted:
             self.progress(f"simulating with {candidate.label}")
-        found = self.proved((), (), [partial(_lagging, null, one, nominal) for one in wanted])[1]
-        return best_dynamic([part for part in found if part is not None])
+        parts = self.proved((), (), [partial(_bent, null, found, one, nominal) for one in wanted])[1]
+        return best_dynamic(null, [part for part in parts if part is not None])
 
     def shown_in_use(self, proofs: Sequence[Proof]) -> list[Proof]:
         """All laws; those that are likelier than what is accepted, and refused since a load is left beside
@@ -1104,7 +1116,7 @@ def _proofs(
         # Where no fits run beside the first refit, the second one does.
         n_first = min(max(n_used, 1 if beside else FIRST_TRIALS), len(chosen))
         proofs, fits = stages.proved([*stages.prepared(given), *chosen[:n_first]], (), beside)
-        dynamic = best_dynamic([part for part in fits if part is not None])
+        dynamic = best_dynamic(null, [part for part in fits if part is not None])
         rest = chosen[n_first:FIRST_TRIALS]
         if rest and _leader(proofs) is None:
             proofs += stages.proved(rest, proofs)[0]
@@ -1139,7 +1151,7 @@ def _proofs(
         is_open = best_accepted(ranked(proofs)) is None and not loads.is_explained(evidence)
         if is_open and not options.is_over:
             proofs += stages.proved(stages.storage(found, candidates, proofs), proofs)[0]
-            proofs += stages.proved(stages.lags(candidates), proofs)[0]
+            proofs += stages.proved(stages.bent(found, candidates, proofs), proofs)[0]
         proofs = stages.shown_in_use(proofs)
     order = ranked(proofs)
     is_whole = not stages.late and None not in fits

@@ -8,9 +8,10 @@ behind Coulomb friction): it starts from the simple one's fit.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 
 import numpy as np
@@ -26,9 +27,9 @@ from daest.estimation.identify import identify, searched
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.diagnosis import Candidate, Proof, Screen, Screened
 from daest.model.effects import Effect
+from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import FlatModel, with_equations
-from daest.model.linear import StateSpaceFamily
 from daest.modelica.attach import attach
 from daest.systems.integrate import integrator
 from daest.systems.linearize import has_affine_dynamics
@@ -40,7 +41,7 @@ MOST_RICHER = 2
 MOST_SIMPLER = 2
 ITERATIONS = 15
 LAGS = (1.0, 10.0)  # sampling periods, from which the size of an effect that delays a signal is looked for
-LAG_ITERATIONS = 15
+FAILURES = (DaestError, RuntimeError, np.linalg.LinAlgError)  # of a fit by simulation
 DETECTABLE_SHARES = (10.0, 100.0)  # of the size that the screen would see, for storage
 START_SHARES = (1.0, 30.0)  # of the library's start value, for sizes whose scale the machine decides
 RTOL = 1e-4
@@ -58,6 +59,7 @@ class _Effort:
 
 DYNAMIC = _Effort(iterations=4, most=1, least_gain=1.0)
 STORAGE = _Effort(iterations=1, most=2, least_gain=-np.inf)
+BENT = _Effort(iterations=5, most=1, least_gain=0.0)  # a model that bends, whose runs take longer
 
 Simulation = tuple[float, dict[str, float]]  # log-likelihood and all parameters of a fit by simulation
 DynamicFits = list[tuple[float, Prepared]]  # log-likelihoods of simulations with the effects
@@ -68,7 +70,7 @@ def dynamic_trials(null: Null, candidates: Sequence[Candidate]) -> tuple[Prepare
     models with affine dynamics, where such a fit takes a fraction of a second."""
     wanted = [c for c in candidates if c.is_dynamic and not c.inputs]
     simulation = best_simulation(null) if wanted else None
-    return () if simulation is None else best_dynamic([dynamic_fits(null, wanted, simulation)])
+    return () if simulation is None else best_dynamic(null, [dynamic_fits(null, wanted, simulation)])
 
 
 def dynamic_fits(null: Null, wanted: Sequence[Candidate], simulation: Simulation) -> DynamicFits:
@@ -76,10 +78,7 @@ def dynamic_fits(null: Null, wanted: Sequence[Candidate], simulation: Simulation
 
     They start from the `simulation` of the model as it is (`best_simulation`): beside loads that are free
     enough to take the place of an effect with states, the null's parameters may have gone anywhere."""
-    fits = []
-    for candidate in wanted:
-        starts = [{p.name: share * p.start for p in candidate.effect.sizes} for share in START_SHARES]
-        fits.append(_best_fit(null, candidate, starts, simulation, DYNAMIC))
+    fits = [_best_fit(null, one, _from_library(one), simulation, DYNAMIC) for one in wanted]
     return _improving(fits, simulation)
 
 
@@ -90,17 +89,37 @@ def storage_fits(
     and improve the simulation: a mass that hangs on a spring, a wall behind a room. Half of its own mass
     moves a resonance so far that no derivative at size zero tells of it. They start from the shapes of the
     screen `found`, with multiples of the sizes that it would see."""
-    fits = []
-    for candidate in wanted:
-        shaped = [e for e in found.entries if e.candidate.name.rpartition("_")[0] == candidate.name]
-        starts = [
-            {**entry.candidate.shape, candidate.effect.sizes[0].name: share * entry.detectable}
-            for entry in shaped
-            for share in DETECTABLE_SHARES
-            if np.isfinite(entry.detectable) and entry.detectable > 0.0
-        ]
-        fits.append(_best_fit(null, candidate, starts, simulation, STORAGE))
+    fits = [_best_fit(null, one, _from_screen(found, one), simulation, STORAGE) for one in wanted]
     return _improving(fits, simulation)
+
+
+def bent_fits(null: Null, found: Screen, wanted: Sequence[Candidate], nominal: FitResult) -> DynamicFits:
+    """Output-error fits of those of the wanted effects with states that improve the simulation of a model
+    that is not affine, started from the `nominal` one (`nominal_simulation`), delays from multiples of the
+    sampling period: as many fits of a model that bends as for an affine one would take too long."""
+    simulation, fits = (nominal.log_likelihood, nominal.theta), []
+    for candidate in wanted:
+        if candidate.is_of_signal:
+            own = candidate.effect.sizes[0].name
+            starts = [{own: share * period_of(null.experiments)} for share in LAGS]
+        else:
+            starts = _from_library(candidate) if candidate.is_dynamic else _from_screen(found, candidate)
+        fits.append(_best_fit(null, candidate, starts, simulation, BENT))
+    return _improving(fits, simulation)
+
+
+def _from_library(candidate: Candidate) -> list[dict[str, float]]:
+    return [{p.name: share * p.start for p in candidate.effect.sizes} for share in START_SHARES]
+
+
+def _from_screen(found: Screen, candidate: Candidate) -> list[dict[str, float]]:
+    shaped = [e for e in found.entries if e.candidate.name.rpartition("_")[0] == candidate.name]
+    return [
+        {**entry.candidate.shape, candidate.effect.sizes[0].name: share * entry.detectable}
+        for entry in shaped
+        for share in DETECTABLE_SHARES
+        if np.isfinite(entry.detectable) and entry.detectable > 0.0
+    ]
 
 
 def nominal_simulation(null: Null, reference: FitResult) -> FitResult | None:
@@ -109,51 +128,18 @@ def nominal_simulation(null: Null, reference: FitResult) -> FitResult | None:
     if reference.method == "oe":
         return reference
     start = {name: reference.theta[name] for name in null.estimated}
-    with suppress(DaestError, RuntimeError, np.linalg.LinAlgError):
-        return identify(
-            null.flat, null.experiments, replace(_lag_options(null), estimate=null.estimated, start=start)
-        )
+    with suppress(*FAILURES):
+        return identify(null.flat, null.experiments, replace(_options(null, null.estimated), start=start))
     return None
-
-
-def lag_fits(null: Null, wanted: Sequence[Candidate], nominal: FitResult) -> DynamicFits:
-    """Output-error fits of those of the wanted effects that delay a signal of a model that is not affine and
-    improve its simulation, started from the `nominal` one (`nominal_simulation`). With nothing to delay they
-    have no state and no derivative, and as many fits of a model that bends as for an affine one would take
-    too long."""
-    fits = [_lag_fit(null, candidate, nominal) for candidate in wanted]
-    return _improving(fits, (nominal.log_likelihood, {}))
-
-
-def _lag_options(null: Null) -> IdentifyOptions:
-    return replace(_options(null, ()), fix=null.shortest_times, max_iterations=LAG_ITERATIONS, shooting=1)
-
-
-def _lag_fit(null: Null, candidate: Candidate, nominal: FitResult) -> tuple[float, Prepared] | None:
-    """The likeliest output-error fit of the model with a candidate; None where none succeeds."""
-    size = candidate.effect.sizes[0].name
-    names, ends = (*null.estimated, *candidate.estimated), []
-    for share in LAGS:
-        with suppress(DaestError, RuntimeError, np.linalg.LinAlgError):
-            value = share * period_of(null.experiments)
-            flat = attach(null.flat, candidate.effect, candidate.site, candidate.name, {size: value})
-            start = {name: nominal.theta[name] for name in null.estimated}
-            chosen = replace(_lag_options(null), estimate=names, start=start)
-            ends.append((identify(flat, null.experiments, chosen), flat))
-    if not ends:
-        return None
-    fit, flat = max(ends, key=lambda end: end[0].log_likelihood)
-    sizes = tuple(fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
-    trial = Trial(candidate, sizes, (), is_seen_in_use=True)
-    return fit.log_likelihood, Prepared(trial, flat.with_theta(fit.theta), names)
 
 
 def _improving(fits: Sequence[tuple[float, Prepared] | None], simulation: Simulation) -> DynamicFits:
     return [fit for fit in fits if fit is not None and fit[0] - simulation[0] >= GATES.min_dynamic_gain]
 
 
-def best_dynamic(parts: Sequence[DynamicFits]) -> tuple[Prepared, ...]:
-    """The best of all parts of `dynamic_fits`, each law with the places where it does the same."""
+def best_dynamic(null: Null, parts: Sequence[DynamicFits]) -> tuple[Prepared, ...]:
+    """The best of all parts of `dynamic_fits` by the criterion of Bayes, each law with the places where it
+    does the same."""
     found: DynamicFits = []
     for best in chain.from_iterable(parts):
         same = next((i for i, (value, p) in enumerate(found) if _is_same(value, p, best)), None)
@@ -163,7 +149,7 @@ def best_dynamic(parts: Sequence[DynamicFits]) -> tuple[Prepared, ...]:
             value, first = found[same]
             alike = (*first.trial.alike, best[1].trial.candidate)
             found[same] = (value, replace(first, trial=replace(first.trial, alike=alike)))
-    found.sort(key=lambda pair: -pair[0])
+    found.sort(key=lambda pair: -bic_gain(pair[0], len(pair[1].names), null))
     return tuple(prepared for _, prepared in found[:MOST_DYNAMIC])
 
 
@@ -181,44 +167,50 @@ def _best_fit(
 ) -> tuple[float, Prepared] | None:
     """The likeliest output-error fit of the model with a candidate, from some of its parameters at each of
     the `starts`, the others as declared; None where none is affine or gains enough to be pursued."""
-    model = _affine_with(null, candidate, starts[0]) if starts else None
+    model = _model_with(null, candidate, starts[0]) if starts else None
     if model is None:
         return None
-    flat, family = model
+    flat, fitted = model
     names = (*null.estimated, *candidate.estimated)
     (nominal, known), options, first = simulation, _options(null, names), []
     for values in starts:
         own = {f"{candidate.name}.{name}": value for name, value in values.items()}
         start = {name: known[name] for name in null.estimated}
         start |= {name: value for name, value in own.items() if name in names}
-        with suppress(DaestError):
-            short = replace(options, start=start, max_iterations=effort.iterations)
-            first.append(searched(family, null.experiments, short))
+        with suppress(*FAILURES):
+            first.append(fitted(replace(options, start=start, max_iterations=effort.iterations)))
     first.sort(key=_likelihood, reverse=True)
     pursued = [fit for fit in first[: effort.most] if fit[0] - nominal >= effort.least_gain]
     ends = list(pursued)
     for _, theta in pursued:
-        with suppress(DaestError):
-            further = replace(options, start={name: theta[name] for name in names})
-            ends.append(searched(family, null.experiments, further))
+        with suppress(*FAILURES):
+            ends.append(fitted(replace(options, start={name: theta[name] for name in names})))
     if not ends:
         return None
     value, theta = max(ends, key=_likelihood)
     sizes = tuple(theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
-    return value, Prepared(Trial(candidate, sizes, ()), flat.with_theta(theta), names)
+    trial = Trial(candidate, sizes, (), is_seen_in_use=not has_affine_dynamics(null.explicit))
+    return value, Prepared(trial, flat.with_theta(theta), names)
 
 
-def _affine_with(
+def _model_with(
     null: Null, candidate: Candidate, values: Mapping[str, float]
-) -> tuple[FlatModel, StateSpaceFamily] | None:
-    """The model with the candidate, whose parameters have the `values`, and its matrices; None where it
-    cannot be solved, or is not affine."""
+) -> tuple[FlatModel, Callable[[IdentifyOptions], Simulation]] | None:
+    """The model with the candidate, whose parameters have the `values`, and what fits it; None where it
+    cannot be solved, or is not affine although the model without the candidate is."""
     try:
         flat = attach(null.flat, candidate.effect, candidate.site, candidate.name, values)
         explicit = reduce_index(flat)
-        return (flat, state_space_family(explicit)) if has_affine_dynamics(explicit) else None
+        if has_affine_dynamics(explicit):
+            return flat, partial(searched, state_space_family(explicit), null.experiments)
     except DaestError:
         return None
+    return None if has_affine_dynamics(null.explicit) else (flat, partial(_bent_fit, flat, null.experiments))
+
+
+def _bent_fit(flat: FlatModel, experiments: Sequence[Experiment], options: IdentifyOptions) -> Simulation:
+    fit = identify(flat, experiments, options)
+    return fit.log_likelihood, fit.theta
 
 
 def _likelihood(found: Simulation) -> float:
@@ -226,12 +218,15 @@ def _likelihood(found: Simulation) -> float:
 
 
 def _options(null: Null, names: Sequence[str]) -> IdentifyOptions:
+    is_bent = not has_affine_dynamics(null.explicit)
     return IdentifyOptions(
         method="oe",
         estimate=tuple(names),
+        fix=null.shortest_times if is_bent else {},
         hold=null.hold,
         max_iterations=ITERATIONS,
         second_look=False,
+        shooting=1 if is_bent else None,
     )
 
 

@@ -181,9 +181,11 @@ def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed:
     """
     present = _already_there(null, candidates)
     regular = [c for c, there in zip(candidates, present, strict=True) if not there and not c.is_dynamic]
-    is_linear = has_affine_dynamics(null.explicit)
+    fitted = "fitted by simulation, not screened"
+    if not has_affine_dynamics(null.explicit):
+        fitted = "fitted by simulation where nothing else is accepted"
     skipped = [
-        (c.label, there or f"changes the order of the model: {_how_fitted(c, is_linear)}")
+        (c.label, there or f"changes the order of the model: {fitted}")
         for c, there in zip(candidates, present, strict=True)
         if c not in regular
     ]
@@ -199,14 +201,6 @@ def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed:
                 raise
     skipped += [(c.label, "has states that do not follow the model alone") for c in with_states]
     return _without_sums(_screened(null, run, bare, skipped, seed, len(candidates)), contained)
-
-
-def _how_fitted(candidate: Candidate, is_linear: bool) -> str:
-    if is_linear:
-        return "fitted by simulation, not screened"
-    if candidate.is_of_signal:
-        return "fitted by simulation where nothing else is accepted"
-    return "not tried, since the model is not linear"
 
 
 def _without_sums(found: Screen, contained: set[str]) -> Screen:
