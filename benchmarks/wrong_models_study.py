@@ -356,9 +356,9 @@ def one_run(task: tuple[str, int, int]) -> Run:
         try:
             found = diagnose(compiled(plant_name), effect_library(), [record], (), DiagnoseOptions(jobs=1))
             verdict: str = found.verdict
-            claimed = tuple(
-                dict.fromkeys(p.candidate.effect.name for p in found.proofs if p.verdict != "rejected")
-            )
+            told = [p for p in found.proofs if p.verdict != "rejected"]
+            same = [label.partition(" at ")[0] for p in told for label in p.same_as]
+            claimed = tuple(dict.fromkeys([*(p.candidate.effect.name for p in told), *same]))
         except DaestError as error:
             verdict, claimed = f"stop: {error.code}", ()
         except Exception as error:  # a crash is a finding of the study

@@ -345,6 +345,18 @@ def test_one_effect_at_two_places_that_data_hardly_tell_apart_is_one_answer(behi
     assert ("do not tell it from the same effect" in second.reason) == is_one
 
 
+def test_a_law_shown_by_its_simulation_is_compared_by_that():
+    """The gain beside loads of one law says nothing against the gain of another without them."""
+    _, proof = proved()
+    law = replace(proof.candidate.effect, class_name="Other")
+    shown = replace(proof, candidate=replace(proof.candidate, effect=law), is_by_use=True)
+    shown = replace(shown, delta_bic=proof.delta_bic + 100.0, gain_in_use=80.0, bic_in_use=150.0)
+    better, worse = (replace(proof, gain_in_use=gain, bic_in_use=2.0 * gain - 7.0) for gain in (90.0, 60.0))
+    assert ranked([shown, better])[0].bic_in_use == 173.0
+    assert ranked([shown, worse])[0].bic_in_use == 150.0
+    assert ranked([replace(shown, verdict="rejected", reason="no"), better])[0].delta_bic == proof.delta_bic
+
+
 def test_one_equation_under_two_names_is_one_answer():
     _, proof = proved()
     other = replace(
@@ -352,6 +364,7 @@ def test_one_equation_under_two_names_is_one_answer():
     )
     first, second = ranked([proof, other])
     assert first.verdict == "supported" and first.not_separable_from == ()
+    assert first.same_as == (second.candidate.label,) and second.same_as == ()
     assert second.verdict == "rejected" and "same equation" in second.reason
     law = replace(other.candidate, effect=replace(other.candidate.effect, class_name="Other"))
     apart = replace(other, candidate=law, delta_log_likelihood=proof.delta_log_likelihood - 0.5)

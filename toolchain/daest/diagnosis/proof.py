@@ -343,6 +343,7 @@ def proof_of(
     ahead: tuple[Ahead, ...] = ()
     told = Confirmed()
     is_open = is_curve = is_told = is_shown = False
+    used: InUse | None = None
     unseen_form = ""
     ahead_of_it = leader if fit.log_likelihood < hopeless else _better_simpler(prepared, fit)
     if not reason and ahead_of_it is not None:
@@ -402,6 +403,8 @@ def proof_of(
         is_known=not unseen_form and not _undetermined(prepared.trial.candidate, final or fit),
         confirmed=told,
         adds_up=reference is not None and reference.adds_up,
+        gain_in_use=used.gain if used and used.n_independent else None,
+        bic_in_use=used.bic(n_own) if used and used.n_independent else None,
     )
 
 
@@ -479,6 +482,9 @@ def by_simulation(
         beside,
         delta_log_likelihood=used.gain,
         delta_bic=used.bic(n_own),
+        gain_in_use=used.gain,
+        bic_in_use=used.bic(n_own),
+        is_by_use=True,
         p_value=p_value,
         verdict="supported",
         reason="",
@@ -932,7 +938,7 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     """Best first. Accepted candidates that are rivals of the best (`_is_rival`) are not separable from it: of
     them, those come first that foresee unseen data clearly better, then the likeliest. Where a refused one is
     far more likely, none is the explanation."""
-    order = sorted(proofs, key=lambda p: (p.verdict == "rejected", -p.delta_bic))
+    order = sorted(_on_one_basis(proofs), key=lambda p: (p.verdict == "rejected", -p.delta_bic))
     accepted = [p for p in order if p.verdict == "supported"]
     if not accepted:
         return tuple(order)
@@ -946,7 +952,8 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
             p if p.verdict == "rejected" else replace(p, verdict="rejected", reason=reason) for p in order
         )
     close = [p for p in accepted if _is_rival(p, best)]
-    close = [p for p in close if p is best or not _is_same_equation(p, best)]
+    same = [p for p in accepted if p is not best and _is_same_equation(p, best)]
+    close = [p for p in close if p not in same]
     twins = [p for p in close if p is not best and _is_twin(p, best)]
     close = [p for p in close if p not in twins]
     result = []
@@ -965,11 +972,12 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
                     equivalent=(*proof.equivalent, *(name for name in alike if name not in proof.equivalent)),
                     not_separable_from=others,
                     verdict="not separable" if others else "supported",
+                    same_as=tuple(p.candidate.label for p in same) if proof is best else (),
                 )
             )
         else:
             worse = best.delta_bic - proof.delta_bic
-            if _is_same_equation(proof, best):
+            if proof in same:
                 reason = f"it is the same equation as {best.candidate.label}"
                 result.append(replace(proof, verdict="rejected", reason=reason))
                 continue
@@ -978,6 +986,19 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
                 reason = f"{best.candidate.label} says nearly as much with fewer parameters"
             result.append(replace(proof, verdict="rejected", reason=reason))
     return tuple(sorted(result, key=partial(_place, best)))
+
+
+def _on_one_basis(proofs: Sequence[Proof]) -> list[Proof]:
+    """Where a law is accepted for what its simulation gains, the other accepted ones count by that, too: with
+    an observer, much of the same law goes into the loads, and its gain is another one."""
+    if not any(p.is_by_use and p.verdict != "rejected" for p in proofs):
+        return list(proofs)
+    return [
+        replace(p, delta_log_likelihood=p.gain_in_use, delta_bic=p.bic_in_use, is_by_use=True)
+        if p.verdict != "rejected" and p.gain_in_use is not None and p.bic_in_use is not None
+        else p
+        for p in proofs
+    ]
 
 
 def _place(best: Proof, proof: Proof) -> tuple[bool, float, int, float]:

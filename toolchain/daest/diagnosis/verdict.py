@@ -188,6 +188,8 @@ def _supported(evidence: Evidence, proof: Proof) -> str:
     text = f"{proof.candidate.label}: {values}; supported."
     if proof.equivalent:
         text += f" The sensors cannot tell it from the same effect at {_listed(proof.equivalent)}."
+    if proof.same_as:
+        text += f" On these recordings it is the same equation as {_listed(proof.same_as)}."
     if proof.left is not None and is_significant(proof.left, proof.delta_log_likelihood):
         text += f" Something else is missing besides: what is left follows {proof.left.label}."
     ratio = _error_ratio(evidence, proof)

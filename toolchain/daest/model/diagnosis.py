@@ -244,6 +244,10 @@ class Proof:
     is_known: bool = True  # False: the data show too little of the law to tell it from any other
     confirmed: Confirmed = Confirmed()
     adds_up: bool = False
+    gain_in_use: float | None = None  # in log-likelihood, by its simulation; None: unknown
+    bic_in_use: float | None = None
+    is_by_use: bool = False  # the deltas are those in use
+    same_as: tuple[str, ...] = ()  # other laws that are the same equation on these recordings
 
     @property
     def told(self) -> FitResult:

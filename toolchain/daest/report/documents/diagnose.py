@@ -82,6 +82,7 @@ class CandidateEntry(_Class):
     verdict: CandidateVerdict
     reason: NotRequired[str]
     not_separable_from: list[str]
+    same_as: NotRequired[Annotated[list[str], "laws that are the same equation on these recordings"]]
     model: str | None
     model_reason: NotRequired[str]
 
