@@ -6,14 +6,17 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import casadi as ca
+import numpy as np
 
 from daest.errors import ModelError
 from daest.modelica import syntax as s
 from daest.modelica import values as v
+from daest.modelica.expressions import indexed
 from daest.modelica.operators import integer
 from daest.modelica.parameters import is_parameter
 from daest.modelica.reading import Reading
 from daest.modelica.scope import Element, element_names, symbols
+from daest.modelica.text import text
 from daest.modelica.values import Value
 
 # One way a discrete variable, or one element of it, is defined: the equation (None: the binding), and its
@@ -119,9 +122,9 @@ def _definitions(reading: Reading, declared: Declared) -> dict[str, list[Definit
             turned = replace(equation, left=equation.right, right=equation.left)
             found[equation.right.name] = [(turned, equation.left)]
             declared.defining.append(equation)
-    _connect(found, open_ends, reading)
-    for name in sorted(reading.discrete - set(found) - reading.targets):
-        _check_is_input(reading, name)
+    known = _connect(found, open_ends, reading)
+    for name in sorted(reading.discrete - reading.targets):
+        _check_is_defined(reading, name, known)
     return found
 
 
@@ -130,37 +133,91 @@ def _is_discrete(node: s.Node | None, reading: Reading) -> bool:
     return isinstance(node, s.Name) and not node.subscripts and node.name in reading.discrete
 
 
-def _connect(found: dict[str, list[Definition]], connections: list[s.FlatEquation], reading: Reading) -> None:
-    """Discrete variables that an equation `a = b` equates get their definition from the end that has one."""
+Key = tuple[str, tuple[int, ...]]  # an element of a variable, by its indices from 1; of a scalar (name, ())
+
+
+def _connect(
+    found: dict[str, list[Definition]], connections: list[s.FlatEquation], reading: Reading
+) -> set[Key]:
+    """Discrete variables that an equation `a = b` equates get their definition from the end that has one,
+    element by element where not all of them have it from one place. Returns all elements that are defined."""
     given = {x.name for x in reading.source.variables if x.causality == "input" and x.is_top_level}
-    known = {*found, *reading.targets, *(given & reading.discrete)}
-    waiting = connections
-    while waiting:
-        later = []
-        for equation in waiting:
-            left, right = equation.left, equation.right
-            assert isinstance(left, s.Name) and isinstance(right, s.Name)
-            for name, other in ((left, right), (right, left)):
-                if other.name in known and name.name not in known:
-                    turned = replace(equation, left=name, right=other)
-                    found[name.name] = [(turned, other)]
-                    known.add(name.name)
-                    break
-            else:
-                if not (left.name in known and right.name in known):
-                    later.append(equation)
-        if len(later) == len(waiting):
-            return
-        waiting = later
+    known: set[Key] = set()
+    for name in (*reading.targets, *(given & reading.discrete)):
+        known.update(_keys(s.Name(name), (), reading))
+    for name, definitions in found.items():
+        for equation, _ in definitions:
+            left = s.Name(name) if equation is None else equation.left
+            bound = () if equation is None else equation.bound
+            known.update(_keys(left, bound, reading) if isinstance(left, s.Name) else ())
+    ends = [
+        (one, _keys(one.left, one.bound, reading), _keys(one.right, one.bound, reading))
+        for one in connections
+        if isinstance(one.left, s.Name) and isinstance(one.right, s.Name)
+    ]
+    before = -1
+    while len(known) > before:
+        before = len(known)
+        for equation, left, right in ends:
+            if len(left) == len(right):
+                _pass_on(equation, left, right, known, found)
+    return known
 
 
-def _check_is_input(reading: Reading, name: str) -> None:
-    variable = next(x for x in reading.source.variables if x.name == name)
-    if variable.causality == "input" and variable.is_top_level:
+def _pass_on(
+    equation: s.FlatEquation,
+    left: list[Key],
+    right: list[Key],
+    known: set[Key],
+    found: dict[str, list[Definition]],
+) -> None:
+    """Definitions for those elements of both ends of a connection of which only the other end has one."""
+    for node, mine, other, theirs in (
+        (equation.left, left, equation.right, right),
+        (equation.right, right, equation.left, left),
+    ):
+        assert isinstance(node, s.Name) and isinstance(other, s.Name)
+        new = [(a, b) for a, b in zip(mine, theirs, strict=True) if a not in known and b in known]
+        if len(new) == len(mine) and not node.subscripts and not equation.bound:
+            found[node.name] = [(replace(equation, left=node, right=other), other)]
+        else:
+            for to, source in new:
+                made = replace(equation, left=_element(to), right=_element(source), bound=())
+                found.setdefault(node.name, []).append((made, _element(source)))
+        known.update(a for a, _ in new)
+
+
+def _element(key: Key) -> s.Name:
+    name, indices = key
+    return s.Name(name, tuple(s.Constant(index) for index in indices))
+
+
+def _keys(node: s.Node | None, bound: tuple[tuple[str, int], ...], reading: Reading) -> list[Key]:
+    """The elements that a name stands for, in order; `bound` are values of for-iterators."""
+    assert isinstance(node, s.Name)
+    shape = reading.scope.declared_shape(node.name) or ()
+    if not shape:
+        return [(node.name, ())]
+    every = np.empty(shape, dtype=object)
+    for position in np.ndindex(*shape):
+        every[position] = (node.name, tuple(i + 1 for i in position))
+    evaluator = reading.evaluator(reading.scope, node.span)
+    with evaluator.bound([name for name, _ in bound], [value for _, value in bound]):
+        subscripts = [None if isinstance(x, s.Colon) else evaluator.value(x) for x in node.subscripts]
+    chosen = indexed(every, subscripts)
+    return [*chosen.flat] if isinstance(chosen, np.ndarray) else [chosen]  # type: ignore[list-item]
+
+
+def _check_is_defined(reading: Reading, name: str, known: set[Key]) -> None:
+    """Raise ModelError where the discrete variable, or an element of it, has no definition."""
+    missing = next((key for key in _keys(s.Name(name), (), reading) if key not in known), None)
+    if missing is None:
         return
+    variable = next(x for x in reading.source.variables if x.name == name)
+    shown = text(_element(missing))
     raise ModelError(
         "model-unsupported",
-        f"{variable.type_name} variable `{name}` has no equation of the form `{name} = expression`",
+        f"{variable.type_name} variable `{shown}` has no equation of the form `{shown} = expression`",
         where=reading.declared_at(variable),
         remedy="Define it by one equation, or use a Real variable.",
     )
