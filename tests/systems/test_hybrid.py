@@ -404,6 +404,36 @@ def test_relations_that_jump_become_events():
     assert found["y"][clear] == pytest.approx((np.floor(2 * found.time) + np.sign(inside - 0.25))[clear])
 
 
+BANK = """package Bank
+  connector In = input Boolean;
+  connector Out = output Boolean;
+  block And In u1; In u2; Out y; equation y = u1 and u2; end And;
+  block Latch In u; Boolean off(start = true, fixed = true); Real y; equation off = pre(off) and not u;
+    y = if off then 0 else 1; end Latch;
+  block Gate parameter Integer n = 3; In a; In u[n]; And each_one[n]; Out y[n]; Out all[n];
+  equation for i in 1:n loop connect(a, each_one[i].u2); end for; connect(u, each_one.u1);
+    connect(each_one.y, y); all = each_one.y; end Gate;
+  block Source parameter Integer n = 3; Out y[n]; Out on; equation on = time > 0.25;
+    for i in 1:n loop y[i] = time > 0.1*i; end for; end Source;
+  block Split parameter Integer n = 3; In u; Latch l[n]; equation l.u = fill(u, n); end Split;
+  model Bank Source s; Gate g; Latch l[3]; Split p; Real x(start = 0, fixed = true);
+  equation connect(s.y, g.u); connect(s.on, g.a); connect(g.y, l.u); connect(s.on, p.u);
+    der(x) = l[1].y + 10*l[2].y + 100*l[3].y + 1000*sum(p.l.y); end Bank;
+end Bank;"""
+
+
+def test_elements_of_a_boolean_array_that_connections_define_one_by_one():
+    """Latches close at 0.25, 0.25 and 0.3: by the definition of the first element alone two never would."""
+    found = run(compile_text(BANK.encode(), Path("Bank.mo"), "Bank.Bank"), 1)
+    assert found["x"][-1] == pytest.approx(11 * 0.75 + 100 * 0.7 + 3000 * 0.75)
+
+
+def test_an_element_of_a_boolean_array_without_a_definition_is_told():
+    text = BANK.replace("connect(s.y, g.u)", "connect(s.y[1], g.u[1])")
+    with pytest.raises(ModelError, match="array of which an element has no equation"):
+        compile_text(text.encode(), Path("Bank.mo"), "Bank.Bank")
+
+
 def test_chattering_names_the_switch():
     text = "model C Real x(start = 1, fixed = true); Boolean b; Integer n(start = 0, fixed = true);\n"
     text += "equation b = x > 0; der(x) = if b then -1 else 1; when b then n = pre(n) + 1; end when; end C;"

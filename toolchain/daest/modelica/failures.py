@@ -180,6 +180,11 @@ _LIMITS = (
         "a function that returns from within a loop or a branch (`return` inside `for`, behind which more "
         "follows): let a variable hold the result, and leave the loop by `break`",
     ),
+    (
+        "element assignments must cover",
+        "a Boolean, Integer or enumeration array of which an element has no equation (is an input connected "
+        "to nothing?), or several",
+    ),
     ("impure call context", "an impure function, as one that draws random numbers"),
     ("function value type", "a function of an external object (code in C)"),
     ("function shape proof", "a function whose arrays have sizes that follow from its inputs"),

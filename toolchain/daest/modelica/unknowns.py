@@ -102,6 +102,13 @@ def _definitions(reading: Reading, declared: Declared) -> dict[str, list[Definit
     backward: list[s.FlatEquation] = []
     for equation in reading.source.equations:
         left, right = equation.left, equation.right
+        if (names := _discrete_elements(left, right, reading)) and right is not None:
+            # `a.b = expression` of an array of components: {a[1].b, a[2].b} = expression.
+            for i, name in enumerate(names):
+                part = s.Index(right, (s.Constant(i + 1),))
+                found.setdefault(name.name, []).append((replace(equation, left=name, right=part), part))
+            declared.defining.append(equation)
+            continue
         if not isinstance(left, s.Name) or left.name not in reading.discrete or right is None:
             if _is_discrete(right, reading):
                 backward.append(equation)
@@ -126,6 +133,16 @@ def _definitions(reading: Reading, declared: Declared) -> dict[str, list[Definit
     for name in sorted(reading.discrete - reading.targets):
         _check_is_defined(reading, name, known)
     return found
+
+
+def _discrete_elements(left: s.Node, right: s.Node | None, reading: Reading) -> list[s.Name]:
+    """The discrete variables of which an array on the left of an equation is made, none of them assigned by
+    events; empty where it is something else."""
+    if not isinstance(left, s.Array) or left.is_matrix or right is None:
+        return []
+    names = [x for x in left.elements if isinstance(x, s.Name) and x.name in reading.discrete]
+    is_all = len(names) == len(left.elements) and not any(x.name in reading.targets for x in names)
+    return names if is_all else []
 
 
 def _is_discrete(node: s.Node | None, reading: Reading) -> bool:
