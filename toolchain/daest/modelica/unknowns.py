@@ -104,9 +104,9 @@ def _definitions(reading: Reading, declared: Declared) -> dict[str, list[Definit
         left, right = equation.left, equation.right
         if (names := _discrete_elements(left, right, reading)) and right is not None:
             # `a.b = expression` of an array of components: {a[1].b, a[2].b} = expression.
-            for i, name in enumerate(names):
+            for i, one in enumerate(names):
                 part = s.Index(right, (s.Constant(i + 1),))
-                found.setdefault(name.name, []).append((replace(equation, left=name, right=part), part))
+                found.setdefault(one.name, []).append((replace(equation, left=one, right=part), part))
             declared.defining.append(equation)
             continue
         if not isinstance(left, s.Name) or left.name not in reading.discrete or right is None:
@@ -175,9 +175,9 @@ def _connect(
     before = -1
     while len(known) > before:
         before = len(known)
-        for equation, left, right in ends:
-            if len(left) == len(right):
-                _pass_on(equation, left, right, known, found)
+        for connection, here, there in ends:
+            if len(here) == len(there):
+                _pass_on(connection, here, there, known, found)
     return known
 
 
