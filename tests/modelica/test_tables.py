@@ -1,11 +1,15 @@
 """Tables whose rows stand in the model, against numpy.interp."""
 
+from pathlib import Path
+
 import casadi as ca
 import numpy as np
 import pytest
 
 from daest.modelica import tables
+from daest.modelica.compile import compile_text
 from daest.modelica.values import from_flat
+from daest.systems.simulate import simulate
 
 ROWS = [(0.0, 1.0), (1.0, 3.0), (1.0, 0.0), (2.5, 2.0)]
 
@@ -103,3 +107,43 @@ def test_a_time_table_of_one_instant_steps_at_its_event():
     both = ca.Function("both", [t], [following, *values])
     assert [float(one) for one in both(5.0)] == [20.0, 0.0, 0.0]
     assert float(both(20.5)[2]) == 1.0
+
+
+LIBRARY = """package Modelica package Blocks package Sources block TimeTable
+  function getInterpolationCoefficients input Real table[:, 2]; input Real offset; input Real start;
+    input Real t; input Integer last; input Real eps; input Real shift;
+    output Real a; output Real b; output Real following; output Integer next;
+  algorithm next := last; a := 0; b := 0; following := 0;
+    while next < size(table, 1) and t >= table[next, 1] loop next := next + 1; end while;
+  end getInterpolationCoefficients;
+  parameter Real table[:, 2] = [0, 1; 1, 3; 1, 0; 2.5, 2]; parameter Real offset = 0.5;
+  parameter Real startTime = 0.2; parameter Real shiftTime = 0.1; parameter Real timeScale = 1;
+  Real y; discrete Real a; discrete Real b; Integer last(start = 1);
+  discrete Real nextEvent(start = 0, fixed = true); discrete Real nextScaled(start = 0, fixed = true);
+algorithm
+  when {time >= pre(nextEvent), initial()} then
+    (a, b, nextScaled, last) := getInterpolationCoefficients(table, offset, startTime/timeScale,
+      time/timeScale, last, 1e-13, shiftTime/timeScale);
+    nextEvent := nextScaled*timeScale;
+  end when;
+equation y = a*time/timeScale + b; end TimeTable; end Sources; end Blocks;
+model M Blocks.Sources.TimeTable table(timeScale = 2); Real x(start = 0, fixed = true);
+equation der(x) = table.y; end M; end Modelica;"""
+
+
+def test_a_time_table_of_the_library_against_straight_lines():
+    """Its loop over rows, which ends where time tells, is replaced by a formula: scaled by 2, shifted by 0.1,
+    zero before 0.2, lines that go on behind the last row."""
+    flat = compile_text(LIBRARY.encode(), Path("Modelica.mo"), "Modelica.M")
+    t = np.linspace(0, 7, 141) + 0.003
+    made = simulate(flat, (np.r_[0.0, t], np.zeros((t.size + 1, 0))), rtol=1e-10)
+    y = made.variables[1:, list(made.variable_names).index("table.y")]
+    expected = np.where(t < 0.2, 0.5, 0.5 + exact((t - 0.1) / 2))
+    assert y == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_time_table_whose_rows_go_back_is_refused():
+    rows = from_flat([0.0, 1.0, 2.0, 3.0, 1.0, 0.0], (3, 2))
+    name = "Modelica.Blocks.Sources.TimeTable.getInterpolationCoefficients"
+    with pytest.raises(ValueError, match="must not decrease"):
+        tables.results(name, [rows, 0.0, 0.0, ca.SX.sym("t"), 1, 1e-13, 0.0])

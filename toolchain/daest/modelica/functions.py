@@ -48,7 +48,7 @@ class FunctionLibrary:
         """The results of function `name`. Raises ModelError naming the call where it cannot be run."""
         last = name.rpartition(".")[2]
         if tables.is_table(name):
-            return (_table(name, arguments, evaluator),)
+            return _table(name, arguments, evaluator)
         function = self.functions.get(name) or self._by_last_part(last)
         if function is None or function.is_external:
             if last in BUILTINS:
@@ -169,9 +169,9 @@ def _not_executable(name: str, function: s.Function | None, evaluator: Evaluator
     return evaluator.error("model-function", what, None, remedy)
 
 
-def _table(name: str, arguments: Sequence[Value], evaluator: Evaluator) -> Value:
+def _table(name: str, arguments: Sequence[Value], evaluator: Evaluator) -> tuple[Value, ...]:
     try:
-        return tables.called(name, arguments)
+        return tables.results(name, arguments)
     except ValueError as problem:
         raise evaluator.error("model-function", str(problem), None, _TABLE_REMEDY) from None
 

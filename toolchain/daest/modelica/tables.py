@@ -1,5 +1,5 @@
-"""The tables of the Modelica Standard Library (`CombiTable1D`, `CombiTimeTable`) as expressions, where their
-values stand in the model: the library reads them in C.
+"""The tables of the Modelica Standard Library (`CombiTable1D`, `CombiTimeTable`, `TimeTable`) as expressions,
+where their values stand in the model: the library reads them in C, or by a loop that ends where time tells.
 
 A table is a matrix whose first column is the abscissa. Between its rows values lie on straight lines, or are
 constant; outside they go on, stay, repeat or are refused, as the library defines (Modelica.Blocks.Types)."""
@@ -7,6 +7,7 @@ constant; outside they go on, stay, repeat or are refused, as the library define
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import casadi as ca
@@ -32,13 +33,24 @@ _FIELDS = {
 _DEFAULTS = {"extrapolation": LAST, "shiftTime": 0.0, "timeEvents": 1}
 
 
+_COEFFICIENTS = "Modelica.Blocks.Sources.TimeTable.getInterpolationCoefficients"
+
+
 def is_table(name: str) -> bool:
     """Whether a function constructs or reads such a table."""
-    return _short(name) in {**_READERS, **dict.fromkeys(one + CONSTRUCTOR for one in _FIELDS)}
+    return name == _COEFFICIENTS or _short(name) in {
+        **_READERS,
+        **dict.fromkeys(one + CONSTRUCTOR for one in _FIELDS),
+    }
+
+
+def results(name: str, arguments: Sequence[Value]) -> tuple[Value, ...]:
+    """The results of the function. Raises ValueError with what is not supported."""
+    return _coefficients(*arguments) if name == _COEFFICIENTS else (called(name, arguments),)  # type: ignore[arg-type]
 
 
 def called(name: str, arguments: Sequence[Value]) -> Value:
-    """The value of the function. Raises ValueError with what is not supported."""
+    """The value of a function with one result. Raises ValueError with what is not supported."""
     short = _short(name)
     if short.endswith(CONSTRUCTOR):
         fields = _FIELDS[short.removesuffix(CONSTRUCTOR)]
@@ -158,6 +170,41 @@ def _next_event(table: Value, time: Value) -> Value:
         for knot in knots[::-1]:
             made = ca.if_else(t < knot - SAME * max(width, 1.0), knot + shift, made)
     return ca.if_else(time < start, start, made)
+
+
+def _coefficients(
+    table: Value, offset: Scalar, start: Scalar, time: Scalar, last: Scalar, eps: float, shift: Scalar
+) -> tuple[Value, ...]:
+    """Slope and intercept of the line of a TimeTable at an event, the next event, and the number of the row
+    that ends the piece: `getInterpolationCoefficients` of the Standard Library, whose loop goes on from
+    the row `last`. Rows stand in the order of time, so that it ends where one from the first row does."""
+    if not isinstance(table, np.ndarray) or table.ndim != 2 or table.shape[0] == 0:
+        raise ValueError("the table has no rows")
+    x, y = ([v.symbolic(one) for one in column] for column in (table[:, 0], table[:, 1]))
+    if any(v.constant(b < a) == 1.0 for a, b in pairwise(x) if (b < a).is_constant()):
+        raise ValueError("the first column of a table must not decrease")
+    now, base, begin, behind, row_before = map(v.symbolic, (time, offset, start, shift, last))
+    slack = eps * ca.fabs(now)
+    early = ca.vertcat(0, base, begin, row_before)
+    if len(x) == 1:
+        given = ca.vertcat(0, base + y[0], now - slack, row_before)
+    else:
+        lines = [_straight(x, y, row, eps) for row in range(1, len(x))]
+        given = ca.vertcat(*lines[-1], now - slack, len(x))
+        for row in range(len(x) - 2, -1, -1):
+            here = ca.vertcat(*lines[max(row, 1) - 1], x[row] + behind, max(row, 1) + 1)
+            given = ca.if_else(now + slack - behind < x[row], here, given)
+        given[1] = given[1] + base - given[0] * behind
+    chosen = ca.if_else(now + slack < begin, early, given)
+    return tuple(chosen[i] for i in range(4))
+
+
+def _straight(x: Sequence[ca.SX], y: Sequence[ca.SX], row: int, eps: float) -> tuple[ca.SX, ca.SX]:
+    """Slope and intercept of the line that ends in a row; of a step, the value behind it."""
+    width = x[row] - x[row - 1]
+    is_step = width <= eps * ca.fabs(x[row])
+    slope = ca.if_else(is_step, 0, (y[row] - y[row - 1]) / ca.if_else(is_step, 1, width))
+    return slope, ca.if_else(is_step, y[row], y[row - 1] - slope * x[row - 1])
 
 
 SAME = 1e-13  # share of a table's length by which an instant may miss a row
