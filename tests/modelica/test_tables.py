@@ -5,6 +5,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.interpolate import Akima1DInterpolator, PchipInterpolator
 
 from daest.modelica import tables
 from daest.modelica.compile import compile_text
@@ -47,11 +48,55 @@ def test_values_that_stay():
 
 
 def test_steps():
+    """Outside of the rows the library goes on through the first two and the last two of them."""
     made = table("ExternalCombiTable1D", smoothness=tables.CONSTANT)
-    assert at("getTable1DValue", made, np.array([0.5, 1.5, 2.5, 3])) == pytest.approx([1, 0, 2, 2])
+    assert at("getTable1DValue", made, np.array([-1, 0.5, 1.5, 2.5, 4])) == pytest.approx([-1, 1, 0, 2, 4])
+    made = table("ExternalCombiTable1D", smoothness=tables.CONSTANT, extrapolation=tables.HOLD)
+    assert at("getTable1DValue", made, np.array([-1, 0.5, 3])) == pytest.approx([1, 1, 2])
 
 
-def test_smooth_curves_are_refused():
+X = np.array([-1.0, 0.0, 0.5, 2.0, 2.7, 4.0, 4.5, 6.0])
+Y = np.array([0.0, 0.2, 0.2, 0.2, 3.0, 4.0, 3.5, -1.0])
+INSIDE = np.linspace(-1, 6, 141)
+
+
+def smooth(kind: int, extrapolation: int = tables.LAST) -> np.ndarray:
+    rows, columns = from_flat(list(np.c_[X, Y].ravel()), (X.size, 2)), from_flat([2], (1,))
+    given = ["NoName", "NoName", rows, columns, kind, extrapolation]
+    return tables.called("Modelica.Blocks.Types.ExternalCombiTable1D_constructor", given)
+
+
+@pytest.mark.parametrize(("kind", "method"), [(tables.AKIMA, "akima"), (tables.MODIFIED_AKIMA, "makima")])
+def test_smooth_curves_are_those_of_scipy(kind, method):
+    known = Akima1DInterpolator(X, Y, method=method)
+    assert at("getTable1DValue", smooth(kind), INSIDE) == pytest.approx(known(INSIDE), abs=1e-12)
+    slope = known.derivative()(X[[0, -1]])
+    outside = at("getTable1DValue", smooth(kind), np.array([-3.0, 7.0]))
+    assert outside == pytest.approx([Y[0] - 2 * slope[0], Y[-1] + slope[1]])
+    stays = at("getTable1DValue", smooth(kind, tables.HOLD), np.array([-3.0, 7.0]))
+    assert stays == pytest.approx(Y[[0, -1]])
+
+
+def test_a_monotone_curve_is_that_of_scipy_between_its_end_pieces():
+    """The library takes the first and the last mean slope at the ends, scipy a parabola."""
+    known = PchipInterpolator(X, Y)
+    inner = INSIDE[(X[1] < INSIDE) & (X[-2] > INSIDE)]
+    assert at("getTable1DValue", smooth(tables.FRITSCH_BUTLAND), inner) == pytest.approx(known(inner))
+    ends = at("getTable1DValue", smooth(tables.FRITSCH_BUTLAND), np.array([-2.0, 7.0]))
+    assert ends == pytest.approx([Y[0] - 0.2, Y[-1] - 3.0])
+
+
+def test_a_curve_of_steffen_by_hand():
+    """Slopes at 2.7: mean 4 and 1/1.3, twice the smaller one; at 4: zero."""
+    value = at("getTable1DValue", smooth(tables.STEFFEN), np.array([3.35]))
+    first, mean, width = 2 / 1.3, 1 / 1.3, 1.3
+    weighted = (4 * width + mean * 0.7) / (width + 0.7)
+    assert weighted > first
+    by_hand = 0.5 * (3.0 + 4.0) + width / 8 * (first - 0.0)  # the middle of a cubic with its end slopes
+    assert value == pytest.approx([by_hand])
+
+
+def test_a_smooth_curve_over_a_step_is_refused():
     with pytest.raises(ValueError, match="LinearSegments"):
         at("getTable1DValue", table("ExternalCombiTable1D", smoothness=2), np.zeros(1))
 

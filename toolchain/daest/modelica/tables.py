@@ -1,8 +1,9 @@
 """The tables of the Modelica Standard Library (`CombiTable1D`, `CombiTimeTable`, `TimeTable`) as expressions,
 where their values stand in the model: the library reads them in C, or by a loop that ends where time tells.
 
-A table is a matrix whose first column is the abscissa. Between its rows values lie on straight lines, or are
-constant; outside they go on, stay, repeat or are refused, as the library defines (Modelica.Blocks.Types)."""
+A table is a matrix whose first column is the abscissa. Between its rows values lie on straight lines or
+cubics, or are constant; outside they go on, stay or repeat, as the library defines it (types `Smoothness` and
+`Extrapolation` of Modelica.Blocks.Types)."""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ from daest.modelica.dialect import CONSTRUCTOR
 from daest.modelica.operators import integer
 from daest.modelica.values import Record, Scalar, Value
 
-LINEAR, CONSTANT = 1, 3  # ordinals of Modelica.Blocks.Types.Smoothness
+# Ordinals of Modelica.Blocks.Types.Smoothness.
+LINEAR, AKIMA, CONSTANT, FRITSCH_BUTLAND, STEFFEN, MODIFIED_AKIMA = 1, 2, 3, 4, 5, 6
 HOLD, LAST, PERIODIC, NONE = 1, 2, 3, 4  # ordinals of Modelica.Blocks.Types.Extrapolation
 NEAR = 1e-9  # share of a period by which an instant may miss the end of one
 NEVER = 1e60  # what the library gives as the next instant where there is none
@@ -84,11 +86,6 @@ def _is_on_file(table: Record) -> bool:
 def _kinds(table: Value) -> tuple[int, int]:
     assert isinstance(table, Record)
     smoothness, extrapolation = (int(v.constant(table.fields[k])) for k in ("smoothness", "extrapolation"))  # type: ignore[arg-type]
-    if smoothness not in (LINEAR, CONSTANT):
-        raise ValueError(
-            "tables with smooth curves between their rows are not supported: "
-            "write smoothness = Modelica.Blocks.Types.Smoothness.LinearSegments"
-        )
     return smoothness, extrapolation
 
 
@@ -115,17 +112,19 @@ def _piece(
 ) -> Any:
     """The curve at `at` on the piece that begins with the last row i for which `is_past(i)` holds. Where all
     rows stand at one place it is a step there."""
-    lines = [_line(x, y, i, at, smoothness) for i in range(x.size - 1) if x[i + 1] > x[i]]
     starts = [i for i in range(x.size - 1) if x[i + 1] > x[i]]
-    if not lines:
+    if not starts:
         return _if(is_past(x.size - 1), y[-1], y[0])
+    slopes = [] if smoothness in (LINEAR, CONSTANT) else _slopes(x, y, smoothness)
+    lines = [_cubic(x, y, slopes, i, at) if slopes else _line(x, y, i, at, smoothness) for i in starts]
     made: Any = lines[0]
-    if extrapolation == HOLD:
-        made = _if(is_past(0), made, y[0])
+    goes_on = extrapolation == LAST and smoothness != LINEAR
+    if extrapolation == HOLD or goes_on:
+        made = _if(is_past(0), made, _beyond(x, y, slopes, 0, at) if goes_on else y[0])
     for i, line in zip(starts[1:], lines[1:], strict=True):
         made = _if(is_past(i), line, made)
-    if extrapolation == HOLD or smoothness == CONSTANT:
-        made = _if(is_past(x.size - 1), y[-1], made)
+    if extrapolation == HOLD or goes_on or smoothness == CONSTANT:
+        made = _if(is_past(x.size - 1), _beyond(x, y, slopes, -1, at) if goes_on else y[-1], made)
     return made
 
 
@@ -134,6 +133,70 @@ def _line(x: np.ndarray, y: Sequence[Scalar], i: int, at: Any, smoothness: int) 
         return y[i]
     slope = v.divide(v.subtract(y[i + 1], y[i]), float(x[i + 1] - x[i]))
     return v.add(y[i], v.multiply(slope, at - float(x[i])))
+
+
+def _cubic(x: np.ndarray, y: Sequence[Scalar], slopes: Sequence[ca.SX], i: int, at: Any) -> Any:
+    """The cubic between rows i and i + 1 with the slopes there."""
+    width, step = float(x[i + 1] - x[i]), at - float(x[i])
+    low, mean = v.symbolic(y[i]), (v.symbolic(y[i + 1]) - v.symbolic(y[i])) / float(x[i + 1] - x[i])
+    first, second = slopes[i], slopes[i + 1]
+    square = (3 * mean - 2 * first - second) / width
+    return low + step * (first + step * (square + step * (first + second - 2 * mean) / width**2))
+
+
+def _beyond(x: np.ndarray, y: Sequence[Scalar], slopes: Sequence[ca.SX], end: int, at: Any) -> Any:
+    """The straight line before the first row (`end` 0) or behind the last (-1): with the slope of the curve
+    there, or through the two rows."""
+    near = end + 1 if end == 0 else end - 1
+    width = float(x[near] - x[end])
+    mean = (v.symbolic(y[near]) - v.symbolic(y[end])) / width if width else ca.SX(0)
+    return v.symbolic(y[end]) + (slopes[end] if slopes else mean) * (at - float(x[end]))
+
+
+def _slopes(x: np.ndarray, y: Sequence[Scalar], smoothness: int) -> list[ca.SX]:
+    """The slopes of a smooth curve at its rows (Akima 1970; Fritsch and Butland 1984; Steffen 1990). Raises
+    ValueError where rows stand at one place."""
+    widths = np.diff(x)
+    if not np.all(widths > 0):
+        raise ValueError(
+            "a table with a smooth curve has two rows at one place: "
+            "write smoothness = Modelica.Blocks.Types.Smoothness.LinearSegments"
+        )
+    means = [(v.symbolic(y[i + 1]) - v.symbolic(y[i])) / float(w) for i, w in enumerate(widths)]
+    if len(means) == 1:
+        return [means[0], means[0]]
+    if smoothness in (AKIMA, MODIFIED_AKIMA):
+        return _akima(means, smoothness == MODIFIED_AKIMA)
+    rule = _fritsch_butland if smoothness == FRITSCH_BUTLAND else _steffen
+    pairs = zip(pairwise(widths), pairwise(means), strict=True)
+    inner = [ca.if_else(a * b > 0, rule(w, z, a, b), 0) for (w, z), (a, b) in pairs]
+    return [means[0], *inner, means[-1]]
+
+
+def _akima(means: list[ca.SX], is_modified: bool) -> list[ca.SX]:
+    first, second, *_ = means
+    last, before = means[-1], means[-2]
+    d = [3 * first - 2 * second, 2 * first - second, *means, 2 * last - before, 3 * last - 2 * before]
+    found = []
+    for a, b, c, e in zip(d, d[1:], d[2:], d[3:], strict=False):
+        left, right = ca.fabs(b - a), ca.fabs(e - c)
+        if is_modified:
+            left, right = left + ca.fabs(b + a) / 2, right + ca.fabs(e + c) / 2
+        total = left + right
+        weighted = (right * b + left * c) / ca.if_else(total > 0, total, 1)
+        found.append(ca.if_else(total > 0, weighted, (b + c) / 2))
+    return found
+
+
+def _fritsch_butland(w: float, z: float, a: ca.SX, b: ca.SX) -> ca.SX:
+    """The slope between two pieces of widths w and z whose mean slopes a and b have one sign."""
+    return 3 * (w + z) * a * b / ((w + 2 * z) * b + (z + 2 * w) * a)
+
+
+def _steffen(w: float, z: float, a: ca.SX, b: ca.SX) -> ca.SX:
+    """As `_fritsch_butland`."""
+    least = ca.fmin(ca.fabs(a), ca.fabs(b))
+    return ca.sign(a) * ca.fmin(ca.fabs(a * z + b * w) / (w + z), 2 * least)
 
 
 def _if(condition: Any, yes: Any, no: Any) -> Any:
