@@ -9,7 +9,7 @@ import pytest
 
 from daest.errors import EXPLANATIONS, ModelError, Place
 from daest.model.flat import FlatModel
-from daest.modelica import apart
+from daest.modelica import apart, failures
 from daest.modelica.compile import compile_model
 
 Compile = Callable[..., FlatModel]
@@ -357,3 +357,26 @@ def test_a_panic_of_the_compiler_is_one_message(
     apart.stop()
     failure(lambda: compiled("model M input Real u; Real x; equation x = der(u); end M;"))
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        ("failed in ToDae: unsupported Flat semantic owner `record-array member slice`", "array of records"),
+        (
+            "failed in ToDae: unsupported Flat semantic owner `record constructor`: `P.R` is",
+            "a record that a",
+        ),
+        ("failed in ToDae: canonical DAE: expected a numeric expression, found Record", "whole records"),
+        ("missing exact function-selection identity for `P.loadResource`: exposed", "`P.loadResource`"),
+        ("failed in Flatten: unresolved flat reference: v", "its condition leaves out"),
+        ("failed in ToDae: unresolved Flat reference `z`", "(`z`)"),
+    ],
+)
+def test_limits_of_the_compiler_in_words_of_the_language(said, words):
+    made = failures.translated(said, Path("M.mo"), b"model M end M;", "M")
+    assert made.code == "model-compile"
+    assert words in made.what
+    assert "canonical" not in str(made)
+    assert "Flat" not in str(made)
+    assert made.remedy

@@ -76,7 +76,7 @@ def translated(
     missing = _not_in_library(message, path, text, libraries)
     if missing is not None:
         return missing
-    limit = next(((what, remedy) for phrase, what, remedy in _BEYOND if phrase in message), None)
+    limit = next(((what, remedy) for phrase, what, remedy in _BEYOND if phrase in message.lower()), None)
     if limit is not None:
         what, remedy = limit
         named = _QUOTED.search(message[message.index(_plain(message)[:20]) :])
@@ -125,7 +125,7 @@ _FMU = (
     "installed, by `daest export MODEL --compiler omc -o NAME.bmo`."
 )
 
-# What the compiler's message contains, what of the model it cannot do, and what helps.
+# What the compiler's message contains in small letters, what of the model it cannot do, and what helps.
 _BEYOND = (
     (
         "member augmentation",
@@ -140,11 +140,17 @@ _BEYOND = (
     ),
     (
         "unevaluable array dimensions",
-        "the size of an array follows from a replaceable package, as of a medium",
-        f"Write the fluid as a component with constants (Modelica.Thermal.FluidHeatFlow does); {_FMU}",
+        "the size of an array follows from a function, or from a replaceable package, as of a medium",
+        "Write the size as a number, a fluid as a component with constants (Modelica.Thermal.FluidHeatFlow "
+        f"does); {_FMU}",
     ),
     (
-        "wrong DAE coordinate role",
+        "missing exact function-selection identity",
+        "a function that a library lets stand for another one, as for the path of a file",
+        f"Write the table or the number that is read from the file into the model; {_FMU}",
+    ),
+    (
+        "wrong dae coordinate role",
         "an equation between whole records, as Complex numbers with operators",
         f"Write one equation for each part (`v.re = …; v.im = …;`); {_FMU}",
     ),
@@ -154,12 +160,12 @@ _BEYOND = (
         f"Read its value before the event, `pre(name)`; {_FMU}",
     ),
     (
-        "ExternalObject owner",
+        "externalobject owner",
         "an external object of a library of its own",
         f"Write what its C code computes in Modelica, or let it be an input of the recording; {_FMU}",
     ),
     (
-        "unresolved Flat reference",
+        "unresolved flat reference",
         "an equation for a component that its condition leaves out, or one between whole records, as Complex "
         "numbers",
         "Put the equation of a conditional component into its class (connections to it may stay), and write "
@@ -179,6 +185,21 @@ _LIMITS = (
         "non-guarded nested return",
         "a function that returns from within a loop or a branch (`return` inside `for`, behind which more "
         "follows): let a variable hold the result, and leave the loop by `break`",
+    ),
+    (
+        "`record-array member slice`",
+        "a member of all elements of an array of records (`z.re` of `Complex z[n]`): write a for-loop over "
+        "`z[i].re`",
+    ),
+    ("`record constructor`", "a record that a function makes: let the function return its parts"),
+    (
+        "numeric expression, found Record",
+        "an equation between whole records, as Complex numbers with operators: write one for each part "
+        "(`v.re = …; v.im = …;`)",
+    ),
+    (
+        "requires scalar assignments",
+        "it assigns arrays, has a loop, or calls a function with several results",
     ),
     (
         "element assignments must cover",
