@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daest.errors import NumericalError
+from daest.errors import ModelError, NumericalError
 from daest.modelica.compile import compile_text
 from daest.systems.simulate import simulate
 
@@ -153,3 +153,35 @@ def test_functions_of_records_and_of_arrays_of_any_size():
     # A rod of three cells: the modes (1, 0, -1) and (1, -2, 1) decay with the rates 1 and 3.
     slow, fast = -0.5 * np.exp(-t), np.exp(-3 * t) / 6
     np.testing.assert_allclose(found["T[3]"][1:], 1 / 3 - slow + fast, rtol=1e-7)
+
+
+SUPPLY = """model Supply
+  parameter Real p_max = 1200; parameter Real v0 = 60; parameter Real i0 = 50;
+  parameter Real limit(fixed = false); parameter Boolean is_limited(fixed = false);
+  Real x(start = 0, fixed = true);
+initial algorithm
+  assert(v0 > 0, "no voltage");
+  limit := v0*i0;
+  is_limited := false;
+  if limit > p_max then
+    is_limited := true;
+    assert(p_max > 0, "no power");
+    limit := sqrt(p_max) + limit/100;
+  end if;
+equation
+  der(x) = if is_limited then limit else -limit;
+end Supply;
+"""
+
+
+@pytest.mark.parametrize(("p_max", "rate"), [(1200, 1200**0.5 + 30), (4000, -3000)])
+def test_an_initial_algorithm_with_branches_sets_parameters(p_max, rate):
+    flat = compile_text(SUPPLY.encode(), Path("M.mo"), overrides={"p_max": p_max})
+    t = np.array([0.0, 1.0])
+    assert simulate(flat, (t, np.zeros((2, 0))))["x"][-1] == pytest.approx(rate)
+
+
+def test_an_initial_algorithm_that_assigns_on_one_way_only_is_refused():
+    text = SUPPLY.replace("  is_limited := false;\n", "")
+    with pytest.raises(ModelError, match="is_limited"):
+        compile_text(text.encode(), Path("M.mo"))

@@ -251,6 +251,9 @@ def _is_settled(statement: s.Statement, reading: Reading) -> bool:
     """Whether a statement computes a parameter, which has that as its binding, or only checks."""
     if isinstance(statement, s.Assign):
         return statement.target.name in reading.scope.constant_names
+    if isinstance(statement, s.If):
+        inner = (*(one for _, body in statement.branches for one in body), *statement.otherwise)
+        return all(isinstance(one, s.Assert) or _is_settled(one, reading) for one in inner)
     return isinstance(statement, s.AssignCall) and not any(statement.targets)
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import casadi as ca
@@ -25,6 +25,7 @@ from daest.modelica.dialect import CONSTRUCTOR
 from daest.modelica.elements import Sizes, broadcast
 from daest.modelica.expressions import Evaluator, index_tuples
 from daest.modelica.scope import Element, ModelScope, element_names
+from daest.modelica.specialise import specialised
 from daest.modelica.text import text
 from daest.modelica.values import Scalar, Value
 
@@ -300,16 +301,22 @@ def with_settled_parameters(source: s.FlatSource) -> s.FlatSource:
     """The source without loose parameters. One that an initial equation or algorithm computes from other
     parameters gets that as its binding; any other one becomes a variable that keeps its value, der(p) = 0,
     and that the initial equations determine (Language Specification 8.6)."""
-    loose = {x.name: x for x in source.variables if _is_loose(x)}
-    if not loose:
+    open_ones = {x.name: x for x in source.variables if _is_loose(x)}
+    if not open_ones:
         return source
     parameters = {x.name for x in source.variables if is_parameter(x)}
     bindings: dict[str, s.Node] = {}
+    for algorithm in source.initial_algorithms:
+        bindings.update(_computed(algorithm.body, open_ones, parameters))
+    # A Boolean or Integer one that nothing computes cannot become a variable that keeps its value.
+    loose = {name: x for name, x in open_ones.items() if name in bindings or not x.is_discrete}
     used: set[int] = set()
     counts = Counter(name for algorithm in source.initial_algorithms for name in _targets(algorithm.body))
     for algorithm in source.initial_algorithms:
         for statement in algorithm.body:
             if not isinstance(statement, s.Assign) or counts[statement.target.name] > 1:
+                continue
+            if statement.target.name in bindings:
                 continue
             if _binds(statement.target, statement.value, loose, parameters):
                 bindings[statement.target.name] = statement.value
@@ -329,6 +336,47 @@ def with_settled_parameters(source: s.FlatSource) -> s.FlatSource:
     )
 
 
+def _computed(
+    body: Sequence[s.Statement], loose: Mapping[str, s.FlatVariable], parameters: Container[str]
+) -> dict[str, s.Node]:
+    """What an initial algorithm of assignments and branches makes of loose parameters, from other parameters
+    alone; nothing where it has more than that."""
+    made = _after(body, {})
+    if made is None:
+        return {}
+    names = [name for node in made.values() for name in referenced_names(node)]
+    is_all = all(name in loose for name in made) and not any(name in made for name in names)
+    return made if is_all and all(name in parameters for name in names) else {}
+
+
+def _after(body: Sequence[s.Statement], before: Mapping[str, s.Node]) -> dict[str, s.Node] | None:
+    """The values of what statements assign, as expressions; None where they do more than assign and branch,
+    or assign something on one way only."""
+    known = dict(before)
+    for statement in body:
+        match statement:
+            case s.Assign(target, value) if not target.subscripts:
+                known[target.name] = specialised(value, known, _undecided)
+            case s.If(branches, otherwise):
+                ways = [_after(one, known) for one in (*(one for _, one in branches), otherwise)]
+                if any(way is None or way.keys() != (ways[0] or {}).keys() for way in ways):
+                    return None
+                *cases, last = [way for way in ways if way is not None]
+                conditions = [specialised(condition, known, _undecided) for condition, _ in branches]
+                for name in last:
+                    chosen = tuple((c, way[name]) for c, way in zip(conditions, cases, strict=True))
+                    known[name] = s.Conditional(chosen, last[name], statement.span)
+            case s.Assert():
+                continue
+            case _:
+                return None
+    return known
+
+
+def _undecided(node: s.Node) -> None:
+    return None
+
+
 def _targets(node: object) -> Iterator[str]:
     """The names that statements assign, each as often as they do."""
     if isinstance(node, s.Assign):
@@ -345,7 +393,7 @@ def _targets(node: object) -> Iterator[str]:
 
 
 def _is_loose(variable: s.FlatVariable) -> bool:
-    is_open = variable.variability == "parameter" and variable.binding is None and not variable.is_discrete
+    is_open = variable.variability == "parameter" and variable.binding is None
     return is_open and bool(variable.fixed) and not any(variable.fixed)
 
 

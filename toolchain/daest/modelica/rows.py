@@ -8,9 +8,8 @@ subscripts computed and decided branches taken.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -19,11 +18,12 @@ from daest.errors import Place
 from daest.modelica import syntax as s
 from daest.modelica import values as v
 from daest.modelica.elements import Sizes, broadcast
-from daest.modelica.expressions import RELATIONS, Evaluator
+from daest.modelica.expressions import Evaluator
 from daest.modelica.functions import run_algorithm
 from daest.modelica.outline import place_of
 from daest.modelica.reading import Reading
 from daest.modelica.scope import element_names
+from daest.modelica.specialise import specialised
 from daest.modelica.text import text
 from daest.modelica.values import Record, Scalar, Value
 
@@ -230,65 +230,3 @@ def _solved(residual: ca.SX, unknown: ca.SX, derivatives: ca.SX) -> ca.SX | None
     rest = ca.substitute(residual, unknown, 0)
     expression = -rest if coefficient.is_one() else rest
     return None if ca.depends_on(expression, derivatives) else expression
-
-
-_ARITHMETIC = {"+": lambda a, b: a + b, "-": lambda a, b: a - b, "*": lambda a, b: a * b}
-
-
-# Whether a condition holds, None when that is not decided while the model is read.
-Decide = Callable[[s.Node], bool | None]
-
-
-def specialised(node: s.Node, known: Mapping[str, s.Node], decide: Decide) -> s.Node:
-    """`x[i - 1]` with i = 3 -> `x[2]`; `if i > 1 then a else b` -> `a`. Conditions on constants are
-    decided."""
-    return _replaced(node, known, decide)
-
-
-def _replaced(node: Any, known: Mapping[str, s.Node], decide: Decide) -> Any:
-    if isinstance(node, tuple):
-        return tuple(_replaced(part, known, decide) for part in node)
-    if not is_dataclass(node) or isinstance(node, s.Span | s.Constant):
-        return node
-    if isinstance(node, s.Name) and not node.subscripts and node.name in known:
-        return known[node.name]
-    if isinstance(node, s.Conditional):
-        return _decided(node, known, decide)
-    if isinstance(node, s.Comprehension):
-        inner = {name: value for name, value in known.items() if name not in dict(node.iterators)}
-        return _rebuilt(node, inner, lambda _: None)
-    made = _rebuilt(node, known, decide)
-    return _folded(made) if isinstance(made, s.Binary) else made
-
-
-def _rebuilt(node: Any, known: Mapping[str, s.Node], decide: Decide) -> Any:
-    return type(node)(*(_replaced(getattr(node, field.name), known, decide) for field in fields(node)))
-
-
-def _decided(node: s.Conditional, known: Mapping[str, s.Node], decide: Decide) -> s.Node:
-    open_branches: list[tuple[s.Node, s.Node]] = []
-    for condition, value in node.branches:
-        made = _replaced(condition, known, decide)
-        holds = made.value if isinstance(made, s.Constant) else decide(made)
-        if holds is False:
-            continue
-        if holds is True:
-            otherwise = _replaced(value, known, decide)
-            return s.Conditional(tuple(open_branches), otherwise, node.span) if open_branches else otherwise
-        open_branches.append((made, _replaced(value, known, decide)))
-    otherwise = _replaced(node.otherwise, known, decide)
-    return s.Conditional(tuple(open_branches), otherwise, node.span) if open_branches else otherwise
-
-
-def _folded(node: s.Binary) -> s.Node:
-    """Whole-number arithmetic and relations of two constants."""
-    left, right = node.left, node.right
-    if not isinstance(left, s.Constant) or not isinstance(right, s.Constant):
-        return node
-    if not isinstance(left.value, int) or not isinstance(right.value, int):
-        return node
-    if node.operator in _ARITHMETIC:
-        return s.Constant(_ARITHMETIC[node.operator](left.value, right.value), node.span)
-    if node.operator in RELATIONS:
-        return s.Constant(bool(RELATIONS[node.operator](left.value, right.value)), node.span)
-    return node
