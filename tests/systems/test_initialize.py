@@ -1,5 +1,6 @@
 """Consistent initial values against closed forms, and the messages when there are none."""
 
+import casadi as ca
 import numpy as np
 import pytest
 from dae_models import FlatBuilder, cubic_loop, pendulum, rc_pair, servo
@@ -91,6 +92,19 @@ def test_impossible_start_is_refused():
         initial_point(reduce_index(pendulum()), given={"x": 1.7})
     assert caught.value.code == "initial-not-solved"
     assert "x = 1.7" in caught.value.what
+
+
+def test_a_loop_without_a_solution_is_no_contradiction_of_the_start_values():
+    """z^2 + exp(z) = -x has no solution at x = 1."""
+    b = FlatBuilder("Nowhere")
+    b.unknown("x", start=1.0, fixed=True)
+    b.unknown("z", start=0.5)
+    b.equation("der(x) = -z", b.der("x"), -b["z"])
+    b.equation("z^2 + exp(z) = -x", b["z"] ** 2 + ca.exp(b["z"]), -b["x"])
+    with pytest.raises(ModelError) as caught:
+        initial_point(reduce_index(b.build()))
+    assert caught.value.code == "initial-not-solved"
+    assert "x = 1" in caught.value.what and "contradict" not in caught.value.what
 
 
 def test_unknown_name_is_refused():

@@ -3,7 +3,7 @@ start."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import singledispatch
 
@@ -21,10 +21,11 @@ MAX_HALVINGS = 12
 
 @dataclass(frozen=True)
 class Conditions:
-    """Conditions on the states at the start, 0 = c(x): `texts` and `places` describe the rows of `function`,
-    which maps x to (c, ∂c/∂x)."""
+    """Conditions on the `states` at the start, 0 = c(x): `texts` and `places` describe the rows of
+    `function`, which maps x to (c, ∂c/∂x)."""
 
     function: ca.Function
+    states: tuple[str, ...]
     texts: tuple[str, ...]
     places: tuple[Place | None, ...]
 
@@ -73,12 +74,18 @@ def _of_equations(
     try:
         return x, explicit.variables(x, *arguments).full().ravel()
     except RuntimeError as error:
-        states = ", ".join(f"{n} = {v:g}" for n, v in zip(explicit.state_names, x, strict=True))
-        raise ModelError(
-            "initial-not-solved",
-            f"the nonlinear equations inside the model have no solution at its start, {states}",
-            remedy="give start values nearer to a solution, of these and of what the equations contain",
-        ) from error
+        raise _no_solution(explicit.state_names, x) from error
+
+
+def _no_solution(names: Sequence[str], x: np.ndarray) -> ModelError:
+    """The loops of equations inside the model were not solved with the states x."""
+    states = ", ".join(f"{n} = {v:g}" for n, v in zip(names, x, strict=True))
+    return ModelError(
+        "initial-not-solved",
+        "no solution of the nonlinear equations inside the model was found at its start"
+        + (f", {states}" if states else ""),
+        remedy="give start values nearer to a solution, of these and of what the equations contain",
+    )
 
 
 def start_arguments(
@@ -123,7 +130,7 @@ def _conditions(explicit: ExplicitModel, given: dict[str, float], arguments: tup
         places += [None] * tied.numel()
     stacked = ca.vertcat(ca.MX(0, 1), *rows)
     function = ca.Function("conditions", [x], [ca.densify(stacked), ca.densify(ca.jacobian(stacked, x))])
-    return Conditions(function, tuple(texts), tuple(places))
+    return Conditions(function, tuple(explicit.state_names), tuple(texts), tuple(places))
 
 
 def _initial_residual(explicit: ExplicitModel, x: ca.MX, variables: ca.MX, arguments: tuple) -> ca.MX:
@@ -259,6 +266,8 @@ def _satisfied(residual: np.ndarray, slopes: np.ndarray, x: np.ndarray) -> bool:
 
 
 def _unsolved(conditions: Conditions, residual: np.ndarray, slopes: np.ndarray, x: np.ndarray) -> ModelError:
+    if not np.any(np.isfinite(residual)):
+        return _no_solution(conditions.states, x)
     bad = np.flatnonzero(~(np.abs(residual) <= SOLVER.initial_condition * _condition_size(slopes, x)))
     rank = _rank_and_null_space(slopes)[0]
     lines = [f"    {conditions.texts[i]}  (off by {residual[i]:.3g})" for i in bad]
