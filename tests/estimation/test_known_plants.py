@@ -10,10 +10,11 @@ import pytest
 from scipy.signal import butter, filtfilt
 
 from daest.data.read import Signal, read_experiments
+from daest.errors import EstimationError
 from daest.estimation.identify import identify
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
-from daest.modelica.compile import compile_model
+from daest.modelica.compile import compile_model, compile_text
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 ROTATIONAL, TRANSLATIONAL = "Daest.Effects.Rotational", "Daest.Effects.Translational"
@@ -224,3 +225,28 @@ def test_free_swing_fits_better_than_a_quick_look_and_friction_shows(
     fits = [fit.simulated["estimation"].fit_percent["phi"] for fit in (plain, rubbing)]
     assert fits[0] > viscous and fits[1] > max(dry, fits[0] + 5.0)
     assert rubbing.theta["J"] == pytest.approx(0.49 * 0.1**2, rel=0.6)  # and the inertia of the gear
+
+
+def test_step_before_the_first_sample():
+    """The input is constant over the recording, and the output settles: both parameters show."""
+    text = b"""model Lag
+      parameter Real k = 1 annotation(__Daest(estimate = true));
+      parameter Real T(min = 0) = 1 annotation(__Daest(estimate = true, scale = "log"));
+      input Real u; Real x(start = 0); output Real y;
+    equation
+      T*der(x) = k*u - x; y = x;
+    end Lag;
+    """
+    time = 0.05 * np.arange(200)
+    noise = np.random.default_rng(4).normal(0.0, 0.01, time.size)
+    y = 3.0 * 2.0 * (1.0 - np.exp(-time / 1.7)) + noise
+    u = np.full((time.size, 1), 2.0)
+    record = Experiment("step", time, u, y[:, None], ("u",), ("y",))
+    fit = identify(compile_text(text, Path("Lag.mo")), [record], IdentifyOptions(method="oe"))
+    for p in fit.parameters:
+        assert abs(p.value - {"k": 3.0, "T": 1.7}[p.name]) < 4.0 * p.std_error < 0.05
+    with pytest.raises(EstimationError, match="the input u is constant"):
+        identify(
+            compile_text(text, Path("Lag.mo")),
+            [Experiment("still", time, u, 6.0 + noise[:, None], ("u",), ("y",))],
+        )

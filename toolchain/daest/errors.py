@@ -788,8 +788,9 @@ EXPLANATIONS: dict[str, str] = {
         "neither."
     ),
     "identify-constant-input": (
-        "Every input is constant, so nothing excites the model and its parameters leave no trace in the "
-        "outputs. Record with an input that varies over the frequencies of interest."
+        "Every input is constant, and no output settles from another state, as it does after a step before "
+        "the first sample: nothing that is recorded moves the model, and its parameters leave no trace in "
+        "the outputs. Record with an input that varies over the frequencies of interest."
     ),
     "identify-jump": (
         "An equation contains a step (sign, if, floor) that depends on the state. The exact derivatives that "

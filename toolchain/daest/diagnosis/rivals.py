@@ -189,7 +189,7 @@ def _best_fit(
         return None
     value, theta = max(ends, key=_likelihood)
     sizes = tuple(theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
-    trial = Trial(candidate, sizes, (), is_seen_in_use=not has_affine_dynamics(null.explicit))
+    trial = Trial(candidate, sizes, (), is_seen_in_use=True)
     return value, Prepared(trial, flat.with_theta(theta), names)
 
 
@@ -218,11 +218,13 @@ def _likelihood(found: Simulation) -> float:
 
 
 def _options(null: Null, names: Sequence[str]) -> IdentifyOptions:
+    """Of fits by simulation, in which the loads are without memory: the free initial state of one that decays
+    slowly would be a law of its own, the transient of a lag."""
     is_bent = not has_affine_dynamics(null.explicit)
     return IdentifyOptions(
         method="oe",
         estimate=tuple(names),
-        fix=null.shortest_times if is_bent else {},
+        fix=null.shortest_times,
         hold=null.hold,
         max_iterations=ITERATIONS,
         second_look=False,

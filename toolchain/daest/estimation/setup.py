@@ -86,13 +86,16 @@ def check_records(family: StateSpaceFamily, records: Sequence[Experiment], n_unk
             remedy="use a longer recording, or estimate fewer parameters",
         )
     n_inputs = len(family.inputs)
-    if n_inputs and all(_is_constant(r.inputs[:, j]) for r in records for j in range(n_inputs)):
+    is_still = n_inputs and all(_is_constant(r.inputs[:, j]) for r in records for j in range(n_inputs))
+    if is_still and not any(_settles(r.outputs) for r in records):
         names = ", ".join(v.name for v in family.inputs)
         raise EstimationError(
             "identify-constant-input",
-            f"the input {names} is constant: nothing excites the model",
+            f"the input {names} is constant, and the outputs do not settle from another state: nothing "
+            "that is recorded moves the model",
             where=where,
-            remedy="record with a varying input; for a free motion, use a model without that input",
+            remedy="record with a varying input, or from before a step on; for a free motion, use a model "
+            "without that input",
         )
 
 
@@ -141,6 +144,17 @@ def no_start(reason: str = "") -> EstimationError:
 
 def _is_constant(signal: np.ndarray) -> bool:
     return float(np.ptp(signal)) <= FIT.constant_input * float(np.max(np.abs(signal), initial=0.0))
+
+
+def _settles(outputs: np.ndarray) -> bool:
+    """Whether an output (n_samples, n_y) moves much less in the second half of a recording: what follows a
+    step before its first sample, or a release."""
+    late = outputs[len(outputs) // 2 :]
+    with np.errstate(invalid="ignore"):
+        return any(
+            np.isfinite(part).sum() > 1 and np.nanstd(part) <= FIT.settled_share * np.nanstd(whole)
+            for part, whole in zip(late.T, outputs.T, strict=True)
+        )
 
 
 POINTS = 5  # random points on each switching surface

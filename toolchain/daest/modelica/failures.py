@@ -487,6 +487,8 @@ def _types(message: str, path: Path, text: bytes, class_name: str) -> ModelError
         where = Place(file, int(position[2]), int(position[3]))
         first = first[: position.start()]
     remedy = "Make both sides of the same type and size."
+    if "invalid unit" in first:
+        remedy = 'Write units as in "N.m/s", "1/K" or "m2"; what has none, as a percentage, has the unit "1".'
     if "unknown modifier" in first:
         remedy = "Check its spelling; what is redeclared in the place of the class must have it, too."
     return ModelError("model-type", first, where=where, remedy=remedy)
