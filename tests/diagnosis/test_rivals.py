@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,9 +20,11 @@ from daest.diagnosis.rivals import (
     reduced_laws,
     richer_laws,
     rounded,
+    signal_laws,
     simpler_laws,
 )
 from daest.diagnosis.screen import run_null, screen
+from daest.model.diagnosis import Screened
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
 from daest.modelica.sites import sites
@@ -47,6 +50,26 @@ def proved(name):
         load,
     )
     return found, run, proof
+
+
+def test_other_laws_of_a_signal_are_tried_beside_the_best_one():
+    """A dead zone of finite width may lead no screen, which sees it at no width at all."""
+    _, _, proof = proved("CoulombFriction")
+    bends = some_effects("QuadraticGain", "DeadZone", "Saturation", "Lag")
+    entries = [
+        Screened(candidate, 1.0, (0.1,), 0.5, False, 1.0)
+        for candidate in pairs(bends, [site for site in sites(model()) if site.kind != "node"])
+        if candidate.is_of_signal
+    ]
+    place = entries[0].candidate.site.name
+    best = replace(
+        proof,
+        candidate=next(e.candidate for e in entries if e.candidate.effect.name == "QuadraticGain"),
+    )
+    found = signal_laws(best, SimpleNamespace(entries=entries), [best])
+    assert {t.candidate.effect.name for t in found} == {"DeadZone", "Saturation"}
+    assert {t.candidate.site.name for t in found} == {best.candidate.site.name} == {place}
+    assert signal_laws(proof, SimpleNamespace(entries=entries), [proof]) == ()
 
 
 def test_simple_law_is_tried_where_a_rich_one_was_first():

@@ -76,6 +76,7 @@ from daest.diagnosis.rivals import (
     reduced_laws,
     richer_laws,
     rounded,
+    signal_laws,
     simpler_laws,
     storage_fits,
 )
@@ -1133,6 +1134,9 @@ def _proofs(
         if best is not None and best.verdict == "rejected":
             proofs += stages.proved(stages.prepared(simpler_laws(best, found, proofs)), proofs)[0]
             proofs = stages.second_tries(proofs, found)
+        best = best_accepted(ranked(proofs))
+        if best is not None:
+            proofs += stages.proved(stages.prepared(signal_laws(best, found, proofs)), ())[0]
         best = best_start(ranked(proofs))
         if best is not None:
             doubted = [best] if _leaves_something(best) else []

@@ -334,6 +334,22 @@ def simpler_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[T
     return tuple(found[:MOST_SIMPLER])
 
 
+def signal_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Trial, ...]:
+    """The other laws without states for the signal that `best` bends, which were not tried. The screen scores
+    them at hardly any size, where a dead zone is a step; one of a third of the range is nearer to a gain that
+    grows with the signal."""
+    if not best.candidate.is_of_signal or best.candidate.is_dynamic:
+        return ()
+    known = {p.candidate.effect.class_name for p in tried if p.candidate.site == best.candidate.site}
+    found: dict[str, Trial] = {}
+    for entry in screen.entries:
+        one = entry.candidate
+        is_other = one.site == best.candidate.site and one.effect.class_name not in known
+        if is_other and not one.effect.n_states and not one.inputs and not entry.absorbed:
+            found.setdefault(one.effect.class_name, Trial(one, entry.sizes, ()))
+    return tuple(found.values())
+
+
 def reduced_laws(null: Null, best: Proof, screen: Screen) -> list[Prepared]:
     """Laws with fewer parameters at the place of `best`, from its estimates, where the data leave one of its
     own undetermined: a search of a simpler law from the screen may have ended elsewhere."""
