@@ -99,6 +99,15 @@ def features() -> Iterator[Feature]:
     )
     yield Feature(
         area,
+        "`initial algorithm` with branches, Boolean parameters with `fixed = false`",
+        "parameter Real k = 3; parameter Real p(fixed = false); parameter Boolean b(fixed = false);\n"
+        "Real x(start = 0, fixed = true);\n"
+        "initial algorithm p := 2*k; b := false; if p > 5 then b := true; p := p + 1; end if;\n"
+        "equation der(x) = if b then p else 0;",
+        (("x", 1.0, 7.0),),
+    )
+    yield Feature(
+        area,
         "Strings in parameters and messages",
         'parameter String s = "ab"; Real x(start = 1, fixed = true);\nequation '
         'assert(x > -1, "x = " + String(x)); der(x) = if s == "ab" then -x else x;',
@@ -184,6 +193,16 @@ def features() -> Iterator[Feature]:
         "a.h = U; b.h = U; der(U) = a.m*actualStream(a.h) + b.m*actualStream(b.h); end V;\n"
         "model M A s; A t(p = 1, h = 3); V v; equation connect(s.f, v.a); connect(v.b, t.f); end M; end P;",
         (("v.U", 1.0, 10 - 5 * math.exp(-1)),),
+    )
+    yield Feature(
+        area,
+        "arrays of Boolean connectors, connected one by one or as a whole",
+        "package P connector I = input Boolean; connector O = output Boolean;\n"
+        "block N I u; O y; equation y = not u; end N;\n"
+        "block S O y[2]; equation for i in 1:2 loop y[i] = time > 0.5*i; end for; end S;\n"
+        "model M S s; N n[2]; Real x(start = 0, fixed = true); equation connect(s.y, n.u);\n"
+        "der(x) = (if n[1].y then 1 else 0) + (if n[2].y then 10 else 0); end M; end P;",
+        (("x", 2.0, 0.5 + 10),),
     )
     area = "Equations"
     yield Feature(
