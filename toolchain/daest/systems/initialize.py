@@ -12,6 +12,7 @@ import numpy as np
 
 from daest.errors import ModelError, Place
 from daest.model.flat import Dynamics, ExplicitModel
+from daest.numerics.quiet import native_silence
 from daest.systems.algebraic_start import conditioned_start
 from daest.systems.tolerances import SOLVER
 
@@ -66,15 +67,16 @@ def _of_equations(
     given: Mapping[str, float] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     arguments = start_arguments(explicit, theta, u0, v0, t0)
-    conditions = _conditions(explicit, dict(given or {}), arguments)
-    start, wish = _start_values(explicit, arguments)
-    if not np.all(np.isfinite(_evaluate(conditions, start)[0])):
-        start = _conditioned(explicit, start, arguments)
-    x = _solve(conditions, start, wish)
-    try:
-        return x, explicit.variables(x, *arguments).full().ravel()
-    except RuntimeError as error:
-        raise _no_solution(explicit.state_names, x) from error
+    with native_silence():  # CasADi prints the arguments of an inner iteration that fails
+        conditions = _conditions(explicit, dict(given or {}), arguments)
+        start, wish = _start_values(explicit, arguments)
+        if not np.all(np.isfinite(_evaluate(conditions, start)[0])):
+            start = _conditioned(explicit, start, arguments)
+        x = _solve(conditions, start, wish)
+        try:
+            return x, explicit.variables(x, *arguments).full().ravel()
+        except RuntimeError as error:
+            raise _no_solution(explicit.state_names, x) from error
 
 
 def _no_solution(names: Sequence[str], x: np.ndarray) -> ModelError:
