@@ -355,6 +355,9 @@ def test_a_law_shown_by_its_simulation_is_compared_by_that():
     assert ranked([shown, better])[0].bic_in_use == 173.0
     assert ranked([shown, worse])[0].bic_in_use == 150.0
     assert ranked([replace(shown, verdict="rejected", reason="no"), better])[0].delta_bic == proof.delta_bic
+    refused = replace(better, verdict="rejected", reason="it leaves something")
+    assert ranked([shown, refused])[0].bic_in_use == 150.0
+    assert ranked([shown, replace(refused, is_open=True, is_shown=True)])[0].bic_in_use == 173.0
 
 
 def test_one_equation_under_two_names_is_one_answer():

@@ -405,6 +405,7 @@ def proof_of(
         adds_up=reference is not None and reference.adds_up,
         gain_in_use=used.gain if used and used.n_independent else None,
         bic_in_use=used.bic(n_own) if used and used.n_independent else None,
+        is_shown=is_shown,
     )
 
 
@@ -484,6 +485,7 @@ def by_simulation(
         delta_bic=used.bic(n_own),
         gain_in_use=used.gain,
         bic_in_use=used.bic(n_own),
+        is_shown=True,
         is_by_use=True,
         p_value=p_value,
         verdict="supported",
@@ -989,16 +991,27 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
 
 
 def _on_one_basis(proofs: Sequence[Proof]) -> list[Proof]:
-    """Where a law is accepted for what its simulation gains, the other accepted ones count by that, too: with
-    an observer, much of the same law goes into the loads, and its gain is another one."""
+    """Where a law is accepted for what its simulation gains, all that are accepted or open count by it: with
+    an observer, much of the same law goes into the loads, and its gain is another one. An open law that its
+    simulation shows as clearly is then as good as accepted, whatever it leaves for the loads."""
     if not any(p.is_by_use and p.verdict != "rejected" for p in proofs):
         return list(proofs)
-    return [
-        replace(p, delta_log_likelihood=p.gain_in_use, delta_bic=p.bic_in_use, is_by_use=True)
-        if p.verdict != "rejected" and p.gain_in_use is not None and p.bic_in_use is not None
-        else p
-        for p in proofs
-    ]
+    return [_by_use(p) for p in proofs]
+
+
+def _by_use(proof: Proof) -> Proof:
+    if proof.gain_in_use is None or proof.bic_in_use is None:
+        return proof
+    if proof.verdict == "rejected" and not (proof.is_open and proof.is_shown):
+        return proof
+    return replace(
+        proof,
+        delta_log_likelihood=proof.gain_in_use,
+        delta_bic=proof.bic_in_use,
+        verdict="supported",
+        reason="",
+        is_by_use=True,
+    )
 
 
 def _place(best: Proof, proof: Proof) -> tuple[bool, float, int, float]:

@@ -246,6 +246,7 @@ class Proof:
     adds_up: bool = False
     gain_in_use: float | None = None  # in log-likelihood, by its simulation; None: unknown
     bic_in_use: float | None = None
+    is_shown: bool = False  # by its simulation, by more than chance
     is_by_use: bool = False  # the deltas are those in use
     same_as: tuple[str, ...] = ()  # other laws that are the same equation on these recordings
 
