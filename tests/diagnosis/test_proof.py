@@ -357,7 +357,10 @@ def test_a_law_shown_by_its_simulation_is_compared_by_that():
     assert ranked([replace(shown, verdict="rejected", reason="no"), better])[0].delta_bic == proof.delta_bic
     refused = replace(better, verdict="rejected", reason="it leaves something")
     assert ranked([shown, refused])[0].bic_in_use == 150.0
-    assert ranked([shown, replace(refused, is_open=True, is_shown=True)])[0].bic_in_use == 173.0
+    is_open = replace(refused, is_open=True, is_shown=True)
+    assert ranked([shown, is_open])[0].bic_in_use == 173.0
+    hardly = replace(is_open, gain_in_use=80.5, bic_in_use=151.0)
+    assert [p.bic_in_use for p in ranked([shown, hardly]) if p.verdict != "rejected"] == [150.0]
 
 
 def test_one_equation_under_two_names_is_one_answer():

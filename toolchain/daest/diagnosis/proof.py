@@ -991,18 +991,21 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
 
 
 def _on_one_basis(proofs: Sequence[Proof]) -> list[Proof]:
-    """Where a law is accepted for what its simulation gains, all that are accepted or open count by it: with
-    an observer, much of the same law goes into the loads, and its gain is another one. An open law that its
-    simulation shows as clearly is then as good as accepted, whatever it leaves for the loads."""
+    """Where a law is accepted for what its simulation gains, all that are accepted count by that: with an
+    observer, much of the same law goes into the loads, and its gain is another one. An open law that its
+    simulation shows more clearly than all of them is then accepted, too, whatever it leaves for the loads."""
     if not any(p.is_by_use and p.verdict != "rejected" for p in proofs):
         return list(proofs)
-    return [_by_use(p) for p in proofs]
+    found = [p if p.verdict == "rejected" else _by_use(p) for p in proofs]
+    least = GATES.same_bic + max(p.delta_bic for p in found if p.is_by_use and p.verdict != "rejected")
+    return [
+        _by_use(p) if p.is_open and p.is_shown and p.bic_in_use is not None and p.bic_in_use > least else p
+        for p in found
+    ]
 
 
 def _by_use(proof: Proof) -> Proof:
     if proof.gain_in_use is None or proof.bic_in_use is None:
-        return proof
-    if proof.verdict == "rejected" and not (proof.is_open and proof.is_shown):
         return proof
     return replace(
         proof,
