@@ -28,20 +28,28 @@ end Arm;
 """
 
 
-def test_lag_of_a_drive_before_a_pendulum() -> None:
-    rng, T = np.random.default_rng(3), 0.12
-    time = 0.04 * np.arange(700)
-    voltage = np.repeat(rng.uniform(-3.5, 3.5, 28), 25)
+def diagnosed(text, effects, rates, period, voltage, rng):
+    """Of a recording of the first of three states, from rest: `rates` at the states and a held voltage."""
+    time = period * np.arange(voltage.size)
 
-    def rates(t, z):
-        u = voltage[min(int(t / 0.04 + 1e-9), 699)]
-        return [z[1], (z[2] - 0.3 * z[1] - 4.0 * np.sin(z[0])) / 0.1, (u - z[2]) / T]
+    def held(t, z):
+        return rates(z, voltage[min(int(t / period + 1e-9), voltage.size - 1)])
 
-    run = solve_ivp(rates, (0.0, time[-1]), [0.0, 0.0, 0.0], "LSODA", time, max_step=0.04, rtol=1e-8)
+    run = solve_ivp(held, (0.0, time[-1]), [0.0, 0.0, 0.0], "LSODA", time, max_step=period, rtol=1e-8)
     angle = run.y[0] + rng.normal(0.0, 2e-3, time.size)
     record = Experiment("run", time, voltage[:, None], angle[:, None], ("u",), ("y",))
-    options = DiagnoseOptions(effects=("Lag", "CoulombFriction", "QuadraticGain"), hold="zoh")
-    found = diagnose(compile_text(ARM, Path("Arm.mo")), effect_library(), [record], (), options)
+    options = DiagnoseOptions(effects=effects, hold="zoh")
+    return diagnose(compile_text(text, Path("Machine.mo")), effect_library(), [record], (), options)
+
+
+def test_lag_of_a_drive_before_a_pendulum() -> None:
+    rng, T = np.random.default_rng(3), 0.12
+    voltage = np.repeat(rng.uniform(-3.5, 3.5, 28), 25)
+
+    def rates(z, u):
+        return [z[1], (z[2] - 0.3 * z[1] - 4.0 * np.sin(z[0])) / 0.1, (u - z[2]) / T]
+
+    found = diagnosed(ARM, ("Lag", "CoulombFriction", "QuadraticGain"), rates, 0.04, voltage, rng)
     named = {p.candidate.effect.name for p in found.proofs if p.verdict != "rejected"}
     assert named == {"Lag"}, found.message
     best = found.proofs[0]
@@ -80,22 +88,16 @@ end Geared;
 
 def test_inductance_of_a_motor_with_a_pendulum() -> None:
     rng, L = np.random.default_rng(1), 0.15
-    time = 0.02 * np.arange(2000)
     voltage = np.repeat(rng.uniform(-7.0, 7.0, 100), 20)
 
-    def rates(t, z):
-        u = voltage[min(int(t / 0.02 + 1e-9), 1999)]
+    def rates(z, u):
         return [
             z[1],
             (0.5 * z[2] - 0.08 * z[1] - 1.5 * np.sin(z[0])) / 0.04,
             (u - 2.0 * z[2] - 0.5 * z[1]) / L,
         ]
 
-    run = solve_ivp(rates, (0.0, time[-1]), [0.0, 0.0, 0.0], "LSODA", time, max_step=0.02, rtol=1e-8)
-    angle = run.y[0] + rng.normal(0.0, 2e-3, time.size)
-    record = Experiment("run", time, voltage[:, None], angle[:, None], ("u",), ("y",))
-    options = DiagnoseOptions(effects=("Inductance", "CoulombFriction"), hold="zoh")
-    found = diagnose(compile_text(GEARED, Path("Geared.mo")), effect_library(), [record], (), options)
+    found = diagnosed(GEARED, ("Inductance", "CoulombFriction"), rates, 0.02, voltage, rng)
     best = found.proofs[0]
     assert best.verdict == "supported" and best.candidate.effect.name == "Inductance", found.message
     (own,) = (p for p in best.told.parameters if p.name == f"{best.candidate.name}.L")

@@ -1016,12 +1016,7 @@ class _Stages:
         self, found: Screen, candidates: Sequence[Candidate], proofs: Sequence[Proof]
     ) -> tuple[Prepared, ...]:
         """Effects with states of their own that a simulation shows and no refit has come to."""
-        tried = {p.candidate.label for p in proofs if p.delta_bic > GATES.min_bic_gain}
-        wanted = [
-            c
-            for c in candidates
-            if c.effect.n_states and not c.is_dynamic and not c.inputs and c.label not in tried
-        ]
+        wanted = [c for c in _with_states(candidates, proofs) if not c.is_dynamic]
         if not wanted or self.simulation is None:
             return ()
         with _quiet():
@@ -1036,14 +1031,10 @@ class _Stages:
         null, reference = self.search.stand.null, self.search.stand.reference
         if reference is None or reference.adds_up or has_affine_dynamics(null.explicit):
             return ()
-        tried = {p.candidate.label for p in proofs if p.delta_bic > GATES.min_bic_gain}
         wanted = [
             c
-            for c in candidates
-            if (c.is_dynamic or c.effect.n_states)
-            and not c.inputs
-            and c.label not in tried
-            and not any(p.role == "sharpness" for p in c.effect.parameters)
+            for c in _with_states(candidates, proofs)
+            if not any(p.role == "sharpness" for p in c.effect.parameters)
         ]
         with _quiet():
             nominal = nominal_simulation(null, reference.fit) if wanted else None
@@ -1079,6 +1070,15 @@ class _Stages:
         found = self.proved((), proofs, tasks)[1] if tasks else []
         shown = {p.candidate.name: p for p in found if p is not None}
         return [shown.get(p.candidate.name, p) for p in proofs]
+
+
+def _with_states(candidates: Sequence[Candidate], proofs: Sequence[Proof]) -> list[Candidate]:
+    """The candidates with states, their own or those that they add to the model, that need no further signal
+    and that no refit has come to."""
+    tried = {p.candidate.label for p in proofs if p.delta_bic > GATES.min_bic_gain}
+    return [
+        c for c in candidates if (c.is_dynamic or c.effect.n_states) and not c.inputs and c.label not in tried
+    ]
 
 
 def _length(prepared: Prepared) -> int:

@@ -18,8 +18,8 @@ from daest.diagnosis.candidates import ranges
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown
 from daest.diagnosis.screen import RTOL, run_null, screen
+from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.unseen import free_runs
-from daest.errors import DaestError
 from daest.estimation.identify import identify
 from daest.model.diagnosis import Candidate, Screen
 from daest.model.experiment import Experiment
@@ -80,7 +80,7 @@ def open_screen(null: Null, fit: FitResult, candidates: Sequence[Candidate], see
     alone = replace(null, flat=flat, fit=quiet)
     try:
         return screen(alone, run_null(alone), candidates, seed)
-    except (DaestError, RuntimeError, np.linalg.LinAlgError):
+    except FAILURES:
         return None
 
 
@@ -110,7 +110,7 @@ def fitted_in_use(
     for share in START_SHARES:
         start = {name: reference.theta.get(name, values[name]) for name in names}
         start |= {name: share * values[name] for name in sizes}
-        with suppress(DaestError, RuntimeError, np.linalg.LinAlgError):
+        with suppress(*FAILURES):
             ends.append(identify(flat, experiments, replace(options, start=start), validation))
     return max(ends, key=lambda end: end.log_likelihood, default=None)
 

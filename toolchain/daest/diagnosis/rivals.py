@@ -21,6 +21,7 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, period_of
 from daest.diagnosis.proof import SHARPER, Prepared, Trial, bic_gain
 from daest.diagnosis.screen import NullObserver
+from daest.diagnosis.settled import FAILURES
 from daest.errors import DaestError
 from daest.estimation.coordinates import Unknowns
 from daest.estimation.identify import identify, searched
@@ -41,7 +42,6 @@ MOST_RICHER = 2
 MOST_SIMPLER = 2
 ITERATIONS = 15
 LAGS = (1.0, 10.0)  # sampling periods, from which the size of an effect that delays a signal is looked for
-FAILURES = (DaestError, RuntimeError, np.linalg.LinAlgError)  # of a fit by simulation
 DETECTABLE_SHARES = (10.0, 100.0)  # of the size that the screen would see, for storage
 START_SHARES = (1.0, 30.0)  # of the library's start value, for sizes whose scale the machine decides
 RTOL = 1e-4
@@ -166,7 +166,8 @@ def _best_fit(
     effort: _Effort,
 ) -> tuple[float, Prepared] | None:
     """The likeliest output-error fit of the model with a candidate, from some of its parameters at each of
-    the `starts`, the others as declared; None where none is affine or gains enough to be pursued."""
+    the `starts`, the others as declared; None where the model has no fit (`_model_with`) or none gains enough
+    to be pursued."""
     model = _model_with(null, candidate, starts[0]) if starts else None
     if model is None:
         return None
@@ -220,7 +221,6 @@ def _likelihood(found: Simulation) -> float:
 def _options(null: Null, names: Sequence[str]) -> IdentifyOptions:
     """Of fits by simulation, in which the loads are without memory: the free initial state of one that decays
     slowly would be a law of its own, the transient of a lag."""
-    is_bent = not has_affine_dynamics(null.explicit)
     return IdentifyOptions(
         method="oe",
         estimate=tuple(names),
@@ -228,7 +228,7 @@ def _options(null: Null, names: Sequence[str]) -> IdentifyOptions:
         hold=null.hold,
         max_iterations=ITERATIONS,
         second_look=False,
-        shooting=1 if is_bent else None,
+        shooting=1,
     )
 
 

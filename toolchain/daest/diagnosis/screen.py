@@ -364,6 +364,7 @@ def _responses(
     names = [name for c in candidates for name in size_names(c)]
     of_rates, of_outputs = _drive_functions(explicit, names)
     grown = grown_states(null.explicit, null.theta, run.observed[0].filtered.mean(axis=0), explicit)
+    back, as_they_are = grown.rows_without_effects(), np.eye(len(null.flat.outputs))
     parts = []
     for number, (experiment, observed) in enumerate(zip(null.experiments, run.observed, strict=True)):
         time, (first, last) = experiment.time, _driven_inputs(null, explicit, experiment)
@@ -372,11 +373,10 @@ def _responses(
         at_starts = _drives(explicit, of_rates, time, filtered, first)
         at_ends = _drives(explicit, of_rates, time, predicted, last)
         direct = _drives(explicit, of_outputs, time, predicted, last)
-        back = grown.rows_without_effects()
         rows = np.empty((len(names), experiment.outputs.size))
         for several in _several(len(names), experiment.n_samples * back.shape[1]):
             ends = [at_starts.of(several, slice(0, -1), back), at_ends.of(several, slice(1, None), back)]
-            shown = direct.of(several, slice(None), np.eye(experiment.outputs.shape[1]))
+            shown = direct.of(several, slice(None), as_they_are)
             rows[several] = innovation_responses(run, number, experiment, np.stack(ends, axis=1), shown)
         parts.append(rows)
     return np.concatenate(parts, axis=1)

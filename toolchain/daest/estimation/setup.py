@@ -150,11 +150,10 @@ def _settles(outputs: np.ndarray) -> bool:
     """Whether an output (n_samples, n_y) moves much less in the second half of a recording: what follows a
     step before its first sample, or a release."""
     late = outputs[len(outputs) // 2 :]
-    with np.errstate(invalid="ignore"):
-        return any(
-            np.isfinite(part).sum() > 1 and np.nanstd(part) <= FIT.settled_share * np.nanstd(whole)
-            for part, whole in zip(late.T, outputs.T, strict=True)
-        )
+    return any(
+        np.isfinite(part).sum() > 1 and np.nanstd(part) < FIT.settled_share * np.nanstd(whole)
+        for part, whole in zip(late.T, outputs.T, strict=True)
+    )
 
 
 POINTS = 5  # random points on each switching surface

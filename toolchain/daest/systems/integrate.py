@@ -406,7 +406,7 @@ def _compile(
     return _load(generator.dump() + sizes, _driver(constants), wanted)
 
 
-FUNCTIONS = ("rate", "rhs", "sens", "out", "hold", "root", "bend")
+_FUNCTIONS = ("rate", "rhs", "sens", "out", "hold", "root", "bend")
 
 
 def _driver(constants: Mapping[str, int]) -> str:
@@ -414,7 +414,7 @@ def _driver(constants: Mapping[str, int]) -> str:
     arguments = "(const double **, double **, casadi_int *, double *, int)"
     lines = [f"#define {name} {value}" for name, value in constants.items()]
     lines += ["#define casadi_int long long int", "extern const casadi_int daest_work[4], daest_n_chosen;"]
-    lines += [f"int daest_{name}{arguments};" for name in FUNCTIONS]
+    lines += [f"int daest_{name}{arguments};" for name in _FUNCTIONS]
     names = ("project.c", "radau.c") if constants["NG"] else ("radau.c",)
     texts = [resources.files("daest.numerics").joinpath(name).read_text(encoding="utf-8") for name in names]
     return "\n".join((*lines, *texts))
