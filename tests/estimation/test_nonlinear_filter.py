@@ -1,5 +1,6 @@
 """Filter a recording with a nonlinear model: every internal variable, constraints, unknown starts."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -90,7 +91,7 @@ def test_standard_deviations_are_those_of_the_errors(kind):
             FilterOptions(
                 process_intensity=INTENSITY,
                 hold="zoh",
-                n_particles=400,
+                n_particles=200,
                 seed=seed,
                 initial=InitialState.known(np.zeros(4), 0.1) if kind == "particle" else None,
                 measurement_cov=STD**2,
@@ -130,7 +131,7 @@ def test_unused_outputs_are_compared_and_gaps_are_bridged():
 
 def test_no_compiler_gives_the_same():
     explicit = friction_servo()
-    _, whole = servo_record(explicit, n=25)
+    _, whole = servo_record(explicit, n=12)
     for kind in KINDS:
         compiled, plain = (
             run_filter(
@@ -187,6 +188,7 @@ def pendulum():
     return flat, reduce_index(flat), redundant_model(flat)
 
 
+@cache
 def full_turns(period=0.02, n=500, push=-8.0):
     """A push that takes the pendulum over the top; angles from the equation in polar coordinates."""
     from scipy.integrate import solve_ivp
@@ -298,7 +300,7 @@ def test_pendulum_is_filtered_through_full_turns(kind, smooth):
             smooth=smooth,
             hold="zoh",
             initial=start,
-            n_particles=400,
+            n_particles=200,
             seed=1,
             measurement_cov=std**2,
         ),

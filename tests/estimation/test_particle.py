@@ -93,7 +93,7 @@ def test_growth_model_agrees_with_the_exact_filter(proposal):
 def test_growth_model_error_is_that_of_the_best_estimate():
     """Root mean square error over records against that of the exact filter, which nothing can beat."""
     squares = []
-    for seed in range(40):
+    for seed in range(20):
         x, y = growth_record(seed)
         run = run_particles(
             GrowthModel(), y[:, None], np.ones(1), Start(np.zeros(1), 5 * np.eye(1)), 1000, seed, "bootstrap"
@@ -201,7 +201,7 @@ def test_seed_decides_and_threads_do_not_matter(monkeypatch):
 @pytest.mark.parametrize("proposal", ["bootstrap", "ekf"])
 def test_loop_without_compiler_gives_the_same(proposal):
     explicit = oscillator()
-    time, (u, y) = 0.1 * np.arange(12), random_record(12, 1, missing=0.2)
+    time, (u, y) = 0.1 * np.arange(8), random_record(8, 1, missing=0.2)
     results = []
     for compiled in (True, False):
         model = local_model(explicit, inside=True, compiled=compiled)
@@ -215,7 +215,7 @@ def test_loop_without_compiler_gives_the_same(proposal):
             0.05,
         )
         points = ContinuousPoints(task)
-        run = run_particles(points, y, np.ones(1), task.start, 41, 0, proposal)
+        run = run_particles(points, y, np.ones(1), task.start, 21, 0, proposal)
         results.append((run, points.inside(5, run.points[5], run.weights[5])))
     (run, inside), (plain, plain_inside) = results
     for name in ("points", "innovations", "innovation_cov", "nis", "effective", "ancestors"):

@@ -134,7 +134,7 @@ def duffing(prior, method="oe", intensity=0.0):
             np.array([np.nan]),
             np.array([True]),
             np.array([0.02 if method == "oe" else np.nan]),
-            IdentifyOptions(hold="zoh"),
+            IdentifyOptions(hold="zoh", second_look=False),
         ),
     )
 

@@ -121,7 +121,7 @@ def swinging(start):
     return explicit, experiment_of(explicit, step * np.arange(n), np.zeros((n, 1)), y)
 
 
-@pytest.mark.parametrize("start", [-0.95, -1.2])
+@pytest.mark.parametrize("start", [-0.95, pytest.param(-1.2, marks=pytest.mark.slow)])
 def test_a_search_that_loses_a_parameter_finds_it_again(start):
     """Dry and viscous friction take each other's place on the way."""
     explicit, experiment = swinging(start)
