@@ -108,7 +108,7 @@ def test_foreign_folder_is_refused(cart, daest):
 
 
 def test_nothing_to_add(cart, daest):
-    write_recording(cart / "clean.csv", recording(500, 2))
+    write_recording(cart / "clean.csv", recording(420, 2))
     found, _ = improvement(daest, "clean.csv", "--model", "Cart.mo", *BOTH)
     assert len(found["steps"]) == 1 and found["final"]["verdict"] == "nothing missing"
     code, out, _ = daest("improve", "clean.csv", "--model", "Cart.mo", "--hold", "zoh", *BOTH)

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
 from daest.diagnosis.diagnose import diagnose
@@ -86,6 +87,7 @@ end Geared;
 """
 
 
+@pytest.mark.slow
 def test_inductance_of_a_motor_with_a_pendulum() -> None:
     rng, L = np.random.default_rng(1), 0.15
     voltage = np.repeat(rng.uniform(-7.0, 7.0, 100), 20)

@@ -68,8 +68,14 @@ def test_nothing_is_missing(model):
     assert found["screen"]["p_value"] > 0.01
 
 
-def test_friction_is_found_at_the_input(model):
-    found = diagnosed(model, [recording("a", 1, 0.8)], [recording("b", 2, 0.8)])
+@pytest.fixture(scope="module")
+def rubbing(model):
+    """The diagnosis of a ball with Coulomb friction of 0.8."""
+    return diagnosed(model, [recording("a", 1, 0.8)], [recording("b", 2, 0.8)])
+
+
+def test_friction_is_found_at_the_input(rubbing):
+    found = rubbing
     assert found["verdict"] == "supported"
     best = found["candidates"][0]
     assert (best["effect"], best["at"]) == ("CoulombFriction", "u (v)")
@@ -96,11 +102,10 @@ def test_law_that_cannot_be_tried_is_not_called_by_another_name(model):
     assert all(p["verdict"] == "rejected" and p["reason"] for p in found["candidates"])
 
 
-def test_only_the_best_and_what_is_as_good_are_named(model):
-    found = diagnosed(model, [recording("a", 1, 0.8)], [recording("b", 2, 0.8)])
-    named = [p for p in found["candidates"] if p["verdict"] != "rejected"]
+def test_only_the_best_and_what_is_as_good_are_named(rubbing):
+    named = [p for p in rubbing["candidates"] if p["verdict"] != "rejected"]
     assert len(named) == 1
-    others = [p["reason"] for p in found["candidates"] if p is not named[0]]
+    others = [p["reason"] for p in rubbing["candidates"] if p is not named[0]]
     assert others and all(others)
 
 

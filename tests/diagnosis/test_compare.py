@@ -172,7 +172,7 @@ def hardening(tmp_path, cubic):
 def test_nonlinear_models_are_predicted_tested_and_ranked(tmp_path):
     """A cubic spring: its own model is not falsified, a linear one is; BIC and the error fall."""
     true, linear = hardening(tmp_path, 8.0), hardening(tmp_path, 0.0)
-    run = record(true, 1500, 5)
+    run = record(true, 1000, 5)
     trials = compare_models(
         [Candidate("linear", linear, 3, "zoh"), Candidate("cubic", true, 4, "zoh")], [run]
     ).models
@@ -216,8 +216,8 @@ def test_linear_model_has_the_same_likelihood_through_either_way(tmp_path):
 
 def test_inputs_are_matched_by_name_for_every_candidate(tmp_path):
     linear, cubic = hardening(tmp_path, 0.0), hardening(tmp_path, 8.0)
-    run = record(cubic, 400, 7)
-    more = replace(run, inputs=np.column_stack([np.full(400, 9.0), run.inputs]), input_names=("other", "u"))
+    run = record(cubic, 120, 7)
+    more = replace(run, inputs=np.column_stack([np.full(120, 9.0), run.inputs]), input_names=("other", "u"))
     for model in (linear, cubic):
         candidate = [Candidate("m", model, 0, "zoh")]
         once, again = (compare_models(candidate, [e]).models[0] for e in (run, more))
@@ -263,7 +263,7 @@ def test_bootstrap_in_processes_is_the_same_to_the_last_bit(monkeypatch):
     record = experiment(time, u, x + 0.02 * np.random.default_rng(4).standard_normal(120))
     candidate = Candidate("Lag", lag(noise_std=0.02), 2, "zoh")
     tests = [
-        compare_models([candidate], [record], bootstrap=40, jobs=jobs).models[0].tests for jobs in (1, 2)
+        compare_models([candidate], [record], bootstrap=10, jobs=jobs).models[0].tests for jobs in (1, 2)
     ]
     assert tests[0] and tests[0] == tests[1]
 

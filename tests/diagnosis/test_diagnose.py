@@ -121,7 +121,7 @@ def test_effect_outside_the_library_gets_a_curve_and_no_name():
     assert np.corrcoef(curve.w[clear], true[clear])[0, 1] > 0.9
 
 
-@pytest.mark.parametrize("seed", [11, 12])
+@pytest.mark.parametrize("seed", [11, pytest.param(12, marks=pytest.mark.slow)])
 def test_external_load_is_no_effect(seed):
     found = diagnosed(rotor_record(1200, seed=seed, load=(0.15, 1.0))[0])
     assert found.verdict in ("external disturbance", "nothing missing") and not accepted(found)
@@ -146,7 +146,7 @@ def test_wrong_gain_of_the_encoder_is_no_friction():
 
 
 def test_values_that_the_data_contradict_are_off():
-    found = diagnosed(rotor_record(1000, seed=1)[0], fitted={"J": 0.6, "d": 0.3})
+    found = diagnosed(rotor_record(1000, seed=1)[0], "CoulombFriction", fitted={"J": 0.6, "d": 0.3})
     assert found.verdict == "parameters off" and "J = 0.6 given" in found.message
 
 
@@ -155,6 +155,7 @@ def test_closed_loop_record_gives_no_false_name():
     assert not accepted(found)
 
 
+@pytest.mark.slow
 def test_friction_is_found_in_closed_loop():
     found = diagnosed(rotor_record(1200, seed=17, feedback=2.0, coulomb=lambda phi: 0.15)[0])
     assert "CoulombFriction" in accepted(found)
@@ -449,6 +450,10 @@ def test_lag_is_named_and_what_only_looks_like_one_is_not():
     assert size.value == pytest.approx(0.8, rel=0.1)
     short = diagnosed(behind([1.0], [0.2, 1.0], 4), "Lag")
     assert not accepted(short) and "short beside the fastest time constant" in short.proofs[0].reason
+
+
+@pytest.mark.slow
+def test_a_flexible_shaft_is_no_lag():
     flexible = diagnosed(behind([9.0], [1.0, 3.0, 9.0], 4), "Lag")
     assert not accepted(flexible) and flexible.verdict not in ("nothing missing", "parameters off")
     reason = flexible.proofs[0].reason

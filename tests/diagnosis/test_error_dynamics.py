@@ -84,7 +84,7 @@ def test_response_of_an_affine_model_is_the_difference_of_two_runs():
     assert along < 1e-3 and average == along
 
 
-@pytest.mark.parametrize("sharpness", [0.05, 0.2])
+@pytest.mark.parametrize("sharpness", [0.05, pytest.param(0.2, marks=pytest.mark.slow)])
 def test_response_of_a_rubbing_model_is_the_difference_of_two_runs(sharpness):
     along, average = relative_errors(rubbing(sharpness))
     assert along < 0.01

@@ -122,6 +122,7 @@ def test_polarisation_of_a_battery_beside_effects_that_share_its_current(tmp_pat
     assert own["R"].value == pytest.approx(R1, rel=0.05) and own["T"].value == pytest.approx(T, rel=0.05)
 
 
+@pytest.mark.slow
 def test_load_that_swings_on_a_trolley(tmp_path) -> None:
     """A mass on a spring has two states that move each other."""
     m, d, m2, T, zeta = 6.0, 4.0, 3.0, 1.6, 0.03

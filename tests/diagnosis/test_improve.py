@@ -33,6 +33,14 @@ def proof_of(name):
     return prove(stand.null, stand.baseline, prepared, stand.null.experiments, stand.validation, run, load)
 
 
+@cache
+def friction_beside_drag():
+    """The proof of friction in a model that has drag already."""
+    friction = proof_of("CoulombFriction")
+    beside = improving.accept(rubbing(), replace(proof_of("QuadraticDrag"), verdict="supported"))
+    return proved_again(beside, friction, friction.told.theta)
+
+
 def found(proofs, verdict="cannot tell"):
     stand = rubbing()
     return Diagnosis(
@@ -107,9 +115,7 @@ def test_effect_that_a_later_one_makes_superfluous_is_taken_out(rounds):
         if not inside:
             return found([drag], "supported")
         if inside == ["QuadraticDrag"]:
-            beside = improving.accept(rubbing(), drag)
-            both = proved_again(beside, proof_of("CoulombFriction"), proof_of("CoulombFriction").told.theta)
-            return found([replace(both, verdict="supported")], "supported")
+            return found([replace(friction_beside_drag(), verdict="supported")], "supported")
         return found([], "nothing missing")
 
     result, asked = rounds(next_round)
@@ -128,15 +134,14 @@ def test_likelier_effect_takes_the_place_of_one_that_has_stood_for_it(rounds, is
     """Drag comes first though others could not be told from it; beside it friction, which is what acts, is
     refused since unseen data are foreseen no better."""
     drag = replace(proof_of("QuadraticDrag"), verdict="supported", not_separable_from=("friction",))
-    friction = proof_of("CoulombFriction")
     ahead = (Ahead(10, 0.1, 1.2 if is_worse else 1.0, -9.0 if is_worse else 0.1),)
 
     def next_round(inside):
         if not inside:
             return found([drag], "supported")
         if inside == ["QuadraticDrag"]:
-            both = proved_again(improving.accept(rubbing(), drag), friction, friction.told.theta)
-            return found([replace(both, verdict="rejected", reason="no better", ahead=ahead)])
+            refused = replace(friction_beside_drag(), verdict="rejected", reason="no better", ahead=ahead)
+            return found([refused])
         return found([], "nothing missing")
 
     result, asked = rounds(next_round)

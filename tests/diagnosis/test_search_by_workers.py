@@ -13,7 +13,7 @@ from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
 from daest.numerics import parallel
 
-EFFECTS = ("CoulombFriction", "StribeckFriction", "QuadraticDrag", "Unbalance", "ExtraCompliance")
+EFFECTS = ("CoulombFriction", "StribeckFriction", "QuadraticDrag")
 
 
 def options(**more):
@@ -21,7 +21,7 @@ def options(**more):
 
 
 def diagnosed(given):
-    record, _ = rotor_record(800, seed=5, coulomb=lambda phi: 0.15)
+    record, _ = rotor_record(500, seed=5, coulomb=lambda phi: 0.15)
     return diagnose(model(), library(), [record], options=given)
 
 

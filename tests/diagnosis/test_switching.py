@@ -96,7 +96,7 @@ def test_models_are_compared_through_their_events(drive):
 
 def test_one_step_errors_of_a_loop_with_process_noise_are_those_of_the_filter():
     flat = compile_text(LOADED.encode(), Path("Loaded.mo"))
-    rng, n, dt = np.random.default_rng(1), 300, 0.05
+    rng, n, dt = np.random.default_rng(1), 160, 0.05
     t, r = np.arange(n) * dt, np.repeat(rng.uniform(-1, 1, n // 20), 20)
     w, u, y = 0.0, 0.0, np.empty(n)
     for k in range(n):

@@ -16,7 +16,8 @@ def test_fitted_model_is_that_of_the_commands(method):
     flat = daest.compile_model(SERVO / "Servo.mo")
     signals = [daest.Signal("u", "V")], [daest.Signal("omega", "rad/s"), daest.Signal("phi", "rad")]
     data = daest.read_experiments([SERVO / "servo.csv"], *signals)
-    fit = daest.identify(flat, data, daest.IdentifyOptions(method=method, split=0.1, hold="zoh", second_look=False))
+    options = daest.IdentifyOptions(method=method, split=0.1, hold="zoh", second_look=False)
+    fit = daest.identify(flat, data, options)
     mine, theirs = daest.fitted_model(flat, fit), fitted(flat, document(fit))
     assert mine.theta_values == pytest.approx(theirs.theta_values)
     assert mine.theta_values[list(fit.theta).index("k")] == fit.theta["k"]

@@ -169,9 +169,7 @@ def test_output_error_knows_that_process_noise_makes_it_uncertain():
 
 
 def test_process_noise_is_found_with_its_size():
-    result = identify(
-        rig(noise=UNKNOWN_NOISE), [simulated(4, 1e-4, n_samples=4000)], ONCE
-    )
+    result = identify(rig(noise=UNKNOWN_NOISE), [simulated(4, 1e-4, n_samples=4000)], ONCE)
     assert result.method == "pem"
     (load,) = [n for n in result.noises if n.kind == "process"]
     assert load.at_bound is None
@@ -287,8 +285,7 @@ def test_missing_and_dropped_samples_are_no_obstacle():
         assert max(abs(e) for e in errors(result).values()) < 3.5
     # Output error does not know the process noise, which moves all of its estimates alike.
     whole, *others = (
-        identify(rig(), [experiment], replace(ONCE, method="oe"))
-        for experiment in (complete, *incomplete)
+        identify(rig(), [experiment], replace(ONCE, method="oe")) for experiment in (complete, *incomplete)
     )
     for result in others:
         for p, q in zip(result.parameters, whole.parameters, strict=True):
@@ -308,7 +305,8 @@ def test_uneven_samples_are_identified():
             step = sample(ss, time[k + 1] - time[k])
             x = step.transition @ x + step.input_now @ u[k] + step.input_next @ u[k + 1]
     y = np.array(states) @ ss.C.T + [0.02, 0.01] * rng.standard_normal((400, 2))
-    result = identify(rig(), [Experiment("uneven", time, u, y, ("u",), ("omega", "phi"))], replace(ONCE, hold=None))
+    uneven = Experiment("uneven", time, u, y, ("u",), ("omega", "phi"))
+    result = identify(rig(), [uneven], replace(ONCE, hold=None))
     assert result.period is None
     assert result.hold == "foh"
     assert max(abs(e) for e in errors(result).values()) < 3.5

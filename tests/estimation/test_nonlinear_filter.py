@@ -300,7 +300,7 @@ def test_pendulum_is_filtered_through_full_turns(kind, smooth):
             smooth=smooth,
             hold="zoh",
             initial=start,
-            n_particles=200,
+            n_particles=400,
             seed=1,
             measurement_cov=std**2,
         ),

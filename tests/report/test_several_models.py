@@ -75,7 +75,15 @@ def compared(n_models: int, n_outputs: int = 1, n_runs: int = 1) -> Comparison:
 
 @pytest.mark.parametrize(
     ("n_models", "n_outputs", "n_runs"),
-    [(1, 1, 1), (1, 2, 2), (2, 1, 1), (4, 1, 1), (3, 2, 3), (8, 4, 1)],
+    [
+        (1, 1, 1),
+        (1, 2, 2),
+        (4, 1, 1),
+        (2, 1, 3),
+        pytest.param(2, 1, 1, marks=pytest.mark.slow),
+        pytest.param(3, 2, 3, marks=pytest.mark.slow),
+        pytest.param(8, 4, 1, marks=pytest.mark.slow),
+    ],
 )
 def test_names_leave_room_and_stay_in_the_picture(n_models, n_outputs, n_runs):
     figure = comparison_figure(compared(n_models, n_outputs, n_runs))

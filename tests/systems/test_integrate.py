@@ -65,7 +65,7 @@ def by_scipy(explicit, time, u, hold, x0, tolerance=1e-9):
 @pytest.mark.parametrize("hold", ["zoh", "foh"])
 def test_states_and_sensitivities_are_those_of_scipy(hold):
     explicit = friction_oscillator()
-    time, u = recording(30)
+    time, u = recording(12)
     x0 = np.array([0.1, -0.2])
     states, S = by_scipy(explicit, time, u, hold, x0)
     engine = integrator(explicit, NAMES)
@@ -143,7 +143,7 @@ def test_sensitivities_of_outputs_are_finite_differences(name):
 def test_stiff_friction_takes_few_steps():
     """With a stiffness of 1e5 per second an explicit method would need two thousand steps per interval."""
     explicit = friction_oscillator(width=1e-4)
-    time, u = recording(30)
+    time, u = recording(15)
     x0 = np.array([0.1, 0.0])
     found = integrate(integrator(explicit), time, u, explicit.flat.theta_values, x0, hold="zoh")
     states, _ = by_scipy(explicit, time, u, "zoh", x0, 1e-8)
