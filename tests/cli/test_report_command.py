@@ -65,6 +65,14 @@ def told(project, results):
     return project
 
 
+@pytest.fixture(scope="module")
+def page(results):
+    """The page on what the quick commands leave."""
+    with chdir(results.parent):
+        assert run(["report", "-o", "page.html"]) == 0
+    return results.parent / "page.html"
+
+
 def parsed(path: Path):
     """The tree of a page that an HTML5 parser finds without fault."""
     return html5lib.HTMLParser(strict=True).parse(path.read_text(encoding="utf-8"))
@@ -113,12 +121,11 @@ def test_a_new_project_has_its_model_and_is_told_what_to_run(project, daest):
     assert "T*der(x) = k*u - x" in text_of(tree, "model")
 
 
-def test_results_are_shown_with_their_numbers(told, daest):
-    assert daest("report", "-o", "page.html")[0] == 0
-    tree = parsed(told / "page.html")
+def test_results_are_shown_with_their_numbers(page, results):
+    tree = parsed(page)
     present = [part for part in PARTS if not is_missing(tree, part)]
     assert present == [part for part in PARTS if part not in SEARCHED]
-    fit = json.loads((told / "results" / "fit.json").read_text())
+    fit = json.loads((results / "fit.json").read_text())
     for parameter in fit["parameters"].values():
         assert f"{parameter['value']:.6g}" in text_of(tree, "estimation")
     digest = next(f["sha256"] for f in fit["made_from"]["files"] if f["path"] == "run1.csv")
@@ -148,9 +155,7 @@ def test_several_models_are_numbered_and_their_tests_side_by_side(told, daest):
     assert len(elements(section, "wbr")) >= name.count("_")
 
 
-def test_page_is_one_file_of_bearable_size(told, daest):
-    assert daest("report")[0] == 0
-    page = told / "report.html"
+def test_page_is_one_file_of_bearable_size(page):
     assert page.stat().st_size < MOST_BYTES
     tree = parsed(page)
     for element in tree.iter():
@@ -163,16 +168,16 @@ def test_page_is_one_file_of_bearable_size(told, daest):
         assert "url(" not in style.text and "@import" not in style.text
 
 
-def test_series_of_the_plots_are_those_of_the_results(told, daest):
-    daest("report")
-    scripts = [s for s in elements(parsed(told / "report.html"), "script") if s.get("data-plot")]
+def test_series_of_the_plots_are_those_of_the_results(page, results):
+    tree = parsed(page)
+    scripts = [s for s in elements(tree, "script") if s.get("data-plot")]
     targets = {s.get("data-plot") for s in scripts}
     assert {"plot-structure", "plot-parameters", "plot-compare-0", "plot-filter", "plot-white-0"} <= targets
     item = next(s.text for s in scripts if s.get("data-plot") == "plot-compare-0")
     assert json.loads(item)["doc"]["roots"]
-    ids = {e.get("id") for e in elements(parsed(told / "report.html"), "div")}
+    ids = {e.get("id") for e in elements(tree, "div")}
     assert targets <= ids
-    with np.load(told / "results" / "comparison.npz") as series:
+    with np.load(results / "comparison.npz") as series:
         assert series["0.measured"].shape == (300, 1) == series["0.0.simulated"].shape
 
 
@@ -367,9 +372,8 @@ def contrast(one: str, other: str) -> float:
 
 
 @pytest.mark.browser
-def test_a_browser_shows_it_without_complaint(told, daest, watched):
-    daest("report")
-    watched.page.goto((told / "report.html").as_uri())
+def test_a_browser_shows_it_without_complaint(page, watched):
+    watched.page.goto(page.as_uri())
     watched.page.wait_for_selector("html[data-ready]", timeout=20_000)
     for width, scheme in watched.screens():
         assert watched.fits(), width
@@ -380,21 +384,20 @@ def test_a_browser_shows_it_without_complaint(told, daest, watched):
 
 
 @pytest.mark.browser
-def test_keyboard_moves_and_zooms(told, daest, browser):
-    daest("report")
-    page = browser.new_page()
-    page.goto((told / "report.html").as_uri())
-    page.wait_for_selector("html[data-ready]", timeout=20_000)
+def test_keyboard_moves_and_zooms(page, browser):
+    shown = browser.new_page()
+    shown.goto(page.as_uri())
+    shown.wait_for_selector("html[data-ready]", timeout=20_000)
     start = "Bokeh.documents.flatMap(d => [...d.all_models]).find(m => m.name === 'compare').x_range"
-    page.focus("#plot-compare-0")
-    before = page.evaluate(f"[{start}.start, {start}.end]")
-    page.keyboard.press("+")
-    zoomed = page.evaluate(f"[{start}.start, {start}.end]")
+    shown.focus("#plot-compare-0")
+    before = shown.evaluate(f"[{start}.start, {start}.end]")
+    shown.keyboard.press("+")
+    zoomed = shown.evaluate(f"[{start}.start, {start}.end]")
     assert zoomed[1] - zoomed[0] == pytest.approx(0.8 * (before[1] - before[0]))
-    page.keyboard.press("ArrowRight")
-    moved = page.evaluate(f"[{start}.start, {start}.end]")
+    shown.keyboard.press("ArrowRight")
+    moved = shown.evaluate(f"[{start}.start, {start}.end]")
     assert moved[0] - zoomed[0] == pytest.approx(0.1 * (zoomed[1] - zoomed[0]))
-    page.keyboard.press("0")
-    page.wait_for_timeout(300)
-    assert page.evaluate(f"[{start}.start, {start}.end]") == pytest.approx(before)
-    page.close()
+    shown.keyboard.press("0")
+    shown.wait_for_timeout(300)
+    assert shown.evaluate(f"[{start}.start, {start}.end]") == pytest.approx(before)
+    shown.close()

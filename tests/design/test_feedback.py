@@ -74,7 +74,7 @@ def test_a_design_for_the_reference(parts):
         allowed = Limits((Range(name, "", -1.0, 1.0),), 8.0, PERIOD, ranges, hold="zoh")
         subject = Subject(flat, ("a",))
         aim = ParameterAim(explainer(subject, PERIOD, "zoh"), (0,), "D", np.zeros((1, 1)))
-        task = Task(aim, (subject,), allowed, seconds=1.0, commanded=("u",) if ranges else ())
+        task = Task(aim, (subject,), allowed, seconds=0.4, commanded=("u",) if ranges else ())
         if not ranges:
             with pytest.raises(DaestError, match="unstable"):
                 design(task)

@@ -116,7 +116,7 @@ def test_expected_ratio_is_what_noisy_recordings_have_on_average():
 def test_the_best_input_is_found_and_safe_for_likely_parameters():
     safe = (Range("w", "rad/s", -6.0, 6.0),)
     aim, subjects = rivals(allowed=limits(safe=safe), recorded=[forwards()], draws=2)
-    found = design(Task(aim, subjects, limits(safe=safe), (forwards(),), seconds=2.0))
+    found = design(Task(aim, subjects, limits(safe=safe), (forwards(),), seconds=0.8))
     best = found.families[0]
     assert best.inputs is not None and found.higher_is_better
     assert found.expected.power > 0.999 and found.present.value < 0.1
@@ -135,7 +135,7 @@ def test_a_pair_that_no_input_tells_apart_does_not_decide():
     twin = Rival("rounder friction", first.flat.with_theta({"effect.w_s": 0.012}), first.names)
     aim, subjects = rival_aim([first, twin, rival("ConstantLoad")], limits(), (), 3.0, 0)
     assert len(aim.driven) == 3
-    found = design(Task(aim, subjects, limits(), seconds=2.0, is_short=True))
+    found = design(Task(aim, subjects, limits(), seconds=0.6, is_short=True))
     assert found.expected.power > 0.99
     assert all("ConstantLoad" in label for label in found.expected.log_likelihood_ratio)
     assert any("designed for the other pairs" in note and "rounder" in note for note in found.notes)
@@ -147,10 +147,10 @@ def test_rivals_that_are_one_equation():
     allowed = limits()
     aim, subjects = rival_aim([rival("ConstantLoad"), offset], allowed, (), 3.0, 0)
     with pytest.raises(EstimationError, match="do the same") as problem:
-        design(Task(aim, subjects, allowed, seconds=1.0))
+        design(Task(aim, subjects, allowed, seconds=0.3))
     assert problem.value.code == "design-same-equation"
     aim, subjects = rival_aim([rival("ConstantLoad"), offset, rival("CoulombFriction")], allowed, (), 3.0, 0)
-    found = design(Task(aim, subjects, allowed, seconds=1.0, is_short=True))
+    found = design(Task(aim, subjects, allowed, seconds=0.5, is_short=True))
     assert any("Offset at tau do the same" in note for note in found.notes)
     assert list(found.expected.log_likelihood_ratio) == [
         "ConstantLoad at rotor.flange_a | CoulombFriction at rotor.flange_a"

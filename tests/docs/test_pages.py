@@ -56,7 +56,7 @@ CONSOLE = {
 }
 
 
-SLOW = {"motor.md"}  # searches the whole library
+SLOW = {"motor.md", "how-to/effect.md"}  # search, one of them in the whole library
 
 
 @pytest.mark.parametrize(
