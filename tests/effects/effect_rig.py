@@ -61,32 +61,49 @@ def finite_poles(flat: FlatModel) -> np.ndarray:
 
 
 def characteristic(flat: FlatModel) -> np.ndarray:
-    """∏ (s - pole) at points off the poles: well conditioned where poles coincide, as those of free bodies
-    do."""
-    points = np.array([0.7 + 0.3j, 2.0j, -0.4 + 5.0j])
-    return np.prod(points[:, None] - finite_poles(flat), axis=1)
+    """∏ (s - pole) at points off the poles over that at s = 1.3, as determinants of s E - J: well conditioned
+    where poles coincide, as those of free bodies do."""
+    dae = linearize(flat)
+    points = np.array([0.7 + 0.3j, 2.0j, -0.4 + 5.0j, 1.3])
+    sign, size = np.linalg.slogdet(points[:, None, None] * dae.E - dae.J)
+    return sign[:-1] / sign[-1] * np.exp(size[:-1] - size[-1])
 
 
 def law(flat: FlatModel, component: str, result: str, **given: float) -> float:
     """The value of `component.result` that its defining equation gives for `given` values of the component's
     other variables and parameters (`der_z` for a derivative); the parameters keep their values otherwise."""
+    names, evaluate = _solved(flat, component, result)
+    values = {p.name: p.value for p in flat.parameters}
+    values |= {f"{component}.{name}": value for name, value in given.items()}
+    values[f"{component}.{result}"] = 0.0
+    return float(evaluate(*[values.get(name, given.get(name, 0.0)) for name in names]))
+
+
+_functions: dict[tuple[int, str, str], tuple[FlatModel, list[str], ca.Function]] = {}
+
+
+def _solved(flat: FlatModel, component: str, result: str) -> tuple[list[str], ca.Function]:
+    """The names of the arguments, and the function that solves the defining equation; made once."""
+    key = id(flat), component, result
+    if key not in _functions:
+        _functions[key] = flat, *_solving(flat, component, result)
+    return _functions[key][1:]
+
+
+def _solving(flat: FlatModel, component: str, result: str) -> tuple[list[str], ca.Function]:
     rows = [
         i
         for i, e in enumerate(flat.equations)
         if e.kind == "component" and defines(e, f"{component}.{result}")
     ]
     row = rows[-1]  # behind those of the partial models
-    values = {p.name: p.value for p in flat.parameters}
-    values |= {f"{component}.{name}": value for name, value in given.items()}
     symbols = [*ca.vertsplit(flat.xi), *ca.vertsplit(flat.theta), *ca.vertsplit(flat.derivatives), flat.time]
     names = [x.name for x in flat.unknowns] + [p.name for p in flat.parameters]
     names += [f"{component}.der_{x.name.removeprefix(component + '.')}" for x in flat.unknowns] + ["time"]
     slope = ca.jacobian(
         flat.residual[row], flat.xi[[x.name for x in flat.unknowns].index(f"{component}.{result}")]
     )
-    values[f"{component}.{result}"] = 0.0
-    evaluate = ca.Function("law", symbols, [-flat.residual[row] / slope])
-    return float(evaluate(*[values.get(name, given.get(name, 0.0)) for name in names]))
+    return names, ca.Function("law", symbols, [-flat.residual[row] / slope])
 
 
 def defines(equation: Equation, name: str) -> bool:
