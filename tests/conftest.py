@@ -36,14 +36,12 @@ QUICK = (
     "cli/test_connected_units",
     "cli/test_export_command",
     "cli/test_frame",
-    "cli/test_init",
     "cli/test_linear_commands",
     "cli/test_progress",
     "cli/test_recordings",
     "cli/test_simulate_command",
     "data",
     "diagnosis/test_disturbance",
-    "diagnosis/test_error_dynamics",
     "diagnosis/test_loads",
     "diagnosis/test_verdict",
     "effects/test_learned_loads",
@@ -80,7 +78,17 @@ QUICK = (
     "test_public_names",
     "test_quantities",
 )
-NOT_QUICK = ("data/test_check", "data/test_fuzz", "modelica/test_fuzz", "numerics/test_parallel")
+NOT_QUICK = (
+    "data/test_check",
+    "data/test_fuzz",
+    "modelica/test_apart",
+    "modelica/test_fuzz",
+    "numerics/test_parallel",
+    "systems/test_dae_test_set",
+    "systems/test_exact_structure",
+    "systems/test_sensor_laws",
+    "systems/test_sparse_form",
+)
 
 
 def is_quick(file: Path) -> bool:

@@ -64,7 +64,7 @@ def test_events_of_a_change(watch):
 
 
 def test_no_change_no_alarm(watch):
-    code, events, _ = watch(simulated(1500, 10_000, seed=5), "--fail-on-alarm")
+    code, events, _ = watch(simulated(900, 10_000, seed=5), "--fail-on-alarm")
     assert code == 0 and [event["event"] for event in events] == ["started", "ended"]
     code, _, out = watch(simulated(300, 100, offset=1.0), "--format", "text")
     assert code == 0 and "ALARM: the model no longer holds in y since" in out
