@@ -91,8 +91,9 @@ def test_matrices_that_vary_equal_the_plain_loop(engine):
     for n, n_y in ((1, 1), (5, 2), (16, 16), (17, 3)):
         A = 0.4 * rng.standard_normal((60, n, n)) / np.sqrt(n)
         drive = rng.standard_normal((3, 60, n))
-        states = varying_recursion(A, drive)
-        x = np.zeros((3, n))
+        x = rng.standard_normal((3, n))
+        states = varying_recursion(A, drive, x)
+        np.testing.assert_array_equal(varying_recursion(A, drive)[:, 0], np.zeros((3, n)))
         for k in range(60):
             x = x @ A[k].T + drive[:, k]
             np.testing.assert_allclose(states[:, k + 1], x, rtol=1e-12, atol=1e-12)

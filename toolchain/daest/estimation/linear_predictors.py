@@ -25,7 +25,7 @@ from daest.estimation.identifiability import Scores, initial_state, scores
 from daest.estimation.records import Record, observed_counts
 from daest.estimation.search import Objective
 from daest.model.linear import StateSpace, StateSpaceFamily
-from daest.numerics.recursions import linear_recursion
+from daest.numerics.recursions import linear_recursion, varying_recursion
 from daest.numerics.riccati import (
     Gains,
     NoiseModel,
@@ -316,11 +316,7 @@ def _recursion(closed: np.ndarray, drive: np.ndarray, start: np.ndarray) -> np.n
     """States (m, n_samples, n) of m right-hand sides; `closed` (n, n) or one matrix per step."""
     if closed.ndim == 2:
         return linear_recursion(closed, drive, start)
-    states = np.empty((drive.shape[0], drive.shape[1] + 1, drive.shape[2]))
-    states[:, 0] = start
-    for k in range(drive.shape[1]):
-        states[:, k + 1] = states[:, k] @ closed[k].T + drive[:, k]
-    return states
+    return varying_recursion(closed, drive, start)
 
 
 def _t(matrix: np.ndarray) -> np.ndarray:

@@ -73,6 +73,8 @@ def covariance_integral(A: np.ndarray, Q: np.ndarray, period: float) -> np.ndarr
     finite."""
     if not np.all(np.isfinite(A)) or not np.all(np.isfinite(Q)):
         return np.full(A.shape, np.nan)
+    if not Q.any():  # a simulation samples without noise
+        return np.zeros(A.shape)
     scaled, size = balanced(A)
     units = np.outer(size, size)
     if A.shape[0] >= LARGE:
@@ -101,6 +103,8 @@ def covariance_integral_derivatives(
     """Derivatives (p, n, n) of `covariance_integral` in the directions (dA, dQ), both (p, n, n)."""
     if not np.all(np.isfinite(A)) or not np.all(np.isfinite(Q)):
         return np.full(dA.shape, np.nan)
+    if not Q.any() and not dQ.any():
+        return np.zeros(dA.shape)
     scaled, size = balanced(A)
     units = np.outer(size, size)
     return units * _covariance_derivatives(scaled, Q / units, dA * size / size[:, None], dQ / units, period)

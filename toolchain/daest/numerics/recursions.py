@@ -46,10 +46,11 @@ def linear_recursion(A: np.ndarray, drive: np.ndarray, x0: np.ndarray) -> np.nda
     return states
 
 
-def varying_recursion(A: np.ndarray, drive: np.ndarray) -> np.ndarray:
-    """States (k, n_steps + 1, n) of x[i+1] = A[i] x[i] + drive[i] from zero: A (n_steps, n, n), drive (k,
-    n_steps, n)."""
-    states = np.zeros((drive.shape[0], drive.shape[1] + 1, drive.shape[2]))
+def varying_recursion(A: np.ndarray, drive: np.ndarray, x0: np.ndarray | float = 0.0) -> np.ndarray:
+    """States (k, n_steps + 1, n) of x[i+1] = A[i] x[i] + drive[i] from x0: A (n_steps, n, n), drive (k,
+    n_steps, n), x0 (k, n)."""
+    states = np.empty((drive.shape[0], drive.shape[1] + 1, drive.shape[2]))
+    states[:, 0] = x0
     if _compiled(A, drive, states):
         return states
     for i in range(A.shape[0]):
