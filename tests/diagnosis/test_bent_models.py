@@ -50,7 +50,7 @@ def test_lag_of_a_drive_before_a_pendulum() -> None:
     def rates(z, u):
         return [z[1], (z[2] - 0.3 * z[1] - 4.0 * np.sin(z[0])) / 0.1, (u - z[2]) / T]
 
-    found = diagnosed(ARM, ("Lag", "CoulombFriction", "QuadraticGain"), rates, 0.04, voltage, rng)
+    found = diagnosed(ARM, ("Lag", "CoulombFriction"), rates, 0.04, voltage, rng)
     named = {p.candidate.effect.name for p in found.proofs if p.verdict != "rejected"}
     assert named == {"Lag"}, found.message
     best = found.proofs[0]

@@ -28,6 +28,7 @@ def test_a_small_torque_is_named_beside_the_loads_that_were_there_before():
     assert abs(size.value - SIZE) < 3.0 * size.std_error < SIZE
 
 
+@pytest.mark.slow
 def test_a_load_from_outside_gets_no_name():
     after, _ = rotor_record(600, seed=12, load=(0.05, 1.0))
     found = diagnosed(rotor_record(400, seed=11)[0], after)

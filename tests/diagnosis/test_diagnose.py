@@ -83,6 +83,7 @@ def test_coulomb_friction_is_named_with_its_size():
     assert {p.name: p.value for p in best.fit.parameters}["d"] == pytest.approx(0.3, rel=0.1)
 
 
+@pytest.mark.slow
 def test_friction_is_a_term_of_a_bare_equation():
     record, _ = rotor_record(1200, seed=5, coulomb=lambda phi: 0.15)
     chosen = options("CoulombFriction", "QuadraticDrag", "DeadZone")
@@ -127,6 +128,7 @@ def test_external_load_is_no_effect(seed):
     assert found.verdict in ("external disturbance", "nothing missing") and not accepted(found)
 
 
+@pytest.mark.slow
 def test_strong_white_torque_is_no_effect():
     found = diagnosed(rotor_record(1200, seed=13, noise=30e-4)[0])
     assert found.verdict in ("external disturbance", "nothing missing") and not accepted(found)

@@ -1,6 +1,7 @@
 """The null against records with a known load."""
 
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -27,9 +28,13 @@ from daest.systems.integrate import integrate, integrator
 from daest.systems.reduce import reduce_index
 
 
+@cache
+def null_with_a_load():
+    return rotor_null(rotor_record(1500, seed=4, load=(0.15, 1.0), noise=0.0)[0])[0]
+
+
 def test_size_and_time_constant_of_a_coloured_load():
-    record, _ = rotor_record(1500, seed=4, load=(0.15, 1.0), noise=0.0)
-    null, _ = rotor_null(record)
+    null = null_with_a_load()
     (load,) = null.loads
     assert load.place == "rotor.flange_a"
     assert load.size == pytest.approx(0.15, rel=0.3)
@@ -38,8 +43,7 @@ def test_size_and_time_constant_of_a_coloured_load():
 
 
 def test_parameters_and_their_errors_are_right_with_a_load():
-    record, _ = rotor_record(1500, seed=4, load=(0.15, 1.0), noise=0.0)
-    null, _ = rotor_null(record)
+    null = null_with_a_load()
     found = {p.name: p for p in null.fit.parameters}
     assert null.estimated == ("J", "d")
     for name, true in (("J", 0.5), ("d", 0.3)):
@@ -175,7 +179,10 @@ def test_equal_start_values_of_two_tanks_are_no_stop(tmp_path):
     assert sorted((found["R1"], found["R2"])) == pytest.approx([2e5, 5e5], rel=0.1)
 
 
-@pytest.mark.parametrize("record", [{"n": 600, "seed": 1}, {"n": 1000, "seed": 4, "noise": 1e-2}])
+@pytest.mark.parametrize(
+    "record",
+    [{"n": 600, "seed": 1}, pytest.param({"n": 1000, "seed": 4, "noise": 1e-2}, marks=pytest.mark.slow)],
+)
 def test_what_only_rescales_estimated_parameters_gains_nothing(record):
     """A gain at the input makes the inertia and the friction that much larger, and says nothing else."""
     null, _ = rotor_null(rotor_record(**record)[0])

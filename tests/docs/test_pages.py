@@ -37,9 +37,13 @@ def prepare_effect(folder: Path) -> None:
     copy_example("servo", folder)
     (folder / "effects").mkdir()
     shutil.copy(DOCS / "how-to" / "WindLoad.mo", folder / "effects")
-    # A quarter of the recording says the same.
-    whole = (folder / "servo.csv").read_text(encoding="utf-8").splitlines(keepends=True)
-    (folder / "servo.csv").write_text("".join(whole[: len(whole) // 4]), encoding="utf-8")
+    shortened(folder / "servo.csv", 4)
+
+
+def shortened(recording: Path, parts: int) -> None:
+    """The first of so many parts of a recording says the same."""
+    whole = recording.read_text(encoding="utf-8").splitlines(keepends=True)
+    recording.write_text("".join(whole[: len(whole) // parts]), encoding="utf-8")
 
 
 def prepare_motor(folder: Path) -> None:
@@ -128,6 +132,7 @@ def repository(tmp_path, monkeypatch) -> Path:
     text, n = re.subn(r"(?<=\[parameters\]\n).*?(?=\n\[)", values, file.read_text("utf-8"), flags=re.DOTALL)
     assert n == 1
     file.write_text(text, encoding="utf-8")
+    shortened(tmp_path / "servo" / "servo.csv", 2)
     monkeypatch.chdir(tmp_path / "servo")
     return tmp_path / "servo"
 

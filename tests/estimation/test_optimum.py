@@ -158,7 +158,7 @@ def test_no_fit_is_worse_than_the_truth(oracles, method, seed):
 # factor, a pendulum that turns over, dry friction taken for viscous friction.
 FAR_OFF = [
     ("oscillator", "oe", 1),
-    ("pendulum", "oe", 1),
+    pytest.param("pendulum", "oe", 1, marks=pytest.mark.slow),
     pytest.param("oscillator", "pem", 1, marks=pytest.mark.slow),
     pytest.param("tanks", "oe", 3, marks=pytest.mark.slow),
 ]

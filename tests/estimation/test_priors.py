@@ -139,7 +139,9 @@ def duffing(prior, method="oe", intensity=0.0):
     )
 
 
-@pytest.mark.parametrize(("method", "intensity"), [("oe", 0.0), ("pem", 0.3)])
+@pytest.mark.parametrize(
+    ("method", "intensity"), [("oe", 0.0), pytest.param("pem", 0.3, marks=pytest.mark.slow)]
+)
 def test_nonlinear_posterior_is_the_product_of_two_densities(method, intensity):
     (plain,) = duffing(None, method, intensity).parameters
     prior = Prior(plain.value + 2.0 * plain.std_error, plain.std_error)
