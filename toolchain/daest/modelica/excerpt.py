@@ -17,10 +17,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from daest.cache import cache_folder, forget_unused, keep_content, kept_content, was_used
+from daest.modelica.complex_text import COMPLEX, with_parts
+from daest.modelica.components import Classes
 from daest.modelica.dialect import DER, DER_FILE, adapted, external_objects, with_constructors
 from daest.modelica.library import BYTE_ORDER_MARK, MOST_KEPT, Roots, library_name, put_in_place, stamp
+from daest.modelica.outline import class_heads
 
-_VERSION = "15"  # of what is kept; another one throws away what is there
+_VERSION = "17"  # of what is kept; another one throws away what is there
 _STRIP = re.compile(rb'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
 _NAME = re.compile(rb"(?<![\w.])\.?[A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*")
 _ALIAS = re.compile(
@@ -250,20 +253,25 @@ def _written(
         origins[str(root / (name + entry.suffix if entry.is_file() else name))] = entry
     if not root.is_dir():
         draft = root.with_name(f"{root.name}.{os.getpid()}")
+        texts = {full: _file_of(full, libraries).read_bytes().removeprefix(BYTE_ORDER_MARK) for full in needed}
+        classes = Classes(texts.get)
         for full in sorted(needed):
             library = libraries[full.partition(".")[0]]
             place = library.places[full]
-            source = library.entry / place if place else library.entry
             inside = f"{library_name(library.entry)}/{place}" if place else f"{full}.mo"
-            _write(
-                draft / inside,
-                with_constructors(adapted(source.read_bytes().removeprefix(BYTE_ORDER_MARK)), objects),
-            )
+            text = with_parts(texts[full], classes) if COMPLEX in texts else texts[full]
+            _write(draft / inside, with_constructors(adapted(text), objects))
         _write(draft / f"{DER}.mo", DER_FILE.encode())
         put_in_place(draft, root)
         forget_unused(root.parent, MOST_KEPT)
     was_used(root)
     return root, origins, tuple(objects)
+
+
+def _file_of(full: str, libraries: dict[str, _Library]) -> Path:
+    library = libraries[full.partition(".")[0]]
+    place = library.places[full]
+    return library.entry / place if place else library.entry
 
 
 def _write(file: Path, content: bytes) -> None:
@@ -275,4 +283,19 @@ def adapted_text(text: bytes, roots: Roots) -> bytes:
     """The user's text for the compiler, with a comment that makes it load all libraries of the excerpt."""
     names = sorted({Path(made).stem for made in roots.origins} | {DER})
     objects = roots.objects
+    if any(Path(made).stem == COMPLEX for made in roots.origins):
+        text = with_parts(text, Classes(lambda full: _read_of(full, text, roots)))
     return with_constructors(adapted(text), objects) + f"\n// {' '.join(names)}\n".encode()
+
+
+def _read_of(full: str, text: bytes, roots: Roots) -> bytes | None:
+    """The text of the file of a class: in the folder of the excerpt, or else the user's."""
+    parts = full.split(".")
+    for made in map(Path, roots.origins):
+        if made.stem == parts[0]:
+            place = made.joinpath(*parts[1:])
+            for file in (place / "package.mo", place.with_suffix(".mo")):
+                if file.is_file():
+                    return file.read_bytes()
+            return None
+    return text if any(head.name == full for head in class_heads(text)) else None

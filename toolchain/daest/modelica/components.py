@@ -1,0 +1,310 @@
+"""What the classes of Modelica texts declare: components with their types and sizes, base classes, imports.
+
+A look-up of names as the language makes it (Modelica Language Specification 5.3), as far as texts show it
+without compiling them: nothing is redeclared. A name that it does not find is told as not found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import takewhile
+
+from daest.modelica.outline import (
+    CLOSE,
+    OPEN,
+    ClassHead,
+    Token,
+    class_heads,
+    closing,
+    extends_clauses,
+    name_end,
+    tokens,
+)
+
+_PREFIXES = frozenset(
+    ("final", "inner", "outer", "replaceable", "redeclare", "flow", "stream", "input", "output", "discrete")
+    + ("parameter", "constant", "each", "public", "protected")
+)
+_NO_COMPONENT = frozenset(
+    ("import", "extends", "annotation", "model", "block", "class", "package", "function", "record")
+    + ("connector", "type", "operator", "encapsulated", "partial", "end", "equation", "algorithm", "initial")
+)
+_MOST_STEPS = 30  # of short classes, bases and imports behind each other
+
+
+@dataclass(frozen=True)
+class Declared:
+    """A declared component: its type as written in class `scope`, its sizes, and the tokens of its
+    modification `(…)` and of its binding behind `=`."""
+
+    name: Token
+    type_name: str
+    sizes: tuple[tuple[Token, ...], ...]
+    modification: tuple[Token, ...]
+    binding: tuple[Token, ...]
+    is_parameter: bool
+    scope: str
+    behind: int  # where the name and its own size end
+
+
+@dataclass(frozen=True)
+class ClassText:
+    """A class: its full name, its tokens, what it declares, and the file that it stands in."""
+
+    name: str
+    file: str
+    words: tuple[Token, ...]
+    components: dict[str, Declared]
+    bases: tuple[str, ...]
+    imports: dict[str, str]
+    alias: str  # the class that a short definition names
+
+
+@dataclass
+class Classes:
+    """The classes of files; `read` gives the text of the file of a full name, None where there is none."""
+
+    read: Callable[[str], bytes | None]
+    _files: dict[str, _Words] = field(default_factory=dict)
+    _found: dict[str, ClassText | None] = field(default_factory=dict)
+
+    def get(self, name: str) -> ClassText | None:
+        """The class of a full name."""
+        if name not in self._found:
+            self._found[name] = self._made(name)
+        return self._found[name]
+
+    def _made(self, name: str) -> ClassText | None:
+        parts = name.split(".")
+        for end in range(len(parts), 0, -1):
+            file = ".".join(parts[:end])
+            text = self.read(file)
+            if text is None:
+                continue
+            if file not in self._files:
+                self._files[file] = _words_of(text)
+            head = self._files[file].heads.get(name)
+            return None if head is None else _class_text(self._files[file], head, file)
+        return None
+
+    def resolved(self, name: str, scope: str, steps: int = 0) -> str | None:
+        """The full name of the class that `name` means in class `scope`; None if it is not found."""
+        if steps > _MOST_STEPS:
+            return None
+        if name.startswith("."):
+            return name[1:] if self.get(name[1:]) else None
+        first, dot, rest = name.partition(".")
+        around = scope.split(".") if scope else []
+        for end in range(len(around), -1, -1):
+            found = self._inside(first, ".".join(around[:end]), steps)
+            if found is not None:
+                return self._below(found, rest, steps) if dot else found
+        return None
+
+    def _below(self, name: str, rest: str, steps: int) -> str | None:
+        found: str | None = name
+        for part in rest.split("."):
+            found = None if found is None else self._inside(part, self.meant(found, steps + 1), steps)
+        return found
+
+    def _inside(self, first: str, scope: str, steps: int) -> str | None:
+        """The class `first` that `scope` declares, inherits or imports; of no scope, a library."""
+        if not scope:
+            return first if self.get(first) else None
+        if self.get(f"{scope}.{first}"):
+            return f"{scope}.{first}"
+        around = self.get(scope)
+        if around is None or steps > _MOST_STEPS:
+            return None
+        if first in around.imports:
+            full = around.imports[first]
+            return self.resolved("." + full, "", steps + 1) or full
+        for base in around.bases:
+            full_base = self.resolved(base, scope.rpartition(".")[0], steps + 1)
+            found = full_base and self._inside(first, full_base, steps + 1)
+            if found:
+                return found
+        return None
+
+    def meant(self, name: str, steps: int = 0) -> str:
+        """The class that is left where short definitions are followed: `Complex` of `SI.ComplexVoltage`."""
+        found = self.get(name)
+        while found is not None and found.alias and steps < _MOST_STEPS:
+            name = self.resolved(found.alias, found.name.rpartition(".")[0]) or found.alias
+            found, steps = self.get(name), steps + 1
+        return name
+
+    def component(self, name: str, scope: str, steps: int = 0) -> Declared | None:
+        """The component `name` that class `scope` declares or inherits."""
+        around = self.get(scope)
+        if around is None or steps > _MOST_STEPS:
+            return None
+        if name in around.components:
+            return around.components[name]
+        bases = [around.alias] if around.alias else around.bases
+        for base in bases:
+            full = self.resolved(base, scope.rpartition(".")[0]) or self.resolved(base, scope)
+            found = None if full is None else self.component(name, full, steps + 1)
+            if found is not None:
+                return found
+        return None
+
+    def type_of(self, one: Declared) -> str | None:
+        """The full name of the class of a component, `Real` and the like as they are."""
+        if one.type_name in ("Real", "Integer", "Boolean", "String"):
+            return one.type_name
+        found = self.resolved(one.type_name, one.scope)
+        return None if found is None else self.meant(found)
+
+
+def _class_text(text: _Words, head: ClassHead, file: str) -> ClassText:
+    """The class of a head in the text of a file."""
+    words = _class_words(text, head)
+    if len(words) > 1 and words[1].text == "=":
+        at = 2
+        while at < len(words) and words[at].text in _PREFIXES:
+            at += 1
+        alias = "".join(word.text for word in words[at : name_end(words, at)])
+        is_array = name_end(words, at) < len(words) and words[name_end(words, at)].text == "["
+        return ClassText(head.name, file, words, {}, (), {}, "" if is_array else alias)
+    components = {one.name.text: one for line in statements(words) for one in declared(line, head.name)}
+    bases = tuple(clause.base for clause in extends_clauses(words))
+    return ClassText(head.name, file, words, components, bases, _imports(words), "")
+
+
+@dataclass(frozen=True)
+class _Words:
+    """The tokens of a file and its classes, made once."""
+
+    words: tuple[Token, ...]
+    heads: dict[str, ClassHead]
+    at: dict[int, int]  # byte offset -> index of the token there
+    ends: dict[int, int]  # index of a class's name -> index of its `end`
+
+
+def _words_of(text: bytes) -> _Words:
+    words = tuple(tokens(text))
+    heads = {head.name: head for head in class_heads(text)}
+    at = {word.start: i for i, word in enumerate(words)}
+    ends: dict[int, int] = {}
+    is_name = {at[head.start] for head in heads.values()}
+    opened: list[int] = []
+    for i, word in enumerate(words[:-1]):
+        if i in is_name and words[i + 1].text != "=":
+            opened.append(i)
+        elif word.text == "end" and opened and words[i + 1].text == words[opened[-1]].text:
+            ends[opened.pop()] = i
+    return _Words(words, heads, at, ends)
+
+
+def _class_words(file: _Words, head: ClassHead) -> tuple[Token, ...]:
+    """As `class_tokens` of outline.py."""
+    i = first = file.at[head.start]
+    words = file.words
+    if words[i + 1].text == "=":
+        end = next((k for k in range(i, len(words)) if words[k].text == ";"), len(words))
+        return words[first:end]
+    found: list[Token] = []
+    end = file.ends.get(first, len(words))
+    while i < end:
+        if i in file.ends and i != first:
+            i = file.ends[i] + 2
+            continue
+        found.append(words[i])
+        i += 1
+    return tuple(found)
+
+
+def _imports(words: Sequence[Token]) -> dict[str, str]:
+    """Local name -> full name."""
+    found: dict[str, str] = {}
+    for i, word in enumerate(words):
+        if word.text != "import":
+            continue
+        clause = [w.text for w in takewhile(lambda w: w.text != ";" and w.kind != "text", words[i + 1 :])]
+        if "=" in clause:
+            found[clause[0]] = "".join(clause[clause.index("=") + 1 :])
+        elif "{" in clause:
+            package = "".join(clause[: clause.index("{") - 1])
+            found |= {name: f"{package}.{name}" for name in clause[clause.index("{") + 1 : -1] if name != ","}
+        elif clause and clause[-1] != "*":
+            found[clause[-1]] = "".join(clause)
+    return found
+
+
+def statements(words: Sequence[Token]) -> Iterator[list[Token]]:
+    """The declarations of a class, without what follows `equation` or `algorithm`."""
+    line: list[Token] = []
+    depth = 0
+    for word in words[1:]:
+        if not line and depth == 0:
+            if word.text in ("equation", "algorithm", "initial", "external"):
+                return
+            if word.kind == "text" or word.text in ("public", "protected"):
+                continue
+        depth += (word.text in OPEN) - (word.text in CLOSE)
+        if depth == 0 and word.text == ";":
+            yield line
+            line = []
+        else:
+            line.append(word)
+
+
+def declared(line: Sequence[Token], scope: str) -> Iterator[Declared]:
+    """The components that a declaration declares."""
+    at = 0
+    while at < len(line) and line[at].text in _PREFIXES:
+        at += 1
+    if at >= len(line) or line[at].text in _NO_COMPONENT or line[at].kind != "name" and line[at].text != ".":
+        return
+    is_parameter = any(word.text in ("parameter", "constant") for word in line[:at])
+    end = name_end(line, at)
+    type_name = "".join(word.text for word in line[at:end])
+    common, at = _sizes(line, end)
+    while at < len(line) and line[at].kind == "name":
+        name = line[at]
+        own, at = _sizes(line, at + 1)
+        behind = line[at - 1].end
+        end = closing(line, at) if at < len(line) and line[at].text == "(" else at
+        modification, at = tuple(line[at:end]), end
+        binding: tuple[Token, ...] = ()
+        if at < len(line) and line[at].text in ("=", ":="):
+            end = _until(line, at + 1)
+            binding, at = tuple(line[at + 1 : end]), end
+        yield Declared(name, type_name, (*own, *common), modification, binding, is_parameter, scope, behind)
+        while at < len(line) and line[at].text != ",":
+            at = closing(line, at) if line[at].text in OPEN else at + 1
+        at += 1
+
+
+def _until(line: Sequence[Token], at: int) -> int:
+    """Index behind an expression: at a comma, a comment, an annotation or a condition of the component."""
+    first = at
+    while at < len(line):
+        word = line[at]
+        if word.text == "," or word.kind == "text" or word.text in ("annotation", "constrainedby"):
+            return at
+        if word.text == "if" and at > first and line[at - 1].text not in ("else", *_BEFORE_IF):
+            return at
+        at = closing(line, at) if word.text in OPEN else at + 1
+    return at
+
+
+_BEFORE_IF = ("+", "-", "*", "/", "^", "=", "then", "and", "or", "not", ":", "<", ">", "<=", ">=", "==", "<>")
+
+
+def _sizes(line: Sequence[Token], at: int) -> tuple[tuple[tuple[Token, ...], ...], int]:
+    """The sizes in the square bracket at `at`, and the index behind it."""
+    if at >= len(line) or line[at].text != "[":
+        return (), at
+    end = closing(line, at)
+    found: list[list[Token]] = [[]]
+    depth = 0
+    for word in line[at + 1 : end - 1]:
+        depth += (word.text in OPEN) - (word.text in CLOSE)
+        if word.text == "," and depth == 0:
+            found.append([])
+        else:
+            found[-1].append(word)
+    return tuple(tuple(one) for one in found), end
