@@ -23,6 +23,7 @@ _INDEX = "D__{}"
 _ENDS = ("for", "if", "when")
 _ELEMENTWISE = {".*": "*", "./": "/", ".+": "+", ".-": "-"}
 _WITH_EQUATIONS = ("model", "block", "class", "connector")
+_CONJUGATED = b"c3.re+c1[i].re*c2[i].re+c1[i].im*c2[i].im"  # in the scalar product of Complex
 _MOST_FACTORS = 4  # of a power that is written as a product
 
 
@@ -35,8 +36,8 @@ Parts = tuple[str, str]
 
 @dataclass(frozen=True)
 class _Value:
-    """An expression: `at` gives real and imaginary part (of a Real: itself and nothing) as text that can stand
-    as an operand of a product; of an array (`size`) that of the element of an index."""
+    """An expression: `at` gives real and imaginary part (of a Real: itself and nothing) as text that can
+    stand as an operand of a product; of an array (`size`) that of the element of an index."""
 
     is_complex: bool
     at: Callable[[str], Parts]
@@ -47,7 +48,7 @@ def with_parts(source: bytes, classes: Classes) -> bytes:
     """The text, one of those that `classes` reads, with its Complex equations by parts. Lines keep their
     numbers."""
     changes: list[tuple[int, int, str]] = []
-    for head in class_heads(source) if b"Complex" in source else ():
+    for head in class_heads(source):
         if head.kind not in _WITH_EQUATIONS:
             continue
         found = classes.get(head.name)
@@ -78,11 +79,25 @@ class _Class:
 
     def _declarations(self) -> Iterator[tuple[int, int, str]]:
         for one in self.one.components.values():
+            for name, words in _modified(one.modification):
+                made = self._tried(lambda name=name, words=words: self._modification(name, words))  # type: ignore[misc]
+                if made is not None:
+                    yield made
             if not one.binding:
                 continue
             made = self._tried(lambda one=one: self._binding(one))  # type: ignore[misc]
             if made is not None:
                 yield made
+
+    def _modification(self, name: str, words: Sequence[Token]) -> tuple[int, int, str] | None:
+        """A Real value in a modification that is made of Complex ones."""
+        node = _parsed(words)
+        if name in _ATTRIBUTES or not _holds_complex(self, node):
+            return None
+        value = _Expression(self, {}).value(node)
+        if value.is_complex:
+            return None
+        return words[0].start, words[-1].end, self._whole(value, 0)
 
     def _binding(self, one: Declared) -> tuple[int, int, str] | None:
         node = _parsed(one.binding)
@@ -103,7 +118,9 @@ class _Class:
         if not one.modification:
             return one.behind, end, f"({parts})"
         inside = _source(one.modification[1:-1])
-        if any(w.text in ("re", "im") and one.modification[i + 2 : i + 3] for i, w in enumerate(one.modification)):
+        if any(
+            w.text in ("re", "im") and one.modification[i + 2 : i + 3] for i, w in enumerate(one.modification)
+        ):
             return self._merged(one, value, end)
         return one.modification[0].start, end, f"({inside}, {parts})"
 
@@ -113,8 +130,9 @@ class _Class:
         own = _Value(True, lambda index: (f"{name}[{index}].re", f"{name}[{index}].im"), value.size)
         if isinstance(value.at, _Elements):
             raise _Unclear
-        index = self.index()
-        self._moved.append(f"for {index} in 1:{value.size} loop {_equal(own, value, index, (0, 1))}; end for;")
+        index, size = self.index(), _source(one.sizes[0])
+        size = value.size or size if size == ":" else size
+        self._moved.append(f"for {index} in 1:{size} loop {_equal(own, value, index, (0, 1))}; end for;")
         start = one.modification[-1].end if one.modification else one.behind
         return start, one.binding[-1].end, ""
 
@@ -177,7 +195,10 @@ class _Class:
                 yield made
 
     def _equation(self, line: Sequence[Token], equals: int) -> tuple[int, int, str] | None:
-        end = next((i for i in range(equals, len(line)) if line[i].kind == "text" or line[i].text == "annotation"), len(line))
+        end = next(
+            (i for i in range(equals, len(line)) if line[i].kind == "text" or line[i].text == "annotation"),
+            len(line),
+        )
         sides = _parsed(line[:equals]), _parsed(line[equals + 1 : end])
         if not any(_holds_complex(self, side) for side in sides):
             return None
@@ -362,7 +383,9 @@ class _Expression:
         if len(path) == 1 and path[0][0] == "time":
             return _real("time")
         type_name, arrays = self.around.kind(path)
-        if type_name not in ("Complex", "Real", "Integer", "Boolean") and not _is_real(type_name, self.around):
+        if type_name not in ("Complex", "Real", "Integer", "Boolean") and not _is_real(
+            type_name, self.around
+        ):
             raise _Unclear
         if len(arrays) > 1:
             raise _Unclear
@@ -394,10 +417,10 @@ class _Expression:
         is_elementwise = operator in _ELEMENTWISE
         operator = _ELEMENTWISE.get(operator, operator)
         if len(sizes) == 2 and operator in "*/" and not is_elementwise:
+            return self._scalar_product(operator, left, right)
+        is_by_array = operator in "+-" or (operator == "/" and right.size is not None)
+        if len(sizes) == 1 and is_by_array and not is_elementwise:
             raise _Unclear
-        if len(sizes) == 1 and (operator in "+-" or (operator == "/" and right.size is not None)):
-            if not is_elementwise:
-                raise _Unclear
         if operator == "^":
             return self._power(left, right_node)
         work = {"+": _sum2, "-": _difference2, "*": _product2, "/": _quotient2}.get(operator)
@@ -409,6 +432,16 @@ class _Expression:
             return found(_complex(left, index), _complex(right, index))
 
         return _Value(True, at, _chosen(sizes) if sizes else None)
+
+    def _scalar_product(self, operator: str, left: _Value, right: _Value) -> _Value:
+        """The product of two Complex vectors, whose first one the library conjugates from version 4 on."""
+        if operator != "*" or not left.is_complex or not right.is_complex:
+            raise _Unclear
+        if _CONJUGATED not in b"".join((self.around.classes.read(COMPLEX) or b"").split()):
+            raise _Unclear
+        first = replace(left, at=lambda index: (left.at(index)[0], _negated(left.at(index)[1])))
+        size = _chosen([one for one in (left.size, right.size) if one is not None])
+        return self._added(_Value(True, lambda index: _product2(first.at(index), right.at(index)), size))
 
     def _real_binary(self, operator: str, left: _Value, right: _Value) -> _Value:
         sizes = [one.size for one in (left, right) if one.size is not None]
@@ -444,7 +477,9 @@ class _Expression:
     def _conditional(self, branches: tuple[tuple[s.Node, s.Node], ...], otherwise: s.Node) -> _Value:
         conditions = [self.value(condition) for condition, _ in branches]
         values = [*(self.value(branch) for _, branch in branches), self.value(otherwise)]
-        if any(one.size is not None for one in (*conditions, *values)) or any(c.is_complex for c in conditions):
+        if any(one.size is not None for one in (*conditions, *values)) or any(
+            c.is_complex for c in conditions
+        ):
             raise _Unclear
         is_complex = any(one.is_complex for one in values)
 
@@ -453,7 +488,9 @@ class _Expression:
             for k in (0, 1) if is_complex else (0,):
                 made = ""
                 for condition, value in zip(conditions, values, strict=False):
-                    made += f"{'elseif' if made else 'if'} {condition.at('')[0]} then {_complex(value, '')[k]} "
+                    made += (
+                        f"{'elseif' if made else 'if'} {condition.at('')[0]} then {_complex(value, '')[k]} "
+                    )
                 parts.append(f"({made}else {_complex(values[-1], '')[k]})")
             return parts[0], parts[1] if is_complex else ""
 
@@ -472,10 +509,30 @@ class _Expression:
             return self._constructed([self.value(one) for one in arguments])
         if full.startswith(MATH + "."):
             return self._math(full.rpartition(".")[2].strip("'"), node, arguments)
+        if function == "size":
+            return _real(self._plain(node))
+        inlined = self._inlined(full, arguments)
+        if inlined is not None:
+            return self.value(inlined)
         values = [self.value(one) for one in arguments]
         if any(one.is_complex or one.size is not None for one in values) or not _is_scalar_function(function):
             raise _Unclear
         return _real(f"{function}({', '.join(one.at('')[0] for one in values)})")
+
+    def _inlined(self, full: str, arguments: tuple[s.Node, ...]) -> s.Node | None:
+        """What a function of one assignment gives; None of another function."""
+        found = self.around.classes.get(full)
+        if found is None or found.alias:
+            return None
+        assigned = _only_assignment(found.words)
+        inputs = [one for one in found.components.values() if one.is_input]
+        if assigned is None or len(inputs) != len(arguments):
+            return None
+        meant = {one.name.text: argument for one, argument in zip(inputs, arguments, strict=True)}
+        for one in found.components.values():
+            if one.binding and not one.is_input:
+                meant[one.name.text] = _with_arguments(_parsed(one.binding), meant)
+        return _with_arguments(_parsed(assigned), meant)
 
     def _added(self, value: _Value) -> _Value:
         if value.size is None:
@@ -534,7 +591,22 @@ _MATH: Mapping[str, Callable[[str, str], Parts]] = {
 
 
 def _is_scalar_function(name: str) -> bool:
-    return name in ("sin", "cos", "tan", "exp", "log", "sqrt", "abs", "sign", "atan2", "atan", "der", "max", "min", "noEvent")
+    return name in (
+        "sin",
+        "cos",
+        "tan",
+        "exp",
+        "log",
+        "sqrt",
+        "abs",
+        "sign",
+        "atan2",
+        "atan",
+        "der",
+        "max",
+        "min",
+        "noEvent",
+    )
 
 
 def _real(shown: str) -> _Value:
@@ -641,6 +713,42 @@ def _renamed(node: Any, indices: Mapping[str, str]) -> Any:
     return kind(*(_renamed(getattr(node, one.name), indices) for one in fields(node)))
 
 
+def _with_arguments(node: Any, meant: Mapping[str, s.Node]) -> Any:
+    """An expression in which names stand for others. Raises _Unclear where an element of what is no reference
+    is meant."""
+    if isinstance(node, tuple):
+        return tuple(_with_arguments(one, meant) for one in node)
+    if isinstance(node, s.Name):
+        first, *members = node.name.split(".")
+        subscripts = _with_arguments(node.subscripts, meant)
+        if first not in meant:
+            return replace(node, subscripts=subscripts)
+        made = meant[first]
+        if (members or subscripts) and not isinstance(made, s.Name | s.Field | s.Index):
+            raise _Unclear
+        for member in members:
+            made = s.Field(made, member)
+        if not subscripts:
+            return made
+        is_bare = isinstance(made, s.Name) and not made.subscripts
+        return replace(made, subscripts=subscripts) if is_bare else s.Index(made, subscripts)
+    if not is_dataclass(node) or isinstance(node, s.Span | s.Constant):
+        return node
+    kind: Any = type(node)
+    return kind(*(_with_arguments(getattr(node, one.name), meant) for one in fields(node)))
+
+
+def _only_assignment(words: Sequence[Token]) -> Sequence[Token] | None:
+    """The right-hand side of the only statement of a function."""
+    at = next((i for i, word in enumerate(words) if word.text == "algorithm"), None)
+    if at is None:
+        return None
+    rest = words[at + 1 :]
+    end = next((i for i, word in enumerate(rest) if word.text == ";"), len(rest))
+    is_last = end + 1 >= len(rest) or rest[end + 1].text == "annotation"
+    return rest[2:end] if is_last and len(rest) > 2 and rest[1].text == ":=" else None
+
+
 def _path_text(path: Sequence[tuple[str, tuple[s.Node, ...]]]) -> str:
     return ".".join(n + (f"[{','.join(map(text, subs))}]" if subs else "") for n, subs in path)
 
@@ -667,6 +775,24 @@ def _equals(line: Sequence[Token]) -> int | None:
         if word.kind == "text":
             return None
     return None
+
+
+_ATTRIBUTES = ("start", "unit", "displayUnit", "min", "max", "nominal", "fixed", "stateSelect", "quantity")
+
+
+def _modified(words: Sequence[Token]) -> Iterator[tuple[str, Sequence[Token]]]:
+    """Names and values, `name = value`, in a modification and those inside of it."""
+    i = 0
+    while i < len(words):
+        if words[i].text != "=":
+            i += 1
+            continue
+        end, depth = i + 1, 0
+        while end < len(words) and not (depth == 0 and words[end].text in (",", ")")):
+            depth += (words[end].text in OPEN) - (words[end].text in CLOSE)
+            end += 1
+        yield words[i - 1].text, words[i + 1 : end]
+        i = end
 
 
 def _statements(words: Sequence[Token]) -> Iterator[tuple[tuple[str, ...], list[Token]]]:

@@ -23,12 +23,45 @@ from daest.modelica.outline import (
 )
 
 _PREFIXES = frozenset(
-    ("final", "inner", "outer", "replaceable", "redeclare", "flow", "stream", "input", "output", "discrete")
-    + ("parameter", "constant", "each", "public", "protected")
+    [
+        "final",
+        "inner",
+        "outer",
+        "replaceable",
+        "redeclare",
+        "flow",
+        "stream",
+        "input",
+        "output",
+        "discrete",
+        "parameter",
+        "constant",
+        "each",
+        "public",
+        "protected",
+    ]
 )
 _NO_COMPONENT = frozenset(
-    ("import", "extends", "annotation", "model", "block", "class", "package", "function", "record")
-    + ("connector", "type", "operator", "encapsulated", "partial", "end", "equation", "algorithm", "initial")
+    [
+        "import",
+        "extends",
+        "annotation",
+        "model",
+        "block",
+        "class",
+        "package",
+        "function",
+        "record",
+        "connector",
+        "type",
+        "operator",
+        "encapsulated",
+        "partial",
+        "end",
+        "equation",
+        "algorithm",
+        "initial",
+    ]
 )
 _MOST_STEPS = 30  # of short classes, bases and imports behind each other
 
@@ -44,6 +77,7 @@ class Declared:
     modification: tuple[Token, ...]
     binding: tuple[Token, ...]
     is_parameter: bool
+    is_input: bool
     scope: str
     behind: int  # where the name and its own size end
 
@@ -256,9 +290,14 @@ def declared(line: Sequence[Token], scope: str) -> Iterator[Declared]:
     at = 0
     while at < len(line) and line[at].text in _PREFIXES:
         at += 1
-    if at >= len(line) or line[at].text in _NO_COMPONENT or line[at].kind != "name" and line[at].text != ".":
+    if (
+        at >= len(line)
+        or line[at].text in _NO_COMPONENT
+        or (line[at].kind != "name" and line[at].text != ".")
+    ):
         return
     is_parameter = any(word.text in ("parameter", "constant") for word in line[:at])
+    is_input = any(word.text == "input" for word in line[:at])
     end = name_end(line, at)
     type_name = "".join(word.text for word in line[at:end])
     common, at = _sizes(line, end)
@@ -272,7 +311,9 @@ def declared(line: Sequence[Token], scope: str) -> Iterator[Declared]:
         if at < len(line) and line[at].text in ("=", ":="):
             end = _until(line, at + 1)
             binding, at = tuple(line[at + 1 : end]), end
-        yield Declared(name, type_name, (*own, *common), modification, binding, is_parameter, scope, behind)
+        yield Declared(
+            name, type_name, (*own, *common), modification, binding, is_parameter, is_input, scope, behind
+        )
         while at < len(line) and line[at].text != ",":
             at = closing(line, at) if line[at].text in OPEN else at + 1
         at += 1

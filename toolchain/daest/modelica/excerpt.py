@@ -12,7 +12,7 @@ import hashlib
 import os
 import pickle
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from daest.modelica.dialect import DER, DER_FILE, adapted, external_objects, wit
 from daest.modelica.library import BYTE_ORDER_MARK, MOST_KEPT, Roots, library_name, put_in_place, stamp
 from daest.modelica.outline import class_heads
 
-_VERSION = "17"  # of what is kept; another one throws away what is there
+_VERSION = "21"  # of what is kept; another one throws away what is there
 _STRIP = re.compile(rb'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
 _NAME = re.compile(rb"(?<![\w.])\.?[A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*")
 _ALIAS = re.compile(
@@ -253,19 +253,39 @@ def _written(
         origins[str(root / (name + entry.suffix if entry.is_file() else name))] = entry
     if not root.is_dir():
         draft = root.with_name(f"{root.name}.{os.getpid()}")
-        texts = {full: _file_of(full, libraries).read_bytes().removeprefix(BYTE_ORDER_MARK) for full in needed}
+        texts = {
+            full: _file_of(full, libraries).read_bytes().removeprefix(BYTE_ORDER_MARK) for full in needed
+        }
         classes = Classes(texts.get)
+        with_complex = _with_complex(texts, libraries)
         for full in sorted(needed):
             library = libraries[full.partition(".")[0]]
             place = library.places[full]
             inside = f"{library_name(library.entry)}/{place}" if place else f"{full}.mo"
-            text = with_parts(texts[full], classes) if COMPLEX in texts else texts[full]
+            text = with_parts(texts[full], classes) if full in with_complex else texts[full]
             _write(draft / inside, with_constructors(adapted(text), objects))
         _write(draft / f"{DER}.mo", DER_FILE.encode())
         put_in_place(draft, root)
         forget_unused(root.parent, MOST_KEPT)
     was_used(root)
     return root, origins, tuple(objects)
+
+
+def _with_complex(texts: Mapping[str, bytes], libraries: dict[str, _Library]) -> set[str]:
+    """The files that may hold equations of Complex numbers: those that name them, and, by the names of base
+    classes, those that inherit from one."""
+    found = {full for full, text in texts.items() if COMPLEX.encode() in text and full != COMPLEX}
+    waiting = list(found)
+    heirs: dict[str, list[str]] = {}
+    for full in texts:
+        for base in _file(full, libraries).bases:
+            heirs.setdefault(base.rpartition(".")[2], []).append(full)
+    while waiting:
+        for heir in heirs.get(waiting.pop().rpartition(".")[2], ()):
+            if heir not in found:
+                found.add(heir)
+                waiting.append(heir)
+    return found
 
 
 def _file_of(full: str, libraries: dict[str, _Library]) -> Path:
