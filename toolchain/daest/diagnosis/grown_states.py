@@ -112,7 +112,8 @@ def brought_rows(explicit: ExplicitModel, known: Collection[str]) -> list[int]:
     if not new:
         return []
     arguments, slopes = _slopes_among(explicit, new)
-    if any(ca.which_depends(slopes, arguments[0][new], 1, True)):
+    bent_by = ca.which_depends(ca.vec(slopes), arguments[0], 1, False)
+    if any(bent_by[i] for i in new):
         return []
     _, together = _apart(slopes)
     among = ca.vec(slopes[together, together])

@@ -40,6 +40,7 @@ from daest.systems.sensor_laws import slopes_along
 
 DRAWS = 20_000  # of the largest score under the null
 RTOL = 1e-5
+ALONE = "has states that do not follow the model alone"
 HALVINGS = 8  # of a gain with which the observer runs away
 # Samples at a time: the pattern of a function mapped over all of them takes longer than its values.
 PIECE = 500
@@ -191,15 +192,18 @@ def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed:
     ]
     contained = {c.label for c, there in zip(candidates, present, strict=True) if there}
     with_states = [c for c in regular if c.effect.n_states and not c.keeps_order]
+    following = _following(null, run, with_states)
     bare = [c for c in regular if c not in with_states]
-    if not with_states or _follow_the_model(null, run, with_states):
+    if following or not with_states:
+        others = [(c.label, ALONE) for c in with_states if c not in following]
+        wanted = [c for c in regular if c in bare or c in following]
         try:
-            found = _screened(null, run, regular, skipped, seed, len(candidates))
+            found = _screened(null, run, wanted, [*skipped, *others], seed, len(candidates))
             return _without_sums(found, contained)
         except EstimationError:
             if not with_states:
                 raise
-    skipped += [(c.label, "has states that do not follow the model alone") for c in with_states]
+    skipped += [(c.label, ALONE) for c in with_states]
     return _without_sums(_screened(null, run, bare, skipped, seed, len(candidates)), contained)
 
 
@@ -230,6 +234,17 @@ def _without_sums(found: Screen, contained: set[str]) -> Screen:
         correlation=found.correlation[np.ix_(keep, keep)],
         skipped=(*found.skipped, *others.items()),
     )
+
+
+def _following(null: Null, run: NullObserver, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Those of the candidates with states whose states follow those of the model: all, or all of an effect
+    where those of another one do not."""
+    if not candidates or _follow_the_model(null, run, candidates):
+        return list(candidates)
+    kinds = {c.effect.class_name: [o for o in candidates if o.effect is c.effect] for c in candidates}
+    if len(kinds) == 1:
+        return []
+    return [c for kind in kinds.values() if _follow_the_model(null, run, kind) for c in kind]
 
 
 def _follow_the_model(null: Null, run: NullObserver, candidates: Sequence[Candidate]) -> bool:
