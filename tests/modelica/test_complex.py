@@ -202,6 +202,20 @@ def test_a_class_that_inherits_its_complex_variables(run):
     assert _number(found, "one.i") == pytest.approx(10 / (3 + 4j), rel=1e-12)
 
 
+@pytest.mark.parametrize("kind", ["", "parameter "])
+def test_a_binding_from_outside_is_never_dropped(run, kind):
+    """It holds, or the model is refused: a class that binds its own variable to a term."""
+    text = (
+        f"model Part\n  {kind}Complex a = Complex(1, 2);\n  {kind}Complex c = a*a;\nend Part;\n"
+        "model M\n  Part part(c = Complex(5, 7));\n  output Real y = part.c.im, x = 2*y;\nend M;\n"
+    )
+    try:
+        found = run(text)
+    except ModelError:
+        return
+    assert found["y"] == pytest.approx(7)
+
+
 def test_what_is_not_understood_is_refused(run):
     """No operator is left out or taken for another one."""
     text = f"model M\n{GIVEN}  Complex c;\nequation\n  c = a^b;\nend M;\n"

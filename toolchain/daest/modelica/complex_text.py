@@ -22,7 +22,7 @@ COMPLEX, MATH = "Complex", "Modelica.ComplexMath"
 _INDEX = "D__{}"
 _ENDS = ("for", "if", "when")
 _ELEMENTWISE = {".*": "*", "./": "/", ".+": "+", ".-": "-"}
-_WITH_EQUATIONS = ("model", "block", "class", "connector")
+_WITH_EQUATIONS = ("model", "block", "class")
 _CONJUGATED = b"c3.re+c1[i].re*c2[i].re+c1[i].im*c2[i].im"  # in the scalar product of Complex
 _MOST_FACTORS = 4  # of a power that is written as a product
 
@@ -108,31 +108,32 @@ class _Class:
             if value.is_complex or not _holds_complex(self, node):
                 return None
             return start, end, self._whole(value, 0)
-        if isinstance(node, s.Call | s.Name) and (one.is_parameter or value.size is None):
-            return None  # the compiler takes it as it is
-        if len(one.sizes) > 1 or bool(one.sizes) != (value.size is not None):
+        if one.is_parameter or (isinstance(node, s.Call | s.Name) and value.size is None):
+            return None  # the compiler takes it as it is, or refuses it
+        if not value.is_complex or len(one.sizes) > 1 or bool(one.sizes) != (value.size is not None):
             raise _Unclear
-        if value.size is not None and not one.is_parameter:
-            return self._as_equation(one, value)
-        parts = f"re = {self._whole(value, 0)}, im = {self._whole(value, 1)}"
-        if not one.modification:
-            return one.behind, end, f"({parts})"
-        inside = _source(one.modification[1:-1])
-        if any(
-            w.text in ("re", "im") and one.modification[i + 2 : i + 3] for i, w in enumerate(one.modification)
-        ):
-            return self._merged(one, value, end)
-        return one.modification[0].start, end, f"({inside}, {parts})"
+        return self._as_equation(one, value)
 
     def _as_equation(self, one: Declared, value: _Value) -> tuple[int, int, str]:
-        """The binding of an array becomes an equation: it goes behind, to `_added`."""
+        """The binding becomes an equation. It does not become one of each part in the modification: the
+        compiler would keep those where a binding from outside replaces them."""
         name = one.name.text
-        own = _Value(True, lambda index: (f"{name}[{index}].re", f"{name}[{index}].im"), value.size)
-        if isinstance(value.at, _Elements):
-            raise _Unclear
-        index, size = self.index(), _source(one.sizes[0])
-        size = value.size or size if size == ":" else size
-        self._moved.append(f"for {index} in 1:{size} loop {_equal(own, value, index, (0, 1))}; end for;")
+
+        def parts(index: str) -> Parts:
+            element = f"{name}[{index}]" if index else name
+            return f"{element}.re", f"{element}.im"
+
+        own = _Value(True, parts, value.size)
+        if value.size is None:
+            self._moved.append(_equal(own, value, "", (0, 1)) + ";")
+        elif isinstance(value.at, _Elements):
+            made = [_equal(own, value, str(k + 1), (0, 1)) + ";" for k in range(len(value.at.elements))]
+            self._moved += made
+        else:
+            index, declared = self.index(), _source(one.sizes[0])
+            size = value.size if declared == ":" else declared
+            loop = f"for {index} in 1:{size} loop {_equal(own, value, index, (0, 1))}; end for;"
+            self._moved.append(loop)
         start = one.modification[-1].end if one.modification else one.behind
         return start, one.binding[-1].end, ""
 
@@ -151,29 +152,6 @@ class _Class:
             if depth == 0 and word.text == "annotation" and words[i - 1].text == ";":
                 last = min(last, word.start)
         yield last, last, f" equation {' '.join(self._moved)} "
-
-    def _merged(self, one: Declared, value: _Value, end: int) -> tuple[int, int, str]:
-        """`s(re(unit = "1"), im(unit = "1")) = …`: the parts are bound behind their modifications."""
-        made, depth = "", 0
-        words = one.modification
-        i = 0
-        seen: set[str] = set()
-        while i < len(words):
-            word = words[i]
-            depth += (word.text in OPEN) - (word.text in CLOSE)
-            made += (" " if word.kind in ("name", "number", "text") else "") + word.text
-            if depth == 2 and word.text == "(" and words[i - 1].text in ("re", "im"):
-                part = words[i - 1].text
-                while depth > 1:
-                    i += 1
-                    depth += (words[i].text in OPEN) - (words[i].text in CLOSE)
-                    made += (" " if words[i].kind in ("name", "number", "text") else "") + words[i].text
-                made += f" = {self._whole(value, ('re', 'im').index(part))}"
-                seen.add(part)
-            i += 1
-        if seen != {"re", "im"}:
-            raise _Unclear
-        return words[0].start, end, made
 
     def _whole(self, value: _Value, part: int) -> str:
         """A part of a value, an array as a whole."""
