@@ -49,7 +49,7 @@ def parameters():
 def identified(function, method, explicit, experiments, validation=()):
     unknowns = Unknowns(parameters(), explicit.flat.theta_values, np.array([0.1]), np.array([0.05]))
     nothing = np.array([np.nan])
-    options = IdentifyOptions(hold="zoh")
+    options = IdentifyOptions(hold="zoh", second_look=False)
     return function(
         explicit,
         setup_of(unknowns, experiments, method, nothing, np.array([True]), nothing, options, validation),
@@ -150,7 +150,7 @@ def stuck_friction_identified(skipped=0):
             np.full(2, 1e-6),
             np.zeros(2, dtype=bool),
             np.array([0.02, 0.01]),
-            IdentifyOptions(hold="zoh"),
+            IdentifyOptions(hold="zoh", second_look=False),
         ),
     )
 

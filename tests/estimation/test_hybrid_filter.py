@@ -114,7 +114,7 @@ def test_a_sampled_loop_is_filtered_exactly(loop, kind, n):
 
 
 def test_particles_follow_the_ticks(loop):
-    recording, means, stds, _ = loop_recording(40)
+    recording, means, stds, _ = loop_recording(26)
     start = InitialState(np.zeros(3), np.zeros((3, 3)))
     options = FilterOptions(hold="zoh", initial=start, n_particles=60, seed=1)
     found = run_filter(loop, recording, "particle", options)

@@ -32,10 +32,9 @@ def fitted(explicit, experiment, names, intensity=None, std=None):
     n_w, n_y = len(flat.noises), len(flat.outputs)
     unknowns = Unknowns(coordinates, flat.theta_values, np.zeros(n_w), np.ones(n_y))
     q = np.full(n_w, np.nan) if intensity is None else np.array(intensity)
-    return identify_nonlinear(
-        explicit, setup_of(unknowns, [experiment], "pem", q, np.isnan(q),
-        np.full(n_y, np.nan) if std is None else np.array(std), IdentifyOptions(hold="zoh")),
-    )  # fmt: skip
+    s = np.full(n_y, np.nan) if std is None else np.array(std)
+    options = IdentifyOptions(hold="zoh", second_look=False)
+    return identify_nonlinear(explicit, setup_of(unknowns, [experiment], "pem", q, np.isnan(q), s, options))
 
 
 def levels_of(fit):

@@ -39,7 +39,14 @@ def fit_of(experiment, method="oe", estimate=("d", "k"), **options):
     return identify(
         hand.servo(TRUE, noise=noise),
         [experiment],
-        IdentifyOptions(method=method, estimate=estimate, measurement_noise=given, hold="zoh", **options),
+        IdentifyOptions(
+            method=method,
+            estimate=estimate,
+            measurement_noise=given,
+            hold="zoh",
+            second_look=False,
+            **options,
+        ),
     )
 
 

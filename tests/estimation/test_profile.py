@@ -222,7 +222,7 @@ def duffing(function, method, intensity, seed=5):
             nothing,
             np.array([True]),
             nothing,
-            IdentifyOptions(hold="zoh", profile=("k3",)),
+            IdentifyOptions(hold="zoh", profile=("k3",), second_look=False),
         ),
     )
 
