@@ -17,7 +17,7 @@ from daest.fmu.engine import Followed, Plan, engine_library
 from daest.fmu.load import load_fmu
 from daest.fmu.runner import Limits, Points, Runner
 
-SHORT = Limits(seconds=0.5, memory=3 * 1024**3, written=4 * 1024**2)
+SHORT = Limits(seconds=1.0, memory=3 * 1024**3, written=4 * 1024**2)
 
 
 def simulated(path, limits=SHORT):
@@ -35,7 +35,7 @@ def simulated(path, limits=SHORT):
         ("CRASH", "fmu-crashed", "SIGSEGV"),
         ("ABORT", "fmu-crashed", "SIGABRT"),
         ("EXIT", "fmu-exited", "exit status 3"),
-        ("HANG", "fmu-hangs", "within 0.5 s"),
+        ("HANG", "fmu-hangs", "within 1 s"),
         ("LOG", "fmu-writes-too-much", "4 MB"),
         ("PRINT", "fmu-writes-too-much", "printed last: .*debug mode"),
     ],
