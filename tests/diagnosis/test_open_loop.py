@@ -10,8 +10,9 @@ from scipy.linalg import expm
 from daest.diagnosis.diagnose import _said_of_inputs, load_sites
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import fit_null
-from daest.diagnosis.open_loop import InUse, Simulated, driven_share, in_use
+from daest.diagnosis.open_loop import Simulated, driven_share, in_use, speaks_for
 from daest.diagnosis.proof import _undriven
+from daest.model.diagnosis import InUse
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
 
@@ -35,7 +36,7 @@ def test_errors_that_last_count_as_few_samples():
     assert slow.n_independent == pytest.approx(2000 * (1 - 0.95**2) / (1 + 0.95**2), rel=0.4)
     assert white.ratio == pytest.approx(0.5, rel=0.1) and slow.ratio == pytest.approx(0.5, rel=0.3)
     assert white.gain > 5 * slow.gain > 0 and white.certainty > slow.certainty > 2.5
-    assert white.speaks_for(1) and slow.speaks_for(1)
+    assert speaks_for(white, 1) and speaks_for(slow, 1)
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.95])
@@ -43,12 +44,12 @@ def test_a_law_that_does_nothing_is_seldom_better_in_use(memory):
     found = [in_use(simulated(1.0, 10 * i, memory), simulated(1.0, 10 * i + 5, memory)) for i in range(60)]
     certainties = np.array([one.certainty for one in found])
     assert abs(certainties.mean()) < 0.4 and 0.7 < certainties.std() < 1.3
-    assert sum(one.speaks_for(1) for one in found) <= 2
+    assert sum(speaks_for(one, 1) for one in found) <= 2
 
 
 def test_what_is_not_known_says_nothing():
     nothing = in_use(None, simulated(1.0, 1))
-    assert nothing == InUse() and not nothing.speaks_for(1)
+    assert nothing == InUse() and not speaks_for(nothing, 1)
     fitted = simulated(1.0, 1)
     gone = Simulated(fitted.fitted, (np.full((2000, 1), np.nan),))
     assert in_use(fitted, gone) == InUse()
@@ -56,7 +57,7 @@ def test_what_is_not_known_says_nothing():
 
 def test_worse_on_one_side_is_no_evidence():
     better_fitted = Simulated(simulated(0.5, 3).fitted, simulated(1.1, 3).unseen)
-    assert not in_use(simulated(1.0, 1), better_fitted).speaks_for(1)
+    assert not speaks_for(in_use(simulated(1.0, 1), better_fitted), 1)
 
 
 SPRING = b"""model Spring

@@ -38,7 +38,7 @@ from daest.diagnosis.proof import (
     trials,
 )
 from daest.diagnosis.screen import law_response, run_null, screen
-from daest.model.diagnosis import Ahead, Screen, Screened
+from daest.model.diagnosis import Ahead, InUse, Screen, Screened
 from daest.model.experiment import Experiment
 from daest.model.fit import error_ratios
 from daest.modelica.sites import sites
@@ -350,17 +350,27 @@ def test_a_law_shown_by_its_simulation_is_compared_by_that():
     _, proof = proved()
     law = replace(proof.candidate.effect, class_name="Other")
     shown = replace(proof, candidate=replace(proof.candidate, effect=law), is_by_use=True)
-    shown = replace(shown, delta_bic=proof.delta_bic + 100.0, gain_in_use=80.0, bic_in_use=150.0)
-    better, worse = (replace(proof, gain_in_use=gain, bic_in_use=2.0 * gain - 7.0) for gain in (90.0, 60.0))
-    assert ranked([shown, better])[0].bic_in_use == 173.0
-    assert ranked([shown, worse])[0].bic_in_use == 150.0
+    used = InUse(fitted=0.8, unseen=0.8, n_independent=100.0, n_unseen=100.0)
+    shown = replace(shown, delta_bic=proof.delta_bic + 100.0, in_use=used)
+    better, worse = (replace(proof, in_use=replace(used, fitted=gain, unseen=gain)) for gain in (0.9, 0.6))
+    n_own = len(proof.candidate.estimated)
+    best, second = better.in_use.bic(n_own), used.bic(n_own)
+    assert ranked([shown, better])[0].delta_bic == pytest.approx(best)
+    assert ranked([shown, worse])[0].delta_bic == pytest.approx(second)
     assert ranked([replace(shown, verdict="rejected", reason="no"), better])[0].delta_bic == proof.delta_bic
     refused = replace(better, verdict="rejected", reason="it leaves something")
-    assert ranked([shown, refused])[0].bic_in_use == 150.0
+    assert ranked([shown, refused])[0].delta_bic == pytest.approx(second)
     is_open = replace(refused, is_open=True, is_shown=True)
-    assert ranked([shown, is_open])[0].bic_in_use == 173.0
-    hardly = replace(is_open, gain_in_use=80.5, bic_in_use=151.0)
-    assert [p.bic_in_use for p in ranked([shown, hardly]) if p.verdict != "rejected"] == [150.0]
+    assert ranked([shown, is_open])[0].delta_bic == pytest.approx(best)
+    hardly = replace(is_open, in_use=replace(used, fitted=0.81, unseen=0.81))
+    assert [p.delta_bic for p in ranked([shown, hardly]) if p.verdict != "rejected"] == [
+        pytest.approx(second)
+    ]
+    # Errors that last longer count as fewer samples, and are the smaller ones here.
+    slow = replace(better, in_use=replace(better.in_use, n_independent=30.0, n_unseen=30.0))
+    first, last = ranked([shown, slow])
+    assert slow.in_use.bic(n_own) < second and slow.in_use.bic(n_own) == pytest.approx(first.delta_bic)
+    assert last.delta_bic < first.delta_bic
 
 
 def test_one_equation_under_two_names_is_one_answer():

@@ -9,6 +9,7 @@ from scipy.linalg import expm
 from daest.diagnosis.candidates import attachable, pairs
 from daest.diagnosis.grown_states import brought_rows
 from daest.diagnosis.null import fit_null
+from daest.diagnosis.rivals import dynamic_trials
 from daest.diagnosis.screen import run_null, screen
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
@@ -52,15 +53,15 @@ def candidates(flat, *names):
     return pairs([e for e in effect_library() if e.name in names], sites(flat))
 
 
-def record(n=400, T=1e-3):
-    """Exact over a sample, with a random two-level input."""
+def record(n=400, T=1e-3, late=0):
+    """Exact over a sample, with a random two-level input that acts `late` samples after it is recorded."""
     rng = np.random.default_rng(3)
     u = np.repeat(rng.choice([-1.0, 1.0], n // 8), 8)
     A = np.array([[-2e3, 1e3], [5e2, -5e2]])
     over = expm(T * np.block([[A, np.array([[1e3], [0.0]])], [np.zeros((1, 3))]]))
     x = np.zeros((n, 2))
     for k in range(n - 1):
-        x[k + 1] = over[:2, :2] @ x[k] + over[:2, 2] * u[k]
+        x[k + 1] = over[:2, :2] @ x[k] + over[:2, 2] * u[max(k - late, 0)]
     y = x[:, 1:] + 0.002 * rng.standard_normal((n, 1))
     return Experiment("stages", T * np.arange(n), u[:, None], y, ("u",), ("y",))
 
@@ -83,3 +84,13 @@ def test_states_that_follow_the_model_are_screened_beside_others_that_do_not(tmp
     assert {e.candidate.effect.name for e in found.entries} >= {"VoltageRelaxation", "Leakage"}
     left = {label.split(" at ")[0] for label, reason in found.skipped if "follow" in reason}
     assert left == {"TemperatureDependentResistance"}
+
+
+def test_delay_of_a_sample_is_found_in_a_machine_of_milliseconds(tmp_path):
+    """The library's own start, a hundredth of a second, is longer than all that happens here."""
+    flat = circuit(tmp_path)
+    nodes = [s for s in sites(flat) if s.kind == "node"]
+    null = fit_null(flat, nodes, (record(late=1),), "zoh")
+    first = dynamic_trials(null, candidates(flat, "Delay", "Lag"))[0].trial
+    assert first.candidate.effect.name == "Delay"
+    assert abs(first.sizes[0] - 1e-3) < 2e-4

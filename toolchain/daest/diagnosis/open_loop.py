@@ -21,7 +21,7 @@ from daest.diagnosis.screen import RTOL, run_null, screen
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.unseen import free_runs
 from daest.estimation.identify import identify
-from daest.model.diagnosis import Candidate, Screen
+from daest.model.diagnosis import Candidate, InUse, Screen
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import ExplicitModel, FlatModel
@@ -41,30 +41,14 @@ class Simulated:
     unseen: tuple[np.ndarray, ...]
 
 
-@dataclass(frozen=True)
-class InUse:
-    """What a simulation says of a law: the gain in log-likelihood, of which the data of the fit count
-    `n_independent` samples and the unseen ones those of theirs, and on unseen data the ratio of errors and
-    how many standard errors the mean squares are apart."""
-
-    gain: float = 0.0
-    n_independent: float = 0.0
-    ratio: float = 1.0
-    certainty: float = 0.0
-
-    def bic(self, n_own: int) -> float:
-        """Gain for a law of `n_own` parameters."""
-        return 2.0 * self.gain - n_own * float(np.log(max(self.n_independent, 1.0)))
-
-    def speaks_for(self, n_own: int) -> bool:
-        """Whether a law of `n_own` parameters is better in use by more than chance."""
-        if self.n_independent < GATES.min_independent:
-            return False
-        return (
-            self.bic(n_own) > GATES.min_bic_gain
-            and self.ratio < GATES.max_clear_ratio
-            and self.certainty > GATES.unseen_significance
-        )
+def speaks_for(used: InUse, n_own: int) -> bool:
+    """Whether a law of `n_own` parameters is better in use by more than chance."""
+    return (
+        used.n_independent >= GATES.min_independent
+        and used.bic(n_own) > GATES.min_bic_gain
+        and used.ratio < GATES.max_clear_ratio
+        and used.certainty > GATES.unseen_significance
+    )
 
 
 def open_screen(null: Null, fit: FitResult, candidates: Sequence[Candidate], seed: int) -> Screen | None:
@@ -187,10 +171,10 @@ def in_use(before: Simulated | None, after: Simulated | None) -> InUse:
     error = _error_of_mean(seen - foreseen)
     gap = float(np.mean(seen) - np.mean(foreseen))
     return InUse(
-        gain=0.5 * independent * float(np.log(np.mean(old) / np.mean(new)))
-        + 0.5 * of_unseen * float(np.log(np.mean(seen) / np.mean(foreseen))),
+        fitted=float(np.log(np.mean(old) / np.mean(new))),
+        unseen=float(np.log(np.mean(seen) / np.mean(foreseen))),
         n_independent=independent,
-        ratio=float(np.sqrt(np.mean(foreseen) / np.mean(seen))),
+        n_unseen=of_unseen,
         certainty=gap / error if error > 0.0 else 0.0,
     )
 

@@ -14,7 +14,14 @@ from daest.diagnosis.disturbance import SmoothedLoad, smoothed_at
 from daest.diagnosis.free_forms import covers, free_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown, loads_of, period_of, refitted
-from daest.diagnosis.open_loop import InUse, Simulated, driven_share, in_use, largest_values, simulated_errors
+from daest.diagnosis.open_loop import (
+    Simulated,
+    driven_share,
+    in_use,
+    largest_values,
+    simulated_errors,
+    speaks_for,
+)
 from daest.diagnosis.screen import NullObserver, law_response, run_null
 from daest.diagnosis.settled import FAR, settled, simulated
 from daest.diagnosis.unseen import (
@@ -30,7 +37,7 @@ from daest.diagnosis.unseen import (
 )
 from daest.errors import DaestError
 from daest.estimation.identify_nonlinear import Refit
-from daest.model.diagnosis import Ahead, Candidate, Confirmed, FreeForm, Load, Proof, Screen
+from daest.model.diagnosis import Ahead, Candidate, Confirmed, FreeForm, InUse, Load, Proof, Screen
 from daest.model.effects import EffectParameter
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, FittedParameter, error_ratios
@@ -343,7 +350,7 @@ def proof_of(
     ahead: tuple[Ahead, ...] = ()
     told = Confirmed()
     is_open = is_curve = is_told = is_shown = False
-    used: InUse | None = None
+    used = InUse()
     unseen_form = ""
     ahead_of_it = leader if fit.log_likelihood < hopeless else _better_simpler(prepared, fit)
     if not reason and ahead_of_it is not None:
@@ -358,7 +365,7 @@ def proof_of(
         fit = fit if final else refit.simulated(validation)
         if reference is not None and not against:
             used = _in_use(fed, prepared, explicit, final, validation, reference)
-            is_shown = used.speaks_for(n_own)
+            is_shown = speaks_for(used, n_own)
         ratios = error_ratios((reference.fit if reference else null_fit).simulated, (final or fit).simulated)
         # A law that says all that the load has to do with any variable need not explain more of the load.
         says_all = form is not None and form.p_value < GATES.rest_level and gain >= form.log_likelihood_gain
@@ -403,8 +410,7 @@ def proof_of(
         is_known=not unseen_form and not _undetermined(prepared.trial.candidate, final or fit),
         confirmed=told,
         adds_up=reference is not None and reference.adds_up,
-        gain_in_use=used.gain if used and used.n_independent else None,
-        bic_in_use=used.bic(n_own) if used and used.n_independent else None,
+        in_use=used,
         is_shown=is_shown,
     )
 
@@ -470,7 +476,7 @@ def by_simulation(
     explicit = reduce_index(prepared.flat)
     used = _in_use(null, prepared, explicit, found, validation, reference)
     n_own = len(prepared.names) - len(null.estimated)
-    refused = not used.speaks_for(n_own) or beside.delta_log_likelihood < -GATES.hopeless_log_likelihood
+    refused = not speaks_for(used, n_own) or beside.delta_log_likelihood < -GATES.hopeless_log_likelihood
     candidate = prepared.trial.candidate
     refused = refused or bool(_weak(prepared, found))
     model = grown(null, prepared.flat, explicit, found, null.experiments)
@@ -483,8 +489,7 @@ def by_simulation(
         beside,
         delta_log_likelihood=used.gain,
         delta_bic=used.bic(n_own),
-        gain_in_use=used.gain,
-        bic_in_use=used.bic(n_own),
+        in_use=used,
         is_shown=True,
         is_by_use=True,
         p_value=p_value,
@@ -993,24 +998,36 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
 def _on_one_basis(proofs: Sequence[Proof]) -> list[Proof]:
     """Where a law is accepted for what its simulation gains, all that are accepted count by that: with an
     observer, much of the same law goes into the loads, and its gain is another one. An open law that its
-    simulation shows more clearly than all of them is then accepted, too, whatever it leaves for the loads."""
+    simulation shows more clearly than all of them is then accepted, too, whatever it leaves for the loads.
+
+    All count for as many independent samples, the fewest of any. How many a law has goes with how long its
+    errors last: one that leaves slow ones alone would gain less than one that leaves more of every kind."""
     if not any(p.is_by_use and p.verdict != "rejected" for p in proofs):
         return list(proofs)
-    found = [p if p.verdict == "rejected" else _by_use(p) for p in proofs]
-    least = GATES.same_bic + max(p.delta_bic for p in found if p.is_by_use and p.verdict != "rejected")
+    shown = [p for p in proofs if p.verdict != "rejected" or (p.is_open and p.is_shown)]
+    known = [p.in_use for p in shown if p.in_use.n_independent]
+    counts = min(used.n_independent for used in known), min(used.n_unseen for used in known)
+    told = [_by_use(p, *counts) if p in shown else p for p in proofs]
+    pairs = list(zip(proofs, told, strict=True))
+    least = GATES.same_bic + max(
+        new.delta_bic for old, new in pairs if old.verdict != "rejected" and new.is_by_use
+    )
     return [
-        _by_use(p) if p.is_open and p.is_shown and p.bic_in_use is not None and p.bic_in_use > least else p
-        for p in found
+        new if old.verdict != "rejected" or (old in shown and new.delta_bic > least) else old
+        for old, new in pairs
     ]
 
 
-def _by_use(proof: Proof) -> Proof:
-    if proof.gain_in_use is None or proof.bic_in_use is None:
+def _by_use(proof: Proof, n_independent: float, n_unseen: float) -> Proof:
+    """The proof with the evidence of its simulation for that many independent samples; as it is where that
+    is unknown."""
+    if not proof.in_use.n_independent:
         return proof
+    used = replace(proof.in_use, n_independent=n_independent, n_unseen=n_unseen)
     return replace(
         proof,
-        delta_log_likelihood=proof.gain_in_use,
-        delta_bic=proof.bic_in_use,
+        delta_log_likelihood=used.gain,
+        delta_bic=used.bic(len(proof.candidate.estimated)),
         verdict="supported",
         reason="",
         is_by_use=True,

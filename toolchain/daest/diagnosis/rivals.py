@@ -41,7 +41,11 @@ MOST_DYNAMIC = 2  # of them go to the proof
 MOST_RICHER = 2
 MOST_SIMPLER = 2
 ITERATIONS = 15
-LAGS = (1.0, 10.0)  # sampling periods, from which the size of an effect that delays a signal is looked for
+LAGS = (
+    1.0,
+    10.0,
+    100.0,
+)  # sampling periods, from which the size of an effect that delays a signal is looked for
 DETECTABLE_SHARES = (10.0, 100.0)  # of the size that the screen would see, for storage
 START_SHARES = (1.0, 30.0)  # of the library's start value, for sizes whose scale the machine decides
 RTOL = 1e-4
@@ -78,7 +82,10 @@ def dynamic_fits(null: Null, wanted: Sequence[Candidate], simulation: Simulation
 
     They start from the `simulation` of the model as it is (`best_simulation`): beside loads that are free
     enough to take the place of an effect with states, the null's parameters may have gone anywhere."""
-    fits = [_best_fit(null, one, _from_library(one), simulation, DYNAMIC) for one in wanted]
+    fits = []
+    for one in wanted:
+        starts = _from_period(null, one, LAGS) if one.is_of_signal else _from_library(one)
+        fits.append(_best_fit(null, one, starts, simulation, DYNAMIC))
     return _improving(fits, simulation)
 
 
@@ -100,12 +107,18 @@ def bent_fits(null: Null, found: Screen, wanted: Sequence[Candidate], nominal: F
     simulation, fits = (nominal.log_likelihood, nominal.theta), []
     for candidate in wanted:
         if candidate.is_of_signal:
-            own = candidate.effect.sizes[0].name
-            starts = [{own: share * period_of(null.experiments)} for share in LAGS]
+            starts = _from_period(null, candidate, LAGS[:2])
         else:
             starts = _from_library(candidate) if candidate.is_dynamic else _from_screen(found, candidate)
         fits.append(_best_fit(null, candidate, starts, simulation, BENT))
     return _improving(fits, simulation)
+
+
+def _from_period(null: Null, candidate: Candidate, shares: Sequence[float]) -> list[dict[str, float]]:
+    """Sizes of an effect that delays a signal: how fast the machine is the library cannot know, the one who
+    chose the sampling period did."""
+    own = candidate.effect.sizes[0].name
+    return [{own: share * period_of(null.experiments)} for share in shares]
 
 
 def _from_library(candidate: Candidate) -> list[dict[str, float]]:

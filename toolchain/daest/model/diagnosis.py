@@ -219,6 +219,33 @@ class Confirmed:
 
 
 @dataclass(frozen=True)
+class InUse:
+    """What a simulation says of a law: the logarithms of the ratios of mean squared errors without to with
+    it, of the `fitted` and of the `unseen` data, the samples of each that count as independent (0: nothing is
+    known), and how many standard errors the mean squares of the unseen ones are apart."""
+
+    fitted: float = 0.0
+    unseen: float = 0.0
+    n_independent: float = 0.0
+    n_unseen: float = 0.0
+    certainty: float = 0.0
+
+    @property
+    def gain(self) -> float:
+        """In log-likelihood."""
+        return 0.5 * (self.n_independent * self.fitted + self.n_unseen * self.unseen)
+
+    @property
+    def ratio(self) -> float:
+        """Of the errors on unseen data, with to without the law."""
+        return float(np.exp(-0.5 * self.unseen))
+
+    def bic(self, n_own: int) -> float:
+        """Gain for a law of `n_own` parameters."""
+        return 2.0 * self.gain - n_own * float(np.log(max(self.n_independent, 1.0)))
+
+
+@dataclass(frozen=True)
 class Proof:
     """A candidate built into the model and refitted. `fit` is beside the unknown loads, which is what the
     tests rest on, and tells no agreement with data where there is a `final`, that without coloured ones,
@@ -244,8 +271,7 @@ class Proof:
     is_known: bool = True  # False: the data show too little of the law to tell it from any other
     confirmed: Confirmed = Confirmed()
     adds_up: bool = False
-    gain_in_use: float | None = None  # in log-likelihood, by its simulation; None: unknown
-    bic_in_use: float | None = None
+    in_use: InUse = InUse()  # by its simulation
     is_shown: bool = False  # by its simulation, by more than chance
     is_by_use: bool = False  # the deltas are those in use
     same_as: tuple[str, ...] = ()  # other laws that are the same equation on these recordings
