@@ -98,6 +98,9 @@ def canonical_offsets(rows: np.ndarray, columns: np.ndarray, orders: np.ndarray,
     pair. These are the differentiation counts that Pantelides' algorithm finds. Needs a perfect matching
     (`find_defect`).
     """
+    if not n:
+        none = np.zeros(0, dtype=int)
+        return Offsets(none, none, none)
     # The matching routine treats zeros as missing edges and minimises, so that weights are 1 + (max σ - σ).
     weights = sp.csr_matrix((1.0 + orders.max(initial=0) - orders, (rows, columns)), shape=(n, n))
     matched_rows, matched_columns = min_weight_full_bipartite_matching(weights)

@@ -557,6 +557,8 @@ def _solve_left(form: StandardForm, dae: LinearDAE, row_scales: np.ndarray) -> S
 
     Raises NumericalError `standard-form-ill-conditioned` when [E Q1, J Q2] is singular to rounding.
     """
+    if not dae.n:
+        return form
     n1 = form.n_dynamic
     E, J = sp.csr_array(dae.E), sp.csr_array(dae.J)
     M = np.hstack([E @ form.right[:, :n1], J @ form.right[:, n1:]])
