@@ -1004,18 +1004,19 @@ def _on_one_basis(proofs: Sequence[Proof]) -> list[Proof]:
     errors last: one that leaves slow ones alone would gain less than one that leaves more of every kind."""
     if not any(p.is_by_use and p.verdict != "rejected" for p in proofs):
         return list(proofs)
-    shown = [p for p in proofs if p.verdict != "rejected" or (p.is_open and p.is_shown)]
-    known = [p.in_use for p in shown if p.in_use.n_independent]
-    counts = min(used.n_independent for used in known), min(used.n_unseen for used in known)
-    told = [_by_use(p, *counts) if p in shown else p for p in proofs]
-    pairs = list(zip(proofs, told, strict=True))
+    known = [p.in_use for p in proofs if _is_compared(p) and p.in_use.n_independent]
+    fewest = min(used.n_independent for used in known), min(used.n_unseen for used in known)
+    found = [_by_use(p, *fewest) if _is_compared(p) else p for p in proofs]
+    pairs = list(zip(proofs, found, strict=True))
     least = GATES.same_bic + max(
         new.delta_bic for old, new in pairs if old.verdict != "rejected" and new.is_by_use
     )
-    return [
-        new if old.verdict != "rejected" or (old in shown and new.delta_bic > least) else old
-        for old, new in pairs
-    ]
+    return [old if old.verdict == "rejected" and new.delta_bic <= least else new for old, new in pairs]
+
+
+def _is_compared(proof: Proof) -> bool:
+    """Whether a law counts by its simulation where laws do: one that is accepted, or open and shown by it."""
+    return proof.verdict != "rejected" or (proof.is_open and proof.is_shown)
 
 
 def _by_use(proof: Proof, n_independent: float, n_unseen: float) -> Proof:

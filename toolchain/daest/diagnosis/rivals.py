@@ -41,11 +41,8 @@ MOST_DYNAMIC = 2  # of them go to the proof
 MOST_RICHER = 2
 MOST_SIMPLER = 2
 ITERATIONS = 15
-LAGS = (
-    1.0,
-    10.0,
-    100.0,
-)  # sampling periods, from which the size of an effect that delays a signal is looked for
+LAGS = (1.0, 10.0, 100.0)  # sampling periods, from which the size of a delay or lag is looked for
+BENT_LAGS = LAGS[:2]  # the same where every run takes longer
 DETECTABLE_SHARES = (10.0, 100.0)  # of the size that the screen would see, for storage
 START_SHARES = (1.0, 30.0)  # of the library's start value, for sizes whose scale the machine decides
 RTOL = 1e-4
@@ -107,7 +104,7 @@ def bent_fits(null: Null, found: Screen, wanted: Sequence[Candidate], nominal: F
     simulation, fits = (nominal.log_likelihood, nominal.theta), []
     for candidate in wanted:
         if candidate.is_of_signal:
-            starts = _from_period(null, candidate, LAGS[:2])
+            starts = _from_period(null, candidate, BENT_LAGS)
         else:
             starts = _from_library(candidate) if candidate.is_dynamic else _from_screen(found, candidate)
         fits.append(_best_fit(null, candidate, starts, simulation, BENT))

@@ -10,6 +10,7 @@ exactly.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, pairwise
@@ -40,7 +41,7 @@ from daest.systems.sensor_laws import slopes_along
 
 DRAWS = 20_000  # of the largest score under the null
 RTOL = 1e-5
-ALONE = "has states that do not follow the model alone"
+ALONE = "has states that do not follow the model alone"  # why an effect is skipped
 HALVINGS = 8  # of a gain with which the observer runs away
 # Samples at a time: the pattern of a function mapped over all of them takes longer than its values.
 PIECE = 500
@@ -193,18 +194,17 @@ def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed:
     contained = {c.label for c, there in zip(candidates, present, strict=True) if there}
     with_states = [c for c in regular if c.effect.n_states and not c.keeps_order]
     following = _following(null, run, with_states)
-    bare = [c for c in regular if c not in with_states]
-    if following or not with_states:
-        others = [(c.label, ALONE) for c in with_states if c not in following]
-        wanted = [c for c in regular if c in bare or c in following]
-        try:
-            found = _screened(null, run, wanted, [*skipped, *others], seed, len(candidates))
-            return _without_sums(found, contained)
-        except EstimationError:
-            if not with_states:
-                raise
-    skipped += [(c.label, ALONE) for c in with_states]
-    return _without_sums(_screened(null, run, bare, skipped, seed, len(candidates)), contained)
+
+    def without(left: Sequence[Candidate]) -> Screen:
+        others = [(c.label, ALONE) for c in left]
+        wanted = [c for c in regular if c not in left]
+        found = _screened(null, run, wanted, [*skipped, *others], seed, len(candidates))
+        return _without_sums(found, contained)
+
+    if following:
+        with suppress(EstimationError):
+            return without([c for c in with_states if c not in following])
+    return without(with_states)
 
 
 def _without_sums(found: Screen, contained: set[str]) -> Screen:
@@ -241,10 +241,11 @@ def _following(null: Null, run: NullObserver, candidates: Sequence[Candidate]) -
     where those of another one do not."""
     if not candidates or _follow_the_model(null, run, candidates):
         return list(candidates)
-    kinds = {c.effect.class_name: [o for o in candidates if o.effect is c.effect] for c in candidates}
-    if len(kinds) == 1:
+    names = dict.fromkeys(c.effect.class_name for c in candidates)
+    if len(names) == 1:
         return []
-    return [c for kind in kinds.values() if _follow_the_model(null, run, kind) for c in kind]
+    kinds = [[c for c in candidates if c.effect.class_name == name] for name in names]
+    return [c for kind in kinds if _follow_the_model(null, run, kind) for c in kind]
 
 
 def _follow_the_model(null: Null, run: NullObserver, candidates: Sequence[Candidate]) -> bool:

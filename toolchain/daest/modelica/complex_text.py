@@ -14,7 +14,7 @@ from typing import Any
 
 from daest.modelica import syntax as s
 from daest.modelica.components import Classes, ClassText, Declared
-from daest.modelica.outline import CLOSE, OPEN, Token, class_heads
+from daest.modelica.outline import CLOSE, OPEN, Token, class_heads, depths
 from daest.modelica.parse import ParseError, Parser
 from daest.modelica.text import text
 
@@ -265,17 +265,23 @@ class _Class:
             if found is not None:
                 return found, end
         # A constant that an import names, or one of a package around.
-        around = self.one.name.split(".")
-        for end in range(len(around), 0, -1):
-            scope = self.classes.get(".".join(around[:end]))
-            if scope is not None and names[0] in scope.imports:
+        for scope in self._around():
+            if names[0] in scope.imports:
                 package, _, name = scope.imports[names[0]].rpartition(".")
                 found = self.classes.component(name, package)
                 if found is not None:
                     return found, 0
-            if scope is not None and names[0] in scope.components:
+            if names[0] in scope.components:
                 return scope.components[names[0]], 0
         raise _Unclear
+
+    def _around(self) -> Iterator[ClassText]:
+        """This class and those that it stands in, from the inside."""
+        names = self.one.name.split(".")
+        for end in range(len(names), 0, -1):
+            scope = self.classes.get(".".join(names[:end]))
+            if scope is not None:
+                yield scope
 
     def _size(self, path: Sequence[tuple[str, Any]], at: int, declared: Declared) -> str:
         size = _source(declared.sizes[0])
@@ -288,12 +294,7 @@ class _Class:
         return self.classes.resolved(name, self.one.name) or self._imported(name)
 
     def _imported(self, name: str) -> str:
-        around = self.one.name.split(".")
-        for end in range(len(around), 0, -1):
-            scope = self.classes.get(".".join(around[:end]))
-            if scope is not None and name in scope.imports:
-                return scope.imports[name]
-        return name
+        return next((scope.imports[name] for scope in self._around() if name in scope.imports), name)
 
 
 class _Elements:
@@ -745,13 +746,11 @@ def _source(words: Sequence[Token]) -> str:
 
 def _equals(line: Sequence[Token]) -> int | None:
     """Index of the `=` of an equation."""
-    depth = 0
-    for i, word in enumerate(line):
-        depth += (word.text in OPEN) - (word.text in CLOSE)
-        if depth == 0 and word.text == "=":
-            return i
-        if word.kind == "text":
+    for i, depth in depths(line):
+        if line[i].kind == "text":
             return None
+        if depth == 0 and line[i].text == "=":
+            return i
     return None
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import takewhile
 
 from daest.modelica.outline import (
     CLOSE,
@@ -18,6 +17,7 @@ from daest.modelica.outline import (
     class_heads,
     closing,
     extends_clauses,
+    imports,
     name_end,
     tokens,
 )
@@ -204,7 +204,7 @@ def _class_text(text: _Words, head: ClassHead, file: str) -> ClassText:
         return ClassText(head.name, file, words, {}, (), {}, "" if is_array else alias)
     components = {one.name.text: one for line in statements(words) for one in declared(line, head.name)}
     bases = tuple(clause.base for clause in extends_clauses(words))
-    return ClassText(head.name, file, words, components, bases, _imports(words), "")
+    return ClassText(head.name, file, words, components, bases, imports(words), "")
 
 
 @dataclass(frozen=True)
@@ -248,23 +248,6 @@ def _class_words(file: _Words, head: ClassHead) -> tuple[Token, ...]:
         found.append(words[i])
         i += 1
     return tuple(found)
-
-
-def _imports(words: Sequence[Token]) -> dict[str, str]:
-    """Local name -> full name."""
-    found: dict[str, str] = {}
-    for i, word in enumerate(words):
-        if word.text != "import":
-            continue
-        clause = [w.text for w in takewhile(lambda w: w.text != ";" and w.kind != "text", words[i + 1 :])]
-        if "=" in clause:
-            found[clause[0]] = "".join(clause[clause.index("=") + 1 :])
-        elif "{" in clause:
-            package = "".join(clause[: clause.index("{") - 1])
-            found |= {name: f"{package}.{name}" for name in clause[clause.index("{") + 1 : -1] if name != ","}
-        elif clause and clause[-1] != "*":
-            found[clause[-1]] = "".join(clause)
-    return found
 
 
 def statements(words: Sequence[Token]) -> Iterator[list[Token]]:

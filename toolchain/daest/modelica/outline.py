@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import Literal
 
 from daest.errors import ModelError, Place
@@ -335,16 +336,25 @@ def name_end(words: Sequence[Token], at: int) -> int:
     return at
 
 
-def imported(words: Sequence[Token], name: str) -> str:
-    """The name with what an import clause says of its first part."""
-    first, dot, rest = name.partition(".")
+def imports(words: Sequence[Token]) -> dict[str, str]:
+    """What import clauses name, local name -> full name; the first clause of a name counts."""
+    found: dict[str, str] = {}
     for i, word in enumerate(words):
         if word.text != "import":
             continue
-        if words[i + 1].text == first and words[i + 2].text == "=":
-            at = i + 3
-            return "".join(w.text for w in words[at : name_end(words, at)]) + dot + rest
-        end = name_end(words, i + 1)
-        if words[end - 1].text == first:
-            return "".join(w.text for w in words[i + 1 : end]) + dot + rest
-    return name
+        clause = [w.text for w in takewhile(lambda w: w.text != ";" and w.kind != "text", words[i + 1 :])]
+        if "=" in clause:
+            named = {clause[0]: "".join(clause[clause.index("=") + 1 :])}
+        elif "{" in clause:
+            package = "".join(clause[: clause.index("{") - 1])
+            named = {name: f"{package}.{name}" for name in clause[clause.index("{") + 1 : -1] if name != ","}
+        else:
+            named = {clause[-1]: "".join(clause)} if clause and clause[-1] != "*" else {}
+        found = named | found
+    return found
+
+
+def imported(words: Sequence[Token], name: str) -> str:
+    """The name with what an import clause says of its first part."""
+    first, dot, rest = name.partition(".")
+    return imports(words).get(first, first) + dot + rest
