@@ -216,6 +216,19 @@ def test_a_rejected_law_that_foresees_unseen_data_is_named_beside_an_unknown_eff
     assert "foresees" not in message and "nearest" not in message
 
 
+def test_a_law_that_explains_little_beside_a_rejected_one_is_not_what_is_missing():
+    """A stop is no hardening spring, though it passes every gate, where a part of a sine does far better."""
+    other = replace(proof("QuadraticDrag", "rejected", 0.1), delta_bic=400.0)
+    found = decide(evidence(proofs=[proof(simulated=0.8), other]))
+    assert found.name == "cannot tell" and "larger amplitudes" in found.next_experiment
+    assert "QuadraticDrag at rotor.flange_a explains far more (BIC gain 400" in found.message
+    left = next(p for p in found.proofs if p.candidate.effect.name == "CoulombFriction")
+    assert left.verdict == "not separable" and left.not_separable_from == (other.candidate.label,)
+    # Neither a likelihood that is no simulation forbids the claim, nor the other way round.
+    for one in (replace(other, fit=fit(0.7)), replace(other, delta_bic=150.0)):
+        assert decide(evidence(proofs=[proof(simulated=0.8), one])).name == "supported"
+
+
 def test_second_effect_behind_a_supported_one_is_told():
     form = evidence(related=True).rest.form
     found = decide(evidence(proofs=[replace(proof(), left=form)]))

@@ -19,14 +19,14 @@ FOLDER = library_root() / "Daest" / "Effects"
 # Names that a recorded signal of any unit may feed: they cannot have a unit themselves.
 UNITLESS = {"Signals", "General"}
 # Sizes of either sign: a load, an offset, the influence of a signal.
-SIGNED = {"a", "Q_0", "tau_0", "f_0", "k", "b", "g", "r", "y", "c"}
+SIGNED = {"a", "Q_0", "tau_0", "f_0", "k", "b", "g", "r", "y", "c", "c3"}
 
 MECHANICAL = frozenset(
     (
         *("CoulombFriction", "ViscousFriction", "StribeckFriction", "AsymmetricFriction", "LuGreFriction"),
         *("LoadDependentFriction", "QuadraticDrag", "ConstantLoad", "AsymmetricDamper"),
         *("HardeningSpring", "HystereticSpring", "Backlash", "ExtraCompliance", "EndStop"),
-        *("FlexibleAppendage",),
+        *("FlexibleAppendage", "CubicSpring"),
     )
 )
 EXPECTED = {

@@ -43,10 +43,15 @@ def load_places(flat: FlatModel, nodes: Sequence[Site]) -> tuple[LoadPlace, ...]
     for node in sorted(nodes, key=lambda n: n.domain in SELDOM_LOADED):
         for row in _rows(flat, node):
             rows.setdefault(row, node)
-    spaces = {row: space for row in rows if (space := _driven_by(flat, row)) is not None}
+    driven = {row: space for row in rows if (space := _driven_by(flat, row)) is not None}
+    responses = {row: _response(space) for row, space in driven.items()}
+    spaces = {row: made for row, made in responses.items() if np.any(made) and not np.any(driven[row].H)}
+    # White noise may not enter an output at once, a load of finite rate may. It does so where accelerations
+    # alone are measured, or where nothing has a state.
+    spaces = spaces or {row: made for row, made in responses.items() if np.any(made)}
     if not spaces:
         return ()
-    table = np.array([_response(space) for space in spaces.values()])
+    table = np.array(list(spaces.values()))
     # Every output counts alike at every frequency, whatever its unit.
     largest = np.max(np.abs(table), axis=0)
     table = table / np.where(largest > 0.0, largest, 1.0)
@@ -75,27 +80,26 @@ def _rows(flat: FlatModel, node: Site) -> list[int]:
 
 
 def _driven_by(flat: FlatModel, row: int) -> StateSpace | None:
-    """State space with white noise in equation `row` alone; None where it is not admissible."""
+    """State space with white noise in equation `row` alone; None where that would be differentiated."""
     w = ca.SX.sym("load")
     residual = ca.SX(flat.residual)
     residual[row] -= w
     silent = ca.substitute(residual, flat.w, ca.SX.zeros(flat.w.numel()))
     loaded = replace(flat, noises=(NoiseInput("load", intensity=1.0),), w=w, residual=silent)
     try:
-        space = state_space(state_space_family(loaded), loaded.theta_values)
+        return state_space(state_space_family(loaded), loaded.theta_values)
     except DaestError:
         return None
-    return None if np.any(space.H) else space
 
 
 def _response(space: StateSpace) -> np.ndarray:
-    """C (iω - A)⁻¹ G at frequencies around the model's own, real and imaginary parts of all outputs."""
+    """C (iω - A)⁻¹ G + H at frequencies around the model's own, real and imaginary parts of all outputs."""
     rates = np.abs(np.linalg.eigvals(space.A)) if space.A.size else np.zeros(0)
     rates = rates[rates > GATES.integrator_rate * np.max(rates, initial=0.0)]
     low, high = (rates.min(), rates.max()) if rates.size else (1.0, 1.0)
     eye = np.eye(space.A.shape[0])
     parts = [
-        space.C @ np.linalg.solve(1j * omega * eye - space.A, space.G[:, 0])
+        space.C @ np.linalg.solve(1j * omega * eye - space.A, space.G[:, 0]) + space.H[:, 0]
         for omega in np.geomspace(low / GATES.compared_beyond, high * GATES.compared_beyond, N_FREQUENCIES)
     ]
     whole = np.concatenate(parts)

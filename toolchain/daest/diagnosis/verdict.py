@@ -20,6 +20,9 @@ from daest.numerics.statistics import whiteness_p_value
 from daest.quantities import spoken_duration
 
 
+LARGER = "Record again with larger amplitudes, which show more of the form of the law."
+
+
 class Rest(Protocol):
     """What is left where no candidate is accepted, as the null hypothesis of a diagnosis tells it."""
 
@@ -85,7 +88,10 @@ def decide(evidence: Evidence) -> Decided:
     accepted = [p for p in evidence.proofs if p.verdict != "rejected"]
     leader = _untried_leader(evidence, accepted)
     if accepted and leader is not None:
-        return _beside_untried(evidence, accepted, leader)
+        return _beside(evidence, accepted, leader.candidate.label, _says_more(leader), _by_hand(evidence, leader))
+    better = _far_better(evidence, accepted)
+    if better is not None:
+        return _beside(evidence, accepted, better.candidate.label, _explains_more(evidence, better), LARGER)
     return replace(_decided(evidence, accepted, leader), proofs=evidence.proofs)
 
 
@@ -99,8 +105,27 @@ def _untried_leader(evidence: Evidence, accepted: Sequence[Proof]) -> Unproved |
     return max(failed, key=lambda u: u.score, default=None)
 
 
-def _beside_untried(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved) -> Decided:
-    label = leader.candidate.label
+def _far_better(evidence: Evidence, accepted: Sequence[Proof]) -> Proof | None:
+    """A rejected candidate beside which no accepted one is what is missing: the best of them has a small
+    share of its likelihood gain alone, and foresees unseen data far worse."""
+    if not accepted:
+        return None
+    gain = max(p.delta_bic for p in accepted)
+    limit = GATES.max_told_ratio * min(_error_ratio(evidence, p) for p in accepted)
+    better = [
+        p
+        for p in evidence.proofs
+        if p.verdict == "rejected"
+        and gain < GATES.min_share_of_better * p.delta_bic
+        and _error_ratio(evidence, p) < limit
+    ]
+    return max(better, key=lambda p: p.delta_bic, default=None)
+
+
+def _beside(
+    evidence: Evidence, accepted: Sequence[Proof], label: str, why: str, next_experiment: str
+) -> Decided:
+    """No claim for the accepted candidates beside the one called `label`, for the reason `why`."""
     names = _listed(tuple(p.candidate.label for p in accepted))
     proofs = tuple(
         p
@@ -108,12 +133,18 @@ def _beside_untried(evidence: Evidence, accepted: Sequence[Proof], leader: Unpro
         else replace(p, verdict="not separable", not_separable_from=(*p.not_separable_from, label))
         for p in evidence.proofs
     )
-    return Decided(
-        "cannot tell",
-        f"{names} would do, but {label} says more in the screen (p = {leader.p_value:.1g}), and "
-        f"{leader.reason}.",
-        _by_hand(evidence, leader),
-        proofs,
+    return Decided("cannot tell", f"{names} would do, but {why}.", next_experiment, proofs)
+
+
+def _says_more(leader: Unproved) -> str:
+    return f"{leader.candidate.label} says more in the screen (p = {leader.p_value:.1g}), and {leader.reason}"
+
+
+def _explains_more(evidence: Evidence, better: Proof) -> str:
+    return (
+        f"{better.candidate.label} explains far more (BIC gain {better.delta_bic:.3g}, error of unseen data "
+        f"times {_error_ratio(evidence, better):.2g}), although {better.reason}: the law that acts looks more "
+        "like that one"
     )
 
 

@@ -212,6 +212,8 @@ def _filtered(signal: np.ndarray, den: np.ndarray, period: float) -> tuple[np.nd
     the free responses of the filter with a constant, (n_samples, n + 1).
     """
     n = den.size - 1
+    if not n:
+        return signal[:, None], np.ones((signal.size, 1))
     unit = float(np.max(np.abs(np.roots(den)))) or 1.0
     # States s^(n-1) … 1 over den, each scaled by a power of `unit`, so that the matrix has entries of one
     # size.
@@ -233,7 +235,7 @@ def _filtered(signal: np.ndarray, den: np.ndarray, period: float) -> tuple[np.nd
 def _stable(den: np.ndarray, slowest: float) -> np.ndarray:
     """The polynomial with its roots mirrored into the left half plane, at least `slowest` inside."""
     roots = np.roots(den)
-    return np.real(np.poly(-np.maximum(np.abs(roots.real), slowest) + 1j * roots.imag))
+    return np.atleast_1d(np.real(np.poly(-np.maximum(np.abs(roots.real), slowest) + 1j * roots.imag)))
 
 
 def _match(family: StateSpaceFamily, record: Record, unknowns: Unknowns, seed: int) -> np.ndarray | None:

@@ -400,7 +400,7 @@ def _transient(
 ) -> tuple[int, np.ndarray, np.ndarray]:
     """A number of samples with their own covariance each; stops early where a stationary phase begins."""
     n, columns = M.shape
-    most = CHUNK if columns > 1 else max(CHUNK, CHUNK_NUMBERS // n**2)
+    most = CHUNK if columns > 1 else max(CHUNK, CHUNK_NUMBERS // max(1, n**2))
     end = min(begin + most, z.shape[0])
     block, index = slice(begin, end), plan.modes.index
     steps = kalman_steps(

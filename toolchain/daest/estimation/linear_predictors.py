@@ -425,7 +425,7 @@ def predict(problem: Problem, z: np.ndarray, with_slopes: bool = False) -> Predi
                 whitened = _whiten(residuals.S, std, rows)
             except np.linalg.LinAlgError:  # a covariance that rounding leaves without a root
                 return None
-            x0 = initial_state(whitened[1:].reshape(len(whitened) - 1, -1), whitened[0].ravel())
+            x0 = initial_state(whitened[1:].reshape(len(whitened) - 1, whitened[0].size), whitened[0].ravel())
             rest = whitened[0] - np.tensordot(x0, whitened[1:], 1)
             value += _record_value(rest, residuals.S, record)
             found.append(residuals)

@@ -50,7 +50,7 @@ def smooth_ekf(filtered: EkfRun, data: Record, noise: Noise) -> Joint:
     rows = np.hstack([part.reshape(n_samples, -1)[::-1] for part in (closed, drive, information)])
     states, _ = run(backward_step(n, 1), np.zeros(n + n * n), rows)
     after = np.vstack([np.zeros((1, n + n * n)), states[:-1]])[::-1]
-    r, N = after[:, :n], after[:, n:].reshape(-1, n, n)
+    r, N = after[:, :n], after[:, n:].reshape(len(after), n, n)
     past = filtered_joint(data, noise, filtered.filtered, filtered.filtered_cov)
     reach = _reach(filtered.filtered_cov @ np.swapaxes(filtered.transition, 1, 2), filtered.noise)
     loss = reach @ N @ np.swapaxes(reach, 1, 2)

@@ -174,7 +174,10 @@ def _chunk(
     data = np.hstack([part.reshape(end - begin, -1) for part in parts])[::-1]
     states, _ = run(backward_step(n, columns), np.concatenate([r.ravel(), N.ravel()]), data)
     states = states[::-1]
-    return states[:, : n * columns].reshape(-1, n, columns), states[:, n * columns :].reshape(-1, n, n)
+    return (
+        states[:, : n * columns].reshape(len(states), n, columns),
+        states[:, n * columns :].reshape(len(states), n, n),
+    )
 
 
 def _constant_phase(terms: _Terms, begin: int, end: int, r: np.ndarray) -> np.ndarray:

@@ -290,7 +290,7 @@ def _flat_model(parts: _Parts, file: str) -> FlatModel:
         residual = _column([row.residual for row in parts.rows])
         raise unbalanced(equations, declared.unknowns, residual, parts.xi, parts.derivatives, file)
     outputs = [i for i, element in enumerate(declared.unknowns) if _is_output(element)]
-    named = {one.unknown: one for one in named_outputs(outputs, parts.rows, parts.xi, parts.derivatives)}
+    named = _named(outputs, len(declared.unknowns), parts)
     gone = {one.row for one in named.values()}
     kept = [i for i in range(len(declared.unknowns)) if i not in named]
     initial = [*parts.initial, *parts.starts.values()]
@@ -389,6 +389,13 @@ def _events(
 def _unknown(element: Element, parts: _Parts) -> Variable:
     made = variable_of(element, parts.reading)
     return replace(made, fixed=False) if element.name in parts.starts else made
+
+
+def _named(outputs: Sequence[int], n: int, parts: _Parts) -> dict[int, NamedOutput]:
+    """The outputs that only name an expression, by their unknown. A model that has nothing else keeps
+    them as unknowns: without any there is no equation to which an effect or a noise could be added."""
+    named = named_outputs(outputs, parts.rows, parts.xi, parts.derivatives)
+    return {} if len(named) == n else {one.unknown: one for one in named}
 
 
 def _output_expressions(
