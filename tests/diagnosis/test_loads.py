@@ -1,11 +1,14 @@
 """Where loads may act, and the model with loads: transfer functions by hand."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hidden_plants import model
 
 from daest.diagnosis.diagnose import without_noises
 from daest.diagnosis.loads import load_places, with_loads
+from daest.modelica.compile import compile_text
 from daest.modelica.sites import sites
 from daest.systems.state_space import state_space, state_space_family
 
@@ -28,6 +31,31 @@ def test_places_that_a_rigid_gear_joins_are_one():
 def test_unconnected_flywheel_is_not_seen():
     _, places = places_of("TwoMass")
     assert not any("loose" in name for p in places for name in p.names)
+
+
+ACCELEROMETER = b"""model Mass
+  parameter Real m(unit = "kg") = 2;
+  parameter Real c(unit = "N/m") = 50;
+  input Real f(unit = "N");
+  output Real a(unit = "m/s2");
+  Real s(unit = "m");
+  Real v(unit = "m/s");
+equation
+  der(s) = v;
+  m*a = f - c*s;
+  a = der(v);
+end Mass;
+"""
+
+
+def test_load_that_an_accelerometer_sees_at_once_has_its_place():
+    flat = compile_text(ACCELEROMETER, Path("Mass.mo"))
+    (place,) = load_places(flat, [s for s in sites(flat) if s.kind == "equation"])
+    T = 0.7
+    space = state_space(state_space_family(with_loads(flat, [place], [T])), np.array([*flat.theta_values, T]))
+    response = space.C @ np.linalg.solve(2j * np.eye(3) - space.A, space.G[:, 0])
+    # a = s²/(2 s² + 50) times the load, T/(T s + 1) times its noise, at s = 2i
+    assert abs(response[0]) * abs(1 + 2j * T) == pytest.approx(4 / 42 * T, rel=1e-6)
 
 
 def test_load_passes_through_its_lag():
