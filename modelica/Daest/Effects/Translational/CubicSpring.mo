@@ -8,7 +8,7 @@ model CubicSpring "Spring to the housing whose force goes with the cube of the d
 equation
   f = -c3*(s - s_0)^3;
   annotation(
-    __Daest(effect = true, attach = "connector", outside = "input", law = "f = -c3*(s - s_0)^3"),
+    __Daest(effect = true, attach = "connector", law = "f = -c3*(s - s_0)^3"),
     Documentation(info = "Beside the linear spring of a body it hardens (c3 > 0) or softens (c3 < 0)
 the support, on one side more than on the other unless s_0 = 0. HardeningSpring is the same between two bodies."));
 end CubicSpring;
