@@ -19,7 +19,6 @@ from daest.model.flat import FlatModel
 from daest.numerics.statistics import whiteness_p_value
 from daest.quantities import spoken_duration
 
-
 LARGER = "Record again with larger amplitudes, which show more of the form of the law."
 
 
@@ -88,7 +87,8 @@ def decide(evidence: Evidence) -> Decided:
     accepted = [p for p in evidence.proofs if p.verdict != "rejected"]
     leader = _untried_leader(evidence, accepted)
     if accepted and leader is not None:
-        return _beside(evidence, accepted, leader.candidate.label, _says_more(leader), _by_hand(evidence, leader))
+        why, how = _says_more(leader), _by_hand(evidence, leader)
+        return _beside(evidence, accepted, leader.candidate.label, why, how)
     better = _far_better(evidence, accepted)
     if better is not None:
         return _beside(evidence, accepted, better.candidate.label, _explains_more(evidence, better), LARGER)
@@ -143,8 +143,8 @@ def _says_more(leader: Unproved) -> str:
 def _explains_more(evidence: Evidence, better: Proof) -> str:
     return (
         f"{better.candidate.label} explains far more (BIC gain {better.delta_bic:.3g}, error of unseen data "
-        f"times {_error_ratio(evidence, better):.2g}), although {better.reason}: the law that acts looks more "
-        "like that one"
+        f"times {_error_ratio(evidence, better):.2g}), although {better.reason}: the law that acts looks "
+        "more like that one"
     )
 
 
