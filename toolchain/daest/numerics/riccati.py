@@ -450,7 +450,7 @@ def forgetting_model(noise: NoiseModel, change: NoiseModel | None) -> tuple[Nois
     still = replace(noise, Phi=noise.Phi - noise.Phi @ onto.whole)
     if change is None:
         return still, None
-    directions = change.Phi[(slice(None), *(0,) * (noise.Phi.ndim - 2))]
+    directions = change.Phi.reshape(change.Phi.shape[0], -1, *change.Phi.shape[-2:])[:, 0]
     turned = onto.turning(first, noise.C, directions, change.C)
     turned = turned.reshape(turned.shape[0], *(1,) * (noise.Phi.ndim - 2), *turned.shape[1:])
     return still, replace(change, Phi=change.Phi - change.Phi @ onto.whole - noise.Phi @ turned)
