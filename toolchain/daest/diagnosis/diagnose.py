@@ -63,6 +63,7 @@ from daest.diagnosis.proof import (
     ranked,
     searched,
     trials,
+    with_steady_error,
 )
 from daest.diagnosis.rivals import (
     DynamicFits,
@@ -1071,6 +1072,21 @@ class _Stages:
         shown = {p.candidate.name: p for p in found if p is not None}
         return [shown.get(p.candidate.name, p) for p in proofs]
 
+    def steadied(self, proofs: Sequence[Proof]) -> list[Proof]:
+        """All laws; those that are not separable with the errors of unseen data beside constant loads, by
+        which they may be."""
+        null, validation = self.search.stand.null, self.search.stand.validation
+        close = {p.candidate.name for p in ranked(proofs) if p.verdict == "not separable" and not p.adds_up}
+        if not validation or not close or not null.loads or self.options.is_over:
+            return list(proofs)
+        tasks = [
+            partial(with_steady_error, null, proof, validation)
+            for proof in proofs
+            if proof.candidate.name in close
+        ]
+        found = {p.candidate.name: p for p in self.proved((), proofs, tasks)[1] if p is not None}
+        return [found.get(p.candidate.name, p) for p in proofs]
+
 
 def _with_states(candidates: Sequence[Candidate], proofs: Sequence[Proof]) -> list[Candidate]:
     """The candidates with states, their own or those that they add to the model, that need no further signal
@@ -1157,6 +1173,7 @@ def _proofs(
             proofs += stages.proved(stages.storage(found, candidates, proofs), proofs)[0]
             proofs += stages.proved(stages.bent(found, candidates, proofs), proofs)[0]
         proofs = stages.shown_in_use(proofs)
+        proofs = stages.steadied(proofs)
     order = ranked(proofs)
     is_whole = not stages.late and None not in fits
     return order, _unproved(found, wanted, order, stages.failed), is_whole

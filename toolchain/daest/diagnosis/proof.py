@@ -637,6 +637,17 @@ def _steady_ratio(
     return float(np.sqrt(after / before)) if before and after is not None else None
 
 
+def with_steady_error(null: Null, proof: Proof, validation: Sequence[Experiment]) -> Proof:
+    """The proof with the error of its simulation of unseen data where each recording has a constant load of
+    its own, if it can be simulated so: the zero of a sensor is elsewhere on every machine, and a stop on one
+    side alone makes up for it where a law that is alike on both sides does not."""
+    if proof.final is None:
+        return proof
+    flat = with_equations(proof.flat, "a simulation").with_theta(proof.final.theta)
+    misfit = steady_misfit(null, flat, reduce_index(flat), validation)
+    return proof if misfit is None else replace(proof, steady_error=float(np.sqrt(misfit)))
+
+
 def _left(null: Null, with_effect: Null, after: NullObserver) -> FreeForm | None:
     """The form that the load follows best which is left beside the effect, over variables of the model as it
     was."""
@@ -961,6 +972,8 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     close = [p for p in accepted if _is_rival(p, best)]
     same = [p for p in accepted if p is not best and _is_same_equation(p, best)]
     close = [p for p in close if p not in same]
+    nested = [p for p in close if _is_same_beside_a_load(p, best)]
+    close = [p for p in close if p not in nested]
     twins = [p for p in close if p is not best and _is_twin(p, best)]
     close = [p for p in close if p not in twins]
     result = []
@@ -969,6 +982,9 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
             result.append(proof)
         elif proof in twins:
             reason = f"the data do not tell it from the same effect at {best.candidate.site.name}"
+            result.append(replace(proof, verdict="rejected", reason=reason))
+        elif proof in nested:
+            reason = f"beside a constant load it says no more than {best.candidate.label}"
             result.append(replace(proof, verdict="rejected", reason=reason))
         elif proof in close:
             others = tuple(p.candidate.label for p in close if p is not proof)
@@ -1053,6 +1069,19 @@ def _is_same_equation(one: Proof, other: Proof) -> bool:
     return len(_own_sizes(one)) == len(_own_sizes(other)) and all(
         abs(a.value - b.value) <= GATES.same_equation * (a.std_error or 0.0)
         for a, b in zip(values, others, strict=True)
+    )
+
+
+def _is_same_beside_a_load(richer: Proof, simple: Proof) -> bool:
+    """Whether a law goes beyond one for the same quantity by parameters that only make up for a constant
+    load: where each recording has one, both foresee unseen data alike."""
+    if simple.steady_error is None or richer.steady_error is None:
+        return False
+    units, others = ([p.unit for p in law.candidate.effect.sizes] for law in (richer, simple))
+    return (
+        units == others
+        and len(_own_sizes(richer)) > len(_own_sizes(simple))
+        and richer.steady_error > (1.0 - GATES.same_unseen_error) * simple.steady_error
     )
 
 
@@ -1152,7 +1181,8 @@ def _is_rival(one: Proof, best: Proof) -> bool:
 def _unseen_ratio(best: Proof, one: Proof) -> float:
     """Error of `one` on unseen data relative to that of `best`: of the whole simulation, or of predictions at
     the longest horizon where the simulation is dead reckoning. inf where it is unknown, or an output gets
-    worse."""
+    worse. A law that is better by no more than a constant load is not better: where it is known, that with
+    one counts (`with_steady_error`)."""
     if one.adds_up:
         errors = [{a.samples: a.ratio for a in p.ahead} for p in (best, one)]
         horizon = max(set(errors[0]) & set(errors[1]), default=None)
@@ -1160,7 +1190,10 @@ def _unseen_ratio(best: Proof, one: Proof) -> float:
     ratios = error_ratios(best.told.simulated, one.told.simulated)
     if not ratios or max(ratios) > 1.0 + GATES.same_unseen_error:
         return np.inf
-    return float(np.sqrt(np.mean(np.square(ratios))))
+    whole = float(np.sqrt(np.mean(np.square(ratios))))
+    if best.steady_error and one.steady_error is not None:
+        return max(whole, one.steady_error / best.steady_error)
+    return whole
 
 
 def _is_vague(richer: Proof, simple: Proof) -> bool:
@@ -1190,10 +1223,14 @@ def _simplest(accepted: Sequence[Proof]) -> Proof:
     simpler = [
         p
         for p in accepted
-        if p.candidate.site == best.candidate.site
-        and len(p.fit.parameters) < len(best.fit.parameters)
-        and (
-            p.delta_log_likelihood > GATES.min_simpler_gain * best.delta_log_likelihood or _is_vague(best, p)
+        if _is_same_beside_a_load(best, p)
+        or (
+            p.candidate.site == best.candidate.site
+            and len(p.fit.parameters) < len(best.fit.parameters)
+            and (
+                p.delta_log_likelihood > GATES.min_simpler_gain * best.delta_log_likelihood
+                or _is_vague(best, p)
+            )
         )
     ]
     return min(simpler, key=lambda p: len(p.fit.parameters), default=best)

@@ -275,6 +275,9 @@ class Proof:
     is_shown: bool = False  # by its simulation, by more than chance
     is_by_use: bool = False  # the deltas are those in use
     same_as: tuple[str, ...] = ()  # other laws that are the same equation on these recordings
+    steady_error: float | None = (
+        None  # of simulated unseen data, each with a constant load of its own, whitened
+    )
 
     @property
     def told(self) -> FitResult:
