@@ -36,6 +36,7 @@ from daest.diagnosis.proof import (
     prove,
     ranked,
     trials,
+    with_steady_error,
 )
 from daest.diagnosis.screen import law_response, run_null, screen
 from daest.model.diagnosis import Ahead, InUse, Screen, Screened
@@ -701,6 +702,38 @@ def test_law_that_foresees_unseen_data_better_is_a_rival_of_a_likelier_one_and_c
     before = told(likely, phi=1.0, omega=1.0)
     for omega, verdict in ((1.1, "supported"), (0.99, "not separable")):
         assert ranked([before, told(elsewhere(1.0), phi=0.3, omega=omega)])[0].verdict == verdict
+
+    # By a constant load of each recording alone it is no rival.
+    steady = replace(likely, steady_error=1.0)
+    for error, verdict in ((1.0, "supported"), (0.8, "not separable")):
+        assert ranked([steady, elsewhere(0.7, steady_error=error)])[0].verdict == verdict
+
+
+def test_law_that_says_more_by_a_constant_load_alone_is_the_simpler_one():
+    """A cube about a place of its own, where the sensor has an offset, beside one about zero."""
+    simple = replace(proved()[1], adds_up=False, steady_error=1.0)
+    own = simple.candidate.name
+    extra = replace(next(p for p in simple.fit.parameters if p.name.startswith(f"{own}.")), name=f"{own}.s_0")
+    fit = replace(simple.fit, parameters=(*simple.fit.parameters, extra))
+    place = replace(simple.candidate, site=replace(simple.candidate.site, name="elsewhere"))
+    gains = {
+        "delta_log_likelihood": simple.delta_log_likelihood + 4.0,
+        "delta_bic": simple.delta_bic + 2.0,
+    }
+    richer = replace(simple, candidate=place, fit=fit, final=fit, **gains)
+    order = ranked([replace(richer, steady_error=0.999), simple])
+    assert [p.verdict for p in order] == ["supported", "rejected"] and order[0].candidate is simple.candidate
+    assert "beside a constant load it says no more than" in order[1].reason
+    order = ranked([replace(richer, steady_error=0.9), simple])
+    assert [p.verdict for p in order] == ["not separable"] * 2
+
+
+def test_error_beside_constant_loads_is_that_of_noise_where_an_offset_is_all_that_is_missing():
+    stand, proof = rubbing(), proved()[1]
+    known = with_steady_error(stand.null, proof, stand.validation).steady_error
+    moved = [replace(e, outputs=e.outputs + 0.1) for e in stand.validation]
+    assert with_steady_error(stand.null, proof, moved).steady_error == pytest.approx(known, rel=0.05)
+    assert with_steady_error(stand.null, replace(proof, final=None), moved).steady_error is None
 
 
 def test_as_much_as_chance_finds_is_no_proof(monkeypatch):
