@@ -26,13 +26,14 @@ from daest.estimation.noise_levels import (
     without_family,
 )
 from daest.estimation.nonlinear_result import NonlinearEnds
-from daest.estimation.nonlinear_search import best_ends, search_of
+from daest.estimation.nonlinear_search import best_ends, is_coloured, search_of
 from daest.estimation.nonlinear_start import (
     check_nonlinear_start,
     limits,
     scaled,
     started,
     with_hold,
+    with_other_hold,
 )
 from daest.estimation.observer import AverageModel
 from daest.estimation.optimum import best_point
@@ -92,7 +93,14 @@ def nonlinear_ends(explicit: Dynamics, setup: Setup, tell: Tell = silent) -> Non
     problem, z = with_hold(problem, z, setup.options)
     may_be_cut = setup.method == "oe" and setup.options.shooting != 1
     check_nonlinear_start(problem, z, may_be_cut=may_be_cut)
-    return NonlinearEnds(setup, best_ends(setup, problem, z, tell))
+    ends = best_ends(setup, problem, z, tell)
+    best = ends[0]
+    if setup.options.max_iterations and best.cut is None and is_coloured(best.problem, best.found):
+        turned = with_other_hold(best.problem, best.found, setup.options)
+        if turned is not None:
+            hold, start = turned
+            ends = best_ends(setup, replace(problem, hold=hold), start[: z.size], tell)
+    return NonlinearEnds(setup, ends)
 
 
 def _problem(explicit: Dynamics, setup: Setup) -> TrajectoryProblem:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from daest.estimation.coordinates import objective
+from daest.errors import DaestError
+from daest.estimation.coordinates import Unknowns, objective, parameter_scale
 from daest.estimation.gain_family import LONGEST_LOG
 from daest.estimation.gates import FIT
 from daest.estimation.records import part_of
@@ -22,16 +24,55 @@ FIRST_LENGTH = 500  # samples of the fit that finds the initial state before the
 GROWN_LENGTHS = (50, 150)  # over which it is looked for before, for a second search of that fit
 SHORT_LENGTH = 100  # samples that also must show a direction as flat before it is called unidentifiable
 INITIAL_ITERATIONS = 15
+SIZES = 10.0 ** -np.arange(1.0, 10.0)  # of effects, relative to where they stand
 HOLD_ITERATIONS = 6
 
 
 def started(problem: TrajectoryProblem) -> tuple[TrajectoryProblem, np.ndarray]:
     """State scales from a first simulation, and initial states that fit the beginning of each experiment.
-    Shapes: the search vector is (n_z,)."""
+    Sizes of effects start where their simulation fits best. Shapes: the search vector is (n_z,)."""
+    problem = with_sized_effects(problem)
     unknowns = problem.unknowns
     z = np.concatenate([unknowns.start, consistent_states(problem, unknowns.start).ravel()])
     problem, z = scaled(problem, z)
     return problem, fit_initial_states(problem, z, *limits(problem))
+
+
+def with_sized_effects(problem: TrajectoryProblem) -> TrajectoryProblem:
+    """The problem with all sizes of effects nearer to where these vanish, by powers of ten, if the model fits
+    better there from its own initial state.
+
+    A size of which nothing is known stands at the number of its class, which may be a million times too
+    large: from there a search ends where the effect does something else.
+    """
+    parameters = problem.model.explicit.flat.parameters
+    nulls = {p.name: p.null for p in parameters if p.null is not None}
+    if not any(c.name in nulls and c.initial != nulls[c.name] for c in problem.unknowns.coordinates):
+        return problem
+
+    def misfit(tried: TrajectoryProblem) -> float:
+        start = tried.unknowns.start
+        try:
+            z = np.concatenate([start, consistent_states(tried, start).ravel()])
+        except DaestError:
+            return np.inf
+        found = objective(tried)(z, False)
+        return np.inf if found is None else found.value
+
+    sized = [replace(problem, unknowns=_shrunk(problem.unknowns, nulls, by)) for by in SIZES]
+    return min([problem, *sized], key=misfit)
+
+
+def _shrunk(unknowns: Unknowns, nulls: Mapping[str, float], by: float) -> Unknowns:
+    return replace(
+        unknowns,
+        coordinates=tuple(
+            replace(c, initial=value, scale=c.scale if c.is_log else parameter_scale(value, None))
+            if c.name in nulls and (value := nulls[c.name] + by * (c.initial - nulls[c.name])) != c.initial
+            else c
+            for c in unknowns.coordinates
+        ),
+    )
 
 
 def consistent_states(problem: TrajectoryProblem, z_parameters: np.ndarray) -> np.ndarray:
@@ -111,6 +152,23 @@ def with_hold(
         if found is not None and (best is None or found.evaluation.value < best[0]):
             best = (found.evaluation.value, hold, found.z)
     return (problem, z) if best is None else (replace(problem, hold=best[1]), best[2])
+
+
+def with_other_hold(
+    problem: TrajectoryProblem, found: Found, options: IdentifyOptions
+) -> tuple[Hold, np.ndarray] | None:
+    """The hold that was not taken, and z, where a short fit from the end of a search with
+    the other is likelier than that: far from the truth, holds are compared by what neither explains. None
+    where the hold is given, or right. Shapes: z (n_z,)."""
+    explicit = problem.model.explicit
+    if options.hold is not None or not explicit.flat.inputs or explicit.input_derivatives:
+        return None
+    hold: Hold = "zoh" if problem.hold == "foh" else "foh"
+    other = replace(problem, hold=hold)
+    turned = minimise(objective(other), found.z, *limits(problem), HOLD_ITERATIONS)
+    if turned is None or turned.evaluation.value >= found.evaluation.value:
+        return None
+    return hold, turned.z
 
 
 def check_nonlinear_start(problem: TrajectoryProblem, z: np.ndarray, may_be_cut: bool) -> None:

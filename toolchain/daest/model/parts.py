@@ -47,7 +47,8 @@ class Variable:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A scalar parameter θ_i. `estimate` marks an unknown one; `scale` is the scale the search works in."""
+    """A scalar parameter θ_i. `estimate` marks an unknown one; `scale` is the scale the search works in;
+    `null` is where the effect vanishes whose size it is."""
 
     name: str
     value: float
@@ -60,6 +61,7 @@ class Parameter:
     scale: Literal["auto", "linear", "log"] = "auto"
     place: Place | None = None
     prior: Prior | None = None
+    null: float | None = None
     is_memory: bool = False  # no parameter of the source: what keeps its value between events
 
 

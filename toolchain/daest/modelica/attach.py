@@ -252,7 +252,8 @@ class _Assembly:
             else:
                 value = ca.SX.sym(full)
                 start = float(placement.values.get(parameter.name, parameter.value))
-                self.parameters.append(replace(parameter, name=full, value=start, unit=units[parameter.name]))
+                own = replace(parameter, name=full, value=start, unit=units[parameter.name], null=None)
+                self.parameters.append(own)
                 self.theta.append(value)
             self._values[full] = value
             symbols.append(value)

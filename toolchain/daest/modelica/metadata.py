@@ -66,6 +66,7 @@ def parameter_of(element: Element, value: float, reading: Reading) -> Parameter:
         estimate=annotation.flag("estimate", False),
         scale=annotation.scale(),
         place=reading.declared_at(variable),
+        null=_annotated(annotation, "null", element, reading),
     )
     _check_bounds(parameter)
     return parameter
