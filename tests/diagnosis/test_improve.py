@@ -73,18 +73,22 @@ def rounds(monkeypatch):
     return run
 
 
-def test_both_of_two_effects_that_are_not_separable_are_pursued(rounds):
+@pytest.mark.parametrize(
+    "end, more", [("nothing missing", []), ("unknown effect", [["QuadraticDrag"]])], ids=("done", "dead end")
+)
+def test_both_of_two_effects_that_are_not_separable_are_pursued(rounds, end, more):
     drag, friction = (
         replace(proof_of(n), verdict="not separable", not_separable_from=("the other",))
         for n in ("QuadraticDrag", "CoulombFriction")
     )
 
     def next_round(inside):
-        return found([] if inside else [drag, friction])
+        return found([], end) if inside else found([drag, friction])
 
     result, asked = rounds(next_round)
-    # The one that the data show is ahead at once, though the other came first.
-    assert asked == [[], ["CoulombFriction"]]
+    # The one that the data show is ahead at once, though the other came first, which is taken up again where
+    # something is missing still.
+    assert asked == [[], ["CoulombFriction"], *more]
     assert [s.proof.candidate.effect.name for s in result.steps if s.proof] == ["CoulombFriction"]
     assert result.steps[1].remark == "not separable from the other" and result.reason == "said"
 

@@ -48,6 +48,7 @@ from daest.numerics.deadline import OutOfTimeError, until
 from daest.systems.state_space import Hold
 
 MOST_PATHS = 2  # hypotheses that are pursued side by side
+MOST_TAKEN_UP = 2  # of those that were put aside, after an end with something missing
 OUT_OF_TIME = "The time was up"
 
 
@@ -165,14 +166,28 @@ def _last_added(found: Improvement) -> list[Proof]:
 
 
 def _searched(task: _Task) -> _Path:
-    """The best path, followed to its end. Raises _OtherHoldError, and what `examine` raises."""
+    """The best path, followed to its end. Where it ends and something is missing still, paths that it has put
+    aside are taken up again: what was not separable from its effects may be what goes on. Raises
+    _OtherHoldError, and what `examine` raises."""
     paths = [_Path(task.root, task.first)]
-    while any(path.last is None for path in paths):
-        grown = [
-            one for path in paths for one in ([path] if path.last is not None else _continued(task, path))
-        ]
-        paths = _leading(grown)
-    return paths[0]
+    put_aside: list[_Path] = []
+    n_taken_up = 0
+    while True:
+        while any(path.last is None for path in paths):
+            grown = [
+                one for path in paths for one in ([path] if path.last is not None else _continued(task, path))
+            ]
+            paths = _leading(grown)
+            kept = {id(path) for path in paths}
+            put_aside += [path for path in grown if path.last is None and id(path) not in kept]
+        last = paths[0].last
+        is_done = last is None or last.verdict == "nothing missing" or task.options.is_over
+        if is_done or not put_aside or n_taken_up == MOST_TAKEN_UP:
+            return paths[0]
+        n_taken_up += 1
+        other = put_aside.pop(0)
+        task.progress(f"going on with {_label(other.steps[-1])} instead")
+        paths = [*paths, other]
 
 
 def _continued(task: _Task, path: _Path) -> list[_Path]:
