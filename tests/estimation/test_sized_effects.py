@@ -14,7 +14,8 @@ from daest.modelica.compile import compile_text
 
 MODEL = """model Duffing
   parameter Real c(unit = "N/m") = 100 annotation(__Daest(estimate = true));
-  parameter Real c3(unit = "N/m3", min = 0) = 1e9 annotation(__Daest(estimate = true, role = "size", null = 0));
+  parameter Real c3(unit = "N/m3", min = 0) = 1e9
+    annotation(__Daest(estimate = true, role = "size", null = 0));
   input Real f(unit = "N");
   output Real s(unit = "m", start = 0);
   Real v(unit = "m/s", start = 0);
