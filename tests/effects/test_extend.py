@@ -16,6 +16,7 @@ from daest.modelica.compile import compile_model, compile_text
 from daest.modelica.effects import find_effect
 from daest.modelica.extend import CurveText, extend_by_curve, extend_model
 from daest.modelica.sites import find_site
+from daest.systems.simulate import simulate
 
 WRITABLE = [p for p in first_places() if p[1].kind != "parameter"]
 # One of every way to put an effect in; all the others run as slow tests.
@@ -228,6 +229,85 @@ def test_bare_equations_are_opened(bare, class_name, place, model, says) -> None
     assert {p.name: p.value for p in made.flat.parameters} == {p.name: p.value for p in merged.parameters}
     assert finite_poles(made.flat) == pytest.approx(finite_poles(merged), rel=1e-6, abs=1e-9)
     assert characteristic(made.flat) == pytest.approx(characteristic(merged), rel=1e-6)
+
+
+WHEEL = """\
+model Wheel "Outputs that the equations use otherwise than y = ..."
+  import Daest.Units.SI;
+  parameter Real m(unit = "kg") = 2;
+  input Real u(unit = "N");
+  output SI.Velocity v(start = 0.1, fixed = true, nominal = 2) "Speed" annotation(__Daest(std = 0.01));
+  output Real a(unit = "m/s2");
+  output Real b(unit = "m/s"), c(unit = "N");
+  output Real g(unit = "N") = 2*u "Twice";
+  Real p = v*u "power"; Real h(start = 0, fixed = true);
+equation
+  m*a = u - 3*v;
+  a = der(v);
+  b + v = 0; 2*c = u; der(h) = g;
+  annotation(Documentation(info = "v is the speed"));
+end Wheel;
+"""
+
+
+@pytest.mark.parametrize(
+    ("place", "says"),
+    [
+        ("v", 'output SI.Velocity v(nominal = 2) = v_actual "Speed" annotation(__Daest(std = 0.01));'),
+        ("v", "SI.Velocity v_actual(start = 0.1, fixed = true, nominal = 2)"),
+        ("v", 'Real p = v_actual*u "power";'),
+        ("a", "m*a_actual = u - 3*v;"),
+        ("a", "a_actual = der(v);"),
+        ("g", 'Real g_actual(unit = "N") = 2*u "g as the equations have it";'),
+        ("g", "der(h) = g_actual;"),
+    ],
+)
+def test_output_that_is_a_state_gets_a_variable_behind_it(tmp_path, place, says) -> None:
+    file = tmp_path / "Wheel.mo"
+    file.write_text(WHEEL)
+    flat, effect = compile_model(file), find_effect("Signals.QuadraticGain")
+    site = find_site(flat, place, effect)
+    made = extend_model(file, "Wheel", effect, site, values={"a": 0.3})
+    assert says in made.text and 'info = "v is the speed"' in made.text
+    merged = attach(flat, effect, site, values={"a": 0.3})
+    assert characteristic(made.flat) == pytest.approx(characteristic(merged), rel=1e-6)
+    assert {y.name: (y.unit, y.noise_std) for y in made.flat.outputs} == {
+        y.name: (y.unit, y.noise_std) for y in flat.outputs
+    }
+
+
+@pytest.mark.parametrize("place", ["u", "v", "g"])
+def test_several_effects_at_one_signal_follow_each_other(tmp_path, place) -> None:
+    path, model = tmp_path / "Wheel.mo", "Wheel"
+    path.write_text(WHEEL)
+    expected = compile_model(path)
+    for name, size in (("QuadraticGain", {"a": 0.3}), ("Offset", {"b": 0.2}), ("Lag", {"T": 0.4})):
+        effect = find_effect(f"Signals.{name}")
+        expected = attach(expected, effect, find_site(expected, place, effect), values=size)
+        site = find_site(compile_model(path, model), place, effect)
+        made = extend_model(path, model, effect, site, values=size)
+        path, model = tmp_path / f"{name}.mo", made.class_name
+        path.write_text(made.text)
+    assert characteristic(made.flat) == pytest.approx(characteristic(expected), rel=1e-6)
+    told, wanted = (settled(one, 0.5) for one in (made.flat, expected))
+    assert told == pytest.approx(wanted, rel=1e-6)
+    assert wanted != pytest.approx(settled(compile_model(tmp_path / "Wheel.mo"), 0.5), rel=0.05)
+
+
+def settled(flat, u):
+    """The outputs v and g of the wheel after 20 s at the force u."""
+    found = simulate(flat, (np.linspace(0.0, 20.0, 41), np.full((41, 1), u)))
+    names = [y.name for y in flat.outputs]
+    return [float(found.outputs[-1, names.index(name)]) for name in ("v", "g")]
+
+
+def test_output_that_shares_its_declaration_is_refused(tmp_path) -> None:
+    file = tmp_path / "Wheel.mo"
+    file.write_text(WHEEL)
+    effect = find_effect("Signals.Offset")
+    with pytest.raises(ModelError) as caught:
+        extend_model(file, "Wheel", effect, find_site(compile_model(file), "b", effect))
+    assert "nor declared in a line of its own" in str(caught.value)
 
 
 def test_effects_in_two_steps_share_the_opened_equation(bare, tmp_path) -> None:

@@ -20,6 +20,7 @@ from daest.modelica.compiler import modification
 from daest.modelica.effects import effect_model
 from daest.modelica.opened import (
     NotOpened,
+    is_used_elsewhere,
     opened_balance,
     opened_input,
     opened_output,
@@ -484,9 +485,9 @@ def _before_output(draft: _Draft, placement: Placement, original: _Original) -> 
     name = placement.site.name
     clauses = [c for c in original.clauses() if name in c.pair]
     bound = "" if clauses else _binding(name, original)
-    if not clauses and not bound:
+    if not clauses and (not bound or _is_used(name, original)):
         with _opening(original, f"the output `{name}`", "effect-input-used"):
-            source = opened_output(original.source, original.flat, name)
+            source = opened_output(original.source, original.flat, name, names_of(original.flat))
         original = original.changed(source)
         bound = _binding(name, original)
     if bound:
@@ -500,13 +501,38 @@ def _before_output(draft: _Draft, placement: Placement, original: _Original) -> 
     return original
 
 
+def _is_used(name: str, original: _Original) -> bool:
+    """Whether an equation takes the value of the output, which an effect before it must not change."""
+    try:
+        return is_used_elsewhere(original.source, original.flat, name)
+    except NotOpened:
+        return False
+
+
 def _binding(name: str, original: _Original) -> str:
-    """The text of `expr` in `output Real y(…) = expr "…";`, empty where there is none."""
+    """The text of `expr` in `extends Base(y = expr)`, of the last class that says so, or in `output Real y(…)
+    = expr "…";`; empty where there is none."""
+    modified = _modified(name, original, original.head)
+    if modified:
+        return modified
     place = next(y for y in original.flat.outputs if y.name == name).place
     if place is None or place.line is None or place.file != str(original.path):
         return ""
     start = offset_of(original.source, place)
     return _bound_text(original.source, list(_declared(original.source, start)))
+
+
+def _modified(name: str, original: _Original, head: ClassHead) -> str:
+    """The binding that the class of `head`, or one that it extends, gives a variable where it extends."""
+    for clause in extends_clauses(class_tokens(original.source, head)):
+        if name in clause.bound:
+            first, last = clause.bound[name]
+            return original.source[first:last].decode()
+        base = find_base(class_heads(original.source), head, clause.base)
+        found = "" if base is None or base.name == head.name else _modified(name, original, base)
+        if found:
+            return found
+    return ""
 
 
 def _declared(source: bytes, start: int) -> Iterable[Token]:

@@ -4,7 +4,8 @@ extends it can put something in. Nothing in it changes as long as nothing is put
 - A balance such as `m*der(v) = F - d*v` takes up the sum of what is connected to a component of Daest.Terms:
   `m*der(v) + v_term.total = F - d*v`.
 - The equations use an input through a variable of its own, whose binding an extension replaces.
-- An equation `y = …` of an output becomes its binding.
+- An equation `y = …` of an output becomes its binding; an output that the equations use otherwise, as
+  `der(y) = …`, is bound to a variable of its own that takes its place in them.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from daest.modelica.outline import (
     OPEN,
     ClassHead,
     Token,
+    arguments,
     class_heads,
     class_tokens,
     closing,
@@ -154,13 +156,11 @@ def opened_input(source: bytes, flat: FlatModel, name: str, taken: Iterable[str]
     symbol = next(v for v in flat.inputs if v.name == name)
     start = _offset(source, flat, symbol.place)
     head, words = _class_at(source, start)
-    others = [h for h in class_heads(source) if h.name != head.name and not h.name.startswith(head.name)]
-    if any(_uses(class_tokens(source, other), name, -1) for other in others if _extends(source, other, head)):
-        raise NotOpened("is used by equations of several classes")
     used = free_name(f"{name}_used", taken)
     unit = f'(unit = "{symbol.unit}")' if symbol.unit else ""
     line = f'Real {used}{unit} = {name} "{name} as the equations use it";'
-    edits = [Edit(w.start, w.end, used) for w in _uses(words, name, start)]
+    declared = next(w for w in words if w.start == start)
+    edits = [Edit(w.start, w.end, used) for w in _all_uses(source, head, words, declared)]
     if not edits:
         raise NotOpened("is used by no equation of the class that declares it")
     return edited(source, [*edits, _declared(source, words, line)]), used
@@ -189,15 +189,23 @@ def _extends(source: bytes, derived: ClassHead, base: ClassHead) -> bool:
     return any(last in around for around in names)
 
 
-def opened_output(source: bytes, flat: FlatModel, name: str) -> bytes:
-    """The text in which the equation `name = …` is the binding of the output. Raises NotOpened."""
-    output = next(y for y in flat.outputs if y.name == name)
-    start = _offset(source, flat, output.place)
-    _, words = _class_at(source, start)
-    at = next(i for i, w in enumerate(words) if w.start == start)
+def is_used_elsewhere(source: bytes, flat: FlatModel, name: str) -> bool:
+    """Whether equations of the class that declares the output use it, be it that which gives it. Raises
+    NotOpened."""
+    head, words, at = _output(source, flat, name)
+    return bool(_all_uses(source, head, words, words[at]))
+
+
+def opened_output(source: bytes, flat: FlatModel, name: str, taken: Iterable[str]) -> bytes:
+    """The text in which the output has a binding and no equation uses it: its equation `name = …`, or else a
+    variable that takes its place in all equations. Raises NotOpened."""
+    head, words, at = _output(source, flat, name)
+    uses = _all_uses(source, head, words, words[at])
     starts = [i for i, w in enumerate(words) if w.text == name and i != at and _begins(words, i)]
-    if len(starts) != 1 or words[starts[0] + 1].text != "=" or not _stands_alone(words, starts[0]):
-        raise NotOpened(f"is not given by one equation `{name} = …`")
+    is_equation = len(starts) == 1 and words[starts[0] + 1].text == "=" and _stands_alone(words, starts[0])
+    if not is_equation or len(uses) > 1:
+        inner = free_name(f"{name}_actual", taken)
+        return edited(source, _with_variable_behind(source, words, at, inner, uses))
     _, right = _sides(words, words[starts[0]].start)
     statement = _statement(words, starts[0])
     behind = next((w for w in words if w.start >= statement[-1].end), statement[-1])
@@ -207,6 +215,68 @@ def opened_output(source: bytes, flat: FlatModel, name: str) -> bytes:
     first = begin if not source[begin : statement[0].start].strip() else statement[0].start
     end = behind.end + (source[behind.end : behind.end + 1] == b"\n" and first == begin)
     return edited(source, [Edit(place, place, f" = {text}"), Edit(first, end, "")])
+
+
+def _output(source: bytes, flat: FlatModel, name: str) -> tuple[ClassHead, list[Token], int]:
+    """The class that declares the output, its tokens and the index of its name among them."""
+    output = next(y for y in flat.outputs if y.name == name)
+    start = _offset(source, flat, output.place)
+    head, words = _class_at(source, start)
+    return head, words, next(i for i, w in enumerate(words) if w.start == start)
+
+
+def _all_uses(source: bytes, head: ClassHead, words: Sequence[Token], name: Token) -> list[Token]:
+    """Tokens that use the variable declared by `name` in the class of `head`, whose tokens are `words`, and
+    in the classes of the file that extend it."""
+    heads = class_heads(source)
+    derived: list[ClassHead] = [head]
+    for one in derived:  # grows on the way
+        derived += [h for h in heads if h not in derived and _extends(source, h, one)]
+    others = [_uses(class_tokens(source, other), name.text, -1) for other in derived[1:]]
+    return [*_uses(words, name.text, name.start), *(token for uses in others for token in uses)]
+
+
+def _with_variable_behind(
+    source: bytes, words: Sequence[Token], at: int, inner: str, uses: Sequence[Token]
+) -> list[Edit]:
+    """Edits that declare the variable `inner` with the attributes of the output at `at`, put it in the place
+    of its `uses` and bind the output to it. Raises NotOpened."""
+    name, end = words[at], _behind_declarator(words, at)
+    behind = next(i for i, w in enumerate(words) if w.start >= end)
+    bound = _bound(words, behind)
+    after = words[behind + len(bound) + bool(bound)].text
+    if after == "," or words[at - 1].text in (",", "]") or words[at + 1].text == "[":
+        raise NotOpened(f"is not given by one equation `{name.text} = …`, nor declared in a line of its own")
+    attributes = arguments(words, at + 1) if words[at + 1].text == "(" else []
+    of_start = [i for i, one in enumerate(attributes) if one[0].text in ("start", "fixed", "stateSelect")]
+    told = [source[one[0].start : one[-1].end].decode() for one in attributes]
+    kept = [text for i, text in enumerate(told) if i not in of_start]
+    modifier = f"({', '.join(told)})" if told else ""
+    left = f"({', '.join(kept)})" if kept else ""
+    given = f" = {source[bound[0].start : bound[-1].end].decode()}" if bound else ""
+    kind = _type_of_output(source, words, at)
+    line = f'{kind} {inner}{modifier}{given} "{name.text} as the equations have it";'
+    last = bound[-1].end if bound else end
+    edits = [Edit(w.start, w.end, inner) for w in uses]
+    return [*edits, Edit(name.end, last, f"{left} = {inner}"), _declared(source, words, line)]
+
+
+def _bound(words: Sequence[Token], at: int) -> list[Token]:
+    """The expression of a declaration behind the equality sign at `at`; empty where there is none."""
+    if words[at].text != "=":
+        return []
+    rest = words[at + 1 :]
+    for (i, depth), word in zip(depths(rest), rest, strict=True):
+        if depth == 0 and (word.text in (";", ",", "annotation") or word.kind == "text"):
+            return list(rest[:i])
+    return []
+
+
+def _type_of_output(source: bytes, words: Sequence[Token], at: int) -> str:
+    """The type behind the prefix `output` of a declaration; Real for that of a connector."""
+    begin = max((i for i, w in enumerate(words[:at]) if w.text in (";", *_SECTIONS)), default=0)
+    prefix = next((i for i in range(begin, at) if words[i].text == "output"), None)
+    return "Real" if prefix is None else source[words[prefix + 1].start : words[at - 1].end].decode()
 
 
 def _behind_declarator(words: Sequence[Token], at: int) -> int:

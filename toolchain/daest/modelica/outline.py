@@ -181,11 +181,13 @@ OPEN, CLOSE = ("(", "[", "{"), (")", "]", "}")
 
 @dataclass(frozen=True)
 class Extends:
-    """An extends clause: the name of the base as written, and the connections that it removes."""
+    """An extends clause: the name of the base as written, the connections that it removes, and first and last
+    byte of the expressions that it binds variables to."""
 
     base: str
     broken: tuple[frozenset[str], ...]
     start: int
+    bound: dict[str, tuple[int, int]]
 
 
 @dataclass(frozen=True)
@@ -251,8 +253,31 @@ def extends_clauses(words: Sequence[Token]) -> list[Extends]:
             while end < len(words) and (words[end].kind == "name" or words[end].text == "."):
                 end += 1
             base = "".join(token.text for token in words[i + 1 : end])
-            found.append(Extends(base, _broken(words, end), words[i].start))
+            found.append(Extends(base, _broken(words, end), words[i].start, _bound(words, end)))
     return found
+
+
+def _bound(words: Sequence[Token], at: int) -> dict[str, tuple[int, int]]:
+    """First and last byte of the expressions in `(name = expression, …)`, which begins at token `at`."""
+    if at >= len(words) or words[at].text != "(":
+        return {}
+    return {
+        one[0].text: (one[2].start, one[-1].end)
+        for one in arguments(words, at)
+        if len(one) > 2 and one[1].text == "="
+    }
+
+
+def arguments(words: Sequence[Token], at: int) -> list[list[Token]]:
+    """The tokens of each argument in the brackets that open at token `at`."""
+    inside = words[at + 1 : closing(words, at) - 1]
+    found: list[list[Token]] = [[]]
+    for (_, depth), word in zip(depths(inside), inside, strict=True):
+        if word.text == "," and depth == 0:
+            found.append([])
+        else:
+            found[-1].append(word)
+    return [one for one in found if one]
 
 
 def _broken(words: Sequence[Token], at: int) -> tuple[frozenset[str], ...]:
