@@ -345,18 +345,22 @@ def simpler_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[T
 
 
 def signal_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Trial, ...]:
-    """The other laws without states for the signal that `best` bends, which were not tried. The screen scores
-    them at hardly any size, where a dead zone is a step; one of a third of the range is nearer to a gain that
-    grows with the signal."""
-    if not best.candidate.is_of_signal or best.candidate.is_dynamic:
+    """The other laws without states for the signal that `best` bends, and its own law for the other signals,
+    which were not tried. The screen scores them at hardly any size, where a dead zone is a step; one of a
+    third of the range is nearer to a gain that grows with the signal. And what bends the output of a slow
+    machine bends its input as well, unless the data show its transients."""
+    own = best.candidate
+    if not own.is_of_signal or own.is_dynamic:
         return ()
-    known = {p.candidate.effect.class_name for p in tried if p.candidate.site == best.candidate.site}
-    found: dict[str, Trial] = {}
+    known = {(p.candidate.effect.class_name, p.candidate.site.name) for p in tried}
+    found: dict[tuple[str, str], Trial] = {}
     for entry in screen.entries:
-        one = entry.candidate
-        is_other = one.site == best.candidate.site and one.effect.class_name not in known
-        if is_other and not one.effect.n_states and not one.inputs and not entry.absorbed:
-            found.setdefault(one.effect.class_name, Trial(one, entry.sizes, ()))
+        one, law = entry.candidate, (entry.candidate.effect.class_name, entry.candidate.site.name)
+        is_mirrored = one.is_of_signal and law[0] == own.effect.class_name
+        if law in known or not (one.site == own.site or is_mirrored):
+            continue
+        if not one.effect.n_states and not one.inputs and not entry.absorbed:
+            found.setdefault(law, Trial(one, entry.sizes, ()))
     return tuple(found.values())
 
 
