@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from daest.diagnosis.diagnose import _said_of_inputs, load_sites
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import fit_null
-from daest.diagnosis.open_loop import Simulated, driven_share, in_use, speaks_for
+from daest.diagnosis.open_loop import Simulated, driven_share, in_use, says_more_in_use, speaks_for
 from daest.diagnosis.proof import _undriven
 from daest.model.diagnosis import InUse
 from daest.model.experiment import Experiment
@@ -95,3 +95,14 @@ def test_a_model_that_its_inputs_do_not_move_is_told(is_recorded):
     assert share == pytest.approx(1.0, abs=0.1) if is_recorded else share < GATES.min_driven
     assert bool(_undriven(null)) == bool(_said_of_inputs(null)) == (not is_recorded)
     assert driven_share(replace(null, experiments=(replace(record, inputs=0.0 * recorded),))) is None
+
+
+def test_law_that_says_more_than_one_that_is_shown_needs_no_certainty_of_its_own():
+    """Which of two laws bends a signal is a question of how much each explains, not of chance."""
+    shown = InUse(fitted=0.7, unseen=0.9, n_independent=46.0, n_unseen=25.0, certainty=2.6)
+    better = InUse(fitted=0.8, unseen=1.1, n_independent=48.0, n_unseen=20.0, certainty=2.2)
+    assert speaks_for(shown, 1) and not speaks_for(better, 1)
+    assert says_more_in_use(better, shown)
+    for worse in ({"fitted": 0.6}, {"unseen": 0.8}, {"certainty": -0.1}, {"n_independent": 1.0}):
+        assert not says_more_in_use(replace(better, **worse), shown)
+    assert not says_more_in_use(better, InUse())

@@ -730,9 +730,9 @@ def _judged(search: _Search, ends: list[Searched], errors: list[Exception]) -> P
     return None
 
 
-def _shown_in_use(search: _Search, prepared: Prepared, beside: Proof) -> Proof:
+def _shown_in_use(search: _Search, prepared: Prepared, beside: Proof, accepted: Proof | None = None) -> Proof:
     """The proof of a candidate by its simulation; that `beside` the loads where a simulation does not show
-    it.
+    it. `accepted` is a law that does show there what the candidate may be.
 
     The screen tells places apart by what a law of hardly any size does there. A dead zone of finite width
     before a pump that cannot draw is not one behind the sensor: of the places that the screen sees alike,
@@ -758,7 +758,7 @@ def _shown_in_use(search: _Search, prepared: Prepared, beside: Proof) -> Proof:
         return beside
     null = replace(stand.null, experiments=fed(stand.null.experiments, candidate))
     validation = fed(stand.validation, candidate)
-    shown = by_simulation(null, there, proof, fit, validation, stand.reference, search.n_screened)
+    shown = by_simulation(null, there, proof, fit, validation, stand.reference, search.n_screened, accepted)
     if shown.verdict == "rejected":
         return beside
     return replace(shown, equivalent=tuple(other.trial.candidate.site.name for other, _ in others))
@@ -1061,13 +1061,14 @@ class _Stages:
             if p.is_open and p.explained < GATES.min_explained and p.delta_bic > least
         ]
         tasks = []
-        for proof in doubted[:MOST_IN_USE]:
+        known = None if best is None or not best.is_by_use else best
+        for proof in [*doubted[:MOST_IN_USE], *_beside_in_use(best, proofs)]:
             candidate = proof.candidate
             sizes = tuple(proof.fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
             flat = with_equations(proof.flat, "a simulation").with_theta(proof.fit.theta)
             prepared = Prepared(Trial(candidate, sizes, ()), flat, (*null.estimated, *candidate.estimated))
             self.progress(f"simulating with {candidate.label}")
-            tasks.append(partial(_shown_in_use, self.search, prepared, proof))
+            tasks.append(partial(_shown_in_use, self.search, prepared, proof, known))
         found = self.proved((), proofs, tasks)[1] if tasks else []
         shown = {p.candidate.name: p for p in found if p is not None}
         return [shown.get(p.candidate.name, p) for p in proofs]
@@ -1086,6 +1087,21 @@ class _Stages:
         ]
         found = {p.candidate.name: p for p in self.proved((), proofs, tasks)[1] if p is not None}
         return [found.get(p.candidate.name, p) for p in proofs]
+
+
+def _beside_in_use(best: Proof | None, proofs: Sequence[Proof]) -> list[Proof]:
+    """The refused laws that bend a signal as the accepted `best` one does: loads take from a dead zone what
+    they leave to a gain that grows with the signal, and a simulation has none."""
+    if best is None or not best.candidate.is_of_signal or best.candidate.is_dynamic:
+        return []
+    return [
+        p
+        for p in proofs
+        if p.verdict == "rejected"
+        and p.candidate.is_of_signal
+        and not p.candidate.is_dynamic
+        and not p.in_use.n_independent
+    ]
 
 
 def _with_states(candidates: Sequence[Candidate], proofs: Sequence[Proof]) -> list[Candidate]:

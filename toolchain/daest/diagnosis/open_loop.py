@@ -51,6 +51,19 @@ def speaks_for(used: InUse, n_own: int) -> bool:
     )
 
 
+def says_more_in_use(used: InUse, other: InUse) -> bool:
+    """Whether a law is better in use than another one, on the data that it was fitted to and on unseen ones,
+    and better than none on those by more than not."""
+    return (
+        used.n_independent >= GATES.min_independent
+        and other.n_independent >= GATES.min_independent
+        and used.fitted > other.fitted
+        and used.unseen > other.unseen
+        and used.ratio < GATES.max_clear_ratio
+        and used.certainty > 0.0
+    )
+
+
 def open_screen(null: Null, fit: FitResult, candidates: Sequence[Candidate], seed: int) -> Screen | None:
     """The screen of candidates by the errors of the simulation with the parameters of `fit`; None where it
     cannot be made, or the model has no simulation of its own."""

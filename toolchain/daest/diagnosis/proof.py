@@ -19,6 +19,7 @@ from daest.diagnosis.open_loop import (
     driven_share,
     in_use,
     largest_values,
+    says_more_in_use,
     simulated_errors,
     speaks_for,
 )
@@ -469,14 +470,17 @@ def by_simulation(
     validation: Sequence[Experiment],
     reference: Reference,
     n_screened: int,
+    accepted: Proof | None = None,
 ) -> Proof:
     """The proof of a law by the simulation `found`, with the evidence of that, where it speaks for the law by
     more than chance, and the law does not destroy what the observer foresees; else that `beside` the
-    loads, which refused it."""
+    loads, which refused it. Where an `accepted` law shows that something bends the signal, it is enough to
+    say more than that one: which law it is is no question of chance."""
     explicit = reduce_index(prepared.flat)
     used = _in_use(null, prepared, explicit, found, validation, reference)
     n_own = len(prepared.names) - len(null.estimated)
-    refused = not speaks_for(used, n_own) or beside.delta_log_likelihood < -GATES.hopeless_log_likelihood
+    is_shown = speaks_for(used, n_own) or (accepted is not None and says_more_in_use(used, accepted.in_use))
+    refused = not is_shown or beside.delta_log_likelihood < -GATES.hopeless_log_likelihood
     candidate = prepared.trial.candidate
     refused = refused or bool(_weak(prepared, found))
     model = grown(null, prepared.flat, explicit, found, null.experiments)
