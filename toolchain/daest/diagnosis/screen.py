@@ -356,7 +356,7 @@ def nuisance(run: NullObserver, n_parameters: int) -> np.ndarray:
     """Slopes over the parameters (common to all experiments) and over each experiment's initial state.
     Shapes: (n_parameters + n_experiments n_states, m) for m whitened errors."""
     parameters = np.concatenate(
-        [o.slopes[:n_parameters].reshape(n_parameters, -1) for o in run.observed], axis=1
+        [o.slopes[:n_parameters].reshape(n_parameters, o.slopes[0].size) for o in run.observed], axis=1
     )
     parts, total, first = [parameters], parameters.shape[1], 0
     for one in run.observed:

@@ -31,11 +31,18 @@ from daest.report.documents.parts import (
     errors_entry,
 )
 
+LOAD = "load_"  # the names of unknown loads begin so
 SCREENED = 20  # entries of the screen that are listed
 AS_IT_IS = (
     "The model as it is: its parameters refitted together with unknown loads (white noise in the errors told "
     "here), then simulated without them; daest compare takes the values of daest identify, or those of the "
     "model."
+)
+
+FIXED = (
+    "The model as it is, simulated without the unknown loads beside which laws are compared: its parameters "
+    "are held, since none is to be estimated, or since the loads would take over what the inputs do; then "
+    "they are those of a fit by simulation."
 )
 
 
@@ -235,7 +242,10 @@ def document(
 
 def _baseline(diagnosis: Diagnosis) -> Baseline:
     errors = errors_entry(diagnosis.baseline.simulated)
-    return {**errors, "remark": AS_IT_IS} if diagnosis.has_loads else {**errors}
+    if not diagnosis.has_loads:
+        return {**errors}
+    own = [p for p in diagnosis.baseline.parameters if not p.name.startswith(LOAD)]
+    return {**errors, "remark": AS_IT_IS if own else FIXED}
 
 
 def _screened(one: Screened) -> ScreenedEntry:
