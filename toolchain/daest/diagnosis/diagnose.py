@@ -258,31 +258,36 @@ def begin(
         null = fit_null(quiet, nodes, both[0], options.hold, held, options.slowest_load)
         unseen = drives.get(null.recorded_hold, both)[1]
         baseline, reference = _told_fits(null, unseen)
-        known = _simulated_better(quiet, null, baseline if reference is None else reference.fit)
+        known = _simulated_better(quiet, null, reference)
         if known is not None:
-            null = fit_null(known, nodes, both[0], options.hold, held, options.slowest_load)
-            baseline, reference = _told_fits(null, unseen)
+            fixed = fit_null(known, nodes, both[0], options.hold, held, options.slowest_load)
+            again = _told_fits(fixed, unseen)
+            if again[1] is not None and not again[1].adds_up:
+                null, (baseline, reference) = fixed, again
         other = drives[null.other_hold][1] if drives and null.other_hold else None
         return Stand(flat, null, baseline, unseen, began, reference, other)
 
     return replace(options.step("null", (options.hold, options.slowest_load), flat, fitted), began=began)
 
 
-def _simulated_better(flat: FlatModel, null: Null, told: FitResult) -> FlatModel | None:
+def _simulated_better(flat: FlatModel, null: Null, reference: Reference | None) -> FlatModel | None:
     """The model with its parameters fixed at those of a fit by simulation, where that simulates far better
-    than the null without its loads: these have taken over what the inputs do, and parameters that are
-    estimated beside them tell nothing. None where the parameters may stay free."""
-    agreement = told.simulated.get("estimation")
-    if not null.estimated or agreement is None:
+    than the null without its loads, whose errors add up: loads may have taken over what the inputs do, and
+    have made of a machine that something holds one that drifts. None where the parameters stay free."""
+    if not null.estimated or reference is None or not reference.adds_up:
         return None
-    if max(percent or 0.0 for percent in agreement.fit_percent.values()) > GATES.min_driven_fit:
+    before = reference.fit.simulated.get("estimation")
+    if (
+        before is None
+        or max(percent or 0.0 for percent in before.fit_percent.values()) > GATES.min_driven_fit
+    ):
         return None
     try:
         fit = identify(flat, null.experiments, IdentifyOptions(method="oe", hold=null.hold))
     except FAILURES:
         return None
     after = fit.simulated["estimation"].rms
-    if not all(after[name] < GATES.max_adrift_ratio * rms for name, rms in agreement.rms.items()):
+    if not all(after[name] < GATES.max_adrift_ratio * rms for name, rms in before.rms.items()):
         return None
     fixed = flat.with_theta(fit.theta)
     return replace(fixed, parameters=tuple(replace(p, estimate=False) for p in fixed.parameters))
