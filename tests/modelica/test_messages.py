@@ -371,6 +371,10 @@ def test_a_panic_of_the_compiler_is_one_message(
         ("missing exact function-selection identity for `P.loadResource`: exposed", "`P.loadResource`"),
         ("failed in Flatten: unresolved flat reference: v", "its condition leaves out"),
         ("failed in ToDae: unresolved Flat reference `z`", "(`z`)"),
+        (
+            "failed in ToDae: unsupported Flat semantic owner `array comprehension domain`: range bound",
+            "whose end is computed",
+        ),
     ],
 )
 def test_limits_of_the_compiler_in_words_of_the_language(said, words):
@@ -380,3 +384,11 @@ def test_limits_of_the_compiler_in_words_of_the_language(said, words):
     assert "canonical" not in str(made)
     assert "Flat" not in str(made)
     assert made.remedy
+
+
+def test_a_function_with_a_loop_of_unknown_length_is_told_in_words_of_the_language():
+    why = "contains a statement without a checked DAE owner"
+    said = f"failed in ToDae: unsupported `function statement`: `P.f` {why}"
+    made = failures.translated(said, Path("M.mo"), b"model M end M;", "M")
+    assert made.code == "model-function" and "`P.f`" in made.what and "`while`" in made.what
+    assert "owner" not in str(made)

@@ -209,6 +209,21 @@ _LIMITS = (
     ("impure call context", "an impure function, as one that draws random numbers"),
     ("function value type", "a function of an external object (code in C)"),
     ("function shape proof", "a function whose arrays have sizes that follow from its inputs"),
+    (
+        "`array comprehension domain`",
+        "an array that is built over a range whose end is computed (`{… for k in 1:n}`): write the end as a "
+        "number, or the elements one by one",
+    ),
+    (
+        "event tensor loop",
+        "an array that an algorithm assigns element by element in a loop: assign every element by a line of "
+        "its own, or write equations",
+    ),
+    (
+        "statement without a checked DAE owner",
+        "has a loop without a known number of rounds (`while`, or a `for` over a range that is computed), or "
+        "calls such a function",
+    ),
 )
 
 
@@ -585,7 +600,7 @@ def _function(name: str, why: str, path: Path, text: bytes) -> ModelError:
     heads = [head for head in class_heads(text) if head.name.rpartition(".")[2] == short]
     return RefusedFunction(
         name,
-        f"function `{name}` cannot be executed: it {why}",
+        f"function `{name}` cannot be executed: it {_limit(why)}",
         place_of(str(path), text, heads[0].start) if heads else str(path),
         "Assign every output; use for-loops over one constant range; no `while`, `break` or `return`.",
     )
