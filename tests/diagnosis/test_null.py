@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +12,7 @@ from hidden_plants import library, model, quiet, rotor_null, rotor_record, rubbi
 from daest.data.prepare import resample
 from daest.diagnosis import null as nulls
 from daest.diagnosis.compare import compare_models
-from daest.diagnosis.diagnose import begin, better_hold, examine, without_noises
+from daest.diagnosis.diagnose import begin, better_hold, examine, load_sites, without_noises
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import fit_null, near_given, open_hold, period_of, refit, with_other_hold
 from daest.diagnosis.options import DiagnoseOptions
@@ -22,7 +23,7 @@ from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
 from daest.model.parts import Prior
 from daest.modelica.attach import attach
-from daest.modelica.compile import compile_model
+from daest.modelica.compile import compile_model, compile_text
 from daest.modelica.sites import sites
 from daest.systems.integrate import integrate, integrator
 from daest.systems.reduce import reduce_index
@@ -49,6 +50,29 @@ def test_parameters_and_their_errors_are_right_with_a_load():
     for name, true in (("J", 0.5), ("d", 0.3)):
         assert abs(found[name].value - true) < 3.5 * found[name].std_error
         assert found[name].std_error < 0.15 * true
+
+
+def test_parameter_whose_name_begins_as_that_of_a_load_is_one_of_the_model():
+    text = b"""model Mass
+  parameter Real load_m(unit = "kg", min = 0) = 2 annotation(__Daest(estimate = true));
+  parameter Real d(unit = "N.s/m", min = 0) = 1;
+  input Real f(unit = "N");
+  output Real v(unit = "m/s", start = 0, fixed = true);
+equation
+  load_m*der(v) = f - d*v;
+end Mass;
+"""
+    rng, t = np.random.default_rng(5), 0.05 * np.arange(400.0)
+    f, v = np.repeat(rng.normal(size=40), 10), np.zeros(400)
+    for k in range(399):
+        v[k + 1] = f[k] + (v[k] - f[k]) * np.exp(-0.05 / 3.0)
+    outputs = (v + 0.001 * rng.normal(size=400))[:, None]
+    flat = compile_text(text, Path("Mass.mo"))
+    one = Experiment("run", t, f[:, None], outputs, ("f",), ("v",))
+    null = fit_null(flat, load_sites(flat), [one], "zoh")
+    assert null.estimated == ("load_m",)
+    (found,) = [p for p in null.fit.parameters if p.name == "load_m"]
+    assert abs(found.value - 3.0) < 3.5 * found.std_error
 
 
 def test_load_of_white_torque_is_as_strong_as_the_torque():

@@ -252,22 +252,35 @@ def begin(
         drives = {"foh": both, "zoh": _divided(*map(tuple, options.held))}
     progress("fitting the model as it is, with unknown loads")
 
-    def fitted() -> Stand:
+    def null_of(quiet: FlatModel) -> Null:
         held = drives["zoh"][0] if drives else None
-        quiet, nodes = without_noises(flat), load_sites(flat)
-        null = fit_null(quiet, nodes, both[0], options.hold, held, options.slowest_load)
-        unseen = drives.get(null.recorded_hold, both)[1]
-        baseline, reference = _told_fits(null, unseen)
-        known = _simulated_better(quiet, null, reference)
-        if known is not None:
-            fixed = fit_null(known, nodes, both[0], options.hold, held, options.slowest_load)
-            again = _told_fits(fixed, unseen)
-            if again[1] is not None and not again[1].adds_up:
-                null, (baseline, reference) = fixed, again
+        return fit_null(quiet, load_sites(flat), both[0], options.hold, held, options.slowest_load)
+
+    def unseen_by(null: Null) -> tuple[Experiment, ...]:
+        return drives.get(null.recorded_hold, both)[1]
+
+    def fitted() -> Stand:
+        null, baseline, reference = _fitted(without_noises(flat), null_of, unseen_by)
         other = drives[null.other_hold][1] if drives and null.other_hold else None
-        return Stand(flat, null, baseline, unseen, began, reference, other)
+        return Stand(flat, null, baseline, unseen_by(null), began, reference, other)
 
     return replace(options.step("null", (options.hold, options.slowest_load), flat, fitted), began=began)
+
+
+def _fitted(
+    flat: FlatModel, null_of: Callable[[FlatModel], Null], unseen_by: Callable[[Null], tuple[Experiment, ...]]
+) -> tuple[Null, FitResult, Reference | None]:
+    """The null that `null_of` makes of the model, and its `_told_fits` on the experiments `unseen_by` it;
+    with the parameters held where loads would take over what the inputs do (`_simulated_better`)."""
+    null = null_of(flat)
+    baseline, reference = _told_fits(null, unseen_by(null))
+    known = _simulated_better(flat, null, reference)
+    if known is not None:
+        fixed = null_of(known)
+        again = _told_fits(fixed, unseen_by(fixed))
+        if again[1] is not None and not again[1].adds_up:
+            return fixed, *again
+    return null, baseline, reference
 
 
 def _simulated_better(flat: FlatModel, null: Null, reference: Reference | None) -> FlatModel | None:
@@ -313,22 +326,25 @@ def limited(
     if not found.laws:
         return stand, ()
 
-    def fitted() -> Stand:
-        known = stand.null
-        quiet, nodes = without_noises(found.flat), load_sites(stand.declared)
+    known = stand.null
+
+    def null_of(quiet: FlatModel) -> Null:
+        nodes = load_sites(stand.declared)
         null = fit_null(quiet, nodes, known.experiments, known.hold, slowest=known.slowest)
-        null = replace(
+        return replace(
             null,
             other_hold=known.other_hold,
             hold_lead=known.hold_lead,
             other_experiments=known.other_experiments,
             recorded_hold=known.recorded_hold,
         )
-        baseline, reference = _told_fits(null, stand.validation)
+
+    def fitted() -> Stand:
+        quiet = without_noises(found.flat)
+        null, baseline, reference = _fitted(quiet, null_of, lambda _: stand.validation)
         return replace(stand, null=null, baseline=baseline, reference=reference)
 
-    before = stand.null
-    parts = (before.hold, before.recorded_hold, before.other_hold, *(law.name for law in found.laws))
+    parts = (known.hold, known.recorded_hold, known.other_hold, *(law.name for law in found.laws))
     grown = replace(options.step("limited", parts, found.flat, fitted), began=stand.began)
     gain = grown.baseline.log_likelihood - stand.baseline.log_likelihood
     n_observed = sum(int(np.isfinite(e.outputs).sum()) for e in stand.null.experiments)
@@ -476,6 +492,7 @@ def _examined(
         next_experiment=_next_experiment(stand, decided, options),
         seconds=time.perf_counter() - stand.began,
         learned=learned if decided.name == "unknown effect" else None,
+        is_held=not null.estimated,
         is_whole=is_whole,
     )
 
@@ -1091,7 +1108,8 @@ class _Stages:
         ]
         tasks = []
         known = None if best is None or not best.is_by_use else best
-        for proof in [*doubted[:MOST_IN_USE], *_beside_in_use(best, proofs)]:
+        wanted = {p.candidate.name: p for p in (*doubted[:MOST_IN_USE], *_beside_in_use(best, proofs))}
+        for proof in wanted.values():
             candidate = proof.candidate
             sizes = tuple(proof.fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
             flat = with_equations(proof.flat, "a simulation").with_theta(proof.fit.theta)

@@ -40,7 +40,7 @@ def beside_loads(flat: FlatModel) -> tuple[FlatModel, Loads]:
     loads."""
     nodes = [site for site in sites(flat) if site.kind in ("node", "equation")]
     places = load_places(flat, nodes)
-    names = tuple(f"load_{i + 1}" for i in range(len(places)))
+    names = tuple(place.load for place in places)
     w, residual = ca.SX.sym("load", len(places)), ca.SX(flat.residual)
     for i, place in enumerate(places):
         residual[place.row] -= w[i]

@@ -7,8 +7,9 @@ besides, so that a slow external load is as well described as a fast one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 
 import casadi as ca
 import numpy as np
@@ -29,11 +30,23 @@ SELDOM_LOADED = ("electrical",)
 
 @dataclass(frozen=True)
 class LoadPlace:
-    """Equation `row` of the model, where a load may act; `names`: nodes that act on the outputs alike."""
+    """Equation `row` of the model, where a load may act; `names`: nodes that act on the outputs alike;
+    `load`: what the load is called in the model."""
 
     row: int
     names: tuple[str, ...]
     unit: str
+    load: str
+
+    @property
+    def noise(self) -> str:
+        """The white noise that drives the load."""
+        return f"{self.load}.w"
+
+    @property
+    def time_constant(self) -> str:
+        """The parameter."""
+        return f"{self.load}.T"
 
 
 def load_places(flat: FlatModel, nodes: Sequence[Site]) -> tuple[LoadPlace, ...]:
@@ -45,13 +58,13 @@ def load_places(flat: FlatModel, nodes: Sequence[Site]) -> tuple[LoadPlace, ...]
             rows.setdefault(row, node)
     driven = {row: space for row in rows if (space := _driven_by(flat, row)) is not None}
     responses = {row: _response(space) for row, space in driven.items()}
-    spaces = {row: made for row, made in responses.items() if np.any(made) and not np.any(driven[row].H)}
+    smooth = {row: made for row, made in responses.items() if np.any(made) and not np.any(driven[row].H)}
     # White noise may not enter an output at once, a load of finite rate may. It does so where accelerations
     # alone are measured, or where nothing has a state.
-    spaces = spaces or {row: made for row, made in responses.items() if np.any(made)}
-    if not spaces:
+    responses = smooth or {row: made for row, made in responses.items() if np.any(made)}
+    if not responses:
         return ()
-    table = np.array(list(spaces.values()))
+    table = np.array(list(responses.values()))
     # Every output counts alike at every frequency, whatever its unit.
     largest = np.max(np.abs(table), axis=0)
     table = table / np.where(largest > 0.0, largest, 1.0)
@@ -59,7 +72,7 @@ def load_places(flat: FlatModel, nodes: Sequence[Site]) -> tuple[LoadPlace, ...]
         np.linalg.norm(table, axis=1), initial=0.0
     )
     groups: list[tuple[np.ndarray, list[int]]] = []
-    for row, response, is_seen in zip(spaces, table, seen, strict=True):
+    for row, response, is_seen in zip(responses, table, seen, strict=True):
         if not is_seen:
             continue
         for direction, members in groups:
@@ -69,9 +82,23 @@ def load_places(flat: FlatModel, nodes: Sequence[Site]) -> tuple[LoadPlace, ...]
         else:
             groups.append((response, [row]))
     return tuple(
-        LoadPlace(members[0], tuple(rows[m].name for m in members), _unit(flat, members[0], rows[members[0]]))
-        for _, members in groups
+        LoadPlace(
+            row=members[0],
+            names=tuple(rows[m].name for m in members),
+            unit=_unit(flat, members[0], rows[members[0]]),
+            load=name,
+        )
+        for (_, members), name in zip(groups, _free_names(flat), strict=False)
     )
+
+
+def _free_names(flat: FlatModel) -> Iterator[str]:
+    """`load_1`, `load_2` and so on, without those that the model has for a variable, a parameter or a
+    component of its own."""
+    variables = {v.name for v in (*flat.unknowns, *flat.inputs)} | {y.name for y in flat.outputs}
+    others = {p.name for p in flat.parameters} | {w.name for w in flat.noises}
+    own = {name.split(".")[0].split("[")[0] for name in variables | others}
+    return (name for name in (f"load_{i}" for i in count(1)) if name not in own)
 
 
 def _rows(flat: FlatModel, node: Site) -> list[int]:
@@ -124,40 +151,40 @@ def _unit(flat: FlatModel, row: int, node: Site) -> str:
 
 
 def with_loads(flat: FlatModel, places: Sequence[LoadPlace], time_constants: Sequence[float]) -> FlatModel:
-    """`flat` with load_i, der(load_i) + load_i/T_i = w_i, subtracted in the equation of each place.
-
-    The white noise w_i is called `load_i.w`, the parameter T_i `load_i.T`. Noises of the model stay.
-    """
+    """`flat` with d, der(d) + d/T = w, subtracted in the equation of each place and named as the place says.
+    Noises of the model stay."""
     n = len(places)
     d, rate = ca.SX.sym("load", n), ca.SX.sym("load_rate", n)
     w, T = ca.SX.sym("load_w", n), ca.SX.sym("load_T", n)
     residual = ca.SX(flat.residual)
     for i, place in enumerate(places):
         residual[place.row] -= d[i]
-    names = [f"load_{i + 1}" for i in range(n)]
     return replace(
         flat,
         unknowns=(
             *flat.unknowns,
             *(
-                Variable(name, p.unit, "unexplained load", start=0.0, fixed=False)
-                for name, p in zip(names, places, strict=True)
+                Variable(place.load, place.unit, "unexplained load", start=0.0, fixed=False)
+                for place in places
             ),
         ),
         noises=(
             *flat.noises,
-            *(NoiseInput(f"{name}.w", None, estimate=True) for name in names),
+            *(NoiseInput(place.noise, None, estimate=True) for place in places),
         ),
         parameters=(
             *flat.parameters,
             *(
-                Parameter(f"{name}.T", float(value), "s", "time constant of the load", min=0.0)
-                for name, value in zip(names, time_constants, strict=True)
+                Parameter(place.time_constant, float(value), "s", "time constant of the load", min=0.0)
+                for place, value in zip(places, time_constants, strict=True)
             ),
         ),
         equations=(
             *flat.equations,
-            *(Equation(f"der({name}) + {name}/{name}.T = {name}.w", "component", name) for name in names),
+            *(
+                Equation(f"der({p.load}) + {p.load}/{p.time_constant} = {p.noise}", "component", p.load)
+                for p in places
+            ),
         ),
         derivatives=ca.vertcat(flat.derivatives, rate),
         xi=ca.vertcat(flat.xi, d),

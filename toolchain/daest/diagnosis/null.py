@@ -56,7 +56,8 @@ class Null:
     @property
     def estimated(self) -> tuple[str, ...]:
         """The physical parameters that are estimated."""
-        return tuple(p.name for p in self.fit.parameters if not p.name.startswith("load_"))
+        times = {place.time_constant for place in self.places}
+        return tuple(p.name for p in self.fit.parameters if p.name not in times)
 
     @property
     def intensity(self) -> np.ndarray:
@@ -68,7 +69,7 @@ class Null:
     def shortest_times(self) -> dict[str, float]:
         """The time constants of the loads [s] by name of the parameter, as short as a load can have them:
         loads without memory."""
-        return {f"{load.name}.T": shortest_load(self.experiments) for load in self.loads}
+        return {place.time_constant: shortest_load(self.experiments) for place in self.places}
 
     @property
     def measurement_std(self) -> np.ndarray:
@@ -120,7 +121,8 @@ def fit_null(
     explicit = reduce_index(loaded)
     asked = (hold,) if hold else HOLDS if held is not None else _possible_holds(explicit)
     is_affine = has_affine_dynamics(explicit)
-    fits = {one: _loaded_fit(loaded, *drives[one], slowest, is_affine) for one in asked}
+    times = tuple(place.time_constant for place in places)
+    fits = {one: _loaded_fit(loaded, times, *drives[one], slowest, is_affine) for one in asked}
     best, *others = sorted(fits, key=lambda one: -fits[one].log_likelihood)
     null = _at_estimate(loaded, fits[best], places, tuple(drives[best][0]))
     null = replace(null, recorded_hold=best, slowest=slowest)
@@ -234,22 +236,28 @@ def _no_place(nodes: Sequence[Site]) -> EstimationError:
 
 def _loaded_fit(
     loaded: FlatModel,
+    times: tuple[str, ...],
     experiments: Sequence[Experiment],
     hold: Hold,
     slowest: float | None,
     is_affine: bool,
 ) -> FitResult:
-    """The fit; where the start values are a point at which parameters do the same, as those of two equal
-    tanks in a row do, from start values beside it."""
+    """The fit with the time constants `times` of the loads; where the start values are a point at which
+    parameters do the same, as those of two equal tanks in a row do, from start values beside it."""
     try:
-        return _fit_from(loaded, experiments, hold, slowest, is_affine)
+        return _fit_from(loaded, times, experiments, hold, slowest, is_affine)
     except EstimationError as error:
-        if error.code != "identify-unidentifiable" or str(error.where).startswith("load_"):
+        if error.code != "identify-unidentifiable" or _is_about(error, times):
             raise
         try:
-            return _fit_from(_moved_apart(loaded), experiments, hold, slowest, is_affine)
+            return _fit_from(_moved_apart(loaded), times, experiments, hold, slowest, is_affine)
         except EstimationError:
             raise error from None
+
+
+def _is_about(error: EstimationError, times: tuple[str, ...]) -> bool:
+    """Whether an error names time constants of loads alone."""
+    return set(str(error.where).split(", ")) <= set(times)
 
 
 def _moved_apart(flat: FlatModel) -> FlatModel:
@@ -274,12 +282,12 @@ def _inside(parameter: Parameter, value: float) -> float:
 
 def _fit_from(
     loaded: FlatModel,
+    times: tuple[str, ...],
     experiments: Sequence[Experiment],
     hold: Hold,
     slowest: float | None,
     is_affine: bool,
 ) -> FitResult:
-    times = [p.name for p in loaded.parameters if p.name.startswith("load_")]
     bounds = dict.fromkeys(times, _time_constants(experiments, slowest))
     physical = tuple(p.name for p in loaded.parameters if p.estimate)
     # What is missing colours the residuals: other starts would be tried in vain.
@@ -287,12 +295,12 @@ def _fit_from(
     try:
         options = replace(given, estimate=(*physical, *bounds), bounds=bounds)
         fit = identify(loaded, experiments, options)
-        return fit if is_affine else _from_faster_loads(fit, loaded, experiments, options, tuple(times))
+        return fit if is_affine else _from_faster_loads(fit, loaded, experiments, options, times)
     except EstimationError as error:
-        if not str(error.where).startswith("load_"):
+        if not _is_about(error, times):
             raise
         # Nothing in the data tells the time constants apart: the most likely of a few.
-        return _with_given_time_constants(loaded, physical, experiments, given, slowest)
+        return _with_given_time_constants(loaded, times, physical, experiments, given, slowest)
 
 
 def _from_faster_loads(
@@ -313,6 +321,7 @@ def _from_faster_loads(
 
 def _with_given_time_constants(
     loaded: FlatModel,
+    times: tuple[str, ...],
     physical: tuple[str, ...],
     experiments: Sequence[Experiment],
     given: IdentifyOptions,
@@ -321,8 +330,7 @@ def _with_given_time_constants(
     fits = []
     for periods in GIVEN_LOADS:
         T = min(periods * period_of(experiments), _time_constants(experiments, slowest)[1])
-        fixed = {p.name: T for p in loaded.parameters if p.name.startswith("load_")}
-        options = replace(given, estimate=physical, fix=fixed)
+        options = replace(given, estimate=physical, fix=dict.fromkeys(times, T))
         fits.append(identify(loaded, experiments, options))
     return max(fits, key=lambda fit: fit.log_likelihood)
 
@@ -372,11 +380,10 @@ def loads_of(fit: FitResult, places: Sequence[LoadPlace]) -> tuple[Load, ...]:
     """Size and time constant of every load in a fit."""
     intensity = {n.name: n.value for n in fit.noises if n.kind == "process"}
     result = []
-    for i, place in enumerate(places):
-        name = f"load_{i + 1}"
-        T = fit.theta[f"{name}.T"]
-        size = float(np.sqrt(intensity.get(f"{name}.w", 0.0) * T / 2.0))
-        result.append(Load(name, place.names[0], place.names, T, size, place.unit))
+    for place in places:
+        T = fit.theta[place.time_constant]
+        size = float(np.sqrt(intensity.get(place.noise, 0.0) * T / 2.0))
+        result.append(Load(place.load, place.names[0], place.names, T, size, place.unit))
     return tuple(result)
 
 

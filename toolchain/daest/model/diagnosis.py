@@ -251,7 +251,8 @@ class Proof:
     tests rest on, and tells no agreement with data where there is a `final`, that without coloured ones,
     which is what is told. `explained` is the share of the load's size that vanished; `left` the form that the
     rest of the load follows best; `ahead` what it does to the prediction of unseen data; `adds_up` tells that
-    a whole simulation of the model is dead reckoning."""
+    a whole simulation of the model is dead reckoning; `steady_error` is that of simulated unseen data, each
+    with a constant load of its own, whitened."""
 
     candidate: Candidate
     flat: Model
@@ -275,9 +276,7 @@ class Proof:
     is_shown: bool = False  # by its simulation, by more than chance
     is_by_use: bool = False  # the deltas are those in use
     same_as: tuple[str, ...] = ()  # other laws that are the same equation on these recordings
-    steady_error: float | None = (
-        None  # of simulated unseen data, each with a constant load of its own, whitened
-    )
+    steady_error: float | None = None
 
     @property
     def told(self) -> FitResult:
@@ -313,7 +312,7 @@ class PlaceGain:
 @dataclass(frozen=True)
 class Diagnosis(Framed):
     """The result of `diagnose`. `has_loads`: the model as it is was fitted together with unknown loads;
-    `is_whole`: the time sufficed for all refits."""
+    `is_held`: its parameters were not estimated beside them; `is_whole`: the time sufficed for all refits."""
 
     verdict: VerdictName
     message: str
@@ -328,6 +327,7 @@ class Diagnosis(Framed):
     learned: LearnedLoad | None = None  # of an unknown effect
     unproved: tuple[Unproved, ...] = ()
     has_loads: bool = True
+    is_held: bool = False
     is_whole: bool = True
 
     def tables(self) -> tuple[Listing, ...]:

@@ -31,7 +31,6 @@ from daest.report.documents.parts import (
     errors_entry,
 )
 
-LOAD = "load_"  # the names of unknown loads begin so
 SCREENED = 20  # entries of the screen that are listed
 AS_IT_IS = (
     "The model as it is: its parameters refitted together with unknown loads (white noise in the errors told "
@@ -244,8 +243,7 @@ def _baseline(diagnosis: Diagnosis) -> Baseline:
     errors = errors_entry(diagnosis.baseline.simulated)
     if not diagnosis.has_loads:
         return {**errors}
-    own = [p for p in diagnosis.baseline.parameters if not p.name.startswith(LOAD)]
-    return {**errors, "remark": AS_IT_IS if own else FIXED}
+    return {**errors, "remark": FIXED if diagnosis.is_held else AS_IT_IS}
 
 
 def _screened(one: Screened) -> ScreenedEntry:
