@@ -20,6 +20,7 @@ from daest.model.parts import DerivedParameter, Equation, NoiseInput, Output, Pa
 from daest.modelica.balances import balances, needs_position
 from daest.modelica.connectors import DOMAINS, connectors_of
 from daest.modelica.effects import OWN, EffectModel, effect_model
+from daest.modelica.internal_forces import internal_force
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import connection_sets, fits
 from daest.near import near_names
@@ -188,6 +189,8 @@ class _Assembly:
             self._in_series(member, site.connectors[0])
         elif site.kind == "equation":
             self._as_term(member, site.name)
+        elif site.kind == "force":
+            self._beside_force(member, site.name)
         elif site.kind == "output":
             self._before_output(member, site.name)
         elif site.kind == "input":
@@ -397,6 +400,28 @@ class _Assembly:
             at = [x.name for x in self.unknowns].index(potential)
             self._tie(f"der({potential})", self.derivatives[at], variable.name, self.xi[balance.variable])
 
+    def _beside_force(self, member: _Member, name: str) -> None:
+        """The effect's flow becomes a term beside a force between bodies, its potential follows their
+        relative motion; the other end of an effect with two does not move."""
+        force = internal_force(self.flat, name)
+        *fixed, own = member.effect.connectors
+        flow, flow_symbol = member.local(own, 1)
+        for row, sign in force.signs:
+            old = self.equations[row]
+            left, _, right = old.text.partition(" = ")
+            text = f"{left} + {flow} = {right}" if sign > 0 else f"{left} = {right} + {flow}"
+            self.equations[row] = replace(old, text=text)
+            self.residual[row] = self.residual[row] + sign * flow_symbol
+        potential, symbol = member.local(own, 0)
+        shown = force.motion_text(self.flat) or f"motion at {name}"
+        if force.has_positions:
+            self._tie(potential, symbol, shown, force.motion(self.flat))
+        else:
+            at = [x.name for x in self.unknowns].index(potential)
+            self._tie(f"der({potential})", self.derivatives[at], shown, force.motion(self.flat))
+        for end in fixed:
+            self._tie(*member.local(end, 0), "0", ca.SX(0.0))
+
     def _tie(self, left: str, left_symbol: ca.SX, right: str, right_symbol: ca.SX) -> None:
         self.equations.append(Equation(f"{left} = {right}", "connection", ""))
         self.residual.append(left_symbol - right_symbol)
@@ -469,8 +494,9 @@ class _Assembly:
             found = {_owner(e.text.partition(" = ")[2]) for e in self.equations if _reads(e, site.name)}
             return found | self._shown_by(site)
         if site.kind == "equation":
-            terms = self.equations[int(site.name.partition(":")[0])].text
-            return {name for name in self._names if f" {name}." in terms}
+            return self._terms_of({int(site.name.partition(":")[0])})
+        if site.kind == "force":
+            return self._terms_of({row for row, _ in internal_force(self.flat, site.name).signs})
         if site.kind == "connector":
             joined = self.equations[self._flow_rows[site.connectors[0]]].origin.split(", ")
             return {_owner(name) for name in joined} if len(joined) == 2 else set()
@@ -478,6 +504,15 @@ class _Assembly:
             return self._joined_to(site.connectors)
         a, b = site.connectors
         return self._joined_to([a]) & self._joined_to([b])
+
+    def _terms_of(self, rows: set[int]) -> set[str]:
+        """Components of which something stands in these equations of the model, and in no other one."""
+        own = {
+            i: f" {e.text}" for i, e in enumerate(self.equations) if not e.origin and e.kind != "connection"
+        }
+        texts = [own[row] for row in rows]
+        shared = {name for name in self._names if all(f" {name}." in text for text in texts)}
+        return {n for n in shared if {i for i, text in own.items() if f" {n}." in text} == rows}
 
     def _shown_by(self, site: Site) -> set[str]:
         """The effect whose result is the output, if one was put there."""

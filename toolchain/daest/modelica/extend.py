@@ -18,10 +18,12 @@ from daest.modelica.balances import balances
 from daest.modelica.compile import compile_text
 from daest.modelica.compiler import modification
 from daest.modelica.effects import effect_model
+from daest.modelica.internal_forces import internal_force
 from daest.modelica.opened import (
     NotOpened,
     is_used_elsewhere,
     opened_balance,
+    opened_force,
     opened_input,
     opened_output,
     term_connector,
@@ -388,6 +390,8 @@ def _connect(draft: _Draft, placement: Placement, original: _Original) -> _Origi
     elif site.kind == "equation":
         original, end = _opened_balance(original, site)
         draft.connect(f"{name}.{effect.connectors[0]}", _reachable(original, (end,)))
+    elif site.kind == "force":
+        original = _beside_force(draft, placement, original)
     elif site.kind == "input":
         original = _behind_input(draft, placement, original)
     elif site.kind == "output":
@@ -404,13 +408,32 @@ def _opened_balance(original: _Original, site: Site) -> tuple[_Original, str]:
     """The model with a connector at a bare equation, and that connector."""
     flat = original.flat
     balance = next(b for b in balances(flat) if b.name(flat) == site.name)
-    end = term_connector(flat, balance, site.domain)
+    end = term_connector(flat, (balance.row,), site.domain)
     if end is not None:
         return original, end
     shown = f"the equation {flat.equations[balance.row].text}"
     with _opening(original, shown):
         source, end = opened_balance(original.source, flat, balance, site.domain, names_of(flat))
     return original.changed(source), end
+
+
+def _beside_force(draft: _Draft, placement: Placement, original: _Original) -> _Original:
+    """The model with a connector at a force between bodies, where the effect sits; the other end of an effect
+    with two is fixed."""
+    flat, name, domain = original.flat, placement.name, placement.site.domain
+    force = internal_force(flat, placement.site.name)
+    end = term_connector(flat, (row for row, _ in force.signs), domain)
+    if end is None:
+        with _opening(original, f"the equation {flat.equations[force.signs[0][0]].text}"):
+            source, end = opened_force(original.source, flat, force, names_of(flat))
+        original = original.changed(source)
+    *fixed, own = placement.effect.connectors
+    for one in fixed:
+        held = free_name(f"{name}_end", names_of(flat))
+        draft.declarations.append(f'Daest.Mechanics.{domain.capitalize()}.Components.Fixed {held} "At rest";')
+        draft.connect(f"{name}.{one}", f"{held}.flange")
+    draft.connect(f"{name}.{own}", end)
+    return original
 
 
 @contextmanager

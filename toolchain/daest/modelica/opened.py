@@ -2,7 +2,7 @@
 extends it can put something in. Nothing in it changes as long as nothing is put in.
 
 - A balance such as `m*der(v) = F - d*v` takes up the sum of what is connected to a component of Daest.Terms:
-  `m*der(v) + v_term.total = F - d*v`.
+  `m*der(v) + v_term.total = F - d*v`; so does an equation `F = c*(s1 - s2)` of a force between bodies.
 - The equations use an input through a variable of its own, whose binding an extension replaces.
 - An equation `y = …` of an output becomes its binding; an output that the equations use otherwise, as
   `der(y) = …`, is bound to a variable of its own that takes its place in them.
@@ -19,6 +19,7 @@ from daest.model.flat import FlatModel
 from daest.modelica.attach import ZERO_CELSIUS, free_name
 from daest.modelica.balances import Balance, needs_position
 from daest.modelica.connectors import connectors_of
+from daest.modelica.internal_forces import InternalForce
 from daest.modelica.outline import (
     CLOSE,
     OPEN,
@@ -70,11 +71,16 @@ def edited(source: bytes, edits: Iterable[Edit]) -> bytes:
 # Balances ---------------------------------------------------------------------------------------------------
 
 
-def term_connector(flat: FlatModel, balance: Balance, domain: Domain) -> str | None:
-    """The connector of the component of Daest.Terms that stands in the equation already."""
-    text = flat.equations[balance.row].text
-    ends = [n for n, c in connectors_of(flat.unknowns).items() if c.domain == domain]
-    return next((n for n in ends if f"{n.rpartition('.')[0]}.{_TOTAL}" in text.split()), None)
+def term_connector(flat: FlatModel, rows: Iterable[int], domain: Domain) -> str | None:
+    """The connector of the component of Daest.Terms that stands in these equations already, and in no other
+    one of the model itself."""
+    wanted = set(rows)
+    for end, connector in connectors_of(flat.unknowns).items():
+        total = f"{end.rpartition('.')[0]}.{_TOTAL}"
+        holding = {i for i, e in enumerate(flat.equations) if not e.origin and total in e.text.split()}
+        if connector.domain == domain and holding == wanted:
+            return end
+    return None
 
 
 def opened_balance(
@@ -82,25 +88,84 @@ def opened_balance(
 ) -> tuple[bytes, str]:
     """The text with a component of Daest.Terms in the equation of `balance`, and the connector of that
     component. Raises NotOpened."""
-    equation = flat.equations[balance.row]
     if domain not in _TERMS:
         raise NotOpened("balances a flow for which Daest.Terms has no class")
-    start = _offset(source, flat, equation.place)
-    if sum(e.place == equation.place for e in flat.equations) > 1:
-        raise NotOpened("stands for several equations (an array or a loop)")
-    _, words = _class_at(source, start)
-    left, right = _sides(words, start)
-    variable = flat.unknowns[balance.variable]
-    name = free_name(f"{_plain(variable.name)}_term", taken)
-    side = left if balance.sign > 0 else right
-    edits = [
-        *_with_term(side, f"{name}.{_TOTAL}"),
-        _declared(source, words, _term(flat, balance, domain, name)),
-    ]
-    return edited(source, edits), f"{name}.{_TERMS[domain][2]}"
+    name = free_name(f"{_plain(flat.unknowns[balance.variable].name)}_term", taken)
+    signs = ((balance.row, balance.sign),)
+    return _with_terms(source, flat, signs, _term(flat, balance, domain, name)), _end(name, domain)
 
 
-def _term(flat: FlatModel, balance: Balance, domain: Domain, name: str) -> str:
+def opened_force(
+    source: bytes, flat: FlatModel, force: InternalForce, taken: Iterable[str]
+) -> tuple[bytes, str]:
+    """The text with a component of Daest.Terms beside the force between bodies, and the connector of that
+    component. Raises NotOpened."""
+    motion = force.motion_text(flat)
+    if motion is None:
+        raise NotOpened("acts on a body with a factor that is neither a number nor a parameter")
+    held = force.bodies[0][0].variable if force.variable is None else force.variable
+    name = free_name(f"{_plain(flat.unknowns[held].name)}_term", taken)
+    kind, potential, _ = _TERMS[force.domain]
+    if not force.has_positions:
+        kind, potential = _OF_SPEED[force.domain]
+    about = f"Beside {flat.equations[force.signs[0][0]].text}"
+    term = _Term(name, f"{kind} {name}({potential} = {motion})", about)
+    return _with_terms(source, flat, force.signs, term), _end(name, force.domain)
+
+
+@dataclass(frozen=True)
+class _Term:
+    """A component of Daest.Terms: its name, its class with name and modification, and what it is for."""
+
+    name: str
+    declared: str
+    about: str
+
+    @property
+    def line(self) -> str:
+        about = self.about.replace("\\", "\\\\").replace('"', '\\"')
+        return f'Daest.Terms.{self.declared} "{about}";'
+
+
+def _end(name: str, domain: Domain) -> str:
+    return f"{name}.{_TERMS[domain][2]}"
+
+
+def _with_terms(source: bytes, flat: FlatModel, signs: Sequence[tuple[int, float]], term: _Term) -> bytes:
+    """The text with the sum of the term in every row of `signs`, on the left where the sign is positive."""
+    edits: list[Edit] = []
+    heads: set[ClassHead] = set()
+    words: list[Token] = []
+    for row, sign in signs:
+        equation = flat.equations[row]
+        start = _offset(source, flat, equation.place)
+        if sum(e.place == equation.place for e in flat.equations) > 1:
+            raise NotOpened("stands for several equations (an array or a loop)")
+        head, words = _class_at(source, start)
+        heads.add(head)
+        if equation.kind == "binding":
+            side = _binding_at(words, start, equation.text.partition(" = ")[0])
+        else:
+            side = _sides(words, start)[0 if sign > 0 else 1]
+        edits += _with_term(side, f"{term.name}.{_TOTAL}")
+    if len(heads) > 1:
+        raise NotOpened("stands in equations of several classes")
+    return edited(source, [*edits, _declared(source, words, term.line)])
+
+
+def _binding_at(words: Sequence[Token], start: int, name: str) -> list[Token]:
+    """The expression of the declaration of the variable behind the byte `start`."""
+    at = next((i for i, w in enumerate(words) if w.start >= start and w.text == name), None)
+    if at is None:
+        raise NotOpened("is a declaration that cannot be found in the text")
+    end = _behind_declarator(words, at)
+    found = _bound(words, next(i for i, w in enumerate(words) if w.start >= end))
+    if not found:
+        raise NotOpened("is given by no equation of its own")
+    return found
+
+
+def _term(flat: FlatModel, balance: Balance, domain: Domain, name: str) -> _Term:
     variable, text = flat.unknowns[balance.variable], flat.equations[balance.row].text
     kind, potential, _ = _TERMS[domain]
     shown = variable.name
@@ -110,8 +175,7 @@ def _term(flat: FlatModel, balance: Balance, domain: Domain, name: str) -> str:
         kind, potential = _OF_SPEED[domain]
     elif variable.unit == "degC":
         shown = f"{shown} + {ZERO_CELSIUS}"
-    about = text.replace("\\", "\\\\").replace('"', '\\"')
-    return f'Daest.Terms.{kind} {name}({potential} = {shown}) "Term of {about}";'
+    return _Term(name, f"{kind} {name}({potential} = {shown})", f"Term of {text}")
 
 
 def _sides(words: Sequence[Token], start: int) -> tuple[list[Token], list[Token]]:

@@ -45,7 +45,7 @@ def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
         return {p.name: _of_signal(p, unit) for p in effect.parameters}
     if site.kind == "equation":
         balance = _balance_of(flat, site)
-        if balance is not None and not _balances_flows(flat, balance, site.domain):
+        if balance is not None and not balances_flows(flat, balance, site.domain):
             own = (flat.unknowns[balance.variable].unit, "s")
             return {p.name: p.unit if _is_made_of(p.unit, own) else "" for p in effect.parameters}
         if balance is not None and balance.is_level(flat):
@@ -56,7 +56,7 @@ def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
 def flow_unit(flat: FlatModel, site: Site) -> str:
     """Unit of the terms of the bare equation at `site` where they are flows of its domain, else empty."""
     balance = _balance_of(flat, site)
-    return _FLOWS[site.domain] if balance is not None and _balances_flows(flat, balance, site.domain) else ""
+    return _FLOWS[site.domain] if balance is not None and balances_flows(flat, balance, site.domain) else ""
 
 
 def _balance_of(flat: FlatModel, site: Site) -> Balance | None:
@@ -76,7 +76,7 @@ def _of_signal(parameter: EffectParameter, unit: str) -> str:
     return (f"({unit})" if "/" in unit else unit) + written.removeprefix(_SIGNAL)
 
 
-def _balances_flows(flat: FlatModel, balance: Balance, domain: Domain) -> bool:
+def balances_flows(flat: FlatModel, balance: Balance, domain: Domain) -> bool:
     """Whether the terms of the equation have the unit of the domain's flow, as the units of the variables
     and parameters in the factor of the rate tell.
 

@@ -14,6 +14,7 @@ from daest.model.effects import Domain, Effect, Site
 from daest.model.flat import FlatModel, Model
 from daest.modelica.balances import balances, slopes_near_start
 from daest.modelica.connectors import Connector, connectors_of
+from daest.modelica.internal_forces import internal_forces
 from daest.near import near_names
 
 # Rows of a component are linearised at a random point; a combination of rows is found with this relative
@@ -40,8 +41,8 @@ class ConnectionSet:
 
 def sites(flat: Model) -> tuple[Site, ...]:
     """All places of the model: nodes, two-terminal components, pairs of thermal and hydraulic nodes,
-    connectors where something can be put in series, balances of bare equations, inputs, outputs and tunable
-    parameters. A model without equations has inputs and outputs alone."""
+    connectors where something can be put in series, balances of bare equations and forces in
+    them, inputs, outputs and tunable parameters. A model without equations has inputs and outputs alone."""
     signals = (
         *(Site(x.name, "input", "signal") for x in flat.inputs),
         *(Site(y.name, "output", "signal") for y in flat.outputs),
@@ -56,6 +57,7 @@ def sites(flat: Model) -> tuple[Site, ...]:
         *_pairs(net),
         *net.cuts(),
         *_equations(flat),
+        *_forces(flat),
         *signals,
         *(Site(name, "parameter", "signal") for name in _used_parameters(flat)),
     )
@@ -72,6 +74,14 @@ def _equations(flat: FlatModel, domain: Domain | None = None) -> list[Site]:
             aliases = (flat.equations[balance.row].text, flat.unknowns[balance.variable].name)
             found.append(Site(balance.name(flat), "equation", own, aliases=aliases))
     return found
+
+
+def _forces(flat: FlatModel) -> list[Site]:
+    """Forces between the bodies of the model's own equations."""
+    return [
+        Site(force.name(flat), "force", force.domain, aliases=force.aliases(flat))
+        for force in internal_forces(flat)
+    ]
 
 
 def _used_parameters(flat: FlatModel) -> list[str]:
@@ -92,7 +102,7 @@ def fits(effect: Effect, site: Site) -> bool:
     if site.kind == "connector":
         return effect.attach == "series"
     if effect.attach == "connector":
-        return effect.has_support and site.kind == "component"
+        return effect.has_support and site.kind in ("component", "force")
     return effect.attach == "parallel" and all(
         not p.required or p.given_from in site.parameters for p in effect.parameters
     )
@@ -113,6 +123,8 @@ def find_site(flat: Model, name: str, effect: Effect | None = None) -> Site:
     if effect is not None and isinstance(flat, FlatModel):
         # Without a unit the effect tells the domain; what was put in elsewhere changes the number of a row.
         own, variable = _equations(flat, effect.domain), wanted.rpartition(":")[2]
+        bodies = ", ".join(part.rpartition(":")[2] for part in wanted.split(", "))
+        found += [s for s in known if s.kind == "force" and bodies == s.aliases[-1] and s not in found]
         found += [s for s in own if wanted == s.name] or [
             s for s in own if variable == s.aliases[1] and fits(effect, s)
         ]

@@ -1,0 +1,156 @@
+"""Effects beside the forces between the bodies of bare equations, against the motion by scipy."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from daest.errors import ModelError
+from daest.modelica.attach import attach
+from daest.modelica.compile import compile_model, compile_text
+from daest.modelica.effects import find_effect
+from daest.modelica.extend import extend_model
+from daest.modelica.sites import find_site, fits, sites
+from daest.systems.simulate import simulate
+
+HEAD = """model Two
+  parameter Real m1(unit = "kg") = 2;
+  parameter Real m2(unit = "kg") = 3;
+  parameter Real c(unit = "N/m") = 40;
+  parameter Real d(unit = "N.s/m") = 0.5;
+  input Real u(unit = "N");
+  output Real y1(unit = "m") = s1;
+  output Real y2(unit = "m") = s2;
+  Real s1(unit = "m", start = 0, fixed = true);
+  Real s2(unit = "m", start = 0, fixed = true);
+  Real v1(unit = "m/s", start = 0, fixed = true);
+  Real v2(unit = "m/s", start = 0, fixed = true);
+"""
+MOTION = "equation\n  der(s1) = v1;\n  der(s2) = v2;\n"
+BALANCES = "  m1*der(v1) = u - F;\n  m2*der(v2) = F;\nend Two;\n"
+SPRING = "c*(s1 - s2) + d*(v1 - v2)"
+GIVEN = f'{HEAD}  Real F(unit = "N");\n{MOTION}  F = {SPRING};\n{BALANCES}'
+BEHIND = f'{HEAD}  Real F(unit = "N");\n{MOTION}  {SPRING} = F;\n{BALANCES}'
+BOUND = f'{HEAD}  Real F(unit = "N") = {SPRING} "Coupling";\n{MOTION}{BALANCES}'
+WITHIN = f"{HEAD}{MOTION}  m1*der(v1) = u - {SPRING.replace('+', '-')};\n  m2*der(v2) = {SPRING};\nend Two;\n"
+RATES = GIVEN.replace("m1*der(v1) = u - F", "der(v1) = (u - F)/m1").replace(
+    "m2*der(v2) = F", "der(v2) = F/m2"
+)
+FORMS = {"given": GIVEN, "behind": BEHIND, "bound": BOUND, "within": WITHIN, "rates": RATES}
+
+BELT = """model Belt
+  parameter Real J1(unit = "kg.m2") = 0.2;
+  parameter Real J2(unit = "kg.m2") = 0.5;
+  parameter Real r1(unit = "m") = 0.1;
+  parameter Real c(unit = "N/m") = 900;
+  input Real u(unit = "N.m");
+  output Real y1(unit = "rad/s") = w1;
+  output Real y2(unit = "rad/s") = w2;
+  Real e(unit = "m", start = 0, fixed = true);
+  Real w1(unit = "rad/s", start = 0, fixed = true);
+  Real w2(unit = "rad/s", start = 0, fixed = true);
+  Real F(unit = "N");
+equation
+  der(e) = r1*w1 - 0.3*w2;
+  F = c*e;
+  J1*der(w1) = u - r1*F;
+  J2*der(w2) = 0.3*F;
+end Belt;
+"""
+
+
+def simulated(flat):
+    """The outputs after 2 s under a force or torque of 1.5."""
+    return simulate(flat, (np.linspace(0.0, 2.0, 41), np.full((41, 1), 1.5))).outputs[-1]
+
+
+def two_bodies(law):
+    """The same of the two bodies with the force law(x, v) beside their spring."""
+
+    def rate(_, state):
+        s1, s2, v1, v2 = state
+        force = 40 * (s1 - s2) + 0.5 * (v1 - v2) + law(s1 - s2, v1 - v2)
+        return [v1, v2, (1.5 - force) / 2, force / 3]
+
+    return solve_ivp(rate, (0.0, 2.0), [0.0] * 4, method="Radau", rtol=1e-9, atol=1e-12).y[:2, -1]
+
+
+LAWS = {
+    "Translational.ViscousFriction": ({"d": 6.0}, lambda x, v: 6.0 * v),
+    "Translational.HardeningSpring": ({"c3": 4e4}, lambda x, v: 4e4 * x**3),
+    "Translational.CoulombFriction": ({"f_c": 0.4, "v_s": 0.01}, lambda x, v: 0.4 * np.tanh(v / 0.01)),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("class_name", LAWS)
+def test_effect_beside_a_force_is_driven_by_the_relative_motion(tmp_path, form, class_name):
+    values, law = LAWS[class_name]
+    path = tmp_path / "Two.mo"
+    path.write_text(FORMS[form])
+    flat, effect = compile_model(path), find_effect(class_name)
+    (site,) = [s for s in sites(flat) if s.kind == "force"]
+    assert fits(effect, site)
+    expected = two_bodies(law)
+    assert not np.allclose(expected, two_bodies(lambda x, v: 0.0), rtol=1e-3)
+    attached = simulated(attach(flat, effect, site, values=values))
+    np.testing.assert_allclose(attached, expected, rtol=1e-5)
+    written = extend_model(path, None, effect, site, values=values)
+    np.testing.assert_allclose(simulated(written.flat), expected, rtol=1e-5)
+
+
+def test_belt_slips_at_the_difference_of_the_rim_speeds(tmp_path):
+    path = tmp_path / "Belt.mo"
+    path.write_text(BELT)
+    flat, effect = compile_model(path), find_effect("Translational.ViscousFriction")
+    (site,) = [s for s in sites(flat) if s.kind == "force"]
+
+    def rate(_, state):
+        e, w1, w2 = state
+        slip = 0.1 * w1 - 0.3 * w2
+        force = 900 * e + 20.0 * slip
+        return [slip, (1.5 - 0.1 * force) / 0.2, 0.3 * force / 0.5]
+
+    expected = solve_ivp(rate, (0.0, 2.0), [0.0] * 3, method="Radau", rtol=1e-9, atol=1e-12).y[1:, -1]
+    np.testing.assert_allclose(simulated(attach(flat, effect, site, values={"d": 20.0})), expected, rtol=1e-5)
+    written = extend_model(path, None, effect, site, values={"d": 20.0})
+    assert "ForceOfSpeed F_term(v = r1*w1 - 0.3" in written.text
+    np.testing.assert_allclose(simulated(written.flat), expected, rtol=1e-5)
+
+
+def test_two_effects_beside_a_force_and_one_at_a_body_keep_their_places(tmp_path):
+    """The second at the force joins the first; that at the body is none of them, though it stands beside."""
+    path, model, expected = tmp_path / "Two.mo", "Two", compile_text(WITHIN.encode(), Path("Two.mo"))
+    path.write_text(WITHIN)
+    for name, place in (
+        ("ViscousFriction", "v1, v2"),
+        ("CoulombFriction", "v1, v2"),
+        ("ViscousFriction", "v1"),
+    ):
+        effect = find_effect(f"Translational.{name}")
+        site = find_site(expected, place, effect)
+        expected = attach(expected, effect, site)
+        made = extend_model(path, model, effect, find_site(compile_model(path, model), site.name, effect))
+        path, model = tmp_path / f"{made.class_name}.mo", made.class_name
+        path.write_text(made.text)
+    assert made.text.count("(s = s1 - s2)") == made.text.count("(s = s1)") == 1
+    np.testing.assert_allclose(simulated(made.flat), simulated(expected), rtol=1e-6)
+    with pytest.raises(ModelError, match="effect-present"):
+        attach(expected, effect, site)
+
+
+def test_what_is_no_force_between_bodies_is_no_place():
+    """A weight acts on both with one sign, a drag on one alone, and a ratio is not a force."""
+    text = HEAD + MOTION
+    text += "  m1*der(v1) = u - d*v1 - m1*c;\n  m2*der(v2) = -m2*c;\nend Two;\n"
+    assert not [s for s in sites(compile_text(text.encode(), Path("Two.mo"))) if s.kind == "force"]
+
+
+def test_factor_that_is_no_parameter_cannot_be_written(tmp_path):
+    path = tmp_path / "Belt.mo"
+    path.write_text(BELT.replace("r1*F", "r1*r1/0.1*F").replace("r1*w1", "r1*r1/0.1*w1"))
+    flat, effect = compile_model(path), find_effect("Translational.ViscousFriction")
+    (site,) = [s for s in sites(flat) if s.kind == "force"]
+    with pytest.raises(ModelError, match="neither a number nor a parameter"):
+        extend_model(path, None, effect, site)

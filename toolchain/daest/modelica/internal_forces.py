@@ -1,0 +1,210 @@
+"""Forces between the bodies of a model that is written as bare equations: those that a variable holds, as F
+in `F = c*(s1 - s2)`, `m1*der(v1) = u - F` and `m2*der(v2) = F`, and those that stand in the balances.
+
+What does work against such a force is the relative motion of the bodies. Of a force that acts with the
+factors a on bodies with the speeds v, the power is the sum of a*v*F, so that an effect beside it sees the
+speed which is the sum of -a*v: for the spring above v1 - v2, for a belt on two pulleys r1*w1 - r2*w2."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from daest.model.effects import Domain
+from daest.model.flat import FlatModel
+from daest.modelica.balances import Balance, balances, slopes_near_start
+from daest.modelica.place_units import balances_flows
+from daest.modelica.text import number_text
+from daest.quantities import dimensions
+
+_FORCES: dict[Domain, str] = {"translational": "N", "rotational": "N.m"}
+_N_POINTS = 3  # at which a parameter must act on two bodies alike
+_TOLERANCE = 1e-9  # relative, of what rounding alone makes differ
+_SEED = 20040102
+
+
+@dataclass(frozen=True)
+class InternalForce:
+    """The force that equation `row` gives to unknown `variable`, or that stands in the balances of two
+    `bodies` where these are None. `bodies` are the balances with the factors, expressions of the parameters,
+    by which their speeds sum up to that of the relative motion; `signs` the equations that the flow of an
+    effect enters, each with its factor in the residual."""
+
+    domain: Domain
+    bodies: tuple[tuple[Balance, ca.SX], ...]
+    signs: tuple[tuple[int, float], ...]
+    row: int | None = None
+    variable: int | None = None
+
+    def name(self, flat: FlatModel) -> str:
+        if self.row is not None and self.variable is not None:
+            return f"{self.row}:{flat.unknowns[self.variable].name}"
+        return ", ".join(body.name(flat) for body, _ in self.bodies)
+
+    def aliases(self, flat: FlatModel) -> tuple[str, ...]:
+        if self.row is not None and self.variable is not None:
+            return flat.equations[self.row].text, flat.unknowns[self.variable].name
+        return (", ".join(flat.unknowns[body.variable].name for body, _ in self.bodies),)
+
+    @property
+    def has_positions(self) -> bool:
+        """Whether every body has a position; else their speeds alone are known."""
+        return all(body.position >= 0 for body, _ in self.bodies)
+
+    def motion(self, flat: FlatModel) -> ca.SX:
+        """The relative position, or the relative speed where a body has no position."""
+        return sum((factor * flat.xi[i] for i, factor in self._terms()), start=ca.SX(0.0))
+
+    def motion_text(self, flat: FlatModel) -> str | None:
+        """The same as Modelica writes it; None where a factor is neither a number nor a parameter."""
+        text = ""
+        terms = [(_printed(factor, flat), flat.unknowns[i].name) for i, factor in self._terms()]
+        for (sign, factor), variable in sorted(terms, key=lambda term: term[0][0]):  # what is added first
+            if factor is None:
+                return None
+            own = f"{factor}*{variable}" if factor else variable
+            text += f" {sign} {own}" if text else own if sign == "+" else f"-{own}"
+        return text
+
+    def _terms(self) -> Iterator[tuple[int, ca.SX]]:
+        for body, factor in self.bodies:
+            yield body.position if self.has_positions else body.variable, factor
+
+
+def internal_forces(flat: FlatModel) -> list[InternalForce]:
+    """Forces between bodies in the model's own equations, one of those that the same motion drives."""
+    bodies = [b for b in balances(flat) if b.domain(flat) in _FORCES]
+    if len(bodies) < 2:
+        return []
+    found: list[InternalForce] = []
+    for force in (*_given_by_equations(flat, bodies), *_in_balances(flat, bodies)):
+        if not any(_is_same_motion(force, other, flat) for other in found):
+            found.append(force)
+    return found
+
+
+def internal_force(flat: FlatModel, name: str) -> InternalForce:
+    """That of this name."""
+    return next(force for force in internal_forces(flat) if force.name(flat) == name)
+
+
+def _given_by_equations(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[InternalForce]:
+    slopes = slopes_near_start(flat)
+    rows = {body.row for body in bodies}
+    kinetic = {i for body in bodies for i in (body.variable, body.position)}
+    laws = [
+        i
+        for i, e in enumerate(flat.equations)
+        if e.kind in ("component", "binding") and not e.origin and i not in rows and np.any(slopes[i])
+    ]
+    for variable, unknown in enumerate(flat.unknowns):
+        domain = next((d for d, unit in _FORCES.items() if _is_unit(unknown.unit, unit)), None)
+        if domain is None or variable in kinetic:
+            continue
+        own = [row for row in laws if abs(slopes[row, variable]) == 1.0 and not _is_definition(slopes[row])]
+        acting = _acting(flat, bodies, variable, domain)
+        if len(own) == 1 and len(acting) >= 2:
+            sign = -float(slopes[own[0], variable])
+            yield InternalForce(domain, acting, ((own[0], sign),), own[0], variable)
+
+
+def _is_unit(unit: str, wanted: str) -> bool:
+    return bool(unit) and dimensions(unit) == dimensions(wanted)
+
+
+def _is_definition(slopes: np.ndarray) -> bool:
+    """Whether the row says that two variables are equal but for their signs."""
+    used = slopes[slopes != 0.0]
+    return len(used) == 2 and bool(np.all(np.abs(used) == 1.0))
+
+
+def _acting(
+    flat: FlatModel, bodies: Sequence[Balance], variable: int, domain: Domain
+) -> tuple[tuple[Balance, ca.SX], ...]:
+    """The bodies in whose balances the unknown stands with a factor that only parameters change, and what
+    their speeds are multiplied by; none where it stands in one of them otherwise."""
+    symbol, moving = flat.xi[variable], ca.vertcat(flat.xi, flat.derivatives, flat.u, flat.w, flat.time)
+    found: list[tuple[Balance, ca.SX]] = []
+    for body in bodies:
+        factor = ca.simplify(ca.jacobian(flat.residual[body.row], symbol))
+        if factor.is_zero():
+            continue
+        if ca.depends_on(factor, moving):
+            return ()
+        own = body.domain(flat)
+        assert own is not None
+        if not balances_flows(flat, body, own):
+            if own != domain:
+                return ()
+            # The terms are accelerations: the factor has the mass in it, and tells the direction alone.
+            value = float(ca.Function("factor", [flat.theta], [factor])(flat.theta_values))
+            factor = ca.SX(float(np.sign(value)))
+        found.append((body, ca.simplify(body.sign * factor)))
+    return tuple(found)
+
+
+def _in_balances(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[InternalForce]:
+    """Forces that a parameter tells: it acts on two bodies with opposite signs, and with what moves both."""
+    heavy = [body for body in bodies if balances_flows(flat, body, body.domain(flat) or "signal")]
+    if len(heavy) < 2:
+        return
+    acts, follows = _actions(flat, heavy)
+    for k in range(acts.shape[1]):
+        one, *others = np.flatnonzero(np.any(acts[:, k], axis=1)).tolist() or [-1]
+        if len(others) != 1:
+            continue
+        pair, actions = (one, others[0]), acts[:, k]
+        is_opposite = np.allclose(actions[one], -actions[others[0]], rtol=_TOLERANCE, atol=0.0)
+        domains = {heavy[i].domain(flat) for i in pair}
+        if is_opposite and len(domains) == 1 and all(follows[i, k, j] for i in pair for j in pair):
+            a, b = (heavy[i] for i in pair)
+            domain = a.domain(flat)
+            assert domain is not None
+            signs = ((a.row, a.sign), (b.row, -b.sign))
+            yield InternalForce(domain, ((a, ca.SX(1.0)), (b, ca.SX(-1.0))), signs)
+
+
+def _actions(flat: FlatModel, bodies: Sequence[Balance]) -> tuple[np.ndarray, np.ndarray]:
+    """The slopes of the bodies' balances over the parameters at random points, (n_bodies, n_theta, n_points),
+    and whether they change with the motion of a body, (n_bodies, n_theta, n_bodies)."""
+    rows = ca.vertcat(*(body.sign * flat.residual[body.row] for body in bodies))
+    slopes = ca.jacobian(rows, flat.theta)
+    everything = [flat.xi, flat.derivatives, flat.u, flat.w]
+    evaluate = ca.Function("slopes", [*everything, flat.theta, flat.time], [slopes])
+    rng = np.random.default_rng(_SEED)
+    values = [
+        evaluate(*(rng.uniform(0.5, 1.5, x.numel()) for x in everything), flat.theta_values, 0.7).full()
+        for _ in range(_N_POINTS)
+    ]
+    acts = np.nan_to_num(np.stack(values, axis=-1))
+    follows = np.zeros((len(bodies), flat.theta.numel(), len(bodies)), dtype=bool)
+    for j, body in enumerate(bodies):
+        own = [flat.xi[i] for i in (body.variable, body.position) if i >= 0]
+        for i, k in np.argwhere(np.any(acts, axis=2)):
+            follows[i, k, j] = ca.depends_on(slopes[int(i), int(k)], ca.vertcat(*own))
+    return acts, follows
+
+
+def _is_same_motion(one: InternalForce, other: InternalForce, flat: FlatModel) -> bool:
+    """Whether the relative motions are the same but for their sign."""
+    values = []
+    for force in (one, other):
+        evaluate = ca.Function("motion", [flat.theta], [ca.jacobian(force.motion(flat), flat.xi)])
+        values.append(evaluate(flat.theta_values).full().ravel())
+    a, b = values
+    return any(np.allclose(a, sign * b, rtol=_TOLERANCE, atol=0.0) for sign in (1.0, -1.0))
+
+
+def _printed(factor: ca.SX, flat: FlatModel) -> tuple[str, str | None]:
+    """The sign of a factor and its size: empty for one, a number or a parameter, None for anything else."""
+    if factor.is_constant():
+        value = float(factor)
+        return "-" if value < 0.0 else "+", "" if abs(value) == 1.0 else number_text(abs(value))
+    for k, parameter in enumerate(flat.parameters):
+        for sign, symbol in (("+", flat.theta[k]), ("-", -flat.theta[k])):
+            if ca.is_equal(factor, symbol, 2):
+                return sign, parameter.name
+    return "+", None
