@@ -442,11 +442,9 @@ def _error_ratio(evidence: Evidence, proof: Proof) -> float:
 
 
 def _told(evidence: Evidence, proof: Proof) -> tuple[FitResult, FitResult]:
-    """The fits without and with the effect, on the same terms: without coloured loads where both are known
-    so, else beside them."""
-    if evidence.told is None or proof.final is None:
-        return evidence.baseline, proof.fit
-    return evidence.told, proof.final
+    """The fits without and with the effect that are told, as in the table: without coloured loads where they
+    are known so."""
+    return evidence.told or evidence.baseline, proof.final or proof.fit
 
 
 def _is_coloured(loads: Loads) -> bool:
