@@ -11,7 +11,16 @@ Domain = Literal["rotational", "translational", "electrical", "thermal", "hydrau
 Attachment = Literal["connector", "parallel", "series", "signal", "input", "output", "parameter"]
 ParameterRole = Literal["size", "shape", "sharpness", "given"]
 SiteKind = Literal[
-    "node", "component", "pair", "connector", "equation", "force", "input", "output", "parameter"
+    "node",
+    "component",
+    "pair",
+    "connector",
+    "equation",
+    "exchange",
+    "force",
+    "input",
+    "output",
+    "parameter",
 ]
 
 
@@ -97,10 +106,11 @@ class Site:
     `connectors` are, by `kind`: "node" the connectors at it (those on both sides of a rigid body count as
     one node); "component" and "pair" the two ends a and b; "connector" that connector alone. An "input",
     "output" or "parameter" has none, its name is the variable's. An "equation" is a balance of a model
-    without connectors, called `7:v` by its index and the variable whose rate it gives; a "force" acts between
-    the bodies of such balances, called `4:F` by the equation that gives it or by the balances in which it
-    stands. `aliases` are other names for the same place; `parameters` the names, seen from the component, of
-    what its own parameters are called.
+    without connectors, called `7:v` by its index and the variable whose rate it gives; an "exchange" is
+    between two such balances of heat or volume, called by both; a "force" acts between the bodies of such
+    balances, called `4:F` by the equation that gives it or by the balances in which it stands. `aliases` are
+    other names for the same place; `parameters` the names, seen from the component, of what its own
+    parameters are called.
     """
 
     name: str

@@ -188,7 +188,10 @@ class _Assembly:
         elif site.kind == "connector":
             self._in_series(member, site.connectors[0])
         elif site.kind == "equation":
-            self._as_term(member, site.name)
+            self._as_term(member, effect.connectors[0], site.name)
+        elif site.kind == "exchange":
+            for own, name in zip(effect.connectors, site.name.split(", "), strict=True):
+                self._as_term(member, own, name)
         elif site.kind == "force":
             self._beside_force(member, site.name)
         elif site.kind == "output":
@@ -378,10 +381,10 @@ class _Assembly:
                         self._potential_rows.setdefault(name, []).append(i)
         return self._potential_rows
 
-    def _as_term(self, member: _Member, name: str) -> None:
-        """The effect's flow becomes a term of a balance, its potential follows the balanced variable."""
+    def _as_term(self, member: _Member, own: str, name: str) -> None:
+        """The flow into the effect's connector `own` becomes a term of a balance, its potential follows the
+        balanced variable."""
         balance = next(b for b in balances(self.flat) if b.name(self.flat) == name)
-        own = member.effect.connectors[0]
         flow, flow_symbol = member.local(own, 1)
         old = self.equations[balance.row]
         left, _, right = old.text.partition(" = ")
@@ -495,6 +498,8 @@ class _Assembly:
             return found | self._shown_by(site)
         if site.kind == "equation":
             return self._terms_of({int(site.name.partition(":")[0])})
+        if site.kind == "exchange":
+            return self._terms_of({int(name.partition(":")[0]) for name in site.name.split(", ")})
         if site.kind == "force":
             return self._terms_of({row for row, _ in internal_force(self.flat, site.name).signs})
         if site.kind == "connector":

@@ -11,10 +11,10 @@ from pathlib import Path
 import casadi as ca
 
 from daest.errors import ModelError
-from daest.model.effects import Effect, Placement, Site
+from daest.model.effects import Domain, Effect, Placement, Site
 from daest.model.flat import FlatModel
 from daest.modelica.attach import attach, component_name, free_name, given_source, names_of
-from daest.modelica.balances import balances
+from daest.modelica.balances import Balance, balances
 from daest.modelica.compile import compile_text
 from daest.modelica.compiler import modification
 from daest.modelica.effects import effect_model
@@ -204,7 +204,7 @@ def extend_by_curve(
         )
     ends: tuple[str, ...] = (load.place, *node.connectors)
     if node.kind == "equation":
-        original, end = _opened_balance(original, node)
+        original, end = _opened_balance(original, node.name, node.domain)
         ends = (end,)
     component = free_name(_LEARNED, names_of(original.flat))
     draft = _Draft(changes=_changes(parameters))
@@ -388,8 +388,15 @@ def _connect(draft: _Draft, placement: Placement, original: _Original) -> _Origi
     elif site.kind == "connector":
         _in_series(draft, placement, original)
     elif site.kind == "equation":
-        original, end = _opened_balance(original, site)
+        original, end = _opened_balance(original, site.name, site.domain)
         draft.connect(f"{name}.{effect.connectors[0]}", _reachable(original, (end,)))
+    elif site.kind == "exchange":
+        variables = [part.rpartition(":")[2] for part in site.name.split(", ")]
+        for own, variable in zip(effect.connectors, variables, strict=True):
+            # What has been opened before changes the number of an equation.
+            opened = next(b for b in balances(original.flat) if _variable(original.flat, b) == variable)
+            original, end = _opened_balance(original, opened.name(original.flat), site.domain)
+            draft.connect(f"{name}.{own}", end)
     elif site.kind == "force":
         original = _beside_force(draft, placement, original)
     elif site.kind == "input":
@@ -404,16 +411,20 @@ def _connect(draft: _Draft, placement: Placement, original: _Original) -> _Origi
     return original
 
 
-def _opened_balance(original: _Original, site: Site) -> tuple[_Original, str]:
+def _variable(flat: FlatModel, balance: Balance) -> str:
+    return flat.unknowns[balance.variable].name
+
+
+def _opened_balance(original: _Original, place: str, domain: Domain) -> tuple[_Original, str]:
     """The model with a connector at a bare equation, and that connector."""
     flat = original.flat
-    balance = next(b for b in balances(flat) if b.name(flat) == site.name)
-    end = term_connector(flat, (balance.row,), site.domain)
+    balance = next(b for b in balances(flat) if b.name(flat) == place)
+    end = term_connector(flat, (balance.row,), domain)
     if end is not None:
         return original, end
     shown = f"the equation {flat.equations[balance.row].text}"
     with _opening(original, shown):
-        source, end = opened_balance(original.source, flat, balance, site.domain, names_of(flat))
+        source, end = opened_balance(original.source, flat, balance, domain, names_of(flat))
     return original.changed(source), end
 
 

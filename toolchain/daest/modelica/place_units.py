@@ -43,8 +43,8 @@ def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
         known = {x.name: x.unit for x in flat.inputs} | {y.name: y.unit for y in flat.outputs}
         unit = known.get(site.name, "")
         return {p.name: _of_signal(p, unit) for p in effect.parameters}
-    if site.kind == "equation":
-        balance = _balance_of(flat, site)
+    if site.kind in ("equation", "exchange"):
+        balance = _balance_of(flat, site.name.split(", ")[0])
         if balance is not None and not balances_flows(flat, balance, site.domain):
             own = (flat.unknowns[balance.variable].unit, "s")
             return {p.name: p.unit if _is_made_of(p.unit, own) else "" for p in effect.parameters}
@@ -55,12 +55,12 @@ def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
 
 def flow_unit(flat: FlatModel, site: Site) -> str:
     """Unit of the terms of the bare equation at `site` where they are flows of its domain, else empty."""
-    balance = _balance_of(flat, site)
+    balance = _balance_of(flat, site.name)
     return _FLOWS[site.domain] if balance is not None and balances_flows(flat, balance, site.domain) else ""
 
 
-def _balance_of(flat: FlatModel, site: Site) -> Balance | None:
-    return next((b for b in balances(flat) if b.name(flat) == site.name), None)
+def _balance_of(flat: FlatModel, name: str) -> Balance | None:
+    return next((b for b in balances(flat) if b.name(flat) == name), None)
 
 
 def _of_signal(parameter: EffectParameter, unit: str) -> str:

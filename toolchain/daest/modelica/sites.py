@@ -15,6 +15,7 @@ from daest.model.flat import FlatModel, Model
 from daest.modelica.balances import balances, slopes_near_start
 from daest.modelica.connectors import Connector, connectors_of
 from daest.modelica.internal_forces import internal_forces
+from daest.modelica.place_units import balances_flows
 from daest.near import near_names
 
 # Rows of a component are linearised at a random point; a combination of rows is found with this relative
@@ -57,6 +58,7 @@ def sites(flat: Model) -> tuple[Site, ...]:
         *_pairs(net),
         *net.cuts(),
         *_equations(flat),
+        *_exchanges(flat),
         *_forces(flat),
         *signals,
         *(Site(name, "parameter", "signal") for name in _used_parameters(flat)),
@@ -73,6 +75,21 @@ def _equations(flat: FlatModel, domain: Domain | None = None) -> list[Site]:
         if own is not None:
             aliases = (flat.equations[balance.row].text, flat.unknowns[balance.variable].name)
             found.append(Site(balance.name(flat), "equation", own, aliases=aliases))
+    return found
+
+
+def _exchanges(flat: FlatModel) -> list[Site]:
+    """Pairs of balances of heat or volume among the model's own equations."""
+    found: list[Site] = []
+    known = [b for b in balances(flat) if b.domain(flat) in _PAIRED]
+    for a, b in combinations(known, 2):
+        domain = a.domain(flat)
+        if domain is None or domain != b.domain(flat) or a.is_level(flat) != b.is_level(flat):
+            continue
+        if balances_flows(flat, a, domain) and balances_flows(flat, b, domain):
+            variables = ", ".join(flat.unknowns[one.variable].name for one in (a, b))
+            name = f"{a.name(flat)}, {b.name(flat)}"
+            found.append(Site(name, "exchange", domain, aliases=(variables,)))
     return found
 
 
@@ -124,7 +141,8 @@ def find_site(flat: Model, name: str, effect: Effect | None = None) -> Site:
         # Without a unit the effect tells the domain; what was put in elsewhere changes the number of a row.
         own, variable = _equations(flat, effect.domain), wanted.rpartition(":")[2]
         bodies = ", ".join(part.rpartition(":")[2] for part in wanted.split(", "))
-        found += [s for s in known if s.kind == "force" and bodies == s.aliases[-1] and s not in found]
+        between = [s for s in known if s.kind in ("exchange", "force") and s not in found]
+        found += [s for s in between if bodies == s.aliases[-1]]
         found += [s for s in own if wanted == s.name] or [
             s for s in own if variable == s.aliases[1] and fits(effect, s)
         ]

@@ -1,0 +1,78 @@
+"""Effects between two balances of heat or volume written as bare equations, against scipy."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from daest.errors import ModelError
+from daest.modelica.attach import attach
+from daest.modelica.compile import compile_model
+from daest.modelica.effects import find_effect
+from daest.modelica.extend import extend_model
+from daest.modelica.sites import find_site, fits, sites
+from daest.systems.simulate import simulate
+
+ROOMS = """model Rooms
+  parameter Real C1(unit = "J/K") = 2e4;
+  parameter Real C2(unit = "J/K") = 5e4;
+  parameter Real G(unit = "W/K") = 3;
+  input Real P(unit = "W");
+  output Real T1(unit = "degC", start = 20, fixed = true);
+  output Real T2(unit = "K", start = 290, fixed = true);
+equation
+  C1*der(T1) = P - G*(T1 - 20);
+  C2*der(T2) = -G*(T2 - 290);
+end Rooms;
+"""
+TANKS = """model Tanks
+  parameter Real A1(unit = "m2") = 2;
+  parameter Real A2(unit = "m2") = 3;
+  input Real q(unit = "m3/s");
+  output Real h1(unit = "m", start = 1, fixed = true);
+  output Real h2(unit = "m", start = 0.2, fixed = true);
+equation
+  A1*der(h1) = q - 0.1*h1;
+  A2*der(h2) = -0.3*h2;
+end Tanks;
+"""
+
+
+def rooms(_, T):
+    flow = 4.0 * (T[0] + 273.15 - T[1])
+    return [(500 - 3 * (T[0] - 20) - flow) / 2e4, (-3 * (T[1] - 290) + flow) / 5e4]
+
+
+def tanks(_, h):
+    over = h[0] - 0.5
+    flow = 0.7 * (over + np.sqrt(over**2 + 0.01**2)) / 2
+    return [(0.5 - 0.1 * h[0] - flow) / 2, (-0.3 * h[1] + flow) / 3]
+
+
+CASES = {
+    "Rooms": (ROOMS, "Thermal.Conduction", {"G": 4.0}, 500.0, 2000.0, rooms, [20.0, 290.0]),
+    "Tanks": (TANKS, "Hydraulic.Weir", {"k": 0.7, "p_max": 0.5, "p_s": 0.01}, 0.5, 5.0, tanks, [1.0, 0.2]),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_flow_leaves_one_balance_and_enters_the_other(tmp_path, name):
+    text, class_name, values, u, end, rate, start = CASES[name]
+    path = tmp_path / f"{name}.mo"
+    path.write_text(text)
+    flat, effect = compile_model(path), find_effect(class_name)
+    (site,) = [s for s in sites(flat) if s.kind == "exchange"]
+    assert fits(effect, site)
+    expected = solve_ivp(rate, (0.0, end), start, method="Radau", rtol=1e-9, atol=1e-12).y[:, -1]
+    attached = attach(flat, effect, site, values=values)
+    made = extend_model(path, None, effect, find_site(flat, site.aliases[0], effect), values=values)
+    drive = (np.linspace(0.0, end, 41), np.full((41, 1), u))
+    for model in (attached, made.flat):
+        np.testing.assert_allclose(simulate(model, drive).outputs[-1], expected, rtol=1e-5)
+    with pytest.raises(ModelError, match="effect-present"):
+        attach(attached, effect, site)
+    again = tmp_path / "again.mo"
+    again.write_text(made.text)
+    opened = compile_model(again, made.class_name)
+    (there,) = [s for s in sites(opened) if s.kind == "exchange"]
+    second = extend_model(again, made.class_name, effect, there, "second", values)
+    assert second.text.count("Daest.Terms.") == 2
