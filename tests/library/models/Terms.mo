@@ -17,6 +17,14 @@ model Terms "Balances written as equations, with components as their terms"
   output Real y_w(unit = "rad/s") = w2 "Speed";
   output Real y_T(unit = "degC") = T "Temperature";
   output Real y_p(unit = "Pa") = p "Pressure";
+  output Real y_i(unit = "A") = i "Current through a coil";
+  output Real y_j(unit = "A") = j "Current of a term that is a wire";
+  Daest.Blocks.Interfaces.RealInput U(unit = "V", start = 0) "Voltage over the meshes";
+  Real i(unit = "A", start = 0) "Current through a coil";
+  Real j(unit = "A", start = 0) "Current of a term that is a wire";
+  Daest.Terms.Voltage i_term(i = i, is_used = true) "Term";
+  Daest.Terms.Voltage j_term(i = j) "Term";
+  Daest.Electrical.Analog.Basic.Inductor coil(L = 0.7) "In series";
   parameter Real m(unit = "kg") = 2 "Masses";
   parameter Real J(unit = "kg.m2") = 3 "Inertias";
   parameter Real C(unit = "J/K") = 4 "Heat capacity";
@@ -46,6 +54,10 @@ equation
   J*der(w2) + w_term.total = M;
   C*der(T) + T_term.total = P;
   V*der(p) + p_term.total = Q;
+  U = 23*i + i_term.total;
+  U = 29*j + j_term.total;
+  connect(i_term.p, coil.p);
+  connect(coil.n, i_term.n);
   connect(s_term.flange, spring.flange_a);
   connect(spring.flange_b, wall.flange);
   connect(v_term.flange, damper.flange_a);

@@ -18,6 +18,7 @@ SiteKind = Literal[
     "equation",
     "exchange",
     "force",
+    "mesh",
     "input",
     "output",
     "parameter",
@@ -108,9 +109,9 @@ class Site:
     "output" or "parameter" has none, its name is the variable's. An "equation" is a balance of a model
     without connectors, called `7:v` by its index and the variable whose rate it gives; an "exchange" is
     between two such balances of heat or volume, called by both; a "force" acts between the bodies of such
-    balances, called `4:F` by the equation that gives it or by the balances in which it stands. `aliases` are
-    other names for the same place; `parameters` the names, seen from the component, of what its own
-    parameters are called.
+    balances, called `4:F` by the equation that gives it or by the balances in which it stands; a "mesh" is a
+    sum of voltages along a path, called `2:i` by its index and its current. `aliases` are other names for the
+    same place; `parameters` the names, seen from the component, of what its own parameters are called.
     """
 
     name: str

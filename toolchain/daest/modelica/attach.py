@@ -21,6 +21,7 @@ from daest.modelica.balances import balances, needs_position
 from daest.modelica.connectors import DOMAINS, connectors_of
 from daest.modelica.effects import OWN, EffectModel, effect_model
 from daest.modelica.internal_forces import internal_force
+from daest.modelica.meshes import mesh
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import connection_sets, fits
 from daest.near import near_names
@@ -194,6 +195,8 @@ class _Assembly:
                 self._as_term(member, own, name)
         elif site.kind == "force":
             self._beside_force(member, site.name)
+        elif site.kind == "mesh":
+            self._in_mesh(member, site.name)
         elif site.kind == "output":
             self._before_output(member, site.name)
         elif site.kind == "input":
@@ -425,6 +428,24 @@ class _Assembly:
         for end in fixed:
             self._tie(*member.local(end, 0), "0", ca.SX(0.0))
 
+    def _in_mesh(self, member: _Member, name: str) -> None:
+        """The voltage over the effect becomes a term of a sum of voltages, its current follows the mesh."""
+        place = mesh(self.flat, name)
+        first, second = member.effect.connectors
+        voltage, voltage_symbol = member.local(first, 0)
+        old = self.equations[place.row]
+        if place.source is not None:
+            text = _renamed(old.text, place.source[0], f"({place.source[0]} - {voltage})")
+        else:
+            left, _, right = old.text.partition(" = ")
+            is_left = place.sign is not None and place.sign > 0
+            text = f"{left} + {voltage} = {right}" if is_left else f"{left} = {right} + {voltage}"
+        self.equations[place.row] = replace(old, text=text)
+        self.residual[place.row] = place.with_drop(self.residual[place.row], voltage_symbol)
+        current = self.flat.unknowns[place.variable].name
+        self._tie(*member.local(first, 1), current, self.xi[place.variable])
+        self._tie(*member.local(second, 0), "0", ca.SX(0.0))
+
     def _tie(self, left: str, left_symbol: ca.SX, right: str, right_symbol: ca.SX) -> None:
         self.equations.append(Equation(f"{left} = {right}", "connection", ""))
         self.residual.append(left_symbol - right_symbol)
@@ -500,6 +521,8 @@ class _Assembly:
             return self._terms_of({int(site.name.partition(":")[0])})
         if site.kind == "exchange":
             return self._terms_of({int(name.partition(":")[0]) for name in site.name.split(", ")})
+        if site.kind == "mesh":
+            return self._terms_of({mesh(self.flat, site.name).row})
         if site.kind == "force":
             return self._terms_of({row for row, _ in internal_force(self.flat, site.name).signs})
         if site.kind == "connector":

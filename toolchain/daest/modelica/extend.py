@@ -19,12 +19,14 @@ from daest.modelica.compile import compile_text
 from daest.modelica.compiler import modification
 from daest.modelica.effects import effect_model
 from daest.modelica.internal_forces import internal_force
+from daest.modelica.meshes import mesh
 from daest.modelica.opened import (
     NotOpened,
     is_used_elsewhere,
     opened_balance,
     opened_force,
     opened_input,
+    opened_mesh,
     opened_output,
     term_connector,
 )
@@ -399,6 +401,8 @@ def _connect(draft: _Draft, placement: Placement, original: _Original) -> _Origi
             draft.connect(f"{name}.{own}", end)
     elif site.kind == "force":
         original = _beside_force(draft, placement, original)
+    elif site.kind == "mesh":
+        original = _in_mesh(draft, placement, original)
     elif site.kind == "input":
         original = _behind_input(draft, placement, original)
     elif site.kind == "output":
@@ -445,6 +449,18 @@ def _beside_force(draft: _Draft, placement: Placement, original: _Original) -> _
         draft.connect(f"{name}.{one}", f"{held}.flange")
     draft.connect(f"{name}.{own}", end)
     return original
+
+
+def _in_mesh(draft: _Draft, placement: Placement, original: _Original) -> _Original:
+    """The model with the effect in series in a mesh that an equation describes."""
+    flat = original.flat
+    place = mesh(flat, placement.site.name)
+    with _opening(original, f"the equation {flat.equations[place.row].text}"):
+        source, term = opened_mesh(original.source, flat, place, names_of(flat))
+    draft.changes.append(f"{term}(is_used = true)")
+    for own, pin in zip(placement.effect.connectors, ("p", "n"), strict=True):
+        draft.connect(f"{placement.name}.{own}", f"{term}.{pin}")
+    return original.changed(source)
 
 
 @contextmanager

@@ -3,6 +3,8 @@ extends it can put something in. Nothing in it changes as long as nothing is put
 
 - A balance such as `m*der(v) = F - d*v` takes up the sum of what is connected to a component of Daest.Terms:
   `m*der(v) + v_term.total = F - d*v`; so does an equation `F = c*(s1 - s2)` of a force between bodies.
+- A sum of voltages such as `u = R*i + Ke*w` takes up that over what is put in series: `u = R*i + Ke*w +
+  i_term.total`; where `i = (u - Ke*w)/R` is written, `u` becomes `(u - i_term.total)`.
 - The equations use an input through a variable of its own, whose binding an extension replaces.
 - An equation `y = …` of an output becomes its binding; an output that the equations use otherwise, as
   `der(y) = …`, is bound to a variable of its own that takes its place in them.
@@ -20,6 +22,7 @@ from daest.modelica.attach import ZERO_CELSIUS, free_name
 from daest.modelica.balances import Balance, needs_position
 from daest.modelica.connectors import connectors_of
 from daest.modelica.internal_forces import InternalForce
+from daest.modelica.meshes import Mesh
 from daest.modelica.outline import (
     CLOSE,
     OPEN,
@@ -111,6 +114,40 @@ def opened_force(
     about = f"Beside {flat.equations[force.signs[0][0]].text}"
     term = _Term(name, f"{kind} {name}({potential} = {motion})", about)
     return _with_terms(source, flat, force.signs, term), _end(name, force.domain)
+
+
+def opened_mesh(source: bytes, flat: FlatModel, mesh: Mesh, taken: Iterable[str]) -> tuple[bytes, str]:
+    """The text with a component of Daest.Terms in series in a mesh, and the name of that component, which is
+    a wire unless it is told to be used. Raises NotOpened."""
+    current = flat.unknowns[mesh.variable].name
+    name = free_name(f"{_plain(current)}_term", taken)
+    about = f"In series in {flat.equations[mesh.row].text}"
+    term = _Term(name, f"Voltage {name}(i = {current})", about)
+    if mesh.sign is not None:
+        return _with_terms(source, flat, ((mesh.row, mesh.sign),), term), name
+    assert mesh.source is not None
+    return _with_less_voltage(source, flat, mesh.row, mesh.source[0], term), name
+
+
+def _with_less_voltage(source: bytes, flat: FlatModel, row: int, voltage: str, term: _Term) -> bytes:
+    """The text in which the equation of a row uses `voltage` less the sum of the term."""
+    equation = flat.equations[row]
+    start = _offset(source, flat, equation.place)
+    _, words = _class_at(source, start)
+    if equation.kind == "binding":
+        sides = _binding_at(words, start, equation.text.partition(" = ")[0])
+    else:
+        left, right = _sides(words, start)
+        sides = [*left, *right]
+    uses = [
+        w
+        for i, w in enumerate(sides)
+        if w.text == voltage and (i == 0 or sides[i - 1].text != ".") and sides[i + 1 : i + 2] != ["."]
+    ]
+    if not uses:
+        raise NotOpened(f"does not name `{voltage}`, from which the voltage would be taken")
+    edits = [Edit(w.start, w.end, f"({voltage} - {term.name}.{_TOTAL})") for w in uses]
+    return edited(source, [*edits, _declared(source, words, term.line)])
 
 
 @dataclass(frozen=True)

@@ -88,15 +88,27 @@ def balances_flows(flat: FlatModel, balance: Balance, domain: Domain) -> bool:
         return False
     need = {d: wanted.get(d, 0.0) - rate.get(d, 0.0) for d in {*wanted, *rate}}
     need["[time]"] = need.get("[time]", 0.0) + 1.0
-    plain, changed = (_factor(flat, balance, s) for s in ({}, _SCALES))
+    return _slope_has(flat, balance.row, balance.rate, need)
+
+
+def slope_has_unit(flat: FlatModel, row: int, at: int, unit: str) -> bool:
+    """Whether the slope of the equation over what stands `at` this index among the unknowns and, behind them,
+    their derivatives has that unit, as the units of the variables and parameters in it tell."""
+    need = dimensions(unit)
+    assert need is not None
+    return _slope_has(flat, row, at, need)
+
+
+def _slope_has(flat: FlatModel, row: int, at: int, need: Mapping[str, float]) -> bool:
+    plain, changed = (_slope(flat, row, at, s) for s in ({}, _SCALES))
     return bool(np.isclose(changed, plain * _power(_SCALES, need), rtol=_TOLERANCE, atol=0.0))
 
 
-def _factor(flat: FlatModel, balance: Balance, scales: Mapping[str, float]) -> float:
-    """Slope of the equation over the rate, with every quantity in base units changed by `scales`."""
+def _slope(flat: FlatModel, row: int, at: int, scales: Mapping[str, float]) -> float:
+    """The slope with every quantity in base units changed by `scales`."""
     everything = ca.vertcat(flat.xi, flat.derivatives)
     symbols = [everything, flat.u, flat.theta, flat.w, flat.time]
-    slope = ca.jacobian(flat.residual[balance.row], everything[balance.rate])
+    slope = ca.jacobian(flat.residual[row], everything[at])
     units = [v.unit for v in flat.unknowns]
     values = [
         _changed([*units, *(f"({unit})/s" if unit else "" for unit in units)], scales),
@@ -105,7 +117,7 @@ def _factor(flat: FlatModel, balance: Balance, scales: Mapping[str, float]) -> f
         np.zeros(flat.w.numel()),
         scales.get("[time]", 1.0),
     ]
-    return float(ca.Function("factor", symbols, [slope])(*values))
+    return float(ca.Function("slope", symbols, [slope])(*values))
 
 
 def _changed(units: Sequence[str], scales: Mapping[str, float]) -> np.ndarray:

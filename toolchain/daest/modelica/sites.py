@@ -15,6 +15,7 @@ from daest.model.flat import FlatModel, Model
 from daest.modelica.balances import balances, slopes_near_start
 from daest.modelica.connectors import Connector, connectors_of
 from daest.modelica.internal_forces import internal_forces
+from daest.modelica.meshes import meshes
 from daest.modelica.place_units import balances_flows
 from daest.near import near_names
 
@@ -42,8 +43,9 @@ class ConnectionSet:
 
 def sites(flat: Model) -> tuple[Site, ...]:
     """All places of the model: nodes, two-terminal components, pairs of thermal and hydraulic nodes,
-    connectors where something can be put in series, balances of bare equations and forces in
-    them, inputs, outputs and tunable parameters. A model without equations has inputs and outputs alone."""
+    connectors where something can be put in series, balances of bare equations, forces and
+    meshes in them, inputs, outputs and tunable parameters. A model without equations has inputs and outputs
+    alone."""
     signals = (
         *(Site(x.name, "input", "signal") for x in flat.inputs),
         *(Site(y.name, "output", "signal") for y in flat.outputs),
@@ -60,6 +62,7 @@ def sites(flat: Model) -> tuple[Site, ...]:
         *_equations(flat),
         *_exchanges(flat),
         *_forces(flat),
+        *(Site(one.name(flat), "mesh", "electrical", aliases=one.aliases(flat)) for one in meshes(flat)),
         *signals,
         *(Site(name, "parameter", "signal") for name in _used_parameters(flat)),
     )
@@ -116,7 +119,7 @@ def fits(effect: Effect, site: Site) -> bool:
         return False
     if site.kind in ("node", "equation"):
         return effect.attach == "connector"
-    if site.kind == "connector":
+    if site.kind in ("connector", "mesh"):
         return effect.attach == "series"
     if effect.attach == "connector":
         return effect.has_support and site.kind in ("component", "force")
@@ -141,7 +144,7 @@ def find_site(flat: Model, name: str, effect: Effect | None = None) -> Site:
         # Without a unit the effect tells the domain; what was put in elsewhere changes the number of a row.
         own, variable = _equations(flat, effect.domain), wanted.rpartition(":")[2]
         bodies = ", ".join(part.rpartition(":")[2] for part in wanted.split(", "))
-        between = [s for s in known if s.kind in ("exchange", "force") and s not in found]
+        between = [s for s in known if s.kind in ("exchange", "force", "mesh") and s not in found]
         found += [s for s in between if bodies == s.aliases[-1]]
         found += [s for s in own if wanted == s.name] or [
             s for s in own if variable == s.aliases[1] and fits(effect, s)

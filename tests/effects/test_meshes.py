@@ -1,0 +1,111 @@
+"""Effects in series in the meshes of bare equations, against the motion by scipy."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from daest.modelica.attach import attach
+from daest.modelica.compile import compile_model, compile_text
+from daest.modelica.effects import find_effect
+from daest.modelica.extend import extend_model
+from daest.modelica.sites import find_site, fits, sites
+from daest.systems.simulate import simulate
+
+HEAD = """model Motor
+  parameter Real R(unit = "Ohm") = 2;
+  parameter Real Ke(unit = "V.s/rad") = 0.1;
+  parameter Real L(unit = "H") = 0.5;
+  parameter Real J(unit = "kg.m2") = 0.01;
+  input Real u(unit = "V");
+  output Real y(unit = "rad/s") = w;
+  Real w(unit = "rad/s", start = 0, fixed = true);
+"""
+REST = "\n  J*der(w) = Ke*i;\nend Motor;\n"
+FORMS = {
+    "sum": '  Real i(unit = "A");\nequation\n  u = R*i + Ke*w;',
+    "turned": '  Real i(unit = "A");\nequation\n  Ke*w + R*i - u = 0;',
+    "current": '  Real i(unit = "A");\nequation\n  i = (u - Ke*w)/R;',
+    "bound": '  Real i(unit = "A") = (u - Ke*w)/R "Current";\nequation',
+    "coil": '  Real i(unit = "A", start = 0, fixed = true);\nequation\n  L*der(i) = u - R*i - Ke*w;',
+    "rate": '  Real i(unit = "A", start = 0, fixed = true);\nequation\n  der(i) = (u - R*i - Ke*w)/L;',
+}
+
+
+def rate(has_coil, drop=0.0):
+    def of(_, state):
+        w, i = state
+        back = 0.1 * w + drop * np.tanh(i / 0.3)
+        if has_coil:
+            return [10 * i, (5.0 - 2 * i - back) / 0.5]
+        # Without the coil the current follows at once: here within 1 us.
+        return [10 * i, (5.0 - 2 * i - back) / 2e-6]
+
+    return of
+
+
+def turning(has_coil, drop=0.0):
+    return solve_ivp(rate(has_coil, drop), (0.0, 0.3), [0.0, 0.0], method="Radau", rtol=1e-9, atol=1e-12).y[
+        0, -1
+    ]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_voltage_drop_is_put_in_series(tmp_path, form):
+    path = tmp_path / "Motor.mo"
+    path.write_text(HEAD + FORMS[form] + REST)
+    flat, effect = compile_model(path), find_effect("Electrical.BrushVoltageDrop")
+    (site,) = [s for s in sites(flat) if s.kind == "mesh"]
+    assert fits(effect, site)
+    has_coil = form in ("coil", "rate")
+    values = {"V_b": 1.5, "i_s": 0.3}
+    drive = (np.linspace(0.0, 0.3, 31), np.full((31, 1), 5.0))
+    written = extend_model(path, None, effect, site, values=values)
+    for model in (attach(flat, effect, site, values=values), written.flat):
+        assert simulate(model, drive).outputs[-1, 0] == pytest.approx(turning(has_coil, 1.5), rel=2e-5)
+    base = tmp_path / "Base.mo"
+    base.write_text(written.text)
+    opened = simulate(compile_model(base, "Motor"), drive).outputs[-1, 0]
+    assert opened == pytest.approx(turning(has_coil), rel=2e-5)
+
+
+def test_two_effects_in_one_mesh_add_up(tmp_path):
+    path, model = tmp_path / "Motor.mo", "Motor"
+    path.write_text(HEAD + FORMS["current"] + REST)
+    expected = compile_model(path)
+    for name, values in (("BrushVoltageDrop", {"V_b": 1.5, "i_s": 0.3}), ("Inductance", {"L": 0.5})):
+        effect = find_effect(f"Electrical.{name}")
+        expected = attach(expected, effect, find_site(expected, "i", effect), values=values)
+        made = extend_model(
+            path, model, effect, find_site(compile_model(path, model), "i", effect), values=values
+        )
+        path, model = tmp_path / f"{name}.mo", made.class_name
+        path.write_text(made.text)
+    drive = (np.linspace(0.0, 0.3, 31), np.full((31, 1), 5.0))
+    for one in (expected, made.flat):
+        assert simulate(one, drive).outputs[-1, 0] == pytest.approx(turning(True, 1.5), rel=2e-5)
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        "C*der(v) = i - v/R;\n  i = i1",
+        "der(v) = -v;\n  i = i1 + v/R",
+        "der(v) = -v;\n  P = v*i;\n  P = 1",
+    ],
+)
+def test_what_is_no_sum_of_voltages_is_no_mesh(rows):
+    power = '  Real P(unit = "W");\n' if "P" in rows else ""
+    text = f"""model Node
+  parameter Real R(unit = "Ohm") = 2;
+  parameter Real C(unit = "F") = 2;
+  input Real i1(unit = "A");
+  Real v(unit = "V", start = 1);
+  Real i(unit = "A");
+{power}  output Real y = v;
+equation
+  {rows};
+end Node;
+"""
+    assert not [s for s in sites(compile_text(text.encode(), Path("Node.mo"))) if s.kind == "mesh"]

@@ -1,0 +1,110 @@
+"""Meshes among the bare equations of a model: rows such as `u = R*i + Ke*w` or `L*der(i) = u - R*i - Ke*w`,
+the sums of voltages along a path with one current, where an effect can be put in series."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from daest.model.flat import FlatModel
+from daest.modelica.balances import slopes_near_start
+from daest.modelica.place_units import slope_has_unit
+from daest.quantities import dimensions
+
+_CURRENT, _VOLTAGE = "A", "V"
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Row `row` with the current that is unknown `variable`. `sign` is the factor with which a voltage
+    against the current enters the residual where the terms are voltages. Where they are currents or rates it
+    is None, and the voltage is taken off the voltage `source`, a variable of the row."""
+
+    row: int
+    variable: int
+    sign: float | None
+    source: tuple[str, ca.SX] | None = None
+
+    def name(self, flat: FlatModel) -> str:
+        return f"{self.row}:{flat.unknowns[self.variable].name}"
+
+    def aliases(self, flat: FlatModel) -> tuple[str, ...]:
+        return flat.equations[self.row].text, flat.unknowns[self.variable].name
+
+    def with_drop(self, residual: ca.SX, drop: ca.SX) -> ca.SX:
+        """The residual of the row with a voltage `drop` against the current."""
+        if self.sign is not None:
+            return residual + self.sign * drop
+        assert self.source is not None
+        symbol = self.source[1]
+        return ca.substitute(residual, symbol, symbol - drop)
+
+
+def meshes(flat: FlatModel) -> list[Mesh]:
+    """Rows of the model itself, not of its components, that are sums of voltages, or follow from one."""
+    currents = [k for k, v in enumerate(flat.unknowns) if _is_unit(v.unit, _CURRENT)]
+    rows = [
+        i
+        for i, e in enumerate(flat.equations)
+        if e.kind in ("component", "binding") and not e.origin and currents
+    ]
+    if not rows:
+        return []
+    slopes = slopes_near_start(flat)
+    found = [_mesh(flat, slopes, row, k) for row in rows for k in currents]
+    return [mesh for mesh in found if mesh is not None]
+
+
+def mesh(flat: FlatModel, name: str) -> Mesh:
+    """That of this name."""
+    return next(one for one in meshes(flat) if one.name(flat) == name)
+
+
+def _is_unit(unit: str, wanted: str) -> bool:
+    return bool(unit) and dimensions(unit) == dimensions(wanted)
+
+
+def _mesh(flat: FlatModel, slopes: np.ndarray, row: int, current: int) -> Mesh | None:
+    """The row as a mesh of the current; None where it is none, or where no voltage tells which way the
+    current flows."""
+    at = next((k for k in (flat.n + current, current) if slopes[row, k]), None)
+    if at is None:
+        return None
+    sign = float(np.sign(slopes[row, at]))
+    drop = f"({_VOLTAGE})/({_CURRENT})" if at == current else f"({_VOLTAGE}).s/({_CURRENT})"
+    if slope_has_unit(flat, row, at, drop):
+        return Mesh(row, current, sign)
+    others = np.delete(slopes[row], at)
+    rates, source = others[flat.n - (at < flat.n) :], _source(flat, row)
+    # `C*der(v) = i - v/R` and `i = i1 + v/R` are sums of currents.
+    if source is None or np.any(rates) or _holds_current(flat, row, current):
+        return None
+    slope = ca.jacobian(flat.residual[row], source[1])
+    moving = ca.vertcat(flat.xi, flat.derivatives, flat.u, flat.w, flat.time)
+    if ca.depends_on(slope, moving):
+        return None
+    value = float(ca.Function("slope", [flat.theta], [slope])(flat.theta_values))
+    return Mesh(row, current, None, source) if np.sign(value) == -sign else None
+
+
+def _holds_current(flat: FlatModel, row: int, current: int) -> bool:
+    """Whether a current other than the unknown `current` stands in the row."""
+    known = [(v.unit, flat.xi[k]) for k, v in enumerate(flat.unknowns) if k != current]
+    known += [(v.unit, flat.u[k]) for k, v in enumerate(flat.inputs)]
+    found = [x for unit, x in known if _is_unit(unit, _CURRENT)]
+    return bool(found) and bool(ca.depends_on(flat.residual[row], ca.vertcat(*found)))
+
+
+def _source(flat: FlatModel, row: int) -> tuple[str, ca.SX] | None:
+    """The only voltage in the row that is an input, or else the only one that is an unknown."""
+    for variables, symbols in ((flat.inputs, flat.u), (flat.unknowns, flat.xi)):
+        found = [
+            (variable.name, symbols[k])
+            for k, variable in enumerate(variables)
+            if _is_unit(variable.unit, _VOLTAGE) and ca.depends_on(flat.residual[row], symbols[k])
+        ]
+        if found:
+            return found[0] if len(found) == 1 else None
+    return None
