@@ -58,6 +58,12 @@ equation
   J2*der(w2) = 0.3*F;
 end Belt;
 """
+SLIPPING = (
+    BELT.replace('  Real e(unit = "m", start = 0, fixed = true);\n', "")
+    .replace("  der(e) = r1*w1 - 0.3*w2;\n", "")
+    .replace("F = c*e", "F = c*(r1*w1 - 0.3*w2)")
+    .replace("N/m", "N.s/m")
+)
 
 
 def simulated(flat):
@@ -100,22 +106,61 @@ def test_effect_beside_a_force_is_driven_by_the_relative_motion(tmp_path, form, 
     np.testing.assert_allclose(simulated(written.flat), expected, rtol=1e-5)
 
 
-def test_belt_slips_at_the_difference_of_the_rim_speeds(tmp_path):
+TWIST = GIVEN.replace(SPRING, "c*x + d*(v1 - v2)").replace(
+    "equation\n", '  Real x(unit = "m", start = 0, fixed = true);\nequation\n  der(x) = v1 - v2;\n'
+)
+
+
+def play(x, v, gap=0.02, s_s=1e-3):
+    """What a play takes away from the spring of 40 N/m and the damper of 0.5 N.s/m behind it."""
+    ahead, behind = np.hypot(x - gap / 2, s_s), np.hypot(x + gap / 2, s_s)
+    return 40 * (ahead - behind) / 2 + 0.5 * v * ((x - gap / 2) / ahead - (x + gap / 2) / behind) / 2
+
+
+@pytest.mark.parametrize(
+    "text", [GIVEN, BEHIND, BOUND, RATES, TWIST], ids=["given", "behind", "bound", "rates", "twist"]
+)
+def test_play_is_that_of_the_spring_and_the_damper_of_the_equation(tmp_path, text):
+    path = tmp_path / "Two.mo"
+    path.write_text(text)
+    flat, effect = compile_model(path), find_effect("Translational.Backlash")
+    (site,) = [s for s in sites(flat) if s.kind == "force"]
+    assert site.given == {"c": "c", "d": "d"}
+    values, expected = {"gap": 0.02, "s_s": 1e-3}, two_bodies(play)
+    assert not np.allclose(expected, two_bodies(lambda x, v: 0.0), rtol=1e-3)
+    for model in (
+        attach(flat, effect, site, values=values),
+        extend_model(path, None, effect, site, values=values).flat,
+    ):
+        np.testing.assert_allclose(simulated(model), expected, rtol=1e-5)
+
+
+def test_play_needs_the_stiffness_as_a_parameter():
+    text = GIVEN.replace("c*(s1 - s2)", "c*(s1 - s2)^3")
+    flat = compile_text(text.encode(), Path("Two.mo"))
+    (site,) = [s for s in sites(flat) if s.kind == "force"]
+    assert site.given == {"d": "d"} and not fits(find_effect("Translational.Backlash"), site)
+
+
+@pytest.mark.parametrize(
+    ("text", "term"), [(BELT, "Force F_term(s = e)"), (SLIPPING, "ForceOfSpeed F_term(v = r1*w1 - 0.3*w2)")]
+)
+def test_belt_slips_at_the_difference_of_the_rim_speeds(tmp_path, text, term):
     path = tmp_path / "Belt.mo"
-    path.write_text(BELT)
+    path.write_text(text)
     flat, effect = compile_model(path), find_effect("Translational.ViscousFriction")
     (site,) = [s for s in sites(flat) if s.kind == "force"]
 
     def rate(_, state):
         e, w1, w2 = state
         slip = 0.1 * w1 - 0.3 * w2
-        force = 900 * e + 20.0 * slip
+        force = 900 * (e if text == BELT else slip) + 20.0 * slip
         return [slip, (1.5 - 0.1 * force) / 0.2, 0.3 * force / 0.5]
 
     expected = solve_ivp(rate, (0.0, 2.0), [0.0] * 3, method="Radau", rtol=1e-9, atol=1e-12).y[1:, -1]
     np.testing.assert_allclose(simulated(attach(flat, effect, site, values={"d": 20.0})), expected, rtol=1e-5)
     written = extend_model(path, None, effect, site, values={"d": 20.0})
-    assert "ForceOfSpeed F_term(v = r1*w1 - 0.3" in written.text
+    assert f"Daest.Terms.{term} " in written.text
     np.testing.assert_allclose(simulated(written.flat), expected, rtol=1e-5)
 
 
@@ -149,7 +194,7 @@ def test_what_is_no_force_between_bodies_is_no_place():
 
 def test_factor_that_is_no_parameter_cannot_be_written(tmp_path):
     path = tmp_path / "Belt.mo"
-    path.write_text(BELT.replace("r1*F", "r1*r1/0.1*F").replace("r1*w1", "r1*r1/0.1*w1"))
+    path.write_text(SLIPPING.replace("r1*F", "r1*r1/0.1*F"))
     flat, effect = compile_model(path), find_effect("Translational.ViscousFriction")
     (site,) = [s for s in sites(flat) if s.kind == "force"]
     with pytest.raises(ModelError, match="neither a number nor a parameter"):

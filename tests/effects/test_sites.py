@@ -70,7 +70,7 @@ def test_connectors_of_ones_own_and_composites() -> None:
     }
     twist = next(s for s in found if s.kind == "component")
     assert (twist.name, twist.connectors) == ("train.twist", ("train.twist.end_a", "train.twist.end_b"))
-    assert twist.parameters == ("k",)
+    assert twist.given == {"k": "train.twist.k"}
 
 
 def test_effects_act_in_composites_alike() -> None:

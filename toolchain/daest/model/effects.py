@@ -111,7 +111,8 @@ class Site:
     between two such balances of heat or volume, called by both; a "force" acts between the bodies of such
     balances, called `4:F` by the equation that gives it or by the balances in which it stands; a "mesh" is a
     sum of voltages along a path, called `2:i` by its index and its current. `aliases` are other names for the
-    same place; `parameters` the names, seen from the component, of what its own parameters are called.
+    same place; `parameters` what the place has of its own: names as an effect asks for them, `c` for a
+    stiffness, and those of the model's parameters.
     """
 
     name: str
@@ -119,7 +120,12 @@ class Site:
     domain: Domain
     connectors: tuple[str, ...] = ()
     aliases: tuple[str, ...] = ()
-    parameters: tuple[str, ...] = ()
+    parameters: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def given(self) -> dict[str, str]:
+        """The model's parameters by the names that an effect asks for."""
+        return dict(self.parameters)
 
 
 @dataclass(frozen=True)

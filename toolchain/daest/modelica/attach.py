@@ -585,9 +585,7 @@ def check_values(effect: Effect, values: Mapping[str, float]) -> None:
 
 def given_source(parameter: EffectParameter, site: Site) -> str:
     """The parameter of the model that the site supplies for one of role "given"; empty if there is none."""
-    if parameter.role != "given" or parameter.given_from not in site.parameters:
-        return ""
-    return f"{_owner(site.connectors[0])}.{parameter.given_from}"
+    return site.given.get(parameter.given_from, "") if parameter.role == "given" else ""
 
 
 def _placed(equation: Equation, component: str) -> Equation:

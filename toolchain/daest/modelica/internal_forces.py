@@ -7,7 +7,7 @@ speed which is the sum of -a*v: for the spring above v1 - v2, for a belt on two 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -31,13 +31,15 @@ class InternalForce:
     """The force that equation `row` gives to unknown `variable`, or that stands in the balances of two
     `bodies` where these are None. `bodies` are the balances with the factors, expressions of the parameters,
     by which their speeds sum up to that of the relative motion; `signs` the equations that the flow of an
-    effect enters, each with its factor in the residual."""
+    effect enters, each with its factor in the residual. `deflection` is the unknown of the model that is the
+    relative position, as phi in `der(phi) = w1 - w2`, with its sign; None where there is none."""
 
     domain: Domain
     bodies: tuple[tuple[Balance, ca.SX], ...]
     signs: tuple[tuple[int, float], ...]
     row: int | None = None
     variable: int | None = None
+    deflection: tuple[int, float] | None = None
 
     def name(self, flat: FlatModel) -> str:
         if self.row is not None and self.variable is not None:
@@ -51,8 +53,8 @@ class InternalForce:
 
     @property
     def has_positions(self) -> bool:
-        """Whether every body has a position; else their speeds alone are known."""
-        return all(body.position >= 0 for body, _ in self.bodies)
+        """Whether every body has a position, or the deflection is known; else the speeds alone are."""
+        return self.deflection is not None or all(body.position >= 0 for body, _ in self.bodies)
 
     def motion(self, flat: FlatModel) -> ca.SX:
         """The relative position, or the relative speed where a body has no position."""
@@ -69,7 +71,21 @@ class InternalForce:
             text += f" {sign} {own}" if text else own if sign == "+" else f"-{own}"
         return text
 
+    def coefficients(self, flat: FlatModel) -> tuple[tuple[str, str], ...]:
+        """The parameters that the force is proportional to: as `c` that by which it grows with the relative
+        position, as `d` that with the relative speed."""
+        if self.row is None:
+            return ()
+        printed = [
+            (name, _printed(slope, flat)) for name, slope in zip("cd", _slopes(self, flat), strict=True)
+        ]
+        known = {p.name for p in flat.parameters}
+        return tuple((name, text) for name, (sign, text) in printed if sign == "+" and text in known)
+
     def _terms(self) -> Iterator[tuple[int, ca.SX]]:
+        if self.deflection is not None:
+            yield self.deflection[0], ca.SX(self.deflection[1])
+            return
         for body, factor in self.bodies:
             yield body.position if self.has_positions else body.variable, factor
 
@@ -108,7 +124,8 @@ def _given_by_equations(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[
         acting = _acting(flat, bodies, variable, domain)
         if len(own) == 1 and len(acting) >= 2:
             sign = -float(slopes[own[0], variable])
-            yield InternalForce(domain, acting, ((own[0], sign),), own[0], variable)
+            deflection = _deflection(flat, acting)
+            yield InternalForce(domain, acting, ((own[0], sign),), own[0], variable, deflection)
 
 
 def _is_unit(unit: str, wanted: str) -> bool:
@@ -146,6 +163,52 @@ def _acting(
     return tuple(found)
 
 
+def _deflection(flat: FlatModel, bodies: Sequence[tuple[Balance, ca.SX]]) -> tuple[int, float] | None:
+    """The unknown whose rate a row of the model says to be the relative speed of the bodies, or minus that,
+    and its sign; None where there is none."""
+    speed = _sum((factor, flat.xi[body.variable]) for body, factor in bodies)
+    for row, equation in zip(ca.vertsplit(flat.residual), flat.equations, strict=True):
+        if equation.kind != "component" or equation.origin:
+            continue
+        for k in np.flatnonzero(ca.which_depends(row, flat.derivatives, 1, False)).tolist():
+            for sign in (1.0, -1.0):
+                if _is_same(flat, row, flat.derivatives[k] - sign * speed):
+                    return k, sign
+    return None
+
+
+def _sum(terms: Iterable[tuple[ca.SX, ca.SX]]) -> ca.SX:
+    return sum((factor * symbol for factor, symbol in terms), start=ca.SX(0.0))
+
+
+def _is_same(flat: FlatModel, one: ca.SX, other: ca.SX) -> bool:
+    """Whether two expressions have the same values but for their signs, at random points."""
+    everything = [flat.xi, flat.derivatives, flat.u, flat.w]
+    evaluate = ca.Function("both", [*everything, flat.theta, flat.time], [one, other])
+    rng = np.random.default_rng(_SEED)
+    points = [[rng.normal(size=x.numel()) for x in everything] for _ in range(_N_POINTS)]
+    pairs = [evaluate(*point, flat.theta_values, 0.7) for point in points]
+    a, b = np.array([[float(x) for x in pair] for pair in pairs]).T
+    return any(np.allclose(a, sign * b, rtol=_TOLERANCE, atol=0.0) for sign in (1.0, -1.0))
+
+
+def _slopes(force: InternalForce, flat: FlatModel) -> tuple[ca.SX, ca.SX]:
+    """How the force that an equation gives grows with the relative position and with the relative speed."""
+    assert force.row is not None
+    (first, factor), *others = force.bodies
+    x, v = ca.SX.sym("x"), ca.SX.sym("v")
+    law = force.signs[0][1] * flat.residual[force.row]
+    speeds = _sum((f, flat.xi[body.variable]) for body, f in others)
+    law = ca.substitute(law, flat.xi[first.variable], (v - speeds) / factor)
+    if all(body.position >= 0 for body, _ in force.bodies):
+        positions = _sum((f, flat.xi[body.position]) for body, f in others)
+        law = ca.substitute(law, flat.xi[first.position], (x - positions) / factor)
+    if force.deflection is not None:
+        k, sign = force.deflection
+        law = ca.substitute(law, ca.vertcat(flat.xi[k], flat.derivatives[k]), sign * ca.vertcat(x, v))
+    return ca.simplify(ca.jacobian(law, x)), ca.simplify(ca.jacobian(law, v))
+
+
 def _in_balances(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[InternalForce]:
     """Forces that a parameter tells: it acts on two bodies with opposite signs, and with what moves both."""
     heavy = [body for body in bodies if balances_flows(flat, body, body.domain(flat) or "signal")]
@@ -163,8 +226,8 @@ def _in_balances(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[Interna
             a, b = (heavy[i] for i in pair)
             domain = a.domain(flat)
             assert domain is not None
-            signs = ((a.row, a.sign), (b.row, -b.sign))
-            yield InternalForce(domain, ((a, ca.SX(1.0)), (b, ca.SX(-1.0))), signs)
+            signs, both = ((a.row, a.sign), (b.row, -b.sign)), ((a, ca.SX(1.0)), (b, ca.SX(-1.0)))
+            yield InternalForce(domain, both, signs, deflection=_deflection(flat, both))
 
 
 def _actions(flat: FlatModel, bodies: Sequence[Balance]) -> tuple[np.ndarray, np.ndarray]:

@@ -99,7 +99,13 @@ def _exchanges(flat: FlatModel) -> list[Site]:
 def _forces(flat: FlatModel) -> list[Site]:
     """Forces between the bodies of the model's own equations."""
     return [
-        Site(force.name(flat), "force", force.domain, aliases=force.aliases(flat))
+        Site(
+            force.name(flat),
+            "force",
+            force.domain,
+            aliases=force.aliases(flat),
+            parameters=force.coefficients(flat),
+        )
         for force in internal_forces(flat)
     ]
 
@@ -124,7 +130,7 @@ def fits(effect: Effect, site: Site) -> bool:
     if effect.attach == "connector":
         return effect.has_support and site.kind in ("component", "force")
     return effect.attach == "parallel" and all(
-        not p.required or p.given_from in site.parameters for p in effect.parameters
+        not p.required or p.given_from in site.given for p in effect.parameters
     )
 
 
@@ -194,9 +200,7 @@ def _unfit(effect: Effect, site: Site, known: Sequence[Site]) -> ModelError:
     what = f"a {site.domain} {site.kind}" if site.kind not in _SIGNAL_KINDS else f"the {site.kind}"
     why = ""
     if effect.attach == "parallel" and site.domain == effect.domain and site.kind == "component":
-        missing = [
-            p.given_from for p in effect.parameters if p.required and p.given_from not in site.parameters
-        ]
+        missing = [p.given_from for p in effect.parameters if p.required and p.given_from not in site.given]
         why = f" which has no parameter {' or '.join(missing)}" if missing else ""
     remedy = f"It fits at: {_listed(usable)}." if usable else "It fits nowhere in this model."
     return ModelError(
@@ -289,9 +293,9 @@ class Network:
                 found.append(Site(name, "component", a.domain, (a.name, b.name), aliases, own))
         return found
 
-    def _parameters(self, component: str) -> tuple[str, ...]:
+    def _parameters(self, component: str) -> tuple[tuple[str, str], ...]:
         names = [p.name for p in self.flat.parameters] + [p.name for p in self.flat.derived_parameters]
-        return tuple(n.rpartition(".")[2] for n in names if n.rpartition(".")[0] == component)
+        return tuple((n.rpartition(".")[2], n) for n in names if n.rpartition(".")[0] == component)
 
     def cuts(self) -> list[Site]:
         """Connectors that carry a flow; the only two of a connection set are one place."""
